@@ -34,7 +34,7 @@ def swinging(chain: Chain, amplitude: float, rate: float) -> Motion:
     return motion
 
 
-def plane_of(layout: MarkerLayout, camera: Camera = CAMERA, near: float = 1.0) -> ChainPlane:
+def chain_plane(layout: MarkerLayout, camera: Camera = CAMERA, near: float = 1.0) -> ChainPlane:
     """Plane of a chain that fills the picture, from a little aside."""
     length = float(layout.chain.pivots[-1])
     seen = length + 2 * layout.frame_marker_size + layout.paper_size
@@ -52,4 +52,4 @@ def renderer(
     """What films a chain that swings."""
     layout, motion = MarkerLayout(chain), swinging(chain, amplitude, rate)
     given = FilmSettings() if settings is None else settings
-    return layout, Renderer(layout, plane_of(layout), motion, given, hands), motion
+    return layout, Renderer(layout, chain_plane(layout), motion, given, hands), motion

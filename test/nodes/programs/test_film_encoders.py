@@ -15,8 +15,8 @@ from filmed_chains import CAMERA, renderer, swinging
 
 from soliton_linkage.linkage.chain import Chain
 from soliton_linkage.linkage.deviations import Deviations
-from soliton_linkage.vision.footage import Shot, read_film, write_film
 from soliton_linkage.vision.layout import MarkerLayout
+from soliton_linkage.vision.video import TimedPicture, read_video, write_video
 from soliton_linkage_nodes.bags.read.reading import open_bag, read_topic
 from soliton_linkage_nodes.bags.rescue import check_bag
 from soliton_linkage_nodes.messages.chain_source import markers_of_file
@@ -42,8 +42,8 @@ def film() -> Renderer:
 
 def given(film: Renderer, folder: Path) -> list[str]:
     """Arguments of the program, whose film, chain and camera are in a folder."""
-    shots = [Shot(time, film.picture(time)) for time in TIMES]
-    assert write_film(folder / 'film.mp4', shots, quality=10, alone=True) == len(TIMES)
+    shots = [TimedPicture(time, film.picture(time)) for time in TIMES]
+    assert write_video(folder / 'film.mp4', shots, quality=10, alone=True) == len(TIMES)
     (folder / 'chain.yaml').write_text(CHAIN.replace('columns: 2', 'columns: 3'))
     write_camera(folder / 'camera.yaml', CAMERA)
     names = {'--chain': 'chain.yaml', '--camera-info': 'camera.yaml', '--output': 'bag'}
@@ -66,7 +66,7 @@ def test_a_film_becomes_a_bag_with_its_own_times(film: Renderer, tmp_path: Path)
     angles = np.array([frame.position for frame in frames])
     assert np.abs(angles - truth).max() < 0.02
     assert len(deviations) == len(frames)
-    overlay = list(read_film(tmp_path / 'overlay.mp4').pictures)
+    overlay = list(read_video(tmp_path / 'overlay.mp4').pictures)
     assert [shot.time for shot in overlay] == pytest.approx(TIMES.tolist(), abs=1e-4)
 
 
@@ -84,7 +84,7 @@ def test_of_a_damaged_film_what_was_before_is_in_the_bag_which_tells_so(
     assert not report.damage
     assert 'is damaged after 0.0' in report.custom_data['ended_by']
     seen = next(count for topic, count in report.counts.items() if topic.name == '/joint_states')
-    overlay = list(read_film(tmp_path / 'overlay.mp4').pictures)
+    overlay = list(read_video(tmp_path / 'overlay.mp4').pictures)
     assert 0 < seen == len(overlay) < len(TIMES)
 
 

@@ -14,7 +14,7 @@ from soliton_linkage.estimation.analyser import Analyser
 from soliton_linkage.estimation.analysis import Analysis
 from soliton_linkage.estimation.estimates import EventKind, TrackingStatus
 from soliton_linkage.linkage.chain import Array, Chain
-from soliton_linkage_studies.collisions.runs import APART, Collision, frames
+from soliton_linkage_studies.collisions.runs import INITIAL_DISTANCE, Collision, simulate_frames
 from soliton_linkage_studies.collisions.travelling_wall import travelling_wall
 
 
@@ -30,7 +30,7 @@ class Run(NamedTuple):
 @pytest.fixture(scope='module')
 def bounce() -> Run:
     task, parts = meeting(NARROW, 0.4), []
-    for part in frames(task):
+    for part in simulate_frames(task):
         parts.append(part)
         if part[0][-1] > 28 * task.unit:
             return Run(task, *map(np.concatenate, zip(*parts, strict=True)))
@@ -50,7 +50,7 @@ def starts(run: Run) -> tuple[float, float]:
     """Where both walls begin, on the grid that they were made on."""
     ring, task = run.task.ring, run.task
     points = travelling_wall(ring, task.speed * task.sound * ring.spacing, 1).points
-    middle, half = (ring.number_of_rotors - 1) / 2, APART * task.reach / 2
+    middle, half = (ring.number_of_rotors - 1) / 2, INITIAL_DISTANCE * task.reach / 2
     return -np.rint((half - middle) * points) / points, -np.rint(
         (-half - middle) * points
     ) / points

@@ -13,9 +13,9 @@ from filmed_chains import CAMERA, PERIOD, renderer, swinging
 
 from soliton_linkage.linkage.chain import Chain
 from soliton_linkage.vision.angle_camera import AngleCamera, AngleFrame
-from soliton_linkage.vision.footage import Shot, read_film, write_film
 from soliton_linkage.vision.layout import MarkerLayout
 from soliton_linkage.vision.opencv import Picture
+from soliton_linkage.vision.video import TimedPicture, read_video, write_video
 from soliton_linkage_studies.camera.renderer import Hand
 
 cv2 = pytest.importorskip('cv2', reason='cameras need OpenCV')
@@ -34,7 +34,7 @@ def looked_at(pictures: Sequence[Picture]) -> tuple[AngleCamera, list[AngleFrame
     """What a camera sees in pictures, and by how much that is wrong [rad], (frames, N)."""
     camera = AngleCamera(MarkerLayout(CHAIN), CAMERA)
     times = TIMES[: len(pictures)]
-    seen = [camera.look(time, each) for time, each in zip(times, pictures, strict=True)]
+    seen = [camera.measure(time, each) for time, each in zip(times, pictures, strict=True)]
     truth = swinging(CHAIN, 0.15, 12.0)(times + np.array([frame.delay for frame in seen]))[0]
     return camera, seen, np.array([frame.angles for frame in seen]) - truth
 
@@ -53,11 +53,11 @@ def test_errors_of_a_compressed_clip_go_on_from_picture_to_picture(tmp_path: Pat
     """By how much, and how long, docs/camera.md tells of longer films."""
     layout, film, motion = renderer(CHAIN, amplitude=0.02, rate=3.0)
     times = TIMES
-    shots = (Shot(time, film.picture(time)) for time in times.tolist())
-    write_film(tmp_path / 'clip.mp4', shots, 18)
+    shots = (TimedPicture(time, film.picture(time)) for time in times.tolist())
+    write_video(tmp_path / 'clip.mp4', shots, 18)
     camera = AngleCamera(layout, CAMERA)
-    pictures = read_film(tmp_path / 'clip.mp4').pictures
-    seen = [camera.look(time, picture) for time, picture in pictures]
+    pictures = read_video(tmp_path / 'clip.mp4').pictures
+    seen = [camera.measure(time, picture) for time, picture in pictures]
     truth = motion(times + np.array([frame.delay for frame in seen]))[0]
     errors = np.array([frame.angles for frame in seen]) - truth
     assert np.abs(errors).max() < 0.01
@@ -88,7 +88,7 @@ def test_a_camera_that_moved_is_noticed_and_sees_on() -> None:
 
 
 def test_without_markers_it_says_what_to_show() -> None:
-    seen = AngleCamera(MarkerLayout(CHAIN), CAMERA).look(
+    seen = AngleCamera(MarkerLayout(CHAIN), CAMERA).measure(
         0.0, np.full((360, 640, 3), 128, dtype=np.uint8)
     )
     assert np.isnan(seen.angles).all()
@@ -97,4 +97,6 @@ def test_without_markers_it_says_what_to_show() -> None:
 
 def test_a_picture_of_another_size_is_refused() -> None:
     with pytest.raises(ValueError, match=r'shape \(360, 641, 3\) is none of the camera'):
-        AngleCamera(MarkerLayout(CHAIN), CAMERA).look(0.0, np.zeros((360, 641, 3), dtype=np.uint8))
+        AngleCamera(MarkerLayout(CHAIN), CAMERA).measure(
+            0.0, np.zeros((360, 641, 3), dtype=np.uint8)
+        )

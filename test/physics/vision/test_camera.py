@@ -10,7 +10,7 @@ import pytest
 from filmed_chains import CAMERA, LENS
 
 from soliton_linkage.vision.camera import Camera
-from soliton_linkage.vision.plane import fitted_plane
+from soliton_linkage.vision.plane import fit_plane
 from soliton_linkage_studies.camera.renderer import posed_plane
 
 POINTS = np.array([(x, z) for x in np.linspace(-1, 1, 5) for z in (-0.3, 0.0, 0.4)])
@@ -41,7 +41,7 @@ def test_points_come_back_from_their_pixels(height: float) -> None:
 
 def test_a_plane_is_found_by_its_points() -> None:
     pytest.importorskip('cv2', reason='cameras need OpenCV')
-    found, misfit = fitted_plane(CAMERA, POINTS, PLANE.pixels(POINTS))
+    found, misfit = fit_plane(CAMERA, POINTS, PLANE.pixels(POINTS))
     assert misfit < 1e-4
     assert np.allclose(found.columns, PLANE.columns, atol=1e-5)
 
@@ -53,7 +53,7 @@ def test_the_centre_of_a_circle_is_not_that_of_its_image() -> None:
     middle = (outline.min(axis=0) + outline.max(axis=0))[None] / 2
     centre = PLANE.pixels(POINTS[:1])
     off = np.hypot(*(middle - centre).T)
-    assert np.hypot(*(PLANE.centred(middle, 0.1) - centre).T) < 0.2 * off
+    assert np.hypot(*(PLANE.circle_centres(middle, 0.1) - centre).T) < 0.2 * off
 
 
 @pytest.mark.parametrize(

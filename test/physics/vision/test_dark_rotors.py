@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from soliton_linkage.linkage.chain import Array, Chain
-from soliton_linkage.vision.camera import uncalibrated
+from soliton_linkage.vision.camera import uncalibrated_camera
 from soliton_linkage.vision.dark_rotors import DarkRotors
 from soliton_linkage.vision.layout import MarkerLayout
 
@@ -41,12 +41,12 @@ def drawn(angles: Array, hidden: int | None = None, seed: int = 0) -> np.ndarray
 
 
 def test_dark_rotors_are_seen_by_their_ends_as_well_as_is_said() -> None:
-    eye = DarkRotors(MarkerLayout(CHAIN), uncalibrated(520, 200))
+    eye = DarkRotors(MarkerLayout(CHAIN), uncalibrated_camera(520, 200))
     rest, sides = CHAIN.uniform_state(1), (-1.0) ** np.arange(8)
     errors, stated = [], []
     for frame in range(20):
         angles = rest + 0.15 * sides * np.sin(0.3 * frame)
-        seen = eye.look(frame / 60, drawn(angles, seed=frame))
+        seen = eye.measure(frame / 60, drawn(angles, seed=frame))
         errors.append(seen.angles - angles)
         stated.append(seen.deviations)
     assert np.sqrt(np.mean(np.square(errors))) < 0.002
@@ -55,10 +55,10 @@ def test_dark_rotors_are_seen_by_their_ends_as_well_as_is_said() -> None:
 
 
 def test_a_hidden_rotor_is_nan_and_the_others_stay_who_they_are() -> None:
-    eye = DarkRotors(MarkerLayout(CHAIN), uncalibrated(520, 200))
+    eye = DarkRotors(MarkerLayout(CHAIN), uncalibrated_camera(520, 200))
     rest = CHAIN.uniform_state(1)
-    eye.look(0.0, drawn(rest))
-    seen = eye.look(1 / 60, drawn(rest, hidden=4))
+    eye.measure(0.0, drawn(rest))
+    seen = eye.measure(1 / 60, drawn(rest, hidden=4))
     assert np.isnan(seen.angles[4])
     clear = [0, 1, 2, 6, 7]
     assert np.abs(seen.angles - rest)[clear].max() < 0.05
@@ -66,7 +66,7 @@ def test_a_hidden_rotor_is_nan_and_the_others_stay_who_they_are() -> None:
 
 
 def test_too_few_rotors_are_said() -> None:
-    eye = DarkRotors(MarkerLayout(CHAIN), uncalibrated(520, 200))
-    seen = eye.look(0.0, drawn(CHAIN.uniform_state(1), hidden=4))
+    eye = DarkRotors(MarkerLayout(CHAIN), uncalibrated_camera(520, 200))
+    seen = eye.measure(0.0, drawn(CHAIN.uniform_state(1), hidden=4))
     assert np.isnan(seen.angles).all()
     assert 'dark rotors are seen for 8' in seen.status

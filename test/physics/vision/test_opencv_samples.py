@@ -9,9 +9,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from soliton_linkage.vision.camera import calibrated, uncalibrated
+from soliton_linkage.vision.camera import calibrate, uncalibrated_camera
 from soliton_linkage.vision.frame_markers import marker_detector
-from soliton_linkage.vision.plane import fitted_plane
+from soliton_linkage.vision.plane import fit_plane
 
 DOC = Path(os.environ.get('OPENCV_DOC', '/usr/share/doc/opencv-doc'))
 SAMPLES, TUTORIALS = DOC / 'examples/data', DOC / 'opencv4/html'
@@ -23,7 +23,7 @@ FOCAL, MIDDLE, LENS = 535.9, (342.3, 235.6), (-0.266, -0.0386, 0.2384)
 def test_the_camera_of_the_samples_of_opencv_is_found() -> None:
     cv2 = pytest.importorskip('cv2', reason='cameras need OpenCV')
     pictures = [cv2.imread(str(path)) for path in sorted(SAMPLES.glob('left[01]*.jpg'))]
-    found = calibrated(pictures, 9, 6, 0.025)
+    found = calibrate(pictures, 9, 6, 0.025)
     assert found.pictures >= 8
     assert found.misfit < 0.5
     assert found.camera.focal == pytest.approx((FOCAL, FOCAL), abs=6)
@@ -46,5 +46,7 @@ def test_markers_of_a_photo_are_where_its_drawing_has_them() -> None:
     both = sorted(found[0].keys() & found[1].keys())
     assert len(both) >= 12
     points, pixels = (np.concatenate([each[n].reshape(4, 2) for n in both]) for each in found)
-    _, misfit = fitted_plane(uncalibrated(800, 450), points.astype(float), pixels.astype(float))
+    _, misfit = fit_plane(
+        uncalibrated_camera(800, 450), points.astype(float), pixels.astype(float)
+    )
     assert misfit < 1.5

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from soliton_linkage.vision.angle_camera import AngleFrame
-from soliton_linkage.vision.overlay import PlacedWall, overlaid
+from soliton_linkage.vision.overlay import WallMark, draw_overlay
 
 pytest.importorskip('cv2', reason='cameras need OpenCV')
 ROTORS = 5
@@ -35,36 +35,36 @@ def painted(picture: np.ndarray) -> np.ndarray:
 
 
 def test_rings_and_lines_are_at_what_was_found_and_the_picture_given_stays() -> None:
-    drawn = overlaid(PICTURE, frame(), NAMES)
+    drawn = draw_overlay(PICTURE, frame(), NAMES)
     assert (PICTURE == 128).all()
     marks = painted(drawn)
     for x, y in PIVOTS:
         assert marks[int(y) - 20, int(x)], 'line of a rotor'
         assert not marks[int(y) - 20, int(x) + 30], 'beside a rotor'
     assert marks[10:31, 10:31].any(), 'dot of the frame'
-    assert painted(overlaid(PICTURE, frame(2), NAMES))[115:140].sum() < marks[115:140].sum()
+    assert painted(draw_overlay(PICTURE, frame(2), NAMES))[115:140].sum() < marks[115:140].sum()
 
 
 def test_names_are_as_near_to_the_pivots_of_long_rotors_as_of_short_ones() -> None:
-    short, long = (painted(overlaid(PICTURE, frame(None, each), NAMES)) for each in (40, 110))
+    short, long = (painted(draw_overlay(PICTURE, frame(None, each), NAMES)) for each in (40, 110))
     assert short[220:270].any()
     assert (short == long)[180:280].all()
 
 
 @pytest.mark.parametrize('rotor', [0.0, 1.25, 3.5])
 def test_a_wall_is_drawn_where_its_rotors_are(rotor: float) -> None:
-    without = overlaid(PICTURE, frame(), NAMES)
-    drawn = overlaid(PICTURE, frame(), NAMES, [PlacedWall(rotor, 0.02, 1)])
+    without = draw_overlay(PICTURE, frame(), NAMES)
+    drawn = draw_overlay(PICTURE, frame(), NAMES, [WallMark(rotor, 0.02, 1)])
     changed = np.flatnonzero(np.any(drawn[125] != without[125], axis=1))
     assert changed.mean() == pytest.approx(100 * (1 + rotor), abs=1.5)
 
 
 def test_a_wall_without_place_and_a_frame_without_rotors_leave_the_picture() -> None:
-    unplaced = PlacedWall(math.nan, math.nan, -1)
+    unplaced = WallMark(math.nan, math.nan, -1)
     assert (
-        overlaid(PICTURE, frame(), NAMES, [unplaced]) == overlaid(PICTURE, frame(), NAMES)
+        draw_overlay(PICTURE, frame(), NAMES, [unplaced]) == draw_overlay(PICTURE, frame(), NAMES)
     ).all()
     none = np.full((ROTORS, 2), np.nan)
     nobody = AngleFrame(0.0, none[:, 0], none[:, 0], none, none, np.zeros((0, 2)), 'no markers')
-    grey = overlaid(PICTURE[..., 0], nobody, NAMES, [PlacedWall(1.0, 0.1, 1)])
+    grey = draw_overlay(PICTURE[..., 0], nobody, NAMES, [WallMark(1.0, 0.1, 1)])
     assert not painted(grey)[:250].any()

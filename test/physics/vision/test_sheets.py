@@ -11,7 +11,7 @@ import pytest
 from filmed_chains import CAMERA, renderer
 
 from soliton_linkage.linkage.chain import Chain
-from soliton_linkage.vision.camera import uncalibrated
+from soliton_linkage.vision.camera import uncalibrated_camera
 from soliton_linkage.vision.frame_markers import FrameMarkers
 from soliton_linkage.vision.layout import MarkerLayout, MarkerSettings
 from soliton_linkage.vision.sheets import write_sheets
@@ -38,11 +38,11 @@ def test_printed_frame_markers_are_found_where_they_are() -> None:
     layout, film, _ = renderer(CHAIN)
     markers = FrameMarkers(layout, CAMERA)
     grey = film.picture(0.0)[..., 1].copy()
-    assert markers.look(grey)
+    assert markers.update(grey)
     assert markers.seen == 4 * len(layout.frame_centres)
     found = markers.plane
     assert found is not None
     points = layout.frame_centres
     places = found.pixels(points)
     assert np.allclose(found.points(places), points, atol=1e-6)
-    assert not FrameMarkers(layout, uncalibrated(640, 360)).look(np.zeros_like(grey))
+    assert not FrameMarkers(layout, uncalibrated_camera(640, 360)).update(np.zeros_like(grey))

@@ -30,6 +30,6 @@ def test_a_camera_that_knows_the_plan_alone_sees_the_true_angles() -> None:
     film = BENCH.film()
     eye = AngleCamera(MarkerLayout(PLAN), CAMERA)
     shots = [next(film) for _ in range(3)]
-    seen = [eye.look(shot.time, shot.picture) for shot in shots]
+    seen = [eye.measure(shot.time, shot.picture) for shot in shots]
     true = BENCH.angles(np.array([shot.time for shot in shots]))
     assert np.abs(np.array([frame.angles for frame in seen]) - true)[1:].max() < 0.01

@@ -17,7 +17,14 @@ from soliton_linkage.dynamics.integrators import SymplecticNystrom
 from soliton_linkage.linear.bands import gap
 from soliton_linkage.linkage.chain import Array, Chain, staggered
 from soliton_linkage.solitons.continuum import SpinnerTheory
-from soliton_linkage_studies.collisions.runs import Path, frames, made, order, started, wall_path
+from soliton_linkage_studies.collisions.runs import (
+    WallPaths,
+    find_walls,
+    initial_state,
+    ring_order_field,
+    run_collision,
+    simulate_frames,
+)
 
 
 def mirrored(state: State) -> State:
@@ -37,15 +44,15 @@ def after(chain: Chain, state: State, duration: float) -> State:
 
 def test_walls_start_where_and_as_fast_as_they_are_told() -> None:
     task = meeting(NARROW, 0.3)
-    run = made(task)
+    run = run_collision(task)
     assert run.speed_before == pytest.approx(0.3, rel=1e-3)
-    path = wall_path(task.ring, np.zeros(1), started(task).angles[None])
+    path = find_walls(task.ring, np.zeros(1), initial_state(task).angles[None])
     assert path.distances[0] / task.reach == pytest.approx(12, abs=0.1)
 
 
 def test_a_collision_in_the_mirror_is_the_mirror_of_a_collision() -> None:
     task = meeting(NARROW, 0.3)
-    begin, duration = started(task), 60 * task.unit
+    begin, duration = initial_state(task), 60 * task.unit
     straight = mirrored(after(task.ring, begin, duration))
     reflected = after(task.ring, mirrored(begin), duration)
     assert np.abs(straight.angles - begin.angles).max() > 0.1
@@ -54,7 +61,7 @@ def test_a_collision_in_the_mirror_is_the_mirror_of_a_collision() -> None:
 
 
 def test_slow_flippers_are_captured_and_fast_ones_part() -> None:
-    slow, fast = (made(meeting(NARROW, speed)) for speed in (0.18, 0.4))
+    slow, fast = (run_collision(meeting(NARROW, speed)) for speed in (0.18, 0.4))
     assert not slow.escaped
     assert slow.collisions > 3
     assert slow.speed_after == 0
@@ -67,7 +74,7 @@ def test_slow_flippers_are_captured_and_fast_ones_part() -> None:
 
 @pytest.mark.parametrize('integrator', ['symplectic', 'DOP853'])
 def test_a_bounce_window_is_the_same_by_any_integrator(integrator: str) -> None:
-    run = made(replace(meeting(NARROW, 0.16), integrator=integrator))
+    run = run_collision(replace(meeting(NARROW, 0.16), integrator=integrator))
     assert (run.escaped, run.collisions) == (True, 2)
     assert run.speed_after == pytest.approx(0.1401, abs=2e-4)
     assert run.drift < 1e-6
@@ -75,13 +82,15 @@ def test_a_bounce_window_is_the_same_by_any_integrator(integrator: str) -> None:
 
 def test_the_limit_of_small_d_is_phi4_theory() -> None:
     theory = phi4_speed_after(0.3)
-    off = [made(meeting((0.5, angle), 0.3)).speed_after - theory for angle in (0.1, 0.2)]
+    off = [run_collision(meeting((0.5, angle), 0.3)).speed_after - theory for angle in (0.1, 0.2)]
     assert abs(off[0]) < 0.02
     assert 3 < off[1] / off[0] < 5
 
 
 def test_spinners_pass_through_each_other_or_repel_and_lose_nothing() -> None:
-    back, onwards = (made(meeting(SINE_GORDON, 0.5, turning)) for turning in (False, True))
+    back, onwards = (
+        run_collision(meeting(SINE_GORDON, 0.5, turning)) for turning in (False, True)
+    )
     assert (back.collisions, back.turns) == (1, -1)
     assert (onwards.collisions, onwards.turns) == (0, 0)
     assert onwards.closest > 0.5
@@ -96,9 +105,9 @@ def test_spinners_are_shifted_as_in_sine_gordon_theory(onwards: bool) -> None:
     speed = 0.3
     task = meeting(SINE_GORDON, speed, onwards)
     ends = 24 / speed * task.unit
-    path = Path(*np.empty((3, 0)))
-    for times, angles, _ in frames(task):
-        path = path.joined(wall_path(task.ring, times, angles))
+    path = WallPaths(*np.empty((3, 0)))
+    for times, angles, _ in simulate_frames(task):
+        path = path.joined(find_walls(task.ring, times, angles))
         if times[-1] > ends:
             break
     far = path.distances > 5 * task.reach
@@ -114,7 +123,7 @@ def test_spinners_are_shifted_as_in_sine_gordon_theory(onwards: bool) -> None:
 
 
 def test_rotors_of_a_narrow_flipper_turn_over_and_its_anti_kink_is_gone() -> None:
-    run = made(meeting((0.5, 0.97), 0.2))
+    run = run_collision(meeting((0.5, 0.97), 0.2))
     assert run.broken
     assert run.escaped
 
@@ -135,4 +144,4 @@ def test_only_spinners_with_long_rotors_have_an_anti_kink(
     simulation.record(100 / gap(ring))
     energy = float(ring.elastic_energy(simulation.angles))
     assert least <= energy / theory.energy(0.0, charge=-1) < most
-    assert np.abs(order(ring, simulation.angles)).max() < 1.01
+    assert np.abs(ring_order_field(ring, simulation.angles)).max() < 1.01

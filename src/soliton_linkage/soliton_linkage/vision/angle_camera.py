@@ -18,15 +18,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from soliton_linkage.linkage.chain import Array
+from soliton_linkage.vision.assignment import HIDDEN, assign_dots
 from soliton_linkage.vision.camera import Camera
+from soliton_linkage.vision.dot_errors import DotMeasurements, ErrorScale, RepeatDetector
 from soliton_linkage.vision.dots import Dots, find_dots
 from soliton_linkage.vision.frame_markers import FrameMarkers
-from soliton_linkage.vision.identities import NOBODY, identified
 from soliton_linkage.vision.layout import DOT_SHARE, MarkerLayout
 from soliton_linkage.vision.opencv import Picture, opencv
 from soliton_linkage.vision.plane import ChainPlane
 from soliton_linkage.vision.rotor_tracks import Pivots, RotorTracks
-from soliton_linkage.vision.scatter import Repeats, Scatter, Sightings
 
 _SLACK = 0.7
 """Standard deviation of distances of dots in the identification [pixels]."""
@@ -59,7 +59,7 @@ class AngleFrame:
         return int(np.isfinite(self.angles).sum())
 
 
-def no_rotors(rotors: int, delay: float, status: str) -> AngleFrame:
+def hidden_frame(rotors: int, delay: float, status: str) -> AngleFrame:
     """Return a frame in which so many rotors are hidden, with the reason."""
     none = np.full(rotors, np.nan)
     nowhere = np.full((rotors, 2), np.nan)
@@ -83,15 +83,15 @@ class AngleCamera:
         self.frame_markers = FrameMarkers(layout, camera)
         self.pivots = Pivots(layout)
         self.tracks = RotorTracks(layout)
-        self.scatter = Scatter(layout.chain.number_of_rotors)
-        self.repeats = Repeats()
+        self.error_scale = ErrorScale(layout.chain.number_of_rotors)
+        self.repeats = RepeatDetector()
         self._before = 0.0
         self._layout, self._camera = layout, camera
         self._rotors = layout.chain.number_of_rotors
         self._parity = np.arange(self._rotors) % 2
         self._known: ChainPlane | None = None
 
-    def look(self, time: float, picture: Picture) -> AngleFrame:
+    def measure(self, time: float, picture: Picture) -> AngleFrame:
         """Return the angles in a picture whose exposure began at a time [s].
 
         Pictures come in the order of their times. Raises ValueError for another size.
@@ -99,7 +99,7 @@ class AngleCamera:
         check_picture(self._camera, picture)
         cv2 = opencv()
         grey = picture if picture.ndim == 2 else cv2.cvtColor(picture, cv2.COLOR_BGR2GRAY)
-        if not self.frame_markers.look(grey):
+        if not self.frame_markers.update(grey):
             return self._nothing(
                 f'{self.frame_markers.seen} dots of frame markers are seen, and 6 or more are '
                 'needed; show two markers or more, whole, sharp and lit'
@@ -114,7 +114,7 @@ class AngleCamera:
             )
         dots = self._dots(time, grey, picture, plane)
         where = plane.points(np.stack([dots.places] * 2), self._layout.heights[:2, None])
-        self.pivots.look(where, dots.colour_costs)
+        self.pivots.update(where, dots.colour_costs)
         if not self.pivots.known.any():
             return self._nothing(
                 f'{self.pivots.found} black dots have been seen in a row for {self._rotors} '
@@ -129,8 +129,8 @@ class AngleCamera:
         pivots = np.where(self.pivots.known[:, None], self.pivots.places, np.nan)
         expected = self.tracks.expected(times, pivots, _SLACK * self._metres)
         spread = np.full(len(dots.places), _SLACK * self._metres)
-        chosen = identified(where, spread, dots.colour_costs, expected)
-        seen = chosen != NOBODY
+        chosen = assign_dots(where, spread, dots.colour_costs, expected)
+        seen = chosen != HIDDEN
         masses, pixels = np.full((2, self._rotors, 2), np.nan)
         masses[seen] = where[self._parity[seen], chosen[seen]]
         pixels[seen] = dots.places[chosen[seen]]
@@ -138,7 +138,7 @@ class AngleCamera:
         times = self._times(time, np.where(seen[:, None], pixels, self._pivot_pixels))
         angles = self.tracks.unwrapped(times, np.arctan2(arms[:, 0], arms[:, 1]))
         self.tracks.take(times, angles)
-        repeated = self.repeats.look(grey, pixels, self._radius / DOT_SHARE)
+        repeated = self.repeats.compare(grey, pixels, self._radius / DOT_SHARE)
         radial, turning = np.full((2, self._rotors), np.nan)
         radial[seen], turning[seen] = self._pixel_errors(
             plane, seen, pixels[seen], dots.covariances[chosen[seen]], arms[seen]
@@ -153,8 +153,8 @@ class AngleCamera:
         ways = np.abs(rates) * (time - self._before) * steps
         self._before = time
         stamp = time + self._delay
-        factors = self.scatter.look(
-            Sightings(stamp, at_stamp, turning, errors, steps, ways, repeated)
+        factors = self.error_scale.update(
+            DotMeasurements(stamp, at_stamp, turning, errors, steps, ways, repeated)
         )
         self.tracks.measure(self.pivots.places, np.where(repeated[:, None], np.nan, masses))
         deviations = np.hypot(factors * turning, rate_errors * since)
@@ -199,7 +199,7 @@ class AngleCamera:
         heights = np.concatenate([self._layout.heights] * 2)
         outlines = plane.metres_per_pixel(places, heights) / self._layout.dot_radius
         dots = find_dots(grey, picture, self._region, places, outlines, smears)
-        return replace(dots, places=plane.centred(dots.places, self._layout.dot_radius))
+        return replace(dots, places=plane.circle_centres(dots.places, self._layout.dot_radius))
 
     def _learn(self, plane: ChainPlane) -> float:
         """Adopt a plane; return the usual radius of dots in it [pixels]."""
@@ -229,4 +229,4 @@ class AngleCamera:
     def _nothing(self, status: str) -> AngleFrame:
         delay = self._camera.exposure / 2 + self._camera.row_time * self._camera.height / 2
         dots = self.frame_markers.places
-        return replace(no_rotors(self._rotors, delay, status), frame_dots=dots)
+        return replace(hidden_frame(self._rotors, delay, status), frame_dots=dots)

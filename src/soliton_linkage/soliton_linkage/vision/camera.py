@@ -104,7 +104,7 @@ class Camera:
         return np.array([[fx, 0.0, cx], [0.0, fy, cy], [0.0, 0.0, 1.0]]), distortion
 
 
-def uncalibrated(width: int, height: int) -> Camera:
+def uncalibrated_camera(width: int, height: int) -> Camera:
     """Return a camera without distortion of which only the size of its pictures is known."""
     focal = float(max(width, height))
     return Camera(width, height, (focal, focal), ((width - 1) / 2, (height - 1) / 2))
@@ -121,7 +121,7 @@ class Calibration:
     """Number of pictures of the board that were used."""
 
 
-def calibrated(pictures: Iterable[Picture], columns: int, rows: int, square: float) -> Calibration:
+def calibrate(pictures: Iterable[Picture], columns: int, rows: int, square: float) -> Calibration:
     """Calibrate a camera by pictures of a board of so many inner corners and squares [m].
 
     Raises ValueError if too few pictures show the board, or their sizes differ.

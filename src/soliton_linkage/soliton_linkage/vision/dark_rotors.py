@@ -18,12 +18,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from soliton_linkage.linkage.chain import Array
-from soliton_linkage.vision.angle_camera import AngleFrame, check_picture, no_rotors
+from soliton_linkage.vision.angle_camera import AngleFrame, check_picture, hidden_frame
 from soliton_linkage.vision.camera import Camera
+from soliton_linkage.vision.dot_errors import FadingMeanSquare
 from soliton_linkage.vision.layout import MarkerLayout
 from soliton_linkage.vision.opencv import Picture, opencv
 from soliton_linkage.vision.rotor_tracks import RotorTracks
-from soliton_linkage.vision.scatter import FadingSquare
 
 _LEAST_SHARE = 0.4
 """Least area of a rotor over the usual one [1]: parts of hidden rotors are smaller."""
@@ -64,9 +64,9 @@ class DarkRotors:
         self._rotors = layout.chain.number_of_rotors
         self._pivots: Array | None = None
         self._lengths, self._seen = np.zeros((2, self._rotors))
-        self._scatter = FadingSquare()
+        self._scatter = FadingMeanSquare()
 
-    def look(self, time: float, picture: Picture) -> AngleFrame:
+    def measure(self, time: float, picture: Picture) -> AngleFrame:
         """Return the angles in a picture whose exposure began at a time [s].
 
         Raises ValueError for another size than that of the camera's pictures.
@@ -77,7 +77,7 @@ class DarkRotors:
         bars = _bars(grey)
         delay = self._camera.exposure / 2 + self._camera.row_time * self._camera.height / 2
         if self._pivots is None and len(bars.middles) != self._rotors:
-            return no_rotors(
+            return hidden_frame(
                 self._rotors,
                 delay,
                 f'{len(bars.middles)} dark rotors are seen for {self._rotors}; uncover all of '

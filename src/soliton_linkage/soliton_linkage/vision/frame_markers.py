@@ -17,7 +17,7 @@ from soliton_linkage.vision.camera import Camera
 from soliton_linkage.vision.dot_fit import fit_dots
 from soliton_linkage.vision.layout import DICTIONARY, DOT_SHARE, MarkerLayout
 from soliton_linkage.vision.opencv import opencv
-from soliton_linkage.vision.plane import ChainPlane, fitted_plane
+from soliton_linkage.vision.plane import ChainPlane, fit_plane
 
 Grey = NDArray[np.uint8]
 
@@ -69,7 +69,7 @@ class FrameMarkers:
         """Mean places of the known dots [pixels], shape (K, 2)."""
         return self._places[self._known]
 
-    def look(self, grey: Grey) -> bool:
+    def update(self, grey: Grey) -> bool:
         """Add a picture; return whether the plane is known."""
         if self.plane is None:
             return self._find(grey)
@@ -102,7 +102,7 @@ class FrameMarkers:
             return False
         numbers = sorted(found)
         corners = self._layout.frame_corners[numbers].reshape(-1, 2)
-        rough, _ = fitted_plane(self._camera, corners, np.concatenate([found[n] for n in numbers]))
+        rough, _ = fit_plane(self._camera, corners, np.concatenate([found[n] for n in numbers]))
         places, good = self._measured(grey, rough, rough.pixels(self._points))
         self.seen = int(good.sum())
         if self.seen < FEWEST_DOTS:
@@ -149,11 +149,11 @@ class FrameMarkers:
         )
         moved = outlines @ (fitted.places - starts)[..., None]
         good &= np.hypot(moved[:, 0, 0], moved[:, 1, 0]) < 2
-        return plane.centred(fitted.places, radius), good
+        return plane.circle_centres(fitted.places, radius), good
 
     def _fit(self) -> None:
         points, places = self._points[self._known], self._places[self._known]
-        self.plane, self._noise = fitted_plane(self._camera, points, places)
+        self.plane, self._noise = fit_plane(self._camera, points, places)
         self.deviation = self._noise / np.sqrt(len(points))
 
     def _detected(self, grey: Grey) -> dict[int, Array]:

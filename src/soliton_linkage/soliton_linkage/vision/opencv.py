@@ -26,7 +26,7 @@ def pyav() -> ModuleType | None:
         return None
 
 
-def pyav_to_write() -> ModuleType:
+def pyav_for_writing() -> ModuleType:
     """Return PyAV; ValueError with the remedy if it is not installed."""
     return _imported('av', 'to write films takes PyAV', 'av', 'av')
 

@@ -34,7 +34,7 @@ _SHIFT = 4
 """Bits of the fraction of a pixel in coordinates of OpenCV [1]."""
 
 
-class PlacedWall(NamedTuple):
+class WallMark(NamedTuple):
     """A wall on the chain."""
 
     rotor: float
@@ -45,11 +45,11 @@ class PlacedWall(NamedTuple):
     """1 for a kink, -1 for an anti-kink."""
 
 
-def overlaid(
+def draw_overlay(
     picture: Picture,
     frame: AngleFrame,
     names: Sequence[str],
-    walls: Sequence[PlacedWall] = (),
+    walls: Sequence[WallMark] = (),
 ) -> Picture:
     """Return a picture with its measurement drawn over it.
 
@@ -139,7 +139,7 @@ def _draw_rotors(pen: _Pen, frame: AngleFrame, names: Sequence[str], out: float)
         pen.centred(name, pivot + out * away, _bgr(WHITE))
 
 
-def _draw_walls(pen: _Pen, frame: AngleFrame, walls: Sequence[PlacedWall]) -> None:
+def _draw_walls(pen: _Pen, frame: AngleFrame, walls: Sequence[WallMark]) -> None:
     known = np.flatnonzero(np.isfinite(frame.pivots[:, 0]))
     along = frame.pivots[known[-1]] - frame.pivots[known[0]]
     along = along / np.hypot(*along)

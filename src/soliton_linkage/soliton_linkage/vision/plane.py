@@ -67,7 +67,7 @@ class ChainPlane:
         points = self.points(ends, heights)
         return np.stack([points[0] - points[1], points[2] - points[3]], axis=-1)
 
-    def centred(self, places: Array, radius: float) -> Array:
+    def circle_centres(self, places: Array, radius: float) -> Array:
         """Return the pixels of the centres of circles whose images have centres at places, (K, 2).
 
         The image of a circle is an ellipse, whose centre is not the image of the circle's centre.
@@ -87,7 +87,7 @@ class ChainPlane:
         return np.asarray(self.columns[:, 2] + up[..., None] * towards_camera)
 
 
-def fitted_plane(camera: Camera, points: Array, pixels: Array) -> tuple[ChainPlane, float]:
+def fit_plane(camera: Camera, points: Array, pixels: Array) -> tuple[ChainPlane, float]:
     """Return the plane whose points [m] are seen at pixels, (K, 2) each, and the misfit [pixels].
 
     The misfit is the root mean square of each coordinate, corrected for the fitted parameters.

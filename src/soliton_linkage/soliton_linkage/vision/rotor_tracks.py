@@ -7,11 +7,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from soliton_linkage.linkage.chain import Array, Motion, staggered, wrapped
-from soliton_linkage.vision.identities import Expectation
+from soliton_linkage.vision.assignment import Prediction
 from soliton_linkage.vision.layout import MarkerLayout
 
 _MEMORY = 3
-"""Sightings of a rotor that define its rate and acceleration [1]."""
+"""DotMeasurements of a rotor that define its rate and acceleration [1]."""
 _LONGEST_GAP = 0.25
 """Longest time between sightings that define a rate [s]."""
 _ACCELERATION = 300.0
@@ -63,10 +63,10 @@ class RotorTracks:
         self._start = staggered(np.zeros(rotors))
         self._told = self.lengths.copy(), self.bonds.copy()
 
-    def expected(self, times: Array, pivots: Array, slack: float) -> Expectation:
+    def expected(self, times: Array, pivots: Array, slack: float) -> Prediction:
         """Return the expectation at times [s], shape (N,), with length errors of `slack` [m]."""
         angles, deviations = self.predicted(times)
-        return Expectation(
+        return Prediction(
             pivots,
             self.lengths,
             _deviations(self.lengths, self._length_counts, _MEASURED[0], slack),
@@ -178,7 +178,7 @@ class Pivots:
         self._spots = np.zeros((0, 2))
         self._counts = np.zeros(0)
 
-    def look(self, places: Array, colour_costs: Array) -> None:
+    def update(self, places: Array, colour_costs: Array) -> None:
         """Add the dots of a picture: places at both heights [m], (2, K, 2), and colour costs."""
         black = colour_costs[:, 0] <= _LIKE_BLACK
         if self.known.any():

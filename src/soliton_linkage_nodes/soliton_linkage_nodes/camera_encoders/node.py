@@ -14,10 +14,10 @@ from sensor_msgs.msg import CameraInfo, CompressedImage, Image
 from soliton_linkage.estimation.estimates import AnalysedSoliton
 from soliton_linkage.linkage.quantities import quantity
 from soliton_linkage.vision.camera import Camera
-from soliton_linkage.vision.footage import camera_pictures
 from soliton_linkage.vision.layout import MarkerSettings
 from soliton_linkage.vision.opencv import Picture, opencv
-from soliton_linkage.vision.overlay import overlaid
+from soliton_linkage.vision.overlay import draw_overlay
+from soliton_linkage.vision.video import capture_camera
 from soliton_linkage_msgs.msg import SolitonState
 from soliton_linkage_nodes.messages.chain_source import (
     CHAIN_PARAMETERS,
@@ -184,14 +184,14 @@ class CameraEncoders(ManagedNode):
         stamp, solitons = self._state
         since = (seen.stamp - stamp) / SECOND
         walls = placed(solitons, named.chain.spacing, since) if abs(since) < _FRESH else []
-        drawn = overlaid(picture, seen.frame, named.joint_names, walls)
+        drawn = draw_overlay(picture, seen.frame, named.joint_names, walls)
         self._overlay.publish(picture_to_compressed_msg(seen.stamp, FRAME, drawn))
 
     def _film(self) -> None:
         """Take pictures of a camera of this machine until the node is deactivated: a thread."""
         closing, take = self._closing, self.diagnostics.refusing('picture', self.look)
         try:
-            for taken in camera_pictures(self.settings.camera):
+            for taken in capture_camera(self.settings.camera):
                 if closing.is_set():
                     return
                 take(self.get_clock().now().nanoseconds, taken.picture)

@@ -15,12 +15,12 @@ from soliton_linkage.estimation.estimates import AnalysedSoliton
 from soliton_linkage.linkage.chain import Array
 from soliton_linkage.linkage.quantities import quantity
 from soliton_linkage.vision.angle_camera import AngleCamera, AngleFrame
-from soliton_linkage.vision.camera import Camera, uncalibrated
+from soliton_linkage.vision.camera import Camera, uncalibrated_camera
 from soliton_linkage.vision.dark_rotors import DarkRotors
-from soliton_linkage.vision.footage import GapWatch
 from soliton_linkage.vision.layout import MarkerLayout, MarkerSettings
 from soliton_linkage.vision.opencv import Picture
-from soliton_linkage.vision.overlay import PlacedWall
+from soliton_linkage.vision.overlay import WallMark
+from soliton_linkage.vision.video import GapCounter
 from soliton_linkage_nodes.messages.conversions import FRAME, NamedChain
 from soliton_linkage_nodes.runtime.stamps import SECOND, time_to_msg
 
@@ -66,7 +66,7 @@ class Sight:
         camera: Camera | None = None,
     ) -> None:
         """Use a calibrated camera or, without one, an ideal lens."""
-        self.gaps = GapWatch()
+        self.gaps = GapCounter()
         """Counter of missing pictures."""
         self.eye: AngleCamera | DarkRotors | None = None
         """Measurement by markers or dark rotors, None before the first picture."""
@@ -97,14 +97,14 @@ class Sight:
         if self.eye is None:
             self.eye = self._opened(picture)
         taken = (stamp - self._first) / SECOND
-        self.gaps.look(taken)
-        frame = self.eye.look(taken, picture)
+        self.gaps.add(taken)
+        frame = self.eye.measure(taken, picture)
         return Seen(stamp + round(frame.delay * SECOND), frame)
 
     def _opened(self, picture: Picture) -> AngleCamera | DarkRotors:
         told = self._parameters
         height, width = picture.shape[:2]
-        camera = self._camera or uncalibrated(width, height)
+        camera = self._camera or uncalibrated_camera(width, height)
         camera = replace(camera, row_time=told.row_time, exposure=told.exposure)
         layout = MarkerLayout(self._named.chain, self._markers)
         return AngleCamera(layout, camera) if told.markers_worn else DarkRotors(layout, camera)
@@ -147,10 +147,10 @@ def _to_msg(named: NamedChain, stamp: int, values: Array) -> JointState:
 
 def placed(
     solitons: tuple[AnalysedSoliton, ...], spacing: float, since: float = 0.0
-) -> list[PlacedWall]:
+) -> list[WallMark]:
     """Return the walls of a chain of a spacing [m] after a time [s]."""
     return [
-        PlacedWall(
+        WallMark(
             each.rotor + (each.velocity * since / spacing if math.isfinite(each.velocity) else 0),
             each.position_deviation / spacing,
             int(each.charge),

@@ -15,9 +15,9 @@ import numpy as np
 
 from soliton_linkage.command_line import PlainParser
 from soliton_linkage.linkage.quantities import Quantity
-from soliton_linkage.vision.camera import calibrated
-from soliton_linkage.vision.footage import read_film
+from soliton_linkage.vision.camera import calibrate
 from soliton_linkage.vision.opencv import Picture, opencv
+from soliton_linkage.vision.video import read_video
 from soliton_linkage_nodes.messages.picture_conversions import write_camera
 from soliton_linkage_nodes.programs.command_line import number, plain_failures
 from soliton_linkage_nodes.runtime.process import interrupt_on_signals
@@ -51,7 +51,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
     with plain_failures('calibrate_camera'):
         interrupt_on_signals()
         pictures = _pictures(options.paths)
-        found = calibrated(pictures, int(options.columns), int(options.rows), options.square)
+        found = calibrate(pictures, int(options.columns), int(options.rows), options.square)
         write_camera(options.output, found.camera)
         print(
             f'{options.output}: {found.pictures} pictures, corners to {found.misfit:.2f} pixels',
@@ -63,7 +63,7 @@ def _pictures(paths: Sequence[Path]) -> Iterator[Picture]:
     cv2 = opencv()
     for path in paths:
         if path.suffix.lower() not in _PICTURES:
-            for count, taken in enumerate(read_film(path).pictures):
+            for count, taken in enumerate(read_video(path).pictures):
                 if count % _STRIDE == 0:
                     yield taken.picture
             continue

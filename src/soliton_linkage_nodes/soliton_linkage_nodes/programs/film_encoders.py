@@ -24,14 +24,14 @@ from soliton_linkage.command_line import PlainParser
 from soliton_linkage.estimation.analyser import Analyser
 from soliton_linkage.linkage.quantities import described_fields
 from soliton_linkage.progress import ProgressLine
-from soliton_linkage.vision.footage import (
-    Footage,
-    Shot,
-    camera_pictures,
-    read_film,
-    write_film,
+from soliton_linkage.vision.overlay import draw_overlay
+from soliton_linkage.vision.video import (
+    TimedPicture,
+    Video,
+    capture_camera,
+    read_video,
+    write_video,
 )
-from soliton_linkage.vision.overlay import overlaid
 from soliton_linkage_nodes.bags.read.reading import type_name
 from soliton_linkage_nodes.bags.record.bag_writer import BagWriter
 from soliton_linkage_nodes.bags.stored_topic import StoredTopic
@@ -75,7 +75,7 @@ class Account(NamedTuple):
 
 
 def film_to_bag(
-    footage: Footage,
+    footage: Video,
     named: NamedChain,
     sight: Sight,
     output: Path,
@@ -92,7 +92,7 @@ def film_to_bag(
     failure: ValueError | None = None
     progress = ProgressLine('seeing', footage.frames)
 
-    def looked() -> Iterator[tuple[Shot, Seen]]:
+    def looked() -> Iterator[tuple[TimedPicture, Seen]]:
         nonlocal last, ended_by, failure
         start = round(footage.start * SECOND)
         try:
@@ -116,7 +116,7 @@ def film_to_bag(
             deque(looked(), maxlen=0)
         else:
             overlay.parent.mkdir(parents=True, exist_ok=True)
-            write_film(overlay, _drawn(looked(), named), _OVERLAY_QUALITY)
+            write_video(overlay, _drawn(looked(), named), _OVERLAY_QUALITY)
     finally:
         progress.clear()
         bag.close(ended_by)
@@ -126,7 +126,9 @@ def film_to_bag(
     return Account(bag.path, len(seen), float(share), float(deviation), last, ended_by)
 
 
-def _drawn(looked: Iterable[tuple[Shot, Seen]], named: NamedChain) -> Iterator[Shot]:
+def _drawn(
+    looked: Iterable[tuple[TimedPicture, Seen]], named: NamedChain
+) -> Iterator[TimedPicture]:
     """Yield pictures with their measurement and the walls of the frames so far."""
     analyser = Analyser(named.chain)
     for taken, seen in looked:
@@ -136,8 +138,8 @@ def _drawn(looked: Iterable[tuple[Shot, Seen]], named: NamedChain) -> Iterator[S
             angles = without_offsets(frame.angles, named.encoder_offsets)
             analysis = analyser.analyse(seen.stamp, angles, None, frame.deviations)
             walls = placed(analysis.solitons, named.chain.spacing) if analysis else []
-        drawn = overlaid(taken.picture, seen.frame, named.joint_names, walls)
-        yield Shot(taken.time, drawn)
+        drawn = draw_overlay(taken.picture, seen.frame, named.joint_names, walls)
+        yield TimedPicture(taken.time, drawn)
 
 
 class _AngleBag:
@@ -201,10 +203,10 @@ def main(arguments: Sequence[str] | None = None) -> None:
             raise ValueError(account.ended_by)
 
 
-def _footage(options: argparse.Namespace) -> Footage:
+def _footage(options: argparse.Namespace) -> Video:
     if options.camera is None:
-        return read_film(options.film)
-    return Footage(time.time(), 0, camera_pictures(options.camera))
+        return read_video(options.film)
+    return Video(time.time(), 0, capture_camera(options.camera))
 
 
 def _parser() -> PlainParser:

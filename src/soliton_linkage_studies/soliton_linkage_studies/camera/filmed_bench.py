@@ -17,10 +17,16 @@ from soliton_linkage.linkage.chain import Array, Chain
 from soliton_linkage.linkage.deviations import drawn_deviations
 from soliton_linkage.linkage.quantities import quantity
 from soliton_linkage.solitons.passage import blocked_bonds
-from soliton_linkage.vision.footage import Shot
 from soliton_linkage.vision.layout import MarkerLayout, MarkerSettings
+from soliton_linkage.vision.video import TimedPicture
 from soliton_linkage_studies.camera.renderer import FilmSettings, Motion, Renderer
-from soliton_linkage_studies.camera.runs import CAMERA, PERIOD, SIMULATED, motion_of, plane_of
+from soliton_linkage_studies.camera.runs import (
+    CAMERA,
+    PERIOD,
+    SIMULATED,
+    chain_plane,
+    interpolate_motion,
+)
 
 
 @dataclass(frozen=True)
@@ -63,11 +69,11 @@ class FilmedBench:
         """Of the film."""
         return round(self.parameters.duration / PERIOD)
 
-    def film(self) -> Iterator[Shot]:
+    def film(self) -> Iterator[TimedPicture]:
         """Pictures of the chain from its kick on, 60 a second of 1280 x 720 pixels."""
         for number in range(self.pictures):
             time = number * PERIOD
-            yield Shot(time, self._renderer.picture(self._begin + time))
+            yield TimedPicture(time, self._renderer.picture(self._begin + time))
 
     def angles(self, times: Array) -> Array:
         """True angles [rad] at times from that of the angles in the first picture on [s]."""
@@ -82,11 +88,11 @@ class FilmedBench:
     def _renderer(self) -> Renderer:
         printed = MarkerLayout(self.plan, self.markers).as_printed
         layout = MarkerLayout(self.chain, printed)
-        return Renderer(layout, plane_of(layout), self._motion, FilmSettings())
+        return Renderer(layout, chain_plane(layout), self._motion, FilmSettings())
 
     @cached_property
     def _motion(self) -> Motion:
         start = leaning(self.chain, -1).angles
         rates = self.parameters.kick * edge_mode(self.chain, start, Edge.FIRST)
         whole = self.parameters.duration + 10 * PERIOD
-        return motion_of(simulate(self.chain, start, rates, np.ceil(whole), SIMULATED))
+        return interpolate_motion(simulate(self.chain, start, rates, np.ceil(whole), SIMULATED))

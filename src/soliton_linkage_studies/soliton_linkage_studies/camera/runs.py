@@ -16,10 +16,10 @@ from soliton_linkage.linkage.chain import Array, Chain, wrapped
 from soliton_linkage.linkage.recording import Recording
 from soliton_linkage.vision.angle_camera import AngleCamera
 from soliton_linkage.vision.camera import Camera
-from soliton_linkage.vision.footage import Shot, read_film, write_film
 from soliton_linkage.vision.layout import MarkerLayout
 from soliton_linkage.vision.opencv import opencv
 from soliton_linkage.vision.plane import ChainPlane
+from soliton_linkage.vision.video import TimedPicture, read_video, write_video
 from soliton_linkage_studies.camera.renderer import (
     FilmSettings,
     Hand,
@@ -74,16 +74,16 @@ class FilmedTask:
         duration = PERIOD * (self.frames + 2)
         frames = round(duration / SIMULATED)
         whole = frames * SIMULATED / self.chain.time_unit
-        motion = motion_of(kicked(self.chain, self.kick, whole, frames))
+        motion = interpolate_motion(kicked(self.chain, self.kick, whole, frames))
         layout = MarkerLayout(self.chain)
-        plane = plane_of(layout)
+        plane = chain_plane(layout)
         hands = _hands(duration)
         film = Renderer(layout, plane, motion, self.settings, hands)
         eye = AngleCamera(layout, CAMERA)
         seen, truth, busy = [], [], 0.0
         for taken, picture in self._pictures(film):
             before = time.process_time()
-            seen.append(eye.look(taken, picture))
+            seen.append(eye.measure(taken, picture))
             busy += time.process_time() - before
             truth.append(motion(np.array([taken + seen[-1].delay]))[0][0])
         angles = np.array([frame.angles for frame in seen])
@@ -91,18 +91,18 @@ class FilmedTask:
         bound = _pixel_bound(self, layout, plane)
         return FilmedRun(angles - np.array(truth), stated, bound, busy / self.frames)
 
-    def _pictures(self, film: Renderer) -> Iterator[Shot]:
+    def _pictures(self, film: Renderer) -> Iterator[TimedPicture]:
         begin = 2 * PERIOD
         times = begin + PERIOD * np.arange(self.frames)
-        shots = (Shot(taken, film.picture(taken)) for taken in times.tolist())
+        shots = (TimedPicture(taken, film.picture(taken)) for taken in times.tolist())
         if not self.h264:
             yield from shots
             return
         with TemporaryDirectory() as folder:
             path = Path(folder, 'film.mp4')
-            write_film(path, shots, self.h264)
-            for taken, picture in read_film(path).pictures:
-                yield Shot(begin + taken, picture)
+            write_video(path, shots, self.h264)
+            for taken, picture in read_video(path).pictures:
+                yield TimedPicture(begin + taken, picture)
 
 
 @dataclass(frozen=True)
@@ -167,14 +167,14 @@ def _changes(errors: Array) -> int:
     )
 
 
-def motion_of(recording: Recording) -> Motion:
+def interpolate_motion(recording: Recording) -> Motion:
     """Motion of a recording, a cubic from frame to frame."""
     angles = CubicHermiteSpline(recording.times, recording.angles, recording.rates)
     rates, accelerations = angles.derivative(1), angles.derivative(2)
     return lambda times: (angles(times), rates(times), accelerations(times))
 
 
-def plane_of(layout: MarkerLayout) -> ChainPlane:
+def chain_plane(layout: MarkerLayout) -> ChainPlane:
     """Plane of a chain that fills the picture."""
     length = float(layout.chain.pivots[-1])
     distance = _FILLED * (length + 2 * layout.paper_size) * CAMERA.focal[0] / CAMERA.width

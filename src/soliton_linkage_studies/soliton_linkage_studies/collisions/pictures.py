@@ -13,7 +13,12 @@ from matplotlib.lines import Line2D
 
 from soliton_linkage.linkage.chain import Array, Motion
 from soliton_linkage_studies.captions import parameters
-from soliton_linkage_studies.collisions.runs import APART, Collision, frames, order
+from soliton_linkage_studies.collisions.runs import (
+    INITIAL_DISTANCE,
+    Collision,
+    ring_order_field,
+    simulate_frames,
+)
 from soliton_linkage_studies.collisions.study import (
     CRITICAL_SPEED,
     PHI4_SPEED,
@@ -218,7 +223,7 @@ def _draw(plate: Plate, axes: Axes, name: str, collision: Collision) -> None:
     rotors = np.arange(angles.shape[1])
     places = rotors - (len(rotors) - 1) / 2
     shown = np.abs(places) < _SHOWN / 2 * collision.reach
-    fields = order(collision.ring, angles)[:, shown]
+    fields = ring_order_field(collision.ring, angles)[:, shown]
     places = places[shown]
     axes.imshow(
         fields,
@@ -243,9 +248,9 @@ def _draw(plate: Plate, axes: Axes, name: str, collision: Collision) -> None:
 
 def _recorded(collision: Collision) -> tuple[Array, Array]:
     """Times in reaches over c, (T,), and angles [rad], (T, N), until some time afterwards."""
-    duration = (APART / 2 / collision.speed + _AFTERWARDS) * collision.unit
+    duration = (INITIAL_DISTANCE / 2 / collision.speed + _AFTERWARDS) * collision.unit
     times, angles = [], []
-    for instants, frame, _ in frames(collision):
+    for instants, frame, _ in simulate_frames(collision):
         times.append(instants)
         angles.append(frame)
         if instants[-1] > duration:

@@ -25,7 +25,7 @@ from soliton_linkage.linkage.chain import Array, Chain, Motion, staggered
 from soliton_linkage.solitons.continuum import wall_theory
 from soliton_linkage_studies.collisions.travelling_wall import travelling_wall
 
-APART = 12.0
+INITIAL_DISTANCE = 12.0
 """Distance at the start in reaches [1]: the walls attract each other by e^(-24) of their mass."""
 ESCAPED = 8.0
 """Distance in reaches [1] at which walls are free: slower than 0.001 c they would return."""
@@ -65,7 +65,7 @@ class Collision:
 
     def __call__(self) -> CollisionRun:
         """Make the collision."""
-        return made(self)
+        return run_collision(self)
 
     @property
     def reach(self) -> float:
@@ -120,7 +120,7 @@ class CollisionRun:
 
 
 @dataclass(frozen=True)
-class Path:
+class WallPaths:
     """The walls in frames: outermost where the field changes its sign, NaN where it does not."""
 
     times: Array
@@ -135,13 +135,13 @@ class Path:
         """Between the walls [rotor spacings], NaN where they overlap, shape (T,)."""
         return np.asarray(self.anti_kinks - self.kinks)
 
-    def part(self, which: slice) -> Path:
+    def part(self, which: slice) -> WallPaths:
         """Some of the frames."""
-        return Path(self.times[which], self.kinks[which], self.anti_kinks[which])
+        return WallPaths(self.times[which], self.kinks[which], self.anti_kinks[which])
 
-    def joined(self, later: Path) -> Path:
+    def joined(self, later: WallPaths) -> WallPaths:
         """This path and a later one."""
-        return Path(
+        return WallPaths(
             np.append(self.times, later.times),
             np.append(self.kinks, later.kinks),
             np.append(self.anti_kinks, later.anti_kinks),
@@ -158,13 +158,13 @@ class Path:
         return np.asarray(np.polyfit(self.times, both, 1)[0])
 
 
-def made(task: Collision) -> CollisionRun:
+def run_collision(task: Collision) -> CollisionRun:
     """Make a collision until the walls have escaped or the patience is over."""
-    path = Path(*np.empty((3, 0)))
+    path = WallPaths(*np.empty((3, 0)))
     energies: list[float] = []
-    for times, angles, rates in frames(task):
+    for times, angles, rates in simulate_frames(task):
         before = len(path.times)
-        path = path.joined(wall_path(task.ring, times, angles))
+        path = path.joined(find_walls(task.ring, times, angles))
         last = len(angles) - 1
         end = _end(task, path)
         if end is not None:
@@ -177,9 +177,9 @@ def made(task: Collision) -> CollisionRun:
     return _outcome(task, path, state, drift)
 
 
-def frames(task: Collision) -> Iterator[tuple[Array, Array, Array]]:
+def simulate_frames(task: Collision) -> Iterator[tuple[Array, Array, Array]]:
     """Yield times [s], (T,), angles [rad] and rates [rad/s], (T, N), of a few frames, for ever."""
-    start = started(task)
+    start = initial_state(task)
     motion = EquationOfMotion(task.ring)
     method = INTEGRATORS[task.integrator]
     constant = issubclass(method, SymplecticNystrom)
@@ -206,7 +206,7 @@ def frames(task: Collision) -> Iterator[tuple[Array, Array, Array]]:
             yield times, states[:, :rotors], states[:, rotors:]
 
 
-def started(task: Collision) -> State:
+def initial_state(task: Collision) -> State:
     """State with both walls on their way, about the middle of the ring.
 
     Raises ArithmeticError where no wall is found that travels at this speed.
@@ -216,14 +216,14 @@ def started(task: Collision) -> State:
     kink = travelling_wall(ring, velocity, 1)
     anti_kink = travelling_wall(ring, velocity, -1, -1 if task.onwards else 1)
     middle = (ring.number_of_rotors - 1) / 2 + task.shift
-    half = APART * task.reach / 2
+    half = INITIAL_DISTANCE * task.reach / 2
     angles, slopes = kink.at(rotors, middle - half)
     others, other_slopes = anti_kink.at(rotors, middle + half)
     angles = angles + others - anti_kink.angles[rotors % 2, 0]
     return State(angles, (other_slopes - slopes) * velocity / ring.spacing)
 
 
-def order(ring: Chain, angles: Array) -> Array:
+def ring_order_field(ring: Chain, angles: Array) -> Array:
     """Order field of frames as of `order_field`, of spinners in the family +1, shape (..., N)."""
     theta = staggered(angles)
     if ring.motion is Motion.SPINNER:
@@ -231,15 +231,15 @@ def order(ring: Chain, angles: Array) -> Array:
     return np.asarray(np.sin(theta) / math.sin(ring.rest_angle))
 
 
-def wall_path(ring: Chain, times: Array, angles: Array) -> Path:
+def find_walls(ring: Chain, times: Array, angles: Array) -> WallPaths:
     """Walls in frames of angles [rad], (T, N), placed by a line between two rotors."""
-    fields = order(ring, angles)
+    fields = ring_order_field(ring, angles)
     left = fields < 0
     last = fields.shape[1] - 1
     first = left.argmax(axis=1)
     final = last - left[:, ::-1].argmax(axis=1)
     apart = left.any(axis=1)
-    return Path(
+    return WallPaths(
         times,
         np.where(apart, _crossings(fields, np.clip(first - 1, 0, last)), np.nan),
         np.where(apart, _crossings(fields, np.clip(final, 0, last - 1)), np.nan),
@@ -254,13 +254,13 @@ def _crossings(fields: Array, rotors: NDArray[np.int64]) -> Array:
     return np.asarray(rotors + before / change)
 
 
-def _end(task: Collision, path: Path) -> int | None:
+def _end(task: Collision, path: WallPaths) -> int | None:
     """Frame with which it is over, or None."""
     distances = path.distances / task.reach
     met = np.flatnonzero(~(distances > _NEAR))
     if not met.size:
         # A wall that is pinned never comes near.
-        late = path.times > (APART / task.speed + task.patience) * task.unit
+        late = path.times > (INITIAL_DISTANCE / task.speed + task.patience) * task.unit
     else:
         there_and_back = (_NEAR / 2 + ESCAPED) / task.speed
         late = path.times - path.times[met[0]] > (task.patience + there_and_back) * task.unit
@@ -268,7 +268,7 @@ def _end(task: Collision, path: Path) -> int | None:
     return int(np.argmax(late)) if late.any() else None
 
 
-def _outcome(task: Collision, path: Path, state: State, drift: float) -> CollisionRun:
+def _outcome(task: Collision, path: WallPaths, state: State, drift: float) -> CollisionRun:
     distances = path.distances / task.reach
     near = np.flatnonzero(~(distances > _NEAR))
     escaped = bool(near.size and distances[-1] > ESCAPED)
@@ -297,7 +297,7 @@ def _outcome(task: Collision, path: Path, state: State, drift: float) -> Collisi
     )
 
 
-def _turns(ring: Chain, path: Path, state: State) -> int:
+def _turns(ring: Chain, path: WallPaths, state: State) -> int:
     """Turns of the rotor in the middle between the walls of a spinner, beyond half a turn."""
     if ring.motion is not Motion.SPINNER:
         return 0
@@ -306,7 +306,7 @@ def _turns(ring: Chain, path: Path, state: State) -> int:
     return round((turned - math.pi) / (2 * math.pi))
 
 
-def _broken(task: Collision, path: Path, state: State, escaped: bool) -> bool:
+def _broken(task: Collision, path: WallPaths, state: State, escaped: bool) -> bool:
     """Whether rotors of a flipper have turned over, or an anti-kink that left is none any more.
 
     What costs less than half of an anti-kink of the continuum at rest is a defect of few rotors.
@@ -319,7 +319,7 @@ def _broken(task: Collision, path: Path, state: State, escaped: bool) -> bool:
     return escaped and left < wall_theory(ring).energy(0.0, charge=-1) / 2
 
 
-def _radiated(task: Collision, path: Path, state: State, escaped: bool) -> float:
+def _radiated(task: Collision, path: WallPaths, state: State, escaped: bool) -> float:
     """Share of the energy beyond the cores of the walls, or beyond a captured pair."""
     rotors, energies = np.arange(task.ring.number_of_rotors), _energies(task.ring, state)
     places, reach = [path.kinks[-1], path.anti_kinks[-1]], _CORE

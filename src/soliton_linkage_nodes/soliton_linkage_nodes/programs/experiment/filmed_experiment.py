@@ -19,7 +19,7 @@ from soliton_linkage.linkage.chain import Array, Chain
 from soliton_linkage.linkage.quantities import described_fields, quantity
 from soliton_linkage.orbit.deviating_orbit import orbit_of
 from soliton_linkage.progress import ProgressLine
-from soliton_linkage.vision.footage import Shot, read_film, write_film
+from soliton_linkage.vision.video import TimedPicture, read_video, write_video
 from soliton_linkage_nodes.bags.read.reading import open_bag, read_topic
 from soliton_linkage_nodes.messages.chain_source import chain_of_file, markers_of_file
 from soliton_linkage_nodes.messages.conversions import NamedChain
@@ -131,12 +131,12 @@ class FilmedExperiment:
         )
         progress = ProgressLine('filming', pictures)
 
-        def shown() -> Iterator[Shot]:
+        def shown() -> Iterator[TimedPicture]:
             for count, shot in enumerate(self._bench.film(), start=1):
                 progress.show(count, f'{count} pictures')
                 yield shot
 
-        write_film(path, shown(), alone=True)
+        write_video(path, shown(), alone=True)
         progress.clear()
 
     def _seen(
@@ -146,7 +146,7 @@ class FilmedExperiment:
         sight = Sight(named, self._markers, told, read_camera(lens))
         for earlier in self._folder.glob(f'{name}_*'):
             shutil.rmtree(earlier)
-        return film_to_bag(read_film(film), named, sight, self._folder / name, overlay)
+        return film_to_bag(read_video(film), named, sight, self._folder / name, overlay)
 
     def _errors(self, bag: Path, identified: NamedChain) -> PlaceErrors:
         """Compare what a bag shows with what only the filmed chain knows."""

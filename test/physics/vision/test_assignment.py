@@ -8,13 +8,13 @@ from dataclasses import replace
 
 import numpy as np
 
-from soliton_linkage.vision.identities import NOBODY, Expectation, identified
+from soliton_linkage.vision.assignment import HIDDEN, Prediction, assign_dots
 
 ANGLES = np.array([0.9, 2.2, 1.0, 2.1, 0.95])
 ROTORS = len(ANGLES)
 
 
-def scene() -> tuple[np.ndarray, np.ndarray, Expectation]:
+def scene() -> tuple[np.ndarray, np.ndarray, Prediction]:
     """Places of the masses of five rotors [m], costs of their colours, what is expected."""
     pivots = np.column_stack([0.1 * np.arange(ROTORS), np.zeros(ROTORS)])
     masses = pivots + 0.2 * np.column_stack([np.sin(ANGLES), np.cos(ANGLES)])
@@ -22,7 +22,7 @@ def scene() -> tuple[np.ndarray, np.ndarray, Expectation]:
     bonds = np.hypot(*np.diff(masses, axis=0).T)
     colours = 1 + np.arange(ROTORS) % 3
     costs = np.where(colours[:, None] == np.arange(4), 0.0, 20.0)
-    expected = Expectation(
+    expected = Prediction(
         pivots,
         lengths,
         0.02 * lengths,
@@ -39,7 +39,7 @@ def test_dots_in_any_order_are_those_of_their_rotors() -> None:
     masses, costs, expected = scene()
     for order in itertools.islice(itertools.permutations(range(ROTORS)), 0, 120, 7):
         places = masses[list(order)]
-        chosen = identified(
+        chosen = assign_dots(
             np.stack([places] * 2), np.full(ROTORS, 1e-3), costs[list(order)], expected
         )
         assert [order[dot] for dot in chosen] == list(range(ROTORS))
@@ -48,8 +48,8 @@ def test_dots_in_any_order_are_those_of_their_rotors() -> None:
 def test_a_rotor_without_a_dot_has_none_and_takes_that_of_nobody_else() -> None:
     masses, costs, expected = scene()
     kept = [0, 1, 3, 4]
-    chosen = identified(np.stack([masses[kept]] * 2), np.full(4, 1e-3), costs[kept], expected)
-    assert list(chosen) == [0, 1, NOBODY, 2, 3]
+    chosen = assign_dots(np.stack([masses[kept]] * 2), np.full(4, 1e-3), costs[kept], expected)
+    assert list(chosen) == [0, 1, HIDDEN, 2, 3]
 
 
 def test_a_pivot_is_no_mass_that_is_hidden_nor_hides_one_that_passes_before_it() -> None:
@@ -64,8 +64,8 @@ def test_a_pivot_is_no_mass_that_is_hidden_nor_hides_one_that_passes_before_it()
         bond_deviations=0.1 + 0 * expected.bonds,
     )
     masses[2] = before.pivots[4]
-    passing = identified(np.stack([masses] * 2), np.full(ROTORS, 1e-3), costs, before)
+    passing = assign_dots(np.stack([masses] * 2), np.full(ROTORS, 1e-3), costs, before)
     assert list(passing) == list(range(ROTORS))
     costs[2] = 9.7
-    hidden = identified(np.stack([masses] * 2), np.full(ROTORS, 1e-3), costs, before)
-    assert list(hidden) == [0, 1, NOBODY, 3, 4]
+    hidden = assign_dots(np.stack([masses] * 2), np.full(ROTORS, 1e-3), costs, before)
+    assert list(hidden) == [0, 1, HIDDEN, 3, 4]

@@ -16,7 +16,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from soliton_linkage.vision.opencv import Picture, opencv, pyav, pyav_to_write
+from soliton_linkage.vision.opencv import Picture, opencv, pyav, pyav_for_writing
 
 _TICKS = 90_000
 """Time base of films that are written [Hz]: that of video since MPEG."""
@@ -30,7 +30,7 @@ _USUAL = 75
 """Percentile of these that is the usual one: rates of phones change from picture to picture."""
 
 
-class Shot(NamedTuple):
+class TimedPicture(NamedTuple):
     """A picture and its time."""
 
     time: float
@@ -38,17 +38,17 @@ class Shot(NamedTuple):
     picture: Picture
 
 
-class Footage(NamedTuple):
+class Video(NamedTuple):
     """A film."""
 
     start: float
     """Time of the first picture since the epoch [s]."""
     frames: int
     """Approximate number of pictures, 0 if it is unknown."""
-    pictures: Iterator[Shot]
+    pictures: Iterator[TimedPicture]
 
 
-class GapWatch:
+class GapCounter:
     """Counter of missing pictures."""
 
     def __init__(self) -> None:
@@ -57,7 +57,7 @@ class GapWatch:
         self._last: float | None = None
         self._periods: list[float] = []
 
-    def look(self, taken: float) -> int:
+    def add(self, taken: float) -> int:
         """Return how many pictures are missing before one at a time [s]."""
         period = 0.0 if self._last is None else taken - self._last
         self._last = taken
@@ -70,7 +70,7 @@ class GapWatch:
         return lost
 
 
-def read_film(path: Path) -> Footage:
+def read_video(path: Path) -> Video:
     """Return the pictures of a film; ValueError or OSError if it cannot be read."""
     if not path.is_file():
         raise ValueError(f'film {str(path)!r} is not there')
@@ -78,27 +78,27 @@ def read_film(path: Path) -> Footage:
     return _read_by_opencv(path) if av is None else _read_by_av(av, path)
 
 
-def camera_pictures(number: int) -> Iterator[Shot]:
+def capture_camera(number: int) -> Iterator[TimedPicture]:
     """Yield the pictures of a camera of this machine; ValueError if it delivers none."""
     begun = None
     for picture in _captured(_opened_camera(number)):
         now = time.monotonic()
         begun = now if begun is None else begun
-        yield Shot(now - begun, picture)
+        yield TimedPicture(now - begun, picture)
     raise ValueError(
         f'camera {number} gives no picture; see that it is plugged in, and that no other program '
         'has it'
     )
 
 
-def write_film(
-    path: Path, pictures: Iterable[Shot], quality: int = 18, alone: bool = False
+def write_video(
+    path: Path, pictures: Iterable[TimedPicture], quality: int = 18, alone: bool = False
 ) -> int:
     """Write pictures with their times as H.264; return their number. Lower qualities are better.
 
     Pictures that are stored `alone`, not as changes, take more bytes and keep all small motions.
     """
-    av: Any = pyav_to_write()
+    av: Any = pyav_for_writing()
     count = 0
     with av.open(str(path), 'w') as container:
         stream = container.add_stream('libx264', rate=Fraction(60))
@@ -118,7 +118,7 @@ def write_film(
     return count
 
 
-def _read_by_av(av: Any, path: Path) -> Footage:
+def _read_by_av(av: Any, path: Path) -> Video:
     try:
         container = av.open(str(path))
         stream = container.streams.video[0]
@@ -128,7 +128,7 @@ def _read_by_av(av: Any, path: Path) -> Footage:
             f'film {str(path)!r} cannot be read ({reason}); give one such as an MP4 or a MOV'
         ) from error
 
-    def pictures() -> Iterator[Shot]:
+    def pictures() -> Iterator[TimedPicture]:
         first, taken = None, 0.0
         with container:
             try:
@@ -137,7 +137,7 @@ def _read_by_av(av: Any, path: Path) -> Footage:
                         continue
                     taken = float(frame.pts * frame.time_base)
                     first = taken if first is None else first
-                    yield Shot(taken - first, frame.to_ndarray(format='bgr24'))
+                    yield TimedPicture(taken - first, frame.to_ndarray(format='bgr24'))
             except av.error.FFmpegError as error:
                 raise ValueError(
                     f'film {str(path)!r} is damaged after {taken - (first or 0.0):.2f} s '
@@ -146,10 +146,10 @@ def _read_by_av(av: Any, path: Path) -> Footage:
 
     told = container.metadata.get('creation_time', '')
     length = float(container.duration or 0) / av.time_base
-    return Footage(_start(path, told, length), int(stream.frames), pictures())
+    return Video(_start(path, told, length), int(stream.frames), pictures())
 
 
-def _read_by_opencv(path: Path) -> Footage:
+def _read_by_opencv(path: Path) -> Video:
     cv2 = opencv()
     source = cv2.VideoCapture(str(path))
     if not source.isOpened():
@@ -159,14 +159,14 @@ def _read_by_opencv(path: Path) -> Footage:
     frames = max(int(source.get(cv2.CAP_PROP_FRAME_COUNT)), 0)
     rate = float(source.get(cv2.CAP_PROP_FPS)) or 30.0
 
-    def pictures() -> Iterator[Shot]:
+    def pictures() -> Iterator[TimedPicture]:
         first = None
         for picture in _captured(source):
             taken = float(source.get(cv2.CAP_PROP_POS_MSEC)) / 1000
             first = taken if first is None else first
-            yield Shot(taken - first, picture)
+            yield TimedPicture(taken - first, picture)
 
-    return Footage(_start(path, '', frames / rate), frames, pictures())
+    return Video(_start(path, '', frames / rate), frames, pictures())
 
 
 def _opened_camera(number: int) -> Any:

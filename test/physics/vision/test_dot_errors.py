@@ -6,7 +6,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from soliton_linkage.vision.scatter import DeadZone, Repeats, Scatter, Sightings
+from soliton_linkage.vision.dot_errors import DeadZone, DotMeasurements, ErrorScale, RepeatDetector
 
 ROTORS = 40
 WAYS = np.where(np.arange(ROTORS) < 30, 0.0, 2.0)
@@ -18,29 +18,31 @@ PLACES = np.array([[3.0, 10.0], [20.0, 10.0], [np.nan, np.nan]])
 
 
 def test_dots_are_repeated_where_no_pixel_near_them_differs() -> None:
-    repeats = Repeats()
+    repeats = RepeatDetector()
     picture = np.random.default_rng(1).integers(0, 256, (20, 40), dtype=np.uint8)
-    assert not repeats.look(picture, PLACES, 4.0).any()
+    assert not repeats.compare(picture, PLACES, 4.0).any()
     changed = picture.copy()
     changed[10, 10] += 1
     changed[7, 22] += 1
-    assert repeats.look(changed, PLACES, 4.0).tolist() == [True, False, False]
+    assert repeats.compare(changed, PLACES, 4.0).tolist() == [True, False, False]
     changed[8, 3] += 1
-    assert repeats.look(changed, PLACES, 4.0).tolist() == [False, True, False]
+    assert repeats.compare(changed, PLACES, 4.0).tolist() == [False, True, False]
 
 
 def look(
-    scatter: Scatter,
+    scatter: ErrorScale,
     lengths: np.ndarray,
     picture: int = 0,
     angles: np.ndarray = 0 * ONES,
     repeated: np.ndarray = NEVER,
 ) -> np.ndarray:
-    return scatter.look(Sightings(picture / 60, angles, ONES, lengths, ONES, WAYS, repeated))
+    return scatter.update(
+        DotMeasurements(picture / 60, angles, ONES, lengths, ONES, WAYS, repeated)
+    )
 
 
 def test_the_scatter_of_dots_that_stand_and_of_those_that_move_is_found() -> None:
-    random, scatter = np.random.default_rng(1), Scatter(ROTORS)
+    random, scatter = np.random.default_rng(1), ErrorScale(ROTORS)
     for picture in range(400):
         lengths = np.where(WAYS, 2.0, 0.5) * random.normal(size=ROTORS)
         factors = look(scatter, lengths, picture)
@@ -48,7 +50,7 @@ def test_the_scatter_of_dots_that_stand_and_of_those_that_move_is_found() -> Non
 
 
 def test_dots_that_were_all_repeated_for_long_are_off_by_what_they_jump() -> None:
-    random, scatter = np.random.default_rng(3), Scatter(ROTORS)
+    random, scatter = np.random.default_rng(3), ErrorScale(ROTORS)
     angles = 0 * ONES
     for picture in range(400):
         if picture % 10 == 0:
@@ -71,7 +73,7 @@ def moved(
         errors = lasting * errors + fresh
         angles = 3.0 * time + 2.0 * time**2 + wave * np.sin(50 * time + phases)
         angles += along * TURNING * errors[0]
-        shown = Sightings(time, angles, TURNING, 2.0 * errors[1], PIXELS, 0 * PIXELS, NONE)
+        shown = DotMeasurements(time, angles, TURNING, 2.0 * errors[1], PIXELS, 0 * PIXELS, NONE)
         zone.take(shown, 1.0)
     return zone
 

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from soliton_linkage.linkage.chain import Array
 
-NOBODY = -1
+HIDDEN = -1
 """Number of the dot of a hidden rotor."""
 _CANDIDATES = 6
 """Candidate dots of a rotor at most [1]."""
@@ -33,7 +33,7 @@ _PIVOTS = 8.0
 
 
 @dataclass(frozen=True)
-class Expectation:
+class Prediction:
     """State of the N rotors that is expected in a picture, with standard deviations."""
 
     pivots: Array
@@ -51,17 +51,17 @@ class Expectation:
     """Colours of the rotors' dots, shape (N,)."""
 
 
-def identified(
-    places: Array, place_deviations: Array, colour_costs: Array, expected: Expectation
+def assign_dots(
+    places: Array, place_deviations: Array, colour_costs: Array, expected: Prediction
 ) -> NDArray[np.intp]:
-    """Return the number of each rotor's dot, or `NOBODY`, shape (N,).
+    """Return the number of each rotor's dot, or `HIDDEN`, shape (N,).
 
     Dots have places [m] for rotors of either height, (2, K, 2), standard deviations [m], (K,), and
     costs for each colour, (K, C).
     """
     rotors = len(expected.pivots)
     if not places.shape[1]:
-        return np.full(rotors, NOBODY, dtype=np.intp)
+        return np.full(rotors, HIDDEN, dtype=np.intp)
     own = _own_costs(places, place_deviations, colour_costs, expected)
     width = min(_CANDIDATES, own.shape[1])
     candidates = np.argpartition(own, width - 1, axis=1)[:, :width]
@@ -69,18 +69,18 @@ def identified(
     parity = np.arange(rotors) % 2
     path = _viterbi(costs, _bond_costs(places[parity[:, None], candidates], expected))
     at = np.arange(rotors), np.minimum(path, width - 1)
-    chosen = np.where(path < width, candidates[at], NOBODY)
-    once, owners = np.full_like(chosen, NOBODY), set()
+    chosen = np.where(path < width, candidates[at], HIDDEN)
+    once, owners = np.full_like(chosen, HIDDEN), set()
     for rotor in np.argsort(costs[at], kind='stable'):
         dot = int(chosen[rotor])
-        if dot != NOBODY and dot not in owners:
+        if dot != HIDDEN and dot not in owners:
             owners.add(dot)
             once[rotor] = dot
     return once
 
 
 def _own_costs(
-    places: Array, place_deviations: Array, colour_costs: Array, expected: Expectation
+    places: Array, place_deviations: Array, colour_costs: Array, expected: Prediction
 ) -> Array:
     """Return the cost of each dot for each rotor by itself, infinite if it is impossible."""
     arms = places[np.arange(len(expected.pivots)) % 2] - expected.pivots[:, None]
@@ -99,7 +99,7 @@ def _own_costs(
     return np.asarray(np.where(np.abs(misfit) < 4.0, costs, np.inf))
 
 
-def _bond_costs(where: Array, expected: Expectation) -> Array:
+def _bond_costs(where: Array, expected: Prediction) -> Array:
     """Return the cost of each pair of candidates of neighbours, shape (N - 1, width, width)."""
     apart = where[1:, None, :, :] - where[:-1, :, None, :]
     lengths = np.hypot(apart[..., 0], apart[..., 1])

@@ -56,7 +56,7 @@ def _faded(total: float) -> float:
     return total * (1 - 1 / MEMORY)
 
 
-class FadingSquare:
+class FadingMeanSquare:
     """Mean square of the numbers of the pictures so far, with an exponential memory."""
 
     def __init__(self) -> None:
@@ -80,13 +80,13 @@ class FadingSquare:
         return (self._squares + _PRIOR * expected) / (self._count + _PRIOR)
 
 
-class Repeats:
+class RepeatDetector:
     """Comparison of the dots of a picture with the picture before."""
 
     def __init__(self) -> None:
         self._before: Picture | None = None
 
-    def look(self, grey: Picture, places: Array, radius: float) -> NDArray[np.bool_]:
+    def compare(self, grey: Picture, places: Array, radius: float) -> NDArray[np.bool_]:
         """Return which dots at places [pixels], (N, 2), NaN if hidden, have the pixels of before.
 
         The pixels within a radius [pixels] count.
@@ -105,7 +105,7 @@ class Repeats:
 
 
 @dataclass(frozen=True)
-class Sightings:
+class DotMeasurements:
     """Dots of N masses in a picture, NaN if hidden, shape (N,) each."""
 
     time: float
@@ -124,15 +124,15 @@ class Sightings:
     """Whether the dot has the pixels of the picture before."""
 
 
-class Scatter:
+class ErrorScale:
     """Ratio of the errors of dots to those by the noise of pixels, from the pictures so far."""
 
     def __init__(self, rotors: int) -> None:
-        self._standing, self._moving, self._jumps = (FadingSquare() for _ in range(3))
+        self._standing, self._moving, self._jumps = (FadingMeanSquare() for _ in range(3))
         self._dead_zone = DeadZone(rotors)
         self._runs, self._before = np.zeros(rotors), np.full(rotors, np.nan)
 
-    def look(self, shown: Sightings) -> Array:
+    def update(self, shown: DotMeasurements) -> Array:
         """Return the standard deviations over those by the noise of pixels, shape (N,)."""
         moving = shown.ways > _MOVING
         self._standing.take(shown.lengths[~shown.repeated & ~moving])
@@ -146,7 +146,7 @@ class Scatter:
         of_new = np.where(moving, self._moving.square(), standing)
         return np.sqrt(np.where(shown.repeated, jumps, of_new))
 
-    def _take_jumps(self, shown: Sightings) -> None:
+    def _take_jumps(self, shown: DotMeasurements) -> None:
         """Add the jumps of repeated dots that are measured again."""
         jumps = (shown.angles - self._before) / shown.turning
         ended = (self._runs > 0) & ~shown.repeated & np.isfinite(jumps)
@@ -162,7 +162,7 @@ class DeadZone:
         self._times = np.full(_ORDER + 1, np.nan)
         self._angles = np.full((_ORDER + 1, rotors), np.nan)
         self._lengths = np.full((_ORDER + 1, rotors), np.nan)
-        self._along, self._across, self._across_contrast = (FadingSquare() for _ in range(3))
+        self._along, self._across, self._across_contrast = (FadingMeanSquare() for _ in range(3))
         self._runs = np.zeros(rotors)
         self._log_runs = self._ended = 0.0
         self._since = MEMORY
@@ -180,7 +180,7 @@ class DeadZone:
         self._runs = np.where(repeated, self._runs + 1, 0.0)
         self._since = 0 if repeated.any() and (seen & ~repeated).any() else self._since + 1
 
-    def take(self, shown: Sightings, jumps: float) -> None:
+    def take(self, shown: DotMeasurements, jumps: float) -> None:
         """Add the errors in a picture and the mean square of jumps of repeated dots [1].
 
         The jumps are the expected errors until dots have moved.
