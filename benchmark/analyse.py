@@ -91,7 +91,7 @@ class Frames:
             before = angles
             noise = NOISE * self._generator.standard_normal((2, rotors))
             frame = self._buffer.write(self._stamp, angles + noise[0], rates + noise[1], effort)
-            yield frame, self._orbit.place(self._arc)
+            yield frame, self._orbit.site(self._arc)
 
 
 class TanhFit:

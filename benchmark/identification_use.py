@@ -109,7 +109,7 @@ def _place_error(used: Chain, orbit: Orbit, readings: Array) -> float:
     over = []
     for frame, arc in enumerate(np.linspace(*orbit.leg_arcs(0), len(readings))):
         shown = analyser.analyse(round(1e9 * frame / RATE), readings[frame])
-        place = orbit.place(arc)
+        place = orbit.site(arc)
         if 4 < place < len(readings[0]) - 5 and shown is not None and shown.solitons:
             over.append((shown.solitons[0].rotor - place) * orbit.site_arc_at(arc) / NOISE)
     return _rms(np.array(over))
@@ -136,7 +136,7 @@ def _move_error(used: Orbit, orbit: Orbit, left: Array, random: np.random.Genera
         simulation.hold(torques)
         torques = steering.torques()
         simulation.advance()
-    return abs(orbit.place(fit_anywhere(orbit, simulation.angles).arc) - WAY[1])
+    return abs(orbit.site(fit_anywhere(orbit, simulation.angles).arc) - WAY[1])
 
 
 def _springs(name: str, number: int) -> tuple[Chain, Identification]:

@@ -49,7 +49,7 @@ class NoisyWall:
     def frame(self, number: int) -> tuple[np.ndarray, np.ndarray]:
         """Angles [rad] and rates [rad/s] of a frame, each of shape (N,)."""
         arc = _ARC_PER_FRAME * number
-        about = self._orbit.stretch(arc)
+        about = self._orbit.segment(arc)
         begin = number * 2 * self._rotors % _DRAWS
         noise = self._noise[begin : begin + 2 * self._rotors]
         angles = self._orbit.configuration(arc) + noise[: self._rotors]

@@ -38,7 +38,7 @@ def main(bag: Path) -> dict[str, np.ndarray]:
     frames, rotors = recording.angles.shape
     print(f'{frames} frames of {rotors} rotors, a {chain.motion.value}')
     crossings = sl.find_crossings(chain, sl.follow(chain, recording))
-    print('crossings [rotors/s]:', *(f'{crossing.place_rate:.2f}' for crossing in crossings))
+    print('crossings [rotors/s]:', *(f'{crossing.site_rate:.2f}' for crossing in crossings))
     if find_spec('pandas'):
         import pandas
 

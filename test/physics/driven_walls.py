@@ -32,7 +32,7 @@ class RigidWall:
 
     @property
     def place(self) -> float:
-        return self.orbit.place(self.arc)
+        return self.orbit.site(self.arc)
 
     def frame(self) -> Array:
         return self.orbit.configuration(self.arc)

@@ -72,7 +72,7 @@ def test_the_energy_at_the_wall_and_the_phonons_are_the_whole() -> None:
     share = phonon_share(chain, recording, track, crossings[0])
     # Waves that are added far from the wall, as fast as they like, count in full.
     middle = float(np.nanmean([crossings[0].start, crossings[0].end]))
-    inside = np.abs(track.rotors - 9.5)
+    inside = np.abs(track.sites - 9.5)
     frame = int(np.nanargmin(np.where(track.times <= crossings[0].end, inside, np.nan)))
     assert track.times[frame] == pytest.approx(middle, rel=0.2)
     energy = float(

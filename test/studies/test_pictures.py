@@ -74,7 +74,7 @@ def test_a_track_shows_place_velocity_and_the_mean_of_each_crossing() -> None:
     crossings = (Crossing(1.0, 4.0, 1, 2.0), Crossing(6.0, 9.0, -1, 3.0))
     place, velocity = track_places(new_axes(), CHAIN, track), new_axes()
     assert track_velocities(velocity, track, crossings) is velocity
-    assert place.lines[0].get_ydata() == pytest.approx(track.rotors)
+    assert place.lines[0].get_ydata() == pytest.approx(track.sites)
     assert place.get_ylim() == (0, 19)
     means = [
         (list(line.get_xdata()), list(line.get_ydata()))
@@ -107,7 +107,7 @@ def test_a_track_has_a_band_of_twice_its_deviations() -> None:
     track = Track(times, 3 * times, np.full(5, 3.0), np.full(5, 0.25), np.full(5, 0.5))
     place, velocity = track_places(new_axes(), CHAIN, track), new_axes()
     track_velocities(velocity, track, ())
-    for axes, middle, off in ((place, track.rotors, 0.5), (velocity, track.place_rates, 1.0)):
+    for axes, middle, off in ((place, track.sites, 0.5), (velocity, track.site_rates, 1.0)):
         (band,) = axes.collections
         low, high = band.get_datalim(axes.transData).intervaly
         assert (low, high) == pytest.approx((middle.min() - off, middle.max() + off))

@@ -90,7 +90,7 @@ def test_a_soliton_crosses_is_recorded_and_replayed_alike(start: Start, tmp_path
     # A busy machine is late, and then says so.
     assert summary['missed_deadlines'] or summary['publish_rate_hz'] > 0.95 * RATE
     assert abs(summary['energy_drift']) < 1e-8
-    speeds = [crossing.place_rate for crossing in run.crossings]
+    speeds = [crossing.site_rate for crossing in run.crossings]
     assert summary['speed_rotors_per_s'] == pytest.approx(np.mean(speeds))
     assert np.mean(speeds[:2]) == pytest.approx(predicted_speed(run), rel=0.01)
     assert_live_analysis_is_that_of_the_recording(tmp_path / f'{SCENARIO}_0')
@@ -251,7 +251,7 @@ def predicted_speed(run: RecordedRun) -> float:
     rates = NUDGE * edge_mode(chain, rest, Edge.NEAREST)
     duration = run.crossings[1].end + 0.5
     crossings = find_crossings(chain, follow(chain, simulate(chain, rest, rates, duration, 0.004)))
-    return float(np.mean([crossing.place_rate for crossing in crossings[:2]]))
+    return float(np.mean([crossing.site_rate for crossing in crossings[:2]]))
 
 
 def frames_in(bag: Path) -> int:

@@ -85,7 +85,7 @@ def measure_speed(chain: Chain, trial: SweepTrial) -> dict[str, Value]:
     recording, track, crossings = send_wall(chain, trial)
     return {
         'outcome': _outcome(len(crossings)),
-        'speed': crossings[0].place_rate * chain.time_unit if crossings else math.nan,
+        'speed': crossings[0].site_rate * chain.time_unit if crossings else math.nan,
         'phonons': phonon_share(chain, recording, track, crossings[0]) if crossings else math.nan,
     }
 
@@ -116,7 +116,7 @@ def send_wall(chain: Chain, trial: SweepTrial) -> tuple[Recording, Track, tuple[
         piece = simulation.record(_PIECE * chain.time_unit)
         later = follow(chain, piece)
         recording = Recording(*_joined(recording, piece, ('times', 'angles', 'rates')))
-        track = Track(*_joined(track, later, ('times', 'rotors', 'place_rates')))
+        track = Track(*_joined(track, later, ('times', 'sites', 'site_rates')))
         crossings = tuple(
             crossing for crossing in find_crossings(chain, track) if _unbroken(track, crossing)
         )
@@ -131,7 +131,7 @@ def phonon_share(chain: Chain, recording: Recording, track: Track, crossing: Cro
     less than half of the rotors.
     """
     under_way = (track.times >= crossing.start) & (track.times <= crossing.end)
-    half_way = np.abs(track.rotors - (chain.number_of_rotors - 1) / 2)
+    half_way = np.abs(track.sites - (chain.number_of_rotors - 1) / 2)
     frame = int(np.nanargmin(np.where(under_way, half_way, np.nan)))
     angles, rates = recording.angles[frame], recording.rates[frame]
     kinetic = 0.5 * chain.moments_of_inertia * rates**2
@@ -139,7 +139,7 @@ def phonon_share(chain: Chain, recording: Recording, track: Track, crossing: Cro
     reach = _WALL_REACH * max(chain.wall_width, penetration_depth(chain)) / chain.spacing
     if 2 * reach > chain.number_of_rotors / 2:
         return math.nan
-    distances = np.abs(np.arange(chain.number_of_rotors) - track.rotors[frame])
+    distances = np.abs(np.arange(chain.number_of_rotors) - track.sites[frame])
     outside = float(kinetic[distances > reach].sum())
     outside += float(elastic[distances[:-1] > reach].sum())
     return outside / float(kinetic.sum() + elastic.sum())
@@ -148,7 +148,7 @@ def phonon_share(chain: Chain, recording: Recording, track: Track, crossing: Cro
 def _unbroken(track: Track, crossing: Crossing) -> bool:
     """Whether the path of a crossing is that of one wall."""
     passage = (track.times >= crossing.start) & (track.times <= crossing.end)
-    places = track.rotors[passage]
+    places = track.sites[passage]
     steps = np.diff(places[np.isfinite(places)])
     return bool((np.abs(steps) < _JUMP).all())
 

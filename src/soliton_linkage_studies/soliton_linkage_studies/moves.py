@@ -130,8 +130,8 @@ def made(task: MoveTask) -> MoveRun:
             arc = fit_near(orbit, simulation.angles, arc).arc
             left = phonon_energy(chain, simulation.angles, simulation.rates)
             trajectory = steering.trajectory
-            point = orbit.place(trajectory.at(simulation.time).arc) if trajectory else math.nan
-            samples.append((since, orbit.place(arc), point, left))
+            point = orbit.site(trajectory.at(simulation.time).arc) if trajectory else math.nan
+            samples.append((since, orbit.site(arc), point, left))
         if since > arrival + task.held:
             break
         simulation.hold(torques)

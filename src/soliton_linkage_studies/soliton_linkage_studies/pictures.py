@@ -67,7 +67,7 @@ def kymograph(axes: Axes, chain: Chain, recording: Recording, track: Track) -> A
         extent=(*_edges(recording.times), -0.5, chain.number_of_rotors - 0.5),
     )
     border = [withStroke(linewidth=3.5, foreground=WHITE)]
-    axes.plot(track.times, track.rotors, color=BLACK, label='soliton', path_effects=border)
+    axes.plot(track.times, track.sites, color=BLACK, label='soliton', path_effects=border)
     axes.legend(loc='upper right')
     axes.yaxis.set_major_locator(MaxNLocator(integer=True))
     axes.set(xlabel='time [s]', ylabel='rotor n [1]', title=description(chain))
@@ -83,8 +83,8 @@ def kymograph(axes: Axes, chain: Chain, recording: Recording, track: Track) -> A
 
 def track_places(axes: Axes, chain: Chain, track: Track) -> Axes:
     """Draw the soliton's place over time, with a band of twice its standard deviation."""
-    axes.plot(track.times, track.rotors, color=MEASURED, linewidth=0.8, label='measured')
-    _draw_band(axes, track.times, track.rotors, track.rotor_deviations)
+    axes.plot(track.times, track.sites, color=MEASURED, linewidth=0.8, label='measured')
+    _draw_band(axes, track.times, track.sites, track.site_deviations)
     axes.set(ylabel='place [rotor spacings]', ylim=(0, chain.number_of_rotors - 1))
     axes.set(xlabel='time [s]', title=description(chain))
     return axes
@@ -92,12 +92,12 @@ def track_places(axes: Axes, chain: Chain, track: Track) -> Axes:
 
 def track_velocities(axes: Axes, track: Track, crossings: tuple[Crossing, ...]) -> Axes:
     """Draw the soliton's velocity over time, its band, and the mean of each crossing over it."""
-    axes.plot(track.times, track.place_rates, color=MEASURED, linewidth=0.8, label='measured')
-    _draw_band(axes, track.times, track.place_rates, track.rate_deviations)
+    axes.plot(track.times, track.site_rates, color=MEASURED, linewidth=0.8, label='measured')
+    _draw_band(axes, track.times, track.site_rates, track.site_rate_deviations)
     for number, crossing in enumerate(crossings):
         axes.plot(
             [crossing.start, crossing.end],
-            [crossing.direction * crossing.place_rate] * 2,
+            [crossing.direction * crossing.site_rate] * 2,
             '--',
             color=BLACK,
             linewidth=1,
@@ -108,7 +108,7 @@ def track_velocities(axes: Axes, track: Track, crossings: tuple[Crossing, ...]) 
     axes.set(xlabel='time [s]', ylabel='velocity [rotor spacings/s]')
     axes.legend(loc='center', ncols=3, fontsize=8)
     if crossings:
-        fastest = max(crossing.place_rate for crossing in crossings)
+        fastest = max(crossing.site_rate for crossing in crossings)
         axes.set_ylim(-1.4 * fastest, 1.4 * fastest)
     return axes
 
@@ -116,10 +116,10 @@ def track_velocities(axes: Axes, track: Track, crossings: tuple[Crossing, ...]) 
 def track_deviations(axes: Axes, track: Track) -> Axes:
     """Draw the standard deviations of place and velocity over time."""
     axes.semilogy(
-        track.times, track.rotor_deviations, color=MEASURED, label='place [rotor spacings]'
+        track.times, track.site_deviations, color=MEASURED, label='place [rotor spacings]'
     )
     axes.semilogy(
-        track.times, track.rate_deviations, ':', color=BLACK, label='velocity [rotor spacings/s]'
+        track.times, track.site_rate_deviations, ':', color=BLACK, label='velocity [rotor spacings/s]'
     )
     axes.set(xlabel='time [s]', ylabel='std [as named]')
     axes.legend(loc='best', ncols=2, fontsize=8)
@@ -143,7 +143,7 @@ def kymograph_figure(chain: Chain, recording: Recording, track: Track) -> Figure
 
 def track_figure(chain: Chain, track: Track, crossings: tuple[Crossing, ...]) -> Figure:
     """Return a figure with the soliton's place, its velocity, and how well they are known."""
-    known = len(track.rotor_deviations) > 0
+    known = len(track.site_deviations) > 0
     figure = Figure(figsize=(8, 7 if known else 5.5), layout='constrained')
     ratios = [2, 2, 1][: 3 if known else 2]
     above, below, *last = figure.subplots(len(ratios), sharex=True, height_ratios=ratios)

@@ -62,7 +62,7 @@ class Controller:
     def torques(self) -> list[float]:
         """What the valves do now."""
         now = time.monotonic()
-        self.simulated.hear(now, self.line.read())
+        self.simulated.receive(now, self.line.read())
         return [float(torque) for torque in self.simulated.torques(now)]
 
     def unplug(self) -> None:

@@ -85,7 +85,7 @@ class Bench:
     def place(self) -> float:
         """Where the wall is by the last frame [rotor spacings]."""
         angles = np.array(self.frames[-1].position)
-        return self.orbit.place(fit_anywhere(self.orbit, angles).arc)
+        return self.orbit.site(fit_anywhere(self.orbit, angles).arc)
 
     def send(self, rotor: float, speed: float = 0.0) -> Any:
         """Return the handle of a goal that was accepted."""

@@ -445,7 +445,7 @@ def test_deviations_that_are_not_told_make_it_less_sure(name: str) -> None:
     arc, truth = fit_anywhere(orbit, upright[0]).arc, []
     for frame in upright:
         arc = fit_near(orbit, frame, arc).arc
-        truth.append(orbit.place(arc))
+        truth.append(orbit.site(arc))
     for told, least, most in ((real, 0.4, 1.5), (chain, 0.3, 3.0)):
         found = [each.estimate for each in analysed(told, angles)][BEGUN:]
         errors = np.array([each.place for each in found]) - truth[BEGUN:]

@@ -37,7 +37,7 @@ def noise(orbit: UniformOrbit, sigma: float, seed: int, frames: int) -> Array:
 
 def tangent_at(orbit: UniformOrbit, arc: float) -> Array:
     """Zero mode of the whole chain in the direction of the cycle [1], shape (N,)."""
-    about = orbit.stretch(arc)
+    about = orbit.segment(arc)
     mode = zero_mode(orbit.chain, orbit.configuration(arc))
     along = mode[about.first : about.first + len(about.angles)] @ about.tangent
     return np.asarray(np.sign(along) * mode)
@@ -105,7 +105,7 @@ def test_it_ends_where_the_rest_is_orthogonal_to_the_tangent(
         frame = orbit.configuration(arc) + each
         fitted = fit_near(orbit, frame, arc).arc
         rest = np.angle(np.exp(1j * (frame - orbit.configuration(fitted))))
-        about = orbit.stretch(fitted)
+        about = orbit.segment(fitted)
         rest = rest[about.first : about.first + len(about.angles)]
         assert abs(rest @ about.tangent) < FITTED
 
@@ -132,7 +132,7 @@ def test_its_misfit_estimates_sigma(example: Example) -> None:
     arc = inner_arc(orbit, 0.3, 0)
     there = orbit.configuration(arc)
     fits = [fit_near(orbit, there + each, arc) for each in noise(orbit, sigma, 5, frames)]
-    freedoms = frames * (len(orbit.stretch(arc).angles) - 1)
+    freedoms = frames * (len(orbit.segment(arc).angles) - 1)
     # Four deviations of the mean square, and sigma^2 of what the orbit curves away.
     limit = 4 * math.sqrt(2 / freedoms) + sigma**2
     squares = np.array([fit.misfit for fit in fits]) ** 2
@@ -213,7 +213,7 @@ def test_a_mirrored_frame_is_at_the_mirrored_place(example: Example, rotors: int
         turned = (rotors % 2 == 1) == spinner
         image = frame[::-1] + math.pi if turned else -frame[::-1]
         fits = fit_anywhere(orbit, frame), fit_anywhere(orbit, image)
-        places = [orbit.place(fit.arc) for fit in fits]
+        places = [orbit.site(fit.arc) for fit in fits]
         assert sum(places) == pytest.approx(rotors - 1, abs=FITTED)
 
 
@@ -286,7 +286,7 @@ def test_an_edge_rotor_that_is_not_seen_may_have_toggled_or_not(example: Example
             hidden = frame.copy()
             hidden[edge] = np.nan
             fit = fit_anywhere(orbit, hidden)
-            assert orbit.place(fit.arc) == pytest.approx(orbit.place(seen.arc), abs=0.05)
+            assert orbit.site(fit.arc) == pytest.approx(orbit.site(seen.arc), abs=0.05)
 
 
 @pytest.mark.parametrize('example', CLASSES)

@@ -88,7 +88,7 @@ def test_the_whole_record_of_a_steady_wall_counts(
     assert estimate.place_deviation < 0.005
     assert estimate.place_rate_deviation < 1e-3 * abs(estimate.place_rate)
     assert estimate.place == pytest.approx(
-        stream.orbit.place(stream.arc(estimate.time)), abs=4.5 * estimate.place_deviation
+        stream.orbit.site(stream.arc(estimate.time)), abs=4.5 * estimate.place_deviation
     )
 
 

@@ -276,7 +276,7 @@ def test_in_a_strong_wake_the_place_goes_on_though_the_edge_may_toggle_back() ->
         arc = fit_near(orbit, exact, arc).arc
         legs.append(estimate.leg)
         places.append(estimate.place)
-        true.append(orbit.place(arc))
+        true.append(orbit.site(arc))
     assert np.abs(np.diff(places)).max() < 2 * np.abs(np.diff(true)).max()
     assert np.abs(np.subtract(places, true)).max() < 0.2
     # The last rotor, which the wall had toggled, is on its first side again.

@@ -21,7 +21,7 @@ ORBIT = UniformOrbit(chain_of(FLIPPER, 20))
 def hypotheses(*arcs: float) -> Hypotheses:
     made = Hypotheses(ORBIT, DEFAULTS)
     for arc in arcs:
-        about = ORBIT.stretch(arc)
+        about = ORBIT.segment(arc)
         view = FrameLikelihood(2.0, DEFAULTS.likelihood).view(
             arc, about.first, about.tangent, np.zeros(20), 1e-4
         )
@@ -40,15 +40,15 @@ def test_weights_follow_the_evidence_and_the_mean_follows_the_weights() -> None:
     assert wall.place == pytest.approx(8.0 + 0.5 * share)
     spread = 0.25 * share * (1 - share) + 1e-4 / ORBIT.site_arc**2
     assert wall.place_deviation == pytest.approx(math.sqrt(spread))
-    assert ORBIT.place(made.leader.motion.arc) == pytest.approx(8.0)
+    assert ORBIT.site(made.leader.motion.arc) == pytest.approx(8.0)
 
 
 def test_one_that_is_out_is_forgotten_and_a_better_one_leads() -> None:
     made = hypotheses(ORBIT.arc_at(8.0, 0), ORBIT.arc_at(12.0, 0))
     made.weigh([-5.0, 0.0])
-    assert ORBIT.place(made.leader.motion.arc) == pytest.approx(12.0)
+    assert ORBIT.site(made.leader.motion.arc) == pytest.approx(12.0)
     made.weigh([0.0, -8.0])
-    assert [ORBIT.place(each.motion.arc) for each in made.all] == pytest.approx([12.0])
+    assert [ORBIT.site(each.motion.arc) for each in made.all] == pytest.approx([12.0])
     assert made.leader.evidence == 0
 
 
@@ -68,7 +68,7 @@ def test_an_edge_rotor_that_is_elsewhere_lets_another_leg_compete() -> None:
     made.suppose_toggled()
     other = made.all[1]
     assert ORBIT.leg(other.motion.arc) == 1
-    assert ORBIT.place(other.motion.arc) == pytest.approx(9.0)
+    assert ORBIT.site(other.motion.arc) == pytest.approx(9.0)
     assert other.evidence < -5
 
 

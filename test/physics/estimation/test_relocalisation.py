@@ -48,7 +48,7 @@ def test_legs_compete_where_the_edges_are_not_seen() -> None:
     places = search_of(orbit).find(frame, 0.01).places
     alike = [each for each in places if each.evidence > places[0].evidence - 1]
     assert sorted(orbit.leg(each.arc) for each in alike) == [0, 1, 2, 3]
-    assert [orbit.place(each.arc) for each in alike] == pytest.approx([9.2] * 4, abs=1e-3)
+    assert [orbit.site(each.arc) for each in alike] == pytest.approx([9.2] * 4, abs=1e-3)
 
 
 @pytest.mark.parametrize('example', EXAMPLES)
@@ -84,7 +84,7 @@ def test_rotors_far_from_a_wall_do_not_make_it_less_sure() -> None:
     frame = orbit.configuration(orbit.arc_at(2500.0, 0)) + 0.01 * random.standard_normal(10_000)
     found = search_of(orbit).find(frame, 0.0)
     assert found.told > 0.999
-    assert orbit.place(found.places[0].arc) == pytest.approx(2500, abs=0.05)
+    assert orbit.site(found.places[0].arc) == pytest.approx(2500, abs=0.05)
 
 
 def test_a_budget_is_of_scans_in_a_second_of_stamps() -> None:

@@ -161,7 +161,7 @@ def passage_of(
     arcs = [fit_anywhere(orbit, recording.angles[0]).arc]
     for angles in recording.angles[1:]:
         arcs.append(fit_near(orbit, angles, arcs[-1]).arc)
-    places = np.array([orbit.place(arc) for arc in arcs])
+    places = np.array([orbit.site(arc) for arc in arcs])
     inside = np.abs(places - orbit.middle) < 0.4 * orbit.middle
     first = int(np.argmax(inside))
     part = slice(first, first + int(np.argmin(np.append(inside[first:], False))))

@@ -50,8 +50,8 @@ def wall_at(chain: Chain, place: float) -> RestingWall:
 
 def wall_on_orbit(orbit: UniformOrbit, arc: float) -> RestingWall:
     """The wall at rest at an arc length [rad] of an orbit."""
-    about = orbit.stretch(arc)
-    return RestingWall(about.first, about.angles, orbit.place(arc))
+    about = orbit.segment(arc)
+    return RestingWall(about.first, about.angles, orbit.site(arc))
 
 
 def wobble(

@@ -13,7 +13,7 @@ from passages import FLIPPER, read, unequal
 from soliton_linkage.dynamics.elastic import ElasticSimulation
 from soliton_linkage.dynamics.initial_states import leaning
 from soliton_linkage.identification.identify import identify
-from soliton_linkage.identification.readings import Readings, RecordedPush
+from soliton_linkage.identification.readings import Readings, RecordedImpulse
 from soliton_linkage.linear.rigidity import Edge, edge_mode
 from soliton_linkage.linkage.chain import Array, Chain
 
@@ -48,8 +48,8 @@ def test_the_mean_mass_follows_from_impulses_in_a_row(
     readings, _ = read(angles, 2, noise)
     given = Chain(spacing=float(CHAIN.spacings.mean()), mass=5 * CHAIN.mass)
     commanded = PERIOD * (PUSHED + every * np.arange(parts)) - 0.006
-    pushes = [RecordedPush(time, impulses / parts) for time in commanded.tolist()]
-    found = identify(Readings(times, readings, pushes=pushes), given)
+    pushes = [RecordedImpulse(time, impulses / parts) for time in commanded.tolist()]
+    found = identify(Readings(times, readings, impulses=pushes), given)
     off = math.log(found.chain.masses.mean() / CHAIN.masses.mean())
     assert abs(off) < 3 * found.mass_deviation < 0.2
     assert found.chain.stiffness == pytest.approx(CHAIN.stiffness, rel=0.2)

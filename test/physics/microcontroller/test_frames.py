@@ -240,7 +240,7 @@ def test_once_lines_had_checksums_all_must() -> None:
         1,
         'a line has no checksum, but lines before it had one',
     )
-    decoder.begin_anew()
+    decoder.reset()
     assert len(decoder.feed(b'counts 2 3 4\n')) == 1
 
 

@@ -47,13 +47,13 @@ def test_angles_go_through_it_to_half_a_count(protocol: Protocol) -> None:
 def test_a_command_holds_for_its_time_and_no_longer() -> None:
     controller = SimulatedController(2)
     command = SerialFrame(FrameKind.TORQUES, 0, 100_000, np.array([0.5, np.nan]))
-    controller.hear(1.0, encode(command, Protocol.BINARY))
+    controller.receive(1.0, encode(command, Protocol.BINARY))
     assert controller.torques(1.099).tolist() == [0.5, 0.0]
     assert controller.torques(1.1).tolist() == [0.0, 0.0]
 
 
 def test_pressures_give_torques_and_what_does_not_fit_gives_none() -> None:
     controller = SimulatedController(1, settings=ControllerSettings(torque_per_pressure=1e-6))
-    controller.hear(0.0, b'pressures 0 1000000 5e4\ntorques 1 1000000 1 2\ncounts 0 0 1\n')
+    controller.receive(0.0, b'pressures 0 1000000 5e4\ntorques 1 1000000 1 2\ncounts 0 0 1\n')
     assert controller.torques(0.5) == pytest.approx([0.05])
     assert controller.commands == 1

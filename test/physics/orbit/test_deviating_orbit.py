@@ -176,7 +176,7 @@ def test_without_deviations_it_is_that_of_the_uniform_chain(example: Example, ro
     assert orbit.site_arc == pytest.approx(uniform.site_arc, rel=accurate)
     for arc in some_arcs(uniform, 60):
         assert distance(orbit.configuration(arc), uniform.configuration(arc)) < accurate
-        assert orbit.place(arc) == pytest.approx(uniform.place(arc), rel=0, abs=accurate)
+        assert orbit.site(arc) == pytest.approx(uniform.site(arc), rel=0, abs=accurate)
         assert orbit.site_arc_at(arc) == pytest.approx(uniform.site_arc, rel=1e-4)
         assert orbit.free_rate(arc) == pytest.approx(1, abs=1e-12)
         assert uniform.free_rate(arc) == pytest.approx(1, abs=10 * accurate)
@@ -203,7 +203,7 @@ def test_small_deviations_change_it_to_first_order(example: Example) -> None:
                 arc, other = orbit.arc_at(place, leg), uniform.arc_at(place, leg)
                 there, was = orbit.configuration(arc), uniform.configuration(other)
                 change += [float(distance(there, was)), arc - other]
-                change.append(orbit.place(other) - place)
+                change.append(orbit.site(other) - place)
                 change.append(orbit.site_arc_at(arc) - uniform.site_arc)
                 change.append(orbit.free_rate(arc) - 1)
         changes.append(np.array(change))
@@ -233,8 +233,8 @@ def test_the_mirror_image_of_the_chain_has_the_mirror_image_of_the_orbit(
         mirrored = math.pi + angles if turned else -angles
         there = fit_anywhere(other, mirrored).arc
         assert distance(other.configuration(there), mirrored) < ACCURATE
-        place = rotors - 1 - orbit.place(arc)
-        assert other.place(there) == pytest.approx(place, rel=0, abs=1e-5)
+        place = rotors - 1 - orbit.site(arc)
+        assert other.site(there) == pytest.approx(place, rel=0, abs=1e-5)
 
 
 @pytest.mark.parametrize('example', [FLIPPER, WOBBLER])
@@ -260,12 +260,12 @@ def test_the_wall_goes_to_and_fro_without_turning_back(
         begin, end = orbit.leg_arcs(leg)
         arcs = np.linspace(begin, end, 400)[1:-1].tolist()
         assert {orbit.leg(arc) for arc in arcs} == {leg}
-        places = np.array([orbit.place(arc) for arc in arcs]) * (-1) ** leg
+        places = np.array([orbit.site(arc) for arc in arcs]) * (-1) ** leg
         assert (np.diff(places) >= 0).all()
         inside = (places > places.min() + 1e-9) & (places < places.max() - 1e-9)
         assert (np.diff(places[inside]) > 0).all()
-        at_ends = [uniform.place(arc) for arc in uniform.leg_arcs(leg)]
-        assert [orbit.place(begin), orbit.place(end)] == pytest.approx(at_ends, abs=1e-6)
+        at_ends = [uniform.site(arc) for arc in uniform.leg_arcs(leg)]
+        assert [orbit.site(begin), orbit.site(end)] == pytest.approx(at_ends, abs=1e-6)
 
 
 @pytest.mark.parametrize('example', CLASSES)
@@ -279,7 +279,7 @@ def test_place_and_arc_are_inverse_and_the_site_arc_is_their_slope(
     place = 0.5 + share * 18
     arc = orbit.arc_at(place, leg) + orbits * orbit.length
     assert orbit.leg(arc) == leg
-    assert orbit.place(arc) == pytest.approx(place, rel=0, abs=1e-9)
+    assert orbit.site(arc) == pytest.approx(place, rel=0, abs=1e-9)
     step = 1e-4 if share < 0.5 else -1e-4
     slope = abs((orbit.arc_at(place + step, leg) - orbit.arc_at(place, leg)) / step)
     assert orbit.site_arc_at(arc) == pytest.approx(slope, rel=0.01)
@@ -304,7 +304,7 @@ def test_rotors_beyond_a_stretch_stand_still_as_in_the_background(example: Examp
         for side in (left, right):
             extensions = chain.spring_extensions(side) / chain.rest_lengths
             assert np.abs(extensions).max() < 1e-9
-        about = orbit.stretch(arc)
+        about = orbit.segment(arc)
         for beyond, angles in ((about.first, left), (about.first + len(about.angles) - 1, right)):
             if 0 < beyond < 59:
                 at_edge = about.angles[beyond - about.first]
@@ -329,7 +329,7 @@ def test_frames_are_measured_at_the_bound_and_worse_without_the_deviations(
         made = noisy(orbit, arc, sigma, frames)
         errors += [fit_near(orbit, frame, arc).arc - arc for frame in made]
         beside = uniform.arc_at(place, leg)
-        found = [uniform.place(fit_near(uniform, frame, beside).arc) - place for frame in made]
+        found = [uniform.site(fit_near(uniform, frame, beside).arc) - place for frame in made]
         without += (np.array(found) * orbit.site_arc).tolist()
     # The deviation of 900 errors scatters by 2.4 %, their mean by a thirtieth of one.
     assert np.std(errors) == pytest.approx(sigma, rel=0.08)
@@ -381,7 +381,7 @@ def test_memory_grows_as_the_chain_is_long() -> None:
     for rotors in (60, 120):
         orbit = orbit_with(FLIPPER, rotors, seed=5)
         arcs = np.linspace(0, orbit.length, 10 * rotors).tolist()
-        pieces[rotors] = max(len(orbit.stretch(arc).angles) for arc in arcs)
+        pieces[rotors] = max(len(orbit.segment(arc).angles) for arc in arcs)
     assert pieces[120] <= pieces[60] + 4 < 50
 
 

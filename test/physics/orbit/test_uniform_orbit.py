@@ -78,7 +78,7 @@ def test_the_tangent_is_the_zero_mode_towards_the_other_edge(
 ) -> None:
     orbit = orbit_of_example(example, rotors)
     for arc in some_arcs(orbit, 12):
-        about = orbit.stretch(arc)
+        about = orbit.segment(arc)
         tangent = np.zeros(rotors)
         tangent[about.first : about.first + len(about.angles)] = about.tangent
         mode = zero_mode(orbit.chain, orbit.configuration(arc))
@@ -104,7 +104,7 @@ def test_the_speed_is_1_everywhere_and_along_the_tangent(example: Example, rotor
         # where a stretch begins two rotors further, angles jump by what they are accurate to.
         limit = 20 * step**2 + math.sqrt(2) * ACCURATE / step
         assert np.linalg.norm(moved) / (2 * step) == pytest.approx(1, abs=limit)
-        about = orbit.stretch(arc)
+        about = orbit.segment(arc)
         moved = moved[about.first : about.first + len(about.angles)]
         assert moved @ about.tangent / (2 * step) == pytest.approx(1, abs=limit)
 
@@ -128,11 +128,11 @@ def test_it_is_continuous_where_a_long_chain_repeats_the_short_one(example: Exam
     middle = orbit.arc_at(orbit.middle, 1)
     # Two spacings on all begins anew, and whatever repeats does so within one of them.
     low, high = middle + 0.1 * orbit.site_arc, middle + 2.1 * orbit.site_arc
-    first = orbit.stretch(low).first
-    assert orbit.stretch(high).first == first - 2
+    first = orbit.segment(low).first
+    assert orbit.segment(high).first == first - 2
     while high - low > step:
         between = (low + high) / 2
-        same = orbit.stretch(between).first == first
+        same = orbit.segment(between).first == first
         low, high = (between, high) if same else (low, between)
     assert distance(orbit.configuration(low), orbit.configuration(high)) <= step + ACCURATE
 
@@ -210,7 +210,7 @@ def test_place_and_arc_are_inverse_to_each_other(
     place = 0.5 + share * (rotors - 2)
     arc = orbit.arc_at(place, leg) + orbits * orbit.length
     assert orbit.leg(arc) == leg
-    assert orbit.place(arc) == pytest.approx(place, rel=0, abs=1e-11 * rotors)
+    assert orbit.site(arc) == pytest.approx(place, rel=0, abs=1e-11 * rotors)
 
 
 @pytest.mark.parametrize(('example', 'rotors'), ANY_LENGTH)
@@ -222,7 +222,7 @@ def test_legs_follow_one_another_to_and_fro(example: Example, rotors: int) -> No
     assert set(legs) == set(range(2 if orbit.chain.motion is Motion.SPINNER else 4))
     assert orbit.leg_arcs(0)[0] == 0
     assert orbit.leg_arcs(orbit.number_of_legs - 1)[1] == orbit.length
-    places = np.array([orbit.place(arc) for arc in arcs])
+    places = np.array([orbit.site(arc) for arc in arcs])
     assert places.min() >= 0
     assert places.max() <= rotors - 1
     for leg in range(orbit.number_of_legs):
@@ -236,7 +236,7 @@ def test_legs_follow_one_another_to_and_fro(example: Example, rotors: int) -> No
 def test_rotors_beyond_a_stretch_do_not_move(example: Example) -> None:
     orbit = orbit_of_example(example, 1001)
     for arc in some_arcs(orbit, 12):
-        about = orbit.stretch(arc)
+        about = orbit.segment(arc)
         mode = zero_mode(orbit.chain, orbit.configuration(arc))
         beyond = np.delete(mode, np.arange(about.first, about.first + len(about.angles)))
         assert np.abs(beyond).max() < ACCURATE
@@ -251,7 +251,7 @@ def test_the_longest_chain_takes_no_more_than_a_long_one(example: Example) -> No
     long, longest = orbit_of_example(example, 1000), orbit_of_example(example, 100_000)
     for leg in range(long.number_of_legs):
         shares = [
-            len(each.stretch(each.arc_at(each.middle, leg)).angles) for each in (long, longest)
+            len(each.segment(each.arc_at(each.middle, leg)).angles) for each in (long, longest)
         ]
         assert shares[0] == shares[1]
     growth = (longest.length - long.length) / long.number_of_legs

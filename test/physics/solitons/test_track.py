@@ -64,7 +64,7 @@ def test_a_path_up_and_down_the_chain_crosses_it_once_a_leg(speed: float, legs: 
     crossings = find_crossings(CHAIN, zigzag(speed, period, legs))
     assert [crossing.direction for crossing in crossings] == [1, -1, 1, -1, 1][:legs]
     for leg, crossing in enumerate(crossings):
-        assert crossing.place_rate == pytest.approx(speed, rel=1e-9)
+        assert crossing.site_rate == pytest.approx(speed, rel=1e-9)
         assert crossing.start == pytest.approx((20 * leg + 4) / speed, abs=1.01 * period)
         assert crossing.end == pytest.approx((20 * leg + 16) / speed, abs=1.01 * period)
 
@@ -77,12 +77,12 @@ def test_a_path_that_turns_back_half_way_has_not_crossed() -> None:
 
 def test_frames_in_which_the_soliton_was_not_found_are_passed_over() -> None:
     track = zigzag(2.0, 0.01, 2)
-    rotors = track.rotors.copy()
+    rotors = track.sites.copy()
     rotors[::3] = np.nan
     rotors[np.abs(track.times - 10) < 1] = np.nan
-    crossings = find_crossings(CHAIN, Track(track.times, rotors, track.place_rates))
+    crossings = find_crossings(CHAIN, Track(track.times, rotors, track.site_rates))
     assert [crossing.direction for crossing in crossings] == [1, -1]
-    assert [crossing.place_rate for crossing in crossings] == pytest.approx([2, 2], rel=1e-9)
+    assert [crossing.site_rate for crossing in crossings] == pytest.approx([2, 2], rel=1e-9)
 
 
 @pytest.mark.parametrize(
@@ -104,7 +104,7 @@ def test_the_chains_that_show_each_phase_move_at_the_speeds_of_an_independent_pr
     assert (there.direction, back.direction) == (1, -1)
     # The table has two digits.
     for crossing in (there, back):
-        assert crossing.place_rate * chain.time_unit == pytest.approx(speed, rel=0.03)
+        assert crossing.site_rate * chain.time_unit == pytest.approx(speed, rel=0.03)
     middles = [(crossing.start + crossing.end) / 2 for crossing in (there, back)]
     assert (middles[1] - middles[0]) / chain.time_unit == pytest.approx(leg, rel=0.03)
 

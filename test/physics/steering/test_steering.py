@@ -52,7 +52,7 @@ def spring_wall(chain: Chain, angles: Array, gravity: float = 0.0) -> SpringWall
 
 
 def place_of(orbit: Orbit, angles: Array) -> float:
-    return orbit.place(fit_anywhere(orbit, angles).arc)
+    return orbit.site(fit_anywhere(orbit, angles).arc)
 
 
 def held_within(loop: Loop, place: float, distance: float, seconds: float = 0.5) -> None:

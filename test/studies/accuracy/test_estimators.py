@@ -125,7 +125,7 @@ def test_what_is_lost_has_failed(
 
     def estimate(orbit: UniformOrbit, _angles: Array, guess: float) -> Estimate:
         leg = orbit.leg(guess)
-        return Estimate(orbit.place(guess) + off_by_widths * width, 0.5, (leg + other_leg) % 4)
+        return Estimate(orbit.site(guess) + off_by_widths * width, 0.5, (leg + other_leg) % 4)
 
     monkeypatch.setattr(accuracy_estimators, 'ESTIMATORS', {'mine': estimate})
     trial = EstimatorTrial(frames=20, noise=0.01, coarse_start=0.0, cold_every=1)

@@ -30,15 +30,15 @@ def test_a_wall_without_phonons_goes_steadily_and_as_fast_as_asked_for(
     cell = cell_of(example, 30)
     scene = scene_of(cell, FRAMES, np.random.default_rng(4))
     assert scene.angles.shape == (FRAMES, 30)
-    assert scene.places.shape == scene.instants.shape == scene.place_rates.shape == (FRAMES, 1)
+    assert scene.places.shape == scene.instants.shape == scene.site_rates.shape == (FRAMES, 1)
     sound = speed_of_sound(cell.chain) / cell.chain.spacing
     inner = scene.judged[:, 0]
-    assert np.abs(scene.place_rates[inner]) == pytest.approx(0.15 * sound, rel=0.2)
+    assert np.abs(scene.site_rates[inner]) == pytest.approx(0.15 * sound, rel=0.2)
     assert scene.instants[inner] == pytest.approx(scene.places[inner], abs=0.01)
     period = cell.period * cell.chain.time_unit
     slopes = np.diff(scene.places[:, 0]) / period
     both = inner[1:] & inner[:-1]
-    assert slopes[both] == pytest.approx(scene.place_rates[1:, 0][both], rel=0.05)
+    assert slopes[both] == pytest.approx(scene.site_rates[1:, 0][both], rel=0.05)
 
 
 @pytest.mark.parametrize('example', [FLIPPER, WOBBLER, SPINNER])
@@ -70,7 +70,7 @@ def test_pushes_change_the_rate_and_are_told() -> None:
     assert len(scene.pushes) == len(scene.impulses) > 0
     for frame, impulses in zip(scene.pushes, scene.impulses, strict=True):
         assert impulses.shape == (30,)
-        assert scene.place_rates[frame] != pytest.approx(scene.place_rates[frame - 1], rel=1e-3)
+        assert scene.site_rates[frame] != pytest.approx(scene.site_rates[frame - 1], rel=1e-3)
 
 
 def test_disorder_is_of_the_chain_and_not_of_what_the_analyser_is_told() -> None:

@@ -390,6 +390,6 @@ class Analyser:
     ) -> Wobble | None:
         if self._filter is None or frame.others:
             return None
-        about = self._filter.orbit.stretch(estimate.arc)
+        about = self._filter.orbit.segment(estimate.arc)
         wall = RestingWall(about.first, about.angles, estimate.place)
         return self._wobbles.wobble(frame.angles, wall, errors.noise, errors.lasting)

@@ -92,7 +92,7 @@ class Hypotheses:
             seen = view.weights[rotor] > 0.5 or not math.isfinite(view.residuals[rotor])
             if seen or any(orbit.leg(each.motion.arc) == other for each in self.all):
                 continue
-            motion = leader.motion.mirrored(orbit.arc_at(orbit.place(arc), other) + turn)
+            motion = leader.motion.mirrored(orbit.arc_at(orbit.site(arc), other) + turn)
             rarity = self._settings.filter.kick_rarity
             self.all.append(Hypothesis(motion, leader.upside_down, view, leader.evidence - rarity))
 
@@ -129,7 +129,7 @@ class Hypotheses:
         """Place, its variance, rate of the place, 0 while it waits at an edge, its variance."""
         orbit = self._orbit
         arc, rate, of_arc, _, of_rate = each.motion.summary
-        place, scale = orbit.place(arc), orbit.site_arc_at(arc)
+        place, scale = orbit.site(arc), orbit.site_arc_at(arc)
         inside = 0 < place < orbit.chain.number_of_rotors - 1
         direction = (1 - 2 * (orbit.leg(arc) % 2)) if inside else 0
         squared = scale * scale

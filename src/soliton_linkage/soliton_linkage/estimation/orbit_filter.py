@@ -153,7 +153,7 @@ class OrbitFilter:
 
     def _pushed_by(self, impulses: Array, hypothesis: Hypothesis) -> float:
         """Change of the rate by impulses, were bars rigid, t . J / sum(I t^2) [rad/s]."""
-        about = self.orbit.stretch(hypothesis.motion.arc)
+        about = self.orbit.segment(hypothesis.motion.arc)
         within = slice(about.first, about.first + len(about.tangent))
         inertia = self.orbit.chain.moments_of_inertia[within] @ about.tangent**2
         change = float(about.tangent @ impulses[within] / inertia)

@@ -71,7 +71,7 @@ class FrameComparison:
 
         The rate of the arc [rad/s] tells where springs have rotors that are not seen.
         """
-        about = self._orbit.stretch(arc)
+        about = self._orbit.segment(arc)
         before, beyond = self._backgrounds[self._orbit.leg(arc)]
         left = np.empty(len(before))
         compare(
@@ -134,7 +134,7 @@ class FrameComparison:
         uneven = self.far.unevenness
         if not uneven:
             return 0.0, 0.0
-        shifts = self._shifts.at(self._orbit.place(arc), self._orbit.leg(arc))
+        shifts = self._shifts.at(self._orbit.site(arc), self._orbit.leg(arc))
         return uneven * shifts.arc, uneven * shifts.rate
 
     def look_for_deformation(self, view: FrameView, before: FrameView) -> None:
@@ -147,7 +147,7 @@ class FrameComparison:
         if self.far.unevenness:
             field = (1 + self._tracking.field_ratio) * self.far.unevenness**2 + self._elastic
             left = np.minimum(np.abs(view.residuals), np.abs(before.residuals))
-            off = self.far.is_near(self._orbit.place(view.arc)) & ~self.far.doubtful
+            off = self.far.is_near(self._orbit.site(view.arc)) & ~self.far.doubtful
             off &= left > self._bound * math.sqrt(field)
             self.deformation = float(left[off] @ left[off])
 
@@ -159,7 +159,7 @@ class FrameComparison:
         The frame is a time [s] after the last.
         """
         outlying = view.outlying if view.unbelieved else None
-        place = self._orbit.place(view.arc)
+        place = self._orbit.site(view.arc)
         residuals = view.residuals
         if self._likelihood.scales is not None:
             unsure = self._likelihood.scales > 1.5
@@ -207,7 +207,7 @@ class UnseenRotors:
         shown = told * pull[~unseen] + untold * tangent[~unseen]
         if untold * field * told**2 < float(shown @ shown) * noise:
             return 0.0
-        turning = self._orbit.chain.moments_of_inertia * self._orbit.bend(arc) * rate**2
+        turning = self._orbit.chain.moments_of_inertia * self._orbit.curvature(arc) * rate**2
         return -float(held @ turning + pull[~unseen] @ residuals[~unseen])
 
     def _balanced(self, arc: float, unseen: Flags, tangent: Array) -> tuple[Array, Array]:
@@ -257,7 +257,7 @@ class Yielding:
     def mu(self, arc: float) -> float:
         """Mu at an arc of the orbit [s^2]."""
         samples = self._mu[self._orbit.leg(arc) % 2]
-        whole, beyond = divmod(self._orbit.place(arc) * _SAMPLES, 1.0)
+        whole, beyond = divmod(self._orbit.site(arc) * _SAMPLES, 1.0)
         number = int(whole)
         here, there = (samples[each % len(samples)] for each in (number, number + 1))
         return here + beyond * (there - here)
@@ -277,7 +277,7 @@ class Yielding:
 def _mu(orbit: Orbit, arc: float) -> float:
     """Mu at an arc of the orbit of a chain without deviations [s^2]."""
     chain = orbit.chain
-    bend = orbit.bend(arc)
+    bend = orbit.curvature(arc)
     first, second = rigidity_bands(chain, orbit.configuration(arc))
     pulled = first * bend[:-1] + second * bend[1:]
     tensions: Array = solveh_banded(banded_products(first, second), pulled)

@@ -38,7 +38,7 @@ from soliton_linkage.estimation.settings import (
 )
 from soliton_linkage.linear.bands import penetration_depth
 from soliton_linkage.linkage.chain import Array, check_shape
-from soliton_linkage.orbit.orbit import Orbit, Stretch
+from soliton_linkage.orbit.orbit import Orbit, OrbitSegment
 
 _CLOSE = 1e-5
 """Last step of a maximum of the likelihood [rad]."""
@@ -101,7 +101,7 @@ class OrbitSamples:
 
 def samples_of(orbit: Orbit, arcs: Array) -> OrbitSamples:
     """Sample an orbit at arc lengths [rad], shape (S,)."""
-    about = [orbit.stretch(arc) for arc in arcs.tolist()]
+    about = [orbit.segment(arc) for arc in arcs.tolist()]
     counts = np.array([len(each.angles) for each in about], dtype=np.int64)
     walls = likelihood.SampledWalls(
         np.array([orbit.leg(arc) for arc in arcs.tolist()], dtype=np.int64),
@@ -109,7 +109,7 @@ def samples_of(orbit: Orbit, arcs: Array) -> OrbitSamples:
         np.concatenate([np.zeros(1, dtype=np.int64), np.cumsum(counts)]),
         np.concatenate([each.angles for each in about]),
     )
-    places = np.array([orbit.place(arc) for arc in arcs.tolist()])
+    places = np.array([orbit.site(arc) for arc in arcs.tolist()])
     return OrbitSamples(arcs, places, walls)
 
 
@@ -202,7 +202,7 @@ class PlaceSearch:
         return Place(arc % self._orbit.length, turned, view, variance, evidence)
 
     def _view(self, image: Array, arc: float, variance: float) -> FrameView:
-        about, leg = self._orbit.stretch(arc), self._orbit.leg(arc)
+        about, leg = self._orbit.segment(arc), self._orbit.leg(arc)
         differences = np.empty_like(image)
         compare(
             image,
@@ -230,7 +230,7 @@ class PlaceSearch:
             found = self._scanned(images[turned], samples, variance, between)
             for place in places:
                 if place.upside_down == turned:
-                    apart = np.abs(samples.places - self._orbit.place(place.arc))
+                    apart = np.abs(samples.places - self._orbit.site(place.arc))
                     found[apart < self._settings.near] = -math.inf
             terms.append(found)
         joined = np.concatenate(terms)
@@ -277,7 +277,7 @@ class PlaceSearch:
         for leg in range(orbit.number_of_legs):
             begin, end = orbit.leg_arcs(leg)
             ends = sorted((orbit.arc_at(low, leg), orbit.arc_at(high, leg)))
-            swing = orbit.reach if high > len(image) - 1 or low < 0 else 0.0
+            swing = orbit.wall_extent if high > len(image) - 1 or low < 0 else 0.0
             first, last = max(begin, ends[0] - swing), min(end, ends[1] + swing)
             count = min(math.ceil((last - first) / self._step), _MOST_SAMPLES)
             arcs.append(np.linspace(first, last, max(count, 2)))
@@ -368,7 +368,7 @@ def _fit_near(orbit: Orbit, frame: Array, arc: float) -> NearestPoint:
 
     def nearest(arc: float) -> float:
         nonlocal information, difference, tangent
-        difference, tangent = _compared(frame, orbit.stretch(arc))
+        difference, tangent = _compared(frame, orbit.segment(arc))
         information = float(tangent @ tangent)
         if information < LEAST_INFORMATION:
             return arc
@@ -381,7 +381,7 @@ def _fit_near(orbit: Orbit, frame: Array, arc: float) -> NearestPoint:
     )
 
 
-def _compared(frame: Array, about: Stretch) -> tuple[Array, Array]:
+def _compared(frame: Array, about: OrbitSegment) -> tuple[Array, Array]:
     """Differences from the orbit [rad], -pi to pi, and tangent [1] of the rotors that are known.
 
     Only those about the wall, shape (known,) each.

@@ -57,9 +57,9 @@ class Identification:
     """The same of the logarithm of the mean mass [1], NaN where no push told that."""
     rigid: bool
     """Whether all bonds close to the noise, as bars do: then no stiffness is found."""
-    left_out: int
+    unused_frames: int
     """Frames of the longest recordings by which masses, springs and drag were not found [1]."""
-    open_combinations: tuple[str, ...]
+    weakly_observable: tuple[str, ...]
     """What the angles alone leave open, in words."""
     warnings: tuple[str, ...]
     """What a user must know of it, one line each."""
@@ -174,8 +174,8 @@ def of_springs(
         bond_noise=np.maximum(by_bond[:-1], by_bond[1:]),
         tolerance=fitted.prior.tolerances.of_lengths,
         rigid=False,
-        left_out=left_out,
-        open_combinations=weakly_observable_combinations(
+        unused_frames=left_out,
+        weakly_observable=weakly_observable_combinations(
             fitted.information, fitted.basis, split_chain
         ),
         warnings=(
@@ -217,8 +217,8 @@ def of_bonds(
         bond_noise=found.bond_noise,
         tolerance=found.tolerances.of_lengths,
         rigid=rigid,
-        left_out=left_out,
-        open_combinations=weakly_observable_combinations(
+        unused_frames=left_out,
+        weakly_observable=weakly_observable_combinations(
             found.information, measurable(found.lengths), split_lengths
         ),
         warnings=(

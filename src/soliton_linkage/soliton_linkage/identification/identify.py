@@ -63,7 +63,7 @@ def identify(
     except np.linalg.LinAlgError as error:
         raise ValueError(_NOT_CLOSED) from error
     known = spacing_known or not readings.gravity.acceleration
-    pushes = [push.time for push in readings.pushes]
+    pushes = [push.time for push in readings.impulses]
     stay = informative_frames(times, readings.seen, pushes, _MOST_FITTED)
     left_out = len(times) - len(stay)
     some = replace(readings, angles=readings.seen).of_frames(stay)

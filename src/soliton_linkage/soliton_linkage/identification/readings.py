@@ -33,12 +33,12 @@ _LARGEST_SPREAD = 100.0
 """Standard deviation of a reading over that of most [1], beyond which it tells nothing more."""
 
 
-class RecordedPush(NamedTuple):
+class RecordedImpulse(NamedTuple):
     """A push by others than springs."""
 
     time: float
     """When it was commanded [s]."""
-    impulses: Array | None = None
+    values: Array | None = None
     """Angular impulses [N m s], shape (N,), None for a push of which only the time is known."""
 
 
@@ -63,7 +63,7 @@ class Readings:
     """Standard deviation of each reading, where they are told [rad], NaN elsewhere, (T, N)."""
     names: Sequence[str] = ()
     """Of the joints, for complaints."""
-    pushes: Sequence[RecordedPush] = ()
+    impulses: Sequence[RecordedImpulse] = ()
     gravity: Gravity = NO_GRAVITY
     """As it is at first."""
     tilts: Sequence[RecordedTilt] = ()
@@ -106,7 +106,7 @@ class Readings:
     @property
     def breaks(self) -> list[float]:
         """Times at which free motion ends, by a push or another tilt [s]."""
-        return [*(push.time for push in self.pushes), *(each.time for each in self.tilts)]
+        return [*(push.time for push in self.impulses), *(each.time for each in self.tilts)]
 
     def tilt_at(self, time: float) -> float:
         """Tilt of the chain at an instant [rad]."""
@@ -127,7 +127,7 @@ def joined(recordings: Sequence[Readings]) -> Readings:
     first, *others = recordings
     if not others:
         return first
-    begin, pushes, tilts, times = 0.0, [*first.pushes], [*first.tilts], [first.times]
+    begin, pushes, tilts, times = 0.0, [*first.impulses], [*first.tilts], [first.times]
     for before, each in pairwise(recordings):
         if each.joints != first.joints:
             raise ValueError(
@@ -138,8 +138,8 @@ def joined(recordings: Sequence[Readings]) -> Readings:
         seam = begin + float(before.times[-1]) + _PAUSE / 2
         begin = seam + _PAUSE / 2 - float(each.times[0])
         times.append(each.times + begin)
-        pushes.append(RecordedPush(seam))
-        pushes += [push._replace(time=push.time + begin) for push in each.pushes]
+        pushes.append(RecordedImpulse(seam))
+        pushes += [push._replace(time=push.time + begin) for push in each.impulses]
         tilts.append(RecordedTilt(seam, each.gravity.tilt))
         tilts += [RecordedTilt(tilt.time + begin, tilt.tilt) for tilt in each.tilts]
     told = [each.deviations for each in recordings]
@@ -151,7 +151,7 @@ def joined(recordings: Sequence[Readings]) -> Readings:
         deviations=None
         if all(each is None for each in told)
         else np.concatenate([b if a is None else a for a, b in zip(told, unknown, strict=True)]),
-        pushes=pushes,
+        impulses=pushes,
         tilts=tilts,
         joined_of=tuple(recordings),
     )

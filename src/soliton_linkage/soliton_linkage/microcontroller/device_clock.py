@@ -125,7 +125,7 @@ class DeviceClock:
         """Delay of the last measurement beyond the least delay [s]."""
         self._last: int | None = None
         self._stamp = -1
-        self.begin_anew()
+        self.reset()
 
     @property
     def drift(self) -> float:
@@ -137,7 +137,7 @@ class DeviceClock:
         """Uncertainty of stamps apart from the least delay [s], NaN while it is unknown."""
         return self._envelope.scatter
 
-    def begin_anew(self) -> None:
+    def reset(self) -> None:
         """Forget the clock, because the controller has restarted or is another."""
         if self._last is not None:
             self.restarts += 1
@@ -185,4 +185,4 @@ class DeviceClock:
         if earliest <= elapsed <= latest:
             self._elapsed = elapsed
         else:
-            self.begin_anew()
+            self.reset()

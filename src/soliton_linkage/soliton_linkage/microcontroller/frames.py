@@ -248,9 +248,9 @@ class FrameDecoder:
         """Number of invalid frames of the protocol."""
         self.complaint = ''
         """Error of the last invalid frame."""
-        self.begin_anew()
+        self.reset()
 
-    def begin_anew(self) -> None:
+    def reset(self) -> None:
         """Expect another controller; the counts continue."""
         self.protocol = None
         self._checked = False

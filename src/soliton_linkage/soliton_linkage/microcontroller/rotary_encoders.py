@@ -122,9 +122,9 @@ class AngleStream:
         self._reader = reader
         self._last: int | None = None
 
-    def begin_anew(self) -> None:
+    def reset(self) -> None:
         """Expect a controller that has restarted."""
-        self.clock.begin_anew()
+        self.clock.reset()
         self._last = None
 
     def take(self, frame: SerialFrame, arrival: int) -> StampedAngles | None:
@@ -133,7 +133,7 @@ class AngleStream:
         Raises ValueError for a frame that is no reading, does not fit the chain, or is a repeat.
         """
         if frame.kind is FrameKind.HELLO:
-            self.begin_anew()
+            self.reset()
             return None
         if frame.kind not in READINGS:
             raise ValueError(

@@ -78,7 +78,7 @@ class SimulatedController:
         self._sequence = (self._sequence + 1) % SEQUENCES
         return encode(frame, self._protocol)
 
-    def hear(self, now: float, chunk: bytes) -> None:
+    def receive(self, now: float, chunk: bytes) -> None:
         """Receive bytes at a time [s]; ignore frames that do not fit its rotors."""
         for frame in self._decoder.feed(chunk):
             if frame.kind in COMMANDS and len(frame.values) == self._rotors:

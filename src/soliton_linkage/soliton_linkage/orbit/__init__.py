@@ -6,7 +6,7 @@ deviations, from the orbit of a short chain, and `DeviatingOrbit` with them, fro
 """
 
 from soliton_linkage.orbit.deviating_orbit import DeviatingOrbit, orbit_of
-from soliton_linkage.orbit.orbit import Orbit, Stretch
+from soliton_linkage.orbit.orbit import Orbit, OrbitSegment
 from soliton_linkage.orbit.uniform_orbit import UniformOrbit
 
-__all__ = ['DeviatingOrbit', 'Orbit', 'Stretch', 'UniformOrbit', 'orbit_of']
+__all__ = ['DeviatingOrbit', 'Orbit', 'OrbitSegment', 'UniformOrbit', 'orbit_of']

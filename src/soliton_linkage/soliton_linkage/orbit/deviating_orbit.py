@@ -19,7 +19,7 @@ from scipy.optimize import brentq
 from soliton_linkage.linear.rigidity import zero_mode
 from soliton_linkage.linkage.chain import Array, Chain, Motion
 from soliton_linkage.linkage.deviations import NO_DEVIATIONS
-from soliton_linkage.orbit.orbit import Orbit, Stretch
+from soliton_linkage.orbit.orbit import Orbit, OrbitSegment
 from soliton_linkage.orbit.orbit_pieces import OrbitPiece, orbit_pieces
 from soliton_linkage.orbit.seed_path import impassable
 from soliton_linkage.orbit.uniform_orbit import UniformOrbit
@@ -67,13 +67,13 @@ class DeviatingOrbit(Orbit):
         self.site_arc = sum(map(abs, ways)) / (inner * len(ways))
 
     @property
-    def reach(self) -> float:
+    def wall_extent(self) -> float:
         """Arc length [rad] of a way past all the rotors that know of a wall."""
-        return self._uniform.reach * self.site_arc / self._uniform.site_arc
+        return self._uniform.wall_extent * self.site_arc / self._uniform.site_arc
 
-    def place(self, arc: float) -> float:
+    def site(self, arc: float) -> float:
         """Place of the wall [rotor spacings], from 0 to N - 1; at the edges it waits there."""
-        return self._uniform.place(self._counterpart.value(arc % self.length))
+        return self._uniform.site(self._counterpart.value(arc % self.length))
 
     def arc_at(self, place: float, leg: int) -> float:
         """Arc length at which the wall is at a place [rotor spacings] in the middle of a leg.
@@ -89,13 +89,13 @@ class DeviatingOrbit(Orbit):
         """Arc length from one rotor to the next [rad] as it is at an arc length, ds / dplace."""
         return self._uniform.site_arc / self._counterpart.slope(arc % self.length)
 
-    def stretch(self, arc: float) -> Stretch:
+    def segment(self, arc: float) -> OrbitSegment:
         """Rotors about the wall at an arc length; all others are as in `background`."""
         within = (arc + self._origin) % self._ends[-1]
         number = min(bisect_right(self._ends, within), len(self._ends) - 1)
         piece = self._pieces[number]
         values = piece.at(within - self._ends[number] + piece.length)
-        return Stretch(piece.first, values[: piece.rotors], values[piece.rotors :])
+        return OrbitSegment(piece.first, values[: piece.rotors], values[piece.rotors :])
 
     def background(self, arc: float) -> tuple[Array, Array]:
         """Angles of the chain as it is on the left and on the right of the wall [rad], (N,) each.
@@ -163,7 +163,7 @@ class DeviatingOrbit(Orbit):
         """Angles of the chain as they were last along a series of arcs [rad], shape (N,)."""
         angles = np.empty(self.chain.number_of_rotors)
         for arc in arcs:
-            about = self.stretch(arc)
+            about = self.segment(arc)
             angles[about.first : about.first + len(about.angles)] = about.angles
         return angles
 
@@ -273,14 +273,14 @@ def _half_ways(orbit: Orbit, leg: int) -> Array:
     arcs = np.linspace(begin, end, _SAMPLES_A_SITE * rotors)
     if leg % 2 == 1:
         arcs = arcs[::-1]
-    medians = np.array([_median(orbit.stretch(arc)) for arc in arcs.tolist()])
+    medians = np.array([_median(orbit.segment(arc)) for arc in arcs.tolist()])
     found = np.full(rotors - 1, np.nan)
     for bond in range(rotors - 1):
         passed = np.flatnonzero(np.diff(medians > bond + 0.5))
         if len(passed) == 1:
             bracket = arcs[passed[0] : passed[0] + 2]
             found[bond] = brentq(
-                lambda arc, n: _left_half(orbit.stretch(arc), n),
+                lambda arc, n: _left_half(orbit.segment(arc), n),
                 *bracket,
                 args=(bond,),
                 xtol=1e-12,
@@ -288,7 +288,7 @@ def _half_ways(orbit: Orbit, leg: int) -> Array:
     return found
 
 
-def _median(about: Stretch) -> float:
+def _median(about: OrbitSegment) -> float:
     """Where half of |t|^2 is on the left [rotor spacings]."""
     shares = np.cumsum(about.tangent**2)
     half = shares[-1] / 2
@@ -297,7 +297,7 @@ def _median(about: Stretch) -> float:
     return about.first + n - 0.5 + float((half - before) / (shares[n] - before))
 
 
-def _left_half(about: Stretch, bond: int) -> float:
+def _left_half(about: OrbitSegment, bond: int) -> float:
     """How much more of |t|^2 than half is on the left of a bond [1]."""
     squares = about.tangent**2
     left = squares[: max(bond + 1 - about.first, 0)]

@@ -16,7 +16,7 @@ _STEP = 1e-3
 """Arc over which the tangent is differentiated [rad]: an error of 1e-6."""
 
 
-class Stretch(NamedTuple):
+class OrbitSegment(NamedTuple):
     """Rotors first ... first + n - 1 of a configuration, and how they move along the orbit.
 
     first: number of the first rotor.
@@ -61,7 +61,7 @@ class Orbit(ABC):
 
     @property
     @abstractmethod
-    def reach(self) -> float:
+    def wall_extent(self) -> float:
         """Arc length [rad] of a way past all the rotors that know of a wall."""
 
     def leg_arcs(self, leg: int) -> tuple[float, float]:
@@ -74,7 +74,7 @@ class Orbit(ABC):
         return bisect_right(starts, arc % starts[-1], 0, self.number_of_legs) - 1
 
     @abstractmethod
-    def place(self, arc: float) -> float:
+    def site(self, arc: float) -> float:
         """Place of the wall [rotor spacings], from 0 to N - 1; at the edges it waits there."""
 
     @abstractmethod
@@ -86,7 +86,7 @@ class Orbit(ABC):
         """Arc length from one rotor to the next [rad] as it is at an arc length, ds / dplace."""
 
     @abstractmethod
-    def stretch(self, arc: float) -> Stretch:
+    def segment(self, arc: float) -> OrbitSegment:
         """Rotors about the wall at an arc length; all others are as in `background`."""
 
     @abstractmethod
@@ -99,7 +99,7 @@ class Orbit(ABC):
     def configuration(self, arc: float) -> Array:
         """Angles of the whole chain at an arc length [rad], shape (N,)."""
         angles, right = self.background(arc)
-        about = self.stretch(arc)
+        about = self.segment(arc)
         beyond = about.first + len(about.angles)
         angles[beyond:] = right[beyond:]
         angles[about.first : beyond] = about.angles
@@ -108,11 +108,11 @@ class Orbit(ABC):
     def tangent(self, arc: float) -> Array:
         """Unit tangent at an arc length, the zero mode there [1], shape (N,)."""
         tangent = np.zeros(self.chain.number_of_rotors)
-        about = self.stretch(arc)
+        about = self.segment(arc)
         tangent[about.first : about.first + len(about.tangent)] = about.tangent
         return tangent
 
-    def bend(self, arc: float) -> Array:
+    def curvature(self, arc: float) -> Array:
         """Change of the tangent with the arc [1/rad], d2Phi/ds2, shape (N,)."""
         ahead, behind = self.tangent(arc + _STEP), self.tangent(arc - _STEP)
         return np.asarray((ahead - behind) / (2 * _STEP))
@@ -123,6 +123,6 @@ class Orbit(ABC):
         1 / sqrt(sum_n (I_n / I) t_n^2): the kinetic energy sum_n (I_n / 2) (t_n ds/dt)^2 is kept,
         with I = M r^2 of the chain's parameters.
         """
-        about = self.stretch(arc)
+        about = self.segment(arc)
         moments = self.chain.moments_of_inertia[about.first : about.first + len(about.tangent)]
         return math.sqrt(self.chain.moment_of_inertia / float(moments @ about.tangent**2))

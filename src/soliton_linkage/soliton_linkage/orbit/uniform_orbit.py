@@ -27,7 +27,7 @@ from soliton_linkage.linear.bands import couplings, penetration_depth
 from soliton_linkage.linear.rigidity import mode_towards_last, rigidity_bands
 from soliton_linkage.linkage.chain import Array, Chain, Motion
 from soliton_linkage.linkage.deviations import NO_DEVIATIONS
-from soliton_linkage.orbit.orbit import Orbit, Stretch
+from soliton_linkage.orbit.orbit import Orbit, OrbitSegment
 from soliton_linkage.solitons.static_wall import site_arc, static_wall
 
 _DEPTHS_BESIDE = 15
@@ -80,12 +80,12 @@ class UniformOrbit(Orbit):
         self._legs = np.array([self._starts[:-1], begins, before])
 
     @property
-    def reach(self) -> float:
+    def wall_extent(self) -> float:
         """Arc length [rad] of a way past all the rotors that know of a wall."""
         swing = self._starts[1] - (self.chain.number_of_rotors - 1) * self.site_arc
         return self._short.number_of_rotors * self.site_arc + swing
 
-    def place(self, arc: float) -> float:
+    def site(self, arc: float) -> float:
         """Place of the wall [rotor spacings], from 0 to N - 1; at the edges it waits there."""
         leg, last = self.leg(arc), self.chain.number_of_rotors - 1.0
         beyond = (arc % self._starts[-1] - self._halfway[leg]) / self.site_arc
@@ -101,7 +101,7 @@ class UniformOrbit(Orbit):
         """Arc length from one rotor to the next at an arc length [rad]: the same everywhere."""
         return self.site_arc
 
-    def stretch(self, arc: float) -> Stretch:
+    def segment(self, arc: float) -> OrbitSegment:
         """Rotors about the wall at an arc length; all others are as in `background`."""
         return self._orbit.about_wall(
             arc % self._starts[-1], self._legs, self._repeats, self.site_arc
@@ -170,7 +170,7 @@ class _ShortOrbit:
         self._coefficients: Array = np.ascontiguousarray(self._spline.c)
         self.reflections = [self._reflection(leg) for leg in range(legs)]
 
-    def about_wall(self, arc: float, legs: Array, repeats: int, site_arc: float) -> Stretch:
+    def about_wall(self, arc: float, legs: Array, repeats: int, site_arc: float) -> OrbitSegment:
         """Rotors about the wall of a long chain, of which some passages repeat in each leg.
 
         Legs are as in `set_about_wall`.
@@ -187,7 +187,7 @@ class _ShortOrbit:
             self._coefficients,
             values,
         )
-        return Stretch(first, values[low:high], values[rotors + low : rotors + high])
+        return OrbitSegment(first, values[low:high], values[rotors + low : rotors + high])
 
     def _tangent(self, angles: Array) -> Array:
         """Unit zero mode in the direction of the orbit [1], (N,), quicker than `zero_mode`.

@@ -31,7 +31,7 @@ from soliton_linkage.linear.bands import tail_ratio
 from soliton_linkage.linear.statics import banded_products
 from soliton_linkage.linkage.chain import Array, Chain
 from soliton_linkage.linkage.deviations import NO_DEVIATIONS
-from soliton_linkage.orbit.orbit import Orbit, Stretch
+from soliton_linkage.orbit.orbit import Orbit, OrbitSegment
 from soliton_linkage.orbit.uniform_orbit import UniformOrbit
 
 _SAMPLES = 4
@@ -78,16 +78,16 @@ class WallShifts:
         """Of the arc at a bond and at the next [1], and of the rate between them [1/rad^2]."""
         orbit = self._orbit
         if not self._far:
-            middle = _BarsAboutWall(orbit.chain, orbit.stretch(orbit.arc_at(orbit.middle, 0)))
+            middle = _BarsAboutWall(orbit.chain, orbit.segment(orbit.arc_at(orbit.middle, 0)))
             self._far = float(np.linalg.norm(middle.of_far_rotor(tail_ratio(orbit.chain))))
         here, there = self._arc_at(bond, leg), self._arc_at(bond + 1, leg)
         slower = (there - here) / orbit.site_arc * (-1) ** leg
         masses = np.zeros(orbit.chain.number_of_rotors)
         for sample in range(_SAMPLES):
             arc = orbit.arc_at(bond + 0.5 + (sample + 0.5) / _SAMPLES, leg)
-            about = orbit.stretch(arc)
+            about = orbit.segment(arc)
             within = slice(about.first, about.first + len(about.tangent))
-            longer = _BarsAboutWall(orbit.chain, about).of_length(orbit.bend(arc)[within])
+            longer = _BarsAboutWall(orbit.chain, about).of_length(orbit.curvature(arc)[within])
             slower += self._whole(about.first, longer) / _SAMPLES
             masses[within] += about.tangent**2 / (2 * _SAMPLES)
         of_rate = slower @ slower + masses @ masses
@@ -96,7 +96,7 @@ class WallShifts:
 
     def _arc_at(self, bond: int, leg: int) -> Array:
         """Shift of the arc at a bond by each rotor and each spacing in turn, shape (2 N - 1,)."""
-        about = self._orbit.stretch(self._orbit.arc_at(bond + 0.5, leg))
+        about = self._orbit.segment(self._orbit.arc_at(bond + 0.5, leg))
         return self._whole(
             about.first, _BarsAboutWall(self._orbit.chain, about).of_arc(bond - about.first)
         )
@@ -115,7 +115,7 @@ class _BarsAboutWall:
     are l A = c - a v and l B = a v' - c, so that all derivatives are products of positions.
     """
 
-    def __init__(self, chain: Chain, about: Stretch) -> None:
+    def __init__(self, chain: Chain, about: OrbitSegment) -> None:
         h = chain.rotor_length * np.sin(about.angles)
         v = chain.rotor_length * np.cos(about.angles)
         a, left, right = chain.spacing, (h[:-1], v[:-1]), (h[1:], v[1:])

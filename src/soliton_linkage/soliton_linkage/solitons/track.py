@@ -24,13 +24,13 @@ class Track:
 
     times: Array
     """Instants of the frames [s], shape (T,)."""
-    rotors: Array
+    sites: Array
     """Centre of the soliton [rotor spacings], shape (T,)."""
-    place_rates: Array
+    site_rates: Array
     """Rate of the centre [rotor spacings / s], shape (T,)."""
-    rotor_deviations: Array = field(default_factory=lambda: np.empty(0))
+    site_deviations: Array = field(default_factory=lambda: np.empty(0))
     """Standard deviation of the centre [rotor spacings], shape (T,), or empty where unknown."""
-    rate_deviations: Array = field(default_factory=lambda: np.empty(0))
+    site_rate_deviations: Array = field(default_factory=lambda: np.empty(0))
     """Standard deviation of the rate [rotor spacings / s], shape (T,), or empty where unknown."""
 
 
@@ -44,7 +44,7 @@ class Crossing:
     """When it reached the opposite fifth [s]."""
     direction: int
     """+1 towards the last rotor, -1 towards rotor 0."""
-    place_rate: float
+    site_rate: float
     """Slope of a straight line through the passage [rotor spacings / s], positive."""
 
 
@@ -111,22 +111,22 @@ def find_crossings(chain: Chain, track: Track) -> tuple[Crossing, ...]:
     """Return the passages from one outer fifth of the chain to the other, in order of time."""
     last = chain.number_of_rotors - 1
     side = np.zeros(len(track.times), dtype=np.int8)
-    side[track.rotors <= _EDGE_SHARE * last] = -1
-    side[track.rotors >= (1 - _EDGE_SHARE) * last] = 1
+    side[track.sites <= _EDGE_SHARE * last] = -1
+    side[track.sites >= (1 - _EDGE_SHARE) * last] = 1
     outer = np.flatnonzero(side)
     crossings = []
     for left, entered in pairwise(outer):
         if side[left] == side[entered]:
             continue
         passage = slice(left, entered + 1)
-        seen = np.isfinite(track.rotors[passage])
-        slope = np.polyfit(track.times[passage][seen], track.rotors[passage][seen], 1)[0]
+        seen = np.isfinite(track.sites[passage])
+        slope = np.polyfit(track.times[passage][seen], track.sites[passage][seen], 1)[0]
         crossings.append(
             Crossing(
                 start=float(track.times[left]),
                 end=float(track.times[entered]),
                 direction=int(side[entered]),
-                place_rate=float(abs(slope)),
+                site_rate=float(abs(slope)),
             )
         )
     return tuple(crossings)

@@ -62,7 +62,7 @@ class PhononWatch:
         self._weight = kept * self._weight + (1 - kept)
 
     def _frame_energy(self, rates: Array, arc: float) -> float:
-        about = self._orbit.stretch(arc)
+        about = self._orbit.segment(arc)
         within = slice(about.first, about.first + len(about.tangent))
         off = rates.copy()
         off[within] -= about.tangent * float(about.tangent @ rates[within])

@@ -138,7 +138,7 @@ class Steering:
         estimate = self._observer.estimate
         if estimate is None:
             return None
-        place = self.orbit.place(estimate.arc)
+        place = self.orbit.site(estimate.arc)
         inside = 0 < place < self.orbit.chain.number_of_rotors - 1
         way = (1 if self.orbit.leg(estimate.arc) % 2 == 0 else -1) if inside else 0
         return WallState(place, way * estimate.rate / self.orbit.site_arc_at(estimate.arc))
@@ -290,7 +290,7 @@ class Steering:
         if self._stopping:
             trajectory = trajectory_to_rest(estimate.time, point, shortest)
         else:
-            place = self.orbit.place(self._trajectory.goal)
+            place = self.orbit.site(self._trajectory.goal)
             goal = self._nearest_arc(place, point.arc + point.rate * shortest / 2)
             trajectory = self._within_reach(goal, estimate, point, self._speed_limit, shortest)
         moving = self._moving
@@ -343,7 +343,7 @@ class Steering:
             return self._ended(
                 Outcome.NOT_HELD,
                 f'the wall does not come to rest within {self.settings.tolerance:g} rotor '
-                f'spacings of {self.orbit.place(trajectory.goal):.3f}; it is held at {self._here}',
+                f'spacings of {self.orbit.site(trajectory.goal):.3f}; it is held at {self._here}',
             )
         return None
 
@@ -392,7 +392,7 @@ class Steering:
         if self.allocation.carries(estimate.arc, trajectory.goal, force):
             return None
         reach = self.allocation.reach(estimate.arc, force)
-        here = self.orbit.place(estimate.arc)
+        here = self.orbit.site(estimate.arc)
         able = (
             f'they do not get hold of a wall at rotor {here:.2f}'
             if math.isnan(reach.first)

@@ -120,7 +120,7 @@ class TorqueAllocation:
     def reach(self, arc: float, force: float) -> Reach:
         """Places that can be reached from an arc length [rad] on its leg with a force [N m]."""
         orbit = self.orbit
-        here, leg = orbit.place(arc), orbit.leg(arc)
+        here, leg = orbit.site(arc), orbit.leg(arc)
         last = orbit.chain.number_of_rotors - 1
         if not self._has(arc, force):
             return Reach(math.nan, math.nan)

@@ -12,7 +12,7 @@ from sensor_msgs.msg import JointState
 from soliton_linkage.actuation.kick_record import Delivered
 from soliton_linkage.identification.readings import (
     Readings,
-    RecordedPush,
+    RecordedImpulse,
     RecordedTilt,
     informative_frames,
 )
@@ -123,7 +123,7 @@ class JointRecord:
         unknown = np.full(len(self.joint_names), np.nan)
         deviations = [self._deviations.get(stamp, unknown) for stamp in self._angles]
         pushes = [
-            RecordedPush((stamp - begin) / SECOND, impulses) for stamp, impulses in self._pushes
+            RecordedImpulse((stamp - begin) / SECOND, impulses) for stamp, impulses in self._pushes
         ]
         return Readings(
             times,

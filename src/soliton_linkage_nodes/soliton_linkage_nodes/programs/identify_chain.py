@@ -321,15 +321,15 @@ def summary(found: Identification) -> str:
         f'worst bonds: {bonds}',
         '; '.join(_of_forces(found)),
     ]
-    if found.left_out:
+    if found.unused_frames:
         lines.append(
-            f'masses, springs and drag without {found.left_out} of the frames, rather of rotors '
+            f'masses, springs and drag without {found.unused_frames} of the frames, rather of rotors '
             'at rest'
         )
-    if found.open_combinations:
+    if found.weakly_observable:
         lines.append(
             f'told by angles to no better than 10 % without the {found.tolerance:.2%}: '
-            f'{"; ".join(found.open_combinations)}'
+            f'{"; ".join(found.weakly_observable)}'
         )
     return '\n'.join([*lines, *(f'warning: {line}' for line in found.warnings)])
 

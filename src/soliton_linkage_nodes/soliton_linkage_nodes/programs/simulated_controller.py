@@ -107,7 +107,7 @@ class PlayedChain:
     def play(self) -> None:
         """Obey the commands since the frame before, send the angles, and advance."""
         simulation = self._simulation
-        self._controller.hear(simulation.time, self._terminal.read())
+        self._controller.receive(simulation.time, self._terminal.read())
         simulation.hold(self._controller.torques(simulation.time))
         self._terminal.write(self._controller.measure(simulation.time, simulation.angles))
         simulation.advance()

@@ -158,9 +158,9 @@ class SerialEncoders(ManagedNode):
         self._named, self.stream, self.valves = named, AngleStream(reader), valves
 
     def _begin_anew(self) -> None:
-        self.decoder.begin_anew()
+        self.decoder.reset()
         if self.stream is not None:
-            self.stream.begin_anew()
+            self.stream.reset()
 
     def _on_port(self, reason: str) -> None:
         """Tell that the port is gone, or is back: called by the thread that reads it."""

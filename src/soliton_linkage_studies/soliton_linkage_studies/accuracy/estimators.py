@@ -176,10 +176,10 @@ def _orbit_cold(orbit: UniformOrbit, angles: Array, _guess: float) -> Estimate:
 
 def _orbit_estimate(orbit: UniformOrbit, fit: NearestPoint) -> Estimate:
     """Interval by Student's distribution: the noise is told by the frame's own misfit."""
-    freedom = len(orbit.stretch(fit.arc).angles) - 1
+    freedom = len(orbit.segment(fit.arc).angles) - 1
     deviation = fit.misfit / math.sqrt(fit.information) / orbit.site_arc
     margin = float(stdtrit(freedom, _QUANTILE)) * deviation
-    return Estimate(orbit.place(fit.arc), margin, orbit.leg(fit.arc))
+    return Estimate(orbit.site(fit.arc), margin, orbit.leg(fit.arc))
 
 
 ESTIMATORS: dict[str, Estimator] = {

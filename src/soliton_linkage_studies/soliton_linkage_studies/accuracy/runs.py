@@ -82,7 +82,7 @@ def record(
     analyser, scores = deepcopy(fresh), Scores()
     if scene.charges:
         sound = speed_of_sound(cell.chain) / cell.chain.spacing
-        scores.speed = float(np.median(np.abs(scene.place_rates), axis=0).max()) / sound
+        scores.speed = float(np.median(np.abs(scene.site_rates), axis=0).max()) / sound
     twin = deepcopy(fresh) if cell.wrong else None
     seen = _seen(cell, random)
     period = cell.period * cell.chain.time_unit
@@ -176,7 +176,7 @@ def _numbers(
     deviation = wall.position_deviation / spacing
     error = wall.rotor - float(scene.places[frame, number])
     of_instant = wall.rotor - float(scene.instants[frame, number])
-    rate = float(scene.place_rates[frame, number])
+    rate = float(scene.site_rates[frame, number])
     rate_error = wall.velocity / spacing - rate
     return (
         error / deviation,

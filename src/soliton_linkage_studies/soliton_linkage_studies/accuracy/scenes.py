@@ -83,7 +83,7 @@ class WallScene:
     """Places of the walls [rotor spacings], shape (T, K)."""
     instants: Array
     """The same without a mean over time."""
-    place_rates: Array
+    site_rates: Array
     """Rates of the places [rotor spacings / s], shape (T, K)."""
     charges: tuple[int, ...]
     legs: Array
@@ -202,8 +202,8 @@ def _single_wall(
     means, slopes = smoothed(np.array(way), beside, at, slow)
     kept = slice(margin, total - margin)
     arcs, arc_rates = means[kept], slopes[kept] / springs.period
-    places = np.array([orbit.place(arc) for arc in arcs])
-    instants = np.array([orbit.place(arc) for arc in way[kept]])
+    places = np.array([orbit.site(arc) for arc in arcs])
+    instants = np.array([orbit.site(arc) for arc in way[kept]])
     legs = np.array([orbit.leg(arc) for arc in arcs])
     spacing = np.array([orbit.site_arc_at(arc) for arc in arcs])
     inner = np.minimum(places, instants) > _FROM_EDGE
@@ -218,7 +218,7 @@ def _single_wall(
         kinetic=np.array(kinetic[kept]),
         places=places[:, None],
         instants=instants[:, None],
-        place_rates=(np.where(legs % 2 == 0, 1, -1) * arc_rates / spacing)[:, None],
+        site_rates=(np.where(legs % 2 == 0, 1, -1) * arc_rates / spacing)[:, None],
         charges=(1,),
         legs=legs,
         judged=inner[:, None],
@@ -270,7 +270,7 @@ def _nudged(cell: AccuracyCell, orbit: Orbit, random: np.random.Generator) -> _S
 def _push(start: _Start, arc: float, random: np.random.Generator) -> Array:
     """Push the rotors next to the wall; return the impulses [N m s]."""
     orbit = start.orbit
-    near = np.abs(np.arange(orbit.chain.number_of_rotors) - orbit.place(arc)) < _PUSHED
+    near = np.abs(np.arange(orbit.chain.number_of_rotors) - orbit.site(arc)) < _PUSHED
     change = start.speed * random.uniform(-_HARDEST, _HARDEST)
     rates = near * orbit.tangent(arc) * orbit.site_arc * change
     start.springs.rates += rates
@@ -387,7 +387,7 @@ def _followed(
         kinetic=np.array(kinetic),
         places=np.stack([mean for mean, _ in means], axis=1),
         instants=track,
-        place_rates=np.stack([slope / springs.period for _, slope in means], axis=1),
+        site_rates=np.stack([slope / springs.period for _, slope in means], axis=1),
         charges=charges,
         legs=np.full(len(angles), -1),
         judged=np.ones(track.shape, dtype=bool),

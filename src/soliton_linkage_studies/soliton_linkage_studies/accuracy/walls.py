@@ -140,7 +140,7 @@ class WallPath:
 def nearest_arc(orbit: Orbit, angles: Array, arc: float) -> float:
     """Arc length [rad] of the nearest configuration on an orbit, from one close by."""
     for _ in range(_GAUSS_STEPS):
-        about = orbit.stretch(arc)
+        about = orbit.segment(arc)
         off = wrapped(angles[about.first : about.first + len(about.angles)] - about.angles)
         size = float(about.tangent @ about.tangent)
         step = min(max(float(off @ about.tangent) / size, -_LONGEST), _LONGEST)

@@ -84,7 +84,7 @@ def snapshot_figure(section: Section, quick: bool) -> Plate:
         time = recording.times[frame] / chain.time_unit
         axes.set_title(rf'{letter}  {state}, $t = {time:.0f}\,\sqrt{{M/k_e}}$', loc='left')
         plate.note(letter, state, ('rotor n', 'phi [rad]'), np.arange(len(angles)), angles)
-    _compare(plate, chain, recording, kick, crossings[0].place_rate)
+    _compare(plate, chain, recording, kick, crossings[0].site_rate)
     return plate
 
 

@@ -53,9 +53,9 @@ def test_the_recorded_motion_is_the_simulated_one(name: str) -> None:
 def test_the_track_is_that_of_the_simulated_wall(name: str) -> None:
     run = read_run(BAGS / f'{name}_0')
     fitted = follow(run.named.chain, run.recording)
-    both = np.isfinite(run.track.rotors) & np.isfinite(fitted.rotors)
+    both = np.isfinite(run.track.sites) & np.isfinite(fitted.sites)
     assert both.mean() > 0.5
-    apart = np.abs(run.track.rotors - fitted.rotors)[both]
+    apart = np.abs(run.track.sites - fitted.sites)[both]
     assert np.median(apart) < 0.1
     assert run.crossings == find_crossings(run.named.chain, run.track)
     assert len(run.crossings) >= 2
@@ -68,7 +68,7 @@ def test_the_summary_is_valid_json_and_true_to_the_bag() -> None:
     assert summary['rotors'] == 20
     assert summary['lost_messages'] == 0
     assert summary['publish_rate_hz'] == pytest.approx(50, rel=1e-3)
-    speeds = [crossing.place_rate for crossing in run.crossings]
+    speeds = [crossing.site_rate for crossing in run.crossings]
     assert summary['speed_rotors_per_s'] == pytest.approx(np.mean(speeds))
 
 

@@ -103,7 +103,7 @@ def draw(run: RecordedRun, folder: Path) -> None:
 
 def summarise(run: RecordedRun) -> dict[str, Any]:
     """Return what the bag alone tells, for summary.json."""
-    speeds = [crossing.place_rate for crossing in run.crossings]
+    speeds = [crossing.site_rate for crossing in run.crossings]
     return {
         'motion': run.named.chain.motion.value,
         'rotors': run.named.rotors,
