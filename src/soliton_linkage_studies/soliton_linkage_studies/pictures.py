@@ -119,7 +119,11 @@ def track_deviations(axes: Axes, track: Track) -> Axes:
         track.times, track.site_deviations, color=MEASURED, label='place [rotor spacings]'
     )
     axes.semilogy(
-        track.times, track.site_rate_deviations, ':', color=BLACK, label='velocity [rotor spacings/s]'
+        track.times,
+        track.site_rate_deviations,
+        ':',
+        color=BLACK,
+        label='velocity [rotor spacings/s]',
     )
     axes.set(xlabel='time [s]', ylabel='std [as named]')
     axes.legend(loc='best', ncols=2, fontsize=8)

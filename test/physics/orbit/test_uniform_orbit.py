@@ -256,7 +256,7 @@ def test_the_longest_chain_takes_no_more_than_a_long_one(example: Example) -> No
         assert shares[0] == shares[1]
     growth = (longest.length - long.length) / long.number_of_legs
     assert growth == pytest.approx(99_000 * long.site_arc, rel=1e-12)
-    assert longest.reach == pytest.approx(long.reach, rel=1e-9)
+    assert longest.wall_extent == pytest.approx(long.wall_extent, rel=1e-9)
 
 
 def test_deviations_do_not_count() -> None:

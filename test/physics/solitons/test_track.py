@@ -121,7 +121,7 @@ def test_a_slow_wall_moves_at_the_speed_of_the_rigid_linkage(
     recording = simulate(
         chain, start, rate * mode_towards_last(chain, start), duration, duration / 50, 1e-8
     )
-    places = follow(chain, recording).rotors
+    places = follow(chain, recording).sites
     # Elastic corrections are of the order of (v / c)^2 with c about 1 spacing per time unit.
     assert places[-1] - places[0] == pytest.approx(8, rel=0.01)
 

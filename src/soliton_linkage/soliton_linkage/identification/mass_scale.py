@@ -86,7 +86,8 @@ def _pushes_between(
     first, last = before.frames.stop, after.frames.start
     begin, end = readings.times[first - 1], readings.times[last]
     pushes = sorted(
-        (push for push in readings.impulses if begin <= push.time <= end), key=lambda each: each.time
+        (push for push in readings.impulses if begin <= push.time <= end),
+        key=lambda each: each.time,
     )
     known = [(push.time, push.values) for push in pushes if push.values is not None]
     return known if len(known) == len(pushes) and last - first <= _LONGEST else []

@@ -101,7 +101,9 @@ def gentle_rate(orbit: Orbit, settings: SteeringSettings = DEFAULTS) -> float:
     """
     middle = orbit.arc_at(orbit.middle, 0)
     begin, end = orbit.leg_arcs(0)
-    arcs = np.linspace(max(begin, middle - orbit.wall_extent), min(end, middle + orbit.wall_extent), _SAMPLES)
+    arcs = np.linspace(
+        max(begin, middle - orbit.wall_extent), min(end, middle + orbit.wall_extent), _SAMPLES
+    )
     rotors = orbit.chain.number_of_rotors // 2 + np.array([-1, 0])
     passing = np.zeros((2, _SAMPLES))
     for sample, arc in enumerate(arcs.tolist()):

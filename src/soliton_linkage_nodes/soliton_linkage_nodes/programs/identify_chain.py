@@ -323,8 +323,8 @@ def summary(found: Identification) -> str:
     ]
     if found.unused_frames:
         lines.append(
-            f'masses, springs and drag without {found.unused_frames} of the frames, rather of rotors '
-            'at rest'
+            f'masses, springs and drag without {found.unused_frames} of the frames, rather of '
+            'rotors at rest'
         )
     if found.weakly_observable:
         lines.append(
