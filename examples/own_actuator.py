@@ -34,7 +34,7 @@ class VoiceCoil:
                 'ask for less, or change largest_current'
             )
 
-    def driven(
+    def response(
         self, current: float, command: Profile, start: float, end: float
     ) -> tuple[float, float]:
         """Current at an instant [A], which is the commanded one, and its integral [A s]."""
@@ -44,7 +44,7 @@ class VoiceCoil:
         """Torque of a current [N m]."""
         return self.torque_per_current * current
 
-    def saturates(self, current: float) -> bool:
+    def is_saturated(self, current: float) -> bool:
         """Whether a current gives less torque than in proportion to a small one."""
         return False
 

@@ -12,7 +12,7 @@ from chains import chain_of
 from soliton_linkage.dynamics.elastic import ElasticSimulation
 from soliton_linkage.linkage.chain import Array
 from soliton_linkage.orbit.uniform_orbit import UniformOrbit
-from soliton_linkage.steering.steering import Ended, Steering
+from soliton_linkage.steering.steering import MoveResult, Steering
 
 Disturbance = Callable[[float], float]
 
@@ -74,7 +74,7 @@ class Loop:
     ) -> None:
         self.steering, self.wall, self.period = steering, wall, period
         self.frames = 0
-        self.ended: Ended | None = None
+        self.ended: MoveResult | None = None
         self.torques = np.zeros(steering.orbit.chain.number_of_rotors)
         self._noise, self._random = noise, np.random.default_rng(seed)
         self._waiting = [np.zeros(steering.orbit.chain.number_of_rotors)] * delay
@@ -104,7 +104,7 @@ class Loop:
             self.wall.go_on(self.torques, self.period)
             self.frames += 1
 
-    def until_ended(self, longest: float = 60.0) -> Ended:
+    def until_ended(self, longest: float = 60.0) -> MoveResult:
         """Go on until a move ends."""
         self.ended = None
         limit = self.time + longest

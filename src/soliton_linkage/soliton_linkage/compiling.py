@@ -19,27 +19,27 @@ from numba.extending import intrinsic
 
 Kernel = TypeVar('Kernel', bound=Callable[..., Any])
 
-FREEDOMS = frozenset({'contract', 'nsz'})
+FASTMATH_FLAGS = frozenset({'contract', 'nsz'})
 """Products and sums may contract, but no sum is reordered."""
 
-NUMBER, COUNT, YES = types.float64, types.int64, types.boolean
-READ = types.Array(types.float64, 1, 'C', readonly=True)
-ROW = types.float64[::1]
-READ_COUNTS = types.Array(types.int64, 1, 'C', readonly=True)
-COUNTS = types.int64[::1]
-READ_TABLE = types.Array(types.float64, 2, 'C', readonly=True)
-TABLE = types.float64[:, ::1]
-READ_FLAGS = types.Array(types.boolean, 1, 'C', readonly=True)
-FLAGS = types.boolean[::1]
-READ_PLACES = types.Array(types.int64, 2, 'C', readonly=True)
-BOX = types.float64[:, :, ::1]
-READ_BOX = types.Array(types.float64, 3, 'C', readonly=True)
-READ_PICTURE = types.Array(types.uint8, 2, 'C', readonly=True)
-PICTURE = types.uint8[:, :, ::1]
-PAINTED = types.float32[:, :, ::1]
-READ_PAINTED = types.Array(types.float32, 3, 'C', readonly=True)
-READ_PAINT = types.Array(types.float32, 1, 'C', readonly=True)
-READ_PAINTS = types.Array(types.float32, 2, 'C', readonly=True)
+f8, i8, b1 = types.float64, types.int64, types.boolean
+const_f8_1d = types.Array(types.float64, 1, 'C', readonly=True)
+f8_1d = types.float64[::1]
+const_i8_1d = types.Array(types.int64, 1, 'C', readonly=True)
+i8_1d = types.int64[::1]
+const_f8_2d = types.Array(types.float64, 2, 'C', readonly=True)
+f8_2d = types.float64[:, ::1]
+const_b1_1d = types.Array(types.boolean, 1, 'C', readonly=True)
+b1_1d = types.boolean[::1]
+const_i8_2d = types.Array(types.int64, 2, 'C', readonly=True)
+f8_3d = types.float64[:, :, ::1]
+const_f8_3d = types.Array(types.float64, 3, 'C', readonly=True)
+const_u1_2d = types.Array(types.uint8, 2, 'C', readonly=True)
+u1_3d = types.uint8[:, :, ::1]
+f4_3d = types.float32[:, :, ::1]
+const_f4_3d = types.Array(types.float32, 3, 'C', readonly=True)
+const_f4_1d = types.Array(types.float32, 1, 'C', readonly=True)
+const_f4_2d = types.Array(types.float32, 2, 'C', readonly=True)
 
 
 unrolled = numba.literal_unroll
@@ -73,7 +73,7 @@ def compiled(*arguments: Any) -> Callable[[Kernel], Kernel]:
 def compile_loop(
     function: Kernel,
     arguments: tuple[Any, ...] | None = None,
-    freedoms: frozenset[str] = FREEDOMS,
+    freedoms: frozenset[str] = FASTMATH_FLAGS,
     inlined: bool = False,
 ) -> Kernel:
     """Compile for arguments of these types, or for those that it is first called with.
@@ -132,7 +132,7 @@ def _wide(_typing: Any) -> Any:
     return types.void(), generate
 
 
-take_widest_vectors = _hint(_wide)
+prefer_wide_vectors = _hint(_wide)
 
 
 def _apart(_typing: Any) -> Any:
@@ -142,7 +142,7 @@ def _apart(_typing: Any) -> Any:
     """
 
     def generate(context: Any, builder: Any, _signature: Any, _arguments: Any) -> Any:
-        data = context.get_value_type(NUMBER).as_pointer()
+        data = context.get_value_type(f8).as_pointer()
         for argument in builder.function.args:
             if argument.type == data:
                 argument.add_attribute('noalias')

@@ -24,7 +24,7 @@ from soliton_linkage.linkage.chain import Array, Chain
 from soliton_linkage.linkage.deviations import drawn_deviations
 from soliton_linkage.orbit.uniform_orbit import UniformOrbit
 from soliton_linkage.solitons.passage import blocked_bonds
-from soliton_linkage.steering.steering import Ended, Outcome, Steering
+from soliton_linkage.steering.steering import MoveResult, Outcome, Steering
 from soliton_linkage.steering.torque_allocation import TorqueAllocation
 from soliton_linkage_studies.drawing import ABOVE
 from soliton_linkage_studies.palette import COLOURS, GREY
@@ -113,7 +113,7 @@ def made(task: MoveTask) -> MoveRun:
     steering = Steering(orbit, TorqueAllocation(orbit, torque_limit=task.torque_limit))
     random = np.random.default_rng(task.seed)
     samples: list[tuple[float, float, float, float]] = []
-    ended: Ended | None = None
+    ended: MoveResult | None = None
     arc, arrival, peak = math.nan, math.nan, 0.0
     begin = round(_SEEN_BEFORE * task.frame_rate)
     torques = np.zeros(chain.number_of_rotors)

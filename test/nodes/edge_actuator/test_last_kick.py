@@ -14,7 +14,7 @@ from std_msgs.msg import Float64, Float64MultiArray
 from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
 
 from soliton_linkage.actuation.chain_driver import ChainDriver
-from soliton_linkage.actuation.kick_record import Kick
+from soliton_linkage.actuation.kick_record import KickReport
 from soliton_linkage.linkage.chain import Chain
 from soliton_linkage_msgs.msg import EdgeCommand, LastKick
 from soliton_linkage_nodes.edge_actuator.node import EdgeActuator
@@ -56,7 +56,7 @@ class Rig:
         output = self.actuator.output
         report = output.report
 
-        def note(named: NamedChain, kick: Kick) -> None:
+        def note(named: NamedChain, kick: KickReport) -> None:
             self.kicks.append(last_kick_to_msg(named, kick))
             report(named, kick)
 

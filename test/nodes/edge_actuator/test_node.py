@@ -172,7 +172,7 @@ def test_a_pressure_comes_and_goes_as_the_chamber_fills_and_vents(
     torques = bench.drive([rest] * 100, 0.02, 0.01, messages=83)
     model = bench.node.actuator
     areas = [
-        model.driven(0.0, trapezoid(1e5, 0.02, 0.1, 0.0), 0.0, 0.01 * n)[1] for n in range(84)
+        model.response(0.0, trapezoid(1e5, 0.02, 0.1, 0.0), 0.0, 0.01 * n)[1] for n in range(84)
     ]
     strengths = model.torque_per_pressure * np.diff(areas) / 0.01
     strengths[-1] = 0.0

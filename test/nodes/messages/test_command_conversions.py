@@ -11,7 +11,7 @@ import pytest
 from sensor_msgs.msg import JointState
 
 from soliton_linkage.actuation.edge_command import CommandKind, EdgeCommand
-from soliton_linkage.actuation.kick_record import Delivered, Kick
+from soliton_linkage.actuation.kick_record import DeliveryTotals, KickReport
 from soliton_linkage.linear.rigidity import Edge
 from soliton_linkage.linkage.chain import Chain
 from soliton_linkage_msgs import msg
@@ -46,16 +46,16 @@ def test_codes_without_a_meaning_are_refused(fields: dict[str, int]) -> None:
 
 
 def test_what_was_delivered_comes_back() -> None:
-    delivered = Delivered(STAMP, 3, 0.1, True, -0.2, np.array([1.0, -2.0, 0.0, 1e-300]))
+    delivered = DeliveryTotals(STAMP, 3, 0.1, True, -0.2, np.array([1.0, -2.0, 0.0, 1e-300]))
     back = conversions.delivery_from_msg(conversions.delivery_to_msg(delivered))
-    for field in dataclasses.fields(Delivered):
+    for field in dataclasses.fields(DeliveryTotals):
         before, after = getattr(delivered, field.name), getattr(back, field.name)
         np.testing.assert_array_equal(before, after)
 
 
-def kick(**changes: Any) -> Kick:
+def kick(**changes: Any) -> KickReport:
     impulse = np.array([0.0, 1.5, 0.0, -2.5])
-    usual = Kick(STAMP, 'nudge', PULSE, 0.6, impulse, 0.25, 0.125, True, False, True)
+    usual = KickReport(STAMP, 'nudge', PULSE, 0.6, impulse, 0.25, 0.125, True, False, True)
     return dataclasses.replace(usual, **changes)
 
 
@@ -70,7 +70,7 @@ def test_a_kick_names_the_joints_that_it_acted_on() -> None:
 
 
 def test_torques_of_joints_were_not_asked_of_an_edge() -> None:
-    message = conversions.last_kick_to_msg(NAMED, kick(asked=None, source='~/commands'))
+    message = conversions.last_kick_to_msg(NAMED, kick(command=None, source='~/commands'))
     assert message.asked == msg.EdgeCommand()
 
 

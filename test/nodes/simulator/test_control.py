@@ -221,14 +221,14 @@ def test_gravity_turns_at_the_instant_of_the_next_frame_and_stays_after_a_reset(
 ) -> None:
     published = Published(begin=begin)
     published.tick(2)
-    published.control.turn_gravity(Gravity(9.81, -0.3))
-    published.control.turn_gravity(TILTED)
+    published.control.set_gravity(Gravity(9.81, -0.3))
+    published.control.set_gravity(TILTED)
     published.tick(3)
     simulation = begin(LEFT, NO_GRAVITY)
     for number, angles in enumerate(published.angles):
         np.testing.assert_array_equal(angles, simulation.angles)
         if number == 2:
-            simulation.turn_gravity(TILTED)
+            simulation.set_gravity(TILTED)
         simulation.advance()
     published.control.reset(RIGHT)
     published.tick(3)

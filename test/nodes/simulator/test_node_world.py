@@ -122,7 +122,7 @@ def test_the_tilt_turns_by_topic_and_by_parameter_at_the_instant_of_a_frame(grap
     graph.until(lambda: node.get_parameter('gravity.tilt').value == 0.4, 'the tilt')
     first = paused.taken(1)
     assert list(first[0].position) == twin.angles.tolist()
-    twin.turn_gravity(Gravity(9.81, 0.4))
+    twin.set_gravity(Gravity(9.81, 0.4))
     twin.advance()
     assert_shown(paused.taken(20), twin)
     assert paused.change(gravity__tilt=-0.2, gravity__acceleration=5.0).successful

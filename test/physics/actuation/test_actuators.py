@@ -40,7 +40,7 @@ class DirectDrive:
         if not abs(command) <= self.highest_current:
             raise ValueError(f'current = {command:g} A must be at most {self.highest_current:g} A')
 
-    def driven(
+    def response(
         self, level: float, command: Profile, start: float, end: float
     ) -> tuple[float, float]:
         return float(command.before(end)), float(command.integral(start, end))
@@ -48,7 +48,7 @@ class DirectDrive:
     def torque(self, level: float) -> float:
         return self.torque_constant * level
 
-    def saturates(self, level: float) -> bool:
+    def is_saturated(self, level: float) -> bool:
         return False
 
     def pulse_command(self, impulse: float, duration: float) -> float:
@@ -131,7 +131,7 @@ def test_it_is_what_small_steps_give(
 ) -> None:
     command = trapezoid(value, ramps[0], 0.1, ramps[1])
     for end in (0.04, 0.15, 0.4):
-        closed = ACTUATOR.driven(pressure, command, 0.0, end)
+        closed = ACTUATOR.response(pressure, command, 0.0, end)
         expected = integrated(pressure, command, 0.0, end)
         np.testing.assert_allclose(closed, expected, rtol=1e-6, atol=1.0)
 
@@ -181,7 +181,7 @@ def test_the_pressure_of_a_pulse_gives_its_impulse(
     impulse = sign * size
     pressure = ACTUATOR.pulse_command(impulse, duration)
     command = trapezoid(pressure, 0.0, duration, 0.0)
-    left, area = ACTUATOR.driven(0.0, command, 0.0, duration + 5.0)
+    left, area = ACTUATOR.response(0.0, command, 0.0, duration + 5.0)
     assert ACTUATOR.torque_per_pressure * area == pytest.approx(impulse, rel=1e-9)
     assert abs(left) < 1e-9 * abs(pressure)
 

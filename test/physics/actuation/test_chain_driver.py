@@ -11,7 +11,7 @@ import pytest
 from soliton_linkage.actuation.actuators import PneumaticActuator
 from soliton_linkage.actuation.chain_driver import ChainDriver
 from soliton_linkage.actuation.edge_command import CommandKind, EdgeCommand
-from soliton_linkage.actuation.kick_record import Kick
+from soliton_linkage.actuation.kick_record import KickReport
 from soliton_linkage.linear.rigidity import Edge
 from soliton_linkage.linkage.chain import Chain
 
@@ -23,7 +23,7 @@ class Desk:
     """A driver whose chain is at rest, and the kicks that it told of."""
 
     def __init__(self) -> None:
-        self.told: list[Kick] = []
+        self.told: list[KickReport] = []
         chain = Chain(number_of_rotors=8)
         self.driver = ChainDriver(chain, PneumaticActuator(), 0.5, 0.2, self.told.append)
         self.angles = chain.uniform_state(-1)
@@ -104,5 +104,5 @@ def test_a_driver_that_is_abandoned_tells_how_far_it_came(desk: Desk) -> None:
     desk.torques(5)
     desk.driver.abandon()
     (kick,) = desk.told
-    assert (kick.source, kick.asked, kick.cut_short) == ('~/commands', None, True)
+    assert (kick.source, kick.command, kick.cut_short) == ('~/commands', None, True)
     np.testing.assert_allclose(kick.impulse[2], 1e-3 * 0.03)

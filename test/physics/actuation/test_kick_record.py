@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from soliton_linkage.actuation.edge_command import CommandKind, EdgeCommand
-from soliton_linkage.actuation.kick_record import Delivered, Kick, KickRecord
+from soliton_linkage.actuation.kick_record import DeliveryTotals, KickRecord, KickReport
 from soliton_linkage.linear.rigidity import Edge
 
 PERIOD = 10_000_000
@@ -21,7 +21,7 @@ class Desk:
     """A record, and what it told."""
 
     def __init__(self, measured: bool) -> None:
-        self.told: list[Kick] = []
+        self.told: list[KickReport] = []
         self.record = KickRecord(2, self.told.append)
         self.record.measured = measured
 
@@ -37,7 +37,7 @@ class Desk:
             'work_of_torques': 0.0,
             'impulse_of_torques': np.zeros(2),
         }
-        self.record.deliver(Delivered(stamp=number * PERIOD, **{**nothing, **fields}))
+        self.record.deliver(DeliveryTotals(stamp=number * PERIOD, **{**nothing, **fields}))
 
 
 def test_unmeasured_torques_act_a_frame_after_they_were_sent() -> None:
@@ -56,7 +56,7 @@ def test_unmeasured_torques_act_a_frame_after_they_were_sent() -> None:
     assert kick.work == pytest.approx(3 * float(TORQUES @ [0.1, 0.3]))
     assert kick.peak_torque == pytest.approx(2 * np.sqrt(5))
     assert kick.duration == pytest.approx(0.02)
-    assert (kick.stamp, kick.source, kick.asked) == (PERIOD, 'edge_command', PULSE)
+    assert (kick.stamp, kick.source, kick.command) == (PERIOD, 'edge_command', PULSE)
     assert (kick.saturated, kick.cut_short, kick.measured) == (True, False, False)
     assert not desk.record.open
 
@@ -106,14 +106,14 @@ def test_sources_that_join_in_are_told_of_together() -> None:
         desk.record.begin(PERIOD, source, asked)
     desk.record.abandon(PERIOD)
     (kick,) = desk.told
-    assert (kick.source, kick.asked, kick.cut_short) == ('edge_command, ~/commands', PULSE, True)
+    assert (kick.source, kick.command, kick.cut_short) == ('edge_command, ~/commands', PULSE, True)
 
 
 def test_an_unmeasured_kick_is_told_at_once() -> None:
     desk = Desk(measured=False)
     desk.record.kicked(PERIOD, 'nudge', KICK, IMPULSES, 0.75)
     (kick,) = desk.told
-    assert (kick.work, kick.asked, kick.measured, kick.peak_torque) == (0.75, KICK, False, 0.0)
+    assert (kick.work, kick.command, kick.measured, kick.peak_torque) == (0.75, KICK, False, 0.0)
     np.testing.assert_array_equal(kick.impulse, IMPULSES)
 
 

@@ -79,7 +79,7 @@ def test_a_pressure_gives_the_torque_of_the_chamber(side: Edge) -> None:
     drive.command(EdgeCommand(side, CommandKind.PRESSURE, 1e5, 0.1, 0.02, 0.03), side, 2.0)
     given = torques(drive, 2.0, 2.3)
     command = trapezoid(1e5, 0.02, 0.1, 0.03)
-    integrals = [ACTUATOR.driven(0.0, command, 0.0, PERIOD * n)[1] for n in range(76)]
+    integrals = [ACTUATOR.response(0.0, command, 0.0, PERIOD * n)[1] for n in range(76)]
     sense = 1 if side is Edge.FIRST else -1
     expected = sense * ACTUATOR.torque_per_pressure * np.diff(integrals) / PERIOD
     np.testing.assert_allclose(given, expected, atol=1e-13)

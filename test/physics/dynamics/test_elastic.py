@@ -402,7 +402,7 @@ def test_a_duration_that_is_no_time_is_refused(duration: float) -> None:
 
 
 def test_a_chain_too_fast_to_follow_is_given_up_by_rotor_and_limit() -> None:
-    chain, settings = chain_of(FLIPPER, 4), ElasticSettings(most_steps=100)
+    chain, settings = chain_of(FLIPPER, 4), ElasticSettings(max_steps=100)
     simulation = ElasticSimulation(
         chain, chain.uniform_state(-1), period=chain.time_unit / 2, settings=settings
     )

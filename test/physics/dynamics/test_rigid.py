@@ -298,7 +298,7 @@ def test_the_books_stay_exact_through_commands_in_a_damped_chain(
         dissipated, angles = simulation.dissipated, simulation.angles
         simulation.kick(1e-2 * (-1) ** turn * TORQUES)
         simulation.hold(turn * TORQUES)
-        simulation.turn_gravity(Gravity(2.0 * turn, 0.3 * turn))
+        simulation.set_gravity(Gravity(2.0 * turn, 0.3 * turn))
         assert simulation.dissipated == dissipated > 0
         assert simulation.angles is angles
         assert abs(simulation.energy_drift) <= 64 * EPS
@@ -460,7 +460,7 @@ def test_jammed_bars_are_said_to_jam(rate: float) -> None:
     fraction = (chain.spacing + 2 * chain.rotor_length) / chain.rest_length - 1
     chain = dataclasses.replace(chain, deviations=Deviations(rest_length=(fraction,)))
     angles = np.array([-np.pi / 2, np.pi / 2])
-    settings = RigidSettings(most_steps=50)
+    settings = RigidSettings(max_steps=50)
     simulation = RigidSimulation(chain, angles, np.full(2, rate), settings=settings)
     with pytest.raises(ArithmeticError, match=r'beyond t = 0 s, .*: the bars jam \('):
         simulation.advance()

@@ -172,7 +172,7 @@ def test_gravity_turned_at_a_frame_is_a_start_from_that_frame(
         energy = simulation.energy
         lifted = gravity.energy(simulation.chain, simulation.angles)
         lifted -= simulation.gravity.energy(simulation.chain, simulation.angles)
-        simulation.turn_gravity(gravity)
+        simulation.set_gravity(gravity)
         assert simulation.energy - energy == pytest.approx(
             float(lifted), rel=0, abs=8 * EPS * simulation._largest_energy
         )
@@ -189,7 +189,7 @@ def test_gravity_turned_at_a_frame_is_a_start_from_that_frame(
 def test_turning_gravity_to_what_it_is_changes_nothing() -> None:
     once, again = shaken(FLIPPER), shaken(FLIPPER)
     for _ in range(10):
-        again.turn_gravity(Gravity(9.81, 0.5))
+        again.set_gravity(Gravity(9.81, 0.5))
         once.advance()
         again.advance()
     assert np.array_equal(once.angles, again.angles)
@@ -272,7 +272,7 @@ def test_a_chain_that_hangs_at_rest_stays_there_but_for_rounding() -> None:
         period=1.6e-2,
         tolerance=1e-5,
         gravity=Gravity(1e6),
-        settings=ElasticSettings(most_steps=2),
+        settings=ElasticSettings(max_steps=2),
     )
     for _ in range(5):
         simulation.advance()
@@ -301,7 +301,7 @@ def test_fixed_rotors_stay_and_the_energy_is_kept(
             simulation.kick(np.full(8, 1e-6))
             simulation.hold(np.full(8, 1e-4))
         if frame == 20:
-            simulation.turn_gravity(Gravity(9.81, -0.5))
+            simulation.set_gravity(Gravity(9.81, -0.5))
         simulation.advance()
         assert np.array_equal(simulation.angles[[*FIXED]], angles[[*FIXED]])
         assert not simulation.rates[[*FIXED]].any()
@@ -358,7 +358,7 @@ def test_however_much_happens_at_a_frame_the_solver_starts_anew_once(
     for torque in range(1, 6):
         simulation.kick(np.full(8, 1e-6))
         simulation.hold(np.full(8, 1e-5 * torque))
-        simulation.turn_gravity(Gravity(9.81, 0.1 * torque))
+        simulation.set_gravity(Gravity(9.81, 0.1 * torque))
     simulation.advance()
     simulation.advance()
     assert starts == [0, 1]

@@ -65,7 +65,7 @@ def test_tilting_to_and_fro_sends_the_wall_from_edge_to_edge_and_back(
 
     centres = []
     for tilt in (0.25, -0.25, 0.25):
-        simulation.turn_gravity(Gravity(STRENGTH, tilt))
+        simulation.set_gravity(Gravity(STRENGTH, tilt))
         for _ in range(60):
             simulation.advance()
         centres.append(centre())

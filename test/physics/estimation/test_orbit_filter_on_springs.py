@@ -398,7 +398,7 @@ def test_what_acts_slowly_raises_no_alarm(what: str) -> None:
     angles = [simulation.angles]
     for frame in range(400):
         if what == 'tilt':
-            simulation.turn_gravity(Gravity(9.81 * math.sin(1e-4 * frame), tilt=1.0))
+            simulation.set_gravity(Gravity(9.81 * math.sin(1e-4 * frame), tilt=1.0))
         simulation.advance()
         angles.append(simulation.angles)
     made = followed(recorded(chain, np.array(angles)), 0.01)

@@ -23,10 +23,10 @@ from hypothesis import strategies as st
 
 from soliton_linkage.linear.rigidity import Edge, rigidity_matrix, zero_mode
 from soliton_linkage.linear.statics import (
-    balanced,
+    equilibrium,
     length_rounding,
+    min_norm_change,
     rest_state,
-    smallest_change,
     stiffness_matrix,
     toggled_angle,
     unstretched,
@@ -93,7 +93,7 @@ def test_the_smallest_change_is_that_of_the_pseudo_inverse(
     assume(singular[-1] > 1e-3 * singular[0])
     condition = singular[0] / singular[-1]
     lengthening = np.random.default_rng(seed).normal(size=chain.number_of_springs)
-    change = smallest_change(chain, angles, lengthening)
+    change = min_norm_change(chain, angles, lengthening)
     # The matrix R R^T has the square of the condition of R.
     limit = 100 * EPS * condition**2 * float(np.linalg.norm(lengthening))
     assert matrix @ change == pytest.approx(lengthening, rel=0, abs=limit)
@@ -178,7 +178,7 @@ def antikink(spacings: float, chain: Chain) -> Array:
 def energy_of_antikink(rest_angle: float, rotors: int) -> tuple[float, float]:
     """Energy over (16/3) k_e a ub^3 / lbar^2 of an anti-kink in a ring, and its lean ratio."""
     chain = dataclasses.replace(chain_of((0.5, rest_angle), rotors), periodic=True)
-    found = balanced(chain, antikink(rotors // 4 - 0.5, chain))
+    found = equilibrium(chain, antikink(rotors // 4 - 0.5, chain))
     scale = float(chain.stiffness * chain.rest_length * chain.rotor_length)
     assert np.abs(chain.spring_torques(found)).max() <= 1e-12 * scale
     lean = chain.rotor_length * math.sin(rest_angle)
@@ -204,7 +204,7 @@ def test_a_free_chain_near_rest_is_balanced_with_every_spring_relaxed(
 ) -> None:
     chain = deviating(chain_of(example, 8), 2, 0.01)
     start = rest_state(chain, lean) + 0.01 * np.sin(5 * np.arange(8))
-    found = balanced(chain, start)
+    found = equilibrium(chain, start)
     # Torques below 1e-12 leave extensions of that over the levers, none under a tenth of r here.
     scale = 1e-12 * chain.rest_lengths.max() / chain.stiffnesses.min() * chain.stiffnesses.max()
     assert np.abs(chain.spring_extensions(found)).max() <= 100 * scale
@@ -217,7 +217,7 @@ def test_balance_is_found_at_second_order(example: tuple[float, float]) -> None:
     chain = deviating(chain, 3, 0.02)
     rest = rest_state(chain, 1)
     for distance in (1e-2, 1e-3):
-        found = balanced(chain, rest + distance * np.sin(np.arange(6)))
+        found = equilibrium(chain, rest + distance * np.sin(np.arange(6)))
         assert found == pytest.approx(rest, rel=0, abs=1e-9)
 
 
@@ -247,7 +247,7 @@ def test_a_ring_with_a_state_of_self_stress_is_not_relaxed(angle: float) -> None
 def test_a_chain_with_a_motion_that_nothing_resists_has_no_balance() -> None:
     # Parallel rotors turn together to first order, and neither springs nor their tension mind.
     with pytest.raises(ValueError, match=r'yields without end at \[0\. 0\. 0\. 0\.\] rad'):
-        balanced(Chain(4), np.zeros(4))
+        equilibrium(Chain(4), np.zeros(4))
 
 
 def test_torques_are_in_balance_or_refused_by_rotor() -> None:
@@ -258,7 +258,7 @@ def test_torques_are_in_balance_or_refused_by_rotor() -> None:
     for seed in range(20):
         noise = 1e-9 * np.random.default_rng(seed).standard_normal(20)
         try:
-            found = balanced(chain, start + noise)
+            found = equilibrium(chain, start + noise)
         except ValueError as refusal:
             refusals.append(str(refusal))
         else:
@@ -269,7 +269,7 @@ def test_torques_are_in_balance_or_refused_by_rotor() -> None:
         assert re.match(r'rotor \d+ keeps a torque of .* N m: the springs have', refusal)
 
 
-@pytest.mark.parametrize('law', [unstretched, balanced])
+@pytest.mark.parametrize('law', [unstretched, equilibrium])
 def test_angles_that_do_not_fit_are_refused(law: Callable[[Chain, Array], Array]) -> None:
     with pytest.raises(ValueError, match=r'angles of shape \(3,\) do not fit a chain of 4 rotors'):
         law(Chain(4), np.zeros(3))

@@ -16,8 +16,8 @@ from soliton_linkage.linkage.quantities import (
     Quantity,
     check_quantities,
     described_fields,
+    document_fields,
     quantity,
-    with_fields,
 )
 
 
@@ -111,7 +111,7 @@ def test_fields_are_described_with_everything_that_was_said_of_them() -> None:
 
 
 def test_help_shows_what_fields_mean() -> None:
-    @with_fields
+    @document_fields
     @dataclass(frozen=True)
     class Kettle:
         """Boils water."""

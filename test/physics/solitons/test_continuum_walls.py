@@ -18,7 +18,7 @@ from linkage_motion import distance, site, wall_between
 
 from soliton_linkage.dynamics.elastic import simulate
 from soliton_linkage.linear.rigidity import mode_towards_last
-from soliton_linkage.linear.statics import balanced
+from soliton_linkage.linear.statics import equilibrium
 from soliton_linkage.linkage.chain import Array, displacement, staggered
 from soliton_linkage.solitons.continuum import FlipperTheory, SpinnerTheory
 from soliton_linkage.solitons.tanh_fit import (
@@ -123,7 +123,7 @@ def pair_on_a_ring(rest_angle: float, rotors: int) -> tuple[FlipperTheory, Array
     second = theory.displacements(places, centres[1], charge=-1)
     displacements = np.where(np.arange(rotors) < rotors / 2, first, second)
     angles = staggered(np.arcsin(displacements / chain.rotor_length))
-    return theory, balanced(chain, angles)
+    return theory, equilibrium(chain, angles)
 
 
 def test_its_cost_tends_to_that_of_the_continuum_with_the_square_of_d() -> None:

@@ -20,8 +20,8 @@ from soliton_linkage.orbit.uniform_orbit import UniformOrbit
 from soliton_linkage.steering.reference_trajectory import (
     ReferencePoint,
     ReferenceTrajectory,
+    adiabatic_rate,
     bandwidth,
-    gentle_rate,
     trajectory_to,
     trajectory_to_rest,
 )
@@ -102,13 +102,13 @@ def test_the_gentle_rate_is_below_what_was_seen_to_be_clean(
 ) -> None:
     orbit = orbit_of_example(example, 40)
     clean = CLEAN[example] / example[0] / orbit.chain.time_unit
-    assert 0.05 * clean < gentle_rate(orbit) < 0.8 * clean
+    assert 0.05 * clean < adiabatic_rate(orbit) < 0.8 * clean
 
 
 @pytest.mark.parametrize('example', [FLIPPER, WOBBLER, SPINNER])
 def test_a_free_wall_at_the_gentle_rate_radiates_nothing(example: tuple[float, float]) -> None:
     orbit = orbit_of_example(example, 12)
-    chain, rate = orbit.chain, gentle_rate(orbit)
+    chain, rate = orbit.chain, adiabatic_rate(orbit)
     start = orbit.arc_at(3.5, 0)
     rates = rate * orbit.tangent(start)
     simulation = ElasticSimulation(
@@ -128,8 +128,8 @@ def test_a_free_wall_at_the_gentle_rate_radiates_nothing(example: tuple[float, f
 def test_the_gentle_rate_does_not_depend_on_the_length_of_the_chain(
     example: tuple[float, float],
 ) -> None:
-    assert gentle_rate(orbit_of_example(example, 60)) == pytest.approx(
-        gentle_rate(orbit_of_example(example, 150)), rel=0.1
+    assert adiabatic_rate(orbit_of_example(example, 60)) == pytest.approx(
+        adiabatic_rate(orbit_of_example(example, 150)), rel=0.1
     )
 
 
@@ -146,7 +146,10 @@ def test_the_gentle_rate_goes_with_the_time_unit_of_the_springs(
         mass=mass * chain.mass,
         stiffness=stiffness * chain.stiffness,
     )
-    rates = gentle_rate(UniformOrbit(scaled)) * scaled.time_unit, gentle_rate(UniformOrbit(chain))
+    rates = (
+        adiabatic_rate(UniformOrbit(scaled)) * scaled.time_unit,
+        adiabatic_rate(UniformOrbit(chain)),
+    )
     assert rates[0] == pytest.approx(rates[1] * chain.time_unit, rel=1e-3)
 
 
@@ -167,4 +170,4 @@ def test_a_trajectory_knows_its_ends() -> None:
 
 def test_a_wall_that_radiates_at_every_number_goes_slowly() -> None:
     chain = replace(chain_of(FLIPPER, 8), rotor_length=1000.0, rest_angle=0.001)
-    assert 0 < gentle_rate(UniformOrbit(chain)) < 1e-5
+    assert 0 < adiabatic_rate(UniformOrbit(chain)) < 1e-5

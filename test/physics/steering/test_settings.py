@@ -11,7 +11,7 @@ from chains import FLIPPER
 from driven_walls import Loop, RigidWall, orbit_of_example
 
 from soliton_linkage.linkage.quantities import described_fields
-from soliton_linkage.steering.reference_trajectory import bandwidth, gentle_rate
+from soliton_linkage.steering.reference_trajectory import adiabatic_rate, bandwidth
 from soliton_linkage.steering.settings import DEFAULTS, SteeringSettings
 from soliton_linkage.steering.steering import Outcome, Steering
 from soliton_linkage.steering.torque_allocation import TorqueAllocation
@@ -42,8 +42,8 @@ def test_each_is_described_with_its_range_in_which_its_default_is() -> None:
 
 def test_rates_and_bandwidths_go_with_their_shares() -> None:
     orbit = orbit_of_example(FLIPPER, ROTORS)
-    slower = replace(DEFAULTS, gentle_share=0.25, bandwidth_share=1 / 16)
-    assert gentle_rate(orbit, slower) == gentle_rate(orbit) / 2
+    slower = replace(DEFAULTS, adiabatic_fraction=0.25, bandwidth_share=1 / 16)
+    assert adiabatic_rate(orbit, slower) == adiabatic_rate(orbit) / 2
     assert bandwidth(orbit, PERIOD, slower) == bandwidth(orbit, PERIOD) / 2
     later = replace(DEFAULTS, bandwidth_step=0.01)
     assert bandwidth(orbit, PERIOD, later) == pytest.approx(0.01 / PERIOD)

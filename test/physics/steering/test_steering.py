@@ -105,7 +105,7 @@ def test_noise_friction_and_disorder_of_which_it_knows_nothing_do_not_matter(
     assert loop.until_ended().outcome is Outcome.REACHED
     held_within(loop, 5.5, 0.05)
     left = phonon_energy(true, wall.simulation.angles, wall.simulation.rates)
-    scale = chain.moment_of_inertia * (loop.steering.gentle_speed * orbit.site_arc) ** 2 / 2
+    scale = chain.moment_of_inertia * (loop.steering.adiabatic_speed * orbit.site_arc) ** 2 / 2
     assert left < 1e-2 * scale
 
 
@@ -458,7 +458,7 @@ def test_a_running_wall_is_braked_and_carried_on_though_frames_went_missing(
 ) -> None:
     orbit = orbit_of_example(example, 20)
     steering = Steering(orbit, TorqueAllocation(orbit, torque_limit=0.1))
-    rate = hurry * steering.gentle_speed * orbit.site_arc
+    rate = hurry * steering.adiabatic_speed * orbit.site_arc
     wall = RigidWall(orbit, orbit.arc_at(2.0, 0), rate)
     loop = Loop(steering, wall, PERIOD, noise=0.01)
     loop.go_on(0.3)

@@ -13,7 +13,7 @@ from soliton_linkage.actuation.actuators import (
 )
 from soliton_linkage.actuation.chain_driver import ChainDriver
 from soliton_linkage.actuation.edge_command import CommandKind, EdgeCommand, EdgeLimits
-from soliton_linkage.actuation.kick_record import Delivered, Kick, KickRecord
+from soliton_linkage.actuation.kick_record import DeliveryTotals, KickRecord, KickReport
 from soliton_linkage.actuation.profile import Profile, trapezoid
 from soliton_linkage.actuation.torque_drive import (
     DriveTorques,
@@ -28,14 +28,14 @@ __all__ = [
     'Actuator',
     'ChainDriver',
     'CommandKind',
-    'Delivered',
+    'DeliveryTotals',
     'DriveTorques',
     'EdgeCommand',
     'EdgeDrive',
     'EdgeLimits',
     'JointDrive',
-    'Kick',
     'KickRecord',
+    'KickReport',
     'MeanTorque',
     'PneumaticActuator',
     'Profile',

@@ -82,7 +82,7 @@ class PneumaticActuator:
         constant = self._time_constant(lag if lag else slope)
         return self._relax(target, lag, slope, constant, time)
 
-    def driven(
+    def response(
         self, pressure: float, command: Profile, start: float, end: float
     ) -> tuple[float, float]:
         """Pressure [Pa] at an instant and its integral up to it [Pa s], from an earlier one on.
@@ -112,7 +112,7 @@ class PneumaticActuator:
         unlimited = self.torque_per_pressure * np.asarray(pressure, dtype=np.float64)
         return np.clip(unlimited, -self.saturation_torque, self.saturation_torque)
 
-    def saturates(self, pressure: float) -> bool:
+    def is_saturated(self, pressure: float) -> bool:
         """Whether a pressure [Pa] gives less than k p."""
         return abs(self.torque_per_pressure * pressure) > self.saturation_torque
 
@@ -151,7 +151,7 @@ class Actuator(Protocol):
     def check_command(self, command: float) -> None:
         """Raise ValueError for a command that cannot be asked for."""
 
-    def driven(
+    def response(
         self, level: float, command: Profile, start: float, end: float
     ) -> tuple[float, float]:
         """Level at an instant and its integral up to it, from an earlier instant on [s]."""
@@ -159,7 +159,7 @@ class Actuator(Protocol):
     def torque(self, level: float) -> SupportsFloat:
         """Torque of a level [N m]."""
 
-    def saturates(self, level: float) -> bool:
+    def is_saturated(self, level: float) -> bool:
         """Whether a level gives less torque than in proportion to a small one."""
 
     def pulse_command(self, impulse: float, duration: float) -> float:

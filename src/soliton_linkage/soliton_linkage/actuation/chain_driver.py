@@ -9,7 +9,7 @@ from functools import partial
 
 from soliton_linkage.actuation.actuators import Actuator
 from soliton_linkage.actuation.edge_command import EdgeCommand
-from soliton_linkage.actuation.kick_record import Kick, KickRecord
+from soliton_linkage.actuation.kick_record import KickRecord, KickReport
 from soliton_linkage.actuation.torque_drive import Rotors, TorqueDrive
 from soliton_linkage.linear.rigidity import Edge
 from soliton_linkage.linkage.chain import Array, Chain
@@ -38,7 +38,7 @@ class ChainDriver:
         actuator: Actuator,
         timeout: float,
         longest_gap: float,
-        tell: Callable[[Kick], None],
+        tell: Callable[[KickReport], None],
     ) -> None:
         """Start at rest; joint commands and gaps between frames last no longer than given [s]."""
         self.chain = chain

@@ -18,7 +18,7 @@ the slowest simulator, and no longer than a person waits for an answer."""
 
 
 @dataclass(frozen=True)
-class Delivered:
+class DeliveryTotals:
     """What has been done to the chain by the instant of a frame, as the simulator measured it."""
 
     stamp: int
@@ -36,14 +36,14 @@ class Delivered:
 
 
 @dataclass(frozen=True)
-class Kick:
+class KickReport:
     """What one kick, or torques from the first to the last, were and did."""
 
     stamp: int
     """Of the frame that it began with [ns]."""
     source: str
     """Topics that it came by."""
-    asked: EdgeCommand | None
+    command: EdgeCommand | None
     """Of the edge actuator; None where joints were commanded."""
     duration: float
     """How long torques acted [s]."""
@@ -65,9 +65,9 @@ class _TorqueEpisode:
 
     stamp: int
     ledger: TorqueLedger
-    before: Delivered | None
+    before: DeliveryTotals | None
     sources: list[str] = field(default_factory=list)
-    asked: EdgeCommand | None = None
+    command: EdgeCommand | None = None
     saturated: bool = False
     cut_short: bool = False
     ended: int | None = None
@@ -78,7 +78,7 @@ class _TorqueEpisode:
 class _Impulse:
     stamp: int
     source: str
-    asked: EdgeCommand
+    command: EdgeCommand
     impulses: Array
     work: float
 
@@ -87,16 +87,16 @@ class KickRecord:
     """Follows what is sent to the rotors, and tells of each kick once it is over.
 
     Torques that were sent with one frame act from the next one on, until those that are sent
-    with that one take their place; so it is reckoned where no `Delivered` comes.
+    with that one take their place; so it is reckoned where no `DeliveryTotals` comes.
     """
 
-    def __init__(self, number_of_rotors: int, tell: Callable[[Kick], None]) -> None:
+    def __init__(self, number_of_rotors: int, tell: Callable[[KickReport], None]) -> None:
         """`tell` takes each kick that is over."""
         self.measured = False
         """Whether somebody measures what is delivered."""
         self._rotors = number_of_rotors
         self._tell = tell
-        self.delivered: Delivered | None = None
+        self.delivered: DeliveryTotals | None = None
         """What the simulator has measured so far."""
         self._impulses: list[_Impulse] = []
         self._stretch: _TorqueEpisode | None = None
@@ -116,23 +116,23 @@ class KickRecord:
         return len(self._impulses)
 
     def kicked(
-        self, stamp: int, source: str, asked: EdgeCommand, impulses: Array, work: float
+        self, stamp: int, source: str, command: EdgeCommand, impulses: Array, work: float
     ) -> None:
         """Note impulses that were sent [N m s], and the work that they do if they act now [J]."""
-        kick = _Impulse(stamp, source, asked, impulses, work)
+        kick = _Impulse(stamp, source, command, impulses, work)
         if self.measured:
             self._impulses.append(kick)
         else:
             self._tell_impulses([kick], kick.work, measured=False)
 
-    def begin(self, stamp: int, source: str, asked: EdgeCommand | None) -> None:
+    def begin(self, stamp: int, source: str, command: EdgeCommand | None) -> None:
         """Note that torques begin, or that one more source joins in."""
         if self._stretch is None:
             before = None if self._ended else self.delivered
             self._stretch = _TorqueEpisode(stamp, TorqueLedger(self._rotors), before)
         if source not in self._stretch.sources:
             self._stretch.sources.append(source)
-        self._stretch.asked = asked or self._stretch.asked
+        self._stretch.command = command or self._stretch.command
 
     def interrupt(self) -> None:
         """Note that frames failed to come for long while torques acted."""
@@ -166,7 +166,7 @@ class KickRecord:
         if not self.open:
             self._frame = None
 
-    def deliver(self, delivered: Delivered) -> None:
+    def deliver(self, delivered: DeliveryTotals) -> None:
         """Note what the simulator has measured."""
         before = self.delivered
         self.delivered = delivered
@@ -201,7 +201,7 @@ class KickRecord:
                 return
             self._close(self.delivered if self.measured else None)
 
-    def _close(self, after: Delivered | None) -> None:
+    def _close(self, after: DeliveryTotals | None) -> None:
         stretch = self._ended.pop(0)
         account = stretch.ledger.totals
         impulse, work = account.impulse, account.work
@@ -213,10 +213,10 @@ class KickRecord:
             if following is not None:
                 following.before = after
         self._tell(
-            Kick(
+            KickReport(
                 stretch.stamp,
                 ', '.join(stretch.sources),
-                stretch.asked,
+                stretch.command,
                 account.duration,
                 impulse,
                 work,
@@ -234,7 +234,16 @@ class KickRecord:
         last = kicks[-1]
         sources = ', '.join(dict.fromkeys(kick.source for kick in kicks))
         self._tell(
-            Kick(
-                last.stamp, sources, last.asked, 0.0, impulse, work, 0.0, False, refused, measured
+            KickReport(
+                last.stamp,
+                sources,
+                last.command,
+                0.0,
+                impulse,
+                work,
+                0.0,
+                False,
+                refused,
+                measured,
             )
         )

@@ -85,7 +85,7 @@ class EdgeDrive:
         for edge, actuated in self._ends.items():
             level = actuated.mean_level(start, end)
             torque += _SENSES[edge] * float(self.actuator.torque(level))
-            saturated |= self.actuator.saturates(level)
+            saturated |= self.actuator.is_saturated(level)
         since = start - self._started
         if self._pulse is not None and since >= self._pulse.end - RESOLUTION:
             self._pulse = None
@@ -130,9 +130,9 @@ class _End:
 
     def _driven(self, start: float, end: float) -> tuple[float, float]:
         if self._command is AT_REST:
-            return self._actuator.driven(self.level, AT_REST, 0.0, end - start)
+            return self._actuator.response(self.level, AT_REST, 0.0, end - start)
         since = start - self._started
-        return self._actuator.driven(self.level, self._command, since, since + end - start)
+        return self._actuator.response(self.level, self._command, since, since + end - start)
 
 
 Rotors = NDArray[np.intp]

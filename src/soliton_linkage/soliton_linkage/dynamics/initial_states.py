@@ -29,12 +29,12 @@ def leaning(chain: Chain, lean: int) -> State:
     there is none of that either.
     """
     # What only passes states on needs no scipy.
-    from soliton_linkage.linear.statics import balanced, rest_state
+    from soliton_linkage.linear.statics import equilibrium, rest_state
 
     try:
         angles = rest_state(chain, lean)
     except ValueError:
-        angles = balanced(chain, chain.uniform_state(lean))
+        angles = equilibrium(chain, chain.uniform_state(lean))
     return State(angles, np.zeros_like(angles))
 
 

@@ -20,12 +20,12 @@ import numpy as np
 from scipy.integrate import DOP853, OdeSolver
 from scipy.linalg import eigvals_banded, solveh_banded
 
-from soliton_linkage.compiling import READ, compiled
+from soliton_linkage.compiling import compiled, const_f8_1d
 from soliton_linkage.dynamics.simulation import Simulation, SimulationSettings, scipy_solver
 from soliton_linkage.dynamics.terms import Term, TorqueFunction
 from soliton_linkage.dynamics.work import work_of_torques
 from soliton_linkage.linear.rigidity import VANISHING, rigidity_bands, zero_mode
-from soliton_linkage.linear.statics import banded_products, unstretched
+from soliton_linkage.linear.statics import gram_matrix_bands, unstretched
 from soliton_linkage.linkage.chain import Array, Chain
 from soliton_linkage.linkage.gravity import NO_GRAVITY, Gravity
 
@@ -95,7 +95,7 @@ class RigidSimulation(Simulation):
         free = torques / chain.moments_of_inertia
         shrinking = _centripetal(chain, angles, rates) - first * free[:-1] - second * free[1:]
         weights = 1 / np.sqrt(chain.moments_of_inertia)
-        products = banded_products(first * weights[:-1], second * weights[1:])
+        products = gram_matrix_bands(first * weights[:-1], second * weights[1:])
         forces = solveh_banded(products, shrinking)
         return chain.gathered(first * forces, second * forces)
 
@@ -200,7 +200,7 @@ class RigidSimulation(Simulation):
     def _stuck(self, complaint: str) -> ArithmeticError:
         """Say so where the bars jam: where R has next to a second null vector."""
         bands = rigidity_bands(self.chain, self._solver.y[:-2])
-        squares = eigvals_banded(banded_products(*bands), select='i', select_range=(0, 0))
+        squares = eigvals_banded(gram_matrix_bands(*bands), select='i', select_range=(0, 0))
         jammed = squares[0] <= (self._settings.jammed * self.chain.rotor_length) ** 2
         return super()._stuck(f'the bars jam ({complaint})' if jammed else complaint)
 
@@ -227,7 +227,7 @@ def _centripetal(chain: Chain, angles: Array, rates: Array) -> Array:
     return np.asarray((inward - squares) / np.hypot(x, y))
 
 
-@compiled(READ, READ, READ, READ)
+@compiled(const_f8_1d, const_f8_1d, const_f8_1d, const_f8_1d)
 def mode_of_bars(angles: Array, lengths: Array, spacings: Array, inertias: Array) -> Array:
     """Zero mode of unit length in the metric of the inertia [kg^(-1/2) m^(-1)], shape (N,).
 

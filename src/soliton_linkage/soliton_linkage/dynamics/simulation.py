@@ -26,7 +26,7 @@ SMALLEST_RELATIVE_TOLERANCE = 100 * float(np.finfo(np.float64).eps)
 class SimulationSettings:
     """Tuning of every simulation."""
 
-    most_steps: int = 1000
+    max_steps: int = 1000
     """Of the solver, in a unit of time of the springs, beyond which it is said to be stuck.
 
     Half or twice as many: it gives up as much earlier or later.
@@ -77,7 +77,7 @@ class Simulation(ABC):
         self.fixed = checked_rotors(chain, fixed)
         self.forces = tuple(forces)
         self._equation: EquationOfMotion | None = None
-        self._most_steps = settings.most_steps
+        self._most_steps = settings.max_steps
         self.frame = 0
         given = chain.check_angles(angles).copy()
         moving = np.zeros_like(given) if rates is None else chain.check_angles(rates, 'rate')
@@ -169,7 +169,7 @@ class Simulation(ABC):
         self.torques = checked.copy()
         self._restart()
 
-    def turn_gravity(self, gravity: Gravity) -> None:
+    def set_gravity(self, gravity: Gravity) -> None:
         """Change gravity at the instant of the current frame; the chain gains the difference."""
         if gravity == self.gravity:
             return
@@ -182,7 +182,7 @@ class Simulation(ABC):
         self._restart()
 
     @property
-    def steps_a_frame(self) -> float:
+    def steps_per_frame(self) -> float:
         """Least number of steps of the solver from a frame to the next, 0 before the first [1]."""
         return 0.0 if self._stale else self.period / self._longest_step
 

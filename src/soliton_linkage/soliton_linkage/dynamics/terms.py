@@ -13,7 +13,7 @@ from collections.abc import Callable
 
 import numpy as np
 
-from soliton_linkage.compiling import READ, READ_TABLE, ROW, YES, compile_loop, compiled
+from soliton_linkage.compiling import b1, compile_loop, compiled, const_f8_1d, const_f8_2d, f8_1d
 from soliton_linkage.linkage.chain import Array, Chain
 from soliton_linkage.linkage.gravity import Gravity
 from soliton_linkage.linkage.springs import spring_between
@@ -154,7 +154,7 @@ class AppliedFunction(Term):
 spring = compile_loop(spring_between, inlined=True)
 
 
-@compiled(ROW, READ, READ_TABLE, YES)
+@compiled(f8_1d, const_f8_1d, const_f8_2d, b1)
 def _add_springs(torques: Array, angles: Array, rows: Array, periodic: bool) -> None:
     rotors = angles.size
     lengths, spacings, offsets, rest_lengths, stiffnesses = rows
@@ -178,13 +178,13 @@ def _add_springs(torques: Array, angles: Array, rows: Array, periodic: bool) -> 
         torques[right] -= pull * second
 
 
-@compiled(ROW, READ, READ, READ)
+@compiled(f8_1d, const_f8_1d, const_f8_1d, const_f8_1d)
 def _add_weights(torques: Array, angles: Array, by_sine: Array, by_cosine: Array) -> None:
     for n in range(angles.size):
         torques[n] += by_sine[n] * math.sin(angles[n]) + by_cosine[n] * math.cos(angles[n])
 
 
-@compiled(ROW, READ, READ)
+@compiled(f8_1d, const_f8_1d, const_f8_1d)
 def _add_damping(torques: Array, rates: Array, dampings: Array) -> float:
     dissipated = 0.0
     for n in range(rates.size):

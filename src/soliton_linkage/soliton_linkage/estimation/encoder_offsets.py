@@ -15,13 +15,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from soliton_linkage.compiling import (
-    FLAGS,
-    NUMBER,
-    READ,
-    READ_FLAGS,
-    ROW,
-    TABLE,
+    b1_1d,
     compiled,
+    const_b1_1d,
+    const_f8_1d,
+    f8,
+    f8_1d,
+    f8_2d,
     records,
 )
 from soliton_linkage.estimation.frames import Flags
@@ -52,7 +52,7 @@ _ENCODERS = records(ENCODER, writable=True)
 _NUMBERS = records(record_dtype(OffsetSettings))
 
 
-@compiled(_ENCODERS, READ, READ, NUMBER)
+@compiled(_ENCODERS, const_f8_1d, const_f8_1d, f8)
 def add_residuals(encoders: Records, residuals: Array, sides: Array, variance: float) -> None:
     """Add residuals of a variance [rad^2] to the weights and sums of their rotors.
 
@@ -70,7 +70,7 @@ def add_residuals(encoders: Records, residuals: Array, sides: Array, variance: f
                 each['sum_beyond'] += residuals[n] / variance
 
 
-@compiled(_ENCODERS, NUMBER, NUMBER)
+@compiled(_ENCODERS, f8, f8)
 def solve(encoders: Records, of_offsets: float, of_rest_angles: float) -> None:
     """Set offsets and rest angles from the 2 x 2 normal equations of each.
 
@@ -91,7 +91,7 @@ def solve(encoders: Records, of_offsets: float, of_rest_angles: float) -> None:
         each['rest_angle_rest_angle'] = of_offset / determinant
 
 
-@compiled(_ENCODERS, _NUMBERS, NUMBER, ROW, ROW)
+@compiled(_ENCODERS, _NUMBERS, f8, f8_1d, f8_1d)
 def find_sure(
     encoders: Records, settings: Records, repeated: float, deviations: Array, corrections: Array
 ) -> None:
@@ -107,7 +107,7 @@ def find_sure(
         corrections[n] = each['offset'] if sure else 0.0
 
 
-@compiled(_READ_ENCODERS, READ, READ, NUMBER, NUMBER, NUMBER, ROW, TABLE)
+@compiled(_READ_ENCODERS, const_f8_1d, const_f8_1d, f8, f8, f8, f8_1d, f8_2d)
 def compare_means(
     encoders: Records,
     sums: Array,
@@ -146,7 +146,7 @@ def compare_means(
     return known, passed
 
 
-@compiled(_READ_ENCODERS, _NUMBERS, READ, NUMBER, ROW)
+@compiled(_READ_ENCODERS, _NUMBERS, const_f8_1d, f8, f8_1d)
 def beyond_chance(
     encoders: Records, settings: Records, sides: Array, repeated: float, apart: Array
 ) -> None:
@@ -164,7 +164,7 @@ def beyond_chance(
             apart[n] = max(abs(expected) - limit * math.sqrt(variance + repeated), 0.0)
 
 
-@compiled(READ, ROW, READ_FLAGS, FLAGS, NUMBER, NUMBER)
+@compiled(const_f8_1d, f8_1d, const_b1_1d, b1_1d, f8, f8)
 def find_stuck(
     read: Array, earlier: Array, outlying: Flags, stuck: Flags, few: float, still: float
 ) -> None:

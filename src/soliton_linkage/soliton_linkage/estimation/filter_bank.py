@@ -9,12 +9,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from soliton_linkage.compiling import (
-    COUNT,
-    NUMBER,
-    READ,
-    YES,
+    b1,
     compile_loop,
     compiled,
+    const_f8_1d,
+    f8,
+    i8,
     records,
 )
 from soliton_linkage.estimation.settings import FilterSettings, record_dtype
@@ -103,7 +103,7 @@ def expected_measurement(filters: Records) -> tuple[float, float]:
     return arc, variance
 
 
-@compiled(_FILTERS, _STATUS, _NUMBERS, NUMBER, YES, NUMBER, NUMBER, NUMBER)
+@compiled(_FILTERS, _STATUS, _NUMBERS, f8, b1, f8, f8, f8)
 def predict(
     filters: Records,
     status: Records,
@@ -151,7 +151,7 @@ def predict(
     return expected_measurement(filters)
 
 
-@compiled(_FILTERS, NUMBER, NUMBER, NUMBER)
+@compiled(_FILTERS, f8, f8, f8)
 def _update_filters(filters: Records, arc: float, variance: float, freedoms: float) -> Array:
     """Update each filter; return the log likelihood of the measurement by each, shape (F,)."""
     likely, cross = np.empty(filters.size), np.empty(4)
@@ -171,7 +171,7 @@ def _update_filters(filters: Records, arc: float, variance: float, freedoms: flo
     return likely
 
 
-@compiled(READ, READ)
+@compiled(const_f8_1d, const_f8_1d)
 def _together(shares: Array, likelihoods: Array) -> float:
     """Logarithm of the mean of likelihoods [logarithm] by their shares."""
     # A filter without a share may be likelier than all others by more than exponentials hold.
@@ -187,7 +187,7 @@ def _together(shares: Array, likelihoods: Array) -> float:
     return float(top + math.log(mean / whole))
 
 
-@compiled(_FILTERS, COUNT, NUMBER, NUMBER, NUMBER)
+@compiled(_FILTERS, i8, f8, f8, f8)
 def update(
     filters: Records, base: int, arc: float, variance: float, freedoms: float
 ) -> tuple[float, float]:
@@ -221,7 +221,7 @@ def update(
     return against, most
 
 
-@compiled(_FILTERS, _NUMBERS, COUNT, NUMBER)
+@compiled(_FILTERS, _NUMBERS, i8, f8)
 def set_weights(filters: Records, settings: Records, base: int, against: float) -> None:
     """Set all weights, with the log odds against the steady filter.
 
@@ -245,7 +245,7 @@ def set_weights(filters: Records, settings: Records, base: int, against: float) 
         filters[n]['weight'] /= whole
 
 
-@compiled(_FILTERS, COUNT)
+@compiled(_FILTERS, i8)
 def mixture(filters: Records, count: int) -> tuple[float, float, float, float, float]:
     """Return means s and w of the first filters, variance of s, covariance, variance of w."""
     whole, arc, rate = 0.0, 0.0, 0.0
@@ -268,7 +268,7 @@ def mixture(filters: Records, count: int) -> tuple[float, float, float, float, f
     return arc, rate, of_arc / whole, both / whole, of_rate / whole
 
 
-@compiled(_FILTERS, COUNT, COUNT)
+@compiled(_FILTERS, i8, i8)
 def _copy_state(filters: Records, source: int, target: int) -> None:
     one, other = filters[source], filters[target]
     other['state'][:] = one['state']
@@ -276,7 +276,7 @@ def _copy_state(filters: Records, source: int, target: int) -> None:
     other['bias_variance'] = one['bias_variance']
 
 
-@compiled(_FILTERS, COUNT, COUNT, NUMBER, NUMBER)
+@compiled(_FILTERS, i8, i8, f8, f8)
 def suppose_impulse(
     filters: Records, base: int, older: int, elapsed: float, least_kick: float
 ) -> None:
@@ -298,7 +298,7 @@ def suppose_impulse(
     filters[base]['odds'] = 0.0
 
 
-@compiled(_FILTERS, COUNT)
+@compiled(_FILTERS, i8)
 def restart_steady(filters: Records, base: int) -> None:
     """Restart the steady filter from the mean of the others, without a bias."""
     filters[0]['weight'] = 0.0
@@ -317,7 +317,7 @@ def restart_steady(filters: Records, base: int) -> None:
     covariance[DISTURBANCE, DISTURBANCE] = of_disturbance
 
 
-@compiled(_FILTERS, COUNT)
+@compiled(_FILTERS, i8)
 def restart_from_impulse(filters: Records, base: int) -> None:
     """Restart all filters from the likeliest impulse, each with a bias of its own model."""
     likeliest = base
@@ -336,7 +336,7 @@ def restart_from_impulse(filters: Records, base: int) -> None:
         filters[n]['odds'] = -math.inf
 
 
-@compiled(_FILTERS, _STATUS, _NUMBERS, NUMBER, NUMBER, NUMBER, NUMBER)
+@compiled(_FILTERS, _STATUS, _NUMBERS, f8, f8, f8, f8)
 def measure(
     filters: Records,
     status: Records,

@@ -9,7 +9,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from soliton_linkage.compiling import NUMBER, READ, ROW, compile_loop, compiled
+from soliton_linkage.compiling import compile_loop, compiled, const_f8_1d, f8, f8_1d
 from soliton_linkage.estimation.estimates import OrbitEstimate
 from soliton_linkage.estimation.settings import DEFAULTS
 from soliton_linkage.linkage.chain import Array, Chain, Motion, check_shape, staggered
@@ -31,7 +31,7 @@ def _wrapped(angle: float) -> float:
     return float(angle - _WHOLE * np.rint(angle * _SHARE_OF_A_TURN))
 
 
-wrapped = compile_loop(_wrapped, (NUMBER,), inlined=True)
+wrapped = compile_loop(_wrapped, (f8,), inlined=True)
 
 
 def swing_of(chain: Chain) -> float:
@@ -39,7 +39,7 @@ def swing_of(chain: Chain) -> float:
     return math.pi if chain.motion is Motion.SPINNER else 2 * chain.rest_angle
 
 
-@compiled(READ, ROW, ROW, ROW)
+@compiled(const_f8_1d, f8_1d, f8_1d, f8_1d)
 def unwrap(angles: Array, last: Array, turns: Array, seen: Array) -> None:
     """Set angles as read without jumps [rad], as seen; NaN where they are not finite or too large.
 
@@ -57,7 +57,7 @@ def unwrap(angles: Array, last: Array, turns: Array, seen: Array) -> None:
             seen[n] = math.nan
 
 
-@compiled(READ, NUMBER)
+@compiled(const_f8_1d, f8)
 def all_within(values: Array, limit: float) -> bool:
     """Whether the absolute values of a row are all known, finite and no more than a limit."""
     within = True

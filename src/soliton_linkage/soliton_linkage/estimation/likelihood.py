@@ -21,16 +21,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from soliton_linkage.compiling import (
-    COUNT,
-    COUNTS,
-    NUMBER,
-    READ,
-    READ_FLAGS,
-    READ_TABLE,
-    ROW,
-    TABLE,
-    YES,
+    b1,
     compiled,
+    const_b1_1d,
+    const_f8_1d,
+    const_f8_2d,
+    f8,
+    f8_1d,
+    f8_2d,
+    i8,
+    i8_1d,
     named_tuple,
     records,
 )
@@ -41,7 +41,7 @@ Counts = NDArray[np.int64]
 Records = NDArray[np.void]
 
 
-@compiled(READ, READ, YES, READ, READ, READ, COUNT, ROW)
+@compiled(const_f8_1d, const_f8_1d, b1, const_f8_1d, const_f8_1d, const_f8_1d, i8, f8_1d)
 def compare(
     angles: Array,
     corrections: Array,
@@ -66,13 +66,13 @@ def compare(
         differences[n] = wrapped(angle - expected)
 
 
-@compiled(NUMBER, NUMBER)
+@compiled(f8, f8)
 def _core(square: float, inner: float) -> float:
     """Minus rho of a square r^2, by that of the bound k [1]."""
     return -0.5 * (square if square <= inner else inner * (1 + math.log(square / inner)))
 
 
-@compiled(NUMBER, NUMBER, NUMBER)
+@compiled(f8, f8, f8)
 def _log_likelihood(square: float, bound: float, floor: float) -> float:
     """Logarithm of p(d) over (1 - e) C / sqrt(V), of a square r^2 in variances [1]."""
     core = _core(square, bound * bound)
@@ -81,7 +81,7 @@ def _log_likelihood(square: float, bound: float, floor: float) -> float:
     return max(core, floor) + math.log1p(math.exp(-abs(core - floor)))
 
 
-@compiled(NUMBER, NUMBER, NUMBER, NUMBER)
+@compiled(f8, f8, f8, f8)
 def _of_rotor(apart: float, variance: float, bound: float, floor: float) -> float:
     """The same of a difference [rad] and a variance [rad^2], 0 where it is not known."""
     if not math.isfinite(apart):
@@ -89,7 +89,7 @@ def _of_rotor(apart: float, variance: float, bound: float, floor: float) -> floa
     return _log_likelihood(apart * apart / variance, bound, floor)
 
 
-@compiled(NUMBER, NUMBER, NUMBER)
+@compiled(f8, f8, f8)
 def _weight(square: float, bound: float, floor: float) -> float:
     """Weight w of a rotor with a square r^2 in variances [1]."""
     inner = bound * bound
@@ -113,7 +113,7 @@ readings that carry no information, over the core's top [1], difference that spr
 _DENSITY = records(DENSITY)
 
 
-@compiled(READ, COUNT, READ, _DENSITY, READ_FLAGS, ROW)
+@compiled(const_f8_1d, i8, const_f8_1d, _DENSITY, const_b1_1d, f8_1d)
 def _weigh(
     differences: Array,
     first: int,
@@ -147,7 +147,7 @@ def _weigh(
     return information, ahead, whole, known
 
 
-@compiled(ROW, COUNT, READ, _DENSITY, READ_FLAGS, TABLE)
+@compiled(f8_1d, i8, const_f8_1d, _DENSITY, const_b1_1d, f8_2d)
 def weigh_frame(
     differences: Array,
     first: int,
@@ -208,7 +208,7 @@ def weigh_frame(
     return (information, ahead, whole), counts, (squares, likelihood, largest)
 
 
-@compiled(READ, READ_TABLE, NUMBER, NUMBER, NUMBER, TABLE)
+@compiled(const_f8_1d, const_f8_2d, f8, f8, f8, f8_2d)
 def sum_likelihoods(
     angles: Array, states: Array, variance: float, bound: float, floor: float, sums: Array
 ) -> None:
@@ -224,7 +224,7 @@ def sum_likelihoods(
             sums[row, n + 1] = sums[row, n] + gained
 
 
-@compiled(NUMBER, NUMBER, NUMBER, ROW)
+@compiled(f8, f8, f8, f8_1d)
 def tabulate(variance: float, bound: float, floor: float, table: Array) -> None:
     """Set the logarithms of the likelihoods of even differences from 0 to pi, both ends."""
     for n in range(table.size):
@@ -232,7 +232,7 @@ def tabulate(variance: float, bound: float, floor: float, table: Array) -> None:
         table[n] = _of_rotor(apart, variance, bound, floor)
 
 
-@compiled(NUMBER, READ)
+@compiled(f8, const_f8_1d)
 def _looked_up(apart: float, table: Array) -> float:
     """Logarithm of the likelihood of a difference from -pi to pi [rad], 0 where not known."""
     if not math.isfinite(apart):
@@ -255,10 +255,10 @@ class SampledWalls(NamedTuple):
     """Angles of the rotors about the walls [rad]."""
 
 
-_WALLS = named_tuple(SampledWalls, COUNTS, COUNTS, COUNTS, ROW)
+_WALLS = named_tuple(SampledWalls, i8_1d, i8_1d, i8_1d, f8_1d)
 
 
-@compiled(READ, READ_TABLE, READ_TABLE, _WALLS, READ, ROW)
+@compiled(const_f8_1d, const_f8_2d, const_f8_2d, _WALLS, const_f8_1d, f8_1d)
 def scan(
     angles: Array,
     before: Array,
@@ -283,7 +283,7 @@ def scan(
         likelihoods[sample] = whole
 
 
-@compiled(READ, NUMBER, NUMBER, NUMBER)
+@compiled(const_f8_1d, f8, f8, f8)
 def frame_likelihood(differences: Array, variance: float, bound: float, floor: float) -> float:
     """Logarithm of the likelihood of a frame by its differences [rad], shape (N,)."""
     likelihood = 0.0

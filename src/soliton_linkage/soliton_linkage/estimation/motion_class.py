@@ -26,12 +26,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from soliton_linkage.compiling import (
-    COUNT,
-    NUMBER,
-    READ,
-    READ_TABLE,
-    TABLE,
     compiled,
+    const_f8_1d,
+    const_f8_2d,
+    f8,
+    f8_2d,
+    i8,
     named_tuple,
     records,
 )
@@ -50,7 +50,7 @@ _NO_EVIDENCE = (math.nan, 0.0, math.nan)
 """Place, flipping and angle at rest of a frame that says nothing."""
 
 
-@compiled(NUMBER, NUMBER, NUMBER)
+@compiled(f8, f8, f8)
 def next_deviation(inner: float, rest_angle: float, k: float) -> tuple[float, float]:
     """Deviation F of the outer neighbour on relaxed bars [rad], and its slope [1].
 
@@ -68,7 +68,7 @@ def next_deviation(inner: float, rest_angle: float, k: float) -> tuple[float, fl
     return outer - rest_angle, (k * up - sine) / (lever if lever else _LEAST_LEVER)
 
 
-@compiled(READ)
+@compiled(const_f8_1d)
 def bond_of_wall(sines: Array) -> tuple[int, float, float]:
     """Number of rotors before the wall, and the sines of its two rotors, 0 where unknown.
 
@@ -92,7 +92,7 @@ def bond_of_wall(sines: Array) -> tuple[int, float, float]:
     )
 
 
-@compiled(READ, COUNT)
+@compiled(const_f8_1d, i8)
 def _staggered(angles: Array, n: int) -> float:
     """Staggered angle of rotor n [rad]."""
     return float(math.pi - angles[n] if n % 2 else angles[n])
@@ -113,10 +113,10 @@ class UniformPart(NamedTuple):
     """Sum of the squares of what they differ from it [rad^2]."""
 
 
-_PART = named_tuple(UniformPart, NUMBER)
+_PART = named_tuple(UniformPart, f8)
 
 
-@compiled(READ, READ, READ, COUNT, COUNT)
+@compiled(const_f8_1d, const_f8_1d, const_f8_1d, i8, i8)
 def uniform_part(
     angles: Array, sines: Array, cosines: Array, nearest: int, edge: int
 ) -> UniformPart:
@@ -138,7 +138,7 @@ def uniform_part(
     return UniformPart(float(count), sine, cosine, mean, scatter)
 
 
-@compiled(READ, NUMBER, NUMBER)
+@compiled(const_f8_1d, f8, f8)
 def tail_of_side(deviations: Array, large: float, small: float) -> tuple[int, int]:
     """First rotor beyond all whose deviation is large [rad], and the next one that is small."""
     begin = 0
@@ -151,19 +151,19 @@ def tail_of_side(deviations: Array, large: float, small: float) -> tuple[int, in
     return begin, end
 
 
-@compiled(NUMBER, NUMBER)
+@compiled(f8, f8)
 def _handed(sine: float, cosine: float) -> float:
     """Sign of the deviations of a side, with the sums of its sines and cosines."""
     return 1.0 if (sine > 0) == (cosine > 0) else -1.0
 
 
-@compiled(NUMBER)
+@compiled(f8)
 def _steepness(mean: float) -> float:
     """Angle of a uniform part above or below the horizontal [rad]."""
     return abs(math.asin(math.cos(mean)))
 
 
-@compiled(_NUMBERS, READ, COUNT, COUNT, _PART, NUMBER, TABLE)
+@compiled(_NUMBERS, const_f8_1d, i8, i8, _PART, f8, f8_2d)
 def tail_products(
     settings: Records,
     angles: Array,
@@ -200,7 +200,7 @@ def tail_products(
                     sums[i, j] += row[i] * row[j] / variance
 
 
-@compiled(NUMBER, NUMBER, NUMBER)
+@compiled(f8, f8, f8)
 def _flipping(left: float, right: float, variance: float) -> float:
     """Log likelihood of theta_right = -theta_left less that of theta_left + pi, for a frame.
 
@@ -213,13 +213,13 @@ def _flipping(left: float, right: float, variance: float) -> float:
     return likelihood
 
 
-@compiled(NUMBER, NUMBER)
+@compiled(f8, f8)
 def _limited(value: float, limit: float) -> float:
     """Value from -limit to limit."""
     return min(max(value, -limit), limit)
 
 
-@compiled(_NUMBERS, READ, READ, READ, NUMBER, TABLE)
+@compiled(_NUMBERS, const_f8_1d, const_f8_1d, const_f8_1d, f8, f8_2d)
 def evidence(
     settings: Records, angles: Array, sines: Array, cosines: Array, noise: float, tails: Array
 ) -> tuple[float, float, float]:
@@ -251,7 +251,7 @@ def evidence(
     return crossing, flipping, lean
 
 
-@compiled(_NUMBERS, READ_TABLE, NUMBER)
+@compiled(_NUMBERS, const_f8_2d, f8)
 def tail_ratio(settings: Records, tails: Array, rest_angle: float) -> tuple[float, float]:
     """Ratio lambda of the tails and its standard deviation [1]; NaN and infinity if unknown.
 
@@ -266,7 +266,7 @@ def tail_ratio(settings: Records, tails: Array, rest_angle: float) -> tuple[floa
     return ratio, math.sqrt(second / determinant + settings[0]['neglected'] ** 2)
 
 
-@compiled(_NUMBERS, READ, NUMBER, NUMBER, NUMBER, TABLE)
+@compiled(_NUMBERS, const_f8_1d, f8, f8, f8, f8_2d)
 def observe(
     settings: Records,
     angles: Array,

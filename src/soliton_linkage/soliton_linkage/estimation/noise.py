@@ -8,7 +8,7 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from soliton_linkage.compiling import COUNT, NUMBER, READ, ROW, compiled, records
+from soliton_linkage.compiling import compiled, const_f8_1d, f8, f8_1d, i8, records
 from soliton_linkage.estimation.measurement import FrameView
 from soliton_linkage.estimation.multiple_model_filter import MultipleModelFilter
 from soliton_linkage.estimation.settings import (
@@ -56,7 +56,7 @@ _READ_SUMS = records(NOISE)
 _NUMBERS = records(record_dtype(NoiseSettings))
 
 
-@compiled(READ, READ, READ, READ, COUNT, ROW)
+@compiled(const_f8_1d, const_f8_1d, const_f8_1d, const_f8_1d, i8, f8_1d)
 def products_in_time(
     oldest: Array, older: Array, left: Array, tangent: Array, first: int, found: Array
 ) -> None:
@@ -78,7 +78,7 @@ def products_in_time(
     found[0], found[1], found[2], found[3] = whole, wall, free, chance
 
 
-@compiled(NUMBER, NUMBER, NUMBER, NUMBER)
+@compiled(f8, f8, f8, f8)
 def _by_chance(
     square: float, squared_weights: float, largest: float, significance: float
 ) -> float:
@@ -87,7 +87,7 @@ def _by_chance(
     return square * (deviation + significance**2 / 2 * largest)
 
 
-@compiled(_READ_SUMS, _NUMBERS, NUMBER)
+@compiled(_READ_SUMS, _NUMBERS, f8)
 def estimate(noise: Records, settings: Records, given: float) -> Estimate:
     """Variance of the noise [rad^2], by the sums so far and by the one that is given.
 
@@ -111,7 +111,7 @@ def estimate(noise: Records, settings: Records, given: float) -> Estimate:
     return variance, least, scatter, lasting, excess, freedoms
 
 
-@compiled(_SUMS, _NUMBERS, NUMBER, NUMBER, COUNT, NUMBER, COUNT, READ)
+@compiled(_SUMS, _NUMBERS, f8, f8, i8, f8, i8, const_f8_1d)
 def learn(
     noise: Records,
     settings: Records,
@@ -210,7 +210,7 @@ class FrameNoise:
         self.variance, self.least, self.scatter, self.lasting, self.excess, self._freedoms = told
 
 
-@compiled(READ, READ, READ, NUMBER)
+@compiled(const_f8_1d, const_f8_1d, const_f8_1d, f8)
 def median_change(first: Array, second: Array, third: Array, ratio: float) -> float:
     """Return the median of |r_1 - (1 + q) r_2 + q r_3| of known rows, NaN of none."""
     changes, known = np.empty(first.size), 0

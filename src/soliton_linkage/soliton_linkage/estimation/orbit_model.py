@@ -18,7 +18,7 @@ from soliton_linkage.estimation.noise import FrameNoise
 from soliton_linkage.estimation.settings import EstimationSettings
 from soliton_linkage.linear.bands import band_edges, gap
 from soliton_linkage.linear.rigidity import rigidity_bands
-from soliton_linkage.linear.statics import banded_products
+from soliton_linkage.linear.statics import gram_matrix_bands
 from soliton_linkage.linkage.chain import Array
 from soliton_linkage.linkage.deviations import NO_DEVIATIONS
 from soliton_linkage.orbit.orbit import Orbit
@@ -280,7 +280,7 @@ def _mu(orbit: Orbit, arc: float) -> float:
     bend = orbit.curvature(arc)
     first, second = rigidity_bands(chain, orbit.configuration(arc))
     pulled = first * bend[:-1] + second * bend[1:]
-    tensions: Array = solveh_banded(banded_products(first, second), pulled)
+    tensions: Array = solveh_banded(gram_matrix_bands(first, second), pulled)
     return float(tensions @ tensions) * chain.moment_of_inertia / chain.stiffness
 
 

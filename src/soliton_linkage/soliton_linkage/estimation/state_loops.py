@@ -12,14 +12,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from soliton_linkage.compiling import (
-    COUNT,
-    NUMBER,
-    READ,
-    READ_TABLE,
-    TABLE,
-    YES,
+    b1,
     compile_loop,
     compiled,
+    const_f8_1d,
+    const_f8_2d,
+    f8,
+    f8_2d,
+    i8,
     records,
 )
 from soliton_linkage.linkage.chain import Array
@@ -40,7 +40,7 @@ _LARGE = 1e150
 spring = compile_loop(spring_between, inlined=True)
 
 
-@compiled(READ, READ, READ_TABLE, COUNT, COUNT, TABLE)
+@compiled(const_f8_1d, const_f8_1d, const_f8_2d, i8, i8, f8_2d)
 def _set_spring(
     sines: Array, cosines: Array, parameters: Array, n: int, following: int, rows: Array
 ) -> None:
@@ -56,7 +56,7 @@ def _set_spring(
     )
 
 
-@compiled(READ, READ_TABLE, YES, TABLE)
+@compiled(const_f8_1d, const_f8_2d, b1, f8_2d)
 def of_angles(
     angles: Array, parameters: Array, periodic: bool, rows: Array
 ) -> tuple[float, float]:
@@ -83,7 +83,7 @@ def of_angles(
     return twists, upright
 
 
-@compiled(READ, NUMBER, READ, NUMBER)
+@compiled(const_f8_1d, f8, const_f8_1d, f8)
 def _wake(energies: Array, place: float, walls: Array, reach: float) -> float:
     """Sum over rotors or springs out of reach of all walls; the first is at a place."""
     wake, count = 0.0, energies.size
@@ -96,7 +96,7 @@ def _wake(energies: Array, place: float, walls: Array, reach: float) -> float:
     return wake
 
 
-@compiled(READ_TABLE, READ, READ, READ, YES, NUMBER, READ, NUMBER)
+@compiled(const_f8_2d, const_f8_1d, const_f8_1d, const_f8_1d, b1, f8, const_f8_1d, f8)
 def elastic(
     rows: Array,
     half: Array,
@@ -136,7 +136,7 @@ def elastic(
     return whole, _wake(energies, 0.5, walls, reach), deviation
 
 
-@compiled(READ, READ, READ, NUMBER, READ, NUMBER)
+@compiled(const_f8_1d, const_f8_1d, const_f8_1d, f8, const_f8_1d, f8)
 def kinetic(
     half: Array, noisy: Array, rates: Array, noise: float, walls: Array, reach: float
 ) -> Energy:
@@ -158,7 +158,7 @@ def kinetic(
     return whole, _wake(energies, 0.0, walls, reach), math.sqrt(spread)
 
 
-@compiled(READ_TABLE, COUNT, COUNT, NUMBER)
+@compiled(const_f8_2d, i8, i8, f8)
 def topology(rows: Array, before: int, beyond: int, domain: float) -> Sides:
     """Sums of (A^2 - B^2) / (A^2 + B^2) before and beyond the walls, and where the mode sits.
 
@@ -202,7 +202,7 @@ least polarisation of a bond in a domain [1].
 _SCOPE = records(SCOPE)
 
 
-@compiled(READ, READ_TABLE, YES, READ_TABLE, READ_TABLE, READ, _SCOPE)
+@compiled(const_f8_1d, const_f8_2d, b1, const_f8_2d, const_f8_2d, const_f8_1d, _SCOPE)
 def report(
     angles: Array,
     parameters: Array,

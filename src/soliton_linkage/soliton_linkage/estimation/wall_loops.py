@@ -9,14 +9,14 @@ from typing import NamedTuple
 import numpy as np
 
 from soliton_linkage.compiling import (
-    COUNT,
-    FLAGS,
-    NUMBER,
-    READ,
-    ROW,
-    TABLE,
-    YES,
+    b1,
+    b1_1d,
     compiled,
+    const_f8_1d,
+    f8,
+    f8_1d,
+    f8_2d,
+    i8,
     named_tuple,
 )
 from soliton_linkage.estimation.frames import Flags, wrapped
@@ -47,10 +47,10 @@ class WallTable(NamedTuple):
     """Distance of the first column before the wall, and of the last beyond it [rotor spacings]."""
 
 
-_TABLE = named_tuple(WallTable, TABLE, NUMBER, NUMBER)
+_TABLE = named_tuple(WallTable, f8_2d, f8, f8)
 
 
-@compiled(READ, NUMBER, FLAGS)
+@compiled(const_f8_1d, f8, b1_1d)
 def domains(polarised: Array, cost: float, right: Flags) -> None:
     """Set which bonds are of domains that lean right, shape (B,), by their polarisations (B,).
 
@@ -76,7 +76,7 @@ def domains(polarised: Array, cost: float, right: Flags) -> None:
         leans = (not from_left[n]) if leans else from_right[n]
 
 
-@compiled(_TABLE, COUNT, NUMBER)
+@compiled(_TABLE, i8, f8)
 def _shape(table: WallTable, parity: int, x: float) -> tuple[float, float]:
     """Staggered angle of a rotor at a distance x from a wall [rad], by a cubic between points.
 
@@ -95,7 +95,7 @@ def _shape(table: WallTable, parity: int, x: float) -> tuple[float, float]:
     return angle, slope
 
 
-@compiled(READ, COUNT, _TABLE, NUMBER, NUMBER, ROW)
+@compiled(const_f8_1d, i8, _TABLE, f8, f8, f8_1d)
 def leave(
     theta: Array, first: int, table: WallTable, place: float, stretch: float, left: Array
 ) -> None:
@@ -109,7 +109,7 @@ def leave(
         left[k] = wrapped(theta[k] - shape)
 
 
-@compiled(READ, COUNT, _TABLE, NUMBER, NUMBER, NUMBER)
+@compiled(const_f8_1d, i8, _TABLE, f8, f8, f8)
 def scan(
     theta: Array, first: int, table: WallTable, start: float, beside: float, bound: float
 ) -> tuple[float, float]:
@@ -130,7 +130,7 @@ def scan(
     return least, best
 
 
-@compiled(READ, COUNT, _TABLE, NUMBER, NUMBER, NUMBER, NUMBER, YES)
+@compiled(const_f8_1d, i8, _TABLE, f8, f8, f8, f8, b1)
 def sums_of_fit(
     theta: Array,
     first: int,
@@ -166,7 +166,7 @@ def sums_of_fit(
     return of_place, of_stretch, both, ahead, wider
 
 
-@compiled(READ, COUNT, _TABLE, NUMBER, NUMBER, NUMBER, NUMBER, YES)
+@compiled(const_f8_1d, i8, _TABLE, f8, f8, f8, f8, b1)
 def fit(
     theta: Array,
     first: int,
@@ -205,7 +205,7 @@ def fit(
     return place, stretch, of_place, of_stretch
 
 
-@compiled(READ, NUMBER, COUNT, _TABLE, NUMBER, NUMBER)
+@compiled(const_f8_1d, f8, i8, _TABLE, f8, f8)
 def fit_about(
     angles: Array, span: float, last: int, table: WallTable, place: float, stretch: float
 ) -> tuple[float, float, tuple[float, float, float, float, float]]:
@@ -224,7 +224,7 @@ def fit_about(
     return place, stretch, sums
 
 
-@compiled(READ, READ, COUNT, _TABLE, NUMBER, NUMBER)
+@compiled(const_f8_1d, const_f8_1d, i8, _TABLE, f8, f8)
 def lasting(
     left: Array, before: Array, first: int, table: WallTable, place: float, stretch: float
 ) -> tuple[float, float]:

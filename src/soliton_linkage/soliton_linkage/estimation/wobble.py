@@ -13,7 +13,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from soliton_linkage.compiling import COUNT, NUMBER, READ, TABLE, YES, compiled, records
+from soliton_linkage.compiling import b1, compiled, const_f8_1d, f8, f8_2d, i8, records
 from soliton_linkage.estimation.frames import wrapped
 from soliton_linkage.estimation.motion_class import next_deviation, tail_of_side
 from soliton_linkage.estimation.settings import DEFAULTS, WobbleSettings, record_dtype
@@ -36,7 +36,7 @@ _NOT_TOLD = (math.nan, math.nan, math.nan)
 """The overshoot of a spinner, or of no rotor [m]."""
 
 
-@compiled(READ, READ, COUNT, COUNT, COUNT, YES, NUMBER, TABLE)
+@compiled(const_f8_1d, const_f8_1d, i8, i8, i8, b1, f8, f8_2d)
 def beside_wall(
     angles: Array,
     at_rest: Array,
@@ -73,7 +73,7 @@ def beside_wall(
         measured[place] = lean + handed * wrapped(apart)
 
 
-@compiled(READ, NUMBER, NUMBER)
+@compiled(const_f8_1d, f8, f8)
 def overshooting(expected: Array, rest_angle: float, calm: float) -> int:
     """Number of the rotor that leans the most or, where any is calm [rad], of the first of them.
 
@@ -90,7 +90,7 @@ def overshooting(expected: Array, rest_angle: float, calm: float) -> int:
     return at
 
 
-@compiled(READ, COUNT, COUNT, NUMBER, NUMBER)
+@compiled(const_f8_1d, i8, i8, f8, f8)
 def tail_sums(
     measured: Array, begin: int, end: int, rest_angle: float, k: float
 ) -> tuple[float, float, float, float, float]:
@@ -110,7 +110,7 @@ def tail_sums(
     return square, product, slopes, squares, both
 
 
-@compiled(READ, COUNT, COUNT, NUMBER, NUMBER, NUMBER)
+@compiled(const_f8_1d, i8, i8, f8, f8, f8)
 def half_wavelength(
     measured: Array, begin: int, end: int, rest_angle: float, error: float, bend: float
 ) -> tuple[float, float]:
@@ -149,7 +149,7 @@ def half_wavelength(
     return distance / scale, variance / (scale * scale)
 
 
-@compiled(READ, READ, NUMBER, NUMBER, NUMBER, NUMBER)
+@compiled(const_f8_1d, const_f8_1d, f8, f8, f8, f8)
 def _overshoot(
     expected: Array, measured: Array, rest_angle: float, length: float, calm: float, error: float
 ) -> tuple[float, float, float]:
@@ -165,7 +165,7 @@ def _overshoot(
     )
 
 
-@compiled(_NUMBERS, NUMBER, NUMBER, NUMBER, NUMBER)
+@compiled(_NUMBERS, f8, f8, f8, f8)
 def _decay_length(
     settings: Records, ratio: float, deviation: float, exact: float, spacing: float
 ) -> tuple[float, float]:
@@ -183,7 +183,7 @@ def _decay_length(
     return length, length * length * deviation / (spacing * abs(ratio))
 
 
-@compiled(_NUMBERS, _BARS, READ, READ, COUNT, NUMBER, NUMBER, NUMBER)
+@compiled(_NUMBERS, _BARS, const_f8_1d, const_f8_1d, i8, f8, f8, f8)
 def wobble(
     settings: Records,
     bars: Records,

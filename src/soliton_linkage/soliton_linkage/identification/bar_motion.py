@@ -30,7 +30,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import least_squares
 
-from soliton_linkage.compiling import READ, READ_TABLE, TABLE, compile_loop, compiled
+from soliton_linkage.compiling import compile_loop, compiled, const_f8_1d, const_f8_2d, f8_2d
 from soliton_linkage.estimation.relocalisation import fit_anywhere, fit_near
 from soliton_linkage.identification.bundle import factor, misclosures
 from soliton_linkage.identification.free_motion import OF_FORCES
@@ -74,7 +74,16 @@ def _acceleration(
 acceleration = compile_loop(_acceleration, inlined=True)
 
 
-@compiled(READ_TABLE, READ_TABLE, READ, READ, READ_TABLE, READ, READ_TABLE, TABLE)
+@compiled(
+    const_f8_2d,
+    const_f8_2d,
+    const_f8_1d,
+    const_f8_1d,
+    const_f8_2d,
+    const_f8_1d,
+    const_f8_2d,
+    f8_2d,
+)
 def move_along(
     roots: Array,
     pulls: Array,

@@ -31,16 +31,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from soliton_linkage.compiling import (
-    BOX,
-    COUNT,
-    NUMBER,
-    READ,
-    READ_PLACES,
-    READ_TABLE,
-    ROW,
-    TABLE,
     compile_loop,
     compiled,
+    const_f8_1d,
+    const_f8_2d,
+    const_i8_2d,
+    f8,
+    f8_1d,
+    f8_2d,
+    f8_3d,
+    i8,
 )
 from soliton_linkage.identification.lengths import OF_A_ROTOR, Lengths, split_lengths
 from soliton_linkage.linkage.chain import Array
@@ -63,7 +63,7 @@ Places = NDArray[np.int64]
 spring = compile_loop(spring_between, inlined=True)
 
 
-@compiled(READ_TABLE, READ, ROW, ROW, TABLE)
+@compiled(const_f8_2d, const_f8_1d, f8_1d, f8_1d, f8_2d)
 def accelerate(table: Array, forces: Array, angles: Array, rates: Array, work: Array) -> None:
     """Set the accelerations [rad/s^2] and the work of all springs."""
     rotors, values = angles.size, work[ACCELERATION]
@@ -116,14 +116,14 @@ def accelerate(table: Array, forces: Array, angles: Array, rates: Array, work: A
         values[n] /= table[INERTIA, n]
 
 
-@compiled(ROW, ROW, NUMBER, ROW)
+@compiled(f8_1d, f8_1d, f8, f8_1d)
 def combine(out: Array, base: Array, factor: float, other: Array) -> None:
     """Set out = base + factor other, all (Q,); out may be base."""
     for q in range(out.size):
         out[q] = base[q] + factor * other[q]
 
 
-@compiled(READ_TABLE, READ_PLACES, COUNT, ROW, TABLE, TABLE, TABLE, TABLE)
+@compiled(const_f8_2d, const_i8_2d, i8, f8_1d, f8_2d, f8_2d, f8_2d, f8_2d)
 def change_accelerations(
     table: Array,
     columns: Places,
@@ -171,7 +171,7 @@ def change_accelerations(
         row[columns[K, n]] += work[PULL, n] * work[SECOND, n] * inverse
 
 
-@compiled(READ_TABLE, READ_PLACES, COUNT, READ, COUNT, NUMBER, TABLE, BOX)
+@compiled(const_f8_2d, const_i8_2d, i8, const_f8_1d, i8, f8, f8_2d, f8_3d)
 def advance(
     table: Array,
     columns: Places,

@@ -13,7 +13,7 @@ from soliton_linkage.linear.rigidity import rigidity_matrix as rigidity_matrix
 from soliton_linkage.linear.rigidity import states_of_self_stress as states_of_self_stress
 from soliton_linkage.linear.rigidity import zero_mode as zero_mode
 from soliton_linkage.linear.rigidity import zero_modes as zero_modes
-from soliton_linkage.linear.statics import balanced as balanced
+from soliton_linkage.linear.statics import equilibrium as equilibrium
 from soliton_linkage.linear.statics import rest_state as rest_state
 from soliton_linkage.linear.statics import toggled_angle as toggled_angle
 from soliton_linkage.linear.statics import unstretched as unstretched

@@ -43,7 +43,7 @@ def unstretched(chain: Chain, angles: Array) -> Array:
         worst = float(np.abs(extensions).max())
         if worst <= enough:
             return state
-        step = smallest_change(chain, state, -extensions)
+        step = min_norm_change(chain, state, -extensions)
         state += step * min(1.0, _LONGEST_STEP / max(float(np.abs(step).max()), 1e-300))
         extensions = chain.spring_extensions(state)
     spring = int(np.argmax(np.abs(extensions)))
@@ -79,7 +79,7 @@ def toggled_angle(chain: Chain, angles: Array, edge: Edge) -> float:
     return 2 * towards - float(checked[rotor])
 
 
-def smallest_change(chain: Chain, angles: Array, lengthening: Array) -> Array:
+def min_norm_change(chain: Chain, angles: Array, lengthening: Array) -> Array:
     """Smallest change of the angles that lengthens the springs as given [m], shape (N,) [rad].
 
     dphi = R^T (R R^T)^(-1) dl, orthogonal to the zero mode. R R^T is tridiagonal and its
@@ -91,7 +91,7 @@ def smallest_change(chain: Chain, angles: Array, lengthening: Array) -> Array:
             matrix = rigidity_matrix(chain, angles)
             return np.asarray(matrix.T @ splu((matrix @ matrix.T).tocsc()).solve(lengthening))
         first, second = rigidity_bands(chain, angles)
-        solved = solveh_banded(banded_products(first, second), lengthening)
+        solved = solveh_banded(gram_matrix_bands(first, second), lengthening)
     except (LinAlgError, RuntimeError):
         raise ValueError(
             f'the chain is stuck at {_shown(angles)} rad, where its springs carry a state of '
@@ -100,7 +100,7 @@ def smallest_change(chain: Chain, angles: Array, lengthening: Array) -> Array:
     return chain.gathered(first * solved, second * solved)
 
 
-def banded_products(first: Array, second: Array) -> Array:
+def gram_matrix_bands(first: Array, second: Array) -> Array:
     """R R^T of free ends in the upper form of LAPACK, its diagonal last [m^2], (2, springs).
 
     A single spring has no neighbour: then the shape is (1, 1), without a band for one.
@@ -137,7 +137,7 @@ def stiffness_matrix(chain: Chain, angles: Array) -> csc_array:
     return csc_array((entries, (rows, columns)), shape=(rotors, rotors))
 
 
-def balanced(chain: Chain, angles: Array) -> Array:
+def equilibrium(chain: Chain, angles: Array) -> Array:
     """Return the configuration near a given one in which the springs are in balance, (N,).
 
     Newton's method on the torques; the equilibrium need not be stable. Raises ValueError where

@@ -22,7 +22,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from soliton_linkage.linkage.deviations import NO_DEVIATIONS, Deviations
-from soliton_linkage.linkage.quantities import check_quantities, quantity, with_fields
+from soliton_linkage.linkage.quantities import check_quantities, document_fields, quantity
 from soliton_linkage.linkage.springs import spring_between
 
 Array = NDArray[np.float64]
@@ -36,7 +36,7 @@ class Motion(enum.Enum):
     SPINNER = 'spinner'
 
 
-@with_fields
+@document_fields
 @dataclass(frozen=True)
 class Chain:
     """Parameters of a chain; raises ValueError where they are invalid.

@@ -13,15 +13,15 @@ import numpy as np
 from soliton_linkage.linkage.quantities import (
     LARGEST_SEED,
     check_quantities,
+    document_fields,
     quantity,
-    with_fields,
 )
 
 _LARGEST_FRACTION = 1e3
 """That a rotor or spring may have more [1]: products of lengths stay numbers."""
 
 
-@with_fields
+@document_fields
 @dataclass(frozen=True)
 class Deviations:
     """Fractions by which rotors and springs differ; empty where all are as the chain says.
@@ -95,7 +95,7 @@ def _spread(of: str) -> Any:
     return quantity(0.0, description, '', 0.0, _LARGEST_SPREAD)
 
 
-@with_fields
+@document_fields
 @dataclass(frozen=True)
 class Disorder:
     """Standard deviations of the fractions by which rotors and springs differ, and their seed.

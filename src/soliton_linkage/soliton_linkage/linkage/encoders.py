@@ -13,12 +13,12 @@ from soliton_linkage.linkage.quantities import (
     LARGEST_ANGLE,
     LARGEST_SEED,
     check_quantities,
+    document_fields,
     quantity,
-    with_fields,
 )
 
 
-@with_fields
+@document_fields
 @dataclass(frozen=True)
 class EncoderErrors:
     """How readings differ from angles; raises ValueError for values out of their range."""
@@ -45,7 +45,7 @@ class EncoderErrors:
         return not (self.noise or self.quantisation or any(self.offsets))
 
 
-@with_fields
+@document_fields
 @dataclass(frozen=True)
 class KnownEncoders:
     """What is known of the encoders of a chain; raises ValueError for values out of their range.

@@ -8,10 +8,10 @@ from dataclasses import dataclass
 import numpy as np
 
 from soliton_linkage.linkage.chain import Array, Chain
-from soliton_linkage.linkage.quantities import check_quantities, quantity, with_fields
+from soliton_linkage.linkage.quantities import check_quantities, document_fields, quantity
 
 
-@with_fields
+@document_fields
 @dataclass(frozen=True)
 class Gravity:
     """A field of constant strength whose direction tilts from -z (tilt 0) towards +x (pi / 2).

@@ -66,7 +66,7 @@ def quantity(
     return field(default=default, metadata={'quantity': described})
 
 
-def with_fields(dataclass_type: type[Described]) -> type[Described]:
+def document_fields(dataclass_type: type[Described]) -> type[Described]:
     """Add to the docstring of a dataclass, which `help` shows, what its quantities mean."""
     lines = [
         f'    {name}: {one.description}{f" [{one.unit}]" if one.unit else ""}'

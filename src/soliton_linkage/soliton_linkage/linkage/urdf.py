@@ -13,7 +13,7 @@ from xml.etree import ElementTree as Xml
 
 from soliton_linkage.colours import BLUE, DARK, GREY, PALE, shares
 from soliton_linkage.linkage.chain import Chain
-from soliton_linkage.linkage.quantities import check_quantities, quantity, with_fields
+from soliton_linkage.linkage.quantities import check_quantities, document_fields, quantity
 
 BASE = 'linkage'
 """The link at rest: the frame in which the pivots stand along x."""
@@ -24,7 +24,7 @@ _POINT = 1e-6
 points, and readers of URDF refuse a moment of 0."""
 
 
-@with_fields
+@document_fields
 @dataclass(frozen=True)
 class JointLimits:
     """What a rotor is not to exceed; it may turn as far as it will."""

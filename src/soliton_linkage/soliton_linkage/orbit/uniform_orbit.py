@@ -22,7 +22,7 @@ from scipy.integrate import DOP853, DenseOutput
 from scipy.interpolate import BSpline, make_interp_spline
 from scipy.optimize import brentq
 
-from soliton_linkage.compiling import COUNT, NUMBER, READ, READ_TABLE, ROW, compiled
+from soliton_linkage.compiling import compiled, const_f8_1d, const_f8_2d, f8, f8_1d, i8
 from soliton_linkage.linear.bands import couplings, penetration_depth
 from soliton_linkage.linear.rigidity import mode_towards_last, rigidity_bands
 from soliton_linkage.linkage.chain import Array, Chain, Motion
@@ -335,7 +335,7 @@ def _closed_spline(pieces: list[_BetweenMiddles], middles: list[float]) -> BSpli
     )
 
 
-@compiled(READ, READ_TABLE, NUMBER, ROW)
+@compiled(const_f8_1d, const_f8_2d, f8, f8_1d)
 def spline(knots: Array, coefficients: Array, at: float, values: Array) -> None:
     """Set values of B-splines with knots in common, shape (M,); coefficients of shape (K, M).
 
@@ -366,7 +366,7 @@ def spline(knots: Array, coefficients: Array, at: float, values: Array) -> None:
         values[column] = value
 
 
-@compiled(NUMBER, READ_TABLE, COUNT, NUMBER, NUMBER, READ, READ_TABLE, ROW)
+@compiled(f8, const_f8_2d, i8, f8, f8, const_f8_1d, const_f8_2d, f8_1d)
 def set_about_wall(
     arc: float,
     legs: Array,

@@ -28,7 +28,7 @@ import numpy as np
 from scipy.linalg import solveh_banded
 
 from soliton_linkage.linear.bands import tail_ratio
-from soliton_linkage.linear.statics import banded_products
+from soliton_linkage.linear.statics import gram_matrix_bands
 from soliton_linkage.linkage.chain import Array, Chain
 from soliton_linkage.linkage.deviations import NO_DEVIATIONS
 from soliton_linkage.orbit.orbit import Orbit, OrbitSegment
@@ -168,7 +168,7 @@ class _BarsAboutWall:
     def _by_angles(self, each: Array) -> Array:
         """What they do to a sum of so much of each angle, shape (n,)."""
         pulled = self._first * each[:-1] + self._second * each[1:]
-        bars = solveh_banded(banded_products(self._first, self._second), pulled)
+        bars = solveh_banded(gram_matrix_bands(self._first, self._second), pulled)
         (h, v), (h_next, v_next) = self._left, self._right
         by_lengths = np.empty(2 * len(each) - 1)
         by_lengths[1::2] = -bars * self._spacing * self._across

@@ -5,26 +5,26 @@
 along a `ReferenceTrajectory`, and has `TorqueAllocation` make torques of the force that it takes.
 """
 
-from soliton_linkage.steering.phonon_watch import PhononWatch
+from soliton_linkage.steering.phonon_energy_estimator import PhononEnergyEstimator
 from soliton_linkage.steering.reference_trajectory import (
     ReferencePoint,
     ReferenceTrajectory,
+    adiabatic_rate,
     bandwidth,
-    gentle_rate,
     trajectory_to,
     trajectory_to_rest,
 )
 from soliton_linkage.steering.settings import DEFAULTS, SteeringSettings
-from soliton_linkage.steering.steering import Ended, Outcome, Steering, WallState
+from soliton_linkage.steering.steering import MoveResult, Outcome, Steering, WallState
 from soliton_linkage.steering.torque_allocation import Effort, Reach, TorqueAllocation
 from soliton_linkage.steering.wall_observer import WallEstimate, WallObserver
 
 __all__ = [
     'DEFAULTS',
     'Effort',
-    'Ended',
+    'MoveResult',
     'Outcome',
-    'PhononWatch',
+    'PhononEnergyEstimator',
     'Reach',
     'ReferencePoint',
     'ReferenceTrajectory',
@@ -34,8 +34,8 @@ __all__ = [
     'WallEstimate',
     'WallObserver',
     'WallState',
+    'adiabatic_rate',
     'bandwidth',
-    'gentle_rate',
     'trajectory_to',
     'trajectory_to_rest',
 ]

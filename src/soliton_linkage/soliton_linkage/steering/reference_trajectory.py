@@ -93,10 +93,10 @@ class ReferenceTrajectory:
         return np.polyder(highest_first, order) if order else highest_first
 
 
-def gentle_rate(orbit: Orbit, settings: SteeringSettings = DEFAULTS) -> float:
+def adiabatic_rate(orbit: Orbit, settings: SteeringSettings = DEFAULTS) -> float:
     """Rate of the arc at which a wall radiates next to nothing [rad/s].
 
-    The `gentle_share` of the largest at which a rotor in the middle takes less than the
+    The `adiabatic_fraction` of the largest at which a rotor in the middle takes less than the
     `radiated_share` of the wall's energy.
     """
     middle = orbit.arc_at(orbit.middle, 0)
@@ -119,7 +119,7 @@ def gentle_rate(orbit: Orbit, settings: SteeringSettings = DEFAULTS) -> float:
     radiating = np.flatnonzero(shares.max(axis=0) > settings.radiated_share)
     # Of a wall that radiates at every number, as it jumps, the samples tell no more.
     first_quiet = min(max(radiating, default=0) + 1, len(numbers) - 1)
-    return settings.gentle_share * gap(orbit.chain) / float(numbers[first_quiet])
+    return settings.adiabatic_fraction * gap(orbit.chain) / float(numbers[first_quiet])
 
 
 def bandwidth(orbit: Orbit, period: float, settings: SteeringSettings = DEFAULTS) -> float:

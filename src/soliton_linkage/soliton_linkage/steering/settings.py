@@ -35,7 +35,7 @@ class SteeringSettings:
     """/ 2: moves take up to 7 % longer; x 2: a wobbling flipper's take 28 % less and leave 2000
     times the energy of phonons, still a millionth of the wall's."""
 
-    gentle_share: float = quantity(
+    adiabatic_fraction: float = quantity(
         0.5, 'gentle rate over that at which a wall radiates this share', '', 1e-3, 1.0
     )
     """/ 2: moves take up to twice as long; x 2: up to half as long, and phonons keep 5e-8 of a

@@ -30,8 +30,8 @@ from soliton_linkage.orbit.orbit import Orbit
 from soliton_linkage.steering.reference_trajectory import (
     ReferencePoint,
     ReferenceTrajectory,
+    adiabatic_rate,
     bandwidth,
-    gentle_rate,
     trajectory_to,
     trajectory_to_rest,
 )
@@ -62,7 +62,7 @@ class Outcome(enum.Enum):
 
 
 @dataclass(frozen=True)
-class Ended:
+class MoveResult:
     """The end of a move.
 
     outcome: how it ended, or why it never began.
@@ -116,7 +116,7 @@ class Steering:
         self.orbit = orbit
         self.allocation = allocation
         self.settings = settings
-        self.gentle_speed = gentle_rate(orbit, settings) / orbit.site_arc
+        self.adiabatic_speed = adiabatic_rate(orbit, settings) / orbit.site_arc
         self._inertia = orbit.chain.moment_of_inertia
         self._period = math.nan
         self._quiet = 1.0
@@ -167,7 +167,7 @@ class Steering:
         self._observer.forget()
         self._observer.bandwidth = self.settings.observer_ratio * self._bandwidth
 
-    def observe(self, time: float, angles: Array) -> Ended | None:
+    def observe(self, time: float, angles: Array) -> MoveResult | None:
         """Take in a frame [s], [rad]; tell how the move or the hold has ended, if it has now."""
         before = self._observer.estimate
         if before is not None and time > before.time:
@@ -197,7 +197,7 @@ class Steering:
             return None
         return self._judged(self._trajectory, estimate)
 
-    def move(self, place: float, speed: float = 0.0) -> Ended | None:
+    def move(self, place: float, speed: float = 0.0) -> MoveResult | None:
         """Begin to carry the wall to a place [rotor spacings]; tell why not, if it cannot be.
 
         No faster than the speed [rotor spacings / s], nor than is gentle; 0 for that.
@@ -206,7 +206,7 @@ class Steering:
         refusal = self._refusal(place, speed, estimate)
         if refusal is not None or estimate is None:
             return refusal
-        limit = min(speed or math.inf, self.gentle_speed) * self.orbit.site_arc
+        limit = min(speed or math.inf, self.adiabatic_speed) * self.orbit.site_arc
         shortest = self.settings.shortest_move / (self._bandwidth / self._quiet)
         point = self._reference(estimate)
         goal = self._nearest_arc(place, point.arc + point.rate * shortest / 2)
@@ -326,7 +326,9 @@ class Steering:
         ways = [self.orbit.arc_at(place, leg) - arc for leg in legs]
         return arc + min((math.remainder(way, self.orbit.length) for way in ways), key=abs)
 
-    def _judged(self, trajectory: ReferenceTrajectory, estimate: WallEstimate) -> Ended | None:
+    def _judged(
+        self, trajectory: ReferenceTrajectory, estimate: WallEstimate
+    ) -> MoveResult | None:
         """Tell whether the wall has come to rest where it is to be."""
         if not self._moving or estimate.time < trajectory.end:
             return None
@@ -351,33 +353,35 @@ class Steering:
     def _here(self) -> str:
         return 'no place' if self.wall is None else f'rotor {self.wall.place:.3f}'
 
-    def _ended(self, outcome: Outcome, message: str) -> Ended:
+    def _ended(self, outcome: Outcome, message: str) -> MoveResult:
         self._moving = False
-        return Ended(outcome, message, math.nan if self.wall is None else self.wall.place)
+        return MoveResult(outcome, message, math.nan if self.wall is None else self.wall.place)
 
-    def _lost(self, message: str) -> Ended | None:
+    def _lost(self, message: str) -> MoveResult | None:
         held = self.holding
         self.release()
         return self._ended(Outcome.SOLITON_LOST, f'{message}; it is let go') if held else None
 
-    def _refusal(self, place: float, speed: float, estimate: WallEstimate | None) -> Ended | None:
+    def _refusal(
+        self, place: float, speed: float, estimate: WallEstimate | None
+    ) -> MoveResult | None:
         last = self.orbit.chain.number_of_rotors - 1
         here = math.nan if self.wall is None else self.wall.place
         if not 0 <= place <= last:
-            return Ended(
+            return MoveResult(
                 Outcome.OUT_OF_CHAIN,
                 f'rotor = {place:g} must lie in the range 0 to {last}; name a place in the chain',
                 here,
             )
         if not (math.isfinite(speed) and speed >= 0):
-            return Ended(
+            return MoveResult(
                 Outcome.INVALID_SPEED,
                 f'speed = {speed:g} rotor spacings per second must be a finite number of 0 or '
-                f'more; 0 takes {self.gentle_speed:.3g}, the fastest that wakes no phonons',
+                f'more; 0 takes {self.adiabatic_speed:.3g}, the fastest that wakes no phonons',
                 here,
             )
         if estimate is None:
-            return Ended(
+            return MoveResult(
                 Outcome.NO_SOLITON,
                 'the angles show no wall: they are near no configuration of the chain; let it '
                 'come to rest, or check its parameters',
@@ -387,7 +391,7 @@ class Steering:
 
     def _out_of_reach(
         self, place: float, estimate: WallEstimate, trajectory: ReferenceTrajectory
-    ) -> Ended | None:
+    ) -> MoveResult | None:
         force = self.settings.force_reserve * self._inertia * trajectory.strongest
         if self.allocation.carries(estimate.arc, trajectory.goal, force):
             return None
@@ -398,7 +402,7 @@ class Steering:
             if math.isnan(reach.first)
             else f'from rotor {here:.2f} they carry it from {reach.first:.2f} to {reach.last:.2f}'
         )
-        return Ended(
+        return MoveResult(
             Outcome.OUT_OF_REACH,
             f'rotor = {place:g} is out of reach of the actuators: {able} with torques up to '
             f'{self.allocation.torque_limit:g} N m and springs that give way by up to '

@@ -19,7 +19,7 @@ import numpy as np
 from scipy.linalg import solveh_banded
 
 from soliton_linkage.linear.rigidity import rigidity_bands
-from soliton_linkage.linear.statics import banded_products, smallest_change
+from soliton_linkage.linear.statics import gram_matrix_bands, min_norm_change
 from soliton_linkage.linkage.chain import Array
 from soliton_linkage.orbit.orbit import Orbit
 
@@ -156,5 +156,5 @@ class TorqueAllocation:
         angles = self.orbit.configuration(arc)
         first, second = rigidity_bands(chain, angles)
         work = first * torques[:-1] + second * torques[1:]
-        tensions = solveh_banded(banded_products(first, second), work)
-        return float(np.abs(smallest_change(chain, angles, tensions / chain.stiffnesses)).max())
+        tensions = solveh_banded(gram_matrix_bands(first, second), work)
+        return float(np.abs(min_norm_change(chain, angles, tensions / chain.stiffnesses)).max())

@@ -23,12 +23,12 @@ from numpy.typing import NDArray
 from scipy.special import erfc
 
 from soliton_linkage.compiling import (
-    READ_PICTURE,
-    ROW,
-    TABLE,
-    YES,
+    b1,
     compile_loop,
     compiled,
+    const_u1_2d,
+    f8_1d,
+    f8_2d,
 )
 from soliton_linkage.linkage.chain import Array
 
@@ -66,7 +66,7 @@ _LEAST_SMEAR = 0.3
 """Way below which a dot counts as at rest [pixels]."""
 
 
-@compiled(READ_PICTURE, ROW, ROW)
+@compiled(const_u1_2d, f8_1d, f8_1d)
 def begin_loop(grey: NDArray[np.uint8], dot: Array, state: Array) -> None:
     """Set the first state of a fit by the lightest and darkest pixels within the reach."""
     start, reach = dot, dot[3]
@@ -135,7 +135,7 @@ share_of_dot = compile_loop(_share_of_dot, inlined=True)
 add_pixel = compile_loop(_add_pixel, inlined=True)
 
 
-@compiled(READ_PICTURE, ROW, ROW, TABLE, ROW, TABLE, YES)
+@compiled(const_u1_2d, f8_1d, f8_1d, f8_2d, f8_1d, f8_2d, b1)
 def normal_loop(
     grey: NDArray[np.uint8],
     state: Array,
@@ -188,7 +188,7 @@ def normal_loop(
     return squares, count
 
 
-@compiled(TABLE, ROW)
+@compiled(f8_2d, f8_1d)
 def solve_loop(matrix: Array, right: Array) -> None:
     """Solve a symmetric positive system in place by elimination; `right` becomes the solution."""
     size = len(right)
@@ -205,7 +205,7 @@ def solve_loop(matrix: Array, right: Array) -> None:
         right[i] /= max(matrix[i, i], 1e-12)
 
 
-@compiled(READ_PICTURE, TABLE, TABLE)
+@compiled(const_u1_2d, f8_2d, f8_2d)
 def fit_loop(grey: NDArray[np.uint8], dots: Array, found: Array) -> None:
     """Fit dots: rows of first place (2), radius, reach, S (xx, xy, yx, yy) and way (2).
 

@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from soliton_linkage.linkage.chain import Array, Chain
-from soliton_linkage.linkage.quantities import check_quantities, quantity, with_fields
+from soliton_linkage.linkage.quantities import check_quantities, document_fields, quantity
 from soliton_linkage.vision.opencv import opencv
 
 DICTIONARY = 'DICT_4X4_50'
@@ -37,7 +37,7 @@ _BETWEEN = 0.25
 """Distance of the paper of frame markers from the nearest labels, over the spacing [1]."""
 
 
-@with_fields
+@document_fields
 @dataclass(frozen=True)
 class MarkerSettings:
     """Sizes and places of markers; raises ValueError for values out of their range."""

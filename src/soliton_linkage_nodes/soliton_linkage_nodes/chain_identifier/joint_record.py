@@ -9,7 +9,7 @@ from collections.abc import Sequence
 import numpy as np
 from sensor_msgs.msg import JointState
 
-from soliton_linkage.actuation.kick_record import Delivered
+from soliton_linkage.actuation.kick_record import DeliveryTotals
 from soliton_linkage.identification.readings import (
     Readings,
     RecordedImpulse,
@@ -58,7 +58,7 @@ class JointRecord:
         self._latest: int | None = None
         self._commanded_impulses, self._commanded_torques = _none_yet(), _none_yet()
         self._delivered_impulses, self._delivered_torques = _none_yet(), _none_yet()
-        self._delivered: Delivered | None = None
+        self._delivered: DeliveryTotals | None = None
         self._tilts: deque[tuple[int, float]] = deque(maxlen=_MOST_PUSHES)
 
     def __len__(self) -> int:

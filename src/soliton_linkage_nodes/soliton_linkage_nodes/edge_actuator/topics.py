@@ -7,7 +7,7 @@ from collections.abc import Callable
 
 from rclpy.node import Node
 
-from soliton_linkage.actuation.kick_record import Kick
+from soliton_linkage.actuation.kick_record import KickReport
 from soliton_linkage.linkage.chain import Array
 from soliton_linkage_nodes.messages.cdr import (
     ImpulseBuffer,
@@ -124,7 +124,7 @@ class ActuatorPublishers:
         _, buffer = self._buffers_of(named)
         publish_buffer(self._torques, buffer.fill(self.now, torques))
 
-    def report(self, named: NamedChain, kick: Kick) -> None:
+    def report(self, named: NamedChain, kick: KickReport) -> None:
         """Publish a kick that is over."""
         self._last_kick.publish(last_kick_to_msg(named, kick))
 

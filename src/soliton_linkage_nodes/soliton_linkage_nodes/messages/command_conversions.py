@@ -12,7 +12,7 @@ from std_msgs.msg import Float64MultiArray, Header
 from trajectory_msgs.msg import JointTrajectory
 
 from soliton_linkage.actuation.edge_command import CommandKind, EdgeCommand
-from soliton_linkage.actuation.kick_record import Delivered, Kick
+from soliton_linkage.actuation.kick_record import DeliveryTotals, KickReport
 from soliton_linkage.actuation.torque_drive import Rotors
 from soliton_linkage.linear.rigidity import Edge
 from soliton_linkage.linkage.chain import Array
@@ -162,7 +162,7 @@ def trajectory_from_msg(
     return rotors, instants / SECOND, torques
 
 
-def delivery_to_msg(delivered: Delivered) -> msg.Delivery:
+def delivery_to_msg(delivered: DeliveryTotals) -> msg.Delivery:
     """What was delivered to the chain as a message."""
     return msg.Delivery(
         header=Header(stamp=time_to_msg(delivered.stamp), frame_id=FRAME),
@@ -174,9 +174,9 @@ def delivery_to_msg(delivered: Delivered) -> msg.Delivery:
     )
 
 
-def delivery_from_msg(message: msg.Delivery) -> Delivered:
+def delivery_from_msg(message: msg.Delivery) -> DeliveryTotals:
     """What was delivered to the chain."""
-    return Delivered(
+    return DeliveryTotals(
         time_from_msg(message.header.stamp),
         message.impulses,
         message.work_of_impulses,
@@ -186,13 +186,13 @@ def delivery_from_msg(message: msg.Delivery) -> Delivered:
     )
 
 
-def last_kick_to_msg(named: NamedChain, kick: Kick) -> msg.LastKick:
+def last_kick_to_msg(named: NamedChain, kick: KickReport) -> msg.LastKick:
     """Kick that is over as a message; joints that got nothing are left out."""
     acted_on = np.flatnonzero(kick.impulse)
     return msg.LastKick(
         header=Header(stamp=time_to_msg(kick.stamp), frame_id=FRAME),
         source=kick.source,
-        asked=msg.EdgeCommand() if kick.asked is None else edge_command_to_msg(kick.asked),
+        asked=msg.EdgeCommand() if kick.command is None else edge_command_to_msg(kick.command),
         duration=kick.duration,
         name=[named.joint_names[rotor] for rotor in acted_on],
         impulse=kick.impulse[acted_on].tolist(),

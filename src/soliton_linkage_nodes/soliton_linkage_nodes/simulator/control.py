@@ -144,7 +144,7 @@ class SimulationControl:
             self._commands.torques = torques
             self._commands.count += 1
 
-    def turn_gravity(self, gravity: Gravity) -> None:
+    def set_gravity(self, gravity: Gravity) -> None:
         """Set the gravity, also after resets."""
         with self._lock:
             self._gravity = gravity
@@ -235,7 +235,7 @@ class SimulationControl:
     def _carry_out_commands(self) -> None:
         simulation = self._simulation
         commands, self._commands = self._commands, _Pending()
-        simulation.turn_gravity(self._gravity)
+        simulation.set_gravity(self._gravity)
         for impulses in commands.kicks:
             simulation.kick(impulses)
         if commands.kicks:
@@ -259,6 +259,6 @@ def _try(simulation: Simulation) -> None:
     if 0 < simulation.progress < _LEAST_PROGRESS:
         raise ValueError(
             f'a frame of this state takes {_LONGEST_TRIAL / _LEAST_PROGRESS:g} s to compute or '
-            f'more, and {simulation.steps_a_frame:.3g} steps at least; start from slower rotors, '
+            f'more, and {simulation.steps_per_frame:.3g} steps at least; start from slower rotors, '
             'or from softer springs and heavier masses'
         )

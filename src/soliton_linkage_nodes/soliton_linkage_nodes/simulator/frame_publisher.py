@@ -10,7 +10,7 @@ import numpy as np
 from rclpy.clock import Clock, ClockType
 from rclpy.node import Node
 
-from soliton_linkage.actuation.kick_record import Delivered
+from soliton_linkage.actuation.kick_record import DeliveryTotals
 from soliton_linkage.dynamics.simulation import Simulation
 from soliton_linkage.linkage.chain import Array
 from soliton_linkage.linkage.encoders import EncoderErrors, Encoders
@@ -81,7 +81,7 @@ class DeliveryPublisher:
     def __init__(self, node: Node, number_of_rotors: int, stamp: int) -> None:
         """Publish that nothing has been delivered; stamp [ns]."""
         self._publisher = interfaces.DELIVERY.publisher(node)
-        self._delivered = Delivered(stamp, 0, 0.0, False, 0.0, np.zeros(number_of_rotors))
+        self._delivered = DeliveryTotals(stamp, 0, 0.0, False, 0.0, np.zeros(number_of_rotors))
         self._simulation: Simulation | None = None
         self._angles = self._torques = np.zeros(number_of_rotors)
         self._kicks, self._kick_work = 0, 0.0
@@ -101,7 +101,7 @@ class DeliveryPublisher:
         acting = bool(self._torques.any())
         if acting or before.torques_act or self._kicks:
             turned = simulation.angles - self._angles
-            self._delivered = Delivered(
+            self._delivered = DeliveryTotals(
                 stamp,
                 before.impulses + self._kicks,
                 before.work_of_impulses + self._kick_work,

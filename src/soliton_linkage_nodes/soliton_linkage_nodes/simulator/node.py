@@ -182,7 +182,7 @@ class Simulator(ManagedNode):
 
     def follow_parameters(self) -> None:
         """Apply the parameters of gravity, encoders and pace."""
-        self.control.turn_gravity(current(self, Gravity, PARAMETERS[Gravity]))
+        self.control.set_gravity(current(self, Gravity, PARAMETERS[Gravity]))
         self._joints.change(current(self, EncoderErrors, PARAMETERS[EncoderErrors]))
         self.loop.rate = self._pace(self.get_parameter('real_time_factor').value)
 

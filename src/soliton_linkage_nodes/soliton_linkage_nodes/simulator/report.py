@@ -75,7 +75,7 @@ class SimulationReport:
         if status.failure:
             return (f'paused, {status.failure}',) * 2
         if slow:
-            steps = self._control.simulation.steps_a_frame
+            steps = self._control.simulation.steps_per_frame
             message = (
                 f'the next frame takes long to compute, {steps:.1g} steps of the solver at least; '
                 'take softer springs, heavier masses, less damping or slower rotors'

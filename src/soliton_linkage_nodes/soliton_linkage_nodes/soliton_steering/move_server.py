@@ -11,7 +11,7 @@ from typing import Any
 from rclpy.action import ActionServer, CancelResponse
 from rclpy.action.server import ServerGoalHandle
 
-from soliton_linkage.steering.steering import Ended, Outcome, WallState
+from soliton_linkage.steering.steering import MoveResult, Outcome, WallState
 from soliton_linkage_msgs.action import MoveSoliton
 from soliton_linkage_nodes.runtime import interfaces
 from soliton_linkage_nodes.runtime.guarded import CALLS_OF_ACTION, GuardedNode
@@ -46,7 +46,7 @@ class MoveServer(ActionServer):
         """How many goals were."""
         self.start = math.nan
         """Where the soliton was when the last began [rotor spacings]."""
-        self.ended: Ended | None = None
+        self.ended: MoveResult | None = None
         """How the last ended that was under way."""
         self._of = node
         self._told_at = -math.inf
@@ -61,7 +61,7 @@ class MoveServer(ActionServer):
             raise
         except Exception as error:
             failure = self._of.fail('begin a move', error)
-            self.end(handle, Ended(Outcome.NOT_HELD, failure, math.nan))
+            self.end(handle, MoveResult(Outcome.NOT_HELD, failure, math.nan))
 
     def begin(self, handle: ServerGoalHandle, place: float) -> None:
         """Have a goal under way, from a place on [rotor spacings]."""
@@ -75,14 +75,14 @@ class MoveServer(ActionServer):
             self._told_at = now
             self.goal.publish_feedback(move_feedback_to_msg(wall, phonon_energy))
 
-    def conclude(self, ended: Ended) -> None:
+    def conclude(self, ended: MoveResult) -> None:
         """End the goal that is under way, if any."""
         handle, self.goal = self.goal, None
         if handle is not None:
             self.ended = ended
             self.end(handle, ended)
 
-    def end(self, handle: ServerGoalHandle, ended: Ended) -> None:
+    def end(self, handle: ServerGoalHandle, ended: MoveResult) -> None:
         """Bring a goal to its terminal state and send its result."""
         if ended.outcome is Outcome.REACHED:
             handle.succeed()
@@ -101,7 +101,7 @@ _OUTCOMES = {
 } | {Outcome.STOPPED: MoveSoliton.Result.CANCELLED}
 
 
-def move_result_to_msg(ended: Ended) -> MoveSoliton.Result:
+def move_result_to_msg(ended: MoveResult) -> MoveSoliton.Result:
     """How a move of the soliton ended, as the result of the action."""
     return MoveSoliton.Result(
         outcome=_OUTCOMES[ended.outcome], message=ended.message, rotor=ended.place

@@ -14,7 +14,7 @@ from rclpy.clock import Clock, ClockType
 from std_srvs.srv import Trigger
 
 from soliton_linkage.linkage.chain import Array
-from soliton_linkage.steering.steering import Ended, Outcome
+from soliton_linkage.steering.steering import MoveResult, Outcome
 from soliton_linkage_msgs.action import MoveSoliton
 from soliton_linkage_nodes.messages.cdr import JointStateDecoder, TorqueBuffer, publish_buffer
 from soliton_linkage_nodes.messages.chain_source import ChainSource
@@ -183,27 +183,29 @@ class SolitonSteering(ManagedNode):
             f'another goal, rotor {handle.request.rotor:g}, has taken its place when the '
             f'soliton was at rotor {place:.3f}'
         )
-        self.server.conclude(Ended(Outcome.PREEMPTED, message, place))
+        self.server.conclude(MoveResult(Outcome.PREEMPTED, message, place))
         self.server.begin(handle, place)
         self._recent.clear()
         self._joint_states.attend(True)
 
-    def _refusal(self, request: MoveSoliton.Goal) -> Ended | None:
+    def _refusal(self, request: MoveSoliton.Goal) -> MoveResult | None:
         """Begin the move of a request, or tell why not."""
         if not self.active:
-            return Ended(
+            return MoveResult(
                 Outcome.OUT_OF_REACH, 'the steering is not active; activate it first', math.nan
             )
         if self.chain is None:
-            return Ended(
+            return MoveResult(
                 Outcome.NO_SOLITON,
                 'the chain is not known; publish chain or set chain_from to parameters',
                 math.nan,
             )
         if self.freshness.stale:
-            return Ended(Outcome.NO_SOLITON, f'no fresh joint_states: {self.freshness}', math.nan)
+            return MoveResult(
+                Outcome.NO_SOLITON, f'no fresh joint_states: {self.freshness}', math.nan
+            )
         if not self.torques.get_subscription_count():
-            return Ended(
+            return MoveResult(
                 Outcome.OUT_OF_REACH,
                 'nothing subscribes to rotor_torques; start the simulator first',
                 self.place,
@@ -241,7 +243,7 @@ class SolitonSteering(ManagedNode):
         where = '' if math.isnan(place) else f', at rotor {place:.3f}'
         message = f'{why}; the soliton is let go{where}'
         self.get_logger().info(message)
-        self.server.conclude(Ended(outcome, message, place))
+        self.server.conclude(MoveResult(outcome, message, place))
         return True
 
     def _send(self, torques: Array) -> None:
@@ -285,7 +287,7 @@ def report(chain: SteeredChain | None, silent: bool, server: MoveServer) -> Repo
         'deviations left out': '' if chain is None else chain.limitation,
         'last move': '' if ended is None else f'{ended.outcome.value}: {ended.message}',
         'gentle speed [rotor spacings/s]': (
-            math.nan if chain is None else chain.steering.gentle_speed
+            math.nan if chain is None else chain.steering.adiabatic_speed
         ),
     }
     return Report(message, values, warning=wall is None)

@@ -10,9 +10,9 @@ from soliton_linkage.linkage.chain import Array
 from soliton_linkage.linkage.deviations import NO_DEVIATIONS
 from soliton_linkage.linkage.quantities import quantity
 from soliton_linkage.orbit.deviating_orbit import orbit_of
-from soliton_linkage.steering.phonon_watch import PhononWatch
+from soliton_linkage.steering.phonon_energy_estimator import PhononEnergyEstimator
 from soliton_linkage.steering.settings import SteeringSettings
-from soliton_linkage.steering.steering import Ended, Steering, WallState
+from soliton_linkage.steering.steering import MoveResult, Steering, WallState
 from soliton_linkage.steering.torque_allocation import TorqueAllocation
 from soliton_linkage_nodes.messages.chain_source import CHAIN_PARAMETERS, ChainSourceParameters
 from soliton_linkage_nodes.messages.conversions import Frame, NamedChain
@@ -68,7 +68,7 @@ class SteeredChain:
             self.limitation = str(error)
         allocation = TorqueAllocation(orbit, rotors, settings.torque_limit, settings.strain_limit)
         self.steering = Steering(orbit, allocation, SteeringSettings(tolerance=settings.tolerance))
-        self._phonons = PhononWatch(orbit)
+        self._phonons = PhononEnergyEstimator(orbit)
         self._epoch: int | None = None
 
     @property
@@ -89,9 +89,9 @@ class SteeredChain:
     def begin_anew(self) -> None:
         """Know of no frame, as at first; not while a wall is held."""
         self.steering.forget()
-        self._phonons = PhononWatch(self.steering.orbit)
+        self._phonons = PhononEnergyEstimator(self.steering.orbit)
 
-    def observe(self, stamp: int, frame: Frame) -> tuple[Array | None, Ended | None]:
+    def observe(self, stamp: int, frame: Frame) -> tuple[Array | None, MoveResult | None]:
         """Torques to send with a frame of a stamp [ns], and the end of a move, where there are."""
         if self._epoch is None:
             self._epoch = stamp

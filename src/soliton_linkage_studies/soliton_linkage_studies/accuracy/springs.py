@@ -15,7 +15,7 @@ import math
 
 import numpy as np
 
-from soliton_linkage.compiling import COUNT, READ, READ_TABLE, ROW, compile_loop, compiled
+from soliton_linkage.compiling import compile_loop, compiled, const_f8_1d, const_f8_2d, f8_1d, i8
 from soliton_linkage.linkage.chain import Array, Chain
 from soliton_linkage.linkage.recording import Recording
 from soliton_linkage.linkage.springs import spring_between
@@ -62,7 +62,7 @@ class Springs:
         return Recording(times, angles, rates)
 
 
-@compiled(READ, READ, READ_TABLE, ROW)
+@compiled(const_f8_1d, const_f8_1d, const_f8_2d, f8_1d)
 def _pull(angles: Array, lengths: Array, bonds: Array, torques: Array) -> None:
     """Torques of springs [N m]: k (l - lbar) along the line between the masses."""
     torques[:] = 0.0
@@ -78,7 +78,7 @@ def _pull(angles: Array, lengths: Array, bonds: Array, torques: Array) -> None:
         right, up = right_next, up_next
 
 
-@compiled(ROW, ROW, READ, READ, READ_TABLE, READ, READ, COUNT)
+@compiled(f8_1d, f8_1d, const_f8_1d, const_f8_1d, const_f8_2d, const_f8_1d, const_f8_1d, i8)
 def _advance(
     angles: Array,
     rates: Array,

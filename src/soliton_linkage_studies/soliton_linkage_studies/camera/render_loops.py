@@ -10,20 +10,20 @@ import numpy as np
 from numpy.typing import NDArray
 
 from soliton_linkage.compiling import (
-    COUNT,
-    NUMBER,
-    PAINTED,
-    PICTURE,
-    READ,
-    READ_PAINT,
-    READ_PAINTED,
-    READ_PAINTS,
-    READ_PLACES,
-    READ_TABLE,
-    TABLE,
     compile_loop,
     compiled,
+    const_f4_1d,
+    const_f4_2d,
+    const_f4_3d,
+    const_f8_1d,
+    const_f8_2d,
+    const_i8_2d,
+    f4_3d,
+    f8,
+    f8_2d,
+    i8,
     named_tuple,
+    u1_3d,
 )
 from soliton_linkage.linkage.chain import Array
 
@@ -40,7 +40,7 @@ class Pixels(NamedTuple):
     """Standard deviation of the points from which it takes light [m]."""
 
 
-_PIXELS = named_tuple(Pixels, TABLE, TABLE, TABLE)
+_PIXELS = named_tuple(Pixels, f8_2d, f8_2d, f8_2d)
 
 
 def _covered(distance: float, spread: float) -> float:
@@ -99,7 +99,7 @@ def _shares_of_rotor(
 shares_of_rotor = compile_loop(_shares_of_rotor, inlined=True)
 
 
-@compiled(PAINTED, _PIXELS, COUNT, READ_TABLE, READ_PLACES, READ_PAINTS, READ, READ_TABLE)
+@compiled(f4_3d, _PIXELS, i8, const_f8_2d, const_i8_2d, const_f4_2d, const_f8_1d, const_f8_2d)
 def paint_rotors(
     canvas: Canvas,
     pixels: Pixels,
@@ -148,7 +148,7 @@ def paint_rotors(
                     )
 
 
-@compiled(PAINTED, _PIXELS, READ_TABLE, READ_PLACES, READ_PAINT, NUMBER, READ_TABLE)
+@compiled(f4_3d, _PIXELS, const_f8_2d, const_i8_2d, const_f4_1d, f8, const_f8_2d)
 def paint_bonds(
     canvas: Canvas,
     pixels: Pixels,
@@ -201,7 +201,7 @@ def paint_bonds(
                     canvas[row, column, c] += share * (paint[c] - canvas[row, column, c])
 
 
-@compiled(PAINTED, READ_PAINTS, READ_PAINTED, COUNT, PICTURE)
+@compiled(f4_3d, const_f4_2d, const_f4_3d, i8, u1_3d)
 def expose(
     canvas: Canvas, light: Canvas, noise: Canvas, shift: int, picture: NDArray[np.uint8]
 ) -> None:

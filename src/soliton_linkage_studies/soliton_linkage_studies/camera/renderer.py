@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from soliton_linkage.linkage.chain import Array
-from soliton_linkage.linkage.quantities import check_quantities, quantity, with_fields
+from soliton_linkage.linkage.quantities import check_quantities, document_fields, quantity
 from soliton_linkage.vision.camera import Camera
 from soliton_linkage.vision.layout import COLOURS, MODULES, MarkerLayout, marker_cells
 from soliton_linkage.vision.opencv import Picture, opencv
@@ -37,7 +37,7 @@ _NOISES = 4
 """Pictures of noise [1], which are repeated with a shift."""
 
 
-@with_fields
+@document_fields
 @dataclass(frozen=True)
 class FilmSettings:
     """Light and sensor of a film; raises ValueError for values out of their range."""

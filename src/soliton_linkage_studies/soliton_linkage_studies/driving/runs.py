@@ -365,7 +365,7 @@ class TiltTask:
         )
         frames = []
         for tilt in self.tilts:
-            simulation.turn_gravity(Gravity(self.gravity, tilt))
+            simulation.set_gravity(Gravity(self.gravity, tilt))
             for _ in range(round(self.kept / _PERIOD)):
                 place = mode_centre(zero_mode(chain, simulation.angles))
                 frames.append((simulation.time, tilt, place))
@@ -408,7 +408,7 @@ class EnergyBalance:
     def turn(self, gravity: Gravity) -> None:
         """Change gravity at the instant of the current frame."""
         before = self.simulation.energy
-        self.simulation.turn_gravity(gravity)
+        self.simulation.set_gravity(gravity)
         self._given += self.simulation.energy - before
 
     def advance(self, torques: Array) -> None:

@@ -55,7 +55,7 @@ def stepped_response(actuator: PneumaticActuator, command: Profile) -> CommandRe
     """Response to a command until the actuator is vented."""
     times = np.linspace(0.0, command.end + 6 * actuator.venting_time, 400)
     asked = np.array([float(command.after(time)) for time in times])
-    closed = np.array([actuator.driven(0.0, command, 0.0, time)[0] for time in times])
+    closed = np.array([actuator.response(0.0, command, 0.0, time)[0] for time in times])
 
     def derivative(time: float, state: Array) -> Array:
         lag = float(command.after(time)) - state

@@ -8,7 +8,7 @@ import math
 import numpy as np
 from matplotlib.figure import Figure
 
-from soliton_linkage.linear.statics import balanced
+from soliton_linkage.linear.statics import equilibrium
 from soliton_linkage.linkage.chain import Chain, staggered
 from soliton_linkage.solitons.continuum import FlipperTheory, wall_theory
 from soliton_linkage_studies.figures import FIGURES
@@ -76,5 +76,5 @@ def _anti_kink_cost(ring: Chain) -> float:
     second = theory.displacements(places, anti_kink, charge=-1)
     lean = np.where(np.arange(rotors) < rotors // 2, first, second)
     return float(
-        ring.elastic_energy(balanced(ring, staggered(np.arcsin(lean / ring.rotor_length))))
+        ring.elastic_energy(equilibrium(ring, staggered(np.arcsin(lean / ring.rotor_length))))
     )

@@ -117,7 +117,7 @@ def _fallen(motion: Tilting, tilts: Array, period: float) -> Array:
     simulation = RigidSimulation(chain, start, None, period, TOLERANCE, field)
     angles = [simulation.angles]
     for tilt in tilts[:-1]:
-        simulation.turn_gravity(Gravity(motion.acceleration, float(tilt)))
+        simulation.set_gravity(Gravity(motion.acceleration, float(tilt)))
         simulation.advance()
         angles.append(simulation.angles)
     return np.array(angles)

@@ -10,7 +10,7 @@ import numpy as np
 from soliton_linkage.compiling import (
     arrays_do_not_overlap,
     compile_loop,
-    take_widest_vectors,
+    prefer_wide_vectors,
     unsigned,
 )
 from soliton_linkage.dynamics.integrators.rotor_loops import (
@@ -87,7 +87,7 @@ class Rotors(NamedTuple):
 @inlined
 def turn(work: Array, rates: int, start: int, end: int, time: float) -> None:
     """Turn rotors at their rates for a time."""
-    take_widest_vectors()
+    prefer_wide_vectors()
     for n in range(unsigned(start), unsigned(end)):
         x = time * work[rates, n]
         work[ANGLES, n] += x
@@ -103,7 +103,7 @@ def kick_and_turn(
     It begins with what the spring before the first of them does, and returns the same of that
     before the rotor behind them.
     """
-    take_widest_vectors()
+    prefer_wide_vectors()
     arrays_do_not_overlap()
     angles, rates, cosines, sines = rotors
     last = unsigned(span.number - 1)
@@ -348,7 +348,7 @@ def fit(knots: Array) -> None:
 @inlined
 def evaluate(knots: Array, number: int, x: float, unit: float, output: Array) -> None:
     """State of polynomials in x, which is time in a unit."""
-    take_widest_vectors()
+    prefer_wide_vectors()
     for n in range(knots.shape[1]):
         value = slope = 0.0
         for power in range(8, -1, -1):

@@ -20,10 +20,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from soliton_linkage.compiling import (
-    FREEDOMS,
+    FASTMATH_FLAGS,
     Kernel,
     compile_loop,
-    take_widest_vectors,
+    prefer_wide_vectors,
     unsigned,
 )
 from soliton_linkage.linkage.chain import Array
@@ -124,7 +124,7 @@ def inlined(function: Kernel) -> Kernel:
 
 def estimating(function: Kernel) -> Kernel:
     """Compile as `inlined` does, but roots and inverses may be estimated."""
-    return compile_loop(function, freedoms=FREEDOMS | {'arcp', 'afn'}, inlined=True)
+    return compile_loop(function, freedoms=FASTMATH_FLAGS | {'arcp', 'afn'}, inlined=True)
 
 
 @inlined
@@ -205,7 +205,7 @@ def pull(work: Array, places: int, rows: Array) -> None:
     pull on the left  = (1 - 1 / sqrt(x)) [lever c - cross (s c' - c s')],
     pull on the right = (1 - 1 / sqrt(x)) [cross' (s c' - c s') - lever' c'].
     """
-    take_widest_vectors()
+    prefer_wide_vectors()
     for n in range(places):
         c, c_next = work[COSINES, n], work[COSINES, n + 1]
         s, s_next = work[SINES, n], work[SINES, n + 1]

@@ -26,7 +26,7 @@ _THIRD_DIFFERENCE = np.array([-1.0, 3.0, -3.0, 1.0])
 """Binomial coefficients of a third difference [1]."""
 
 
-class PhononWatch:
+class PhononEnergyEstimator:
     """Running mean of the phonons' energy over the last few periods of the slowest."""
 
     def __init__(self, orbit: Orbit, settings: SteeringSettings = DEFAULTS) -> None:

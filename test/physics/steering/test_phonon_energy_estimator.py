@@ -13,7 +13,7 @@ from driven_walls import orbit_of_example
 from soliton_linkage.linear.normal_modes import normal_modes
 from soliton_linkage.linkage.chain import Array
 from soliton_linkage.orbit.uniform_orbit import UniformOrbit
-from soliton_linkage.steering.phonon_watch import PhononWatch
+from soliton_linkage.steering.phonon_energy_estimator import PhononEnergyEstimator
 
 CLASSES = (FLIPPER, WOBBLER, SPINNER)
 PERIOD = 0.004
@@ -34,7 +34,7 @@ def vibrating(orbit: UniformOrbit, arc: float, energy: float, frames: int) -> Ar
 
 def watched(orbit: UniformOrbit, arc: float, rates: Array) -> Array:
     """Energies that were reported after each frame [J]."""
-    watch = PhononWatch(orbit)
+    watch = PhononEnergyEstimator(orbit)
     energies = []
     for frame, each in enumerate(rates):
         watch.update(frame * PERIOD, each, arc)
@@ -70,7 +70,7 @@ def test_white_noise_of_the_rates_is_told_from_phonons() -> None:
 def test_frames_without_rates_say_nothing() -> None:
     orbit = orbit_of_example(FLIPPER, ROTORS)
     arc = orbit.arc_at(5.3, 0)
-    watch = PhononWatch(orbit)
+    watch = PhononEnergyEstimator(orbit)
     rates = vibrating(orbit, arc, 1e-6, 50)
     for frame, each in enumerate(rates):
         watch.update(frame * PERIOD, each, arc)
@@ -79,13 +79,13 @@ def test_frames_without_rates_say_nothing() -> None:
     watch.update(1.1, np.full(ROTORS, np.nan), arc)
     watch.update(0.1, 100 * rates[0], arc)
     assert watch.energy == before
-    assert math.isnan(PhononWatch(orbit).energy)
+    assert math.isnan(PhononEnergyEstimator(orbit).energy)
 
 
 def test_a_clock_that_goes_back_begins_anew() -> None:
     orbit = orbit_of_example(FLIPPER, ROTORS)
     arc = orbit.arc_at(5.3, 0)
-    watch = PhononWatch(orbit)
+    watch = PhononEnergyEstimator(orbit)
     for frame, rates in enumerate(vibrating(orbit, arc, 1e-6, 50)):
         watch.update(100 + frame * PERIOD, rates, arc)
     watch.update(1.0, np.zeros(ROTORS), arc)
