@@ -258,7 +258,7 @@ def _try(simulation: Simulation) -> None:
         raise ValueError(str(error)) from error
     if 0 < simulation.progress < _LEAST_PROGRESS:
         raise ValueError(
-            f'a frame of this state takes {_LONGEST_TRIAL / _LEAST_PROGRESS:g} s to compute or '
-            f'more, and {simulation.steps_per_frame:.3g} steps at least; start from slower rotors, '
-            'or from softer springs and heavier masses'
+            f'a frame of this state takes {_LONGEST_TRIAL / _LEAST_PROGRESS:g} s or more '
+            f'to compute, and at least {simulation.steps_per_frame:.3g} steps; start from slower '
+            'rotors, or from softer springs and heavier masses'
         )
