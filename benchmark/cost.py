@@ -42,7 +42,7 @@ NODES = (
     'live_view',
     'bag_recorder',
 )
-LONGEST_START = 300.0
+START_LIMIT = 300.0
 POLL = 0.1
 SHORT_POLL = 0.002
 
@@ -93,10 +93,10 @@ def of_node(which: str, named: NamedChain, moved: Recording, arguments: Any) -> 
     node = rclpy.create_node('cost')
     chains = Chains(node, named, moved, round(SECOND / arguments.rate), 1)
     with node_process(which) as process:
-        deadline = time.monotonic() + LONGEST_START
+        deadline = time.monotonic() + START_LIMIT
         while not chains.listened:
             if time.monotonic() > deadline:
-                raise RuntimeError(f'{which} did not listen within {LONGEST_START:g} s')
+                raise RuntimeError(f'{which} did not listen within {START_LIMIT:g} s')
             time.sleep(POLL)
         chains.publish(SETTLING)
         before = spent(process)
@@ -135,7 +135,7 @@ def frame() -> int:
     node = rclpy.create_node('cost')
     topic = interfaces.JOINT_STATES
     inbox = node.create_subscription(topic.type, topic.name, print, topic.qos, raw=True)
-    deadline = time.monotonic() + LONGEST_START
+    deadline = time.monotonic() + START_LIMIT
     taken = None
     while taken is None and time.monotonic() < deadline:
         time.sleep(SHORT_POLL)
@@ -143,7 +143,7 @@ def frame() -> int:
             taken = inbox.handle.take_message(topic.type, True)
     node.destroy_node()
     if taken is None:
-        raise RuntimeError(f'no joint_states within {LONGEST_START:g} s')
+        raise RuntimeError(f'no joint_states within {START_LIMIT:g} s')
     return int(taken[1]['publication_sequence_number'])
 
 

@@ -40,7 +40,7 @@ from soliton_linkage_nodes.runtime.stamps import time_from_msg
 
 ROTORS = 40
 RATE = 1000.0
-LONGEST_START = 60.0
+START_LIMIT = 60.0
 LATEST_KILL = 2.5
 LOOK = 0.01
 MOST_LOST = 1.0
@@ -219,10 +219,10 @@ def killed(command: Sequence[str], folder: Path, after: float, load: Load) -> Ki
 
 
 def wait_for(path: Path, recorder: subprocess.Popen[str]) -> None:
-    deadline = time.monotonic() + LONGEST_START
+    deadline = time.monotonic() + START_LIMIT
     while not path.exists():
         if time.monotonic() > deadline or recorder.poll() is not None:
-            raise TimeoutError(f'no {path} after {LONGEST_START:g} s')
+            raise TimeoutError(f'no {path} after {START_LIMIT:g} s')
         time.sleep(LOOK)
 
 

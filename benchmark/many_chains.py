@@ -36,7 +36,7 @@ from soliton_linkage_nodes.runtime.stamps import SECOND, time_to_msg
 
 KICK = 10.0
 SETTLING = 5.0
-LONGEST_START = 300.0
+START_LIMIT = 300.0
 MEBIBYTE = 2**20
 
 
@@ -132,10 +132,10 @@ def measure(
     period = round(SECOND / arguments.rate)
     chains = Chains(node, named, moved, period, arguments.chains)
     with analysers(arguments.chains, together) as processes:
-        deadline = time.monotonic() + LONGEST_START
+        deadline = time.monotonic() + START_LIMIT
         while not chains.heard:
             if time.monotonic() > deadline:
-                raise RuntimeError(f'not all analysers were there in {LONGEST_START:g} s')
+                raise RuntimeError(f'not all analysers were there in {START_LIMIT:g} s')
             time.sleep(0.1)
         chains.publish(SETTLING)
         before = [processor_time(process.pid) for process in processes]

@@ -47,7 +47,7 @@ FEW = 3
 TRIES = 2
 SETTLING = 1.5
 POLL = 0.005
-LONGEST_START = 60.0
+START_LIMIT = 60.0
 FOLDER = Path(__file__).parent
 
 
@@ -211,12 +211,12 @@ def timer_node(rotors: int, rate: float) -> list[str | Path]:
 
 
 def wait_for_frames(subscription: Subscription, process: subprocess.Popen[bytes]) -> None:
-    deadline = time.monotonic() + LONGEST_START
+    deadline = time.monotonic() + START_LIMIT
     while not len(drain(subscription, POLL)):
         if process.poll() is not None:
             raise RuntimeError('the simulator has ended; see above')
         if time.monotonic() > deadline:
-            raise TimeoutError(f'no joint_states within {LONGEST_START:g} s')
+            raise TimeoutError(f'no joint_states within {START_LIMIT:g} s')
 
 
 def drain(

@@ -33,7 +33,7 @@ from std_msgs.msg import Float64
 from soliton_linkage.progress import ProgressLine
 from soliton_linkage_msgs.msg import SolitonState
 from soliton_linkage_nodes.runtime import interfaces
-from soliton_linkage_nodes.runtime.pacing import go_first
+from soliton_linkage_nodes.runtime.pacing import raise_priority
 from soliton_linkage_nodes.runtime.stamps import time_from_msg
 
 ROTORS = 40
@@ -101,7 +101,7 @@ def main() -> None:
         ):
             given = {**given, 'real_time': 'true'}
             processes.enter_context(running(node_command(name, given)))
-        go_first(True)
+        raise_priority(True)
         node = rclpy.create_node('benchmark')
         reactions = Reactions(node)
         measured = [reactions.measure(nudges, turn, rounds) for turn in range(rounds)]
@@ -171,7 +171,7 @@ class Reactions:
 
     def _state_of(self, stamp: int) -> Come | None:
         """The first soliton_state of a frame with this stamp [ns] or a later one."""
-        return next((come for come in self._states.look() if stamp_of(come) >= stamp), None)
+        return next((come for come in self._states.look() if read_stamp(come) >= stamp), None)
 
 
 def figures_of(measured: list[dict[str, list[float]]]) -> list[Figure]:
@@ -199,7 +199,7 @@ def until(condition: Callable[[], Result], what: str) -> Result:
     return found
 
 
-def stamp_of(state: Come) -> int:
+def read_stamp(state: Come) -> int:
     return time_from_msg(deserialize_message(state.message, SolitonState).header.stamp)
 
 

@@ -44,7 +44,7 @@ REACHED = 0.8
 NAP = 0.0003
 LOOK = 0.1
 IDLE = 0.3
-LONGEST_START = 30.0
+START_LIMIT = 30.0
 LONGEST_DRAIN = 20.0
 FRAMES = {100: 4000, 1000: 1500}
 SECOND = 10**9
@@ -176,10 +176,10 @@ class Sender:
         self._node = rclpy.create_node('sender')
         self._publisher: Publisher = self._node.create_publisher(topic.type, topic.name, topic.qos)
         self._buffer, self._still = JointStateBuffer(named_chain(rotors)), np.zeros(rotors)
-        deadline = time.monotonic() + LONGEST_START
+        deadline = time.monotonic() + START_LIMIT
         while self._publisher.get_subscription_count() < 1:
             if time.monotonic() > deadline:
-                raise TimeoutError(f'no recorder after {LONGEST_START:g} s')
+                raise TimeoutError(f'no recorder after {START_LIMIT:g} s')
             time.sleep(LOOK)
         time.sleep(SETTLING)
 

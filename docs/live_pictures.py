@@ -35,7 +35,7 @@ SIZE = {'width': 1400, 'height': 1010}
 FROM, TO, SPEED = 8.5, 28.0, 5.0
 RATE, LENGTH, WIDTH = 3, 6.0, 640
 COLOURS = 32
-LONGEST_START = 60.0
+START_LIMIT = 60.0
 
 
 def main() -> None:
@@ -79,7 +79,7 @@ def served(folder: Path) -> Iterator[str]:
             raise RuntimeError('live ended without an address')
     finally:
         process.send_signal(signal.SIGINT)
-        process.wait(LONGEST_START)
+        process.wait(START_LIMIT)
 
 
 def film(page: Any, folder: Path) -> None:

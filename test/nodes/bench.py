@@ -120,11 +120,11 @@ class Bench:
     def refusal(self, number: int = 1) -> str:
         """Return what was refused last, once so many commands were."""
         self.graph.until(
-            lambda: self.reports and values(self.reports[-1])['refused'] == str(number),
+            lambda: self.reports and values(self.reports[-1])['rejected'] == str(number),
             f'{number} refusals',
         )
         assert self.impulses == []
-        return values(self.reports[-1])['last refusal']
+        return values(self.reports[-1])['last rejection']
 
     def _order(self) -> dict[str, int]:
         return {name: rotor for rotor, name in enumerate(self.named.joint_names)}

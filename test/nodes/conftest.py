@@ -17,7 +17,7 @@ from soliton_linkage.linkage.chain import Chain
 from soliton_linkage_nodes.messages.conversions import NamedChain, default_joint_names
 from soliton_linkage_nodes.programs.simulated_controller import PseudoTerminal
 from soliton_linkage_nodes.runtime import diagnostics
-from soliton_linkage_nodes.runtime.child_processes import keep_to_the_loopback
+from soliton_linkage_nodes.runtime.child_processes import restrict_to_loopback
 
 sys.path.append(str(Path(__file__).parent))
 
@@ -30,7 +30,7 @@ WORKERS = int(os.environ.get('PYTEST_XDIST_WORKER_COUNT', '1'))
 # earlier test has left.
 _next_domain = partial(next, itertools.cycle(range(1 + WORKER, 101, WORKERS)))
 
-keep_to_the_loopback()
+restrict_to_loopback()
 
 
 def pytest_itemcollected(item: pytest.Item) -> None:

@@ -23,7 +23,7 @@ from soliton_linkage_nodes.bags.recorder import BagRecorder
 from soliton_linkage_nodes.edge_actuator.node import EdgeActuator
 from soliton_linkage_nodes.messages.conversions import NamedChain
 from soliton_linkage_nodes.programs.simulated_controller import PseudoTerminal
-from soliton_linkage_nodes.runtime.interfaces import SUITE
+from soliton_linkage_nodes.runtime.interfaces import SUITE_TOPICS
 from soliton_linkage_nodes.serial_encoders.node import SerialEncoders
 from soliton_linkage_nodes.simulator.node import Simulator
 from soliton_linkage_nodes.soliton_analyser.node import SolitonAnalyser
@@ -112,5 +112,5 @@ def test_no_value_of_a_range_and_no_message_is_a_failure(
         BagPlayer: {'bag': str(write_bag(tmp_path / 'played', run_of(named, 5)))},
         SerialEncoders: {**SMALL, 'port': terminal.path},
     }
-    speakers = [topic.publisher(graph.user) for topic in SUITE]
+    speakers = [topic.publisher(graph.user) for topic in SUITE_TOPICS]
     survive(graph, kind, needed.get(kind, NODES[kind]), speakers)

@@ -138,7 +138,7 @@ def test_nodes_open_what_the_policy_allows(
 
 def test_a_user_may_command_and_watch_all_that_there_is() -> None:
     rights = {name: allowed(enclave) for name, enclave in enclaves()}
-    for topic in (*interfaces.SUITE, *interfaces.DRAWN):
+    for topic in (*interfaces.SUITE_TOPICS, *interfaces.DISPLAY_TOPICS):
         assert ('subscribe', f'/{topic.name.lstrip("/")}') in rights['user']
     heard = {name for how, name in rights['edge_actuator'] if how == 'subscribe'}
     commands = heard - {f'/{n}' for n in ('chain', 'delivery', 'joint_states', 'clock')}

@@ -16,11 +16,11 @@ import yaml
 from std_srvs.srv import SetBool
 
 from soliton_linkage_nodes.messages.fields import interface_type
-from soliton_linkage_nodes.runtime.interfaces import DRAWN, SUITE
+from soliton_linkage_nodes.runtime.interfaces import DISPLAY_TOPICS, SUITE_TOPICS
 
 VIEWS = Path(__file__).parents[2] / 'config' / 'views'
 SOURCES = Path(__file__).parents[2] / 'src' / 'soliton_linkage_nodes' / 'soliton_linkage_nodes'
-TOPICS = {f'/{topic.name.lstrip("/")}': topic.type for topic in (*SUITE, *DRAWN)}
+TOPICS = {f'/{topic.name.lstrip("/")}': topic.type for topic in (*SUITE_TOPICS, *DISPLAY_TOPICS)}
 RVIZ_TYPES = {
     'RobotModel': 'String',
     'MarkerArray': 'MarkerArray',
@@ -137,7 +137,7 @@ def test_displays_of_rviz_show_topics_of_their_type_and_durability() -> None:
     for display in manager['Displays']:
         kind = display['Class'].removeprefix('rviz_default_plugins/')
         topic = display.get('Topic') or display['Description Topic']
-        (known,) = (each for each in DRAWN if f'/{each.name}' == topic['Value'])
+        (known,) = (each for each in DISPLAY_TOPICS if f'/{each.name}' == topic['Value'])
         assert known.type.__name__ == RVIZ_TYPES[kind]
         latched = topic['Durability Policy'] == 'Transient Local'
         assert (latched, topic['Reliability Policy']) == (known.latched, 'Reliable')

@@ -21,7 +21,7 @@ from soliton_linkage.dynamics.elastic import simulate
 from soliton_linkage.linear.rigidity import Edge, edge_mode
 from soliton_linkage.solitons.track import find_crossings, follow
 from soliton_linkage_nodes.bags.read.reading import find_topic, open_bag, read_messages, read_topic
-from soliton_linkage_nodes.messages.cdr import stamp_of
+from soliton_linkage_nodes.messages.cdr import read_stamp
 from soliton_linkage_nodes.messages.conversions import joint_states_from_msg
 from soliton_linkage_nodes.messages.joint_state_analysis import JointStateAnalysis
 from soliton_linkage_nodes.messages.state_conversions import state_to_msg
@@ -214,7 +214,7 @@ def assert_live_analysis_is_that_of_the_recording(bag: Path) -> None:
         live = {str(state.header.stamp): state for _, state in read_topic(reader, 'soliton_state')}
         frames = [message for _, message in read_topic(reader, 'joint_states')]
         analysis = JointStateAnalysis()
-        analysis.learn(read_chain(reader))
+        analysis.set_chain(read_chain(reader))
         kicks = list(read_messages(reader, [find_topic(reader, 'delivered_impulses')]))
     assert len(kicks) == 1
     assert len(live) > 100
@@ -225,8 +225,8 @@ def assert_live_analysis_is_that_of_the_recording(bag: Path) -> None:
         if recorded and stamp not in live:
             continue
         joints = joint_states_from_msg(frame)
-        if kicks and stamp_of(kicks[0][2]) <= joints.stamp:
-            analysis.push(kicks.pop()[2])
+        if kicks and read_stamp(kicks[0][2]) <= joints.stamp:
+            analysis.add_impulses(kicks.pop()[2])
         found = analysis.analyse(joints)
         assert found is not None
         if recorded:

@@ -11,7 +11,7 @@ from launch.substitutions import LaunchConfiguration
 from launch_ros.actions import Node
 
 from launch import LaunchDescription
-from soliton_linkage_nodes.runtime.parameter_files import path_of
+from soliton_linkage_nodes.runtime.parameter_files import resolve_path
 
 PACKAGE = 'soliton_linkage_nodes'
 EXAMPLES = Path(get_package_share_directory(PACKAGE), 'config', 'chains')
@@ -80,7 +80,7 @@ def processes(context):
         context.perform_substitution(LaunchConfiguration(name))
         for name in ('chains', 'record', 'bags', 'processes')
     )
-    path = path_of('chains', given, NAMED)
+    path = resolve_path('chains', given, NAMED)
     if bags not in BAGS:
         raise ValueError(f'bags:={bags} must be one of {", ".join(BAGS)}')
     chains = chains_of(path)

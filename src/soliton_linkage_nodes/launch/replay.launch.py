@@ -19,7 +19,7 @@ from launch import LaunchDescription
 from soliton_linkage_nodes.bags.play.playing_thread import full_name
 from soliton_linkage_nodes.bags.read.reading import open_bag
 from soliton_linkage_nodes.runtime.interfaces import DELIVERED_IMPULSES, JOINT_STATE_DEVIATIONS
-from soliton_linkage_nodes.runtime.parameter_files import path_of
+from soliton_linkage_nodes.runtime.parameter_files import resolve_path
 
 PACKAGE = 'soliton_linkage_nodes'
 BAGS = Path(get_package_share_directory(PACKAGE), 'bags')
@@ -40,7 +40,7 @@ def nodes(context):
         context.perform_substitution(LaunchConfiguration(name)) for name in ('bag', 'rate')
     )
     # Where there is no bag nothing begins: launch leaves behind what it has started by then.
-    bag = path_of('bag', given, NAMED)
+    bag = resolve_path('bag', given, NAMED)
     player = Node(
         package=PACKAGE,
         executable='bag_player',

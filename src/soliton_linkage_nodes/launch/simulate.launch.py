@@ -18,7 +18,7 @@ from launch.substitutions import LaunchConfiguration
 from launch_ros.actions import Node
 
 from launch import LaunchDescription
-from soliton_linkage_nodes.runtime.parameter_files import path_of
+from soliton_linkage_nodes.runtime.parameter_files import resolve_path
 
 PACKAGE = 'soliton_linkage_nodes'
 CONFIGURATIONS = Path(get_package_share_directory(PACKAGE), 'config')
@@ -35,7 +35,7 @@ def nodes(context):
         context.perform_substitution(LaunchConfiguration(name))
         for name in ('config', 'namespace', 'record', 'port')
     )
-    path = str(path_of('config', config, NAMED))
+    path = str(resolve_path('config', config, NAMED))
     given = {
         # A recorder that has died goes on with its bag.
         'bag_recorder': [{'output': record, 'append': True}],

@@ -18,8 +18,8 @@ from launch_ros.actions import Node
 
 from launch import LaunchDescription
 from soliton_linkage_nodes.programs.robot_description import description_of_file
-from soliton_linkage_nodes.runtime.interfaces import DRAWN, SUITE
-from soliton_linkage_nodes.runtime.parameter_files import path_of
+from soliton_linkage_nodes.runtime.interfaces import DISPLAY_TOPICS, SUITE_TOPICS
+from soliton_linkage_nodes.runtime.parameter_files import resolve_path
 
 PACKAGE = 'soliton_linkage_nodes'
 CONFIGURATIONS = Path(get_package_share_directory(PACKAGE), 'config')
@@ -31,7 +31,9 @@ LAYOUTS = {
     'rqt': 'rqt.perspective',
     'none': '',
 }
-TOPICS = '|'.join(re.escape(t.name) for t in (*SUITE, *DRAWN) if not t.name.startswith('/'))
+TOPICS = '|'.join(
+    re.escape(t.name) for t in (*SUITE_TOPICS, *DISPLAY_TOPICS) if not t.name.startswith('/')
+)
 # Each chain has a tree of frames of its own, in its namespace.
 FRAMES = [('/tf', 'tf'), ('/tf_static', 'tf_static')]
 ADDRESS, PORT = '127.0.0.1', 8765
@@ -149,7 +151,7 @@ def view_of(context):
         context.perform_substitution(LaunchConfiguration(name))
         for name in ('config', 'namespace', 'view')
     )
-    path = path_of('config', config, NAMED)
+    path = resolve_path('config', config, NAMED)
     drawing = Node(
         package=PACKAGE,
         executable='visualisation',

@@ -40,7 +40,7 @@ def test_every_message_of_every_topic_is_recorded_as_it_came(
 ) -> None:
     recorder = graph.start(BagRecorder, {'output': str(tmp_path / 'run')})
     sent = {}
-    for topic in interfaces.SUITE:
+    for topic in interfaces.SUITE_TOPICS:
         publisher = graph.speak(topic)
         if topic is interfaces.JOINT_STATES:
             sent[topic.name] = publish_frames(publisher, named, 300)
@@ -49,7 +49,7 @@ def test_every_message_of_every_topic_is_recorded_as_it_came(
             publisher.publish(sent[topic.name][0])
     graph.stop(recorder)
     held = messages_of(tmp_path / 'run_0')
-    assert held.keys() == {f'/{topic.name.lstrip("/")}' for topic in interfaces.SUITE}
+    assert held.keys() == {f'/{topic.name.lstrip("/")}' for topic in interfaces.SUITE_TOPICS}
     for topic, messages in sent.items():
         assert held[f'/{topic}'] == messages
     assert lost_in(tmp_path / 'run_0') == dict.fromkeys(held, 0)

@@ -85,7 +85,7 @@ def test_the_chain_moves_as_the_accepted_commands_alone_have_it(
 
     def quiet() -> bool:
         nonlocal handled, quiet_since
-        count = actuator.carried_out + actuator.diagnostics.refused
+        count = actuator.carried_out + actuator.diagnostics.rejected
         if count != handled:
             handled, quiet_since = count, time.monotonic()
         return time.monotonic() - quiet_since > 0.5 and len(kicks) == actuator.carried_out
@@ -94,7 +94,7 @@ def test_the_chain_moves_as_the_accepted_commands_alone_have_it(
     simulator.control.pause(True)
     simulator.control.step(1)
     assert 0 < actuator.carried_out <= COMMANDS // 10
-    assert actuator.diagnostics.refused > actuator.carried_out
+    assert actuator.diagnostics.rejected > actuator.carried_out
     chain = simulator.named.chain
     speeds = [np.linalg.norm(impulses) / chain.moment_of_inertia for _, impulses in kicks]
     np.testing.assert_allclose(speeds, SPEED)

@@ -316,7 +316,7 @@ def test_warnings_have_the_real_names_of_topics(graph: Graph, said: Callable[[],
         graph.until(
             lambda heard=reports, name=name: any(name in status.message for status in heard), name
         )
-    assert 'refused /left/poke: nothing subscribes' in said()
+    assert 'rejected /left/poke: nothing subscribes' in said()
 
 
 @pytest.mark.parametrize(
@@ -356,9 +356,9 @@ def test_while_nobody_takes_impulses_commands_are_refused(graph: Graph, named: N
     ):
         graph.speak(topic).publish(message)
         graph.until(
-            lambda n=number: reports and values(reports[-1])['refused'] == str(n), 'the refusal'
+            lambda n=number: reports and values(reports[-1])['rejected'] == str(n), 'the refusal'
         )
-        assert values(reports[-1])['last refusal'] == (
+        assert values(reports[-1])['last rejection'] == (
             f'/{topic.name}: nothing subscribes to {torques}; start the simulator first'
         )
 

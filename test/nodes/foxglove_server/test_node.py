@@ -89,7 +89,7 @@ def test_what_an_action_says_to_its_clients_is_hidden(
     until(graph, client, lambda: '/seen' in client.channels, 'a topic')
     assert feedback in dict(served.get_topic_names_and_types())
     assert feedback not in client.channels
-    assert served.diagnostics.refused == 0
+    assert served.diagnostics.rejected == 0
 
 
 def test_topics_come_with_their_definitions(
@@ -272,11 +272,11 @@ def test_what_is_no_message_is_refused(
         ('/else', 'no_such_msgs/msg/Thing', 'cdr', b''),
         ('/else', 'std_msgs/msg/Float64', 'xml', b''),
     ):
-        refused = served.diagnostics.refused
+        refused = served.diagnostics.rejected
         client.publish(client.advertise(topic, schema, encoding), data)
-        graph.until(lambda n=refused: served.diagnostics.refused > n, f'{encoding} refused')
+        graph.until(lambda n=refused: served.diagnostics.rejected > n, f'{encoding} refused')
     told = values(graph.next_report('foxglove_server'))
-    assert 'xml' in told['last refusal']
+    assert 'xml' in told['last rejection']
     assert told['messages from clients'] == '0'
 
 
@@ -293,12 +293,12 @@ def test_whatever_a_client_advertises_and_says_is_published_or_refused(
     served: FoxgloveServer, advertised: tuple[str, str, str], said: list[bytes]
 ) -> None:
     serving, key = served.serving, (1, 2)
-    refused, published = served.diagnostics.refused, serving.published
+    refused, published = served.diagnostics.rejected, serving.published
     serving.advertise(key, *advertised)
-    if served.diagnostics.refused == refused:
+    if served.diagnostics.rejected == refused:
         for data in said:
             serving.publish(key, data)
-        answered = served.diagnostics.refused - refused + serving.published - published
+        answered = served.diagnostics.rejected - refused + serving.published - published
         assert answered == len(said)
     serving.unadvertise(key)
 

@@ -162,7 +162,7 @@ def refuse(constant: str) -> None:
 def test_whatever_comes_a_browser_gets_what_it_can_read(
     graph: Graph, commands: ChainCommands, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(chain_topics, 'newest_of', Told)
+    monkeypatch.setattr(chain_topics, 'subscribe_newest', Told)
 
     @PATIENT
     @given(drawn=st.fixed_dictionaries(COMING), said=st.lists(SAID, max_size=12))

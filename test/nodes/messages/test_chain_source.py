@@ -116,8 +116,8 @@ def test_a_message_that_describes_no_chain_changes_nothing(
     wrong.spacing = float('nan')
     heard = graph.reports('learner')
     publisher.publish(wrong)
-    graph.until(lambda: heard and values(heard[-1])['refused'] == '1', 'the refusal')
-    assert 'spacing = nan must be a finite number' in values(heard[-1])['last refusal']
+    graph.until(lambda: heard and values(heard[-1])['rejected'] == '1', 'the refusal')
+    assert 'spacing = nan must be a finite number' in values(heard[-1])['last rejection']
     assert learner.learnt == [named]
 
 

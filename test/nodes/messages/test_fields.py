@@ -15,7 +15,7 @@ from std_msgs.msg import ByteMultiArray, Float64
 from std_srvs.srv import SetBool
 
 from soliton_linkage_msgs.msg import Chain
-from soliton_linkage_nodes.messages.fields import as_yaml, interface_type, read
+from soliton_linkage_nodes.messages.fields import interface_type, read, to_yaml
 
 
 def diagnosis() -> DiagnosticArray:
@@ -34,13 +34,13 @@ def diagnosis() -> DiagnosticArray:
     ],
 )
 def test_what_is_written_is_read(message: Any) -> None:
-    assert read(type(message), as_yaml(message)) == message
+    assert read(type(message), to_yaml(message)) == message
 
 
 def test_messages_in_lists_are_read() -> None:
     text = '{status: [{name: chain, values: [{key: rate, value: "50"}, {key: place, value: ü}]}]}'
     assert read(DiagnosticArray, text) == diagnosis()
-    assert yaml.safe_load(as_yaml(diagnosis()))['status'][0]['level'] == [0]
+    assert yaml.safe_load(to_yaml(diagnosis()))['status'][0]['level'] == [0]
 
 
 def test_whole_numbers_are_taken_for_numbers_with_a_point() -> None:

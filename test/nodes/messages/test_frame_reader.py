@@ -26,7 +26,7 @@ from soliton_linkage_nodes.messages.conversions import (
     frame_to_msg,
     joint_states_from_msg,
 )
-from soliton_linkage_nodes.messages.frame_reader import EncoderWatch, FrameReader, in_degrees
+from soliton_linkage_nodes.messages.frame_reader import EncoderMonitor, FrameReader, in_degrees
 from soliton_linkage_nodes.runtime import interfaces
 from soliton_linkage_nodes.runtime.stamps import SECOND, time_to_msg
 from soliton_linkage_nodes.soliton_analyser.node import SolitonAnalyser
@@ -146,14 +146,14 @@ def test_rotors_that_are_not_seen_are_passed_over() -> None:
 
 def test_each_mistake_is_told_once() -> None:
     told: list[str] = []
-    watch = EncoderWatch(told.append)
+    watch = EncoderMonitor(told.append)
     angles = CHAINS[0].uniform_state(1)
     for stamp in (5, 6, 7, 9):
-        watch.look(stamp * SECOND, angles)
-    watch.look(2 * SECOND, angles)
+        watch.check(stamp * SECOND, angles)
+    watch.check(2 * SECOND, angles)
     assert told == []
     for stamp in (3 * SECOND, 3 * SECOND, 2 * SECOND + 1, 0, 0):
-        watch.look(stamp, angles)
+        watch.check(stamp, angles)
     assert [line.split(';')[0] for line in told] == [
         'joint_states come late: the stamp of one is the same as that of the one before',
         'joint_states have no stamps',

@@ -37,14 +37,14 @@ def test_a_state_is_told_in_numbers_and_its_walls_in_a_row() -> None:
     assert (numbers['rotor'], numbers['velocity'], numbers['walls']) == (2.5, -0.5, 2)
     assert (numbers['phase'], numbers['leg'], numbers['wake_energy']) == (1.5, 1, 0.25)
     assert numbers['winding_beyond'] == 1
-    assert views.walls_of(message) == [2.5, 0.01, 1.0, 7.5, 0.02, -1.0]
+    assert views.soliton_values(message) == [2.5, 0.01, 1.0, 7.5, 0.02, -1.0]
 
 
 def test_without_a_wall_its_numbers_are_nan() -> None:
     numbers = views.state_numbers(SolitonState())
     assert numbers['walls'] == 0
     assert all(math.isnan(numbers[name]) for name in ('rotor', 'velocity', 'position_deviation'))
-    assert views.walls_of(SolitonState()) == []
+    assert views.soliton_values(SolitonState()) == []
 
 
 @pytest.mark.parametrize('kind', ['kick', 'pulse', 'pressure'])

@@ -19,7 +19,7 @@ from soliton_linkage_nodes.chain_identifier.node import ChainIdentifier
 from soliton_linkage_nodes.edge_actuator.node import EdgeActuator
 from soliton_linkage_nodes.messages.conversions import NamedChain
 from soliton_linkage_nodes.programs.simulated_controller import PseudoTerminal
-from soliton_linkage_nodes.runtime.command_line import check_arguments, help_of, name_of
+from soliton_linkage_nodes.runtime.command_line import check_arguments, executable_name, help_text
 from soliton_linkage_nodes.serial_encoders.node import SerialEncoders
 from soliton_linkage_nodes.simulator.node import Simulator
 from soliton_linkage_nodes.soliton_analyser.node import SolitonAnalyser
@@ -44,7 +44,7 @@ OF_ROS = {
 }
 
 
-@pytest.mark.parametrize('node', NODES, ids=name_of)
+@pytest.mark.parametrize('node', NODES, ids=executable_name)
 def test_help_tells_of_every_parameter_and_topic(
     graph: Graph,
     node: type[Node],
@@ -58,8 +58,8 @@ def test_help_tells_of_every_parameter_and_topic(
         SerialEncoders: {'port': terminal.path},
     }
     started = graph.start(node, needed.get(node, {}))
-    assert started.get_name() == name_of(node)
-    told = help_of(node)
+    assert started.get_name() == executable_name(node)
+    told = help_text(node)
     shown = re.findall(r'^  (\S+):=(.*)  \((\w+)\)$', told, flags=re.MULTILINE)
     assert {name for name, _, _ in shown} == started.get_parameters_by_prefix('').keys() - OF_ROS
     for name, _, kind in shown:
@@ -73,7 +73,7 @@ def test_help_tells_of_every_parameter_and_topic(
 
 
 def test_help_tells_what_a_parameter_means() -> None:
-    told = help_of(Simulator)
+    told = help_text(Simulator)
     assert (
         '  publish_rate:=500.0  (double)\n      rate of joint_states in simulated time [Hz]; '
         in told
@@ -114,8 +114,8 @@ def test_arguments_that_are_unknown_are_refused_with_the_right_ones(
         check_arguments(node, arguments)
     assert ended.value.code == 2
     (line,) = capsys.readouterr().err.splitlines()
-    assert line.startswith(f'{name_of(node)} does not know ')
-    command = f'{name_of(node)} {meant}' if meant else f'{name_of(node)} --help'
+    assert line.startswith(f'{executable_name(node)} does not know ')
+    command = f'{executable_name(node)} {meant}' if meant else f'{executable_name(node)} --help'
     assert line.endswith(command)
 
 

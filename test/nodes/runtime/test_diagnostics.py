@@ -9,7 +9,7 @@ from graphs import Graph, values
 from rclpy.node import Node
 
 from soliton_linkage_nodes.runtime import diagnostics
-from soliton_linkage_nodes.runtime.diagnostics import MOST_LINES, Complaints, Diagnostics, Report
+from soliton_linkage_nodes.runtime.diagnostics import MOST_LINES, Diagnostics, LogThrottle, Report
 
 
 class Reporter(Node):
@@ -41,8 +41,8 @@ def test_a_report_names_node_and_task_and_holds_the_figures(
     assert values(status) == {
         'speed [rad/s]': '0.333333',
         'turns': '7',
-        'refused': '0',
-        'last refusal': '',
+        'rejected': '0',
+        'last rejection': '',
     }
 
 
@@ -57,35 +57,35 @@ def test_refusals_warn_in_the_next_report_and_stay_counted(
 ) -> None:
     heard = graph.reports('reporter')
     graph.until(lambda: heard, 'a report')
-    reporter.diagnostics.refuse('nudge', ValueError('speed = nan'))
-    reporter.diagnostics.refuse('nudge', ValueError('speed = inf'))
+    reporter.diagnostics.reject('nudge', ValueError('speed = nan'))
+    reporter.diagnostics.reject('nudge', ValueError('speed = inf'))
     graph.until(lambda: len(heard) >= 3, 'two more reports')
     _, warning, later = heard[:3]
     assert (warning.level, later.level) == (DiagnosticStatus.WARN, DiagnosticStatus.OK)
-    assert warning.message == '2 refused: nudge: speed = inf'
+    assert warning.message == '2 rejected: nudge: speed = inf'
     assert later.message == 'well'
-    assert values(later)['refused'] == '2'
-    assert values(later)['last refusal'] == 'nudge: speed = inf'
+    assert values(later)['rejected'] == '2'
+    assert values(later)['last rejection'] == 'nudge: speed = inf'
 
 
 def test_a_flood_of_refusals_is_counted_in_full_and_said_in_one_line(
     reporter: Reporter, capfd: pytest.CaptureFixture[str]
 ) -> None:
     for _ in range(1000):
-        reporter.diagnostics.refuse('nudge', 'speed = nan rad/s must be a finite number')
-    assert reporter.diagnostics.refused == 1000
+        reporter.diagnostics.reject('nudge', 'speed = nan rad/s must be a finite number')
+    assert reporter.diagnostics.rejected == 1000
     (line,) = capfd.readouterr().err.splitlines()
-    assert line.endswith('refused nudge: speed = nan rad/s must be a finite number')
+    assert line.endswith('rejected nudge: speed = nan rad/s must be a finite number')
 
 
 def test_what_cannot_be_taken_is_refused_and_the_rest_is_taken(reporter: Reporter) -> None:
-    take = reporter.diagnostics.refusing('numbers', float)
+    take = reporter.diagnostics.guarded('numbers', float)
     for text in ('1.5', 'one', '2'):
         take(text)
-    assert reporter.diagnostics.refused == 1
-    divide = reporter.diagnostics.refusing('numbers', lambda number: 1 / number)
+    assert reporter.diagnostics.rejected == 1
+    divide = reporter.diagnostics.guarded('numbers', lambda number: 1 / number)
     divide(0)
-    assert reporter.diagnostics.refused == 2
+    assert reporter.diagnostics.rejected == 2
 
 
 @pytest.fixture
@@ -98,10 +98,10 @@ def clock(monkeypatch: pytest.MonkeyPatch) -> list[float]:
 @pytest.mark.usefixtures('clock')
 def test_each_reason_gets_a_line() -> None:
     said: list[str] = []
-    teller = Complaints(said.append, 1.0)
+    throttle = LogThrottle(said.append, 1.0)
     reasons = [f'nudge: {chr(97 + n)} is wrong' for n in range(26)]
     for reason in reasons:
-        teller.tell(reason)
+        throttle.log(reason)
     assert said == reasons
 
 
@@ -109,27 +109,27 @@ def test_a_reason_with_other_numbers_is_the_same_until_a_while_is_over(
     clock: list[float],
 ) -> None:
     said: list[str] = []
-    teller = Complaints(said.append, 1.0)
+    throttle = LogThrottle(said.append, 1.0)
     for speed in range(1000):
-        teller.tell(f'speed = {speed}.5e-3 rad/s of rotor_{speed} is too fast')
+        throttle.log(f'speed = {speed}.5e-3 rad/s of rotor_{speed} is too fast')
     clock[0] += 1.0
-    teller.tell('speed = inf rad/s of rotor_3 is too fast')
+    throttle.log('speed = inf rad/s of rotor_3 is too fast')
     assert said == [
         'speed = 0.5e-3 rad/s of rotor_0 is too fast',
-        'speed = inf rad/s of rotor_3 is too fast (and 999 more like it)',
+        'speed = inf rad/s of rotor_3 is too fast (and 999 more of this kind)',
     ]
 
 
 def test_a_flood_of_reasons_is_bounded_in_lines_and_memory(clock: list[float]) -> None:
     said: list[str] = []
-    teller = Complaints(said.append, 1.0)
+    throttle = LogThrottle(said.append, 1.0)
     names = [''.join(chr(97 + n // 26**k % 26) for k in range(4)) for n in range(20_000)]
     for name in names:
-        teller.tell(f'no joint {name}')
+        throttle.log(f'no joint {name}')
     assert len(said) == MOST_LINES
-    assert len(teller) <= MOST_LINES
+    assert len(throttle) <= MOST_LINES
     clock[0] += 1.0
-    teller.tell('no joint at all')
+    throttle.log('no joint at all')
     assert said[MOST_LINES] == (
-        f'no joint at all (and {20_000 - MOST_LINES} other complaints in the second before)'
+        f'no joint at all (and {20_000 - MOST_LINES} other messages in the second before)'
     )

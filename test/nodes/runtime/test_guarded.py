@@ -16,7 +16,7 @@ from std_srvs.srv import Trigger
 
 from soliton_linkage_nodes.runtime import interfaces
 from soliton_linkage_nodes.runtime.diagnostics import Diagnostics, Report
-from soliton_linkage_nodes.runtime.guarded import CALLS, GuardedNode
+from soliton_linkage_nodes.runtime.guarded import SERVICE_QOS, GuardedNode
 
 pytestmark = pytest.mark.usefixtures('often')
 
@@ -112,7 +112,7 @@ def test_a_parameter_that_cannot_be_taken_is_refused_with_the_reason(graph: Grap
 def test_two_hundred_calls_at_once_are_all_answered(graph: Graph) -> None:
     graph.start(Clumsy)
     clients = [
-        graph.user.create_client(Trigger, 'clumsy/ask', qos_profile=CALLS) for _ in range(20)
+        graph.user.create_client(Trigger, 'clumsy/ask', qos_profile=SERVICE_QOS) for _ in range(20)
     ]
     for client in clients:
         graph.until(client.service_is_ready, 'the service')

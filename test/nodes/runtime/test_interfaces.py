@@ -49,8 +49,8 @@ def test_publishers_and_subscribers_agree_with_the_table(graph: Graph, tmp_path:
     ]
     output = {'output': str(tmp_path / 'bag')}
     nodes.append(graph.start(BagRecorder, output, namespace='/lab'))
-    assert ENDPOINTS.keys() == {topic.name for topic in interfaces.SUITE}
-    for topic in interfaces.SUITE:
+    assert ENDPOINTS.keys() == {topic.name for topic in interfaces.SUITE_TOPICS}
+    for topic in interfaces.SUITE_TOPICS:
         publishers, subscribers = ENDPOINTS[topic.name]
         name = topic.name if topic.name.startswith('/') else f'/lab/{topic.name}'
         for seen, expected in (
@@ -69,7 +69,7 @@ def test_publishers_and_subscribers_agree_with_the_table(graph: Graph, tmp_path:
         for node in nodes
         for endpoint in [*node.publishers, *node.subscriptions]
     }
-    for topic in interfaces.SUITE:
+    for topic in interfaces.SUITE_TOPICS:
         name = topic.name if topic.name.startswith('/') else f'/lab/{topic.name}'
         # The recorder's inlets, which alone hear some, are in a node of their own.
         own = [depth for other, depth in depths if other == name]
@@ -83,7 +83,7 @@ def test_topics_are_reliable_and_what_lasts_is_kept_for_late_joiners() -> None:
         interfaces.LAST_KICK,
         interfaces.DELIVERY,
     )
-    for topic in interfaces.SUITE:
+    for topic in interfaces.SUITE_TOPICS:
         assert topic.qos.reliability == ReliabilityPolicy.RELIABLE
         assert topic.latched == (topic in lasting)
         assert (topic.qos.durability == DurabilityPolicy.TRANSIENT_LOCAL) == topic.latched

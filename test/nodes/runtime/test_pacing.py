@@ -12,10 +12,10 @@ import pytest
 
 from soliton_linkage_nodes.runtime import pacing
 from soliton_linkage_nodes.runtime.pacing import (
-    FirstAsLongAsIdle,
+    IdlePriority,
     PacedLoop,
-    go_first,
-    let_others_go,
+    raise_priority,
+    yield_core,
 )
 
 SECOND = 10**9
@@ -203,7 +203,7 @@ def test_stop_ends_a_long_wait() -> None:
 def goes_first(monkeypatch: pytest.MonkeyPatch) -> list[bool]:
     """What a loop asked for."""
     asked: list[bool] = []
-    monkeypatch.setattr(pacing, 'go_first', asked.append)
+    monkeypatch.setattr(pacing, 'raise_priority', asked.append)
     return asked
 
 
@@ -228,12 +228,12 @@ def policies_of_a_thread() -> list[int]:
 
     def run() -> None:
         note()
-        go_first(True)
+        raise_priority(True)
         note()
         child = threading.Thread(target=note)
         child.start()
         child.join()
-        go_first(False)
+        raise_priority(False)
         note()
 
     thread = threading.Thread(target=run)
@@ -272,7 +272,7 @@ def test_a_thread_that_has_ended_is_passed_over() -> None:
     thread.start()
     thread.join()
     assert thread.native_id is not None
-    go_first(True, [thread.native_id])
+    raise_priority(True, [thread.native_id])
 
 
 @pytest.mark.parametrize('first', [False, True])
@@ -285,8 +285,8 @@ def test_a_thread_lets_others_go_where_it_goes_first_itself(
     monkeypatch.setattr(os, 'sched_yield', lambda: yielded.append(True))
 
     def run() -> None:
-        go_first(first)
-        let_others_go()
+        raise_priority(first)
+        yield_core()
 
     thread = threading.Thread(target=run)
     thread.start()
@@ -301,18 +301,18 @@ def test_it_is_first_only_while_it_mostly_waits(monkeypatch: pytest.MonkeyPatch)
     def note(first: bool, _threads: Sequence[int]) -> None:
         asked.append(first)
 
-    monkeypatch.setattr(pacing, 'go_first', note)
+    monkeypatch.setattr(pacing, 'raise_priority', note)
     monkeypatch.setattr(pacing.time, 'monotonic', lambda: now)
     monkeypatch.setattr(pacing.time, 'process_time', lambda: busy)
-    place = FirstAsLongAsIdle(real_time=True)
+    place = IdlePriority(real_time=True)
     for share in (0.5, 1.0, 1.0, 0.1):
         for _ in range(100):
             now += 0.001
             busy += 0.001 * share
-            place.look()
+            place.update()
     assert asked == [True, False, True]
 
 
 def test_without_real_time_nothing_is_asked_for(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(pacing, 'go_first', lambda *_: pytest.fail('it asked'))
-    FirstAsLongAsIdle(real_time=False).look()
+    monkeypatch.setattr(pacing, 'raise_priority', lambda *_: pytest.fail('it asked'))
+    IdlePriority(real_time=False).update()

@@ -38,17 +38,17 @@ from soliton_linkage_nodes.edge_actuator.node import EdgeActuator
 from soliton_linkage_nodes.edge_actuator.parameters import EdgeActuatorParameters
 from soliton_linkage_nodes.foxglove_server.node import FoxgloveServerParameters
 from soliton_linkage_nodes.live_view.node import LiveViewParameters
+from soliton_linkage_nodes.messages.camera_measurement import CameraParameters
 from soliton_linkage_nodes.messages.chain_source import (
     ChainSourceParameters,
     OptionalChainSourceParameters,
 )
-from soliton_linkage_nodes.messages.sight import SightParameters
 from soliton_linkage_nodes.programs.experiment.experiment import ExperimentParameters
 from soliton_linkage_nodes.programs.experiment.filmed_experiment import (
     FilmedExperimentParameters,
 )
 from soliton_linkage_nodes.runtime.managed import ManagedParameters
-from soliton_linkage_nodes.runtime.parameters import current, declare, refuse_unknown
+from soliton_linkage_nodes.runtime.parameters import current, declare, reject_unknown
 from soliton_linkage_nodes.serial_encoders.node import SerialEncodersParameters
 from soliton_linkage_nodes.serial_encoders.valves import ValveParameters
 from soliton_linkage_nodes.simulator.node import Simulator
@@ -104,7 +104,7 @@ OF_NODE = {
     'foxglove_server': {'': FoxgloveServerParameters},
     'camera_encoders': {
         '': CameraEncodersParameters,
-        'sight': SightParameters,
+        'sight': CameraParameters,
         'markers.': MarkerSettings,
         'managed': ManagedParameters,
         'source': ChainSourceParameters,
@@ -144,7 +144,7 @@ class Declarer(Node):
     def __init__(self, **kwargs: Any) -> None:
         super().__init__('declarer', **kwargs)
         self.settings = declare(self, Examples, 'group.')
-        refuse_unknown(self)
+        reject_unknown(self)
 
 
 def change(graph: Graph, **values: Any) -> list[SetParametersResult]:

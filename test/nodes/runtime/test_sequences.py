@@ -11,7 +11,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from soliton_linkage_nodes.runtime import sequences
-from soliton_linkage_nodes.runtime.sequences import KeptStream, Lag, SequenceGaps
+from soliton_linkage_nodes.runtime.sequences import Lag, PublisherArbitration, SequenceGaps
 
 MILLISECOND = 10**6
 PERIODS = st.integers(1, 20)
@@ -26,7 +26,7 @@ def stream(who: str, first: int, begin: int, period: int, count: int) -> Iterato
 def test_of_two_publishers_the_first_is_kept_whatever_their_numbers(
     first: int, second: int, period: int, other_period: int, later: int
 ) -> None:
-    kept = KeptStream()
+    kept = PublisherArbitration()
     both = heapq.merge(
         stream('first', first, 0, 2 * period, 400),
         stream('second', second, 2 * max(later, 2 * period) + 1, 2 * other_period, 100),
@@ -40,7 +40,7 @@ def test_of_two_publishers_the_first_is_kept_whatever_their_numbers(
 
 @given(st.lists(st.booleans(), min_size=1, max_size=200))
 def test_what_never_came_of_one_publisher_is_lost(came: list[bool]) -> None:
-    kept = KeptStream()
+    kept = PublisherArbitration()
     numbers = [number for number, here in enumerate([True, *came, True]) if here]
     for number in numbers:
         assert kept.take(number, 2 * MILLISECOND * number, lambda: 1)
@@ -51,7 +51,7 @@ def test_what_never_came_of_one_publisher_is_lost(came: list[bool]) -> None:
 def test_one_that_is_alone_is_kept_to_however_unevenly_its_messages_come(
     steps: list[tuple[int, int]],
 ) -> None:
-    kept = KeptStream()
+    kept = PublisherArbitration()
     number = sent = 0
     for ahead, elapsed in [*[(1, 2)] * 20, *steps]:
         number, sent = number + ahead, sent + elapsed
@@ -63,7 +63,7 @@ def test_one_that_is_alone_is_kept_to_however_unevenly_its_messages_come(
 def test_one_that_falls_silent_is_succeeded_after_a_while(monkeypatch: pytest.MonkeyPatch) -> None:
     now = [10.0]
     monkeypatch.setattr(sequences.time, 'monotonic', lambda: now[0])
-    kept = KeptStream()
+    kept = PublisherArbitration()
     for number in range(1, 100):
         assert kept.take(number, 2 * MILLISECOND * number, lambda: 2)
     taken = []
@@ -77,7 +77,7 @@ def test_one_that_falls_silent_is_succeeded_after_a_while(monkeypatch: pytest.Mo
 
 
 def test_one_that_is_gone_is_succeeded_at_once() -> None:
-    kept = KeptStream()
+    kept = PublisherArbitration()
     for number in range(5000, 5100):
         assert kept.take(number, 2 * MILLISECOND * number, lambda: 1)
     for number in range(1, 100):

@@ -9,7 +9,7 @@ import random
 import pytest
 
 from soliton_linkage_nodes.runtime import stamps
-from soliton_linkage_nodes.runtime.stamps import ClockWatch, Freshness
+from soliton_linkage_nodes.runtime.stamps import ClockMonitor, Freshness
 
 
 def test_what_came_grows_old_and_is_renewed(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -32,7 +32,7 @@ SECOND = 10**9
 @pytest.mark.parametrize(('offset', 'drift'), [(0.0, 0.0), (3.5, 500.0), (-7.0, -2000.0)])
 def test_offset_and_drift_of_a_clock_are_told(offset: float, drift: float) -> None:
     ways = random.Random(1)
-    watch = ClockWatch()
+    watch = ClockMonitor()
     for second in range(30):
         for frame in range(100):
             sent = second + frame / 100
@@ -47,7 +47,7 @@ def test_offset_and_drift_of_a_clock_are_told(offset: float, drift: float) -> No
 
 
 def test_without_messages_nothing_is_told() -> None:
-    watch = ClockWatch()
+    watch = ClockMonitor()
     assert watch.figures() == {}
     watch.note(1, 2)
     assert watch.figures() == {'stamps behind the clock [s]': 1e-9}

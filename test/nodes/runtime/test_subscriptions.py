@@ -192,7 +192,7 @@ def test_the_first_of_two_publishers_is_kept_to_until_it_is_gone(graph: Graph) -
 def test_what_is_not_attended_to_waits_until_it_is_taken(graph: Graph) -> None:
     listener = Listener(graph)
     subscription = listener.subscription
-    subscription.attend(False)
+    subscription.dispatch(False)
     publisher = speak(graph, RELIABLE)
     graph.until(publisher.get_subscription_count, 'a subscriber')
     for number in range(20):
@@ -207,7 +207,7 @@ def test_what_is_not_attended_to_waits_until_it_is_taken(graph: Graph) -> None:
     assert waiting == [str(number) for number in range(20)]
     assert not listener.heard
     publisher.publish(JointState(name=['before']))
-    subscription.attend(True)
+    subscription.dispatch(True)
     publisher.publish(JointState(name=['after']))
     graph.until(lambda: len(listener.heard) == 2, 'what waited and what comes')
     assert listener.heard == ['before', 'after']

@@ -139,16 +139,16 @@ def test_noise_and_frames_of_another_chain_are_counted_and_never_published(
     controller.line.write(
         SimulatedController(3, settings=ControllerSettings('text')).measure(0.0, np.zeros(3))
     )
-    graph.until(lambda: node.diagnostics.refused == 1, 'a frame of three rotors')
+    graph.until(lambda: node.diagnostics.rejected == 1, 'a frame of three rotors')
     controller.say_and_hear(heard, 5)
     assert all(len(message.position) == ROTORS for message in heard)
     graph.until(
-        lambda: reports and values(reports[-1])['refused'] == '1', 'the counts in the diagnostics'
+        lambda: reports and values(reports[-1])['rejected'] == '1', 'the counts in the diagnostics'
     )
     told = values(reports[-1])
     assert told['frames corrupted'] == '3'
     refusal = 'frame: it has 3 readings for a chain of 4 rotors'
-    assert told['last refusal'].startswith(refusal)
+    assert told['last rejection'].startswith(refusal)
 
 
 def test_a_reset_and_a_plug_that_is_pulled_are_told_and_it_goes_on(
@@ -236,9 +236,9 @@ def test_torques_that_cannot_be_are_refused_whole(
     controller.say_and_hear(heard, 1)
     message.header.stamp = time_to_msg(0)
     torques.publish(message)
-    graph.until(lambda: node.diagnostics.refused == 1, 'a refusal')
+    graph.until(lambda: node.diagnostics.rejected == 1, 'a refusal')
     report = graph.next_report('serial_encoders')
-    assert complaint in values(report)['last refusal']
+    assert complaint in values(report)['last rejection']
     assert node.valves.told == 0
 
 

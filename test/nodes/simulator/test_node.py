@@ -115,8 +115,8 @@ def test_a_wrong_command_is_refused_whole_and_the_next_right_one_acts(
     commands = graph.speak(topic)
     impulses = graph.speak(interfaces.ROTOR_IMPULSES)
     commands.publish(wrong)
-    graph.until(lambda: reports and values(reports[-1])['refused'] == '1', 'the refusal')
-    assert complaint in values(reports[-1])['last refusal']
+    graph.until(lambda: reports and values(reports[-1])['rejected'] == '1', 'the refusal')
+    assert complaint in values(reports[-1])['last rejection']
     assert complaint in reports[-1].message
     assert reports[-1].level == reports[-1].WARN
     impulses.publish(kick_message())
@@ -225,7 +225,7 @@ def test_it_goes_once_its_last_frames_are_heard_or_cannot_be(graph: Graph, tmp_p
         stream.grow(10)
         begin = time.monotonic()
         graph.stop(stream.node)
-        assert time.monotonic() - begin >= interfaces.LAST_WORDS
+        assert time.monotonic() - begin >= interfaces.ACKNOWLEDGEMENT_LIMIT
     finally:
         recorder.process.kill()
         recorder.process.wait()
@@ -241,6 +241,6 @@ def test_commands_of_another_time_are_refused(graph: Graph, seconds: int, when: 
     graph.speak(interfaces.ROTOR_IMPULSES).publish(
         RotorImpulses(header=header, name=['rotor_3'], impulse=[1e-6])
     )
-    graph.until(lambda: stream.node.diagnostics.refused == 2, 'two refusals')
-    last = values(graph.next_report('simulator'))['last refusal']
+    graph.until(lambda: stream.node.diagnostics.rejected == 2, 'two refusals')
+    last = values(graph.next_report('simulator'))['last rejection']
     assert f'{when}, the limit is 10 s; stamp it with now or with 0, or raise stamp_' in last

@@ -133,8 +133,8 @@ def test_a_tilt_that_is_no_angle_is_refused(graph: Graph) -> None:
     paused = Paused(graph, {'gravity.acceleration': 9.81, 'gravity.tilt': 0.1})
     reports = graph.reports('simulator')
     graph.speak(interfaces.TILT).publish(Float64(data=float('nan')))
-    graph.until(lambda: reports and values(reports[-1])['refused'] == '1', 'the refusal')
-    assert 'gravity.tilt = nan must be a finite number' in values(reports[-1])['last refusal']
+    graph.until(lambda: reports and values(reports[-1])['rejected'] == '1', 'the refusal')
+    assert 'gravity.tilt = nan must be a finite number' in values(reports[-1])['last rejection']
     assert values(reports[-1])['tilt [rad]'] == '0.1'
     assert paused.node.get_parameter('gravity.tilt').value == 0.1
 
@@ -315,7 +315,7 @@ def test_of_a_flood_with_wrong_commands_the_right_ones_alone_count(graph: Graph)
         expected = 2 * right
         graph.until(lambda n=expected: control.status.pending == n, f'{expected} commands')
     refusals = paused.node.diagnostics
-    graph.until(lambda: refusals.refused == 4 * right, 'the refusals')
+    graph.until(lambda: refusals.rejected == 4 * right, 'the refusals')
     frames = paused.taken(60)
     twin = ElasticSimulation(CHAIN, CHAIN.uniform_state(-1), None, 1 / RATE)
     assert list(frames[0].position) == twin.angles.tolist()

@@ -72,7 +72,7 @@ def frames_of(named: NamedChain, speed: float, duration: float = 2.0) -> list[Jo
 def expected_of(named: NamedChain, frames: Sequence[JointState]) -> list[Any]:
     """States of frames by the same analysis without a node."""
     analysis = JointStateAnalysis()
-    analysis.learn(named)
+    analysis.set_chain(named)
     states = []
     for joints in map(joint_states_from_msg, frames):
         found = analysis.analyse(joints)
@@ -176,7 +176,7 @@ def test_of_all_frames_none_is_lost_that_came_while_it_was_busy(
 ) -> None:
     reports = graph.reports('soliton_analyser')
     graph.start(SolitonAnalyser, EVERY_FRAME)
-    joints = graph.speak(replace(interfaces.JOINT_STATES, qos=interfaces.whole_stream_qos()))
+    joints = graph.speak(replace(interfaces.JOINT_STATES, qos=interfaces.lossless_stream_qos()))
     rest, count = named.chain.uniform_state(1), 3000
     for number in range(count):
         stamp = time_to_msg(number * PERIOD)
@@ -289,8 +289,8 @@ def test_wrong_joint_states_are_refused_and_right_ones_analysed_as_before(
     joints.publish(wrong)
     joints.publish(right)
     graph.until(lambda: states, 'a state')
-    graph.until(lambda: reports and values(reports[-1])['refused'] == '1', 'the refusal')
-    assert complaint in values(reports[-1])['last refusal']
+    graph.until(lambda: reports and values(reports[-1])['rejected'] == '1', 'the refusal')
+    assert complaint in values(reports[-1])['last rejection']
     assert len(states) == 1
     assert same(states[0], expected_of(named, [right])[0])
 
@@ -305,9 +305,9 @@ def test_bytes_that_are_no_joint_states_are_refused(graph: Graph, named: NamedCh
     joints.publish(serialize_message(right)[:200])
     joints.publish(right)
     graph.until(lambda: states, 'a state')
-    graph.until(lambda: reports and values(reports[-1])['refused'] == '1', 'the refusal')
+    graph.until(lambda: reports and values(reports[-1])['rejected'] == '1', 'the refusal')
     said = 'joint_states of 200 bytes are no sensor_msgs/JointState'
-    assert said in values(reports[-1])['last refusal']
+    assert said in values(reports[-1])['last rejection']
     assert same(states[0], expected_of(named, [right])[0])
 
 
@@ -326,7 +326,7 @@ def test_a_frame_of_any_numbers_is_analysed(graph: Graph) -> None:
         frame = Frame(angles, rates if number % 2 else np.zeros(5))
         joints.publish(frame_to_msg(named, frame, np.zeros(5), time_to_msg(number)))
     graph.until(lambda: len(states) == 300, 'an answer to each frame')
-    assert not reports or values(reports[-1])['refused'] == '0'
+    assert not reports or values(reports[-1])['rejected'] == '0'
 
 
 def test_a_report_tells_rate_and_number_of_solitons(graph: Graph, named: NamedChain) -> None:

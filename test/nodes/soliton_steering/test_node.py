@@ -28,7 +28,7 @@ from soliton_linkage_nodes.messages.conversions import (
     frame_to_msg,
 )
 from soliton_linkage_nodes.runtime import interfaces
-from soliton_linkage_nodes.runtime.guarded import CALLS_OF_ACTION
+from soliton_linkage_nodes.runtime.guarded import ACTION_QOS
 from soliton_linkage_nodes.runtime.stamps import time_to_msg
 from soliton_linkage_nodes.simulator.node import Simulator
 from soliton_linkage_nodes.soliton_steering.node import SolitonSteering
@@ -179,7 +179,7 @@ def test_what_cannot_be_is_refused_with_the_reason_and_changes_nothing(
     assert (ended.status, ended.result.outcome) == (GoalStatus.STATUS_ABORTED, outcome)
     assert reason in ended.result.message
     graph.until(
-        lambda: reason in values(bench.reports[-1])['last refusal'], 'a report of the refusal'
+        lambda: reason in values(bench.reports[-1])['last rejection'], 'a report of the refusal'
     )
     assert bench.torques == []
 
@@ -257,7 +257,7 @@ def test_a_joint_that_the_chain_has_not_is_refused(graph: Graph) -> None:
     graph.start(Simulator, {'chain.number_of_rotors': ROTORS})
     graph.start(SolitonSteering, {'actuated_joints': ['rotor_9']})
     graph.until(
-        lambda: reports and "'rotor_9'" in values(reports[-1])['last refusal'], 'the refusal'
+        lambda: reports and "'rotor_9'" in values(reports[-1])['last rejection'], 'the refusal'
     )
 
 
@@ -288,7 +288,7 @@ def test_a_limit_below_zero_is_refused(graph: Graph) -> None:
 
 def test_two_hundred_goals_at_once_are_all_ended(graph: Graph) -> None:
     graph.start(SolitonSteering)
-    client = ActionClient(graph.user, MoveSoliton, interfaces.MOVE_SOLITON, **CALLS_OF_ACTION)
+    client = ActionClient(graph.user, MoveSoliton, interfaces.MOVE_SOLITON, **ACTION_QOS)
     graph.until(client.server_is_ready, 'the action server')
     sent = [client.send_goal_async(MoveSoliton.Goal(rotor=1.0)) for _ in range(200)]
     graph.until(lambda: all(each.done() for each in sent), 'answers to the goals')

@@ -203,5 +203,5 @@ def test_joints_of_another_chain_are_refused(stage: Stage) -> None:
     other = NamedChain(stage.named.chain, tuple('abcdefgh'))
     angles = stage.named.chain.uniform_state(1)
     stage.joints.publish(frame_to_msg(other, Frame(angles, None), angles, Time()))
-    stage.graph.until(lambda: stage.node.diagnostics.refused, 'a refusal')
+    stage.graph.until(lambda: stage.node.diagnostics.rejected, 'a refusal')
     assert stage.move(angles)

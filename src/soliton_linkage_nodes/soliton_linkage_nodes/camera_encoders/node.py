@@ -19,6 +19,16 @@ from soliton_linkage.vision.opencv import Picture, opencv
 from soliton_linkage.vision.overlay import draw_overlay
 from soliton_linkage.vision.video import capture_camera
 from soliton_linkage_msgs.msg import SolitonState
+from soliton_linkage_nodes.messages.camera_measurement import (
+    CameraMeasurement,
+    CameraParameters,
+    CameraReading,
+    angles_to_msg,
+    describe_reading,
+    deviations_to_msg,
+    median_deviation,
+    walls_on_overlay,
+)
 from soliton_linkage_nodes.messages.chain_source import (
     CHAIN_PARAMETERS,
     ChainSource,
@@ -31,16 +41,6 @@ from soliton_linkage_nodes.messages.picture_conversions import (
     picture_from_msg,
     picture_to_compressed_msg,
     read_camera,
-)
-from soliton_linkage_nodes.messages.sight import (
-    Seen,
-    Sight,
-    SightParameters,
-    angles_to_msg,
-    deviations_to_msg,
-    in_words,
-    median_deviation,
-    placed,
 )
 from soliton_linkage_nodes.messages.state_conversions import solitons_from_msg
 from soliton_linkage_nodes.runtime import interfaces
@@ -96,7 +96,7 @@ class CameraEncoders(ManagedNode):
 
     PARAMETERS: ClassVar[dict[type, str]] = {
         CameraEncodersParameters: '',
-        SightParameters: '',
+        CameraParameters: '',
         MarkerSettings: 'markers.',
         ManagedParameters: '',
         ChainSourceParameters: '',
@@ -121,8 +121,8 @@ class CameraEncoders(ManagedNode):
         if self.settings.camera_file:
             self._camera = read_camera(Path(self.settings.camera_file))
         self._named: NamedChain | None = None
-        self._sight: Sight | None = None
-        self._seen: Seen | None = None
+        self._sight: CameraMeasurement | None = None
+        self._seen: CameraReading | None = None
         self._state: tuple[int, tuple[AnalysedSoliton, ...]] = (0, ())
         self._next_overlay = 0
         self._closing = threading.Event()
@@ -139,7 +139,7 @@ class CameraEncoders(ManagedNode):
             stamp = self.get_clock().now().to_msg()
             interfaces.CHAIN.publisher(self).publish(chain_to_msg(self._named, stamp))
         self._listen()
-        self.get_logger().info(f'seeing {self._source.in_words} in {self._whence()}')
+        self.get_logger().info(f'seeing {self._source.description} in {self._whence()}')
 
     def activate(self) -> None:
         """Begin to take pictures, where they are those of a camera of this machine."""
@@ -164,7 +164,7 @@ class CameraEncoders(ManagedNode):
         if self._sight is None or self._named is None:
             return
         begin = time.perf_counter()
-        seen = self._seen = self._sight.look(stamp, picture)
+        seen = self._seen = self._sight.measure(stamp, picture)
         if seen.frame.seen:
             # Who takes the angles is to know by then how sure they are.
             self._deviations.publish(deviations_to_msg(self._named, seen))
@@ -173,7 +173,7 @@ class CameraEncoders(ManagedNode):
         self._pictures += 1
         self._busy += time.perf_counter() - begin
 
-    def _draw(self, named: NamedChain, picture: Picture, seen: Seen) -> None:
+    def _draw(self, named: NamedChain, picture: Picture, seen: CameraReading) -> None:
         """Publish an overlay if there is a subscriber and the period is over."""
         period = round(SECOND / self.settings.overlay_rate)
         if not self._overlay.get_subscription_count():
@@ -183,13 +183,15 @@ class CameraEncoders(ManagedNode):
         self._next_overlay = seen.stamp + period
         stamp, solitons = self._state
         since = (seen.stamp - stamp) / SECOND
-        walls = placed(solitons, named.chain.spacing, since) if abs(since) < _FRESH else []
+        walls = (
+            walls_on_overlay(solitons, named.chain.spacing, since) if abs(since) < _FRESH else []
+        )
         drawn = draw_overlay(picture, seen.frame, named.joint_names, walls)
         self._overlay.publish(picture_to_compressed_msg(seen.stamp, FRAME, drawn))
 
     def _film(self) -> None:
         """Take pictures of a camera of this machine until the node is deactivated: a thread."""
-        closing, take = self._closing, self.diagnostics.refusing('picture', self.look)
+        closing, take = self._closing, self.diagnostics.guarded('picture', self.look)
         try:
             for taken in capture_camera(self.settings.camera):
                 if closing.is_set():
@@ -203,10 +205,10 @@ class CameraEncoders(ManagedNode):
         topics = {'image': interfaces.IMAGE, 'compressed': interfaces.COMPRESSED_IMAGE}
         takes = {'image': self._on_image, 'compressed': self._on_compressed}
         if kind in topics:
-            take = self.while_active(self.diagnostics.refusing('picture', takes[kind]))
+            take = self.while_active(self.diagnostics.guarded('picture', takes[kind]))
             StreamSubscription(self, topics[kind], take, self.diagnostics)
             if self._camera is None:
-                take = self.diagnostics.refusing('camera_info', self._on_camera_info)
+                take = self.diagnostics.guarded('camera_info', self._on_camera_info)
                 StreamSubscription(self, interfaces.CAMERA_INFO, take, self.diagnostics)
 
     def _on_image(self, message: Image) -> None:
@@ -232,8 +234,8 @@ class CameraEncoders(ManagedNode):
     def _look_anew(self) -> None:
         self._seen = None
         if self._named is not None:
-            parameters = current(self, SightParameters)
-            self._sight = Sight(self._named, self._markers, parameters, self._camera)
+            parameters = current(self, CameraParameters)
+            self._sight = CameraMeasurement(self._named, self._markers, parameters, self._camera)
 
     def _whence(self) -> str:
         if self.settings.pictures_from == 'camera':
@@ -264,7 +266,9 @@ class CameraEncoders(ManagedNode):
             'moves of the camera': self._sight.moves,
             'pictures missing': self._sight.gaps.missing,
         }
-        return Report(in_words(self._sight, self._seen), values, warning=bool(frame.status))
+        return Report(
+            describe_reading(self._sight, self._seen), values, warning=bool(frame.status)
+        )
 
 
 def main() -> None:

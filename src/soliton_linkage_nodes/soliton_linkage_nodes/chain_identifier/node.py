@@ -30,7 +30,7 @@ from soliton_linkage_nodes.messages.conversions import (
     check_names,
     joint_states_from_msg,
 )
-from soliton_linkage_nodes.messages.frame_reader import EncoderWatch
+from soliton_linkage_nodes.messages.frame_reader import EncoderMonitor
 from soliton_linkage_nodes.runtime import interfaces
 from soliton_linkage_nodes.runtime.diagnostics import Diagnostics, Report
 from soliton_linkage_nodes.runtime.managed import ManagedNode, ManagedParameters
@@ -117,12 +117,12 @@ class ChainIdentifier(ManagedNode):
         self._working: threading.Thread | None = None
         self._outcome: Identification | ValueError | None = None
         self._decoder = JointStateDecoder()
-        self._encoders = EncoderWatch(self.get_logger().warning)
+        self._encoders = EncoderMonitor(self.get_logger().warning)
         self.diagnostics = Diagnostics(self, 'identification', self.reporting(self._report))
         self._publisher = interfaces.IDENTIFIED_CHAIN.publisher(self)
-        take = self.diagnostics.refusing('joint_states', self.while_active(self._take))
+        take = self.diagnostics.guarded('joint_states', self.while_active(self._take))
         StreamSubscription(self, interfaces.JOINT_STATES, take, self.diagnostics, raw=True)
-        weigh = self.diagnostics.refusing('joint_state_deviations', self._weigh)
+        weigh = self.diagnostics.guarded('joint_state_deviations', self._weigh)
         interfaces.JOINT_STATE_DEVIATIONS.subscribe(self, self.while_active(weigh))
         interfaces.TILT.subscribe(self, self.while_active(self._note_tilt))
         interfaces.DELIVERED_IMPULSES.subscribe(self, self.while_active(self._note_delivered))
@@ -150,7 +150,7 @@ class ChainIdentifier(ManagedNode):
     def _take(self, serialized: bytes) -> None:
         joints = self._decoder.decode(serialized)
         self._record.add(joints)
-        self._encoders.look(joints.stamp, joints.position)
+        self._encoders.check(joints.stamp, joints.position)
 
     def _weigh(self, message: JointState) -> None:
         self._record.add_deviations(joint_states_from_msg(message))

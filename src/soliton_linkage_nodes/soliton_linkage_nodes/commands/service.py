@@ -6,7 +6,7 @@ from __future__ import annotations
 import argparse
 
 from soliton_linkage_nodes.commands.visitor import Verbs, Visitor
-from soliton_linkage_nodes.messages.fields import as_yaml, interface_type, read
+from soliton_linkage_nodes.messages.fields import interface_type, read, to_yaml
 
 
 def main(arguments: list[str]) -> int:
@@ -30,4 +30,4 @@ def _list(visitor: Visitor, options: argparse.Namespace) -> None:
 def _call(visitor: Visitor, options: argparse.Namespace) -> None:
     service_type = interface_type(options.type, 'srv')
     request = read(service_type.Request, options.values)
-    print(as_yaml(visitor.call(service_type, options.service, request)), end='')
+    print(to_yaml(visitor.call(service_type, options.service, request)), end='')

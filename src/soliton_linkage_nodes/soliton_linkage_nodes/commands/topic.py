@@ -11,7 +11,7 @@ from typing import Any
 from rclpy.qos import QoSProfile
 
 from soliton_linkage_nodes.commands.visitor import FOUND_WITHIN, Verbs, Visitor
-from soliton_linkage_nodes.messages.fields import as_yaml, interface_type, read
+from soliton_linkage_nodes.messages.fields import interface_type, read, to_yaml
 from soliton_linkage_nodes.runtime.interfaces import Topic
 from soliton_linkage_nodes.runtime.subscriptions import AdaptiveSubscription
 
@@ -82,7 +82,7 @@ def _echo(visitor: Visitor, options: argparse.Namespace) -> None:
     while True:
         visitor.spin()
         for message in heard:
-            print(f'{as_yaml(_field(message, options.field))}---', flush=True)
+            print(f'{to_yaml(_field(message, options.field))}---', flush=True)
             if options.once:
                 return
         heard.clear()

@@ -15,7 +15,7 @@ from rclpy.executors import SingleThreadedExecutor
 from rclpy.signals import SignalHandlerOptions
 
 from soliton_linkage.command_line import PlainParser, complete
-from soliton_linkage_nodes.runtime.guarded import CALLS
+from soliton_linkage_nodes.runtime.guarded import SERVICE_QOS
 
 FOUND_WITHIN = 10.0
 """What is looked for by its name has to show itself within this [s]; on one machine it is there in
@@ -97,7 +97,7 @@ class Visitor:
 
     def call(self, service_type: Any, name: str, request: Any) -> Any:
         """Response of a service; RuntimeError where it is not there or does not answer."""
-        client = self.node.create_client(service_type, name, qos_profile=CALLS)
+        client = self.node.create_client(service_type, name, qos_profile=SERVICE_QOS)
         if not self.until(client.service_is_ready, FOUND_WITHIN):
             name = service_type.__name__
             raise RuntimeError(f'there is no service {client.srv_name} of the type {name}')

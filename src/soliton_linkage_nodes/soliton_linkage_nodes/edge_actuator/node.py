@@ -27,7 +27,7 @@ from soliton_linkage_nodes.edge_actuator.topics import ActuatorPublishers, Lates
 from soliton_linkage_nodes.messages.chain_source import ChainSource, declare_chain_source
 from soliton_linkage_nodes.messages.command_conversions import delivery_from_msg, joint_actuators
 from soliton_linkage_nodes.messages.conversions import NamedChain
-from soliton_linkage_nodes.messages.frame_reader import EncoderWatch
+from soliton_linkage_nodes.messages.frame_reader import EncoderMonitor
 from soliton_linkage_nodes.runtime import interfaces
 from soliton_linkage_nodes.runtime.diagnostics import Diagnostics, Report
 from soliton_linkage_nodes.runtime.managed import ManagedNode
@@ -68,8 +68,8 @@ class EdgeActuator(ManagedNode):
     def configure(self) -> None:
         """Connect the topics."""
         settings = current(self, EdgeActuatorParameters)
-        encoders = EncoderWatch(self.get_logger().warning)
-        self.frames = LatestFrames(settings.state_timeout, encoders.look)
+        encoders = EncoderMonitor(self.get_logger().warning)
+        self.frames = LatestFrames(settings.state_timeout, encoders.check)
         self.output = ActuatorPublishers(self)
         self.commands = Commands(settings, self.actuator, self.frames, self.output)
         self.carried_out = 0
@@ -78,7 +78,7 @@ class EdgeActuator(ManagedNode):
         self.source = ChainSource(self, self.diagnostics, self._learn)
         self._listen()
         self.get_logger().info(
-            f'{settings.actuator} actuators on {self.source.in_words}; a nudge is a '
+            f'{settings.actuator} actuators on {self.source.description}; a nudge is a '
             f'{settings.nudge_as} at the {settings.nudge_edge} edge'
         )
 
@@ -105,18 +105,18 @@ class EdgeActuator(ManagedNode):
             (interfaces.JOINT_TRAJECTORY, '~/joint_trajectory', commands.trajectory),
         ):
             source = self.resolve_topic_name(name)
-            command = self.diagnostics.refusing(source, self._counting(source, take))
+            command = self.diagnostics.guarded(source, self._counting(source, take))
             CountedSubscription(self, replace(topic, name=name), command, self.diagnostics)
         interfaces.DELIVERY.subscribe(self, self._on_delivery)
         take_fresh = self.while_active(self._on_joint_states)
-        take_joints = self.diagnostics.refusing('joint_states', take_fresh)
+        take_joints = self.diagnostics.guarded('joint_states', take_fresh)
         self._joint_states = StreamSubscription(
             self,
             interfaces.JOINT_STATES,
             take_joints,
             self.diagnostics,
             raw=True,
-            succeeded=self.source.renew,
+            on_takeover=self.source.resubscribe,
         )
         self._busy_until = -math.inf
         steady = Clock(clock_type=ClockType.STEADY_TIME)
@@ -146,7 +146,7 @@ class EdgeActuator(ManagedNode):
                 lambda name: self._torque_limits.get(name, settings.torque_limit),
             )
         except ValueError as error:
-            self.diagnostics.refuse('chain', error)
+            self.diagnostics.reject('chain', error)
             return
         driver = ChainDriver(
             named.chain,
@@ -188,11 +188,11 @@ class EdgeActuator(ManagedNode):
         now, chain = time.monotonic(), self.commands.chain
         if chain is not None and chain.driver.busy:
             self._busy_until = now
-        self._joint_states.attend(now - self._busy_until < _IDLE_AFTER)
+        self._joint_states.dispatch(now - self._busy_until < _IDLE_AFTER)
 
     def _catch_up(self) -> None:
         """Take the frames that wait while the chain is idle."""
-        if not self._joint_states.attended:
+        if not self._joint_states.dispatched:
             for serialized in self._joint_states.take_waiting():
                 if self.active:
                     self.frames.take(serialized)

@@ -18,7 +18,7 @@ from soliton_linkage_nodes.messages.cdr import (
 from soliton_linkage_nodes.messages.command_conversions import last_kick_to_msg
 from soliton_linkage_nodes.messages.conversions import Frame, NamedChain, frame_from_msg
 from soliton_linkage_nodes.runtime import interfaces
-from soliton_linkage_nodes.runtime.pacing import let_others_go
+from soliton_linkage_nodes.runtime.pacing import yield_core
 from soliton_linkage_nodes.runtime.stamps import SECOND, Freshness
 
 
@@ -117,7 +117,7 @@ class ActuatorPublishers:
         """Publish impulses of all rotors [N m s]."""
         buffer, _ = self._buffers_of(named)
         publish_buffer(self._impulses, buffer.fill(self.now, impulses))
-        let_others_go()
+        yield_core()
 
     def drive(self, named: NamedChain, torques: Array) -> None:
         """Publish torques of all rotors [N m]."""
@@ -130,7 +130,7 @@ class ActuatorPublishers:
 
     def flush(self) -> None:
         """Wait briefly until the torques are acknowledged."""
-        interfaces.let_be_heard(self._torques)
+        interfaces.wait_for_acknowledgements(self._torques)
 
     def _buffers_of(self, named: NamedChain) -> tuple[ImpulseBuffer, TorqueBuffer]:
         if self._buffers is None or self._buffers[0] is not named:

@@ -14,7 +14,7 @@ from rclpy.clock import Clock, ClockType
 from soliton_linkage.linkage.quantities import quantity
 from soliton_linkage_nodes.runtime.diagnostics import Diagnostics, Report
 from soliton_linkage_nodes.runtime.guarded import GuardedNode
-from soliton_linkage_nodes.runtime.parameters import declare, refuse_unknown
+from soliton_linkage_nodes.runtime.parameters import declare, reject_unknown
 from soliton_linkage_nodes.runtime.process import run
 
 _PERIOD = 0.02
@@ -45,7 +45,7 @@ class FoxgloveServer(GuardedNode):
         """Start the server."""
         super().__init__('foxglove_server', **kwargs)
         self.settings = settings = declare(self, FoxgloveServerParameters)
-        refuse_unknown(self)
+        reject_unknown(self)
         try:
             from soliton_linkage_nodes.foxglove_server.serving import Serving
         except ImportError as error:
@@ -60,7 +60,7 @@ class FoxgloveServer(GuardedNode):
             (settings.host, settings.port),
             settings.read_only,
             self._asked.put,
-            self.diagnostics.refuse,
+            self.diagnostics.reject,
         )
         self._searched = 0.0
         self._reported = (time.monotonic(), 0)

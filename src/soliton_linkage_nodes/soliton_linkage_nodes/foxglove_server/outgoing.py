@@ -55,7 +55,7 @@ class OutgoingTopic:
         elif renewed or adapting:
             latched = self._subscription.qos.durability == DurabilityPolicy.TRANSIENT_LOCAL
             if not self._subscription.adapt() and renewed and latched:
-                self._subscription.renew()
+                self._subscription.resubscribe()
 
     def close(self) -> None:
         """Withdraw it."""

@@ -23,7 +23,7 @@ from rclpy.serialization import deserialize_message, serialize_message
 
 from soliton_linkage_nodes.bags.stored_topic import service_definitions
 from soliton_linkage_nodes.messages.fields import interface_type
-from soliton_linkage_nodes.runtime.guarded import CALLS
+from soliton_linkage_nodes.runtime.guarded import SERVICE_QOS
 
 _LONGEST_ANSWER = 10.0
 """Longest time for the answer of a service [s]."""
@@ -67,7 +67,7 @@ class CalledService:
             return
         if self._client is None:
             self._client = self._node.create_client(
-                self._service_type, self.name, qos_profile=CALLS
+                self._service_type, self.name, qos_profile=SERVICE_QOS
             )
         if self._client.service_is_ready():
             waiting, self._waiting = self._waiting, []

@@ -16,12 +16,12 @@ from soliton_linkage_nodes.messages.picture_conversions import jpeg_from_msg
 from soliton_linkage_nodes.messages.view_conversions import (
     NodeReport,
     reports_from_msg,
+    soliton_values,
     state_numbers,
-    walls_of,
 )
 from soliton_linkage_nodes.runtime import interfaces
 from soliton_linkage_nodes.runtime.stamps import SECOND, time_from_msg
-from soliton_linkage_nodes.runtime.subscriptions import AdaptiveSubscription, newest_of
+from soliton_linkage_nodes.runtime.subscriptions import AdaptiveSubscription, subscribe_newest
 
 REPORTS_LAST = 3.5
 """Age after which a node that reports once a second is silent [s]."""
@@ -61,7 +61,7 @@ class CameraTopic:
     def want(self, wanted: bool) -> None:
         """Subscribe while a page shows the pictures."""
         if wanted and self._publishers and self._newest is None:
-            self._newest = newest_of(self._node, interfaces.CAMERA_OVERLAY, self._name)
+            self._newest = subscribe_newest(self._node, interfaces.CAMERA_OVERLAY, self._name)
         elif not wanted and self._newest is not None:
             self.close()
 
@@ -113,11 +113,13 @@ class ChainTopics:
         self.publishers = 0
         """Number of publishers of `joint_states`."""
         self._decoder = JointStateDecoder()
-        self._chain = newest_of(node, interfaces.CHAIN, f'{namespace}chain')
-        self._joints = newest_of(
+        self._chain = subscribe_newest(node, interfaces.CHAIN, f'{namespace}chain')
+        self._joints = subscribe_newest(
             node, interfaces.JOINT_STATES, f'{namespace}joint_states', raw=True
         )
-        self._states = newest_of(node, interfaces.SOLITON_STATE, f'{namespace}soliton_state')
+        self._states = subscribe_newest(
+            node, interfaces.SOLITON_STATE, f'{namespace}soliton_state'
+        )
 
     def take(self) -> None:
         """Put the newest messages into the model."""
@@ -130,7 +132,7 @@ class ChainTopics:
                 self.model.complaint = f'chain: {error}'
         state = self._states.newest()
         if state is not None:
-            self.model.take_state(state_numbers(state), walls_of(state))
+            self.model.take_state(state_numbers(state), soliton_values(state))
         joints = self._joints.newest()
         if joints is not None:
             self.model.count(self._joints.sequence)

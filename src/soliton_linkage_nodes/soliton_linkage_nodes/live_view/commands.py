@@ -22,7 +22,7 @@ from soliton_linkage_msgs.srv import Reset, Step
 from soliton_linkage_nodes.messages import view_conversions as views
 from soliton_linkage_nodes.messages.view_conversions import AdjustableParameter
 from soliton_linkage_nodes.runtime import interfaces
-from soliton_linkage_nodes.runtime.guarded import CALLS, CALLS_OF_ACTION
+from soliton_linkage_nodes.runtime.guarded import ACTION_QOS, SERVICE_QOS
 
 _LONGEST_ANSWER = 10.0
 """Longest time for the answer of a service [s]."""
@@ -96,7 +96,7 @@ class ChainCommands:
                     topic.type, f'{namespace}{topic.name}', topic.qos
                 )
             self._mover = ActionClient(
-                node, MoveSoliton, f'{namespace}{interfaces.MOVE_SOLITON}', **CALLS_OF_ACTION
+                node, MoveSoliton, f'{namespace}{interfaces.MOVE_SOLITON}', **ACTION_QOS
             )
             for name, service_type in _SERVICES.items():
                 self._client(f'{namespace}{name}', service_type)
@@ -298,7 +298,9 @@ class ChainCommands:
 
     def _client(self, name: str, service_type: Any) -> Client:
         if name not in self._clients:
-            self._clients[name] = self._node.create_client(service_type, name, qos_profile=CALLS)
+            self._clients[name] = self._node.create_client(
+                service_type, name, qos_profile=SERVICE_QOS
+            )
         return self._clients[name]
 
     def _publish(self, topic: str, message: Any, listener: str) -> None:

@@ -24,7 +24,7 @@ from soliton_linkage_nodes.live_view.status import reasons, status
 from soliton_linkage_nodes.live_view.stream import BrowserStream
 from soliton_linkage_nodes.runtime.diagnostics import Diagnostics, Report
 from soliton_linkage_nodes.runtime.guarded import GuardedNode
-from soliton_linkage_nodes.runtime.parameters import declare, refuse_unknown
+from soliton_linkage_nodes.runtime.parameters import declare, reject_unknown
 from soliton_linkage_nodes.runtime.process import run
 
 _STATUS_PERIOD = 0.25
@@ -72,7 +72,7 @@ class LiveView(GuardedNode):
         """Serve the page."""
         super().__init__('live_view', **kwargs)
         self.settings = settings = declare(self, LiveViewParameters)
-        refuse_unknown(self)
+        reject_unknown(self)
         folders = [Path(folder) for folder in settings.bag_folders]
         for folder in folders:
             folder.mkdir(parents=True, exist_ok=True)

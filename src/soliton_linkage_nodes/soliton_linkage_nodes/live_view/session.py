@@ -12,10 +12,10 @@ import webbrowser
 from pathlib import Path
 
 from soliton_linkage_nodes.runtime.child_processes import (
-    LONGEST_START,
+    START_LIMIT,
     ChildProcesses,
-    address_in,
     has_display,
+    page_address,
 )
 from soliton_linkage_nodes.runtime.process import stop_on_signals
 from soliton_linkage_nodes.start import INTERRUPTED
@@ -63,17 +63,17 @@ def _start(processes: ChildProcesses, arguments: argparse.Namespace) -> None:
 
 def _tell(processes: ChildProcesses, stopping: threading.Event, show: bool) -> None:
     """Print the address of the page, and open it if there is a display."""
-    deadline = time.monotonic() + LONGEST_START
+    deadline = time.monotonic() + START_LIMIT
     while not stopping.is_set():
         processes.check()
-        address = address_in(processes.said(_PAGE))
+        address = page_address(processes.output(_PAGE))
         if address:
             print(f'The page is at {address}; Ctrl-C ends all.', flush=True)
             if show and has_display():
                 webbrowser.open(address)
             return
         if time.monotonic() > deadline:
-            raise RuntimeError(f'{_PAGE} did not say where its page is in {LONGEST_START:g} s')
+            raise RuntimeError(f'{_PAGE} did not say where its page is in {START_LIMIT:g} s')
         stopping.wait(_POLL_INTERVAL)
 
 

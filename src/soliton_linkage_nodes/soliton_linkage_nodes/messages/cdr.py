@@ -227,7 +227,7 @@ class TorqueBuffer(_MessageBuffer):
         super().__init__(torques_to_msg(named, np.zeros(named.rotors), Time()), arrays=3)
 
 
-def stamp_of(serialized: bytes) -> int:
+def read_stamp(serialized: bytes) -> int:
     """Stamp of a message that begins with a header [ns], 0 where it is not little-endian."""
     if not serialized.startswith(_LITTLE_ENDIAN):
         return 0

@@ -88,7 +88,7 @@ def chain_of(read: Callable[[Any], Any]) -> NamedChain:
     return NamedChain(chain, default_joint_names(chain.number_of_rotors), encoders.offsets)
 
 
-def chain_in_words(chain: Chain) -> str:
+def describe_chain(chain: Chain) -> str:
     """A chain in a few words, such as its number of rotors and its class of motion."""
     shape = 'a ring' if chain.periodic else 'a chain'
     alike = '' if chain.deviations == NO_DEVIATIONS else ', with deviations'
@@ -135,34 +135,34 @@ class ChainSource:
         if self.parameters.chain_from == 'parameters':
             self._learn(given)
         elif self.parameters.chain_from == 'topic':
-            take = diagnostics.refusing('chain', self._on_chain)
+            take = diagnostics.guarded('chain', self._on_chain)
             self._subscription = StreamSubscription(node, interfaces.CHAIN, take, diagnostics)
 
     @property
-    def in_words(self) -> str:
+    def description(self) -> str:
         """Which chain it is, or where it will come from."""
         if self.named is not None:
-            return chain_in_words(self.named.chain)
+            return describe_chain(self.named.chain)
         known = self.parameters.chain_from == 'topic'
         return f'the chain of {self._topic}' if known else 'a chain that is not known'
 
-    def renew(self) -> None:
+    def resubscribe(self) -> None:
         """Hear the chain again: another has taken the place of who told it."""
         if self._subscription is not None:
-            self._subscription.renew()
+            self._subscription.resubscribe()
 
     def _on_chain(self, message: msg.Chain) -> None:
         before = self.named
         self._learn(chain_from_msg(message))
         if self.named == before or self.named is None:
             return
-        told = f'{self._topic} tells of {chain_in_words(self.named.chain)}'
+        told = f'{self._topic} tells of {describe_chain(self.named.chain)}'
         if before is None:
             self._logger.info(told)
         else:
             self._logger.warning(
                 f'{told}, named {self.named.joint_names[0]!r} to {self.named.joint_names[-1]!r}: '
-                f'the chain has changed, it was {chain_in_words(before.chain)}'
+                f'the chain has changed, it was {describe_chain(before.chain)}'
             )
 
     def _learn(self, named: NamedChain) -> None:

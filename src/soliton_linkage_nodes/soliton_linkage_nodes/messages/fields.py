@@ -47,7 +47,7 @@ def plain(value: Any) -> Any:
     return value
 
 
-def as_yaml(value: Any) -> str:
+def to_yaml(value: Any) -> str:
     """YAML of a message or of a field, with lists of numbers in as few lines as may be."""
     text: str = yaml.dump(
         plain(value), Dumper=_Dumper, sort_keys=False, width=_WIDTH, allow_unicode=True

@@ -88,7 +88,7 @@ _LARGEST_MISFIT = 0.2
 taken for radians have 0.4 or more."""
 
 
-class EncoderWatch:
+class EncoderMonitor:
     """Looks at the frames of joint states for stamps and units that cannot be meant."""
 
     def __init__(self, warn: Callable[[str], object]) -> None:
@@ -98,7 +98,7 @@ class EncoderWatch:
         self._last: int | None = None
         self._frames = 0
 
-    def look(self, stamp: int, angles: Array) -> None:
+    def check(self, stamp: int, angles: Array) -> None:
         """Look at a frame: its stamp [ns] and the angle of each rotor [rad], NaN where unseen."""
         if stamp == 0:
             self._say('joint_states have no stamps; stamp each frame with when it was measured')

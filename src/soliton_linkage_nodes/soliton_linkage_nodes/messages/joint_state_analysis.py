@@ -10,7 +10,7 @@ from soliton_linkage.estimation.analyser import Analyser
 from soliton_linkage.estimation.analysis import Analysis, FrameAnalyser, UnknownChainAnalyser
 from soliton_linkage.estimation.frames import check_deviations
 from soliton_linkage.linkage.chain import Array
-from soliton_linkage_nodes.messages.cdr import ImpulseDecoder, stamp_of
+from soliton_linkage_nodes.messages.cdr import ImpulseDecoder, read_stamp
 from soliton_linkage_nodes.messages.conversions import Frame, JointStates, NamedChain
 from soliton_linkage_nodes.messages.frame_reader import FrameReader
 
@@ -44,7 +44,7 @@ class JointStateAnalysis:
         """Distance between neighbouring pivots [m], NaN where the chain is not known."""
         return math.nan if self._named is None else self._named.chain.spacing
 
-    def learn(self, named: NamedChain) -> None:
+    def set_chain(self, named: NamedChain) -> None:
         """Analyse the frames of this chain from now on; what is known of it already is kept."""
         if named == self._named:
             return
@@ -55,13 +55,13 @@ class JointStateAnalysis:
         self._impulses = ImpulseDecoder(named.numbers, math.inf)
         self._deviation_reader, self._deviations = FrameReader(named.joint_names), {}
 
-    def learn_joints(self, joint_names: Sequence[str]) -> None:
+    def set_joints(self, joint_names: Sequence[str]) -> None:
         """Analyse the frames of joints of which nothing is known but their order."""
         self.analyser = UnknownChainAnalyser(len(joint_names))
         self._named, self._reader = None, FrameReader(joint_names)
         self._impulses = self._deviation_reader = None
 
-    def push(self, serialized: bytes) -> None:
+    def add_impulses(self, serialized: bytes) -> None:
         """Take `delivered_impulses`, as CDR bytes, for what acts on a wall from their stamp on.
 
         Of a chain that is not known they tell nothing. Raises ValueError for impulses that are
@@ -69,9 +69,9 @@ class JointStateAnalysis:
         """
         if isinstance(self.analyser, Analyser) and self._impulses is not None:
             impulses = self._impulses.decode(serialized)
-            self.analyser.push(stamp_of(serialized) or None, impulses)
+            self.analyser.push(read_stamp(serialized) or None, impulses)
 
-    def weigh(self, deviations: JointStates) -> None:
+    def add_deviations(self, deviations: JointStates) -> None:
         """Take `joint_state_deviations` for those of the angles of that stamp, which come later.
 
         Of a chain that is not known they tell nothing. Raises ValueError for what is refused.

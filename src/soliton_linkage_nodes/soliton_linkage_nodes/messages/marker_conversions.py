@@ -72,7 +72,7 @@ def box_to_msg(
     )
 
 
-def lettering_to_msg(
+def text_to_msg(
     header: Header,
     name: str,
     place: Sequence[float],

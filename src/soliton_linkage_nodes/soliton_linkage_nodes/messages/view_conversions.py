@@ -104,7 +104,7 @@ def state_numbers(message: msg.SolitonState) -> Numbers:
     }
 
 
-def walls_of(message: msg.SolitonState) -> list[float]:
+def soliton_values(message: msg.SolitonState) -> list[float]:
     """Place [rotor spacings], its standard deviation [m] and charge of each soliton, in a row."""
     return [
         value

@@ -49,10 +49,10 @@ def analysed(
     connections = [joints]
     if given is None:
         first = next((message for _, message in read_topic(reader, 'chain')), None)
-        analysis.learn(read_chain(reader) if first is None else chain_from_msg(first))
+        analysis.set_chain(read_chain(reader) if first is None else chain_from_msg(first))
         connections.append(find_topic(reader, 'chain'))
     else:
-        analysis.learn(given)
+        analysis.set_chain(given)
     decode_joints = _decoder(joints)
     chain_decoders = {connection.id: decoder(connection) for connection in connections[1:]}
     pushes = _beside(reader, joints, interfaces.DELIVERED_IMPULSES)
@@ -62,14 +62,14 @@ def analysed(
     wanted = [*connections, *pushes, *deviations]
     for connection, _, serialized in read_messages(reader, wanted):
         if connection.id in chain_decoders:
-            analysis.learn(chain_from_msg(chain_decoders[connection.id](serialized)))
+            analysis.set_chain(chain_from_msg(chain_decoders[connection.id](serialized)))
             continue
         try:
             if connection in pushes:
-                analysis.push(serialized)
+                analysis.add_impulses(serialized)
                 continue
             if connection.id in deviation_decoders:
-                analysis.weigh(deviation_decoders[connection.id](serialized))
+                analysis.add_deviations(deviation_decoders[connection.id](serialized))
                 continue
             frame = decode_joints(serialized)
             found = analysis.analyse(frame)

@@ -25,7 +25,7 @@ from soliton_linkage_nodes.bags.read.reading import open_bag
 from soliton_linkage_nodes.programs.bag_analysis import analysed, read_chain
 from soliton_linkage_nodes.programs.command_line import plain_failures
 from soliton_linkage_nodes.runtime.child_processes import (
-    LONGEST_START,
+    START_LIMIT,
     ChildProcesses,
     private_domain,
 )
@@ -76,7 +76,7 @@ def record(
         'subscribers': 2,
     }
     nudge = repr(speed * chain.spacing / (chain.rotor_length * chain.time_unit))
-    options = [nudge, '--subscribers=2', f'--timeout={LONGEST_START}']
+    options = [nudge, '--subscribers=2', f'--timeout={START_LIMIT}']
     processes, environment = ChildProcesses(folder / 'log'), dict(os.environ)
     try:
         processes.start('bag_recorder', ['-p', f'output:={name}'], environment)

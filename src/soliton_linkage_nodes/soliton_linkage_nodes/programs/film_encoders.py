@@ -35,19 +35,19 @@ from soliton_linkage.vision.video import (
 from soliton_linkage_nodes.bags.read.reading import type_name
 from soliton_linkage_nodes.bags.record.bag_writer import BagWriter
 from soliton_linkage_nodes.bags.stored_topic import StoredTopic
+from soliton_linkage_nodes.messages.camera_measurement import (
+    CameraMeasurement,
+    CameraParameters,
+    CameraReading,
+    angles_to_msg,
+    describe_reading,
+    deviations_to_msg,
+    median_deviation,
+    walls_on_overlay,
+)
 from soliton_linkage_nodes.messages.chain_source import chain_of_file, markers_of_file
 from soliton_linkage_nodes.messages.conversions import NamedChain, chain_to_msg, without_offsets
 from soliton_linkage_nodes.messages.picture_conversions import read_camera
-from soliton_linkage_nodes.messages.sight import (
-    Seen,
-    Sight,
-    SightParameters,
-    angles_to_msg,
-    deviations_to_msg,
-    in_words,
-    median_deviation,
-    placed,
-)
 from soliton_linkage_nodes.programs.command_line import number, plain_failures
 from soliton_linkage_nodes.runtime import interfaces
 from soliton_linkage_nodes.runtime.process import stop_on_signals
@@ -77,7 +77,7 @@ class Account(NamedTuple):
 def film_to_bag(
     footage: Video,
     named: NamedChain,
-    sight: Sight,
+    sight: CameraMeasurement,
     output: Path,
     overlay: Path | None = None,
     stopping: threading.Event | None = None,
@@ -92,7 +92,7 @@ def film_to_bag(
     failure: ValueError | None = None
     progress = ProgressLine('seeing', footage.frames)
 
-    def looked() -> Iterator[tuple[TimedPicture, Seen]]:
+    def looked() -> Iterator[tuple[TimedPicture, CameraReading]]:
         nonlocal last, ended_by, failure
         start = round(footage.start * SECOND)
         try:
@@ -100,8 +100,8 @@ def film_to_bag(
                 if stopping is not None and stopping.is_set():
                     ended_by = 'a signal'
                     return
-                shown = sight.look(start + round(taken.time * SECOND), taken.picture)
-                last = in_words(sight, shown)
+                shown = sight.measure(start + round(taken.time * SECOND), taken.picture)
+                last = describe_reading(sight, shown)
                 progress.show(count, f'{count} pictures, {last}')
                 if shown.frame.seen:
                     bag.write(shown)
@@ -126,9 +126,7 @@ def film_to_bag(
     return Account(bag.path, len(seen), float(share), float(deviation), last, ended_by)
 
 
-def _drawn(
-    looked: Iterable[tuple[TimedPicture, Seen]], named: NamedChain
-) -> Iterator[TimedPicture]:
+def _drawn(looked: Iterable[tuple[TimedPicture, CameraReading]], named: NamedChain) -> Iterator[TimedPicture]:
     """Yield pictures with their measurement and the walls of the frames so far."""
     analyser = Analyser(named.chain)
     for taken, seen in looked:
@@ -137,7 +135,7 @@ def _drawn(
             frame = seen.frame
             angles = without_offsets(frame.angles, named.encoder_offsets)
             analysis = analyser.analyse(seen.stamp, angles, None, frame.deviations)
-            walls = placed(analysis.solitons, named.chain.spacing) if analysis else []
+            walls = walls_on_overlay(analysis.solitons, named.chain.spacing) if analysis else []
         drawn = draw_overlay(taken.picture, seen.frame, named.joint_names, walls)
         yield TimedPicture(taken.time, drawn)
 
@@ -151,7 +149,7 @@ class _AngleBag:
         self._writer: BagWriter | None = None
         self._topics: dict[str, StoredTopic] = {}
 
-    def write(self, seen: Seen) -> None:
+    def write(self, seen: CameraReading) -> None:
         """Write the angles in a picture, before the first of them the chain."""
         if self._writer is None:
             self._writer = BagWriter(self.path)
@@ -185,8 +183,10 @@ def main(arguments: Sequence[str] | None = None) -> None:
         stopping = stop_on_signals()
         named = chain_of_file(options.chain)
         lens = read_camera(options.camera_info) if options.camera_info else None
-        parameters = SightParameters(options.row_time, options.exposure, not options.unmarked)
-        sight = Sight(named, markers_of_file(options.markers or options.chain), parameters, lens)
+        parameters = CameraParameters(options.row_time, options.exposure, not options.unmarked)
+        sight = CameraMeasurement(
+            named, markers_of_file(options.markers or options.chain), parameters, lens
+        )
         account = film_to_bag(
             _footage(options), named, sight, options.output, options.overlay, stopping
         )
@@ -239,7 +239,7 @@ def _parser() -> PlainParser:
     parser.add_argument(
         '--output', type=Path, default=Path('out/film'), help='bag, to which _0 is added'
     )
-    quantities = described_fields(SightParameters)
+    quantities = described_fields(CameraParameters)
     for name in ('row_time', 'exposure'):
         parser.add_argument(
             f'--{name.replace("_", "-")}',

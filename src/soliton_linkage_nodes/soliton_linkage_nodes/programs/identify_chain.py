@@ -33,7 +33,7 @@ from soliton_linkage_nodes.chain_identifier.joint_record import JointRecord
 from soliton_linkage_nodes.chain_identifier.parameter_file import write_parameters
 from soliton_linkage_nodes.messages.chain_source import chain_of_file
 from soliton_linkage_nodes.messages.conversions import NamedChain, joint_states_from_msg
-from soliton_linkage_nodes.messages.frame_reader import EncoderWatch
+from soliton_linkage_nodes.messages.frame_reader import EncoderMonitor
 from soliton_linkage_nodes.programs.bag_analysis import read_chain
 from soliton_linkage_nodes.programs.command_line import (
     add_limits,
@@ -248,7 +248,7 @@ def read_joints(reader: Reader, told: NamedChain | None, span: tuple[float, floa
     ]
     decoders = {connection.topic: decoder(connection) for connection in wanted}
     progress = ProgressLine('reading', joints.msgcount)
-    watch = EncoderWatch(lambda line: print(f'identify_chain: {line}', file=sys.stderr))
+    watch = EncoderMonitor(lambda line: print(f'identify_chain: {line}', file=sys.stderr))
     record = JointRecord(told.joint_names if told else (), _MOST_FRAMES)
     first = None
     for connection, received, serialized in read_messages(reader, wanted):
@@ -258,7 +258,7 @@ def read_joints(reader: Reader, told: NamedChain | None, span: tuple[float, floa
             first = states.stamp if first is None else first
             if span[0] <= (states.stamp - first) / SECOND <= span[1]:
                 record.add(states)
-            watch.look(states.stamp, states.position)
+            watch.check(states.stamp, states.position)
             progress.show(record.frames, f'{record.frames} frames')
         elif connection.topic.endswith(interfaces.JOINT_STATE_DEVIATIONS.name):
             record.add_deviations(joint_states_from_msg(message))

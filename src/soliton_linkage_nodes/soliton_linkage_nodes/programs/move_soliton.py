@@ -23,7 +23,7 @@ from soliton_linkage_msgs.action import MoveSoliton
 from soliton_linkage_nodes.programs.command_line import number, parse_beside_ros, plain_failures
 from soliton_linkage_nodes.programs.lean_line import LEGEND, LeanLine
 from soliton_linkage_nodes.runtime import interfaces
-from soliton_linkage_nodes.runtime.guarded import CALLS_OF_ACTION
+from soliton_linkage_nodes.runtime.guarded import ACTION_QOS
 from soliton_linkage_nodes.runtime.process import WaitingNode, initialise, stop_on_signals
 from soliton_linkage_nodes.start import INTERRUPTED
 
@@ -45,7 +45,7 @@ class Mover(WaitingNode):
     def __init__(self, stopping: threading.Event, **kwargs: Any) -> None:
         """Connect to the action; `stopping` is set to interrupt."""
         super().__init__('move_soliton', stopping, **kwargs)
-        self._client = ActionClient(self, MoveSoliton, interfaces.MOVE_SOLITON, **CALLS_OF_ACTION)
+        self._client = ActionClient(self, MoveSoliton, interfaces.MOVE_SOLITON, **ACTION_QOS)
         self._line = LeanLine(self)
         self._heard_at = math.inf
 
@@ -68,7 +68,7 @@ class Mover(WaitingNode):
         ended = handle.get_result_async()
         if not self.wait(lambda: ended.done() or self._loss(), math.inf):
             handle.cancel_goal_async()
-            self.wait_on(ended.done, _LAST_WORDS)
+            self.wait_uninterrupted(ended.done, _LAST_WORDS)
         if ended.done():
             result: MoveSoliton.Result = ended.result().result
             self._line.end(result.message)

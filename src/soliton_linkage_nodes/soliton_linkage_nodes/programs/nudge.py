@@ -74,7 +74,7 @@ class Nudger(WaitingNode):
         answer = self._answer()
         if answer is None and not self.stopping.is_set():
             raise ValueError(self._refusal(refused) or self._silence(timeout))
-        interfaces.let_be_heard(self._nudges)
+        interfaces.wait_for_acknowledgements(self._nudges)
         return answer
 
     def _actuators(self) -> set[str]:
@@ -117,7 +117,7 @@ class Nudger(WaitingNode):
         """What an actuator says that has refused a nudge since it had refused so much."""
         for name in self._actuators() & before.keys():
             report = self._reports[name]
-            source, _, reason = _figure(report, 'last refusal').partition(': ')
+            source, _, reason = _figure(report, 'last rejection').partition(': ')
             if _refused(report) > before[name] and interfaces.NUDGE.name in source:
                 return f'{name} refused it: {reason}'
         return ''
@@ -195,4 +195,4 @@ def _figure(report: DiagnosticStatus, key: str) -> str:
 
 
 def _refused(report: DiagnosticStatus) -> int:
-    return int(_figure(report, 'refused') or 0)
+    return int(_figure(report, 'rejected') or 0)

@@ -20,7 +20,7 @@ from soliton_linkage_msgs.msg import SolitonState
 from soliton_linkage_nodes.programs.command_line import parse_beside_ros
 from soliton_linkage_nodes.programs.lean_line import LEGEND, LeanLine
 from soliton_linkage_nodes.runtime import interfaces
-from soliton_linkage_nodes.runtime.parameters import refuse_unknown
+from soliton_linkage_nodes.runtime.parameters import reject_unknown
 from soliton_linkage_nodes.runtime.process import run
 from soliton_linkage_nodes.start import INTERRUPTED
 
@@ -43,7 +43,7 @@ class WatchSoliton(Node):
         self._line = LeanLine(self)
         self._heard: tuple[bytes, float] | None = None
         interfaces.SOLITON_STATE.subscribe(self, self._on_state, raw=True)
-        refuse_unknown(self)
+        reject_unknown(self)
         self.create_timer(_PERIOD, self._draw, clock=Clock(clock_type=ClockType.STEADY_TIME))
 
     def destroy_node(self) -> None:

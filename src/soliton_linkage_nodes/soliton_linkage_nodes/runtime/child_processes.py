@@ -22,7 +22,7 @@ from ament_index_python.packages import (
 )
 
 _PACKAGE = 'soliton_linkage_nodes'
-LONGEST_START = 60.0
+START_LIMIT = 60.0
 """How long nodes may take until they hear each other, on a busy machine [s]."""
 _PARENT_DEATH_SIGNAL = 1
 """PR_SET_PDEATHSIG of prctl(2)."""
@@ -88,7 +88,7 @@ class ChildProcesses:
         deadline = time.monotonic() + _LONGEST_END
         return {node: _end(process, deadline) for node, process in chosen.items()}
 
-    def said(self, node: str) -> str:
+    def output(self, node: str) -> str:
         """What a process has said so far."""
         return self._log(node).read_text(encoding='utf-8', errors='replace')
 
@@ -96,11 +96,11 @@ class ChildProcesses:
         return self._log_folder / f'{node}.log'
 
     def _obituary(self, node: str, code: int) -> str:
-        tail = '\n  '.join(self.said(node).splitlines()[-_LOG_TAIL:])
+        tail = '\n  '.join(self.output(node).splitlines()[-_LOG_TAIL:])
         return f'{node} ended with exit code {code}; it said, in {self._log(node)}:\n  {tail}'
 
 
-def address_in(said: str) -> str | None:
+def page_address(said: str) -> str | None:
     """Address of the page in what live_view said, None before it serves one."""
     found = re.search(r'open (http://\S+)', said)
     return found[1] if found else None
@@ -121,13 +121,13 @@ def private_domain() -> Iterator[None]:
     """
     with domain_coordinator.domain_id(lambda: random.randint(1, _DOMAINS)) as domain:
         os.environ['ROS_DOMAIN_ID'] = str(domain)
-        keep_to_the_loopback()
+        restrict_to_loopback()
         for name in ('ROS_STATIC_PEERS', 'ROS_LOCALHOST_ONLY'):
             os.environ.pop(name, None)
         yield
 
 
-def keep_to_the_loopback() -> None:
+def restrict_to_loopback() -> None:
     """Let no other machine reach this process and its children.
 
     LOCALHOST alone leaves sockets of Fast DDS open to all, and has it use shared memory: what a

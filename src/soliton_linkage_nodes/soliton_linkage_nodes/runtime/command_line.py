@@ -19,9 +19,9 @@ from rclpy.utilities import remove_ros_args
 
 from soliton_linkage.linkage.quantities import Quantity, described_fields
 from soliton_linkage_nodes.runtime.parameters import (
+    describe_range,
     description_with_unit,
-    range_in_words,
-    type_in_words,
+    type_name,
 )
 
 NodeClass = Callable[[], Node]
@@ -44,7 +44,7 @@ def check_arguments(node: NodeClass, arguments: Sequence[str]) -> None:
     """
     if {'-h', '--help'} & set(arguments):
         try:
-            print(help_of(node), flush=True)
+            print(help_text(node), flush=True)
         except BrokenPipeError:
             # A pager has closed the pipe; Python would complain once more as it ends.
             os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
@@ -56,11 +56,14 @@ def check_arguments(node: NodeClass, arguments: Sequence[str]) -> None:
     if unknown:
         meant = _meant(node, unknown)
         known = f'try: {_command(node)} {meant}' if meant else f'see {_command(node)} --help'
-        print(f'{name_of(node)} does not know {" ".join(unknown)!r}; {known}', file=sys.stderr)
+        print(
+            f'{executable_name(node)} does not know {" ".join(unknown)!r}; {known}',
+            file=sys.stderr,
+        )
         sys.exit(USAGE)
 
 
-def name_of(node: NodeClass) -> str:
+def executable_name(node: NodeClass) -> str:
     """Name of the executable of a node and, unless it is remapped, of the node itself."""
     return re.sub(r'(?<!^)(?=[A-Z])', '_', node.__name__).lower()
 
@@ -74,14 +77,14 @@ def parameter_names(node: NodeClass) -> set[str]:
     }
 
 
-def help_of(node: NodeClass) -> str:
+def help_text(node: NodeClass) -> str:
     """What a node does, its topics, services and parameters, from its docstring and these."""
     told = inspect.cleandoc(node.__doc__ or '').replace('`', '')
     parameters = [
         line for group, prefix in _groups(node).items() for line in _described(group, prefix)
     ]
     lines = [
-        f'{name_of(node)}: {told}',
+        f'{executable_name(node)}: {told}',
         '',
         'Run it with parameters by hand, from a file, or with other names of topics:',
         *(f'  {_command(node)} --ros-args {example}' for example in _EXAMPLES),
@@ -101,7 +104,7 @@ def _described(group: type, prefix: str) -> Iterator[str]:
     for field in dataclasses.fields(group):
         if field.name in quantities:
             described = quantities[field.name]
-            kind = type_in_words(kinds[field.name])
+            kind = type_name(kinds[field.name])
             yield f'  {prefix}{field.name}:={_as_yaml(field.default)}  ({kind})'
             yield from textwrap.wrap(
                 _meaning(described), _WIDTH, initial_indent=' ' * 6, subsequent_indent=' ' * 6
@@ -110,7 +113,7 @@ def _described(group: type, prefix: str) -> Iterator[str]:
 
 def _meaning(described: Quantity) -> str:
     changes = 'can be changed at run time' if described.adjustable else ''
-    parts = (description_with_unit(described), range_in_words(described), changes)
+    parts = (description_with_unit(described), describe_range(described), changes)
     return '; '.join(filter(None, parts))
 
 
@@ -122,7 +125,7 @@ def _as_yaml(value: Any) -> str:
 
 def _command(node: NodeClass) -> str:
     runner = f'ros2 run {_PACKAGE}' if shutil.which('ros2') else 'soliton-linkage run'
-    return f'{runner} {name_of(node)}'
+    return f'{runner} {executable_name(node)}'
 
 
 def _meant(node: NodeClass, unknown: Sequence[str]) -> str | None:

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What a node says about itself on /diagnostics once a second, and how it refuses input."""
+"""Node diagnostics on /diagnostics, and rejection of invalid input."""
 
 from __future__ import annotations
 
@@ -14,61 +14,61 @@ from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 from rclpy.clock import Clock, ClockType
 from rclpy.node import Node
 
-from soliton_linkage_nodes.runtime.guarded import in_one_line
+from soliton_linkage_nodes.runtime.guarded import describe_error
 from soliton_linkage_nodes.runtime.interfaces import DIAGNOSTICS
 
 _PERIOD = 1.0
-"""Of the reports [s]: that of ROS's own updater."""
-_SAID_AGAIN = 1.0
-"""After which a refusal is said that is like one before [s]: a person reads no faster."""
+"""Period of the reports [s], that of ROS's own updater."""
 MOST_LINES = 100
-"""In a period [1]: more than a person reads, and no burden where thousands are made up."""
+"""Largest number of log lines of a throttle in a period [1]."""
 _NUMBERS = re.compile(r'[-+]?(?:\d+\.?\d*(?:e[-+]?\d+)?|\binf\b|\bnan\b)')
-"""A complaint with other numbers is the same."""
 
 
-class Complaints:
-    """Says each distinct complaint once a period, and how many like it there were meanwhile."""
+class LogThrottle:
+    """Filter that logs each kind of message once a period, with the number of suppressed ones.
 
-    def __init__(self, say: Callable[[str], object], period: float) -> None:
-        """`say` is called with each line; the period is in [s]."""
-        self._say = say
+    Messages that differ only in their numbers are of one kind.
+    """
+
+    def __init__(self, log: Callable[[str], object], period: float) -> None:
+        """Pass lines to `log`; the period is in [s]."""
+        self._log = log
         self._period = period
-        self._begun = -period
-        self._said: dict[str, int] = {}
+        self._start = -period
+        self._suppressed: dict[str, int] = {}
         self._before: dict[str, int] = {}
-        self._unsaid = self._unsaid_before = 0
+        self._others = self._others_before = 0
 
     def __len__(self) -> int:
-        return len(self._said)
+        return len(self._suppressed)
 
-    def tell(self, complaint: str) -> None:
-        """Say a complaint, unless one like it was said within the period."""
+    def log(self, message: str) -> None:
+        """Log a message, unless one of its kind was logged within the period."""
         now = time.monotonic()
-        if now - self._begun >= self._period:
-            self._begun = now
-            self._before, self._said = self._said, {}
-            self._unsaid_before, self._unsaid = self._unsaid, 0
-        kind = _NUMBERS.sub('#', complaint)
-        if kind in self._said:
-            self._said[kind] += 1
-        elif len(self._said) < MOST_LINES:
-            self._said[kind] = 0
-            self._say(complaint + self._of_before(kind))
+        if now - self._start >= self._period:
+            self._start = now
+            self._before, self._suppressed = self._suppressed, {}
+            self._others_before, self._others = self._others, 0
+        kind = _NUMBERS.sub('#', message)
+        if kind in self._suppressed:
+            self._suppressed[kind] += 1
+        elif len(self._suppressed) < MOST_LINES:
+            self._suppressed[kind] = 0
+            self._log(message + self._previous_period(kind))
         else:
-            self._unsaid += 1
+            self._others += 1
 
-    def _of_before(self, kind: str) -> str:
+    def _previous_period(self, kind: str) -> str:
         alike, self._before[kind] = self._before.get(kind, 0), 0
-        others, self._unsaid_before = self._unsaid_before, 0
+        others, self._others_before = self._others_before, 0
         if alike:
-            return f' (and {alike} more like it)'
-        return f' (and {others} other complaints in the second before)' if others else ''
+            return f' (and {alike} more of this kind)'
+        return f' (and {others} other messages in the second before)' if others else ''
 
 
 @dataclass(frozen=True)
 class Report:
-    """How a node is doing: one sentence, and the figures behind it."""
+    """State of a node: one sentence, and values by name."""
 
     message: str
     values: Mapping[str, Any] = field(default_factory=dict)
@@ -76,84 +76,79 @@ class Report:
 
 
 class Diagnostics:
-    """Publishes a node's report once a second and counts what the node refused or failed of.
+    """Publisher of a node's report once a second, and counter of rejected input and failures.
 
-    What `watches` return is told with the report: a sentence, empty where all is well, and
-    figures.
+    Each of `monitors` returns a concern, empty for none, and values; both are added to the report.
     """
 
     def __init__(self, node: Node, task: str, report: Callable[[], Report]) -> None:
         """Start reporting as '<node>: <task>'."""
-        self.refused = 0
+        self.rejected = 0
         self.failed = 0
-        self.watches: list[Callable[[], tuple[str, Mapping[str, Any]]]] = []
+        self.monitors: list[Callable[[], tuple[str, Mapping[str, Any]]]] = []
         self._node = node
         self._task = task
         self._report = report
-        self._refused_before = self._failed_before = 0
-        self._last_refusal = self._last_failure = ''
-        # rclpy's own throttle looks up the caller in the source for each message, in 0.7 ms.
-        self._refusals = Complaints(lambda line: node.get_logger().warning(line), _SAID_AGAIN)
-        self._failures = Complaints(lambda line: node.get_logger().error(line), _SAID_AGAIN)
+        self._rejected_before = self._failed_before = 0
+        self._last_rejection = self._last_failure = ''
+        # rclpy's own throttle takes 0.7 ms a message, because it looks up the calling line.
+        self._rejections = LogThrottle(lambda line: node.get_logger().warning(line), _PERIOD)
+        self._failures = LogThrottle(lambda line: node.get_logger().error(line), _PERIOD)
         self._publisher = DIAGNOSTICS.publisher(node)
         self._timer = node.create_timer(
             _PERIOD, self.publish, clock=Clock(clock_type=ClockType.STEADY_TIME)
         )
 
-    def refuse(self, source: str, reason: object) -> None:
-        """Count a refused input and say each distinct reason in a line, a flood once a second."""
-        self.refused += 1
-        self._last_refusal = f'{source}: {reason}'
-        self._refusals.tell(f'refused {self._last_refusal}')
+    def reject(self, source: str, reason: object) -> None:
+        """Count a rejected input and log the reason, each kind once a second."""
+        self.rejected += 1
+        self._last_rejection = f'{source}: {reason}'
+        self._rejections.log(f'rejected {self._last_rejection}')
 
     def fail(self, failure: str) -> None:
-        """Count what the node should have been able to do, and say it as it says refusals."""
+        """Count a failure of the node and log it, each kind once a second."""
         self.failed += 1
         self._last_failure = failure
-        self._failures.tell(failure)
+        self._failures.log(failure)
 
-    def refusing(self, source: str, take: Callable[..., Any]) -> Callable[..., Any]:
-        """Return what takes each message, and refuses those that cannot be taken."""
+    def guarded(self, source: str, take: Callable[..., Any]) -> Callable[..., Any]:
+        """Return a callback that rejects a message if `take` raises ValueError or the like."""
 
         @wraps(take)
-        def take_or_refuse(*args: Any) -> None:
+        def take_or_reject(*args: Any) -> None:
             try:
                 take(*args)
             except (ValueError, ArithmeticError) as error:
-                self.refuse(source, error)
+                self.reject(source, error)
             except MemoryError:
                 raise
             except Exception as error:
-                self.fail(f'could not take {source}: {in_one_line(error)}')
+                self.fail(f'could not process {source}: {describe_error(error)}')
 
-        return take_or_refuse
+        return take_or_reject
 
     def publish(self) -> None:
-        """Publish the report of this moment."""
+        """Publish the present report."""
         report = self._report()
-        told = [watch() for watch in self.watches]
-        concerns = [concern for concern, _ in told if concern]
-        values = dict(report.values)
-        for _, figures in told:
-            values |= figures
-        values |= {'refused': self.refused, 'last refusal': self._last_refusal}
+        values, concerns = dict(report.values), []
+        for monitor in self.monitors:
+            concern, more = monitor()
+            concerns += [concern] if concern else []
+            values |= more
+        values |= {'rejected': self.rejected, 'last rejection': self._last_rejection}
         if self.failed:
             values |= {'failed': self.failed, 'last failure': self._last_failure}
-        refused, self._refused_before = self.refused - self._refused_before, self.refused
+        rejected, self._rejected_before = self.rejected - self._rejected_before, self.rejected
         failed, self._failed_before = self.failed - self._failed_before, self.failed
-        message = (
-            f'{failed} failed: {self._last_failure}'
-            if failed
-            else f'{refused} refused: {self._last_refusal}'
-            if refused
-            else '; '.join(concerns) or report.message
-        )
+        level, message = DiagnosticStatus.OK, '; '.join(concerns) or report.message
+        if report.warning or concerns or rejected:
+            level = DiagnosticStatus.WARN
+        if failed:
+            level, message = DiagnosticStatus.ERROR, f'{failed} failed: {self._last_failure}'
+        elif rejected:
+            message = f'{rejected} rejected: {self._last_rejection}'
         status = DiagnosticStatus(
-            level=DiagnosticStatus.ERROR
-            if failed
-            else DiagnosticStatus.WARN
-            if report.warning or refused or concerns
-            else DiagnosticStatus.OK,
+            level=level,
             name=f'{self._node.get_name()}: {self._task}',
             message=message,
             hardware_id=self._node.get_fully_qualified_name(),

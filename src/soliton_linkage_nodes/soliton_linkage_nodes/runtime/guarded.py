@@ -16,14 +16,14 @@ from rclpy.parameter import Parameter
 from rclpy.qos import QoSProfile, ReliabilityPolicy
 from rclpy.subscription import Subscription
 
-CALLS = QoSProfile(depth=1000, reliability=ReliabilityPolicy.RELIABLE)
+SERVICE_QOS = QoSProfile(depth=1000, reliability=ReliabilityPolicy.RELIABLE)
 """Of services and their clients: that of ROS keeps ten calls, and loses more that come at once.
 Each client of a service hears the answers to all others too, and keeps as few."""
-CALLS_OF_ACTION = {f'{call}_service_qos_profile': CALLS for call in ('goal', 'result', 'cancel')}
+ACTION_QOS = {f'{call}_service_qos_profile': SERVICE_QOS for call in ('goal', 'result', 'cancel')}
 """The same of an action and its clients."""
 
 
-def in_one_line(error: BaseException) -> str:
+def describe_error(error: BaseException) -> str:
     """An error that nobody expected, and where it was raised, in a line."""
     frames = traceback.extract_tb(error.__traceback__)
     where = f' ({Path(frames[-1].filename).name}:{frames[-1].lineno})' if frames else ''
@@ -48,25 +48,25 @@ class GuardedNode(Node):
         """Subscriptions that executors call back for."""
         return (each for each in super().subscriptions if each not in self._unattended)
 
-    def attend(self, subscription: Subscription, attended: bool) -> None:
+    def dispatch(self, subscription: Subscription, dispatched: bool) -> None:
         """Have executors call back for each message of a subscription, or leave them waiting.
 
         To be woken for each of a thousand messages a second costs more than to take them.
         """
         this = frozenset([subscription])
-        self._unattended = self._unattended - this if attended else self._unattended | this
+        self._unattended = self._unattended - this if dispatched else self._unattended | this
         if self.executor is not None:
             self.executor.wake()
 
     def destroy_subscription(self, subscription: Subscription) -> bool:
-        """Destroy a subscription, attended to or not."""
+        """Destroy a subscription, dispatched to or not."""
         self._unattended -= {subscription}
         if subscription in self._ends:
             self._ends[subscription]()
             self._ends = {each: end for each, end in self._ends.items() if each != subscription}
         return bool(super().destroy_subscription(subscription))
 
-    def end_before(self, subscription: Subscription, end: Callable[[], None]) -> None:
+    def before_destroying(self, subscription: Subscription, end: Callable[[], None]) -> None:
         """Have something end before a subscription does."""
         self._ends = {**self._ends, subscription: end}
 
@@ -107,7 +107,7 @@ class GuardedNode(Node):
                 return _refusing(request, response, reason)
 
         return super().create_service(
-            srv_type, srv_name, answer, **{'qos_profile': CALLS, **kwargs}
+            srv_type, srv_name, answer, **{'qos_profile': SERVICE_QOS, **kwargs}
         )
 
     def set_parameters_atomically(self, parameter_list: list[Parameter]) -> SetParametersResult:
@@ -135,7 +135,7 @@ class GuardedNode(Node):
 
     def fail(self, what: str, error: Exception) -> str:
         """Count a failure and say it in one line, which is returned."""
-        failure = f'could not {what}: {in_one_line(error)}'
+        failure = f'could not {what}: {describe_error(error)}'
         diagnostics = getattr(self, 'diagnostics', None)
         if diagnostics is None:
             self.get_logger().error(failure)

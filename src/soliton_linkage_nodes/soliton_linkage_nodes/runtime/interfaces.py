@@ -37,7 +37,7 @@ _QUEUE_BYTES = 64 * 2**20
 """What the queues of a stream may take of the memory of each end."""
 _LONGEST_RECORD = 100_000
 """Messages that may wait: 100 s at 1000 Hz; memory is taken for those that do."""
-LAST_WORDS = 0.5
+ACKNOWLEDGEMENT_LIMIT = 0.5
 """How long a node that goes waits until it was heard [s]: longer than a busy machine takes."""
 
 
@@ -48,7 +48,7 @@ def stream_qos(message_size: int = 0) -> QoSProfile:
     return QoSProfile(depth=depth, reliability=ReliabilityPolicy.RELIABLE)
 
 
-def whole_stream_qos() -> QoSProfile:
+def lossless_stream_qos() -> QoSProfile:
     """Reliable and so deep that nothing is lost where all of a record comes at once.
 
     Both ends need it: who publishes keeps what a subscriber that is busy does not yet have.
@@ -61,7 +61,7 @@ def command_qos() -> QoSProfile:
     return QoSProfile(depth=100, reliability=ReliabilityPolicy.RELIABLE)
 
 
-def picture_qos() -> QoSProfile:
+def image_qos() -> QoSProfile:
     """Reliable and shallow: who shows a picture wants the newest."""
     return QoSProfile(depth=5, reliability=ReliabilityPolicy.RELIABLE)
 
@@ -75,9 +75,9 @@ def latched_qos(depth: int = 1) -> QoSProfile:
     )
 
 
-def let_be_heard(publisher: Publisher) -> None:
+def wait_for_acknowledgements(publisher: Publisher) -> None:
     """Wait, not for long, until those who listen have what was published: before a node goes."""
-    publisher.wait_for_all_acked(Duration(seconds=LAST_WORDS))
+    publisher.wait_for_all_acked(Duration(seconds=ACKNOWLEDGEMENT_LIMIT))
 
 
 @dataclass(frozen=True)
@@ -121,18 +121,18 @@ IDENTIFIED_CHAIN = Topic('identified_chain', Chain, latched_qos())
 DIAGNOSTICS = Topic('/diagnostics', DiagnosticArray, command_qos())
 CLOCK = Topic('/clock', Clock, stream_qos())
 ROBOT_DESCRIPTION = Topic('robot_description', String, latched_qos())
-MARKERS = Topic('markers', MarkerArray, picture_qos())
-SOLITON_POSE = Topic('soliton_pose', PoseWithCovarianceStamped, picture_qos())
-KYMOGRAPH = Topic('kymograph', Image, picture_qos())
+MARKERS = Topic('markers', MarkerArray, image_qos())
+SOLITON_POSE = Topic('soliton_pose', PoseWithCovarianceStamped, image_qos())
+KYMOGRAPH = Topic('kymograph', Image, image_qos())
 JOINT_STATE_DEVIATIONS = Topic('joint_state_deviations', JointState, stream_qos())
-IMAGE = Topic('image', Image, picture_qos())
-COMPRESSED_IMAGE = Topic('image/compressed', CompressedImage, picture_qos())
-CAMERA_INFO = Topic('camera_info', CameraInfo, picture_qos())
-CAMERA_OVERLAY = Topic('camera_overlay', CompressedImage, picture_qos())
+IMAGE = Topic('image', Image, image_qos())
+COMPRESSED_IMAGE = Topic('image/compressed', CompressedImage, image_qos())
+CAMERA_INFO = Topic('camera_info', CameraInfo, image_qos())
+CAMERA_OVERLAY = Topic('camera_overlay', CompressedImage, image_qos())
 MOVE_SOLITON = 'move_soliton'
 """Name of the action."""
 
-SUITE = (
+SUITE_TOPICS = (
     CHAIN,
     IDENTIFIED_CHAIN,
     JOINT_STATES,
@@ -153,9 +153,9 @@ SUITE = (
     DIAGNOSTICS,
 )
 """What the nodes say and hear, and bags hold."""
-DRAWN = (ROBOT_DESCRIPTION, MARKERS, SOLITON_POSE, KYMOGRAPH)
+DISPLAY_TOPICS = (ROBOT_DESCRIPTION, MARKERS, SOLITON_POSE, KYMOGRAPH)
 """What is drawn of that for viewers; bags need not hold it."""
-SEEN = (IMAGE, COMPRESSED_IMAGE, CAMERA_INFO, CAMERA_OVERLAY)
+CAMERA_TOPICS = (IMAGE, COMPRESSED_IMAGE, CAMERA_INFO, CAMERA_OVERLAY)
 """Of cameras in place of encoders."""
 
 

@@ -15,7 +15,7 @@ from rclpy.node import Node
 from soliton_linkage.linkage.quantities import quantity
 from soliton_linkage_nodes.runtime.diagnostics import Report
 from soliton_linkage_nodes.runtime.guarded import GuardedNode
-from soliton_linkage_nodes.runtime.parameters import declare, refuse_unknown
+from soliton_linkage_nodes.runtime.parameters import declare, reject_unknown
 
 
 @dataclass(frozen=True)
@@ -58,7 +58,7 @@ class ManagedNode(GuardedNode, LifecycleNode):
         self.starting = managed.autostart
         """Whether it is configuring and activating itself."""
         self.declare_parameters_of_node()
-        refuse_unknown(self)
+        reject_unknown(self)
 
         def follow(_changes: Any) -> None:
             if self.configured:

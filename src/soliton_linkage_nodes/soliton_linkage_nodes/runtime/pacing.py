@@ -23,7 +23,7 @@ _MOST_OF_A_CORE = 0.8
 """Largest share of a core of a process that keeps its priority [1]."""
 
 
-def go_first(first: bool, threads: Sequence[int] = (0,)) -> None:
+def raise_priority(first: bool, threads: Sequence[int] = (0,)) -> None:
     """Give threads, and those that they start, priority over ordinary ones, or no longer.
 
     Threads are given by their numbers in the system, 0 for the one that calls. It is the lowest
@@ -45,7 +45,7 @@ def foreign_threads() -> list[int]:
     ]
 
 
-def let_others_go() -> None:
+def yield_core() -> None:
     """Yield the core to other real-time threads; an ordinary thread continues.
 
     A SCHED_FIFO thread that has woken others keeps them waiting until it sleeps, if the other
@@ -55,7 +55,7 @@ def let_others_go() -> None:
         os.sched_yield()
 
 
-class FirstAsLongAsIdle:
+class IdlePriority:
     """Priority of a process while it mostly waits, so that overload takes nothing from others.
 
     By default it is that of the calling thread and of the middleware's threads.
@@ -68,9 +68,9 @@ class FirstAsLongAsIdle:
         self._since = (time.monotonic(), time.process_time())
         self._threads = [0, *foreign_threads()] if threads is None else threads
         if real_time:
-            go_first(True, self._threads)
+            raise_priority(True, self._threads)
 
-    def look(self) -> None:
+    def update(self) -> None:
         """Update the priority by the share of a core that the process took recently."""
         now, (then, busy) = time.monotonic(), self._since
         if not self._real_time or now - then < _INTERVAL:
@@ -79,7 +79,7 @@ class FirstAsLongAsIdle:
         first = self._since[1] - busy < _MOST_OF_A_CORE * (now - then)
         if first is not self._first:
             self._first = first
-            go_first(first, self._threads)
+            raise_priority(first, self._threads)
 
 
 _LONGEST_LAG = 10**8
@@ -187,7 +187,7 @@ class PacedLoop:
     def _go_first(self, first: bool) -> None:
         if self._may_go_first and first is not self._first:
             self._first = first
-            go_first(first)
+            raise_priority(first)
 
     def _note(self, late: int, missed: int, put_off: int) -> None:
         before = self.punctuality

@@ -25,7 +25,7 @@ class Notice(NamedTuple):
     warning: bool
 
 
-def path_of(argument: str, given: str, known: Mapping[str, Path]) -> Path:
+def resolve_path(argument: str, given: str, known: Mapping[str, Path]) -> Path:
     """Return the path that a known name means, or that is given itself, to a launch file.
 
     Raises ValueError, which names the argument, where nothing is there.

@@ -83,7 +83,7 @@ def current(node: Node, parameters: type[Parameters], prefix: str = '') -> Param
     return parameters(**{name: _kept(_TYPES[kinds[name]], values[name]) for name in values})
 
 
-def refuse_unknown(node: Node) -> None:
+def reject_unknown(node: Node) -> None:
     """Raise ValueError for a parameter that was given to a node and that it has not declared.
 
     The parameters `chain.*` may be given to every node, whether it needs them or not.
@@ -102,7 +102,7 @@ def given(node: Node) -> Mapping[str, Parameter]:
     return overrides
 
 
-def type_in_words(kind: Any) -> str:
+def type_name(kind: Any) -> str:
     """Name that ROS has for the type of a field."""
     return _TYPES[kind].name.lower()
 
@@ -112,7 +112,7 @@ def description_with_unit(described: Quantity) -> str:
     return described.description + (f' [{described.unit}]' if described.unit else '')
 
 
-def range_in_words(described: Quantity) -> str:
+def describe_range(described: Quantity) -> str:
     """Values that a parameter may have, empty for any."""
     low, high = described.minimum, described.maximum
     if described.choices:

@@ -23,9 +23,9 @@ from rclpy.signals import SignalHandlerOptions
 from rclpy.task import Future
 
 from soliton_linkage_nodes.runtime.command_line import check_arguments
-from soliton_linkage_nodes.runtime.pacing import FirstAsLongAsIdle
+from soliton_linkage_nodes.runtime.pacing import IdlePriority
 from soliton_linkage_nodes.runtime.parameter_files import notices
-from soliton_linkage_nodes.runtime.parameters import refuse_unknown
+from soliton_linkage_nodes.runtime.parameters import reject_unknown
 
 _SPIN = 0.02
 """Poll interval of a condition while no message comes [s]."""
@@ -53,7 +53,7 @@ class WaitingNode(Node):
         """Join the graph; an event that is set in `stopping` interrupts `wait`."""
         super().__init__(name, **kwargs)
         self.stopping = stopping
-        refuse_unknown(self)
+        reject_unknown(self)
         self._waiting = EventsExecutor(context=self.context)
         self._waiting.add_node(self)
 
@@ -61,7 +61,7 @@ class WaitingNode(Node):
         """Spin until a condition holds; return False after a time [s] or an interrupt."""
         return spin_until(self._waiting, condition, seconds, self.stopping.is_set)
 
-    def wait_on(self, condition: Callable[[], Any], seconds: float) -> bool:
+    def wait_uninterrupted(self, condition: Callable[[], Any], seconds: float) -> bool:
         """Spin until a condition holds, interrupted or not; return False after a time [s]."""
         return spin_until(self._waiting, condition, seconds)
 
@@ -165,7 +165,7 @@ def run_together(components: Sequence[Component], arguments: list[str]) -> None:
                 for notice in notices(node, arguments, nodes):
                     log = node.get_logger()
                     (log.warning if notice.warning else log.info)(notice.text)
-            rates = [node.rate_of_frames for node in nodes if hasattr(node, 'rate_of_frames')]
+            rates = [node.frame_rate for node in nodes if hasattr(node, 'frame_rate')]
             if rates:
                 turn = max(_SHARE_OF_PERIOD / max(rates), _SHORTEST_TURN)
                 sys.setswitchinterval(min(turn, sys.getswitchinterval()))
@@ -205,13 +205,13 @@ def _spin(
 ) -> None:
     for _, node in nodes:
         executor.add_node(node)
-    place = FirstAsLongAsIdle(any(getattr(node, 'real_time', False) for _, node in nodes))
+    priority = IdlePriority(any(getattr(node, 'real_time', False) for _, node in nodes))
     with Turns() as turns:
         while not stopping.is_set():
             if any(component.finished and component.finished(node) for component, node in nodes):
                 break
             executor.spin_until_future_complete(turns.begin(), _LONGEST_WAIT)
-            place.look()
+            priority.update()
 
 
 class Turns:

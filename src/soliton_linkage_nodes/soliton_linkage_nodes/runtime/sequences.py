@@ -91,7 +91,7 @@ class _Publisher:
         return abs(math.log(took / expected))
 
 
-class KeptStream:
+class PublisherArbitration:
     """Tells the messages of the publisher that was heard first from those of others.
 
     Each publisher numbers its messages 1, 2, 3, ...; a message does not say whose it is. It is

@@ -63,7 +63,7 @@ _SHORTEST = 10.0
 known to 100 ppm by then, which is what a poor quartz drifts."""
 
 
-class ClockWatch:
+class ClockMonitor:
     """Compares stamps with when they come; the quickest message of a while tells the difference.
 
     Stamps of a simulation that was paused, or of a bag, differ from the clock as well. Nothing

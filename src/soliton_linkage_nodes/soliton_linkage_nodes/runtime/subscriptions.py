@@ -18,7 +18,7 @@ from rclpy.subscription import Subscription
 from soliton_linkage_nodes.runtime.diagnostics import Diagnostics
 from soliton_linkage_nodes.runtime.guarded import GuardedNode
 from soliton_linkage_nodes.runtime.interfaces import Topic
-from soliton_linkage_nodes.runtime.sequences import KeptStream, Lag, SequenceGaps
+from soliton_linkage_nodes.runtime.sequences import Lag, PublisherArbitration, SequenceGaps
 
 LONGEST_LAG = 0.5
 """Default time that a node may be behind before it skips waiting messages [s]."""
@@ -131,10 +131,10 @@ class AdaptiveSubscription:
             return False
         before()
         self.qos = qos
-        self.renew()
+        self.resubscribe()
         return True
 
-    def renew(self) -> None:
+    def resubscribe(self) -> None:
         """Subscribe again, so that latched messages are received again."""
         self.close()
         self.subscription = self._subscribe()
@@ -171,7 +171,7 @@ class AdaptiveSubscription:
                     rclpy_implementation.EventHandle(handle, kind) for kind in _PUBLISHERS_CHANGE
                 ]
             # They would keep the subscription alive.
-            self._node.end_before(subscription, self._end_events)
+            self._node.before_destroying(subscription, self._end_events)
         return subscription
 
     def _end_events(self) -> None:
@@ -195,7 +195,9 @@ def _same_offer(one: QoSProfile, other: QoSProfile) -> bool:
     return (one.reliability, one.durability) == (other.reliability, other.durability)
 
 
-def newest_of(node: Node, topic: Topic, name: str, raw: bool = False) -> AdaptiveSubscription:
+def subscribe_newest(
+    node: Node, topic: Topic, name: str, raw: bool = False
+) -> AdaptiveSubscription:
     """Subscribe to the newest message of a topic of a full name, for a display."""
     qos = QoSProfile(depth=1, reliability=topic.qos.reliability, durability=topic.qos.durability)
     return AdaptiveSubscription(node, replace(topic, name=name, qos=qos), raw=raw)
@@ -217,47 +219,47 @@ class StreamSubscription:
         diagnostics: Diagnostics,
         raw: bool = False,
         longest_lag: float = LONGEST_LAG,
-        succeeded: Callable[[], None] = lambda: None,
+        on_takeover: Callable[[], None] = lambda: None,
         latest: bool = False,
     ) -> None:
         """Pass each message of a topic, or its CDR bytes if `raw`, to `take`.
 
         With `latest` only the newest waiting message is taken, without a report of the others.
-        `succeeded` is called when another publisher replaces the first.
+        `on_takeover` is called when another publisher replaces the first.
         """
         self.skipped = 0
         """Number of messages that were skipped."""
-        self.attended = True
+        self.dispatched = True
         """Whether each message is taken when it comes."""
         self._node = node
         self._topic = topic
         self._full_name = node.resolve_topic_name(topic.name)
         self._take = take
-        self._succeeded = succeeded
+        self._on_takeover = on_takeover
         self._latest = latest
         self._lag = Lag(longest_lag)
-        self._kept = KeptStream()
+        self._kept = PublisherArbitration()
         self._adaptive = AdaptiveSubscription(node, topic, _informed(self._take_informed), raw)
         self._publishers: list[str] = []
         self._unsettled = True
         self._lost_before = self._skipped_before = 0
         steady = Clock(clock_type=ClockType.STEADY_TIME)
         self._timer = node.create_timer(_POLL_PERIOD, self._poll, clock=steady)
-        diagnostics.watches.append(self._watch)
+        diagnostics.monitors.append(self._watch)
 
-    def renew(self) -> None:
+    def resubscribe(self) -> None:
         """Subscribe again, so that latched messages are received again."""
         lost, foreign = self._kept.lost, self._kept.foreign
-        self._kept = KeptStream()
+        self._kept = PublisherArbitration()
         self._kept.lost, self._kept.foreign = lost, foreign
-        self._adaptive.renew()
+        self._adaptive.resubscribe()
         self._attend_as_before()
 
-    def attend(self, attended: bool) -> None:
+    def dispatch(self, dispatched: bool) -> None:
         """Take each message when it comes, or leave them to `take_waiting`."""
-        if attended is not self.attended:
-            self.attended = attended
-            self._node.attend(self._adaptive.subscription, attended)
+        if dispatched is not self.dispatched:
+            self.dispatched = dispatched
+            self._node.dispatch(self._adaptive.subscription, dispatched)
 
     def take_waiting(self) -> list[Any]:
         """Take and return the messages that wait, the oldest first."""
@@ -278,7 +280,7 @@ class StreamSubscription:
         count = self._adaptive.subscription.get_publisher_count
         if number is None or self._kept.take(number, info['source_timestamp'], count):
             if self._kept.successions != successions:
-                self._succeeded()
+                self._on_takeover()
             return True
         return False
 
@@ -304,11 +306,11 @@ class StreamSubscription:
         if len(names) > 1 and len(before) < 2:
             self._node.get_logger().warning(self._warning())
         elif len(names) < len(before) and self._topic.latched and self._kept.foreign:
-            self.renew()
+            self.resubscribe()
 
     def _attend_as_before(self) -> None:
-        if not self.attended:
-            self._node.attend(self._adaptive.subscription, False)
+        if not self.dispatched:
+            self._node.dispatch(self._adaptive.subscription, False)
 
     def _watch(self) -> tuple[str, Mapping[str, Any]]:
         name = self._topic.name
@@ -362,9 +364,9 @@ class CountedSubscription:
         self._subscription = node.create_subscription(
             topic.type, topic.name, _informed(self._take_informed), topic.qos, raw=raw
         )
-        diagnostics.watches.append(self._watch)
+        diagnostics.monitors.append(self._watch)
 
-    def take_what_waits(self) -> None:
+    def take_waiting(self) -> None:
         """Take now the messages that wait."""
         handle = self._subscription.handle
         with handle:

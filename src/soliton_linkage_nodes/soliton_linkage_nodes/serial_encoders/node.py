@@ -32,7 +32,7 @@ from soliton_linkage_nodes.messages.conversions import (
     torques_from_msg,
 )
 from soliton_linkage_nodes.runtime import interfaces
-from soliton_linkage_nodes.runtime.diagnostics import Complaints, Diagnostics, Report
+from soliton_linkage_nodes.runtime.diagnostics import Diagnostics, LogThrottle, Report
 from soliton_linkage_nodes.runtime.managed import ManagedNode, ManagedParameters
 from soliton_linkage_nodes.runtime.parameters import current
 from soliton_linkage_nodes.runtime.process import run
@@ -117,8 +117,8 @@ class SerialEncoders(ManagedNode):
         self._bytes, self._stamp = 0, 0
         self._counted, self._reported_at = _LineCounts(), time.monotonic()
         self.diagnostics = Diagnostics(self, 'serial line', self.reporting(self._report))
-        self._restarts = Complaints(self.get_logger().warning, _WARNING_PERIOD)
-        self._take = self.diagnostics.refusing('frame', self._on_frame)
+        self._restarts = LogThrottle(self.get_logger().warning, _WARNING_PERIOD)
+        self._take = self.diagnostics.guarded('frame', self._on_frame)
         self._angles = interfaces.JOINT_STATES.publisher(self)
         self._impulses = interfaces.DELIVERED_IMPULSES.publisher(self)
         self._source = ChainSource(self, self.diagnostics, self._on_chain)
@@ -129,9 +129,9 @@ class SerialEncoders(ManagedNode):
         steady = Clock(clock_type=ClockType.STEADY_TIME)
         self._commanding = self.create_timer(1 / rate, self._command, clock=steady)
         self._commanding.cancel()
-        take_torques = self.diagnostics.refusing('rotor_torques', self._on_torques)
+        take_torques = self.diagnostics.guarded('rotor_torques', self._on_torques)
         CountedSubscription(self, interfaces.ROTOR_TORQUES, take_torques, self.diagnostics)
-        self.get_logger().info(f'hearing {self._source.in_words} on {self.settings.port}')
+        self.get_logger().info(f'hearing {self._source.description} on {self.settings.port}')
 
     def activate(self) -> None:
         """Open the port, and begin to hear the controller."""
@@ -182,7 +182,7 @@ class SerialEncoders(ManagedNode):
         restarts = self.stream.clock.restarts
         read = self.stream.take(frame, arrival)
         if self.stream.clock.restarts != restarts:
-            self._restarts.tell('the clock of the controller has begun anew')
+            self._restarts.log('the clock of the controller has begun anew')
         if read is None:
             return
         measured = read.stamp - round(self.settings.least_delay * SECOND)

@@ -13,7 +13,7 @@ from importlib import import_module
 from types import ModuleType
 from typing import Any
 
-from soliton_linkage_nodes.runtime.pacing import go_first
+from soliton_linkage_nodes.runtime.pacing import raise_priority
 
 _LONGEST_SILENCE = 0.1
 """Time without input after which the thread checks whether it has to end [s]."""
@@ -109,7 +109,7 @@ class ReopenedPort:
 
     def _run(self) -> None:
         if self._real_time:
-            go_first(True)
+            raise_priority(True)
         while not self._closing.is_set():
             try:
                 self._read()

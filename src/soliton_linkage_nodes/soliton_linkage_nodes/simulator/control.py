@@ -14,7 +14,7 @@ from soliton_linkage.dynamics.initial_states import State
 from soliton_linkage.dynamics.simulation import Simulation
 from soliton_linkage.linkage.chain import Array
 from soliton_linkage.linkage.gravity import Gravity
-from soliton_linkage_nodes.runtime.guarded import in_one_line
+from soliton_linkage_nodes.runtime.guarded import describe_error
 
 _LONGEST_TRIAL = 1.0
 """Processor time for which a reset waits for its first frame [s]."""
@@ -230,7 +230,7 @@ class SimulationControl:
     def _fail(self, error: Exception) -> None:
         self._paused = True
         expected = isinstance(error, (ArithmeticError, ValueError))
-        self._failure = f'{error if expected else in_one_line(error)}; call ~/reset to go on'
+        self._failure = f'{error if expected else describe_error(error)}; call ~/reset to go on'
 
     def _carry_out_commands(self) -> None:
         simulation = self._simulation

@@ -18,7 +18,7 @@ from soliton_linkage_nodes.messages.cdr import ImpulseBuffer, JointStateBuffer, 
 from soliton_linkage_nodes.messages.command_conversions import delivery_to_msg
 from soliton_linkage_nodes.messages.conversions import NamedChain, chain_to_msg
 from soliton_linkage_nodes.runtime import interfaces
-from soliton_linkage_nodes.runtime.pacing import let_others_go
+from soliton_linkage_nodes.runtime.pacing import yield_core
 from soliton_linkage_nodes.runtime.stamps import SECOND, time_to_msg
 from soliton_linkage_nodes.simulator.parameters import SimulatorParameters
 
@@ -158,7 +158,7 @@ class FramePublisher:
 
     def flush(self) -> None:
         """Wait briefly until the last frames are acknowledged."""
-        interfaces.let_be_heard(self._joint_states)
+        interfaces.wait_for_acknowledgements(self._joint_states)
 
     def announce(self, frame: int, impulses: Array) -> None:
         """Publish the impulses [N m s] that act at a frame, ahead of the frame."""
@@ -171,7 +171,7 @@ class FramePublisher:
         if self._clock is not None:
             self._clock.publish(interfaces.CLOCK.type(clock=time_to_msg(stamp)))
         publish_buffer(self._joint_states, self._joints.fill(stamp, frame, simulation))
-        let_others_go()
+        yield_core()
         self._delivery.add(stamp, simulation)
 
     def _stamp_of(self, frame: int) -> int:

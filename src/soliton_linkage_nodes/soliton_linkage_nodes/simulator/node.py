@@ -16,7 +16,7 @@ from soliton_linkage.linkage.encoders import EncoderErrors
 from soliton_linkage.linkage.gravity import Gravity
 from soliton_linkage.linkage.quantities import described_fields
 from soliton_linkage.solitons.passage import find_obstacles
-from soliton_linkage_nodes.messages.cdr import ImpulseDecoder, TorqueDecoder, stamp_of
+from soliton_linkage_nodes.messages.cdr import ImpulseDecoder, TorqueDecoder, read_stamp
 from soliton_linkage_nodes.messages.chain_source import declare_chain
 from soliton_linkage_nodes.runtime import interfaces
 from soliton_linkage_nodes.runtime.diagnostics import Diagnostics, Report
@@ -115,7 +115,7 @@ class Simulator(ManagedNode):
         self.frames.flush()
 
     @property
-    def rate_of_frames(self) -> float:
+    def frame_rate(self) -> float:
         """Rate at which frames are due [Hz], infinite without a limit."""
         return self.loop.rate if self.configured else math.inf
 
@@ -132,19 +132,19 @@ class Simulator(ManagedNode):
             self.loop.start()
 
     def _listen(self) -> None:
-        refusing = self.diagnostics.refusing
+        guarded = self.diagnostics.guarded
         for topic, callback in (
             (interfaces.ROTOR_IMPULSES, self._on_impulses),
             (interfaces.ROTOR_TORQUES, self._on_torques),
         ):
-            take = refusing(topic.name, callback)
+            take = guarded(topic.name, callback)
             CountedSubscription(self, topic, take, self.diagnostics, raw=True)
-        interfaces.TILT.subscribe(self, refusing('tilt', self._on_tilt))
+        interfaces.TILT.subscribe(self, guarded('tilt', self._on_tilt))
 
     def _on_impulses(self, serialized: bytes) -> None:
         self.check_active()
         impulses = self._impulses.decode(serialized)
-        self._check_made('rotor_impulses', stamp_of(serialized))
+        self._check_made('rotor_impulses', read_stamp(serialized))
         complaint = self.control.kick(impulses) if impulses.any() else None
         if complaint:
             raise ValueError(complaint)
@@ -152,7 +152,7 @@ class Simulator(ManagedNode):
     def _on_torques(self, serialized: bytes) -> None:
         self.check_active()
         torques = self._torques.decode(serialized)
-        self._check_made('rotor_torques', stamp_of(serialized))
+        self._check_made('rotor_torques', read_stamp(serialized))
         self.control.hold(torques)
 
     def _check_made(self, source: str, stamp: int) -> None:

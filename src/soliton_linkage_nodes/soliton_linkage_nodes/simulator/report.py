@@ -9,7 +9,7 @@ from typing import Any
 
 from soliton_linkage.linkage.chain import Chain
 from soliton_linkage.solitons.passage import Obstacle
-from soliton_linkage_nodes.messages.chain_source import chain_in_words
+from soliton_linkage_nodes.messages.chain_source import describe_chain
 from soliton_linkage_nodes.runtime.diagnostics import Report
 from soliton_linkage_nodes.runtime.pacing import PacedLoop
 from soliton_linkage_nodes.simulator.control import SimulationControl, SimulationStatus
@@ -98,7 +98,7 @@ def describe_simulation(chain: Chain, settings: SimulatorParameters) -> str:
     """Return the chain, the mechanics and the rate of frames as a sentence."""
     elastic = settings.mechanics == 'elastic'
     how = f'elastic by {settings.integrator}' if elastic else settings.mechanics
-    return f'simulating {chain_in_words(chain)}, {how}, at {settings.publish_rate:g} Hz'
+    return f'simulating {describe_chain(chain)}, {how}, at {settings.publish_rate:g} Hz'
 
 
 def describe_obstacles(obstacles: Sequence[Obstacle]) -> str:

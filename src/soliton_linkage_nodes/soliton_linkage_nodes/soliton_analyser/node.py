@@ -18,7 +18,7 @@ from soliton_linkage_nodes.messages.chain_source import (
     OptionalChainSourceParameters,
 )
 from soliton_linkage_nodes.messages.conversions import NamedChain
-from soliton_linkage_nodes.messages.frame_reader import EncoderWatch
+from soliton_linkage_nodes.messages.frame_reader import EncoderMonitor
 from soliton_linkage_nodes.messages.joint_state_analysis import JointStateAnalysis
 from soliton_linkage_nodes.messages.state_conversions import events_to_msgs, state_to_msg
 from soliton_linkage_nodes.runtime import interfaces
@@ -26,7 +26,7 @@ from soliton_linkage_nodes.runtime.diagnostics import Diagnostics, Report
 from soliton_linkage_nodes.runtime.managed import ManagedNode, ManagedParameters
 from soliton_linkage_nodes.runtime.parameters import current
 from soliton_linkage_nodes.runtime.process import run
-from soliton_linkage_nodes.runtime.stamps import ClockWatch, nanoseconds_of
+from soliton_linkage_nodes.runtime.stamps import ClockMonitor, nanoseconds_of
 from soliton_linkage_nodes.runtime.subscriptions import (
     LONGEST_LAG,
     CountedSubscription,
@@ -86,13 +86,13 @@ class SolitonAnalyser(ManagedNode):
         """Learn the chain and its orbit, and listen to its joints."""
         self.waiting: deque[tuple[Callable[[bytes], None], bytes]] = deque()
         self._decoder = JointStateDecoder()
-        self._stamps = ClockWatch()
+        self._stamps = ClockMonitor()
         self._frames = 0
         self._busy = 0.0
         self._reported = (time.monotonic(), 0, 0.0)
         self.diagnostics = Diagnostics(self, 'analysis', self.reporting(self._report))
         settings = self.settings = current(self, AnalyserParameters)
-        self._whole = interfaces.whole_stream_qos()
+        self._whole = interfaces.lossless_stream_qos()
         self._analysis = JointStateAnalysis(settings.noise or None)
         frames, states = interfaces.JOINT_STATES, interfaces.SOLITON_STATE
         if not settings.longest_lag:
@@ -102,14 +102,14 @@ class SolitonAnalyser(ManagedNode):
         self._source = ChainSource(
             self, self.diagnostics, self._on_chain, OptionalChainSourceParameters
         )
-        self._encoders = EncoderWatch(self.get_logger().warning)
+        self._encoders = EncoderMonitor(self.get_logger().warning)
         topic = interfaces.DELIVERED_IMPULSES
-        self._push = self.diagnostics.refusing(topic.name, self._analysis.push)
+        self._push = self.diagnostics.guarded(topic.name, self._analysis.add_impulses)
         push = self.while_active(partial(self._act_or_wait, self._push))
         self._impulses = CountedSubscription(self, topic, push, self.diagnostics, raw=True)
         topic = interfaces.JOINT_STATE_DEVIATIONS
         self._deviation_decoder = JointStateDecoder()
-        self._weigh = self.diagnostics.refusing(topic.name, self._weigh_decoded)
+        self._weigh = self.diagnostics.guarded(topic.name, self._weigh_decoded)
         weigh = self.while_active(partial(self._act_or_wait, self._weigh))
         self._deviations = CountedSubscription(self, topic, weigh, self.diagnostics, raw=True)
         take = self.while_active(self.take)
@@ -120,10 +120,10 @@ class SolitonAnalyser(ManagedNode):
             self.diagnostics,
             raw=True,
             longest_lag=settings.longest_lag,
-            succeeded=self._source.renew,
+            on_takeover=self._source.resubscribe,
         )
         name = self.resolve_topic_name(frames.name)
-        self.get_logger().info(f'analysing {name} of {self._source.in_words}')
+        self.get_logger().info(f'analysing {name} of {self._source.description}')
 
     def deactivate(self) -> None:
         """Forget what waits for a chain."""
@@ -131,7 +131,7 @@ class SolitonAnalyser(ManagedNode):
 
     def _on_chain(self, named: NamedChain) -> None:
         """Take what came before the chain was known."""
-        self._analysis.learn(named)
+        self._analysis.set_chain(named)
         while self.waiting:
             act, serialized = self.waiting.popleft()
             act(serialized)
@@ -139,8 +139,8 @@ class SolitonAnalyser(ManagedNode):
     def take(self, serialized: bytes) -> None:
         """Analyse joint states and publish what they show, once the chain is known."""
         # Topics wait in no order of each other: what acts at a frame must be known before it.
-        self._impulses.take_what_waits()
-        self._deviations.take_what_waits()
+        self._impulses.take_waiting()
+        self._deviations.take_waiting()
         self._act_or_wait(self._analyse, serialized)
 
     def _act_or_wait(self, act: Callable[[bytes], None], serialized: bytes) -> None:
@@ -156,7 +156,7 @@ class SolitonAnalyser(ManagedNode):
             act(serialized)
 
     def _weigh_decoded(self, serialized: bytes) -> None:
-        self._analysis.weigh(self._deviation_decoder.decode(serialized))
+        self._analysis.add_deviations(self._deviation_decoder.decode(serialized))
 
     def _analyse(self, serialized: bytes) -> None:
         begin = time.perf_counter()
@@ -165,12 +165,12 @@ class SolitonAnalyser(ManagedNode):
             stamp = joints.stamp
             self._stamps.note(stamp, nanoseconds_of(self.get_clock()))
             if self._analysis.analyser is None:
-                self._analysis.learn_joints(self._source.parameters.joint_names or joints.name)
+                self._analysis.set_joints(self._source.parameters.joint_names or joints.name)
             analysis = self._analysis.analyse(joints)
             if self._analysis.frame is not None:
-                self._encoders.look(stamp, self._analysis.frame.angles)
+                self._encoders.check(stamp, self._analysis.frame.angles)
         except ValueError as error:
-            self.diagnostics.refuse('joint_states', error)
+            self.diagnostics.reject('joint_states', error)
             return
         if analysis is not None:
             if self._publisher.get_subscription_count():

@@ -14,7 +14,7 @@ from rclpy.action.server import ServerGoalHandle
 from soliton_linkage.steering.steering import MoveResult, Outcome, WallState
 from soliton_linkage_msgs.action import MoveSoliton
 from soliton_linkage_nodes.runtime import interfaces
-from soliton_linkage_nodes.runtime.guarded import CALLS_OF_ACTION, GuardedNode
+from soliton_linkage_nodes.runtime.guarded import ACTION_QOS, GuardedNode
 
 _FEEDBACK_PERIOD = 0.1
 """Shortest time between two messages of feedback [s], which a person reads."""
@@ -37,7 +37,7 @@ class MoveServer(ActionServer):
             lambda _: None,
             handle_accepted_callback=self._take,
             cancel_callback=cancel,
-            **CALLS_OF_ACTION,
+            **ACTION_QOS,
         )
         self._begin_or_refuse = take
         self.goal: ServerGoalHandle | None = None

@@ -23,7 +23,7 @@ from soliton_linkage_nodes.messages.conversions import (
     NamedChain,
     frame_from_msg,
 )
-from soliton_linkage_nodes.messages.frame_reader import EncoderWatch
+from soliton_linkage_nodes.messages.frame_reader import EncoderMonitor
 from soliton_linkage_nodes.runtime import interfaces
 from soliton_linkage_nodes.runtime.diagnostics import Diagnostics, Report
 from soliton_linkage_nodes.runtime.managed import ManagedNode
@@ -71,13 +71,13 @@ class SolitonSteering(ManagedNode):
         )
         self.torques = interfaces.ROTOR_TORQUES.publisher(self)
         self._recent: deque[bytes] = deque(maxlen=_REMEMBERED)
-        take_chain = diagnostics.refusing('chain', self._on_chain)
+        take_chain = diagnostics.guarded('chain', self._on_chain)
         source = ChainSource(self, diagnostics, take_chain)
-        self._encoders = EncoderWatch(self.get_logger().warning)
+        self._encoders = EncoderMonitor(self.get_logger().warning)
         self.server = MoveServer(self, self._on_goal, self._on_cancel)
         take_frame = self.while_active(self._on_joint_states)
         self._see, self._remember, self._take = (
-            diagnostics.refusing('joint_states', each)
+            diagnostics.guarded('joint_states', each)
             for each in (self._observe_free, self._keep, take_frame)
         )
         self._joint_states = StreamSubscription(
@@ -86,16 +86,18 @@ class SolitonSteering(ManagedNode):
             self._take,
             diagnostics,
             raw=True,
-            succeeded=source.renew,
+            on_takeover=source.resubscribe,
             # What has waited in a queue is too old to act on.
             latest=True,
         )
-        self._joint_states.attend(False)
+        self._joint_states.dispatch(False)
         self.create_service(Trigger, '~/release', self._on_release)
         steady = Clock(clock_type=ClockType.STEADY_TIME)
         self._watch = self.create_timer(_WATCH_PERIOD, self._on_watch, clock=steady)
         actuated = len(self.settings.actuated_joints) or 'all'
-        self.get_logger().info(f'steering the soliton of {source.in_words} by {actuated} joints')
+        self.get_logger().info(
+            f'steering the soliton of {source.description} by {actuated} joints'
+        )
 
     @property
     def place(self) -> float:
@@ -105,7 +107,7 @@ class SolitonSteering(ManagedNode):
     def deactivate(self) -> None:
         """Let the soliton go and end the goal."""
         self._let_go('the steering is stopped')
-        interfaces.let_be_heard(self.torques)
+        interfaces.wait_for_acknowledgements(self.torques)
 
     def cleanup(self) -> None:
         """Close the action."""
@@ -130,7 +132,7 @@ class SolitonSteering(ManagedNode):
             self._remember([serialized])
             return
         stamp, frame = self._read(self.chain, serialized)
-        self._encoders.look(stamp, frame.angles)
+        self._encoders.check(stamp, frame.angles)
         self.freshness.renew()
         torques, ended = self.chain.observe(stamp, frame)
         if torques is not None:
@@ -140,7 +142,7 @@ class SolitonSteering(ManagedNode):
                 self.get_logger().warning(ended.message)
             self.server.conclude(ended)
         self.server.tell(self.chain.wall, self.chain.phonon_energy)
-        self._joint_states.attend(self.holding)
+        self._joint_states.dispatch(self.holding)
 
     def _read(self, chain: SteeredChain, serialized: bytes) -> tuple[int, Frame]:
         """Stamp [ns] and frame of joint states; ValueError where they do not show the chain."""
@@ -154,7 +156,7 @@ class SolitonSteering(ManagedNode):
         self._recent.extend(frames)
         if self.chain is not None:
             stamp, frame = self._read(self.chain, frames[-1])
-            self._encoders.look(stamp, frame.angles)
+            self._encoders.check(stamp, frame.angles)
             self.freshness.renew()
 
     def _look(self, frames: int) -> None:
@@ -175,7 +177,7 @@ class SolitonSteering(ManagedNode):
         self._look(_REMEMBERED)
         refused = self._refusal(handle.request)
         if refused is not None:
-            self.diagnostics.refuse('move_soliton', refused.message)
+            self.diagnostics.reject('move_soliton', refused.message)
             self.server.end(handle, refused)
             return
         place = self.place
@@ -186,7 +188,7 @@ class SolitonSteering(ManagedNode):
         self.server.conclude(MoveResult(Outcome.PREEMPTED, message, place))
         self.server.begin(handle, place)
         self._recent.clear()
-        self._joint_states.attend(True)
+        self._joint_states.dispatch(True)
 
     def _refusal(self, request: MoveSoliton.Goal) -> MoveResult | None:
         """Begin the move of a request, or tell why not."""
@@ -238,7 +240,7 @@ class SolitonSteering(ManagedNode):
             return False
         place = self.place
         self.chain.steering.release()
-        self._joint_states.attend(False)
+        self._joint_states.dispatch(False)
         self._send(np.zeros(self.chain.named.rotors))
         where = '' if math.isnan(place) else f', at rotor {place:.3f}'
         message = f'{why}; the soliton is let go{where}'

@@ -22,7 +22,7 @@ from soliton_linkage_nodes.messages.conversions import NamedChain
 from soliton_linkage_nodes.runtime import interfaces
 from soliton_linkage_nodes.runtime.diagnostics import Diagnostics, Report
 from soliton_linkage_nodes.runtime.guarded import GuardedNode
-from soliton_linkage_nodes.runtime.parameters import declare, refuse_unknown
+from soliton_linkage_nodes.runtime.parameters import declare, reject_unknown
 from soliton_linkage_nodes.runtime.process import run
 from soliton_linkage_nodes.visualisation.observed_chain import ObservedChain
 from soliton_linkage_nodes.visualisation.publishers import (
@@ -98,10 +98,10 @@ class Visualisation(GuardedNode):
         self._reported = (time.monotonic(), 0.0)
         self.diagnostics = Diagnostics(self, 'drawing', self._report)
         self._source = ChainSource(self, self.diagnostics, self._on_chain)
-        refuse_unknown(self)
+        reject_unknown(self)
         steady = Clock(clock_type=ClockType.STEADY_TIME)
         self.create_timer(1 / settings.marker_rate, self._draw, clock=steady)
-        self.get_logger().info(f'drawing {self._source.in_words} for whoever subscribes')
+        self.get_logger().info(f'drawing {self._source.description} for whoever subscribes')
 
     def _on_chain(self, named: NamedChain) -> None:
         if named == self.observed.named:
@@ -123,7 +123,7 @@ class Visualisation(GuardedNode):
         try:
             self.observed.take()
         except ValueError as error:
-            self.diagnostics.refuse('joint_states', error)
+            self.diagnostics.reject('joint_states', error)
             return
         for drawing in self._drawings:
             drawing.draw(self.observed)

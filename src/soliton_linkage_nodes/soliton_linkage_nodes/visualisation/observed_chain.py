@@ -28,7 +28,7 @@ from soliton_linkage_nodes.messages.view_conversions import (
 )
 from soliton_linkage_nodes.runtime import interfaces
 from soliton_linkage_nodes.runtime.stamps import SECOND, time_from_msg, time_to_msg
-from soliton_linkage_nodes.runtime.subscriptions import AdaptiveSubscription, newest_of
+from soliton_linkage_nodes.runtime.subscriptions import AdaptiveSubscription, subscribe_newest
 
 _FRESH = 1.0
 """Largest time between the stamps of solitons and of the angles with which they are shown [s]."""
@@ -60,7 +60,7 @@ class ObservedChain:
         self.numbers: Numbers = {}
         """Quantities of the latest soliton state."""
         self._joints, self._states, self._kicks = (
-            newest_of(
+            subscribe_newest(
                 inbox,
                 topic,
                 owner.resolve_topic_name(topic.name),

@@ -14,10 +14,10 @@ from soliton_linkage.colours import GREY, RED, shares
 from soliton_linkage_nodes.messages.conversions import NamedChain
 from soliton_linkage_nodes.messages.marker_conversions import (
     box_to_msg,
-    lettering_to_msg,
     lines_to_msg,
     picture_to_msg,
     pose_to_msg,
+    text_to_msg,
 )
 from soliton_linkage_nodes.visualisation.kymograph import Kymograph
 from soliton_linkage_nodes.visualisation.observed_chain import ObservedChain
@@ -94,9 +94,7 @@ class MarkerPublisher(DrawingPublisher):
         markers += self._solitons(header, scene, chain)
         colour = (*shares(GREY), 1.0)
         markers.append(
-            lettering_to_msg(
-                header, 'figures', scene.above, scene.lettering, colour, chain.describe()
-            )
+            text_to_msg(header, 'figures', scene.above, scene.lettering, colour, chain.describe())
         )
         if self._clear:
             markers.insert(0, Marker(header=header, action=Marker.DELETEALL))

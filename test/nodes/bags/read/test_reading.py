@@ -83,7 +83,7 @@ def test_the_quality_of_service_is_kept(named: NamedChain, storage: str, tmp_pat
 
 def test_type_hashes_are_those_of_ros(graph: Graph, tmp_path: Path) -> None:
     writer = BagWriter(tmp_path / 'run')
-    for topic in interfaces.SUITE:
+    for topic in interfaces.SUITE_TOPICS:
         connection = writer.add_topic(topic.name, bags.type_name(topic.type), topic.qos)
         graph.user.create_publisher(topic.type, topic.name, topic.qos)
         graph.until(
@@ -239,7 +239,7 @@ def test_a_topic_that_is_not_there_is_named_with_those_that_are(
             bags.find_topic(reader, 'joint_states')
 
 
-@pytest.mark.parametrize('topic', interfaces.SUITE, ids=lambda topic: topic.name)
+@pytest.mark.parametrize('topic', interfaces.SUITE_TOPICS, ids=lambda topic: topic.name)
 def test_types_are_found_by_their_name(topic: interfaces.Topic) -> None:
     assert bags.message_class(bags.type_name(topic.type)) is topic.type
 

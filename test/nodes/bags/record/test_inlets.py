@@ -69,7 +69,7 @@ def test_a_pattern_adds_to_the_suite(graph: Graph, tmp_path: Path) -> None:
     publisher = graph.user.create_publisher(Float64, '/arm/force', 10)
     graph.until(publisher.get_subscription_count, 'the recorder')
     graph.stop(recorder)
-    suite = {f'/{topic.name.lstrip("/")}' for topic in interfaces.SUITE}
+    suite = {f'/{topic.name.lstrip("/")}' for topic in interfaces.SUITE_TOPICS}
     assert messages_of(tmp_path / 'run_0').keys() == {*suite, '/arm/force'}
 
 

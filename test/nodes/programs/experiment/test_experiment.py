@@ -59,7 +59,7 @@ def test_a_soliton_is_back_once_it_has_been_at_the_other_edge(graph: Graph) -> N
 
 def test_a_nudge_that_is_refused_is_not_waited_for(graph: Graph) -> None:
     observer = graph.start(Observer)
-    refusal = KeyValue(key='last refusal', value='/nudge: too fast')
+    refusal = KeyValue(key='last rejection', value='/nudge: too fast')
     status = DiagnosticStatus(name='edge_actuator: chain', values=[refusal])
     graph.speak(interfaces.DIAGNOSTICS).publish(DiagnosticArray(status=[status]))
     graph.until(lambda: observer.reports, 'the report')

@@ -14,7 +14,7 @@ from rclpy.qos import DurabilityPolicy, QoSProfile
 from soliton_linkage_nodes.bags.read.reading import message_class, type_name
 from soliton_linkage_nodes.bags.record.writing_thread import Source, Taken
 from soliton_linkage_nodes.runtime.guarded import GuardedNode
-from soliton_linkage_nodes.runtime.interfaces import SUITE, Topic
+from soliton_linkage_nodes.runtime.interfaces import SUITE_TOPICS, Topic
 from soliton_linkage_nodes.runtime.sequences import SequenceGaps
 from soliton_linkage_nodes.runtime.subscriptions import AdaptiveSubscription, qos_for_all
 
@@ -78,7 +78,7 @@ class InletFinder:
         self._node = node
         self._regex = _compiled('regex', regex)
         self._exclude = _compiled('exclude_regex', exclude)
-        known = {topic.name.lstrip('/'): topic for topic in SUITE}
+        known = {topic.name.lstrip('/'): topic for topic in SUITE_TOPICS}
         asked = [name.lstrip('/') for name in names]
         self._suite = [topic for name, topic in known.items() if not asked or name in asked]
         others = [name for name in names if name.lstrip('/') not in known]

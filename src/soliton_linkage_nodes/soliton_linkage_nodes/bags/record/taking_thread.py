@@ -21,7 +21,7 @@ from soliton_linkage_nodes.bags.record.inlets import Inlet, InletFinder
 from soliton_linkage_nodes.bags.record.message_gate import MessageGate
 from soliton_linkage_nodes.bags.record.writing_thread import Taken, WritingThread
 from soliton_linkage_nodes.runtime import interfaces
-from soliton_linkage_nodes.runtime.pacing import FirstAsLongAsIdle
+from soliton_linkage_nodes.runtime.pacing import IdlePriority
 
 _LONGEST_TEXT = 1000
 """Characters of a value that is told twice, in its message and here: lists of a number for each
@@ -179,12 +179,12 @@ class TakingThread:
 
     def _run(self) -> None:
         search_at = time.monotonic()
-        place = FirstAsLongAsIdle(self._real_time, [0])
+        priority = IdlePriority(self._real_time, [0])
         last_round = False
         try:
             while not last_round:
                 last_round = self._stopping.wait(_POLL_INTERVAL)
-                place.look()
+                priority.update()
                 searching = time.monotonic() >= search_at and not last_round
                 batch = [message for inlet in self._inlets for message in inlet.drain()]
                 if searching:

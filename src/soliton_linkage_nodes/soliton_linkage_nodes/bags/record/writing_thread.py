@@ -13,7 +13,7 @@ from rclpy.qos import QoSProfile
 
 from soliton_linkage_nodes.bags.record.bag_writer import BagWriter
 from soliton_linkage_nodes.bags.stored_topic import StoredTopic
-from soliton_linkage_nodes.runtime.pacing import FirstAsLongAsIdle
+from soliton_linkage_nodes.runtime.pacing import IdlePriority
 
 _TICK = 0.1
 """How often the bag is told of the time where no messages come, so that it flushes [s]."""
@@ -161,11 +161,11 @@ class WritingThread:
             return
         finally:
             self._ready.set()
-        place = FirstAsLongAsIdle(self._real_time, [0])
+        priority = IdlePriority(self._real_time, [0])
         try:
             while (action := self._next()) is not None:
                 action()
-                place.look()
+                priority.update()
             self._writer.close(self._final)
         except Exception as error:
             self._fail(error)

@@ -29,13 +29,13 @@ from soliton_linkage_nodes.messages.conversions import chain_from_msg
 from soliton_linkage_nodes.programs.lean_line import LeanLine
 from soliton_linkage_nodes.runtime import interfaces
 from soliton_linkage_nodes.runtime.child_processes import (
-    LONGEST_START,
+    START_LIMIT,
     ChildProcesses,
-    address_in,
     has_display,
+    page_address,
 )
-from soliton_linkage_nodes.runtime.guarded import CALLS
-from soliton_linkage_nodes.runtime.parameters import declare, refuse_unknown
+from soliton_linkage_nodes.runtime.guarded import SERVICE_QOS
+from soliton_linkage_nodes.runtime.parameters import declare, reject_unknown
 from soliton_linkage_nodes.runtime.process import interruptible, spin_until
 from soliton_linkage_nodes.runtime.stamps import time_from_msg
 
@@ -54,7 +54,7 @@ _UNUSED = (
     interfaces.TILT,
     interfaces.DIAGNOSTICS,
 )
-_RECORDED_TOPICS = {f'/{topic.name}' for topic in interfaces.SUITE if topic not in _UNUSED}
+_RECORDED_TOPICS = {f'/{topic.name}' for topic in interfaces.SUITE_TOPICS if topic not in _UNUSED}
 _LONGEST_SILENCE = 6.2
 """For a node that reports once a second [s]."""
 _QUIET = 0.5
@@ -121,7 +121,7 @@ class Experiment:
         importing = threading.Thread(target=import_module, args=(_REPORT,), daemon=True)
         importing.start()
         self._wait_until(
-            lambda: self._ready() and not importing.is_alive(), LONGEST_START, self._unready
+            lambda: self._ready() and not importing.is_alive(), START_LIMIT, self._unready
         )
         self._report = import_module(_REPORT)
 
@@ -129,11 +129,11 @@ class Experiment:
         """Serve the page and tell where; without one the experiment goes on."""
         page = ['-p', 'port:=0', '-p', 'read_only:=true']
         self._processes.start(_PAGE, page, dict(os.environ))
-        deadline = time.monotonic() + LONGEST_START
+        deadline = time.monotonic() + START_LIMIT
         try:
             while not self._processes.wait(_PAGE, _QUIET) and time.monotonic() < deadline:
                 self._interrupted()
-                address = address_in(self._processes.said(_PAGE))
+                address = page_address(self._processes.output(_PAGE))
                 if address:
                     _say(f'Watch it at {address} while it runs.')
                     if has_display():
@@ -141,7 +141,7 @@ class Experiment:
                     return True
         except RuntimeError:
             pass
-        said = self._processes.said(_PAGE).splitlines()
+        said = self._processes.output(_PAGE).splitlines()
         _say(f'There is no page to watch: {said[-1] if said else "it did not start"}')
         self._processes.stop()
         return False
@@ -217,7 +217,7 @@ class Experiment:
             [
                 *('-p', f'bag:={self.bag}'),
                 *('-p', f'topics:=[{",".join(topics)}]'),
-                *('-p', f'subscriber_timeout:={LONGEST_START}'),
+                *('-p', f'subscriber_timeout:={START_LIMIT}'),
                 *('-p', 'lockstep:=true'),
                 *('-p', 'start_paused:=true'),
             ],
@@ -233,10 +233,12 @@ class Experiment:
     def _replay(self) -> dict[int, tuple[float, ...]]:
         """Play the bag into the fresh analyser and return what that one finds."""
         service = service_type('Resume')
-        resuming = self._observer.create_client(service, 'bag_player/resume', qos_profile=CALLS)
+        resuming = self._observer.create_client(
+            service, 'bag_player/resume', qos_profile=SERVICE_QOS
+        )
         self._wait_until(
             lambda: self._fresh_analyser_heard() and resuming.service_is_ready(),
-            LONGEST_START,
+            START_LIMIT,
             lambda: 'the analyser and the player did not find each other',
         )
         resuming.call_async(service.Request())
@@ -330,7 +332,7 @@ class Observer(Node):
     def __init__(self, **kwargs: Any) -> None:
         super().__init__('experiment', **kwargs)
         self.settings = declare(self, ExperimentParameters)
-        refuse_unknown(self)
+        reject_unknown(self)
         self.reports: dict[str, DiagnosticStatus] = {}
         self.states: dict[int, tuple[float, ...]] = {}
         self.rotors = 0
@@ -341,7 +343,7 @@ class Observer(Node):
         self.nudge_publisher = self.create_publisher(topic.type, topic.name, topic.qos)
         topic = interfaces.SOLITON_STATE
         self.state_subscription = self.create_subscription(
-            topic.type, topic.name, self._on_state, interfaces.whole_stream_qos()
+            topic.type, topic.name, self._on_state, interfaces.lossless_stream_qos()
         )
         self._subscribe(interfaces.CHAIN, self._on_chain)
         self._subscribe(interfaces.DIAGNOSTICS, self._on_diagnostics)
@@ -392,7 +394,7 @@ class RoundTrip:
 
     def ended(self) -> bool:
         """Whether it is back; raises RuntimeError where the actuator refused the nudge."""
-        refusal = self._observer.figures('edge_actuator').get('last refusal')
+        refusal = self._observer.figures('edge_actuator').get('last rejection')
         if refusal:
             raise RuntimeError(f'edge_actuator refused {refusal}')
         rotor, last = self._observer.rotor, self._observer.rotors - 1

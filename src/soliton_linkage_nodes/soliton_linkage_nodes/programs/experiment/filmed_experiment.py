@@ -21,10 +21,10 @@ from soliton_linkage.orbit.deviating_orbit import orbit_of
 from soliton_linkage.progress import ProgressLine
 from soliton_linkage.vision.video import TimedPicture, read_video, write_video
 from soliton_linkage_nodes.bags.read.reading import open_bag, read_topic
+from soliton_linkage_nodes.messages.camera_measurement import CameraMeasurement, CameraParameters
 from soliton_linkage_nodes.messages.chain_source import chain_of_file, markers_of_file
 from soliton_linkage_nodes.messages.conversions import NamedChain
 from soliton_linkage_nodes.messages.picture_conversions import read_camera, write_camera
-from soliton_linkage_nodes.messages.sight import Sight, SightParameters
 from soliton_linkage_nodes.programs.analyse_bag import analyse
 from soliton_linkage_nodes.programs.bag_analysis import analysed
 from soliton_linkage_nodes.programs.film_encoders import Account, film_to_bag
@@ -142,8 +142,8 @@ class FilmedExperiment:
     def _seen(
         self, film: Path, lens: Path, named: NamedChain, name: str, overlay: Path | None = None
     ) -> Account:
-        told = SightParameters(CAMERA.row_time, CAMERA.exposure)
-        sight = Sight(named, self._markers, told, read_camera(lens))
+        told = CameraParameters(CAMERA.row_time, CAMERA.exposure)
+        sight = CameraMeasurement(named, self._markers, told, read_camera(lens))
         for earlier in self._folder.glob(f'{name}_*'):
             shutil.rmtree(earlier)
         return film_to_bag(read_video(film), named, sight, self._folder / name, overlay)

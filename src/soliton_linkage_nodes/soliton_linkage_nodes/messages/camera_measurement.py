@@ -26,7 +26,7 @@ from soliton_linkage_nodes.runtime.stamps import SECOND, time_to_msg
 
 
 @dataclass(frozen=True)
-class SightParameters:
+class CameraParameters:
     """When a camera exposes, and what the chain wears."""
 
     row_time: float = quantity(
@@ -47,7 +47,7 @@ class SightParameters:
     )
 
 
-class Seen(NamedTuple):
+class CameraReading(NamedTuple):
     """Angles in a picture and their stamp."""
 
     stamp: int
@@ -55,20 +55,20 @@ class Seen(NamedTuple):
     frame: AngleFrame
 
 
-class Sight:
+class CameraMeasurement:
     """Measurement of the angles of a chain in successive pictures."""
 
     def __init__(
         self,
         named: NamedChain,
         markers: MarkerSettings,
-        parameters: SightParameters,
+        parameters: CameraParameters,
         camera: Camera | None = None,
     ) -> None:
         """Use a calibrated camera or, without one, an ideal lens."""
         self.gaps = GapCounter()
         """Counter of missing pictures."""
-        self.eye: AngleCamera | DarkRotors | None = None
+        self.detector: AngleCamera | DarkRotors | None = None
         """Measurement by markers or dark rotors, None before the first picture."""
         self._named, self._markers, self._parameters = named, markers, parameters
         self._camera = camera
@@ -78,9 +78,9 @@ class Sight:
     @property
     def moves(self) -> int:
         """Number of moves of the camera."""
-        return self.eye.frame_markers.moves if isinstance(self.eye, AngleCamera) else 0
+        return self.detector.frame_markers.moves if isinstance(self.detector, AngleCamera) else 0
 
-    def look(self, stamp: int, picture: Picture) -> Seen:
+    def measure(self, stamp: int, picture: Picture) -> CameraReading:
         """Return the angles in a picture whose exposure began at a stamp [ns].
 
         Raises ValueError if the picture is not later than the one before, or has not the size of
@@ -94,12 +94,12 @@ class Sight:
         if self._first is None:
             self._first = stamp
         self._last = stamp
-        if self.eye is None:
-            self.eye = self._opened(picture)
+        if self.detector is None:
+            self.detector = self._opened(picture)
         taken = (stamp - self._first) / SECOND
         self.gaps.add(taken)
-        frame = self.eye.measure(taken, picture)
-        return Seen(stamp + round(frame.delay * SECOND), frame)
+        frame = self.detector.measure(taken, picture)
+        return CameraReading(stamp + round(frame.delay * SECOND), frame)
 
     def _opened(self, picture: Picture) -> AngleCamera | DarkRotors:
         told = self._parameters
@@ -110,24 +110,24 @@ class Sight:
         return AngleCamera(layout, camera) if told.markers_worn else DarkRotors(layout, camera)
 
 
-def angles_to_msg(named: NamedChain, seen: Seen) -> JointState:
+def angles_to_msg(named: NamedChain, seen: CameraReading) -> JointState:
     """Return angles as joint states, NaN for hidden rotors."""
     return _to_msg(named, seen.stamp, seen.frame.angles)
 
 
-def deviations_to_msg(named: NamedChain, seen: Seen) -> JointState:
+def deviations_to_msg(named: NamedChain, seen: CameraReading) -> JointState:
     """Return the standard deviations of the angles [rad] as positions."""
     return _to_msg(named, seen.stamp, seen.frame.deviations)
 
 
-def in_words(sight: Sight, seen: Seen) -> str:
+def describe_reading(measurement: CameraMeasurement, seen: CameraReading) -> str:
     """Return a sentence about a picture and those before it."""
     told = [seen.frame.status or 'all rotors are seen']
-    if sight.moves:
-        times = 'once' if sight.moves == 1 else f'{sight.moves} times'
+    if measurement.moves:
+        times = 'once' if measurement.moves == 1 else f'{measurement.moves} times'
         told.append(f'the camera has moved {times}')
-    if sight.gaps.missing:
-        told.append(f'{sight.gaps.missing} pictures are missing')
+    if measurement.gaps.missing:
+        told.append(f'{measurement.gaps.missing} pictures are missing')
     return '; '.join(told)
 
 
@@ -145,7 +145,7 @@ def _to_msg(named: NamedChain, stamp: int, values: Array) -> JointState:
     )
 
 
-def placed(
+def walls_on_overlay(
     solitons: tuple[AnalysedSoliton, ...], spacing: float, since: float = 0.0
 ) -> list[WallMark]:
     """Return the walls of a chain of a spacing [m] after a time [s]."""
