@@ -126,7 +126,9 @@ def film_to_bag(
     return Account(bag.path, len(seen), float(share), float(deviation), last, ended_by)
 
 
-def _drawn(looked: Iterable[tuple[TimedPicture, CameraReading]], named: NamedChain) -> Iterator[TimedPicture]:
+def _drawn(
+    looked: Iterable[tuple[TimedPicture, CameraReading]], named: NamedChain
+) -> Iterator[TimedPicture]:
     """Yield pictures with their measurement and the walls of the frames so far."""
     analyser = Analyser(named.chain)
     for taken, seen in looked:
