@@ -18,10 +18,10 @@ from soliton_linkage.linear.rigidity import zero_mode
 from soliton_linkage.linkage.chain import Array, Chain
 from soliton_linkage_studies.drawing import (
     ChainPicture,
-    broken_at_turns,
+    split_at_wraps,
     draw_torus,
     limits,
-    make_room,
+    expand_limits,
     mass_points,
     mode_arrows,
     mode_quiver,
@@ -186,7 +186,7 @@ def test_room_is_made_for_every_arrow_and_the_same_in_all_pictures(
         for chain, angles in (one, other)
     ]
     before = [limits(picture.chain) for picture in pictures]
-    width, height = make_room(pictures)
+    width, height = expand_limits(pictures)
     for picture, (left, right, bottom, top) in zip(pictures, before, strict=True):
         low, high = np.transpose([picture.axes.get_xlim(), picture.axes.get_ylim()])
         assert (low <= (left, bottom)).all()
@@ -249,7 +249,7 @@ def test_a_curve_on_the_torus_is_broken_where_it_leaves_the_square(
 ) -> None:
     steps = np.linspace(0, 5, 60)
     curve = np.column_stack([start + across * steps, up * steps])
-    broken = broken_at_turns(curve)
+    broken = split_at_wraps(curve)
     kept = broken[~np.isnan(broken[:, 0])]
     assert (np.abs(kept) <= np.pi).all()
     turns = (kept - curve) / (2 * np.pi)

@@ -18,11 +18,11 @@ from soliton_linkage.solitons.static_wall import static_wall
 from soliton_linkage_studies.experiments import (
     arctanh_width,
     kick_rates,
-    kicked,
-    moving_wall,
-    slow_crossing,
+    record_kick,
+    record_moving_wall,
+    slow_crossing_time,
     snapshots,
-    wall_places,
+    wall_positions,
     zero_crossing,
 )
 
@@ -77,13 +77,13 @@ def test_the_width_of_a_tanh_is_its_width(width: float) -> None:
 def test_snapshots_know_the_speed_and_place_of_walls_made_to_measure(direction: int) -> None:
     places = np.linspace(3, 26, 47)[::direction]
     recording = walls_at(FLIPPER, places, period=0.02)
-    assert wall_places(FLIPPER, recording) == pytest.approx(places, abs=0.02)
+    assert wall_positions(FLIPPER, recording) == pytest.approx(places, abs=0.02)
     seen = snapshots(FLIPPER, recording, 5)
     assert seen.speed == pytest.approx(0.5 / 0.02, rel=2e-3)
-    assert seen.places.shape == seen.fields.shape == seen.angles.shape == (5, 30)
+    assert seen.distances.shape == seen.fields.shape == seen.angles.shape == (5, 30)
     # Rotors on either side of the wall lean to their side.
-    assert (np.sign(seen.fields[seen.places < -0.1]) == 1).all()
-    assert (np.sign(seen.fields[seen.places > 0.1]) == -1).all()
+    assert (np.sign(seen.fields[seen.distances < -0.1]) == 1).all()
+    assert (np.sign(seen.fields[seen.distances > 0.1]) == -1).all()
 
 
 def test_a_wall_that_never_came_to_the_middle_is_said_to() -> None:
@@ -94,13 +94,13 @@ def test_a_wall_that_never_came_to_the_middle_is_said_to() -> None:
 
 @pytest.mark.parametrize(('chain', 'kick'), [(FLIPPER, 0.004), (SPINNER, 0.02)])
 def test_a_slow_wall_crosses_in_the_time_of_one_with_rigid_bars(chain: Chain, kick: float) -> None:
-    recording, speed = moving_wall(chain, kick)
-    slow = (chain.number_of_rotors - 1) / (slow_crossing(chain, kick) * chain.time_unit)
+    recording, speed = record_moving_wall(chain, kick)
+    slow = (chain.number_of_rotors - 1) / (slow_crossing_time(chain, kick) * chain.time_unit)
     assert speed == pytest.approx(slow, rel=5e-3)
     assert len(recording.times) == 601
 
 
 def test_a_recording_has_the_duration_and_frames_asked_for() -> None:
-    recording = kicked(FLIPPER, 0.05, duration=20.0, frames=40)
+    recording = record_kick(FLIPPER, 0.05, duration=20.0, frames=40)
     assert len(recording.times) == 41
     assert recording.times[-1] == pytest.approx(20 * FLIPPER.time_unit, rel=1e-12)

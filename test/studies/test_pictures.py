@@ -24,7 +24,7 @@ from soliton_linkage_studies.pictures import (
     track_places,
     track_velocities,
 )
-from soliton_linkage_studies.plates import save_figure
+from soliton_linkage_studies.figure_report import save_figure
 
 CHAIN = chain_of(FLIPPER, 20)
 

@@ -16,10 +16,10 @@ from pathlib import Path
 import pytest
 
 from soliton_linkage_studies.program import (
-    chosen,
+    select_names,
     installed_settings,
     run_study,
-    side_by_side,
+    run_parallel,
     study_parser,
 )
 from soliton_linkage_studies.settings import load_settings
@@ -28,11 +28,11 @@ SETTINGS = Path(__file__).parents[2] / 'config/studies'
 STUDIES = ['accuracy', 'collisions', 'driving', 'figures', 'films', 'moves', 'sweep']
 WAITING = """
 import functools, sys, time
-from soliton_linkage_studies.program import run_study, side_by_side, study_parser
+from soliton_linkage_studies.program import run_study, run_parallel, study_parser
 
 def waited(options):
     tasks = {number: functools.partial(time.sleep, 60) for number in range(4)}
-    return str(side_by_side('waiting', tasks, options.workers))
+    return str(run_parallel('waiting', tasks, options.workers))
 
 if __name__ == '__main__':
     sys.exit(run_study(study_parser('waiting', '', 'less'), None, waited, 'nothing is written'))
@@ -103,15 +103,15 @@ def test_settings_that_did_not_come_with_it_have_to_be_named(
 
 def test_names_are_chosen_whole_or_by_their_beginning() -> None:
     known = ['S1_one', 'S2_two', 'S22_more', 'plain']
-    assert chosen(known, []) == known
-    assert chosen(known, ['plain', 'S2', 'S1_one']) == ['S1_one', 'S2_two', 'plain']
+    assert select_names(known, []) == known
+    assert select_names(known, ['plain', 'S2', 'S1_one']) == ['S1_one', 'S2_two', 'plain']
     with pytest.raises(ValueError, match=r'--only S3: there is no such name; there are S1_one, S'):
-        chosen(known, ['S2', 'S3'])
+        select_names(known, ['S2', 'S3'])
 
 
 def test_results_come_in_the_order_of_the_tasks(capsys: pytest.CaptureFixture[str]) -> None:
     names = ['c', 'a', 'b', 'd']
-    results = side_by_side('naming', {name: name.upper for name in names}, 2)
+    results = run_parallel('naming', {name: name.upper for name in names}, 2)
     assert list(results.items()) == [(name, name.upper()) for name in names]
     assert 'naming: 4 done in' in capsys.readouterr().err
 

@@ -23,10 +23,10 @@ from soliton_linkage_studies.sweep.config import Axis, SweepStudy
 from soliton_linkage_studies.workers import (
     Processes,
     cluster,
-    interrupts_held,
+    defer_interrupts,
     local_processes,
     measure_chunk,
-    measured_rows,
+    measure_rows,
     process_count,
 )
 
@@ -258,7 +258,7 @@ def test_an_interrupt_that_is_held_comes_afterwards(number: int) -> None:
     reached = []
 
     def interrupted() -> None:
-        with interrupts_held():
+        with defer_interrupts():
             os.kill(os.getpid(), number)
             time.sleep(0.1)
             reached.append('the end')
@@ -332,7 +332,7 @@ def test_a_chunk_takes_about_a_second_or_one_row(
 ) -> None:
     Clock(monkeypatch, [seconds] * STUDY.rows)
     pool = Here()
-    done = list(measured_rows(pool, STUDY, range(STUDY.rows)))
+    done = list(measure_rows(pool, STUDY, range(STUDY.rows)))
     assert sorted(int(row[0]) for cells in done for row in cells) == list(range(STUDY.rows))
     longest = max(spent for _, spent in pool.chunks)
     assert longest <= max(1.0, seconds) + seconds
@@ -343,14 +343,14 @@ def test_a_chunk_takes_about_a_second_or_one_row(
 def test_rows_that_turn_out_slow_leave_their_chunk(monkeypatch: pytest.MonkeyPatch) -> None:
     Clock(monkeypatch, [0.001] * 100 + [3.0] * 100)
     pool = Here()
-    done = list(measured_rows(pool, STUDY, range(STUDY.rows)))
+    done = list(measure_rows(pool, STUDY, range(STUDY.rows)))
     assert sorted(int(row[0]) for cells in done for row in cells) == list(range(STUDY.rows))
     assert max(spent for _, spent in pool.chunks) <= 1 + 3
 
 
 def test_rows_measured_by_processes_are_the_same() -> None:
     with local_processes(2) as workers:
-        done = list(measured_rows(workers, STUDY, [5, 3, 8]))
+        done = list(measure_rows(workers, STUDY, [5, 3, 8]))
     expected = measure_chunk(STUDY, [3, 5, 8])[0]
     assert sorted(row for cells in done for row in cells) == sorted(expected)
 
@@ -362,7 +362,7 @@ def test_rows_measured_by_a_cluster_are_the_same() -> None:
     )
     with local, cluster(local.scheduler_address) as workers:
         assert workers.count == 2
-        done = list(measured_rows(workers, STUDY, range(10)))
+        done = list(measure_rows(workers, STUDY, range(10)))
     assert sorted(int(row[0]) for cells in done for row in cells) == list(range(10))
     for cells in done:
         assert cells == measure_chunk(STUDY, [int(row[0]) for row in cells])[0]

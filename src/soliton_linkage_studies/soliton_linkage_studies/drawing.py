@@ -37,16 +37,16 @@ from soliton_linkage_studies.palette import (
     LEANS_RIGHT,
     RED,
     WHITE,
-    lean_shares,
+    lean_colour_scale,
 )
 
 _OUTSIDE = matplotlib.__version_info__ >= (3, 7)
 """Whether a legend may be beyond the panels: before, it is drawn over them [1]."""
-ABOVE: Literal['outside upper center', 'upper center'] = (
+LEGEND_ABOVE: Literal['outside upper center', 'upper center'] = (
     'outside upper center' if _OUTSIDE else 'upper center'
 )
 """Place of a legend of a figure: above its panels, where matplotlib can do so."""
-BENEATH: Literal['outside lower center', 'lower center'] = (
+LEGEND_BELOW: Literal['outside lower center', 'lower center'] = (
     'outside lower center' if _OUTSIDE else 'lower center'
 )
 """The same beneath them."""
@@ -95,8 +95,8 @@ def limits(
 
 
 def lean_norm(chain: Chain) -> FuncNorm:
-    """Where displacements u [m] are in `LEAN_COLOURS`, by `lean_shares`."""
-    places, shares = lean_shares(chain)
+    """Where displacements u [m] are in `LEAN_COLOURS`, by `lean_colour_scale`."""
+    places, shares = lean_colour_scale(chain)
     return FuncNorm(
         (partial(_between, places, shares), partial(_between, shares, places)),
         vmin=float(places[0]),
@@ -184,7 +184,7 @@ class ChainPicture:
             move_projections(self.projections, chain, angles)
 
 
-def make_room(pictures: Sequence[ChainPicture]) -> tuple[float, float]:
+def expand_limits(pictures: Sequence[ChainPicture]) -> tuple[float, float]:
     """Widen the limits of pictures alike until the arrows of their modes lie within.
 
     Returns the width and the height of what they show [m].
@@ -222,7 +222,7 @@ def add_legend(figure: Figure) -> None:
     ]
     figure.legend(
         handles=handles,
-        loc=BENEATH,
+        loc=LEGEND_BELOW,
         ncols=len(handles),
         fontsize=8,
         frameon=False,
@@ -271,7 +271,7 @@ def draw_torus(axes: Axes, chain: Chain, curves: Sequence[Array]) -> Axes:
     """
     for number, curve in enumerate(curves):
         colour = CURVE_COLOURS[number % len(CURVE_COLOURS)]
-        axes.plot(*broken_at_turns(curve).T, color=colour, linewidth=2.5, zorder=2)
+        axes.plot(*split_at_wraps(curve).T, color=colour, linewidth=2.5, zorder=2)
     rest = chain.rest_angle
     for states, marker, colour, label in (
         ((rest, math.pi - rest), '>', LEANS_RIGHT, 'leans right'),
@@ -296,7 +296,7 @@ def draw_torus(axes: Axes, chain: Chain, curves: Sequence[Array]) -> Axes:
     return axes
 
 
-def broken_at_turns(curve: Array) -> Array:
+def split_at_wraps(curve: Array) -> Array:
     """Angles within -pi to pi [rad], shape (K + breaks, 2), a NaN where a curve leaves them."""
     wrapped = np.asarray(np.mod(curve + np.pi, 2 * np.pi) - np.pi)
     jumps = np.flatnonzero((np.abs(np.diff(wrapped, axis=0)) > np.pi).any(axis=1)) + 1

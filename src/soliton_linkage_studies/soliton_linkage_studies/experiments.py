@@ -19,7 +19,7 @@ MIDDLE = 0.3
 """Share of a chain about its middle in which a wall is measured: it is far from both edges [1]."""
 SNAPSHOTS = 10
 """Frames of a wall that make its profile, as in the paper: ten places a rotor spacing."""
-PLACE = 'n - X [rotor spacings]'
+DISTANCE_LABEL = 'n - X [rotor spacings]'
 """Name of the places of rotors from a wall."""
 
 _ARCTANH_REACH = 0.9
@@ -45,7 +45,7 @@ def kick_rates(
     return speed * edge_mode(chain, angles, edge, anywhere)
 
 
-def kicked(chain: Chain, kick: float, duration: float, frames: int) -> Recording:
+def record_kick(chain: Chain, kick: float, duration: float, frames: int) -> Recording:
     """Record the right-leaning chain of springs, kicked at its last rotor.
 
     The duration [time units sqrt(M / k_e)] is divided into as many periods as frames.
@@ -56,19 +56,19 @@ def kicked(chain: Chain, kick: float, duration: float, frames: int) -> Recording
     return simulate(chain, rest, rates, whole, whole / frames)
 
 
-def moving_wall(chain: Chain, kick: float) -> tuple[Recording, float]:
+def record_moving_wall(chain: Chain, kick: float) -> tuple[Recording, float]:
     """Record a kicked chain until its wall has crossed; also its speed [rotor spacings / s]."""
-    recording = kicked(chain, kick, crossing_duration(chain, kick), _FRAMES)
+    recording = record_kick(chain, kick, crossing_duration(chain, kick), _FRAMES)
     return recording, snapshots(chain, recording, 2).speed
 
 
 def crossing_duration(chain: Chain, kick: float) -> float:
     """Time in which a kicked wall has crossed its chain, and some more [time units]."""
     fastest = (chain.number_of_rotors - 1) * chain.spacing / speed_of_sound(chain)
-    return max(_SLACK * slow_crossing(chain, kick), _TRANSIENT * fastest / chain.time_unit)
+    return max(_SLACK * slow_crossing_time(chain, kick), _TRANSIENT * fastest / chain.time_unit)
 
 
-def slow_crossing(chain: Chain, kick: float) -> float:
+def slow_crossing_time(chain: Chain, kick: float) -> float:
     """Time from edge to edge of a wall for which no spring gives way [time units].
 
     (N - 1) Lambda / v0 with Lambda in units of the spacing, the way of a mass.
@@ -81,8 +81,8 @@ def slow_crossing(chain: Chain, kick: float) -> float:
 class Snapshots:
     """A wall on its way through the middle of a chain, in K frames of N rotors."""
 
-    places: Array
-    """Rotors from the wall [rotor spacings], n - X, shape (K, N)."""
+    distances: Array
+    """Signed distances n - X of the rotors from the wall [rotor spacings], shape (K, N)."""
     fields: Array
     """Order field m of the rotors [1], shape (K, N)."""
     angles: Array
@@ -98,7 +98,7 @@ def snapshots(chain: Chain, recording: Recording, count: int, share: float = MID
     Raises ValueError where it never came there.
     """
     fields, _ = order_field(chain, recording.angles)
-    walls = wall_places(chain, recording)
+    walls = wall_positions(chain, recording)
     middle = (chain.number_of_rotors - 1) / 2
     inside = np.abs(walls - middle) < share * middle
     entered = int(np.argmax(inside))
@@ -112,14 +112,14 @@ def snapshots(chain: Chain, recording: Recording, count: int, share: float = MID
     chosen = np.linspace(entered, left - 1, count).round().astype(int)
     rotors = np.arange(chain.number_of_rotors)
     return Snapshots(
-        places=rotors - walls[chosen, None],
+        distances=rotors - walls[chosen, None],
         fields=fields[chosen],
         angles=recording.angles[chosen],
         speed=abs(float(slope)),
     )
 
 
-def static_snapshots(chain: Chain, middle: float) -> tuple[Array, Array]:
+def static_profile(chain: Chain, middle: float) -> tuple[Array, Array]:
     """Rotors from the wall and order field of walls at rest at ten places a spacing, (K,) each.
 
     Without edge rotors, which rest at one of two angles.
@@ -134,7 +134,7 @@ def static_snapshots(chain: Chain, middle: float) -> tuple[Array, Array]:
     return np.ravel(places), np.ravel(fields)
 
 
-def wall_places(chain: Chain, recording: Recording) -> Array:
+def wall_positions(chain: Chain, recording: Recording) -> Array:
     """Place of the wall in each frame [rotor spacings] by `zero_crossing`, or NaN, shape (T,)."""
     fields, _ = order_field(chain, recording.angles)
     return np.array([zero_crossing(field) for field in fields])

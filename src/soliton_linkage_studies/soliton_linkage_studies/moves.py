@@ -26,10 +26,10 @@ from soliton_linkage.orbit.uniform_orbit import UniformOrbit
 from soliton_linkage.solitons.passage import blocked_bonds
 from soliton_linkage.steering.steering import MoveResult, Outcome, Steering
 from soliton_linkage.steering.torque_allocation import TorqueAllocation
-from soliton_linkage_studies.drawing import ABOVE
+from soliton_linkage_studies.drawing import LEGEND_ABOVE
 from soliton_linkage_studies.palette import COLOURS, GREY
-from soliton_linkage_studies.plates import Plate
-from soliton_linkage_studies.program import run_study, side_by_side, study_parser
+from soliton_linkage_studies.figure_report import FigureReport
+from soliton_linkage_studies.program import run_study, run_parallel, study_parser
 from soliton_linkage_studies.settings import Section, chain_from, load_settings
 
 MoveKey = tuple[str, str]
@@ -207,7 +207,7 @@ class MoveStudy:
 
 def read_move_study(settings: Section, quick: bool) -> MoveStudy:
     """Study of a file of settings; raises ValueError for what cannot be."""
-    settings.allow(*_KEYS)
+    settings.check_keys(*_KEYS)
     seed = settings.whole_number('seed', 0, 2**31)
     frame_rate = settings.number('frame_rate', 10.0, 2000.0)
     moves = settings.whole_number('moves', 1, 10_000)
@@ -269,7 +269,7 @@ def table_lines(runs: Mapping[MoveKey, Sequence[MoveRun]]) -> list[str]:
 
 
 def _condition(section: Section) -> Condition:
-    section.allow('noise', 'decay', 'disorder')
+    section.check_keys('noise', 'decay', 'disorder')
     return Condition(
         section.number('noise', 0.0, 1.0),
         section.number('decay', 0.0, 1e6),
@@ -294,18 +294,18 @@ _LEAST_SHARE = 1e-16
 
 def draw_moves(
     tasks: Mapping[MoveKey, Sequence[MoveTask]], runs: Mapping[MoveKey, Sequence[MoveRun]]
-) -> Plate:
+) -> FigureReport:
     """Places, distances from the goal and phonons against time, a column for each chain."""
     chains = list(dict.fromkeys(name for name, _ in tasks))
     conditions = list(dict.fromkeys(title for _, title in tasks))
     figure = Figure(figsize=(max(4.3 * len(chains), 6), 10), layout='constrained')
-    plate = Plate(figure, _CAPTION.format(least=_LEAST_ERROR, wanted=_WANTED))
-    panels = plate.figure.subplots(3, len(chains), sharex='col', sharey='row', squeeze=False)
+    report = FigureReport(figure, _CAPTION.format(least=_LEAST_ERROR, wanted=_WANTED))
+    panels = report.figure.subplots(3, len(chains), sharex='col', sharey='row', squeeze=False)
     for column, name in zip(panels.T, chains, strict=True):
         for number, title in enumerate(conditions):
             colour = COLOURS[number % len(COLOURS)]
             for task, run in zip(tasks[name, title], runs[name, title], strict=True):
-                _draw_run(plate, column, f'{name}, {title}', colour, task, run)
+                _draw_run(report, column, f'{name}, {title}', colour, task, run)
         column[0].set(title=name)
         column[1].axhline(_WANTED, color=GREY, linestyle='--', linewidth=0.8)
         column[2].set(xlabel='time since the goal was given [s]')
@@ -315,12 +315,12 @@ def draw_moves(
     panels[1, 0].plot([], [], '--', color=GREY, linewidth=0.8, label=f'to be held: {_WANTED:g}')
     for number, title in enumerate(conditions):
         panels[0, 0].plot([], [], color=COLOURS[number % len(COLOURS)], label=title)
-    plate.figure.legend(loc=ABOVE, ncols=len(conditions) + 1)
-    return plate
+    report.figure.legend(loc=LEGEND_ABOVE, ncols=len(conditions) + 1)
+    return report
 
 
 def _draw_run(
-    plate: Plate, column: Sequence[Axes], series: str, colour: str, task: MoveTask, run: MoveRun
+    report: FigureReport, column: Sequence[Axes], series: str, colour: str, task: MoveTask, run: MoveRun
 ) -> None:
     off = np.maximum(np.abs(run.places - task.goal), _LEAST_ERROR)
     share = np.maximum(run.phonon_energies / run.peak_energy, _LEAST_SHARE)
@@ -330,7 +330,7 @@ def _draw_run(
         (column[2], 'phonons over the peak energy of the wall [1]', share),
     ):
         axes.plot(run.times, values, color=colour, linewidth=0.9, alpha=0.8)
-        plate.note(series, f'to {task.goal:.3f}', ('time [s]', name), run.times, values)
+        report.add_points(series, f'to {task.goal:.3f}', ('time [s]', name), run.times, values)
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -342,7 +342,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
 def _made(options: argparse.Namespace) -> str:
     study = read_move_study(load_settings(options.config), options.quick)
     options.output.mkdir(parents=True, exist_ok=True)
-    runs = runs_by_key(side_by_side('moves', study.numbered, options.workers))
+    runs = runs_by_key(run_parallel('moves', study.numbered, options.workers))
     table = '\n'.join(table_lines(runs)) + '\n'
     (options.output / 'table.md').write_text(table, encoding='utf-8')
     draw_moves(study.tasks, runs).save(options.output, 'moves')

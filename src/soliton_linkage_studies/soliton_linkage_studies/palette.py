@@ -95,13 +95,13 @@ def tint(colour: str, share: float) -> str:
     return to_hex((red, green, blue))
 
 
-def lean_shares(chain: Chain) -> tuple[Array, Array]:
+def lean_colour_scale(chain: Chain) -> tuple[Array, Array]:
     """Displacements u [m] and where the colour map has them [1], both (K,), lines in between.
 
     A uniform state has the same colours in all chains; swings about it are stretched, and not
     even the length of a rotor is clipped.
     """
-    rest, largest = float(lean_marks(chain)[3]), float(lean_marks(chain)[4])
+    rest, largest = float(lean_ticks(chain)[3]), float(lean_ticks(chain)[4])
     near = [(share * rest, off) for share, off in _NEAR_REST if share * rest < 0.99 * largest]
     places, offs = np.array([*near, (largest, 0.5)]).T
     return (
@@ -110,15 +110,15 @@ def lean_shares(chain: Chain) -> tuple[Array, Array]:
     )
 
 
-def lean_table(chain: Chain, levels: int) -> NDArray[np.uint8]:
+def lean_colour_table(chain: Chain, levels: int) -> NDArray[np.uint8]:
     """Red, green and blue of displacements from -r to r, evenly spaced, shape (levels, 3)."""
-    places, shares = lean_shares(chain)
-    largest = float(lean_marks(chain)[4])
+    places, shares = lean_colour_scale(chain)
+    largest = float(lean_ticks(chain)[4])
     offs = np.interp(np.linspace(-largest, largest, levels), places, shares)
     return np.asarray(colormaps[LEAN_COLOURS](offs, bytes=True)[:, :3], dtype=np.uint8)
 
 
-def lean_marks(chain: Chain) -> Array:
+def lean_ticks(chain: Chain) -> Array:
     """Displacements u [m] furthest and at rest to the left, none, at rest and furthest right."""
     rest = chain.rotor_length * float(np.sin(chain.rest_angle))
     largest = float(chain.rotor_lengths.max())

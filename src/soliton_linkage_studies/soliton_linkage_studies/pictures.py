@@ -22,9 +22,9 @@ from soliton_linkage_studies.palette import (
     PALE,
     SKY,
     WHITE,
-    lean_marks,
+    lean_ticks,
 )
-from soliton_linkage_studies.plates import save_caption, save_figure
+from soliton_linkage_studies.figure_report import save_caption, save_figure
 
 _KYMOGRAPH = """
 Horizontal displacement u = r sin φ of the mass of each rotor over time: purple where rotors lean
@@ -71,7 +71,7 @@ def kymograph(axes: Axes, chain: Chain, recording: Recording, track: Track) -> A
     axes.legend(loc='upper right')
     axes.yaxis.set_major_locator(MaxNLocator(integer=True))
     axes.set(xlabel='time [s]', ylabel='rotor n [1]', title=description(chain))
-    marks = lean_marks(chain)
+    marks = lean_ticks(chain)
     names = ('left, −r', 'at rest', 'upright', 'at rest', 'right, r')
     words = [f'{mark:.3g}  {name}' for mark, name in zip(marks, names, strict=True)]
     bar = axes.figure.colorbar(image, ax=axes, ticks=marks)

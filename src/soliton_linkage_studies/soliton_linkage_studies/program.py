@@ -109,7 +109,7 @@ def installed_settings(name: str) -> Path | None:
     return None
 
 
-def chosen(known: Sequence[str], asked: Sequence[str], option: str = '--only') -> list[str]:
+def select_names(known: Sequence[str], asked: Sequence[str], option: str = '--only') -> list[str]:
     """Names that an option asks for, all if it is empty; what comes before _ is enough."""
     for name in asked:
         if not any(name in _spoken(one) for one in known):
@@ -118,7 +118,7 @@ def chosen(known: Sequence[str], asked: Sequence[str], option: str = '--only') -
     return [name for name in known if not asked or not _spoken(name).isdisjoint(asked)]
 
 
-def side_by_side(
+def run_parallel(
     title: str, tasks: Mapping[Key, Callable[[], Result]], workers: int
 ) -> dict[Key, Result]:
     """Results of tasks by their keys, in the same order, from processes side by side.

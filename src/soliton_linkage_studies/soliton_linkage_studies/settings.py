@@ -44,13 +44,13 @@ class Section:
         """Refuse keys that nobody reads, which would be typing errors."""
         for key in self.values:
             if key not in keys:
-                raise self.complaint(key, f'is not known; it may hold {", ".join(keys)}')
+                raise self.error(key, f'is not known; it may hold {", ".join(keys)}')
 
     def section(self, key: str) -> Section:
         """Part of the section below a key."""
         value = self._value(key, 'a section of keys')
         if not isinstance(value, Mapping):
-            raise self.complaint(key, 'must be a section; indent its keys beneath it')
+            raise self.error(key, 'must be a section; indent its keys beneath it')
         return _section(self.file, self._full(key), value)
 
     def sections(self) -> dict[str, Section]:
@@ -76,7 +76,7 @@ class Section:
         value = self._value(key, wanted)
         number = self._checked(key, value, minimum, maximum, wanted)
         if not isinstance(value, int):
-            raise self.complaint(key, f'must be {wanted}; leave out the decimal point')
+            raise self.error(key, f'must be {wanted}; leave out the decimal point')
         return int(number)
 
     def numbers(self, key: str, minimum: float, maximum: float) -> tuple[float, ...]:
@@ -84,7 +84,7 @@ class Section:
         wanted = f'a list of numbers in the range {minimum:g} to {maximum:g}'
         values = self._value(key, wanted)
         if not isinstance(values, Sequence) or isinstance(values, str) or not values:
-            raise self.complaint(key, f'must be {wanted}; write [1.0, 2.0]')
+            raise self.error(key, f'must be {wanted}; write [1.0, 2.0]')
         return tuple(self._checked(key, value, minimum, maximum, wanted) for value in values)
 
     def text(self, key: str, choices: tuple[str, ...] = (), default: str | None = None) -> str:
@@ -94,12 +94,12 @@ class Section:
         wanted = f'one of {", ".join(choices)}' if choices else 'a text'
         value = self._value(key, wanted)
         if not isinstance(value, str) or (choices and value not in choices):
-            raise self.complaint(key, f'must be {wanted}')
+            raise self.error(key, f'must be {wanted}')
         return value
 
     def _value(self, key: str, wanted: str) -> object:
         if key not in self.values:
-            raise self.complaint(key, f'is missing; give {wanted}')
+            raise self.error(key, f'is missing; give {wanted}')
         return self.values[key]
 
     def _checked(
@@ -107,9 +107,9 @@ class Section:
     ) -> float:
         if isinstance(value, bool) or not isinstance(value, (int, float)):
             hint = '; write exponents as 1.0e-3' if isinstance(value, str) else ''
-            raise self.complaint(key, f'must be {wanted}{hint}')
+            raise self.error(key, f'must be {wanted}{hint}')
         if not (math.isfinite(value) and minimum <= value <= maximum):
-            raise self.complaint(key, f'must be {wanted}; choose one in it')
+            raise self.error(key, f'must be {wanted}; choose one in it')
         return float(value)
 
     def _full(self, key: str) -> str:
@@ -139,7 +139,7 @@ def chain_from(section: Section) -> Chain:
     The ratio, `rest_angle` [rad] and `number_of_rotors` must be given; `spacing` [m], `mass`
     [kg], `stiffness` [N/m] and `damping` [N m s/rad] need not.
     """
-    section.allow(*_CHAIN_KEYS)
+    section.check_keys(*_CHAIN_KEYS)
     limits = {
         name: (described.minimum or 0.0, described.maximum or math.inf)
         for name, described in described_fields(Chain).items()

@@ -92,7 +92,7 @@ class Processes:
         context = multiprocessing.get_context('spawn')
         # Started with the first process, it would let Ctrl-C through to that one.
         resource_tracker.ensure_running()
-        with interrupts_held(), _one_thread():
+        with defer_interrupts(), _one_thread():
             for _ in range(count):
                 ours, theirs = context.Pipe()
                 process = context.Process(target=_work, args=(theirs, prepare, arguments))
@@ -190,7 +190,7 @@ def local_processes(
             pass
         processes.end()
     except BaseException:
-        with interrupts_held():
+        with defer_interrupts():
             processes.end(kill=True)
         raise
 
@@ -237,7 +237,7 @@ class _Cluster:
         return iter(self.completed)
 
 
-def measured_rows(pool: Pool, table: Rows, rows: Sequence[int]) -> Iterator[list[list[str]]]:
+def measure_rows(pool: Pool, table: Rows, rows: Sequence[int]) -> Iterator[list[list[str]]]:
     """Yield the cells of rows of a table in chunks of about a second, as they are finished."""
     waiting = deque(rows)
     finished = pool.finished()
@@ -272,7 +272,7 @@ def measure_chunk(table: Rows, rows: list[int]) -> Chunk:
 
 
 @contextmanager
-def interrupts_held() -> Iterator[None]:
+def defer_interrupts() -> Iterator[None]:
     """Delay Ctrl-C and SIGTERM, and block Ctrl-C for good in processes started meanwhile."""
     came: list[int] = []
     # A mask is not enough, because another thread may receive a signal for this one.

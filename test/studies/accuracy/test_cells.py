@@ -7,13 +7,13 @@ import numpy as np
 import pytest
 
 from soliton_linkage.linkage.chain import Motion
-from soliton_linkage_studies.accuracy.cells import drawn_cells
+from soliton_linkage_studies.accuracy.cells import random_cells
 from soliton_linkage_studies.accuracy.runs import CellStudy
 from soliton_linkage_studies.accuracy.walls import reach
 
 
 def test_cells_are_of_all_classes_and_from_the_whole_of_their_ranges() -> None:
-    cells = drawn_cells(20200101, 99)
+    cells = random_cells(20200101, 99)
     motions = [cell.chain.motion for cell in cells]
     assert all(motions.count(motion) == 33 for motion in Motion)
     assert {cell.walls for cell in cells} == {1, 2, 4}
@@ -28,8 +28,8 @@ def test_cells_are_of_all_classes_and_from_the_whole_of_their_ranges() -> None:
         chain = cell.chain
         assert abs(chain.lean_ratio / chain.critical_lean_ratio - 1) >= 0.02
         assert chain.number_of_rotors >= 2 * reach(chain) * cell.walls
-    assert drawn_cells(20200101, 2) == cells[:2]
-    assert drawn_cells(20200102, 2) != cells[:2]
+    assert random_cells(20200101, 2) == cells[:2]
+    assert random_cells(20200102, 2) != cells[:2]
 
 
 def test_a_cell_is_the_same_whichever_are_measured_beside_it() -> None:

@@ -21,8 +21,8 @@ CONFIG = Path(__file__).parents[3] / 'config/studies/figures.yaml'
 
 
 def test_each_point_of_the_diagram_has_the_colour_of_its_class() -> None:
-    plate = FIGURES['figure_4'](load_settings(CONFIG).section('figure_4'), True)
-    axes = plate.figure.subfigs[0].axes[0]
+    report = FIGURES['figure_4'](load_settings(CONFIG).section('figure_4'), True)
+    axes = report.figure.subfigs[0].axes[0]
     regions = {to_hex(each.get_facecolor()[0]): each.get_paths()[0] for each in axes.collections}
     generator = np.random.default_rng(3)
     ratios = 10 ** generator.uniform(-1, 1, 300)

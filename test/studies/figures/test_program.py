@@ -14,7 +14,7 @@ from picture_laws import unexplained
 from soliton_linkage_studies.figures import FIGURES
 from soliton_linkage_studies.figures import program as figures
 from soliton_linkage_studies.formulas import Formula, read_formula
-from soliton_linkage_studies.plates import Comparison, write_table
+from soliton_linkage_studies.figure_report import Comparison, write_table
 from soliton_linkage_studies.settings import Section, load_settings
 
 CONFIG = Path(__file__).parents[3] / 'config/studies/figures.yaml'
@@ -54,19 +54,19 @@ LIMITS = {
 
 @pytest.mark.parametrize('name', list(FIGURES))
 def test_a_figure_needs_no_guessing_and_its_measurements_hold(name: str, tmp_path: Path) -> None:
-    plate = FIGURES[name](SETTINGS.section(name), True)
-    plate.save(tmp_path, name)
+    report = FIGURES[name](SETTINGS.section(name), True)
+    report.save(tmp_path, name)
     assert {path.name for path in tmp_path.iterdir()} == {
         f'{name}.{suffix}' for suffix in ('png', 'pdf', 'csv', 'txt')
     }
     data = (tmp_path / f'{name}.csv').read_text(encoding='utf-8').splitlines()
     assert len(data) > 3
-    assert unexplained(plate.figure, plate.caption) == []
-    known = [line for line in plate.comparisons if np.isfinite(line.expected)]
+    assert unexplained(report.figure, report.caption) == []
+    known = [line for line in report.comparisons if np.isfinite(line.expected)]
     assert bool(known) == (name in LIMITS)
     for line in known:
         assert line.measured == pytest.approx(line.expected, rel=LIMITS[name], abs=1e-9), line
-    assert_rows_give_what_they_print(plate.comparisons, tmp_path / 'table.md')
+    assert_rows_give_what_they_print(report.comparisons, tmp_path / 'table.md')
 
 
 def assert_rows_give_what_they_print(comparisons: list[Comparison], path: Path) -> None:
@@ -117,19 +117,19 @@ from matplotlib.figure import Figure
 
 from soliton_linkage_studies.figures import FIGURES
 from soliton_linkage_studies.formulas import Formula
-from soliton_linkage_studies.plates import Plate
+from soliton_linkage_studies.figure_report import FigureReport
 
 
 @FIGURES.add('own_parabola')
 def parabola(section, quick):
-    section.allow('points')
-    plate = Plate(Figure(), 'A parabola.')
+    section.check_keys('points')
+    report = FigureReport(Figure(), 'A parabola.')
     points = range(section.whole_number('points', 2, 100))
     heights = [each**2 for each in points]
-    plate.figure.subplots().plot(points, heights)
-    plate.note('', 'parabola', ('x', 'y'), points, heights)
-    plate.compare('height', '', Formula('x²', {'x': points[-1]}), heights[-1])
-    return plate
+    report.figure.subplots().plot(points, heights)
+    report.add_points('', 'parabola', ('x', 'y'), points, heights)
+    report.add_comparison('height', '', Formula('x²', {'x': points[-1]}), heights[-1])
+    return report
 """
 
 

@@ -405,7 +405,7 @@ from soliton_linkage_studies.films.scenes import Scene
 
 
 def read(section):
-    section.allow('seconds')
+    section.check_keys('seconds')
     return section.number('seconds', 1.0, 10.0)
 
 

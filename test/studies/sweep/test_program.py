@@ -214,7 +214,7 @@ def test_every_rate_is_that_since_the_start(
     monkeypatch.setattr(sweep_table.time, 'monotonic', lambda: now)
     monkeypatch.setattr(sweep_table, 'ProgressLine', Line)
     monkeypatch.setattr(sweep_table, 'local_processes', lambda _count: nullcontext())
-    monkeypatch.setattr(sweep_table, 'measured_rows', measured)
+    monkeypatch.setattr(sweep_table, 'measure_rows', measured)
     config = written(tmp_path / 'mine.yaml', 'measure: motion\nsweep: {rest_angle: [1, 0.5, 0.7]}')
     assert main([str(config), '--output', str(tmp_path / 'out')]) == 0
     assert remarks == [

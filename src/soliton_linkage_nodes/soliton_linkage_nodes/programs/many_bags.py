@@ -21,7 +21,7 @@ from soliton_linkage_nodes.messages.chain_source import chain_of_file
 from soliton_linkage_nodes.messages.conversions import NamedChain
 from soliton_linkage_nodes.runtime.stamps import SECOND
 from soliton_linkage_studies.sweep.table import Table, read_rows
-from soliton_linkage_studies.workers import Pool, cluster, local_processes, measured_rows
+from soliton_linkage_studies.workers import Pool, cluster, local_processes, measure_rows
 
 _STATES = 'soliton_state.csv'
 COLUMNS = (
@@ -146,7 +146,7 @@ def analyse_many(study: ManyBags, workers: int, scheduler: str | None = None) ->
 
 def _fill(study: ManyBags, table: Table, pool: Pool) -> None:
     line = ProgressLine('analysing', study.rows)
-    for cells in measured_rows(pool, study, table.missing):
+    for cells in measure_rows(pool, study, table.missing):
         table.append(cells)
         done = study.rows - len(table.missing)
         line.show(done, f'{done} of {study.rows} bags')

@@ -62,9 +62,9 @@ class Kymograph:
         """The last seconds, red, green and blue, shape (rows, columns, 3)."""
         if self._table is None:
             # matplotlib takes half a second and 25 MB, which only who looks has to spend.
-            from soliton_linkage_studies.palette import lean_table
+            from soliton_linkage_studies.palette import lean_colour_table
 
-            self._table = lean_table(self.chain, _LEVELS)
+            self._table = lean_colour_table(self.chain, _LEVELS)
         rotors = len(range(0, self.chain.number_of_rotors, self._every))
         rows = -(-_HEIGHT // rotors)
         if not self._stamps:

@@ -91,7 +91,7 @@ class AccuracyCell:
         return self.nothing or self.degrees or self.told_chain is not None
 
 
-def drawn_cells(seed: int, count: int) -> list[AccuracyCell]:
+def random_cells(seed: int, count: int) -> list[AccuracyCell]:
     """Cells drawn at random from the ranges, the classes by turns."""
     return [_drawn(number, np.random.default_rng([seed, number])) for number in range(count)]
 

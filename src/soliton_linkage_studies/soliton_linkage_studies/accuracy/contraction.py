@@ -21,10 +21,10 @@ from soliton_linkage.linkage.chain import Array, Chain
 from soliton_linkage.solitons.static_wall import static_wall
 from soliton_linkage.solitons.tanh_fit import find_solitons
 from soliton_linkage_studies.captions import class_and_shape
-from soliton_linkage_studies.experiments import MIDDLE, crossing_duration, kicked
+from soliton_linkage_studies.experiments import MIDDLE, crossing_duration, record_kick
 from soliton_linkage_studies.formulas import Formula
 from soliton_linkage_studies.palette import BLACK, MEASURED, PAPER
-from soliton_linkage_studies.plates import Comparison, Plate, write_table
+from soliton_linkage_studies.figure_report import Comparison, FigureReport, write_table
 from soliton_linkage_studies.settings import Section, chain_from
 
 _CAPTION = """
@@ -100,15 +100,15 @@ class ContractionStudy:
         """Write table and picture of the results of the tasks, under the name of their source."""
         figure = Figure(figsize=(6 * len(self.walls), 5), layout='constrained')
         caption = _CAPTION.format(source=_SOURCES[name], noise=self.noise)
-        plate = Plate(figure, caption)
-        panels = plate.figure.subplots(1, len(self.walls), squeeze=False)[0]
+        report = FigureReport(figure, caption)
+        panels = report.figure.subplots(1, len(self.walls), squeeze=False)[0]
         passages, at_rest = list(results[: -len(self.walls)]), results[-len(self.walls) :]
         lines: dict[str, list[Comparison]] = {}
         for axes, walls, rest in zip(panels, self.walls, at_rest, strict=True):
             own = [passages.pop(0) for _ in walls.kicks]
-            _draw(plate, axes, walls, own, rest)
+            _draw(report, axes, walls, own, rest)
             lines[walls.name] = _comparisons(walls, own, rest)
-        plate.save(folder, name)
+        report.save(folder, name)
         write_table(lines, folder / f'{name}.md', list(lines))
 
     def duration(self, walls: int, kick: int) -> float:
@@ -120,7 +120,7 @@ class ContractionStudy:
         """Kick a chain, both by number, and measure its wall from noisy angles."""
         chain, kicks = self.walls[walls].chain, self.walls[walls].kicks
         generator = np.random.default_rng([self.seed, walls, kick])
-        recording = kicked(chain, kicks[kick], self.duration(walls, kick), self.frames)
+        recording = record_kick(chain, kicks[kick], self.duration(walls, kick), self.frames)
         noise = self.noise * generator.standard_normal(recording.angles.shape)
         return measured_passage(chain, recording.times, recording.angles + noise)
 
@@ -187,7 +187,7 @@ def rest_width(chain: Chain) -> float:
 
 def read_contraction_study(section: Section, quick: bool) -> ContractionStudy:
     """Read the settings; raises ValueError for what cannot be studied."""
-    section.allow('chains', 'noise', 'frames', 'seed')
+    section.check_keys('chains', 'noise', 'frames', 'seed')
     frames = section.whole_number('frames', 50, 1_000_000)
     return ContractionStudy(
         walls=tuple(
@@ -201,15 +201,15 @@ def read_contraction_study(section: Section, quick: bool) -> ContractionStudy:
 
 
 def _walls(name: str, section: Section, quick: bool) -> Walls:
-    section.allow('chain', 'kicks', 'reference')
+    section.check_keys('chain', 'kicks', 'reference')
     kicks = section.numbers('kicks', 1e-6, 100.0)
     known = section.section('reference')
-    known.allow('kicks', 'speeds', 'widths')
+    known.check_keys('kicks', 'speeds', 'widths')
     known_kicks = known.numbers('kicks', 1e-6, 100.0)
     found = {key: known.numbers(key, 0.0, 100.0) for key in ('speeds', 'widths')}
     for key, values in found.items():
         if len(values) != len(known_kicks):
-            raise known.complaint(
+            raise known.error(
                 key, f'must be as many as its kicks, {len(known_kicks)}; give one a kick'
             )
     pairs = zip(found['speeds'], found['widths'], strict=True)
@@ -226,7 +226,7 @@ def _widths(chain: Chain, angles: Array) -> Array:
 
 
 def _draw(
-    plate: Plate, axes: Axes, walls: Walls, passages: Sequence[ContractedWall], rest: float
+    report: FigureReport, axes: Axes, walls: Walls, passages: Sequence[ContractedWall], rest: float
 ) -> None:
     speeds = np.array([passage.speed for passage in passages])
     widths = np.array([passage.width for passage in passages])
@@ -258,10 +258,10 @@ def _draw(
     axes.set(xlabel='v / c [1]', ylabel='w / w at rest [1]', xlim=(0, 1), ylim=(0, 1.05))
     axes.set(title=f'{class_and_shape(walls.chain)}, {walls.chain.number_of_rotors} rotors')
     axes.legend(loc='lower left')
-    plate.note(walls.name, 'measured', ('v / c [1]', 'w / w at rest [1]'), speeds, widths)
+    report.add_points(walls.name, 'measured', ('v / c [1]', 'w / w at rest [1]'), speeds, widths)
     deviations = [passage.width_deviation for passage in passages]
     names = ('v / c [1]', 'standard deviation of w / w at rest [1]')
-    plate.note(walls.name, 'measured', names, speeds, deviations)
+    report.add_points(walls.name, 'measured', names, speeds, deviations)
 
 
 def _comparisons(

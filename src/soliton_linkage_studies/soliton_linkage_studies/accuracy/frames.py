@@ -90,7 +90,7 @@ class FrameStudy:
 
 def read_frame_study(section: Section, quick: bool) -> FrameStudy:
     """Read the settings; raises ValueError for what cannot be studied."""
-    section.allow('chains', 'noises', 'frames', 'cold_every', 'coarse_start', 'seed')
+    section.check_keys('chains', 'noises', 'frames', 'cold_every', 'coarse_start', 'seed')
     frames = section.whole_number('frames', 2, 10_000_000)
     trial = EstimatorTrial(
         frames=min(frames, _QUICK_FRAMES) if quick else frames,
@@ -112,7 +112,7 @@ def _chain_of(section: Section) -> Chain:
     low, high = inner_places(chain)
     if low >= high:
         fewest = math.floor(2 * low) + 2
-        raise section.complaint(
+        raise section.error(
             'number_of_rotors',
             f'leaves no place two widths of a wall, {low:.3g} spacings, from both edges; take '
             f'{fewest} or more',

@@ -18,7 +18,7 @@ from soliton_linkage.linkage.chain import Array, Chain, Motion
 from soliton_linkage_studies.accuracy.estimators import ESTIMATORS, ORBIT_COLD
 from soliton_linkage_studies.accuracy.statistics import Line, Row
 from soliton_linkage_studies.captions import class_and_shape
-from soliton_linkage_studies.drawing import ABOVE
+from soliton_linkage_studies.drawing import LEGEND_ABOVE
 from soliton_linkage_studies.palette import (
     BLACK,
     BLUE,
@@ -30,7 +30,7 @@ from soliton_linkage_studies.palette import (
     PALE,
     WHITE,
 )
-from soliton_linkage_studies.plates import Plate
+from soliton_linkage_studies.figure_report import FigureReport
 from soliton_linkage_studies.sweep.table import markdown_table
 
 _ESTIMATORS = """
@@ -74,18 +74,18 @@ _ROUNDING = 1e-12
 _BEYOND = 'place beyond an even rotor [rotor spacings]'
 
 
-def draw_accuracy(lines: Sequence[Line]) -> Plate:
+def draw_accuracy(lines: Sequence[Line]) -> FigureReport:
     """Spread over its bound, bias and coverage, in a column of panels for each noise."""
     noises = sorted({line.noise for line in lines})
     chains = list(dict.fromkeys(line.chain for line in lines))
     width = 1.5 + 0.6 * (len(chains) + 1) * len(noises)
     caption = _FRAMES.format(significant=_SIGNIFICANT, unbiased=_UNBIASED)
-    plate = Plate(Figure(figsize=(max(width, 9), 9), layout='constrained'), caption)
-    panels = plate.figure.subplots(3, len(noises), sharex=True, sharey='row', squeeze=False)
+    report = FigureReport(Figure(figsize=(max(width, 9), 9), layout='constrained'), caption)
+    panels = report.figure.subplots(3, len(noises), sharex=True, sharey='row', squeeze=False)
     for column, noise in zip(panels.T, noises, strict=True):
         for line in lines:
             if line.noise == noise:
-                _draw_line(plate, column, line, chains.index(line.chain))
+                _draw_line(report, column, line, chains.index(line.chain))
         _dress(column, noise, [class_and_shape(chain) for chain in chains])
     panels[0, 0].set(ylabel='a  standard deviation / bound [1]', yscale='log')
     panels[1, 0].set(ylabel='b  |bias| [rotor spacings]', yscale='log')
@@ -95,22 +95,22 @@ def draw_accuracy(lines: Sequence[Line]) -> Plate:
     handles = [_handle(name, *_STYLES[name]) for name in _STYLES if name in drawn]
     handles.append(_handle(f'hollow: within {_SIGNIFICANT:g} standard errors of 0', GREY, 'o'))
     handles[-1].set_markerfacecolor(WHITE)
-    plate.figure.legend(handles=handles, loc=ABOVE, ncols=4)
+    report.figure.legend(handles=handles, loc=LEGEND_ABOVE, ncols=4)
     for axes, words in zip(
         panels[:, 0],
         ('bound of Cramér and Rao', f'unbiased below {_UNBIASED:g}', 'stated 95 %'),
         strict=True,
     ):
         axes.legend(handles=[_level(words)], loc='best', fontsize=8)
-    return plate
+    return report
 
 
-def draw_bias(biases: Sequence[tuple[Chain, tuple[Array, dict[str, Array]]]]) -> Plate:
+def draw_bias(biases: Sequence[tuple[Chain, tuple[Array, dict[str, Array]]]]) -> FigureReport:
     """Bias without noise against the place between rotors, a panel for each chain."""
     rows = (len(biases) + 2) // 3
     caption = _BIASES.format(unbiased=_UNBIASED, rounding=_ROUNDING)
-    plate = Plate(Figure(figsize=(13, 1 + 3.6 * rows), layout='constrained'), caption)
-    panels = plate.figure.subplots(
+    report = FigureReport(Figure(figsize=(13, 1 + 3.6 * rows), layout='constrained'), caption)
+    panels = report.figure.subplots(
         rows, min(len(biases), 3), sharex=True, sharey=True, squeeze=False
     )
     names: set[str] = set()
@@ -119,7 +119,7 @@ def draw_bias(biases: Sequence[tuple[Chain, tuple[Array, dict[str, Array]]]]) ->
             colour, _ = _STYLES[name]
             size = np.maximum(np.abs(bias), _ROUNDING)
             axes.plot(places, size, _dashes(name), color=colour, linewidth=2)
-            plate.note(
+            report.add_points(
                 class_and_shape(chain), name, (_BEYOND, 'bias [rotor spacings]'), places, bias
             )
             names.add(name)
@@ -135,11 +135,11 @@ def draw_bias(biases: Sequence[tuple[Chain, tuple[Array, dict[str, Array]]]]) ->
         if name in names
     ]
     handles.append(_level(f'unbiased below {_UNBIASED:g} rotor spacings'))
-    plate.figure.legend(handles=handles, loc=ABOVE, ncols=len(handles))
-    return plate
+    report.figure.legend(handles=handles, loc=LEGEND_ABOVE, ncols=len(handles))
+    return report
 
 
-def _draw_line(plate: Plate, column: Sequence[Axes], line: Line, place: int) -> None:
+def _draw_line(report: FigureReport, column: Sequence[Axes], line: Line, place: int) -> None:
     found, colour, marker = line.accuracy, *_STYLES[line.estimator]
     x = place + _OFFSET * (list(_STYLES).index(line.estimator) - (len(_STYLES) - 1) / 2)
     panel = f'noise {line.noise:g} rad'
@@ -152,7 +152,7 @@ def _draw_line(plate: Plate, column: Sequence[Axes], line: Line, place: int) -> 
     ):
         face = colour if filled else WHITE
         axes.plot(x, y, marker, color=colour, markerfacecolor=face, markersize=_SIZE)
-        plate.note(panel, series, ('number of the chain', name), place, y)
+        report.add_points(panel, series, ('number of the chain', name), place, y)
 
 
 def _dress(column: Sequence[Axes], noise: float, names: Sequence[str]) -> None:
@@ -220,20 +220,20 @@ _SHOWN = (
 )
 
 
-def draw_cells(rows: Sequence[Row], seed: int, frames: int) -> Plate:
+def draw_cells(rows: Sequence[Row], seed: int, frames: int) -> FigureReport:
     """Normalised errors and failures of all cells."""
     width = max(10.0, 3 + 0.16 * len(rows))
     figure = Figure(figsize=(width, 11), layout='constrained')
-    plate = Plate(figure, _CAPTION.format(seed=seed, frames=frames))
+    report = FigureReport(figure, _CAPTION.format(seed=seed, frames=frames))
     panels = figure.subplots(3, 1, sharex=True)
     for axes, name in zip(panels, ('place', 'rate'), strict=False):
         for number, row in enumerate(rows):
-            _draw_errors(plate, axes, name, number, row)
+            _draw_errors(report, axes, name, number, row)
         for limit in _LIMITS:
             axes.axhline(limit, color=GREY, linestyle='--', linewidth=0.8, zorder=0)
         axes.set(yscale='log')
     for number, row in enumerate(rows):
-        _draw_failures(plate, panels[2], number, row)
+        _draw_failures(report, panels[2], number, row)
     panels[0].set(ylabel='a  error of the place / stated, rms [1]')
     panels[1].set(ylabel='b  error of the rate / stated, rms [1]')
     panels[2].set(ylabel='c  failures in 10,000 frames [1]', yscale='log')
@@ -252,8 +252,8 @@ def draw_cells(rows: Sequence[Row], seed: int, frames: int) -> Plate:
         for marker, label in (('o', 'c: lost'), ('^', 'c: false'))
     ]
     handles.append(Line2D([], [], color=BLACK, marker='x', linestyle='', label='c: wrong leg'))
-    figure.legend(handles=handles, loc=ABOVE, ncols=6)
-    return plate
+    figure.legend(handles=handles, loc=LEGEND_ABOVE, ncols=6)
+    return report
 
 
 def write_cells(rows: Sequence[Row], path: Path) -> None:
@@ -271,7 +271,7 @@ def _shown(row: Row, title: str, name: str, form: str) -> str:
     return f'{float(text):{form}}' if form and text else text.replace('|', '∣')
 
 
-def _draw_errors(plate: Plate, axes: Axes, name: str, number: int, row: Row) -> None:
+def _draw_errors(report: FigureReport, axes: Axes, name: str, number: int, row: Row) -> None:
     text, error = row[f'{name}_rms'], row[f'{name}_rms_error']
     if not text:
         return
@@ -281,10 +281,10 @@ def _draw_errors(plate: Plate, axes: Axes, name: str, number: int, row: Row) -> 
     bar = min(float(error), 0.9 * shown) if error else 0.0
     marker = 'o' if rms <= _MOST else '^'
     axes.errorbar(number, shown, bar, fmt=marker, color=colour, markersize=4, linewidth=1)
-    plate.note(name, row['cell'], ('cell', 'error / stated, rms [1]'), number, rms)
+    report.add_points(name, row['cell'], ('cell', 'error / stated, rms [1]'), number, rms)
 
 
-def _draw_failures(plate: Plate, axes: Axes, number: int, row: Row) -> None:
+def _draw_failures(report: FigureReport, axes: Axes, number: int, row: Row) -> None:
     frames = float(row['frames'] or 'nan')
     colour = _COLOURS[Motion(row['class'])]
     for name, marker, shade, shift in (
@@ -296,4 +296,4 @@ def _draw_failures(plate: Plate, axes: Axes, number: int, row: Row) -> None:
         if share > 0:
             axes.plot(number + shift, share, marker, color=shade, markersize=4)
         if math.isfinite(share):
-            plate.note('failures', f'{row["cell"]}, {name}', ('cell', '1'), number, share)
+            report.add_points('failures', f'{row["cell"]}, {name}', ('cell', '1'), number, share)

@@ -25,9 +25,9 @@ from soliton_linkage_studies.accuracy.record import read_record_study
 from soliton_linkage_studies.accuracy.rigid_steps import read_rigid_steps
 from soliton_linkage_studies.accuracy.runs import CellStudy, read_cell_study
 from soliton_linkage_studies.accuracy.statistics import check_comparable, worse_cells
-from soliton_linkage_studies.program import chosen, run_study, side_by_side, study_parser
+from soliton_linkage_studies.program import select_names, run_study, run_parallel, study_parser
 from soliton_linkage_studies.settings import Section, load_settings
-from soliton_linkage_studies.sweep.table import filled_table, read_rows
+from soliton_linkage_studies.sweep.table import fill_table, read_rows
 
 
 class AccuracyPart(Protocol):
@@ -64,7 +64,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
 def _written(options: argparse.Namespace) -> str:
     settings = load_settings(options.config)
     alone = options.cells or options.frames or options.seed or options.against
-    names = [CELLS] if alone else chosen(list(settings.values), options.only)
+    names = [CELLS] if alone else select_names(list(settings.values), options.only)
     parts = read_parts(settings, options.quick, names)
     study = None
     if CELLS in names:
@@ -86,7 +86,7 @@ def read_parts(
     settings: Section, quick: bool, names: Sequence[str] | None = None
 ) -> list[AccuracyPart]:
     """Read the named parts of a file of settings [all]; raises ValueError for wrong settings."""
-    settings.allow(*PARTS, CELLS)
+    settings.check_keys(*PARTS, CELLS)
     if not settings.values:
         raise ValueError(f'{settings.file}: is empty; give one or more of {", ".join(PARTS)}')
     asked = settings.values if names is None else names
@@ -97,7 +97,7 @@ def _measure(parts: Sequence[AccuracyPart], folder: Path, workers: int) -> None:
     """Measure and write parts; a random order of tasks makes the estimated time left fair."""
     tasks = [task for part in parts for task in part.tasks()]
     order = np.random.default_rng(0).permutation(len(tasks)).tolist()
-    done = side_by_side('accuracy', {number: tasks[number] for number in order}, workers)
+    done = run_parallel('accuracy', {number: tasks[number] for number in order}, workers)
     results = iter([done[number] for number in range(len(tasks))])
     for part in parts:
         part.write([next(results) for _ in part.tasks()], folder)
@@ -109,7 +109,7 @@ def _fill_cells(study: CellStudy, folder: Path, workers: int, against: Path | No
     if against:
         check_comparable(study.all, study.seed, earlier)
     print(f'cells: seed {study.seed}, in {folder}')
-    _, rows = filled_table(study, folder, workers)
+    _, rows = fill_table(study, folder, workers)
     write_cells(rows, folder / 'table.md')
     draw_cells(rows, study.seed, study.frames).save(folder, 'normalised_errors')
     said = [f'{len(rows)} cells of seed {study.seed} are in {folder}']

@@ -24,7 +24,7 @@ from soliton_linkage.orbit.uniform_orbit import UniformOrbit
 from soliton_linkage_studies.accuracy.estimators import bound, orbit_of
 from soliton_linkage_studies.captions import class_and_shape
 from soliton_linkage_studies.palette import MEASURED, RED, THEORY
-from soliton_linkage_studies.plates import Plate, write_table
+from soliton_linkage_studies.figure_report import FigureReport, write_table
 from soliton_linkage_studies.settings import Section, chain_from
 
 _CAPTION = """
@@ -81,17 +81,17 @@ class RecordStudy:
         caption = _CAPTION.format(
             speed=self.speed, noise=self.noise, rate=self.frame_rate, runs=self.runs
         )
-        plate = Plate(figure, caption)
-        panels = plate.figure.subplots(
+        report = FigureReport(figure, caption)
+        panels = report.figure.subplots(
             2, len(self.chains), sharex=True, sharey='row', squeeze=False
         )
         for number, chain in enumerate(self.chains):
             runs = np.array(results[number * self.runs : (number + 1) * self.runs])
-            self._draw(plate, list(panels[:, number]), chain, runs)
-            self._compare(plate, chain, runs)
+            self._draw(report, list(panels[:, number]), chain, runs)
+            self._compare(report, chain, runs)
         panels[0, 0].legend(loc='lower left')
-        plate.save(folder, 'record')
-        write_table({'record': plate.comparisons}, folder / 'record.md', ['record'])
+        report.save(folder, 'record')
+        write_table({'record': report.comparisons}, folder / 'record.md', ['record'])
 
     def run(self, chain: int, run: int) -> Array:
         """Errors of place and velocity and their stated deviations, shape (4, frames shown).
@@ -142,7 +142,7 @@ class RecordStudy:
         of_velocity = single * np.sqrt(12 / (n * (n**2 - 1))) * self.frame_rate
         return of_place, of_velocity / self.speed
 
-    def _draw(self, plate: Plate, column: Sequence[Axes], chain: Chain, runs: Array) -> None:
+    def _draw(self, report: FigureReport, column: Sequence[Axes], chain: Chain, runs: Array) -> None:
         times = self.shown / self.frame_rate
         for number, (axes, least) in enumerate(zip(column, self.bounds(chain), strict=True)):
             curves = (
@@ -153,7 +153,7 @@ class RecordStudy:
             for name, curve, colour, style, width in curves:
                 axes.plot(times, curve, style, color=colour, linewidth=width, label=name)
                 names = ('time [s]', _QUANTITIES[number])
-                plate.note(class_and_shape(chain), name, names, times, curve)
+                report.add_points(class_and_shape(chain), name, names, times, curve)
             axes.set(xscale='log', yscale='log')
         column[0].set(title=class_and_shape(chain))
         column[1].set(xlabel='time since the first frame [s]')
@@ -161,11 +161,11 @@ class RecordStudy:
             column[0].set(ylabel='a  error of the place [rotor spacings]')
             column[1].set(ylabel='b  relative error of the velocity [1]')
 
-    def _compare(self, plate: Plate, chain: Chain, runs: Array) -> None:
+    def _compare(self, report: FigureReport, chain: Chain, runs: Array) -> None:
         for number, least in enumerate(self.bounds(chain)):
             for shown in (len(self.shown) // 2, len(self.shown) - 1):
                 stated = _root_mean_square(runs[:, number + 2, shown])
-                plate.compare(
+                report.add_comparison(
                     f'{_QUANTITIES[number]}, rms error after {self.shown[shown]} frames, stated '
                     f'as {stated:.3g}, {class_and_shape(chain)}',
                     '',
@@ -177,7 +177,7 @@ class RecordStudy:
 
 def read_record_study(section: Section, quick: bool) -> RecordStudy:
     """Read the settings; raises ValueError for what cannot be studied."""
-    section.allow('chains', 'noise', 'speed', 'frame_rate', 'frames', 'runs', 'seed')
+    section.check_keys('chains', 'noise', 'speed', 'frame_rate', 'frames', 'runs', 'seed')
     runs = section.whole_number('runs', 2, 100_000)
     return RecordStudy(
         chains=tuple(chain_from(each) for each in section.section('chains').sections().values()),

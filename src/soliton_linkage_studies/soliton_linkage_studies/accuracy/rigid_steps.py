@@ -19,7 +19,7 @@ from soliton_linkage.linkage.chain import Array, Chain
 from soliton_linkage.linkage.gravity import Gravity
 from soliton_linkage_studies.captions import class_and_shape
 from soliton_linkage_studies.palette import GREY, MARKERS, chain_colours
-from soliton_linkage_studies.plates import Plate, write_table
+from soliton_linkage_studies.figure_report import FigureReport, write_table
 from soliton_linkage_studies.settings import Section, chain_from
 
 _CAPTION = """
@@ -56,8 +56,8 @@ class RigidSteps:
     def write(self, results: Sequence[Any], folder: Path) -> None:
         """Write table and picture of the results of the tasks."""
         caption = _CAPTION.format(steps=self.steps, rounding=_ROUNDING)
-        plate = Plate(Figure(figsize=(11, 4.8), layout='constrained'), caption)
-        panels = plate.figure.subplots(1, 2, sharex=True)
+        report = FigureReport(Figure(figsize=(11, 4.8), layout='constrained'), caption)
+        panels = report.figure.subplots(1, 2, sharex=True)
         looks = zip(self.chains, results, chain_colours(self.chains), MARKERS, strict=False)
         for chain, (taken, *errors), colour, marker in looks:
             name = class_and_shape(chain)
@@ -65,8 +65,8 @@ class RigidSteps:
                 shown = np.maximum(values, 0.01 * _ROUNDING)
                 axes.loglog(taken, shown, f'{marker}-', color=colour, markersize=4, label=name)
                 axes_names = ('steps [1]', f'relative error of the {what} [1]')
-                plate.note(what, name, axes_names, taken, values)
-                plate.compare(
+                report.add_points(what, name, axes_names, taken, values)
+                report.add_comparison(
                     f'largest relative error of the {what} in {self.steps:,} steps, {name}',
                     '',
                     f'rounding, {_ROUNDING:.1e}',
@@ -77,8 +77,8 @@ class RigidSteps:
             axes.set(xlabel='steps [1]', ylabel='relative error [1]')
             axes.set_title(what, loc='left')
         panels[0].legend()
-        plate.save(folder, 'rigid_steps')
-        write_table({'rigid_steps': plate.comparisons}, folder / 'rigid_steps.md', ['rigid_steps'])
+        report.save(folder, 'rigid_steps')
+        write_table({'rigid_steps': report.comparisons}, folder / 'rigid_steps.md', ['rigid_steps'])
 
     def errors(self, chain: Chain) -> tuple[Array, Array, Array]:
         """Numbers of steps, and largest errors of lengths and energy since the one before."""
@@ -104,7 +104,7 @@ class RigidSteps:
 
 def read_rigid_steps(section: Section, quick: bool) -> RigidSteps:
     """Read the settings; raises ValueError for what cannot be studied."""
-    section.allow('chains', 'steps', 'speed', 'acceleration', 'tilt')
+    section.check_keys('chains', 'steps', 'speed', 'acceleration', 'tilt')
     steps = section.whole_number('steps', 100, 100_000_000)
     acceleration = section.number('acceleration', 0.0, 1e3)
     chains = tuple(chain_from(each) for each in section.section('chains').sections().values())

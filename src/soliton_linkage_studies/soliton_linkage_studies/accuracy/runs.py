@@ -21,14 +21,14 @@ from soliton_linkage.linkage.chain import Array, Motion
 from soliton_linkage_studies.accuracy.cells import (
     GIVEN,
     AccuracyCell,
-    drawn_cells,
+    random_cells,
     given_of,
     hard_cells,
 )
 from soliton_linkage_studies.accuracy.scenes import WallScene, scene_of
 from soliton_linkage_studies.accuracy.statistics import COLUMNS, Scores, line_of, number_text
 from soliton_linkage_studies.accuracy.walls import wall_path
-from soliton_linkage_studies.program import chosen
+from soliton_linkage_studies.program import select_names
 from soliton_linkage_studies.settings import Section
 from soliton_linkage_studies.sweep.table import fingerprint
 
@@ -235,8 +235,8 @@ class CellStudy:
     @cached_property
     def all(self) -> list[AccuracyCell]:
         """The cells in the order of the rows."""
-        known = [*drawn_cells(self.seed, self.count), *hard_cells()]
-        names = chosen([cell.name for cell in known], self.only, '--cells')
+        known = [*random_cells(self.seed, self.count), *hard_cells()]
+        names = select_names([cell.name for cell in known], self.only, '--cells')
         return [cell for cell in known if cell.name in names]
 
     @property
@@ -278,7 +278,7 @@ def read_cell_study(
     section: Section, quick: bool, seed: int, frames: int | None, only: Sequence[str]
 ) -> CellStudy:
     """Read the settings; raises ValueError for what cannot be studied."""
-    section.allow('count', 'frames')
+    section.check_keys('count', 'frames')
     count = section.whole_number('count', 0, 10_000)
     wanted = frames or section.whole_number('frames', 1, 10_000_000)
     if not quick:

@@ -21,7 +21,7 @@ from soliton_linkage_studies.camera.renderer import FilmSettings
 from soliton_linkage_studies.camera.runs import FIGURES, FilmedTask
 from soliton_linkage_studies.program import run_study, study_parser
 from soliton_linkage_studies.settings import Section, chain_from, load_settings
-from soliton_linkage_studies.sweep.table import RESUMES, filled_table, fingerprint, markdown_table
+from soliton_linkage_studies.sweep.table import RESUMES, fill_table, fingerprint, markdown_table
 
 _QUICK_FRAMES = 120
 """Pictures of a quick film, two seconds."""
@@ -81,7 +81,7 @@ class FilmStudy:
 
 def read_film_study(settings: Section, quick: bool) -> FilmStudy:
     """Read the settings; raises ValueError for what cannot be filmed."""
-    settings.allow('frames', 'clip', 'kicks', 'films', 'chains')
+    settings.check_keys('frames', 'clip', 'kicks', 'films', 'chains')
     frames = settings.whole_number('frames', 20, 1_000_000)
     clip = min(settings.whole_number('clip', 20, 100_000), frames)
     clips = 1 if quick else -(-frames // clip)
@@ -89,7 +89,7 @@ def read_film_study(settings: Section, quick: bool) -> FilmStudy:
     kicks = settings.section('kicks')
     films = {}
     for title, film in settings.section('films').sections().items():
-        film.allow('noise', 'quality', 'h264')
+        film.check_keys('noise', 'quality', 'h264')
         light = FilmSettings(
             noise=film.number('noise', 0.0, 50.0), quality=film.whole_number('quality', 0, 100)
         )
@@ -135,7 +135,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 def _made(options: argparse.Namespace) -> str:
     study = read_film_study(load_settings(options.config), options.quick)
-    _, rows = filled_table(study, options.output, options.workers)
+    _, rows = fill_table(study, options.output, options.workers)
     text = table_of(rows)
     (options.output / 'table.md').write_text(text, encoding='utf-8')
     return f'{text}\nthe table is in {options.output}'

@@ -27,7 +27,7 @@ from soliton_linkage_studies.camera.renderer import (
     Renderer,
     posed_plane,
 )
-from soliton_linkage_studies.experiments import kicked
+from soliton_linkage_studies.experiments import record_kick
 
 CAMERA = Camera(
     1280,

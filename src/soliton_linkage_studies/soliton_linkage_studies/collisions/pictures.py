@@ -26,7 +26,7 @@ from soliton_linkage_studies.collisions.study import (
     escaped_after,
     series_of,
 )
-from soliton_linkage_studies.drawing import ABOVE
+from soliton_linkage_studies.drawing import LEGEND_ABOVE
 from soliton_linkage_studies.palette import (
     BLACK,
     BLUE,
@@ -38,7 +38,7 @@ from soliton_linkage_studies.palette import (
     RED,
     SKY,
 )
-from soliton_linkage_studies.plates import Plate
+from soliton_linkage_studies.figure_report import FigureReport
 
 _SPEEDS = """
 A kink and an anti-kink meet on a ring of springs, each at the speed v; v′ is half of the speed at
@@ -68,29 +68,29 @@ _COLUMNS = 4
 _SPEED, _SPEED_AFTER = 'v / c [1]', "v' / c [1]"
 
 
-def draw_speeds(rows: Sequence[Row]) -> Plate:
+def draw_speeds(rows: Sequence[Row]) -> FigureReport:
     """Speed afterwards against speed before, a panel for each ring of the sweeps."""
     series = series_of(rows, 'sweeps')
     columns = min(_COLUMNS, len(series))
     lines = -(-len(series) // columns)
     figure = Figure(figsize=(4.1 * columns, 3.9 * lines + 0.5), layout='constrained')
-    plate = Plate(figure, _SPEEDS)
+    report = FigureReport(figure, _SPEEDS)
     panels = figure.subplots(lines, columns, squeeze=False).ravel()
     for axes, (name, each) in zip(panels, series.items(), strict=False):
-        _draw_speeds(plate, axes, name, each)
+        _draw_speeds(report, axes, name, each)
         axes.set(title=name, xlabel='v / c [1]', xlim=(0, None), ylim=(0, None))
     for axes in panels[len(series) :]:
         axes.set_axis_off()
     for axes in panels[::columns]:
         axes.set_ylabel('v′ / c [1]')
-    figure.legend(handles=_handles(True), loc=ABOVE, ncols=8, frameon=False)
-    return plate
+    figure.legend(handles=_handles(True), loc=LEGEND_ABOVE, ncols=8, frameon=False)
+    return report
 
 
-def draw_windows(rows: Sequence[Row]) -> Plate:
+def draw_windows(rows: Sequence[Row]) -> FigureReport:
     """Bounce windows, what changes them, and the critical speed against d."""
     figure = Figure(figsize=(13, 7), layout='constrained')
-    plate = Plate(figure, _WINDOWS.format(phi4=PHI4_SPEED))
+    report = FigureReport(figure, _WINDOWS.format(phi4=PHI4_SPEED))
     grid = figure.add_gridspec(2, 2, width_ratios=(1.7, 1), height_ratios=(2, 1))
     above = figure.add_subplot(grid[0, 0])
     below = figure.add_subplot(grid[1, 0], sharex=above)
@@ -100,19 +100,19 @@ def draw_windows(rows: Sequence[Row]) -> Plate:
         for name, each in series_of(rows, 'variations').items()
     }
     whole = next(iter(series.values()))
-    _draw_speeds(plate, above, 'a', whole)
+    _draw_speeds(report, above, 'a', whole)
     above.set(ylabel='v′ / c [1]', ylim=(0, None))
     above.margins(x=0.01)
     above.tick_params(labelbottom=False)
-    _draw_strips(plate, below, series)
-    _draw_critical(plate, aside, series_of(rows, 'critical_speeds'))
+    _draw_strips(report, below, series)
+    _draw_critical(report, aside, series_of(rows, 'critical_speeds'))
     for panel, letter in zip((above, below, aside), 'abc', strict=True):
         panel.set_title(letter, loc='left', fontweight='bold')
-    figure.legend(handles=_handles(False), loc=ABOVE, ncols=8, frameon=False)
-    return plate
+    figure.legend(handles=_handles(False), loc=LEGEND_ABOVE, ncols=8, frameon=False)
+    return report
 
 
-def _draw_speeds(plate: Plate, axes: Axes, name: str, rows: Sequence[Row]) -> None:
+def _draw_speeds(report: FigureReport, axes: Axes, name: str, rows: Sequence[Row]) -> None:
     speeds = np.array([row.speed for row in rows])
     bottom = axes.get_xaxis_transform()
     ends = [speeds.min(), speeds.max()]
@@ -125,33 +125,33 @@ def _draw_speeds(plate: Plate, axes: Axes, name: str, rows: Sequence[Row]) -> No
         if outcome is None or outcome < 0:
             colour = GREY if outcome is None else RED
             axes.vlines(before, 0.0, 0.04, color=colour, linewidth=0.6, transform=bottom)
-            plate.note(name, label, (_SPEED, _SPEED_AFTER), before, np.zeros_like(before))
+            report.add_points(name, label, (_SPEED, _SPEED_AFTER), before, np.zeros_like(before))
         else:
             after = np.array([row.run.speed_after for row in chosen if row.run])
             colour = _OUTCOME_COLOURS[outcome]
             axes.plot(before, after, '.', color=colour, markersize=3.5, zorder=2 + outcome)
-            plate.note(name, label, (_SPEED, _SPEED_AFTER), before, after)
+            report.add_points(name, label, (_SPEED, _SPEED_AFTER), before, after)
 
 
-def _draw_strips(plate: Plate, axes: Axes, series: dict[str, list[Row]]) -> None:
+def _draw_strips(report: FigureReport, axes: Axes, series: dict[str, list[Row]]) -> None:
     for number, (name, rows) in enumerate(series.items()):
         width = (rows[-1].speed - rows[0].speed) / max(len(rows) - 1, 1)
         for outcome, label in enumerate(_NAMES):
             speeds = [row.speed for row in rows if row.run and _outcome(row) == outcome]
             bars = [(speed - width / 2, width) for speed in speeds]
             axes.broken_barh(bars, (number - 0.4, 0.8), color=_OUTCOME_COLOURS[outcome])
-            plate.note('b', f'{name}: {label}', (_SPEED, 'row'), speeds, [number] * len(speeds))
+            report.add_points('b', f'{name}: {label}', (_SPEED, 'row'), speeds, [number] * len(speeds))
     axes.set_yticks(range(len(series)), list(series))
     axes.set(xlabel='v / c [1]', ylim=(len(series) - 0.5, -0.5))
 
 
-def _draw_critical(plate: Plate, axes: Axes, series: dict[str, list[Row]]) -> None:
+def _draw_critical(report: FigureReport, axes: Axes, series: dict[str, list[Row]]) -> None:
     for (name, rows), colour in zip(series.items(), (BLUE, GREEN, SKY), strict=False):
         found = [row for row in rows if row.run]
         leans = [float(row.name) for row in found]
         speeds = [row.speed for row in found]
         axes.plot(leans, speeds, 'o-', color=colour, markersize=4, label=name)
-        plate.note('c', name, ('d [1]', CRITICAL_SPEED), leans, speeds)
+        report.add_points('c', name, ('d [1]', CRITICAL_SPEED), leans, speeds)
     axes.axhline(PHI4_SPEED, color=BLACK, linestyle='--', linewidth=0.9, label='phi⁴ theory')
     axes.set(xlabel='d = 2 r sin θ̄ / a [1]', ylabel=CRITICAL_SPEED)
     axes.set(xlim=(0, None), ylim=(0, None))
@@ -200,25 +200,25 @@ _TURNS = {-2: '−1', -1: '−½', 0: '0', 1: '+½', 2: '+1'}
 """Turns as they are written, by their halves."""
 
 
-def draw_pictures(collisions: Mapping[str, Collision]) -> Plate:
+def draw_pictures(collisions: Mapping[str, Collision]) -> FigureReport:
     """Order field of each collision against place and time."""
     columns = min(_SPACETIME_COLUMNS, len(collisions))
     lines = -(-len(collisions) // columns)
     figure = Figure(figsize=(4.6 * columns, 4.4 * lines), layout='constrained')
-    plate = Plate(figure, _CAPTION)
+    report = FigureReport(figure, _CAPTION)
     panels = figure.subplots(lines, columns, squeeze=False).ravel()
     for axes, (name, collision) in zip(panels, collisions.items(), strict=False):
-        _draw(plate, axes, name, collision)
+        _draw(report, axes, name, collision)
     for axes in panels[len(collisions) :]:
         axes.set_axis_off()
     for axes in panels[::columns]:
         axes.set_ylabel('t c / 2 ℓ [1]')
     bar = figure.colorbar(panels[0].images[0], ax=panels, shrink=0.6, extend='both', pad=0.01)
     bar.set_label('order field m [1]')
-    return plate
+    return report
 
 
-def _draw(plate: Plate, axes: Axes, name: str, collision: Collision) -> None:
+def _draw(report: FigureReport, axes: Axes, name: str, collision: Collision) -> None:
     times, angles = _recorded(collision)
     rotors = np.arange(angles.shape[1])
     places = rotors - (len(rotors) - 1) / 2
@@ -243,7 +243,7 @@ def _draw(plate: Plate, axes: Axes, name: str, collision: Collision) -> None:
         _label_turns(axes, collision, times, angles)
     middle = int(np.argmin(np.abs(places)))
     names = ('t c / 2 l [1]', 'order field in the middle [1]')
-    plate.note(name, 'middle', names, times, fields[:, middle])
+    report.add_points(name, 'middle', names, times, fields[:, middle])
 
 
 def _recorded(collision: Collision) -> tuple[Array, Array]:

@@ -19,7 +19,7 @@ from soliton_linkage_studies.collisions.study import (
 )
 from soliton_linkage_studies.program import run_study, study_parser
 from soliton_linkage_studies.settings import load_settings
-from soliton_linkage_studies.sweep.table import RESUMES, filled_table
+from soliton_linkage_studies.sweep.table import RESUMES, fill_table
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -31,7 +31,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
 def _collided(options: argparse.Namespace) -> str:
     study = read_collision_study(load_settings(options.config), options.quick)
     folder = options.output / ('quick' if options.quick else 'runs')
-    _, cells = filled_table(study, folder, options.workers)
+    _, cells = fill_table(study, folder, options.workers)
     rows = [read_row(each) for each in cells]
     draw_speeds(rows).save(options.output, 'collisions')
     draw_windows(rows).save(options.output, 'collision_windows')

@@ -161,12 +161,12 @@ def read_row(cells: Mapping[str, str]) -> Row:
 
 def read_collision_study(settings: Section, quick: bool) -> CollisionStudy:
     """Study of a file of settings; raises ValueError for what cannot be."""
-    settings.allow('collision', 'sweeps', 'variations', 'critical_speeds', 'pictures')
+    settings.check_keys('collision', 'sweeps', 'variations', 'critical_speeds', 'pictures')
     common = settings.section('collision')
-    common.allow(*_SETTINGS)
+    common.check_keys(*_SETTINGS)
     entries: list[Entry] = []
     for name, section in _named(settings, 'sweeps').items():
-        section.allow('rotor_length_ratio', 'rest_angle', 'turning', 'speeds')
+        section.check_keys('rotor_length_ratio', 'rest_angle', 'turning', 'speeds')
         collision = _collision(section, common)
         entries += [
             Entry('sweeps', name, replace(collision, speed=speed))
@@ -185,17 +185,17 @@ def _named(settings: Section, key: str) -> dict[str, Section]:
     """Sections below a key, of which there must be one."""
     found = settings.section(key).sections()
     if not found:
-        raise settings.complaint(key, 'is empty; give one section or more, each with its name')
+        raise settings.error(key, 'is empty; give one section or more, each with its name')
     return found
 
 
 def _variations(section: Section, common: Section, quick: bool) -> list[Entry]:
     """Sweeps of one ring with one setting changed, and edges found in each of them."""
-    section.allow('rotor_length_ratio', 'rest_angle', 'speeds', 'changes', 'edges')
+    section.check_keys('rotor_length_ratio', 'rest_angle', 'speeds', 'changes', 'edges')
     speeds = _speeds(section, quick).tolist()
     entries = []
     for name, change in _named(section, 'changes').items():
-        change.allow(*_SETTINGS, 'integrator')
+        change.check_keys(*_SETTINGS, 'integrator')
         collision = _collision(section, common, change)
         entries += [Entry('variations', name, replace(collision, speed=speed)) for speed in speeds]
         edges = {} if quick else section.section('edges').sections()
@@ -207,10 +207,10 @@ def _variations(section: Section, common: Section, quick: bool) -> list[Entry]:
 
 def _critical_speeds(section: Section, common: Section, quick: bool) -> list[Entry]:
     """Speeds above which the walls part after one collision, of rings by their lean ratio d."""
-    section.allow('rings', 'inside', 'outside')
+    section.check_keys('rings', 'inside', 'outside')
     entries = []
     for name, rings in _named(section, 'rings').items():
-        rings.allow('rotor_length_ratio', 'lean_ratios')
+        rings.check_keys('rotor_length_ratio', 'lean_ratios')
         ratio = rings.number('rotor_length_ratio', 1e-3, 1e3)
         wanted = rings.numbers('lean_ratios', 1e-3, min(2 * ratio, 1.0))
         for lean_ratio in wanted[-1:] if quick else wanted:
@@ -228,7 +228,7 @@ def _edge(section: Section, collision: Collision, collisions: int, halvings: int
 
 
 def _picture(section: Section, common: Section) -> Collision:
-    section.allow('rotor_length_ratio', 'rest_angle', 'turning', 'speed')
+    section.check_keys('rotor_length_ratio', 'rest_angle', 'turning', 'speed')
     return replace(_collision(section, common), speed=section.number('speed', 1e-3, _FASTEST))
 
 
@@ -265,7 +265,7 @@ def _task(
 def _speeds(section: Section, quick: bool) -> Array:
     """Speeds over that of sound, from a range with both ends."""
     given = section.section('speeds')
-    given.allow('from', 'to', 'points')
+    given.check_keys('from', 'to', 'points')
     first, last = (given.number(end, 1e-3, _FASTEST) for end in ('from', 'to'))
     speeds = np.linspace(first, last, given.whole_number('points', 2, 100_000)).round(7)
     return speeds[:: _QUICK_EVERY if quick else 1]

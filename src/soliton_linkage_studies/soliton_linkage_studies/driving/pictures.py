@@ -23,7 +23,7 @@ from soliton_linkage_studies.palette import (
     PALE,
     chain_colours,
 )
-from soliton_linkage_studies.plates import Plate
+from soliton_linkage_studies.figure_report import FigureReport
 
 IMBALANCE_LIMIT = 1e-9
 """Of the energy balance, over the largest energy: what the tolerance of a run leaves [1]."""
@@ -66,12 +66,12 @@ _ROOM = 0.25
 """Above the curves of moves for their legend, over the height of what they show."""
 
 
-def blank_page() -> tuple[Plate, dict[str, Axes]]:
+def blank_page() -> tuple[FigureReport, dict[str, Axes]]:
     """Return a page, and its axes by the name of the panel."""
     caption = _CAPTION.format(least=_LEAST)
-    plate = Plate(Figure(figsize=_A4, layout='constrained'), caption)
-    panels = plate.figure.subplot_mosaic(_LAYOUT)
-    return plate, panels
+    report = FigureReport(Figure(figsize=_A4, layout='constrained'), caption)
+    panels = report.figure.subplot_mosaic(_LAYOUT)
+    return report, panels
 
 
 def entitle(panels: Mapping[str, Axes]) -> None:
@@ -85,13 +85,13 @@ def entitle(panels: Mapping[str, Axes]) -> None:
             text.set_fontsize('small')
 
 
-def draw_balance(plate: Plate, axes: Axes, runs: Mapping[str, BalancedRun]) -> Axes:
+def draw_balance(report: FigureReport, axes: Axes, runs: Mapping[str, BalancedRun]) -> Axes:
     """Imbalance over time for each mechanics, and when there was what; 0 is drawn as 1e-17."""
     for mechanics, run in runs.items():
         colour = MECHANICS_COLOURS[mechanics]
         shown = np.maximum(run.imbalances, _LEAST)
         axes.semilogy(run.times, shown, '.', color=colour, markersize=3, label=mechanics)
-        plate.note('b', mechanics, (_TIME, 'imbalance [1]'), run.times, run.imbalances)
+        report.add_points('b', mechanics, (_TIME, 'imbalance [1]'), run.times, run.imbalances)
     run = next(iter(runs.values()))
     for marker, instants, label in (('v', run.kicks, 'kick'), ('s', run.turns, 'gravity turns')):
         places = np.full(len(instants), 4 * IMBALANCE_LIMIT)
@@ -112,25 +112,25 @@ def draw_balance(plate: Plate, axes: Axes, runs: Mapping[str, BalancedRun]) -> A
 
 
 def draw_stiffness(
-    plate: Plate, axes: Axes, stiffnesses: Sequence[float], apart: Sequence[float], order: float
+    report: FigureReport, axes: Axes, stiffnesses: Sequence[float], apart: Sequence[float], order: float
 ) -> Axes:
     """Largest distance of angles from those of bars against stiffness, and a line of order 1."""
     draw_convergence(axes, stiffnesses, apart, f'springs, order {order:.3f}')
     axes.set(xlabel='stiffness $k_e$ [N/m]')
     names = ('stiffness [N/m]', 'largest distance of an angle [rad]')
-    plate.note('c', 'springs from bars', names, stiffnesses, apart)
+    report.add_points('c', 'springs from bars', names, stiffnesses, apart)
     return axes
 
 
-def draw_tilt(plate: Plate, above: Axes, axes: Axes, runs: Mapping[str, TiltedRun]) -> Axes:
+def draw_tilt(report: FigureReport, above: Axes, axes: Axes, runs: Mapping[str, TiltedRun]) -> Axes:
     """Tilt over time, and beneath it the place of the wall for each mechanics."""
     for mechanics, run in runs.items():
         colour = MECHANICS_COLOURS[mechanics]
         axes.plot(run.times, run.places, color=colour, linewidth=1.2, label=mechanics)
-        plate.note('d', mechanics, (_TIME, 'place [rotor spacings]'), run.times, run.places)
+        report.add_points('d', mechanics, (_TIME, 'place [rotor spacings]'), run.times, run.places)
     run = next(iter(runs.values()))
     above.step(run.times, run.tilts, where='post', color=BLACK)
-    plate.note('d', 'tilt', (_TIME, 'tilt [rad]'), run.times, run.tilts)
+    report.add_points('d', 'tilt', (_TIME, 'tilt [rad]'), run.times, run.tilts)
     above.sharex(axes)
     above.tick_params(labelbottom=False)
     above.set(ylabel='tilt [rad]')
@@ -140,7 +140,7 @@ def draw_tilt(plate: Plate, above: Axes, axes: Axes, runs: Mapping[str, TiltedRu
 
 
 def draw_moves(
-    plate: Plate, axes: Axes, chains: Mapping[str, Chain], runs: Mapping[MoveKey, MoveRun]
+    report: FigureReport, axes: Axes, chains: Mapping[str, Chain], runs: Mapping[MoveKey, MoveRun]
 ) -> Axes:
     """Place of each wall over time, wide and pale, and its reference as a line in it."""
     colours = dict(zip(chains, chain_colours(list(chains.values())), strict=True))
@@ -151,7 +151,7 @@ def draw_moves(
         axes.plot(run.times, run.aims, styles.get(title, '-'), color=colour, linewidth=1.2)
         for series, values in (('place', run.places), ('reference trajectory', run.aims)):
             names = (_TIME, 'place [rotor spacings]')
-            plate.note('e', f'{name}, {title}: {series}', names, run.times, values)
+            report.add_points('e', f'{name}, {title}: {series}', names, run.times, values)
     handles = [
         *(Line2D([], [], color=colour, linewidth=4, alpha=0.35) for colour in colours.values()),
         *(axes.plot([], [], style, color=BLACK)[0] for style in styles.values()),
@@ -163,7 +163,7 @@ def draw_moves(
     return axes
 
 
-def draw_work(plate: Plate, axes: Axes, runs: Mapping[str, DrivenChain]) -> Axes:
+def draw_work(report: FigureReport, axes: Axes, runs: Mapping[str, DrivenChain]) -> Axes:
     """Energy that a chain gains, and the work that is booked, for each actuator."""
     for colour, (actuator, run) in zip(COLOURS, runs.items(), strict=False):
         for series, values, style, width in (
@@ -181,7 +181,7 @@ def draw_work(plate: Plate, axes: Axes, runs: Mapping[str, DrivenChain]) -> Axes
                 alpha=shade,
                 label=label,
             )
-            plate.note('f', label, (_TIME, 'energy [J]'), run.times, values)
+            report.add_points('f', label, (_TIME, 'energy [J]'), run.times, values)
     axes.set(xlabel=_TIME, ylabel='energy [mJ]')
     axes.legend()
     return axes

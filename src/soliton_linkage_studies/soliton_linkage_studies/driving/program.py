@@ -29,8 +29,8 @@ from soliton_linkage_studies.driving.runs import DrivingStudy, Results, read_dri
 from soliton_linkage_studies.figures.actuator import draw_response, stepped_response
 from soliton_linkage_studies.figures.rigid_limit import convergence_order
 from soliton_linkage_studies.moves import table_lines
-from soliton_linkage_studies.plates import Plate
-from soliton_linkage_studies.program import run_study, side_by_side, study_parser
+from soliton_linkage_studies.figure_report import FigureReport
+from soliton_linkage_studies.program import run_study, run_parallel, study_parser
 from soliton_linkage_studies.settings import load_settings
 
 
@@ -50,20 +50,20 @@ class Finding:
         return self.lowest <= self.measured <= self.highest
 
 
-def page(study: DrivingStudy, results: Results) -> tuple[Plate, list[Finding]]:
+def page(study: DrivingStudy, results: Results) -> tuple[FigureReport, list[Finding]]:
     """Draw the page of results, and say which numbers of it are to lie where."""
-    plate, panels = blank_page()
+    report, panels = blank_page()
     response = stepped_response(PneumaticActuator(), study.step)
-    draw_response(plate, panels['a'], response)
-    draw_balance(plate, panels['b'], results.balances)
+    draw_response(report, panels['a'], response)
+    draw_balance(report, panels['b'], results.balances)
     stiffnesses = [task.chain.stiffness for task in study.stiffnesses]
     order = convergence_order(stiffnesses, results.apart)
-    draw_stiffness(plate, panels['c'], stiffnesses, results.apart, order)
-    draw_tilt(plate, panels['t'], panels['d'], results.tilts)
+    draw_stiffness(report, panels['c'], stiffnesses, results.apart, order)
+    draw_tilt(report, panels['t'], panels['d'], results.tilts)
     chains = {name: tasks[0].chain for (name, _), tasks in study.moves.items()}
     moves = {key: runs[0] for key, runs in results.moves.items()}
-    draw_moves(plate, panels['e'], chains, moves)
-    draw_work(plate, panels['f'], results.works)
+    draw_moves(report, panels['e'], chains, moves)
+    draw_work(report, panels['f'], results.works)
     entitle(panels)
     highest = float(study.step.values.max())
     findings = [
@@ -80,7 +80,7 @@ def page(study: DrivingStudy, results: Results) -> tuple[Plate, list[Finding]]:
         *_move_findings(results),
         *_work_findings(results),
     ]
-    return plate, findings
+    return report, findings
 
 
 def finding_lines(findings: Sequence[Finding]) -> list[str]:
@@ -146,9 +146,9 @@ def main(arguments: Sequence[str] | None = None) -> int:
 def _driven(options: argparse.Namespace) -> str:
     study = read_driving_study(load_settings(options.config), options.quick)
     options.output.mkdir(parents=True, exist_ok=True)
-    results = Results.of(side_by_side('driving', study.tasks, options.workers))
-    plate, findings = page(study, results)
-    plate.save(options.output, 'driving')
+    results = Results.of(run_parallel('driving', study.tasks, options.workers))
+    report, findings = page(study, results)
+    report.save(options.output, 'driving')
     table = '\n'.join([*finding_lines(findings), '', *table_lines(results.moves)]) + '\n'
     (options.output / 'table.md').write_text(table, encoding='utf-8')
     return f'{table}\npage and table are in {options.output}'

@@ -117,7 +117,7 @@ class Results:
 
 def read_driving_study(settings: Section, quick: bool) -> DrivingStudy:
     """DrivingStudy of a file of settings; raises ValueError for what cannot be."""
-    settings.allow(*_KEYS)
+    settings.check_keys(*_KEYS)
     balances = {
         name: BalanceTask.read(settings.section('energy_balance'), name) for name in MECHANICS
     }
@@ -136,13 +136,13 @@ def read_driving_study(settings: Section, quick: bool) -> DrivingStudy:
 
 
 def _step(section: Section) -> Profile:
-    section.allow('pressure', 'duration')
+    section.check_keys('pressure', 'duration')
     pressure = section.number('pressure', 1.0, PneumaticActuator().highest_pressure)
     return trapezoid(pressure, 0.0, section.number('duration', 0.01, 10.0), 0.0)
 
 
 def _works(section: Section) -> dict[str, WorkTask]:
-    section.allow('chain', 'pressure', 'duration', 'ramp', 'saturation_torque')
+    section.check_keys('chain', 'pressure', 'duration', 'ramp', 'saturation_torque')
     actuator = PneumaticActuator()
     pressure = section.number('pressure', 1.0, actuator.highest_pressure)
     duration = section.number('duration', 0.01, 10.0)
@@ -230,7 +230,7 @@ class BalanceTask:
     @staticmethod
     def read(section: Section, mechanics: str) -> BalanceTask:
         """Read the settings, and draw the disorder of the chain."""
-        section.allow(*_BALANCE_KEYS)
+        section.check_keys(*_BALANCE_KEYS)
         bare = chain_from(section.section('chain'))
         share = section.number('disorder', 0.0, 0.3)
         seed = section.whole_number('seed', 0, 2**31)
@@ -290,14 +290,14 @@ class StiffnessTask:
     @staticmethod
     def read(section: Section, quick: bool) -> list[StiffnessTask]:
         """Read the settings; a task for each stiffness, softest first."""
-        section.allow('chain', 'kick', 'duration', 'factors')
+        section.check_keys('chain', 'kick', 'duration', 'factors')
         chain = chain_from(section.section('chain'))
         kick = section.number('kick', 1e-6, 100.0)
         rates = tuple(kick_rates(chain, chain.uniform_state(1), kick).tolist())
         duration = section.number('duration', 1e-6, 1e6)
         factors = section.numbers('factors', 1.0, 1e9)
         if len(factors) < 4:
-            raise section.complaint('factors', 'must be 4 numbers or more; add larger ones')
+            raise section.error('factors', 'must be 4 numbers or more; add larger ones')
         return [
             StiffnessTask(replace(chain, stiffness=chain.stiffness * factor), rates, duration)
             for factor in sorted(factors)[: -1 if quick else None]
@@ -348,7 +348,7 @@ class TiltTask:
     @staticmethod
     def read(section: Section, mechanics: str) -> TiltTask:
         """Read the settings."""
-        section.allow('chain', 'gravity', 'tilts', 'kept')
+        section.check_keys('chain', 'gravity', 'tilts', 'kept')
         return TiltTask(
             chain_from(section.section('chain')),
             mechanics,

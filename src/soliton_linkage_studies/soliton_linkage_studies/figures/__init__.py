@@ -9,11 +9,11 @@ from __future__ import annotations
 
 from collections.abc import Callable
 
-from soliton_linkage_studies.plates import Plate
+from soliton_linkage_studies.figure_report import FigureReport
 from soliton_linkage_studies.registry import Registry
 from soliton_linkage_studies.settings import Section
 
-DrawFigure = Callable[[Section, bool], Plate]
+DrawFigure = Callable[[Section, bool], FigureReport]
 """Takes the settings of a figure and whether a quick one will do."""
 
 FIGURES: Registry[DrawFigure] = Registry('soliton_linkage_studies.figures')

@@ -20,7 +20,7 @@ from soliton_linkage.linear.rigidity import Edge
 from soliton_linkage.linkage.chain import Array, Chain
 from soliton_linkage_studies.figures import FIGURES
 from soliton_linkage_studies.palette import BLACK, BLUE, GREY, RED
-from soliton_linkage_studies.plates import Plate
+from soliton_linkage_studies.figure_report import FigureReport
 from soliton_linkage_studies.pneumatic_fit import StepResponse, fit_step_response
 from soliton_linkage_studies.settings import Section, chain_from
 
@@ -67,7 +67,7 @@ def stepped_response(actuator: PneumaticActuator, command: Profile) -> CommandRe
     return CommandResponse(times, asked, closed, solution.y[0])
 
 
-def draw_response(plate: Plate, axes: Axes, response: CommandResponse) -> Axes:
+def draw_response(report: FigureReport, axes: Axes, response: CommandResponse) -> Axes:
     """Pressure under a command: asked for, in closed form, and by steps."""
     series = (
         ('commanded', response.times, response.commanded, '--', GREY),
@@ -76,12 +76,12 @@ def draw_response(plate: Plate, axes: Axes, response: CommandResponse) -> Axes:
     )
     for name, times, pressures, style, colour in series:
         axes.plot(times, 1e-3 * pressures, style, color=colour, label=name)
-        plate.note('a', name, (TIME, 'pressure [Pa]'), times, pressures)
+        report.add_points('a', name, (TIME, 'pressure [Pa]'), times, pressures)
     axes.set(xlabel=TIME, ylabel='pressure [kPa]', ylim=(0, None))
     axes.set_title('a  pressure after a command', loc='left')
     axes.legend()
     largest = int(np.argmax(response.stepped))
-    plate.compare(
+    report.add_comparison(
         'pressure of the soft actuator at its highest [Pa]',
         '',
         'closed form',
@@ -142,26 +142,26 @@ _FRAMES_A_SECOND = 500
 
 
 @FIGURES.add('soft_actuator')
-def actuator_figure(section: Section, quick: bool) -> Plate:
+def actuator_figure(section: Section, quick: bool) -> FigureReport:
     """Pressure after a step, closed form beside small steps and a fit; work beside energy."""
-    section.allow('chain', 'pressure', 'duration', 'ramp', 'noise', 'rate')
+    section.check_keys('chain', 'pressure', 'duration', 'ramp', 'noise', 'rate')
     actuator = PneumaticActuator()
     pressure = section.number('pressure', 1.0, actuator.highest_pressure)
     duration = section.number('duration', 0.01, 10.0)
     ramp = section.number('ramp', 0.0, 10.0)
     order = EdgeCommand(Edge.FIRST, CommandKind.PRESSURE, pressure, duration, ramp, ramp)
-    plate = Plate(Figure(figsize=(8, 10), layout='constrained'), _CAPTION)
-    above, middle, below = plate.figure.subplots(3)
-    draw_response(plate, above, stepped_response(actuator, order.profile))
+    report = FigureReport(Figure(figsize=(8, 10), layout='constrained'), _CAPTION)
+    above, middle, below = report.figure.subplots(3)
+    draw_response(report, above, stepped_response(actuator, order.profile))
     noise = section.number('noise', 0.0, 1e5)
     rate = section.number('rate', 10.0, 1e4)
-    _draw_fit(plate, middle, actuator, (pressure, duration, noise, rate))
-    _draw_work(plate, below, chain_from(section.section('chain')), actuator, order, quick)
-    return plate
+    _draw_fit(report, middle, actuator, (pressure, duration, noise, rate))
+    _draw_work(report, below, chain_from(section.section('chain')), actuator, order, quick)
+    return report
 
 
 def _draw_fit(
-    plate: Plate,
+    report: FigureReport,
     axes: Axes,
     actuator: PneumaticActuator,
     record: tuple[float, float, float, float],
@@ -182,9 +182,9 @@ def _draw_fit(
     axes.set_title('b  filling and venting times from a noisy record', loc='left')
     axes.legend()
     for series, values in (('commanded', commands), ('read', read), ('fitted', fitted)):
-        plate.note('b', series, (TIME, 'pressure [Pa]'), times, values)
+        report.add_points('b', series, (TIME, 'pressure [Pa]'), times, values)
     for name in ('filling_time', 'venting_time'):
-        plate.compare(
+        report.add_comparison(
             f'{name.replace("_", " ")} from a noisy step response [s]',
             '',
             'as set',
@@ -194,7 +194,7 @@ def _draw_fit(
 
 
 def _draw_work(
-    plate: Plate,
+    report: FigureReport,
     axes: Axes,
     chain: Chain,
     actuator: PneumaticActuator,
@@ -209,11 +209,11 @@ def _draw_work(
         ('work booked', driven.works, ':', BLACK),
     ):
         axes.plot(driven.times, values * 1e3, style, color=colour, label=series)
-        plate.note('c', series, (TIME, 'energy [J]'), driven.times, values)
+        report.add_points('c', series, (TIME, 'energy [J]'), driven.times, values)
     axes.set(xlabel=TIME, ylabel='energy [mJ]')
     axes.set_title('c  energy that the chain gains, and work that is booked', loc='left')
     axes.legend()
-    plate.compare(
+    report.add_comparison(
         'work of a pressure on the chain [J]',
         '',
         'energy gained',

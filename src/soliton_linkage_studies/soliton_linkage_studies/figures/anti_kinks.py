@@ -14,7 +14,7 @@ from soliton_linkage.solitons.continuum import FlipperTheory, wall_theory
 from soliton_linkage_studies.figures import FIGURES
 from soliton_linkage_studies.formulas import chain_formula
 from soliton_linkage_studies.palette import MEASURED, THEORY
-from soliton_linkage_studies.plates import Plate
+from soliton_linkage_studies.figure_report import FigureReport
 from soliton_linkage_studies.settings import Section
 
 _CAPTION = """
@@ -26,13 +26,13 @@ anti-kink, joined by lines; the dashed line is the continuum, the limit of small
 
 
 @FIGURES.add('anti_kink_cost')
-def anti_kink_figure(section: Section, quick: bool) -> Plate:
+def anti_kink_figure(section: Section, quick: bool) -> FigureReport:
     """Energy of an anti-kink at rest, over that of the continuum, against d."""
-    section.allow('rotor_length_ratio', 'lean_ratios')
+    section.check_keys('rotor_length_ratio', 'lean_ratios')
     ratio = section.number('rotor_length_ratio', 1e-3, 1e3)
     wanted = section.numbers('lean_ratios', 1e-3, 1.0)
-    plate = Plate(Figure(figsize=(7, 4.8), layout='constrained'), _CAPTION)
-    axes = plate.figure.subplots()
+    report = FigureReport(Figure(figsize=(7, 4.8), layout='constrained'), _CAPTION)
+    axes = report.figure.subplots()
     shown = np.array(wanted[::3] if quick else wanted)
     chains = [_ring_of_lean(ratio, lean_ratio) for lean_ratio in shown]
     costs = np.array([_anti_kink_cost(chain) for chain in chains])
@@ -48,15 +48,15 @@ def anti_kink_figure(section: Section, quick: bool) -> Plate:
     )
     axes.legend()
     names = ('d = 2 r sin(theta_bar) / a [1]', 'energy / energy of the continuum [1]')
-    plate.note('', 'anti-kink', names, shown, shares)
+    report.add_points('', 'anti-kink', names, shown, shares)
     for chain, cost in zip(chains, costs, strict=True):
-        plate.compare(
+        report.add_comparison(
             f'energy of an anti-kink at rest / (kₑ a²), d = {chain.lean_ratio:.3g}',
             'finite',
             chain_formula('(16/3) ū³ / (a l̄²)', chain, 'for d ≪ 1'),
             float(cost) / (chain.stiffness * chain.spacing**2),
         )
-    return plate
+    return report
 
 
 def _ring_of_lean(ratio: float, lean_ratio: float) -> Chain:

@@ -12,11 +12,11 @@ from soliton_linkage.linkage.chain import Array, Chain
 from soliton_linkage.linkage.deviations import drawn_deviations
 from soliton_linkage.solitons.passage import blocked_bonds
 from soliton_linkage_studies.captions import parameters
-from soliton_linkage_studies.drawing import ABOVE
+from soliton_linkage_studies.drawing import LEGEND_ABOVE
 from soliton_linkage_studies.figures import FIGURES
 from soliton_linkage_studies.measures import OUTCOMES, SweepTrial, measure_survival
 from soliton_linkage_studies.palette import MARKERS, chain_colours
-from soliton_linkage_studies.plates import Plate
+from soliton_linkage_studies.figure_report import FigureReport
 from soliton_linkage_studies.settings import Section, chain_from
 
 
@@ -51,22 +51,22 @@ _ASIDE = 0.4
 
 
 @FIGURES.add('disorder_against_passage')
-def disorder_figure(section: Section, quick: bool) -> Plate:
+def disorder_figure(section: Section, quick: bool) -> FigureReport:
     """Share of chains that a wall crosses and returns through, against their deviations."""
-    section.allow('chains', 'fractions', 'seeds')
+    section.check_keys('chains', 'fractions', 'seeds')
     fractions = section.numbers('fractions', 0.0, 0.5)
     seeds = section.whole_number('seeds', 1, 10_000)
     shown = np.array(fractions[::4] if quick else fractions)
     count = min(seeds, _QUICK_SEEDS) if quick else seeds
     figure = Figure(figsize=(10, 4.6), layout='constrained')
-    plate = Plate(figure, _CAPTION.format(count=count))
-    panels = plate.figure.subplots(1, 2, sharey=True)
+    report = FigureReport(figure, _CAPTION.format(count=count))
+    panels = report.figure.subplots(1, 2, sharey=True)
     rigid: list[tuple[Array, Array]] = []
     studied = section.section('chains').sections()
     chains = [chain_from(each.section('chain')) for each in studied.values()]
     looks = zip(studied.items(), chains, chain_colours(chains), MARKERS, strict=False)
     for number, ((name, each), chain, colour, marker) in enumerate(looks):
-        each.allow('chain', 'kick')
+        each.check_keys('chain', 'kick')
         kick = each.number('kick', 1e-6, 100.0)
         drawn = [
             [_deviating(chain, fraction, seed) for seed in range(count)] for fraction in shown
@@ -89,17 +89,17 @@ def disorder_figure(section: Section, quick: bool) -> Plate:
             )
             axes.set_title(_TITLES[mechanics], loc='left')
             names = ('standard deviation of r, a and k_e, relative [1]', 'share that pass [1]')
-            plate.note(mechanics, label, names, shown, shares)
+            report.add_points(mechanics, label, names, shown, shares)
             for series, end in zip(('lower', 'upper'), ends, strict=True):
-                plate.note(mechanics, f'{label}, {series} end of 95 %', names, shown, end)
+                report.add_points(mechanics, f'{label}, {series} end of 95 %', names, shown, end)
             if mechanics == 'rigid':
                 rigid.append((open_, passed))
     for axes in panels:
         axes.set(xlabel=r'standard deviation of $r$, $a$ and $k_e$ [%]', ylim=(-0.05, 1.05))
     panels[0].set_ylabel(f'share whose wall crosses and returns [1],\n{count} chains each')
-    figure.legend(*panels[0].get_legend_handles_labels(), loc=ABOVE, ncols=len(chains))
-    _compare_passage(plate, shown, *np.concatenate(rigid, axis=2))
-    return plate
+    figure.legend(*panels[0].get_legend_handles_labels(), loc=LEGEND_ABOVE, ncols=len(chains))
+    _compare_passage(report, shown, *np.concatenate(rigid, axis=2))
+    return report
 
 
 def _deviating(chain: Chain, fraction: float, seed: int) -> Chain:
@@ -109,19 +109,19 @@ def _deviating(chain: Chain, fraction: float, seed: int) -> Chain:
     return replace(chain, deviations=drawn)
 
 
-def _compare_passage(plate: Plate, fractions: Array, free: Array, passed: Array) -> None:
+def _compare_passage(report: FigureReport, fractions: Array, free: Array, passed: Array) -> None:
     """Share of rigid chains that a wall passes, shape (F, K) each: all, and those it must."""
     for fraction, sufficient, passes in zip(fractions, free, passed, strict=True):
         name = f'deviations of {100 * fraction:g} %, rigid'
         met, count = int(sufficient.sum()), len(passes)
-        plate.compare(
+        report.add_comparison(
             f'share of all {count} chains that pass, {name}',
             'robust against disorder',
             'falls with the share of chains that have a blocked bond',
             float(passes.mean()),
         )
         if met:
-            plate.compare(
+            report.add_comparison(
                 f'share that pass of the {met} chains without a blocked bond, {name}',
                 'not given',
                 'all: l̄ₙ > aₙ + |rₙ − rₙ₊₁| on every bond suffices',

@@ -13,11 +13,11 @@ from soliton_linkage.linear.bands import largest_group_velocity, penetration_dep
 from soliton_linkage.linkage.chain import Array, Chain
 from soliton_linkage.solitons.continuum import WallTheory, wall_theory
 from soliton_linkage_studies.captions import parameters
-from soliton_linkage_studies.experiments import MIDDLE, moving_wall, wall_places
+from soliton_linkage_studies.experiments import MIDDLE, record_moving_wall, wall_positions
 from soliton_linkage_studies.figures import FIGURES
 from soliton_linkage_studies.formulas import Formula
 from soliton_linkage_studies.palette import BLACK, MARKERS, THEORY, WHITE, chain_colours
-from soliton_linkage_studies.plates import Plate
+from soliton_linkage_studies.figure_report import FigureReport
 from soliton_linkage_studies.settings import Section, chain_from
 
 _CAPTION = """
@@ -44,18 +44,18 @@ _SLOW = 0.87
 
 
 @FIGURES.add('energy_against_speed')
-def energy_figure(section: Section, quick: bool) -> Plate:
+def energy_figure(section: Section, quick: bool) -> FigureReport:
     """Energy of a wall, how it divides, and what it leaves behind, against its speed."""
-    section.allow('chains')
-    plate = Plate(Figure(figsize=(13, 4.8), layout='constrained'), _CAPTION)
-    panels = plate.figure.subplots(1, 3)
+    section.check_keys('chains')
+    report = FigureReport(Figure(figsize=(13, 4.8), layout='constrained'), _CAPTION)
+    panels = report.figure.subplots(1, 3)
     theories = []
     studied = section.section('chains').sections()
     chains = [chain_from(each.section('chain')) for each in studied.values()]
     for (name, each), chain, colour, marker in zip(
         studied.items(), chains, chain_colours(chains), MARKERS, strict=False
     ):
-        each.allow('chain', 'kicks')
+        each.check_keys('chain', 'kicks')
         kicks = each.numbers('kicks', 1e-6, 100.0)
         label = f'{name}: {parameters(chain)}'
         rows = [_energies(chain, kick) for kick in (kicks[::4] if quick else kicks)]
@@ -64,7 +64,7 @@ def energy_figure(section: Section, quick: bool) -> Plate:
         shares = elastic / kinetic
         left = wake / (kinetic + elastic)
         for axes, letter, values in zip(panels, 'abc', (whole, shares, left), strict=True):
-            plate.note(letter, label, ('v / c [1]', _ENERGIES[letter]), speed, values)
+            report.add_points(letter, label, ('v / c [1]', _ENERGIES[letter]), speed, values)
             known = (echo == 0) | (letter != 'c')
             axes.plot(
                 speed[known],
@@ -76,7 +76,7 @@ def energy_figure(section: Section, quick: bool) -> Plate:
             )
             axes.plot(speed[~known], values[~known], marker, color=colour, fillstyle='none')
         if chain.lean_ratio < _CONTINUUM:
-            _compare_energies(plate, chain, speed, whole, shares)
+            _compare_energies(report, chain, speed, whole, shares)
             theories.append(wall_theory(chain))
     for theory in theories[:1]:
         _draw_theory(panels, theory)
@@ -95,7 +95,7 @@ def energy_figure(section: Section, quick: bool) -> Plate:
     panels[0].legend(fontsize=8)
     panels[1].legend(handles=panels[1].lines[-1:], fontsize=8, loc='lower right')
     panels[2].legend(handles=panels[2].lines[-1:], fontsize=8, loc='lower right')
-    return plate
+    return report
 
 
 def _draw_theory(panels: Sequence[Axes], theory: WallTheory) -> None:
@@ -117,8 +117,8 @@ def _energies(chain: Chain, kick: float) -> tuple[float, float, float, float, fl
     makes phonons of its own, which overtake a slow wall, come back from the first rotor and are
     then behind it: where the fastest can be there in a frame, the last value is 1, else 0.
     """
-    recording, speed = moving_wall(chain, kick)
-    places = wall_places(chain, recording)
+    recording, speed = record_moving_wall(chain, kick)
+    places = wall_positions(chain, recording)
     middle = (chain.number_of_rotors - 1) / 2
     inside = np.flatnonzero(np.abs(places - middle) < MIDDLE * middle)
     # A fast wall is reflected and comes through once more.
@@ -137,13 +137,13 @@ def _energies(chain: Chain, kick: float) -> tuple[float, float, float, float, fl
 
 
 def _compare_energies(
-    plate: Plate, chain: Chain, speed: Array, whole: Array, share: Array
+    report: FigureReport, chain: Chain, speed: Array, whole: Array, share: Array
 ) -> None:
     slow, theory = speed < _SLOW, wall_theory(chain)
     for v, energy, ratio in zip(speed[slow], whole[slow], share[slow], strict=True):
         gamma = {'γ': theory.lorentz_factor(float(v) * theory.speed_of_sound)}
         scale = theory.effective_mass * theory.speed_of_sound**2 / theory.energy_scale
-        plate.compare(
+        report.add_comparison(
             f'energy of a wall / E_s at v = {v:.3f} c, {parameters(chain)}',
             'cost-free at rest; no energy given',
             Formula(
@@ -153,7 +153,7 @@ def _compare_energies(
             ),
             float(energy),
         )
-        plate.compare(
+        report.add_comparison(
             f'elastic over kinetic energy at v = {v:.3f} c, {parameters(chain)}',
             'not given',
             Formula('(γ − 1) / (γ + 1)', gamma),

@@ -19,11 +19,11 @@ from soliton_linkage.linear.rigidity import mode_centre, zero_mode
 from soliton_linkage.linkage.chain import Array, Chain
 from soliton_linkage.solitons.static_wall import static_wall
 from soliton_linkage_studies.captions import LINKAGE, MODE, PROJECTIONS, parameters
-from soliton_linkage_studies.drawing import ChainPicture, add_legend, make_room
+from soliton_linkage_studies.drawing import ChainPicture, add_legend, expand_limits
 from soliton_linkage_studies.figures import FIGURES
 from soliton_linkage_studies.formulas import chain_formula
 from soliton_linkage_studies.palette import GREY, MARKERS, chain_colours
-from soliton_linkage_studies.plates import Plate
+from soliton_linkage_studies.figure_report import FigureReport
 from soliton_linkage_studies.settings import Section, chain_from
 
 _CAPTION = f"""
@@ -46,21 +46,21 @@ _LONG = 400
 
 
 @FIGURES.add('figure_1')
-def figure_1(section: Section, quick: bool) -> Plate:
+def figure_1(section: Section, quick: bool) -> FigureReport:
     """The uniform chain, its zero mode and its depth, a wall, and the phonons (paper, Fig. 1)."""
-    section.allow('chain', 'chains')
+    section.check_keys('chain', 'chains')
     chain = chain_from(section.section('chain'))
     others = [chain_from(each) for each in section.section('chains').sections().values()]
     figure = Figure(figsize=(10, 9.5), layout='constrained')
     grid = figure.add_gridspec(4, 2, height_ratios=[1, 1, 1.2, 2.4])
     top = [figure.add_subplot(grid[row, :]) for row in range(3)]
-    plate = Plate(figure, _CAPTION)
+    report = FigureReport(figure, _CAPTION)
     rest = chain.uniform_state(1)
     uniform = ChainPicture(top[0], chain, rest, rigid=True)
     wall = static_wall(chain, (chain.number_of_rotors - 1) / 2)
     moving = ChainPicture(top[1], chain, rest, zero_mode(chain, rest))
     waiting = ChainPicture(top[2], chain, wall, projections=True, rigid=True)
-    make_room([uniform, moving])
+    expand_limits([uniform, moving])
     waiting.axes.set_xlim(moving.axes.get_xlim())
     for arrows in (moving.arrows, waiting.projections):
         if arrows is not None:
@@ -76,17 +76,17 @@ def figure_1(section: Section, quick: bool) -> Plate:
     ):
         axes.set_title(title, loc='left')
     names = ('rotor n', 'phi [rad]')
-    plate.note('a', 'leaning right', names, np.arange(chain.number_of_rotors), rest)
-    plate.note('c', 'wall', names, np.arange(chain.number_of_rotors), wall)
+    report.add_points('a', 'leaning right', names, np.arange(chain.number_of_rotors), rest)
+    report.add_points('c', 'wall', names, np.arange(chain.number_of_rotors), wall)
     add_legend(figure)
-    _draw_depths(plate, figure.add_subplot(grid[3, 0]), [chain, *others])
-    _draw_bands(plate, figure.add_subplot(grid[3, 1]), [chain, *others])
+    _draw_depths(report, figure.add_subplot(grid[3, 0]), [chain, *others])
+    _draw_bands(report, figure.add_subplot(grid[3, 1]), [chain, *others])
     for each in [chain, *others]:
-        _compare(plate, each, 100 if quick else _LONG)
-    return plate
+        _compare(report, each, 100 if quick else _LONG)
+    return report
 
 
-def _draw_depths(plate: Plate, axes: Axes, chains: list[Chain]) -> None:
+def _draw_depths(report: FigureReport, axes: Axes, chains: list[Chain]) -> None:
     """The zero mode of each chain on a logarithmic scale, over the decay of theory."""
     for chain, colour, marker in zip(chains, chain_colours(chains), MARKERS, strict=False):
         mode = np.abs(zero_mode(chain, chain.uniform_state(1)))
@@ -95,7 +95,7 @@ def _draw_depths(plate: Plate, axes: Axes, chains: list[Chain]) -> None:
         axes.plot(from_edge, mode, marker, color=colour, label=parameters(chain))
         axes.plot(from_edge, mode[-1] * np.exp(-from_edge / depth), '-', color=colour)
         names = ('rotors from the last', 'zero mode |t| [1]')
-        plate.note('e', parameters(chain), names, from_edge, mode)
+        report.add_points('e', parameters(chain), names, from_edge, mode)
     axes.set(
         yscale='log',
         ylim=(1e-7, 2),
@@ -107,7 +107,7 @@ def _draw_depths(plate: Plate, axes: Axes, chains: list[Chain]) -> None:
     axes.legend()
 
 
-def _draw_bands(plate: Plate, axes: Axes, chains: list[Chain]) -> None:
+def _draw_bands(report: FigureReport, axes: Axes, chains: list[Chain]) -> None:
     """Frequencies of the phonons: lines of theory, dots of a finite chain with free ends."""
     for chain, colour, marker in zip(chains, chain_colours(chains), MARKERS, strict=False):
         numbers = np.linspace(0, math.pi, 200)
@@ -121,7 +121,7 @@ def _draw_bands(plate: Plate, axes: Axes, chains: list[Chain]) -> None:
         placed[ascending] = found
         axes.plot(steps, placed, marker, color=colour, label=parameters(chain), markersize=4)
         names = ('wave number k a [rad]', 'frequency omega sqrt(M/k_e) [1]')
-        plate.note('f', parameters(chain), names, steps, placed)
+        report.add_points('f', parameters(chain), names, steps, placed)
     axes.axhline(0, color=GREY, linewidth=0.8)
     axes.set(
         xlabel='wave number k a of the staggered angles [rad]',
@@ -132,7 +132,7 @@ def _draw_bands(plate: Plate, axes: Axes, chains: list[Chain]) -> None:
     axes.legend()
 
 
-def _compare(plate: Plate, chain: Chain, rotors: int) -> None:
+def _compare(report: FigureReport, chain: Chain, rotors: int) -> None:
     """Set the numbers of linear theory beside those of the modes of a long chain."""
     name, spacing, unit = parameters(chain), chain.spacing, chain.time_unit
     long_chain = Chain(
@@ -140,32 +140,32 @@ def _compare(plate: Plate, chain: Chain, rotors: int) -> None:
     )
     frequencies = mode_frequencies(long_chain, long_chain.uniform_state(1))[1:] * unit
     mode = np.abs(zero_mode(chain, chain.uniform_state(1)))
-    plate.compare(
+    report.add_comparison(
         f'gap ω₀ √(M/kₑ), {name}',
         chain_formula('r² sin(2 θ̄) / (l̄ a)', chain),
         chain_formula('||q₊| − |q₋|| / r', chain),
         _extrapolated_gap(frequencies),
     )
-    plate.compare(
+    report.add_comparison(
         f'speed of sound c √(M/kₑ) / a, {name}',
         'cos θ̄ √|4 r² sin² θ̄ − a²| / l̄',
         chain_formula('√|q₊ q₋| / r', chain, 'the same, about the lowest frequency'),
         _curvature(frequencies),
     )
-    plate.compare(
+    report.add_comparison(
         f'largest group velocity √(M/kₑ) / a, {name}',
         'c, as if without a gap',
         chain_formula('min(|q₊|, |q₋|) / r', chain),
         float(np.abs(np.diff(np.sort(frequencies))).max()) * rotors / math.pi,
     )
-    plate.compare(
+    report.add_comparison(
         f'penetration depth ℓ / a, {name}',
         'the same',
         chain_formula('1 / ln((1 + d) / |1 − d|)', chain, 'd is 2 r sin θ̄ / a'),
         -1 / float(np.log(mode[-2] / mode[-1])),
     )
     centre = mode_centre(zero_mode(long_chain, long_chain.uniform_state(1)))
-    plate.compare(
+    report.add_comparison(
         f'zero mode of the right-leaning state, {name} (0 first edge, 1 last)',
         'winding number 0: right edge (but ℓ > 0 said to be left)',
         f'winding number {winding_number(chain, 1)}: last edge',

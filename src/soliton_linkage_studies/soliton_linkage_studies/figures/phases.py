@@ -24,7 +24,7 @@ from soliton_linkage_studies.palette import (
     MOTION_COLOURS,
     tint,
 )
-from soliton_linkage_studies.plates import Plate
+from soliton_linkage_studies.figure_report import FigureReport
 from soliton_linkage_studies.settings import Section, chain_from
 from soliton_linkage_studies.unit_cell import (
     component_of,
@@ -72,29 +72,29 @@ spinner go through each other's hole: they are linked.
 
 
 @FIGURES.add('figure_4')
-def figure_4(section: Section, quick: bool) -> Plate:
+def figure_4(section: Section, quick: bool) -> FigureReport:
     """The phase diagram, and of a cell of each phase its pictures, its curves and its torus."""
-    section.allow('chains', 'points')
+    section.check_keys('chains', 'points')
     chains = [chain_from(each) for each in section.section('chains').sections().values()]
     points = section.whole_number('points', 100, 100_000)
-    plate = Plate(Figure(figsize=(11, 14), layout='constrained'), _CAPTION)
-    grid = plate.figure.add_gridspec(4, 1, height_ratios=[1.0, 0.55, 0.95, 0.8])
-    rows = [plate.figure.add_subfigure(grid[row]) for row in range(4)]
-    _draw_diagram(plate, rows[0].subplots(), chains, 200)
+    report = FigureReport(Figure(figsize=(11, 14), layout='constrained'), _CAPTION)
+    grid = report.figure.add_gridspec(4, 1, height_ratios=[1.0, 0.55, 0.95, 0.8])
+    rows = [report.figure.add_subfigure(grid[row]) for row in range(4)]
+    _draw_diagram(report, rows[0].subplots(), chains, 200)
     for number, chain in enumerate(chains):
         curves = configuration_curves(chain, points // 10 if quick else points)
         cells = rows[1].add_subplot(1, len(chains), number + 1)
         torus = rows[2].add_subplot(1, len(chains), number + 1)
         solid = rows[3].add_subplot(1, len(chains), number + 1, projection='3d')
         _draw_cells(cells, chain, letter='b' if number == 0 else '')
-        _draw_curves(plate, torus, chain, curves, letter='c' if number == 0 else '')
+        _draw_curves(report, torus, chain, curves, letter='c' if number == 0 else '')
         _draw_solid_torus(solid, curves, letter='d' if number == 0 else '')
-        _compare(plate, chain, configuration_curves(chain, 1000 if quick else _FINE))
-    _compare_limits(plate, chains[0])
-    return plate
+        _compare(report, chain, configuration_curves(chain, 1000 if quick else _FINE))
+    _compare_limits(report, chains[0])
+    return report
 
 
-def _draw_diagram(plate: Plate, axes: Axes, chains: list[Chain], points: int) -> None:
+def _draw_diagram(report: FigureReport, axes: Axes, chains: list[Chain], points: int) -> None:
     """Classes of motion over r/a and the rest angle, with the lines where they change."""
     low, high = 0.1, 10.0
     rest_angles = np.linspace(0.02, math.pi / 2 - 0.02, points)
@@ -119,8 +119,8 @@ def _draw_diagram(plate: Plate, axes: Axes, chains: list[Chain], points: int) ->
         label=r'$d = d_c = 2 / \sin\bar\theta$',
     )
     names = ('r/a [1]', 'theta_bar [rad]')
-    plate.note('a', 'd = 1', names, flipper_limit(rest_angles), rest_angles)
-    plate.note('a', 'd = d_c', names, spinner_limit(rest_angles), rest_angles)
+    report.add_points('a', 'd = 1', names, flipper_limit(rest_angles), rest_angles)
+    report.add_points('a', 'd = d_c', names, spinner_limit(rest_angles), rest_angles)
     for chain in chains:
         place = chain.rotor_length / chain.spacing, chain.rest_angle
         axes.plot(*place, 'o', color=BLACK)
@@ -160,7 +160,7 @@ def _draw_cells(axes: Axes, chain: Chain, letter: str) -> None:
 
 
 def _draw_curves(
-    plate: Plate, axes: Axes, chain: Chain, curves: tuple[Array, ...], letter: str
+    report: FigureReport, axes: Axes, chain: Chain, curves: tuple[Array, ...], letter: str
 ) -> None:
     draw_torus(axes, chain, curves)
     ratios = f'$d = {chain.lean_ratio:.2f}$, $d_c = {chain.critical_lean_ratio:.2f}$'
@@ -170,7 +170,7 @@ def _draw_curves(
     for number, curve in enumerate(curves):
         names = ('theta_1 [rad]', 'theta_2 [rad]')
         series = f'component {number + 1} of {chain.motion.value}'
-        plate.note('c', series, names, curve[:, 0], curve[:, 1])
+        report.add_points('c', series, names, curve[:, 0], curve[:, 1])
 
 
 def _draw_solid_torus(axes: Axes3D, curves: tuple[Array, ...], letter: str) -> None:
@@ -219,10 +219,10 @@ def hidden(points: Array) -> NDArray[np.bool_]:
     return np.asarray(inside.any(axis=-1), dtype=np.bool_)
 
 
-def _compare(plate: Plate, chain: Chain, curves: tuple[Array, ...]) -> None:
+def _compare(report: FigureReport, chain: Chain, curves: tuple[Array, ...]) -> None:
     spinner = chain.motion is Motion.SPINNER
     name = chain.motion.value
-    plate.compare(
+    report.add_comparison(
         f'components of the configuration space, {name}',
         'two' if spinner else 'one',
         'two beyond d_c' if spinner else 'one below d_c',
@@ -232,7 +232,7 @@ def _compare(plate: Plate, chain: Chain, curves: tuple[Array, ...]) -> None:
     for number, curve in enumerate(curves):
         expected = (1, -1) if spinner else (0, 0)
         for angle, turns, wanted in zip('₁₂', windings(curve), expected, strict=True):
-            plate.compare(
+            report.add_comparison(
                 f'turns of θ{angle} along component {number + 1}, {name}',
                 'linked rings' if spinner else 'bounds a disc',
                 'once about both, in opposite senses' if spinner else 'none',
@@ -240,7 +240,7 @@ def _compare(plate: Plate, chain: Chain, curves: tuple[Array, ...]) -> None:
                 float(wanted),
             )
     states = component_of(chain, ground_states(chain))
-    plate.compare(
+    report.add_comparison(
         f'uniform states on the first component, {name}',
         'a pair ±θ̄' if spinner else 'all four',
         'θ̄ and π + θ̄' if spinner else 'all four',
@@ -249,7 +249,7 @@ def _compare(plate: Plate, chain: Chain, curves: tuple[Array, ...]) -> None:
     )
     nearest = int(np.argmin(np.linalg.norm(curves[0] - chain.rest_angle, axis=1)))
     step = curves[0][nearest + 1] - curves[0][nearest - 1]
-    plate.compare(
+    report.add_comparison(
         f'slope dθ₂/dθ₁ at the right-leaning state, {name}',
         'changes sign at d = 1',
         chain_formula('−q₊ / q₋', chain),
@@ -257,7 +257,7 @@ def _compare(plate: Plate, chain: Chain, curves: tuple[Array, ...]) -> None:
     )
 
 
-def _compare_limits(plate: Plate, chain: Chain) -> None:
+def _compare_limits(report: FigureReport, chain: Chain) -> None:
     """Measure where the number of components changes, by halving the interval of r/a."""
     low, high = 0.1, 100.0
     while high - low > 1e-9 * high:
@@ -265,7 +265,7 @@ def _compare_limits(plate: Plate, chain: Chain) -> None:
         cell = Chain(2, 1.0, ratio, chain.rest_angle)
         both = component_of(cell, ground_states(cell)).any()
         low, high = (low, ratio) if both else (ratio, high)
-    plate.compare(
+    report.add_comparison(
         f'r/a where flippers become spinners, θ̄ = {chain.rest_angle:g}',
         'd_c = 2 / sin θ̄, l̄ = 2r − a',
         chain_formula('1 / sin² θ̄', chain),

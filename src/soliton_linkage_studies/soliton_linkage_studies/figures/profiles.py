@@ -17,13 +17,13 @@ from soliton_linkage.solitons.static_wall import site_arc, static_wall
 from soliton_linkage.solitons.tanh_fit import find_solitons
 from soliton_linkage_studies.captions import shape
 from soliton_linkage_studies.experiments import (
-    PLACE,
+    DISTANCE_LABEL,
     SNAPSHOTS,
     Snapshots,
     arctanh_width,
-    moving_wall,
+    record_moving_wall,
     snapshots,
-    static_snapshots,
+    static_profile,
 )
 from soliton_linkage_studies.figures import FIGURES
 from soliton_linkage_studies.formulas import Formula, chain_formula
@@ -36,7 +36,7 @@ from soliton_linkage_studies.palette import (
     WHITE,
     scale_colours,
 )
-from soliton_linkage_studies.plates import Plate
+from soliton_linkage_studies.figure_report import FigureReport
 from soliton_linkage_studies.settings import Section, chain_from
 
 _CAPTION = """
@@ -87,35 +87,35 @@ class WallAtSpeed:
 class Inset:
     """What is drawn beside the profiles."""
 
-    draw: Callable[[Plate, Axes, Chain, WallAtSpeed], None]
+    draw: Callable[[FigureReport, Axes, Chain, WallAtSpeed], None]
     """Takes the chain and its slowest wall."""
     caption: str
 
 
 @FIGURES.add('figure_5')
-def figure_5(section: Section, quick: bool) -> Plate:
+def figure_5(section: Section, quick: bool) -> FigureReport:
     """Profiles of flippers at several speeds, their widths, and a wobbler (paper, Fig. 5)."""
-    section.allow('chain', 'kicks', 'wobbler')
+    section.check_keys('chain', 'kicks', 'wobbler')
     wobbler = chain_from(section.section('wobbler'))
 
-    def draw_inset(plate: Plate, axes: Axes, _chain: Chain, _slowest: WallAtSpeed) -> None:
-        _draw_wobbler(plate, axes, wobbler)
+    def draw_inset(report: FigureReport, axes: Axes, _chain: Chain, _slowest: WallAtSpeed) -> None:
+        _draw_wobbler(report, axes, wobbler)
 
     inset = Inset(draw_inset, _WOBBLER_INSET.format(shape=shape(wobbler)))
     return _profile_figure(section, quick, 'u / ū', (-45, 75), inset)
 
 
 @FIGURES.add('figure_6')
-def figure_6(section: Section, quick: bool) -> Plate:
+def figure_6(section: Section, quick: bool) -> FigureReport:
     """Profiles of spinners at several speeds, their widths, and the angles (paper, Fig. 6)."""
-    section.allow('chain', 'kicks')
+    section.check_keys('chain', 'kicks')
     inset = Inset(_draw_offset, _ANGLE_INSET)
     return _profile_figure(section, quick, 'cos(θ − θ̄)', (-15, 25), inset)
 
 
 def _profile_figure(
     section: Section, quick: bool, field: str, shown: tuple[float, float], inset: Inset
-) -> Plate:
+) -> FigureReport:
     """Profiles with the name of their field in a range of places, an inset, and the widths."""
     chain = chain_from(section.section('chain'))
     walls = _moving_walls(chain, section, quick)
@@ -130,15 +130,15 @@ def _profile_figure(
         profiles=len(profiles),
         inset=inset.caption.strip(),
     )
-    plate = Plate(Figure(figsize=(12, 6.5), layout='constrained'), caption)
-    main, above, below = _panels(plate.figure)
-    _draw_profiles(plate, main, chain, profiles)
+    report = FigureReport(Figure(figsize=(12, 6.5), layout='constrained'), caption)
+    main, above, below = _panels(report.figure)
+    _draw_profiles(report, main, chain, profiles)
     main.set(ylabel=f'{field} [1]', xlim=shown)
     main.set_title(f'a  {_title(chain)}', loc='left')
-    inset.draw(plate, above, chain, walls[0])
-    _draw_widths(plate, below, chain, walls)
-    _compare_walls(plate, chain, walls)
-    return plate
+    inset.draw(report, above, chain, walls[0])
+    _draw_widths(report, below, chain, walls)
+    _compare_walls(report, chain, walls)
+    return report
 
 
 def _panels(figure: Figure) -> tuple[Axes, Axes, Axes]:
@@ -155,26 +155,26 @@ def _moving_walls(chain: Chain, section: Section, quick: bool) -> list[WallAtSpe
 
 
 def _moving_wall(chain: Chain, kick: float) -> WallAtSpeed:
-    recording, _ = moving_wall(chain, kick)
+    recording, _ = record_moving_wall(chain, kick)
     seen = snapshots(chain, recording, SNAPSHOTS)
     unit = chain.wall_width / chain.spacing
-    width = arctanh_width(seen.places[:, 1:-1], seen.fields[:, 1:-1]) / unit
+    width = arctanh_width(seen.distances[:, 1:-1], seen.fields[:, 1:-1]) / unit
     fits = [find_solitons(chain, angles)[0].width / chain.wall_width for angles in seen.angles]
     speed = seen.speed * chain.spacing / speed_of_sound(chain)
     return WallAtSpeed(kick, seen, speed, width, float(np.mean(fits)))
 
 
-def _draw_profiles(plate: Plate, axes: Axes, chain: Chain, walls: list[WallAtSpeed]) -> None:
+def _draw_profiles(report: FigureReport, axes: Axes, chain: Chain, walls: list[WallAtSpeed]) -> None:
     """Snapshots of each wall over the boosted profile of the continuum."""
     fine = np.linspace(-80, 80, 1601)
     for colour, wall in zip(scale_colours(len(walls)), walls, strict=True):
         label = f'v = {wall.relative_speed:.2f} c'
         seen = wall.snapshots
         axes.plot(
-            seen.places.ravel(), seen.fields.ravel(), '.', color=colour, markersize=3, label=label
+            seen.distances.ravel(), seen.fields.ravel(), '.', color=colour, markersize=3, label=label
         )
         series = f'v0 = {wall.kick:g}, v = {wall.relative_speed:.4g} c'
-        plate.note('main', series, (PLACE, 'order field [1]'), seen.places, seen.fields)
+        report.add_points('main', series, (DISTANCE_LABEL, 'order field [1]'), seen.distances, seen.fields)
         if wall.relative_speed < 1:
             width = chain.wall_width / chain.spacing * math.sqrt(1 - wall.relative_speed**2)
             axes.plot(fine, -np.tanh(fine / width), '--', color=BLACK, linewidth=0.8, zorder=3)
@@ -182,7 +182,7 @@ def _draw_profiles(plate: Plate, axes: Axes, chain: Chain, walls: list[WallAtSpe
     axes.legend(loc='upper right', title='chain of springs, dots', markerscale=4)
 
 
-def _draw_widths(plate: Plate, axes: Axes, chain: Chain, walls: list[WallAtSpeed]) -> None:
+def _draw_widths(report: FigureReport, axes: Axes, chain: Chain, walls: list[WallAtSpeed]) -> None:
     """Width against speed, beside the contraction of Lorentz, also from the width at rest."""
     at_rest = _width_at_rest(chain)
     speeds = np.array([wall.relative_speed for wall in walls])
@@ -207,16 +207,16 @@ def _draw_widths(plate: Plate, axes: Axes, chain: Chain, walls: list[WallAtSpeed
     axes.set_title('c  width against speed', loc='left')
     axes.legend(loc='lower left', fontsize=9)
     names = ('v / c [1]', 'w / w0 of the continuum at rest [1]')
-    plate.note('width', 'chain, slope of arctanh', names, speeds, widths)
-    plate.note('width', 'chain, fit of tanh', names, speeds, [wall.fitted_width for wall in walls])
-    plate.note('width', 'chain at rest, slope of arctanh', names, 0.0, at_rest)
+    report.add_points('width', 'chain, slope of arctanh', names, speeds, widths)
+    report.add_points('width', 'chain, fit of tanh', names, speeds, [wall.fitted_width for wall in walls])
+    report.add_points('width', 'chain at rest, slope of arctanh', names, 0.0, at_rest)
 
 
-def _compare_walls(plate: Plate, chain: Chain, walls: list[WallAtSpeed]) -> None:
+def _compare_walls(report: FigureReport, chain: Chain, walls: list[WallAtSpeed]) -> None:
     """Speed of each wall by its kick, and its width by two estimators."""
     unit = chain.spacing / chain.time_unit
     for wall in walls:
-        plate.compare(
+        report.add_comparison(
             f'v / c after a kick of v₀ = {wall.kick:g}',
             'not given',
             chain_formula(
@@ -237,13 +237,13 @@ def _compare_walls(plate: Plate, chain: Chain, walls: list[WallAtSpeed]) -> None
                 ("slope of arctanh, the paper's estimator", wall.width),
                 ('fit of tanh with a free width', wall.fitted_width),
             ):
-                plate.compare(
+                report.add_comparison(
                     f'w / w₀ {name}, {estimator}',
                     '√(1 − v²/c²)',
                     law,
                     width,
                 )
-    plate.compare(
+    report.add_comparison(
         'w / w₀ of the wall of the chain at rest, slope of arctanh',
         '1',
         '1 for d ≪ 1 and d ≫ 1',
@@ -252,10 +252,10 @@ def _compare_walls(plate: Plate, chain: Chain, walls: list[WallAtSpeed]) -> None
     )
 
 
-def _draw_wobbler(plate: Plate, axes: Axes, chain: Chain) -> None:
+def _draw_wobbler(report: FigureReport, axes: Axes, chain: Chain) -> None:
     """A wobbling wall at rest, tanh with the width of flippers, and the envelopes."""
     middle = (chain.number_of_rotors - 1) / 2
-    places, fields = static_snapshots(chain, middle)
+    places, fields = static_profile(chain, middle)
     near = np.abs(places) < 7
     fine = np.linspace(-7, 7, 400)
     axes.plot(places[near], fields[near], '.', color=MEASURED, markersize=4, label='chain')
@@ -272,13 +272,13 @@ def _draw_wobbler(plate: Plate, axes: Axes, chain: Chain) -> None:
     axes.set(xlabel='n − X [rotor spacings]', ylabel='u / ū [1]', ylim=(-1.9, 1.5))
     axes.set_title(f'b  wobbler at rest, {shape(chain)}', loc='left', fontsize=10)
     axes.legend(fontsize=8, loc='lower left')
-    plate.note('wobbler', 'chain', (PLACE, 'u / ub [1]'), places[near], fields[near])
+    report.add_points('wobbler', 'chain', (DISTANCE_LABEL, 'u / ub [1]'), places[near], fields[near])
 
 
-def _draw_offset(plate: Plate, axes: Axes, chain: Chain, wall: WallAtSpeed) -> None:
+def _draw_offset(report: FigureReport, axes: Axes, chain: Chain, wall: WallAtSpeed) -> None:
     """Staggered angles of even and odd rotors in one snapshot, which a constant sets apart."""
-    places = wall.snapshots.places[len(wall.snapshots.places) // 2]
-    angles = wall.snapshots.angles[len(wall.snapshots.places) // 2]
+    places = wall.snapshots.distances[len(wall.snapshots.distances) // 2]
+    angles = wall.snapshots.angles[len(wall.snapshots.distances) // 2]
     theta = staggered(angles)
     even, odd = theta[::2], np.pi - theta[1::2]
     axes.plot(places[::2], even, 'o', color=MEASURED, markersize=4, label='φ, even rotors')
@@ -287,12 +287,12 @@ def _draw_offset(plate: Plate, axes: Axes, chain: Chain, wall: WallAtSpeed) -> N
     axes.set(xlabel='n − X [rotor spacings]', ylabel='actual angle φ [rad]')
     axes.set_title('b  angles of the rotors in one snapshot', loc='left', fontsize=10)
     axes.legend()
-    names = (PLACE, 'phi [rad]')
-    plate.note('angles', 'even rotors', names, places[::2], even)
-    plate.note('angles', 'odd rotors', names, places[1::2], odd)
+    names = (DISTANCE_LABEL, 'phi [rad]')
+    report.add_points('angles', 'even rotors', names, places[::2], even)
+    report.add_points('angles', 'odd rotors', names, places[1::2], odd)
     long_side = slice(-_FAR, None) if places[-1] > -places[0] else slice(_FAR)
     offset = float(np.abs(np.median(odd[long_side]) - np.median(even[long_side])))
-    plate.compare(
+    report.add_comparison(
         'angle between neighbours far from the wall [rad]',
         'π − 2θ̄, everywhere',
         chain_formula('π − 2 θ̄', chain, 'in the ground states'),
@@ -300,7 +300,7 @@ def _draw_offset(plate: Plate, axes: Axes, chain: Chain, wall: WallAtSpeed) -> N
     )
     rest = static_wall(chain, (chain.number_of_rotors - 1) / 2)
     apart = np.abs(np.diff(rest))
-    plate.compare(
+    report.add_comparison(
         'largest departure from it in a wall at rest [rad]',
         '0',
         chain_formula('1.4 a / r', chain, 'about'),
@@ -310,7 +310,7 @@ def _draw_offset(plate: Plate, axes: Axes, chain: Chain, wall: WallAtSpeed) -> N
 
 def _width_at_rest(chain: Chain) -> float:
     """Width of a wall of the chain at rest over that of the continuum, by arctanh [1]."""
-    found = arctanh_width(*static_snapshots(chain, (chain.number_of_rotors - 1) / 2))
+    found = arctanh_width(*static_profile(chain, (chain.number_of_rotors - 1) / 2))
     return found * chain.spacing / chain.wall_width
 
 

@@ -15,8 +15,8 @@ from functools import partial
 from pathlib import Path
 
 from soliton_linkage_studies.figures import FIGURES, DrawFigure
-from soliton_linkage_studies.plates import Comparison, write_table
-from soliton_linkage_studies.program import chosen, run_study, side_by_side, study_parser
+from soliton_linkage_studies.figure_report import Comparison, write_table
+from soliton_linkage_studies.program import select_names, run_study, run_parallel, study_parser
 from soliton_linkage_studies.settings import Section, load_settings
 
 
@@ -28,21 +28,21 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 def draw(figure: DrawFigure, section: Section, output: Path, quick: bool) -> list[Comparison]:
     """Draw one figure into a folder, by the name of its section; return its lines of the table."""
-    plate = figure(section, quick)
-    plate.save(output, section.name)
-    return plate.comparisons
+    report = figure(section, quick)
+    report.save(output, section.name)
+    return report.comparisons
 
 
 def _drawn(options: argparse.Namespace) -> str:
     settings = load_settings(options.config)
-    settings.allow(*FIGURES)
-    names = chosen(list(settings.values), options.only)
+    settings.check_keys(*FIGURES)
+    names = select_names(list(settings.values), options.only)
     tasks = {
         name: partial(draw, FIGURES[name], settings.section(name), options.output, options.quick)
         for name in names
     }
     options.output.mkdir(parents=True, exist_ok=True)
-    lines = side_by_side('figures', tasks, options.workers)
+    lines = run_parallel('figures', tasks, options.workers)
     write_table(lines, options.output / 'table.md', list(settings.values))
     return f'{len(names)} figures and table.md are in {options.output}'
 

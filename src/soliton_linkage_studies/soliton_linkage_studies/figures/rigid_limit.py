@@ -17,7 +17,7 @@ from soliton_linkage.solitons.track import follow
 from soliton_linkage_studies.experiments import kick_rates
 from soliton_linkage_studies.figures import FIGURES
 from soliton_linkage_studies.palette import MEASURED, MECHANICS_COLOURS, THEORY, scale_colours
-from soliton_linkage_studies.plates import Plate
+from soliton_linkage_studies.figure_report import FigureReport
 from soliton_linkage_studies.settings import Section, chain_from
 
 
@@ -52,9 +52,9 @@ _PATH = ('time [sqrt(M/k_e)]', 'wall at rotor [rotor spacings]')
 
 
 @FIGURES.add('elastic_against_rigid')
-def rigid_limit_figure(section: Section, quick: bool) -> Plate:
+def rigid_limit_figure(section: Section, quick: bool) -> FigureReport:
     """Springs that get stiffer move as rigid bars do: paths, and distance against k_e."""
-    section.allow('chain', 'kick', 'duration', 'factors')
+    section.check_keys('chain', 'kick', 'duration', 'factors')
     chain = chain_from(section.section('chain'))
     factors = section.numbers('factors', 1.0, 1e9)
     duration = section.number('duration', 0.0, 1e6) * chain.time_unit
@@ -62,8 +62,8 @@ def rigid_limit_figure(section: Section, quick: bool) -> Plate:
     rates = kick_rates(chain, rest, section.number('kick', 1e-6, 100.0))
     period = duration / 200
     rigid = RigidSimulation(chain, rest, rates, period).record(duration)
-    plate = Plate(Figure(figsize=(11, 4.8), layout='constrained'), _CAPTION)
-    paths, distances = plate.figure.subplots(1, 2)
+    report = FigureReport(Figure(figsize=(11, 4.8), layout='constrained'), _CAPTION)
+    paths, distances = report.figure.subplots(1, 2)
     apart = []
     colours = scale_colours(_TRACKED)
     shown = factors[:3] if quick else factors
@@ -85,18 +85,18 @@ def rigid_limit_figure(section: Section, quick: bool) -> Plate:
     paths.set(xlabel=r'time [$\sqrt{M/k_e}$]', ylabel='place of the wall [rotor spacings]')
     paths.set_title('a  paths of the wall', loc='left')
     paths.legend()
-    _draw_order(plate, distances, np.array(shown), np.array(apart))
-    return plate
+    _draw_order(report, distances, np.array(shown), np.array(apart))
+    return report
 
 
-def _draw_order(plate: Plate, axes: Axes, factors: Array, apart: Array) -> None:
+def _draw_order(report: FigureReport, axes: Axes, factors: Array, apart: Array) -> None:
     """Largest distance of an angle against stiffness, with a line of order 1."""
     draw_convergence(axes, factors, apart, 'springs from bars')
     axes.set(xlabel='stiffness over that of the chain [1]')
     axes.set_title('b  distance from rigid bars', loc='left')
     names = ('stiffness, times that of the chain [1]', 'largest distance of an angle [rad]')
-    plate.note('b', 'springs from bars', names, factors, apart)
-    plate.compare(
+    report.add_points('b', 'springs from bars', names, factors, apart)
+    report.add_comparison(
         'order in 1/kₑ of the distance of springs from rigid bars',
         'the linkage is the limit kₑ → ∞',
         'first order at fixed speed',

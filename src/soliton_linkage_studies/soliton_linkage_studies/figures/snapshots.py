@@ -18,11 +18,11 @@ from soliton_linkage.solitons.static_wall import site_arc
 from soliton_linkage.solitons.tanh_fit import order_field
 from soliton_linkage.solitons.track import Crossing, Track, find_crossings, follow
 from soliton_linkage_studies.captions import LINKAGE, MODE, PROJECTIONS, description
-from soliton_linkage_studies.drawing import ChainPicture, add_legend, make_room
-from soliton_linkage_studies.experiments import kicked
+from soliton_linkage_studies.drawing import ChainPicture, add_legend, expand_limits
+from soliton_linkage_studies.experiments import record_kick
 from soliton_linkage_studies.figures import FIGURES
 from soliton_linkage_studies.formulas import chain_formula
-from soliton_linkage_studies.plates import Plate
+from soliton_linkage_studies.figure_report import FigureReport
 from soliton_linkage_studies.settings import Section, chain_from
 
 _CAPTION = f"""
@@ -50,18 +50,18 @@ _LEGEND = 0.3
 
 @FIGURES.add('figure_2')
 @FIGURES.add('figure_3')
-def snapshot_figure(section: Section, quick: bool) -> Plate:
+def snapshot_figure(section: Section, quick: bool) -> FigureReport:
     """The chain of springs before the kick, with its wall half way, and after a reflection."""
-    section.allow('chain', 'kick', 'duration', 'frames')
+    section.check_keys('chain', 'kick', 'duration', 'frames')
     chain = chain_from(section.section('chain'))
     kick = section.number('kick', 0.0, 100.0)
     duration = section.number('duration', 0.0, 1e6)
     frames = section.whole_number('frames', 10, 100_000)
-    recording = kicked(chain, kick, duration, frames // 2 if quick else frames)
+    recording = record_kick(chain, kick, duration, frames // 2 if quick else frames)
     track = follow(chain, recording)
     crossings = find_crossings(chain, track)
     if len(crossings) < 2:
-        raise section.complaint(
+        raise section.error(
             'duration', f'is too short: {len(crossings)} crossings of 2; record for longer'
         )
     chosen = [0, *_turning_points(chain, recording, track, crossings)]
@@ -69,16 +69,16 @@ def snapshot_figure(section: Section, quick: bool) -> Plate:
     caption = _CAPTION.format(
         chain=description(chain), kick=kick, lowered=_LOWERED if lowered else ''
     )
-    plate = Plate(Figure(layout='constrained'), caption)
-    panels = plate.figure.subplots(3, 1)
+    report = FigureReport(Figure(layout='constrained'), caption)
+    panels = report.figure.subplots(3, 1)
     states = ('before the kick', 'the wall half way to the first rotor', 'after one round trip')
     pictures = [
         draw_snapshot(axes, chain, recording.angles[frame], lowered)
         for axes, frame in zip(panels, chosen, strict=True)
     ]
-    width, height = make_room(pictures)
-    plate.figure.set_size_inches(_WIDTH, 3 * (_WIDTH * height / width + _TITLE) + _LEGEND)
-    add_legend(plate.figure)
+    width, height = expand_limits(pictures)
+    report.figure.set_size_inches(_WIDTH, 3 * (_WIDTH * height / width + _TITLE) + _LEGEND)
+    add_legend(report.figure)
     for axes, frame, letter, state in zip(panels, chosen, 'abc', states, strict=True):
         angles = recording.angles[frame]
         time = recording.times[frame] / chain.time_unit
@@ -110,30 +110,30 @@ def _turning_points(
     return [int(np.searchsorted(track.times, halfway)), int(np.argmax(rightmost))]
 
 
-def _compare(plate: Plate, chain: Chain, recording: Recording, kick: float, speed: float) -> None:
+def _compare(report: FigureReport, chain: Chain, recording: Recording, kick: float, speed: float) -> None:
     trips, turns = _cycle(chain)
     spinner = chain.motion is Motion.SPINNER
-    plate.compare(
+    report.add_comparison(
         f'round trips of the wall in a cycle, {chain.motion.value}',
         'one' if spinner else 'two',
         'half the reflections of rigid bars in a cycle',
         trips,
         1.0 if spinner else 2.0,
     )
-    plate.compare(
+    report.add_comparison(
         f'turns of each rotor in a cycle, {chain.motion.value}',
         'edge rotors by 2π, all by π a passage' if spinner else 'none',
         'rigid bars in a cycle',
         turns,
         1.0 if spinner else 0.0,
     )
-    plate.compare(
+    report.add_comparison(
         f'speed of the wall after a kick of {kick:g}, rotors / √(M/kₑ), {chain.motion.value}',
         'not given',
         chain_formula('v₀ a / (Λ r)', chain, 'slow limit', **{'v₀': kick, 'Λ': site_arc(chain)}),
         speed * chain.time_unit,
     )
-    plate.compare(
+    report.add_comparison(
         f'energy at the end over that at the start, {chain.motion.value}',
         '1',
         '1',

@@ -16,16 +16,16 @@ from soliton_linkage.linkage.chain import Array, Chain
 from soliton_linkage.solitons.static_wall import site_arc, static_wall
 from soliton_linkage_studies.captions import shape
 from soliton_linkage_studies.experiments import (
-    PLACE,
+    DISTANCE_LABEL,
     SNAPSHOTS,
     Snapshots,
     snapshots,
-    static_snapshots,
+    static_profile,
 )
 from soliton_linkage_studies.figures import FIGURES
 from soliton_linkage_studies.formulas import Formula, chain_formula
 from soliton_linkage_studies.palette import GREY, MARKERS, MEASURED, PAPER, THEORY, chain_colours
-from soliton_linkage_studies.plates import Plate
+from soliton_linkage_studies.figure_report import FigureReport
 from soliton_linkage_studies.settings import Section, chain_from
 
 _PROFILES = """
@@ -53,23 +53,23 @@ _NEAR = 1.5
 
 
 @FIGURES.add('figure_s1')
-def figure_s1(section: Section, quick: bool) -> Plate:
+def figure_s1(section: Section, quick: bool) -> FigureReport:
     """Profiles of wobbling flippers, from snapshots of a slow motion (paper, Fig. S1)."""
-    section.allow('chains')
+    section.check_keys('chains')
     chains = [chain_from(each) for each in section.section('chains').sections().values()]
     count = _QUICK_SNAPSHOTS if quick else SNAPSHOTS
     figure = Figure(figsize=(9, 5.5), layout='constrained')
-    plate = Plate(figure, _PROFILES.format(count=count))
-    axes = plate.figure.subplots()
+    report = FigureReport(figure, _PROFILES.format(count=count))
+    axes = report.figure.subplots()
     for chain, colour, marker in zip(chains, chain_colours(chains), MARKERS, strict=False):
         seen = _slow_snapshots(chain, count)
-        near = np.abs(seen.places) < 9
+        near = np.abs(seen.distances) < 9
         name = shape(chain)
         axes.plot(
-            seen.places[near], seen.fields[near], marker, color=colour, markersize=4, label=name
+            seen.distances[near], seen.fields[near], marker, color=colour, markersize=4, label=name
         )
-        plate.note('', name, (PLACE, 'u / ub [1]'), seen.places[near], seen.fields[near])
-        _compare_overshoot(plate, chain)
+        report.add_points('', name, (DISTANCE_LABEL, 'u / ub [1]'), seen.distances[near], seen.fields[near])
+        _compare_overshoot(report, chain)
     for side, label in ((1, 'uniform states ±ū'), (-1, None)):
         axes.axhline(side, color=GREY, linewidth=0.8, label=label)
     axes.set(
@@ -78,41 +78,41 @@ def figure_s1(section: Section, quick: bool) -> Plate:
         title=f'wobbling flippers overshoot: {count} snapshots of each chain',
     )
     axes.legend()
-    return plate
+    return report
 
 
 @FIGURES.add('figure_s2')
-def figure_s2(section: Section, quick: bool) -> Plate:
+def figure_s2(section: Section, quick: bool) -> FigureReport:
     """Oscillations beside wobbling walls, over the decay of theory (paper, Fig. S2)."""
-    section.allow('chains')
+    section.check_keys('chains')
     chains = [chain_from(each) for each in section.section('chains').sections().values()]
     count = _QUICK_SNAPSHOTS if quick else SNAPSHOTS
     figure = Figure(figsize=(12, 3 * len(chains)), layout='constrained')
-    plate = Plate(figure, _TAILS.format(count=count))
-    panels = plate.figure.subplots(len(chains), 2, sharex=True, squeeze=False)
+    report = FigureReport(figure, _TAILS.format(count=count))
+    panels = report.figure.subplots(len(chains), 2, sharex=True, squeeze=False)
     for (linear, logarithmic), chain in zip(panels, chains, strict=True):
         seen = _slow_snapshots(chain, count)
-        beyond = (seen.places < 0) & (seen.places > -_BESIDE)
-        places = -seen.places[beyond]
+        beyond = (seen.distances < 0) & (seen.distances > -_BESIDE)
+        places = -seen.distances[beyond]
         lean = chain.lean_ratio / 2
         from_tanh = lean * (seen.fields[beyond] - np.tanh(places * 2 * lean))
         from_rest = lean * (seen.fields[beyond] - 1)
         for axes, values in ((linear, from_tanh), (logarithmic, np.abs(from_rest))):
             axes.plot(places, values, 'o', color=MEASURED, markersize=4, label='chain')
-        _draw_decays(plate, linear, logarithmic, chain, places, from_rest)
+        _draw_decays(report, linear, logarithmic, chain, places, from_rest)
         name = shape(chain)
-        plate.note(name, 'chain', (_BEYOND, '(u - u_tanh) / a [1]'), places, from_tanh)
-        plate.note(name, 'chain', (_BEYOND, '(u - ub) / a [1]'), places, from_rest)
+        report.add_points(name, 'chain', (_BEYOND, '(u - u_tanh) / a [1]'), places, from_tanh)
+        report.add_points(name, 'chain', (_BEYOND, '(u - ub) / a [1]'), places, from_rest)
         linear.set(ylabel=r'$(u - u_{\tanh}) / a$ [1]')
         linear.set_title(f'a  beside tanh, {name}', loc='left')
         logarithmic.set(ylabel=r'$|u - \bar u| / a$ [1]', yscale='log', ylim=(1e-9, 3))
         logarithmic.set_title(f'b  decay, {name}', loc='left')
-        _compare_tail(plate, chain)
+        _compare_tail(report, chain)
     for axes in panels[-1]:
         axes.set(xlabel='distance from the wall [rotor spacings]')
     for axes in panels[0]:
         axes.legend()
-    return plate
+    return report
 
 
 def _slow_snapshots(chain: Chain, count: int) -> Snapshots:
@@ -124,7 +124,7 @@ def _slow_snapshots(chain: Chain, count: int) -> Snapshots:
 
 
 def _draw_decays(
-    plate: Plate, linear: Axes, logarithmic: Axes, chain: Chain, places: Array, from_rest: Array
+    report: FigureReport, linear: Axes, logarithmic: Axes, chain: Chain, places: Array, from_rest: Array
 ) -> None:
     """U = ub + e^(-x / depth) (A cos(pi x / a) + B sin(pi x / a)) with two depths.
 
@@ -145,20 +145,20 @@ def _draw_decays(
         logarithmic.plot(
             fine, np.hypot(*strengths) * decay, style, color=colour, label=f'{label}, envelope'
         )
-        plate.note(shape(chain), label, (_BEYOND, '(u - ub) / a [1]'), fine, wave * decay)
+        report.add_points(shape(chain), label, (_BEYOND, '(u - ub) / a [1]'), fine, wave * decay)
 
 
-def _compare_overshoot(plate: Plate, chain: Chain) -> None:
-    places, fields = static_snapshots(chain, (chain.number_of_rotors - 1) / 2)
+def _compare_overshoot(report: FigureReport, chain: Chain) -> None:
+    places, fields = static_profile(chain, (chain.number_of_rotors - 1) / 2)
     lean_ratio = chain.lean_ratio
     from_tanh = lean_ratio / 2 * (fields + np.tanh(places * lean_ratio))
-    plate.compare(
+    report.add_comparison(
         f'max |u − u_tanh| / (a d³), {shape(chain)}',
         'a constant: the deviation is ∝ d³',
         'no closed form',
         float(np.abs(from_tanh).max()) / lean_ratio**3,
     )
-    plate.compare(
+    report.add_comparison(
         f'overshoot of u above ū, in units of ū, {shape(chain)}',
         '∝ d³',
         'no closed form; 0 for d ≤ 1',
@@ -166,7 +166,7 @@ def _compare_overshoot(plate: Plate, chain: Chain) -> None:
     )
 
 
-def _compare_tail(plate: Plate, chain: Chain) -> None:
+def _compare_tail(report: FigureReport, chain: Chain) -> None:
     """Decay length and wave number of a wall at rest, from successive rotors far from it."""
     depth = penetration_depth(chain) / chain.spacing
     middle = chain.number_of_rotors // 2
@@ -174,13 +174,13 @@ def _compare_tail(plate: Plate, chain: Chain) -> None:
     deviation = tail - math.sin(chain.rest_angle)
     ratios = deviation[:-1] / deviation[1:]
     name = shape(chain)
-    plate.compare(
+    report.add_comparison(
         f'decay length of the oscillation / a, {name}',
         chain_formula('r sin θ̄ / a', chain),
         chain_formula('1 / ln((d + 1) / (d − 1))', chain),
         -1 / math.log(abs(ratios[0])),
     )
-    plate.compare(
+    report.add_comparison(
         f'wavelength of the oscillation / a, {name}',
         Formula('2 π / √8', {}, 'linearised; 2 is seen'),
         'two rotors, a change of sign at every one',

@@ -11,7 +11,7 @@ from matplotlib.patches import Circle
 
 from soliton_linkage.linkage.chain import Array, Chain, staggered
 from soliton_linkage_studies.captions import LINKAGE, description
-from soliton_linkage_studies.drawing import ChainPicture, broken_at_turns, draw_torus, pivot_points
+from soliton_linkage_studies.drawing import ChainPicture, split_at_wraps, draw_torus, pivot_points
 from soliton_linkage_studies.films.scenes import (
     BOTTOM,
     TOP,
@@ -38,10 +38,10 @@ class Cell:
     @staticmethod
     def read(section: Section) -> Cell:
         """Read the settings; the chain must have two rotors."""
-        section.allow('chain', 'kick')
+        section.check_keys('chain', 'kick')
         chain = chain_from(section.section('chain'))
         if chain.number_of_rotors != 2:
-            raise section.section('chain').complaint(
+            raise section.section('chain').error(
                 'number_of_rotors', 'must be 2, those of a unit cell; film a cycle for more'
             )
         return Cell(chain, section.number('kick', 1e-6, 100.0))
@@ -90,8 +90,8 @@ class CellScene(Scene):
     def _move(self, frame: int) -> None:
         angles = self.cell[frame]
         self._picture.update(staggered(angles))
-        self._trail.set_data(*broken_at_turns(self.cell[: frame + 1]).T)
-        self._point.set_data(*broken_at_turns(angles[None]).T)
+        self._trail.set_data(*split_at_wraps(self.cell[: frame + 1]).T)
+        self._point.set_data(*split_at_wraps(angles[None]).T)
 
 
 def _cell_picture(axes: Axes, chain: Chain, angles: Array) -> ChainPicture:

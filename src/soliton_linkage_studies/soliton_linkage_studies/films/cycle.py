@@ -37,7 +37,7 @@ class KickedWall:
     @staticmethod
     def read(section: Section) -> KickedWall:
         """Read the settings, the duration in time units sqrt(M / k_e)."""
-        section.allow('chain', 'kick', 'duration')
+        section.check_keys('chain', 'kick', 'duration')
         chain = chain_from(section.section('chain'))
         kick = section.number('kick', 1e-6, 100.0)
         duration = section.number('duration', 1e-3, 1e6)

@@ -47,11 +47,11 @@ class Insulation:
     @staticmethod
     def read(section: Section) -> Insulation:
         """Read the settings, the duration in time units sqrt(M / k_e)."""
-        section.allow('chain', 'swing', 'drives', 'duration')
+        section.check_keys('chain', 'swing', 'drives', 'duration')
         chain = chain_from(section.section('chain'))
         drives = section.numbers('drives', 0.01, 100.0)
         if len(drives) != 2:
-            raise section.complaint('drives', 'must be two numbers; give one each side of 1')
+            raise section.error('drives', 'must be two numbers; give one each side of 1')
         duration = section.number('duration', 1e-3, 1e6)
         swing = section.number('swing', 1e-3, 0.5)
         return Insulation(chain, swing, drives, duration * chain.time_unit)

@@ -21,8 +21,8 @@ import matplotlib as mpl
 from soliton_linkage.progress import ProgressLine
 from soliton_linkage_studies.films.files import SHRINKING, FileKind, file_kind, write_film
 from soliton_linkage_studies.films.scenes import FILM_KINDS, STYLE, Format, Scene
-from soliton_linkage_studies.plates import save_caption
-from soliton_linkage_studies.program import chosen, run_study, study_parser
+from soliton_linkage_studies.figure_report import save_caption
+from soliton_linkage_studies.program import select_names, run_study, study_parser
 from soliton_linkage_studies.settings import Section, load_settings
 from soliton_linkage_studies.workers import Processes, local_processes
 
@@ -45,11 +45,11 @@ class Film:
 
 def read_films(settings: Section) -> list[Film]:
     """Films of a file of settings, all checked; raises ValueError for what cannot be filmed."""
-    settings.allow('frame_rate', 'size', 'films')
+    settings.check_keys('frame_rate', 'size', 'films')
     frame_rate = settings.number('frame_rate', 1.0, 120.0)
     size = settings.numbers('size', 64, 8192)
     if len(size) != 2 or any(pixels % 2 for pixels in size):
-        raise settings.complaint('size', 'must be two even numbers of pixels, as [1280, 720]')
+        raise settings.error('size', 'must be two even numbers of pixels, as [1280, 720]')
     width, height = (int(pixels) for pixels in size)
     films = []
     for name, section in settings.section('films').sections().items():
@@ -159,7 +159,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 def _filmed(options: argparse.Namespace) -> str:
     films = read_films(load_settings(options.config))
-    names = chosen([film.name for film in films], options.only)
+    names = select_names([film.name for film in films], options.only)
     films = [film for film in films if film.name in names]
     if options.quick:
         films = [resized(film, *_QUICK_SIZE, _QUICK_FRAMES) for film in films]

@@ -58,7 +58,7 @@ class Staggering:
     @staticmethod
     def read(section: Section) -> Staggering:
         """Read the settings, the duration in time units sqrt(M / k_e)."""
-        section.allow('chain', 'kick', 'duration', 'depth', 'turn')
+        section.check_keys('chain', 'kick', 'duration', 'depth', 'turn')
         depth = section.number('depth', 0.01, 10.0)
         turn = section.number('turn', -10.0, 10.0)
         rest = {key: section.values[key] for key in section.values if key not in ('depth', 'turn')}

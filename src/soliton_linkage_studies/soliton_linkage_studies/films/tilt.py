@@ -52,13 +52,13 @@ class Tilting:
     @staticmethod
     def read(section: Section) -> Tilting:
         """Read the settings, times in [s]."""
-        section.allow('chain', 'times', 'tilts', 'gravity')
+        section.check_keys('chain', 'times', 'tilts', 'gravity')
         times = section.numbers('times', 0.0, 1e4)
         if times[0] != 0 or len(times) < 2 or np.min(np.diff(times)) <= 0:
-            raise section.complaint('times', 'must increase from 0; sort them')
+            raise section.error('times', 'must increase from 0; sort them')
         tilts = section.numbers('tilts', -math.pi, math.pi)
         if len(tilts) != len(times):
-            raise section.complaint('tilts', f'must be {len(times)} numbers; give one a time')
+            raise section.error('tilts', f'must be {len(times)} numbers; give one a time')
         acceleration = section.number('gravity', 0.0, 1e3, 9.81)
         return Tilting(chain_from(section.section('chain')), times, tilts, acceleration)
 

@@ -147,15 +147,15 @@ def read_sweep_study(path: Path, quick: bool = False) -> SweepStudy:
     Raises ValueError that names the file, the key, its value and what it must be.
     """
     settings = load_settings(path)
-    settings.allow(*_SECTIONS)
+    settings.check_keys(*_SECTIONS)
     parameters = _parameters(settings)
     if not isinstance(settings.values.get('sweep'), Mapping) or not settings.values['sweep']:
-        raise settings.complaint('sweep', 'must name one parameter or more, each with its values')
+        raise settings.error('sweep', 'must name one parameter or more, each with its values')
     axes = _axes(settings.section('sweep'))
     swept = _LENGTHS & {axis.name for axis in axes}
     if swept == _LENGTHS or parameters.keys() >= _LENGTHS:
         section = 'sweep' if swept else 'chain'
-        raise settings.complaint(section, 'gives rotor_length and its ratio; give one of them')
+        raise settings.error(section, 'gives rotor_length and its ratio; give one of them')
     if swept:
         parameters = {key: parameters[key] for key in parameters.keys() - _LENGTHS}
     seeds = _seeds(settings)
@@ -178,10 +178,10 @@ def _parameters(settings: Section) -> dict[str, Value]:
             continue
         section = settings.section(name)
         if 'periodic' in section.values:
-            raise section.complaint(
+            raise section.error(
                 'periodic', 'is not known; sweeps are of chains with free ends, leave it out'
             )
-        section.allow(*allowed)
+        section.check_keys(*allowed)
         for key in section.values:
             parameters[prefix + key] = _value(section, key, prefix + key)
     return parameters
@@ -197,7 +197,7 @@ def _value(section: Section, key: str, parameter: str) -> Value:
 
 
 def _axes(section: Section) -> tuple[Axis, ...]:
-    section.allow(*_LIMITS, 'mechanics')
+    section.check_keys(*_LIMITS, 'mechanics')
     return tuple(_axis(section, name) for name in section.values)
 
 
@@ -210,27 +210,27 @@ def _axis(section: Section, name: str) -> Axis:
         each = Section(section.file, f'{section.name}.{name}', dict(_numbered(content)))
         axis = Axis(name, tuple(_value(each, key, name) for key in each.values))
     else:
-        raise section.complaint(
+        raise section.error(
             name,
             f'must be a list of 1 to {_MOST_POINTS} values, or a range; write '
             '{from: 0.1, to: 1.0, points: 10, scale: linear}',
         )
     if len(set(axis.values)) < len(axis.values):
-        raise section.complaint(name, 'has the same value twice; give each once, or fewer points')
+        raise section.error(name, 'has the same value twice; give each once, or fewer points')
     return axis
 
 
 def _range(section: Section, name: str) -> Axis:
-    section.allow('from', 'to', 'points', 'scale')
+    section.check_keys('from', 'to', 'points', 'scale')
     if name == 'mechanics':
-        raise section.complaint('from', f'must be a list; write [{", ".join(MECHANICS)}]')
+        raise section.error('from', f'must be a list; write [{", ".join(MECHANICS)}]')
     low, high = _LIMITS[name]
     first, last = (section.number(end, low, high) for end in ('from', 'to'))
     points = section.whole_number('points', 2, _MOST_POINTS)
     logarithmic = section.text('scale', ('linear', 'log'), 'linear') == 'log'
     if logarithmic and min(first, last) <= 0:
         end = 'from' if first <= 0 else 'to'
-        raise section.complaint(end, 'must be above 0 on a log scale; write scale: linear')
+        raise section.error(end, 'must be above 0 on a log scale; write scale: linear')
     spaced = np.geomspace if logarithmic else np.linspace
     values: list[Value] = spaced(first, last, points).tolist()
     if name == 'number_of_rotors':
@@ -257,14 +257,14 @@ def _seeds(settings: Section) -> tuple[int, ...]:
     section = Section(settings.file, 'seeds', dict(_numbered(content)))
     seeds = tuple(section.whole_number(key, 0, 2**32) for key in section.values)
     if not seeds or len(set(seeds)) < len(seeds):
-        raise settings.complaint('seeds', 'must be one seed or more, each once; or their number')
+        raise settings.error('seeds', 'must be one seed or more, each once; or their number')
     return seeds
 
 
 def _check(settings: Section, study: SweepStudy) -> None:
     """Refuse more rows than make sense, and values that go with no chain, axis by axis."""
     if study.rows > _MOST_ROWS:
-        raise settings.complaint(
+        raise settings.error(
             'sweep', f'makes {study.rows} rows, over {_MOST_ROWS}; take fewer points or seeds'
         )
     first = {axis.name: axis.values[0] for axis in study.axes}

@@ -12,11 +12,11 @@ import sys
 from collections.abc import Sequence
 from pathlib import Path
 
-from soliton_linkage_studies.plates import save_caption, save_figure
+from soliton_linkage_studies.figure_report import save_caption, save_figure
 from soliton_linkage_studies.program import run_study, study_parser
 from soliton_linkage_studies.sweep.config import read_sweep_study
 from soliton_linkage_studies.sweep.pictures import sweep_caption, sweep_figure
-from soliton_linkage_studies.sweep.table import RESUMES, filled_table
+from soliton_linkage_studies.sweep.table import RESUMES, fill_table
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -35,7 +35,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
 def _swept(options: argparse.Namespace) -> str:
     study = read_sweep_study(options.config, options.quick)
     folder = options.output or Path('out/sweeps') / study.name
-    path, rows = filled_table(study, folder, options.workers, options.scheduler)
+    path, rows = fill_table(study, folder, options.workers, options.scheduler)
     paths = [path]
     figure = sweep_figure(study, rows)
     if figure:

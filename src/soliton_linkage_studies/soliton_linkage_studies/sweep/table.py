@@ -21,7 +21,7 @@ from typing import Any, Protocol
 import yaml
 
 from soliton_linkage.progress import ProgressLine
-from soliton_linkage_studies.workers import Pool, Rows, cluster, local_processes, measured_rows
+from soliton_linkage_studies.workers import Pool, Rows, cluster, local_processes, measure_rows
 
 RESUMES = 'the same command goes on where it was'
 
@@ -138,7 +138,7 @@ class Table:
         return _by_number(whole.splitlines(True))
 
 
-def filled_table(
+def fill_table(
     study: Tabulated, folder: Path, workers: int, scheduler: str = ''
 ) -> tuple[Path, list[dict[str, str]]]:
     """Measure the rows that a table lacks, here or on a Dask cluster; return its path and rows.
@@ -164,7 +164,7 @@ def _fill(study: Tabulated, table: Table, missing: list[int], pool: Pool) -> Non
     begin, done, elapsed = time.monotonic(), 0, 0.0
     total = study.rows - len(missing)
     line.show(total, f'{total} of {study.rows}')
-    for cells in measured_rows(pool, study, missing):
+    for cells in measure_rows(pool, study, missing):
         table.append(cells)
         done += len(cells)
         elapsed = max(time.monotonic() - begin, 1e-9)

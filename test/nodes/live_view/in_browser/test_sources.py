@@ -55,7 +55,7 @@ def test_a_source_that_stops_comes_back_and_changes_its_rotors(
     visit.choose('chain', 'all side by side')
     visit.wait('document.querySelectorAll(".live-tile").length === 2')
     visit.wait('[...live.tiles.values()].every(({ view }) => view.frame.age < 0.5)')
-    visit.shot('side_by_side')
+    visit.shot('run_parallel')
     visit.page.locator('.live-tile[data-chain="/"]').click()
     visit.wait('live.watched === "/" && live.shown.rotors === 12')
 

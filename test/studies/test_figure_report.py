@@ -12,16 +12,16 @@ import pytest
 from matplotlib.figure import Figure
 
 from soliton_linkage_studies.formulas import Formula, read_formula
-from soliton_linkage_studies.plates import Comparison, Plate, save_caption, write_table
+from soliton_linkage_studies.figure_report import Comparison, FigureReport, save_caption, write_table
 
 
-def plate_with(points: list[tuple[float, float]]) -> Plate:
-    plate = Plate(Figure(figsize=(2, 2)), 'A line over time.')
-    axes = plate.figure.subplots()
+def plate_with(points: list[tuple[float, float]]) -> FigureReport:
+    report = FigureReport(Figure(figsize=(2, 2)), 'A line over time.')
+    axes = report.figure.subplots()
     across, up = np.transpose(points)
     axes.plot(across, up)
-    plate.note('a', 'line', ('time [s]', 'phi [rad]'), across, up)
-    return plate
+    report.add_points('a', 'line', ('time [s]', 'phi [rad]'), across, up)
+    return report
 
 
 def test_data_are_kept_to_the_last_digit(tmp_path: Path) -> None:
@@ -46,13 +46,13 @@ def test_the_same_figure_makes_the_same_files(tmp_path: Path) -> None:
 
 
 def test_a_caption_stands_beside_the_picture_in_short_lines(tmp_path: Path) -> None:
-    plate = plate_with([(0, 1)])
-    plate.caption = f"""
+    report = plate_with([(0, 1)])
+    report.caption = f"""
     {'A blue line. ' * 20}
 
     And more.
     """
-    plate.save(tmp_path, 'line')
+    report.save(tmp_path, 'line')
     text = (tmp_path / 'line.txt').read_text(encoding='utf-8')
     assert max(map(len, text.splitlines())) < 99
     first, second = text.split('\n\n')
@@ -68,7 +68,7 @@ def test_a_picture_without_a_caption_is_refused(caption: str, tmp_path: Path) ->
 
 def test_points_that_do_not_pair_are_refused() -> None:
     with pytest.raises(ValueError, match=r'argument \d is (shorter|longer)'):
-        Plate(Figure(), 'Nothing.').note('a', 'line', ('x', 'y'), [1, 2], [3])
+        FigureReport(Figure(), 'Nothing.').note('a', 'line', ('x', 'y'), [1, 2], [3])
 
 
 @pytest.mark.parametrize(
@@ -89,11 +89,11 @@ def test_the_error_is_relative_to_theory(measured: float, expected: float, error
 
 
 def test_the_table_has_a_line_a_comparison_and_six_cells_in_each(tmp_path: Path) -> None:
-    plate = plate_with([(0, 0)])
-    plate.compare('gap', '|r|', 'q', 2.0, 1.0)
-    plate.compare('overshoot', 'd³', 'none', 0.25)
+    report = plate_with([(0, 0)])
+    report.add_comparison('gap', '|r|', 'q', 2.0, 1.0)
+    report.add_comparison('overshoot', 'd³', 'none', 0.25)
     path = tmp_path / 'table.md'
-    write_table({'figure': plate.comparisons}, path, ['figure'])
+    write_table({'figure': report.comparisons}, path, ['figure'])
     lines = path.read_text(encoding='utf-8').splitlines()
     assert len(lines) == 4
     assert {line.count('|') for line in lines} == {7}
@@ -102,9 +102,9 @@ def test_the_table_has_a_line_a_comparison_and_six_cells_in_each(tmp_path: Path)
 
 
 def test_a_row_prints_the_formula_that_its_number_is_computed_from(tmp_path: Path) -> None:
-    plate = plate_with([(0, 0)])
-    plate.compare('speed', 'v', Formula('|v| / Λ', {'v': -3.0, 'Λ': 4.0}, 'slow'), 1.5)
-    write_table({'figure': plate.comparisons}, tmp_path / 'table.md', ['figure'])
+    report = plate_with([(0, 0)])
+    report.add_comparison('speed', 'v', Formula('|v| / Λ', {'v': -3.0, 'Λ': 4.0}, 'slow'), 1.5)
+    write_table({'figure': report.comparisons}, tmp_path / 'table.md', ['figure'])
     row = (tmp_path / 'table.md').read_text(encoding='utf-8').splitlines()[2]
     assert row == (
         '| figure | speed | v | ∣v∣ / Λ = 0.75 for v = -3, Λ = 4 (slow) | 1.5 | +1e+02 % |'

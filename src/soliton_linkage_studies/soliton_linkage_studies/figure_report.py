@@ -59,7 +59,7 @@ class Comparison:
 
 
 @dataclass
-class Plate:
+class FigureReport:
     """A figure in the making: panels to draw on, and the data that was drawn."""
 
     figure: Figure
