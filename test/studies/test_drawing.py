@@ -18,14 +18,14 @@ from soliton_linkage.linear.rigidity import zero_mode
 from soliton_linkage.linkage.chain import Array, Chain
 from soliton_linkage_studies.drawing import (
     ChainPicture,
-    split_at_wraps,
     draw_torus,
-    limits,
     expand_limits,
+    limits,
     mass_points,
     mode_arrows,
     mode_quiver,
     projection_quiver,
+    split_at_wraps,
 )
 from soliton_linkage_studies.unit_cell import configuration_curves
 

@@ -11,8 +11,13 @@ import numpy as np
 import pytest
 from matplotlib.figure import Figure
 
+from soliton_linkage_studies.figure_report import (
+    Comparison,
+    FigureReport,
+    save_caption,
+    write_table,
+)
 from soliton_linkage_studies.formulas import Formula, read_formula
-from soliton_linkage_studies.figure_report import Comparison, FigureReport, save_caption, write_table
 
 
 def plate_with(points: list[tuple[float, float]]) -> FigureReport:
@@ -68,7 +73,7 @@ def test_a_picture_without_a_caption_is_refused(caption: str, tmp_path: Path) ->
 
 def test_points_that_do_not_pair_are_refused() -> None:
     with pytest.raises(ValueError, match=r'argument \d is (shorter|longer)'):
-        FigureReport(Figure(), 'Nothing.').note('a', 'line', ('x', 'y'), [1, 2], [3])
+        FigureReport(Figure(), 'Nothing.').add_points('a', 'line', ('x', 'y'), [1, 2], [3])
 
 
 @pytest.mark.parametrize(

@@ -16,6 +16,7 @@ from matplotlib.image import imread
 from soliton_linkage.linkage.recording import Recording
 from soliton_linkage.solitons.track import Crossing, Track, follow
 from soliton_linkage_studies.drawing import lean_norm
+from soliton_linkage_studies.figure_report import save_figure
 from soliton_linkage_studies.pictures import (
     kymograph,
     kymograph_figure,
@@ -24,7 +25,6 @@ from soliton_linkage_studies.pictures import (
     track_places,
     track_velocities,
 )
-from soliton_linkage_studies.figure_report import save_figure
 
 CHAIN = chain_of(FLIPPER, 20)
 

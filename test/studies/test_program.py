@@ -16,10 +16,10 @@ from pathlib import Path
 import pytest
 
 from soliton_linkage_studies.program import (
-    select_names,
     installed_settings,
-    run_study,
     run_parallel,
+    run_study,
+    select_names,
     study_parser,
 )
 from soliton_linkage_studies.settings import load_settings

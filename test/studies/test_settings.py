@@ -88,7 +88,10 @@ def test_a_number_that_yaml_takes_for_a_text_is_explained(tmp_path: Path) -> Non
         ),
         (lambda: SECTION.section('x'), 'part.x = 2 must be a section; indent its keys beneath it'),
         (lambda: SECTION.sections(), 'part.x = 2 must be a section'),
-        (lambda: SECTION.check_keys('x', 'y'), "part.name = 'left' is not known; it may hold x, y"),
+        (
+            lambda: SECTION.check_keys('x', 'y'),
+            "part.name = 'left' is not known; it may hold x, y",
+        ),
         (lambda: SECTION.section('sub').text('y'), 'part.sub.y = 1 must be a text'),
     ],
 )

@@ -1,7 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Programs that run experiments on simulated chains, and what they share.
+"""Numerical experiments on simulated chains, and the modules that they share.
 
-A study is a folder: its `program` is the command line, and the rest of it measures and draws.
-What two studies need is a module of this folder; `program` and `registry` are how they are run
-and found, `figure_report` how pictures, data and tables are written, `drawing` how a chain is drawn.
+Each study is a subpackage whose `program` module is its command. `program` runs a study,
+`figure_report` writes figures, data and tables, and `drawing` draws a chain.
 """

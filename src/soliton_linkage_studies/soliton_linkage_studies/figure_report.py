@@ -69,7 +69,7 @@ class FigureReport:
     """Every point drawn, as (panel, series, x, y, x_name, y_name)."""
     comparisons: list[Comparison] = field(default_factory=list)
 
-    def note(
+    def add_points(
         self, panel: str, series: str, names: tuple[str, str], x: ArrayLike, y: ArrayLike
     ) -> None:
         """Keep points for the data of the figure, x and y of the same shape (K,).
@@ -79,7 +79,7 @@ class FigureReport:
         for across, up in zip(np.ravel(x), np.ravel(y), strict=True):
             self.rows.append((panel, series, float(across), float(up), *names))
 
-    def compare(
+    def add_comparison(
         self,
         quantity: str,
         paper: str | Formula,

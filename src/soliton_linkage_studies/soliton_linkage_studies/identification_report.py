@@ -12,8 +12,8 @@ from matplotlib.ticker import MaxNLocator
 
 from soliton_linkage.identification.identification import Identification
 from soliton_linkage_studies.captions import description
-from soliton_linkage_studies.palette import BLACK, BLUE, GREEN, PALE, RED
 from soliton_linkage_studies.figure_report import save_caption, save_figure
+from soliton_linkage_studies.palette import BLACK, BLUE, GREEN, PALE, RED
 
 _WORST = 3
 """Bonds that are named as the worst [1]."""

@@ -27,9 +27,9 @@ from soliton_linkage.solitons.passage import blocked_bonds
 from soliton_linkage.steering.steering import MoveResult, Outcome, Steering
 from soliton_linkage.steering.torque_allocation import TorqueAllocation
 from soliton_linkage_studies.drawing import LEGEND_ABOVE
-from soliton_linkage_studies.palette import COLOURS, GREY
 from soliton_linkage_studies.figure_report import FigureReport
-from soliton_linkage_studies.program import run_study, run_parallel, study_parser
+from soliton_linkage_studies.palette import COLOURS, GREY
+from soliton_linkage_studies.program import run_parallel, run_study, study_parser
 from soliton_linkage_studies.settings import Section, chain_from, load_settings
 
 MoveKey = tuple[str, str]
@@ -320,7 +320,12 @@ def draw_moves(
 
 
 def _draw_run(
-    report: FigureReport, column: Sequence[Axes], series: str, colour: str, task: MoveTask, run: MoveRun
+    report: FigureReport,
+    column: Sequence[Axes],
+    series: str,
+    colour: str,
+    task: MoveTask,
+    run: MoveRun,
 ) -> None:
     off = np.maximum(np.abs(run.places - task.goal), _LEAST_ERROR)
     share = np.maximum(run.phonon_energies / run.peak_energy, _LEAST_SHARE)

@@ -15,6 +15,7 @@ from soliton_linkage.linkage.recording import Recording
 from soliton_linkage.solitons.track import Crossing, Track
 from soliton_linkage_studies.captions import description
 from soliton_linkage_studies.drawing import displacement, lean_norm
+from soliton_linkage_studies.figure_report import save_caption, save_figure
 from soliton_linkage_studies.palette import (
     BLACK,
     LEAN_COLOURS,
@@ -24,7 +25,6 @@ from soliton_linkage_studies.palette import (
     WHITE,
     lean_ticks,
 )
-from soliton_linkage_studies.figure_report import save_caption, save_figure
 
 _KYMOGRAPH = """
 Horizontal displacement u = r sin φ of the mass of each rotor over time: purple where rotors lean

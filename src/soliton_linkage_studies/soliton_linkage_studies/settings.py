@@ -34,13 +34,13 @@ class Section:
     """Keys that lead to the section, joined by dots; empty for the whole file."""
     values: Mapping[str, object]
 
-    def complaint(self, key: str, what: str) -> ValueError:
+    def error(self, key: str, what: str) -> ValueError:
         """Return an error that names the file, the key and, where there is one, its value."""
         place = f'{self.file}: {self._full(key)}'
         value = f' = {self.values[key]!r}' if key in self.values else ''
         return ValueError(f'{place}{value} {what}')
 
-    def allow(self, *keys: str) -> None:
+    def check_keys(self, *keys: str) -> None:
         """Refuse keys that nobody reads, which would be typing errors."""
         for key in self.values:
             if key not in keys:

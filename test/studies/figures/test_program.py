@@ -11,10 +11,10 @@ import numpy as np
 import pytest
 from picture_laws import unexplained
 
+from soliton_linkage_studies.figure_report import Comparison, write_table
 from soliton_linkage_studies.figures import FIGURES
 from soliton_linkage_studies.figures import program as figures
 from soliton_linkage_studies.formulas import Formula, read_formula
-from soliton_linkage_studies.figure_report import Comparison, write_table
 from soliton_linkage_studies.settings import Section, load_settings
 
 CONFIG = Path(__file__).parents[3] / 'config/studies/figures.yaml'

@@ -22,9 +22,9 @@ from soliton_linkage.solitons.static_wall import static_wall
 from soliton_linkage.solitons.tanh_fit import find_solitons
 from soliton_linkage_studies.captions import class_and_shape
 from soliton_linkage_studies.experiments import MIDDLE, crossing_duration, record_kick
+from soliton_linkage_studies.figure_report import Comparison, FigureReport, write_table
 from soliton_linkage_studies.formulas import Formula
 from soliton_linkage_studies.palette import BLACK, MEASURED, PAPER
-from soliton_linkage_studies.figure_report import Comparison, FigureReport, write_table
 from soliton_linkage_studies.settings import Section, chain_from
 
 _CAPTION = """

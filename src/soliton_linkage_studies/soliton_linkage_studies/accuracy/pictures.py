@@ -19,6 +19,7 @@ from soliton_linkage_studies.accuracy.estimators import ESTIMATORS, ORBIT_COLD
 from soliton_linkage_studies.accuracy.statistics import Line, Row
 from soliton_linkage_studies.captions import class_and_shape
 from soliton_linkage_studies.drawing import LEGEND_ABOVE
+from soliton_linkage_studies.figure_report import FigureReport
 from soliton_linkage_studies.palette import (
     BLACK,
     BLUE,
@@ -30,7 +31,6 @@ from soliton_linkage_studies.palette import (
     PALE,
     WHITE,
 )
-from soliton_linkage_studies.figure_report import FigureReport
 from soliton_linkage_studies.sweep.table import markdown_table
 
 _ESTIMATORS = """

@@ -23,8 +23,8 @@ from soliton_linkage.linkage.chain import Array, Chain
 from soliton_linkage.orbit.uniform_orbit import UniformOrbit
 from soliton_linkage_studies.accuracy.estimators import bound, orbit_of
 from soliton_linkage_studies.captions import class_and_shape
-from soliton_linkage_studies.palette import MEASURED, RED, THEORY
 from soliton_linkage_studies.figure_report import FigureReport, write_table
+from soliton_linkage_studies.palette import MEASURED, RED, THEORY
 from soliton_linkage_studies.settings import Section, chain_from
 
 _CAPTION = """
@@ -142,7 +142,9 @@ class RecordStudy:
         of_velocity = single * np.sqrt(12 / (n * (n**2 - 1))) * self.frame_rate
         return of_place, of_velocity / self.speed
 
-    def _draw(self, report: FigureReport, column: Sequence[Axes], chain: Chain, runs: Array) -> None:
+    def _draw(
+        self, report: FigureReport, column: Sequence[Axes], chain: Chain, runs: Array
+    ) -> None:
         times = self.shown / self.frame_rate
         for number, (axes, least) in enumerate(zip(column, self.bounds(chain), strict=True)):
             curves = (

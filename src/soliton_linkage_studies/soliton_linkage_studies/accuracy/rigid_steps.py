@@ -18,8 +18,8 @@ from soliton_linkage.linear.rigidity import mode_towards_last
 from soliton_linkage.linkage.chain import Array, Chain
 from soliton_linkage.linkage.gravity import Gravity
 from soliton_linkage_studies.captions import class_and_shape
-from soliton_linkage_studies.palette import GREY, MARKERS, chain_colours
 from soliton_linkage_studies.figure_report import FigureReport, write_table
+from soliton_linkage_studies.palette import GREY, MARKERS, chain_colours
 from soliton_linkage_studies.settings import Section, chain_from
 
 _CAPTION = """
@@ -78,7 +78,9 @@ class RigidSteps:
             axes.set_title(what, loc='left')
         panels[0].legend()
         report.save(folder, 'rigid_steps')
-        write_table({'rigid_steps': report.comparisons}, folder / 'rigid_steps.md', ['rigid_steps'])
+        write_table(
+            {'rigid_steps': report.comparisons}, folder / 'rigid_steps.md', ['rigid_steps']
+        )
 
     def errors(self, chain: Chain) -> tuple[Array, Array, Array]:
         """Numbers of steps, and largest errors of lengths and energy since the one before."""

@@ -21,9 +21,9 @@ from soliton_linkage.linkage.chain import Array, Motion
 from soliton_linkage_studies.accuracy.cells import (
     GIVEN,
     AccuracyCell,
-    random_cells,
     given_of,
     hard_cells,
+    random_cells,
 )
 from soliton_linkage_studies.accuracy.scenes import WallScene, scene_of
 from soliton_linkage_studies.accuracy.statistics import COLUMNS, Scores, line_of, number_text

@@ -27,6 +27,7 @@ from soliton_linkage_studies.collisions.study import (
     series_of,
 )
 from soliton_linkage_studies.drawing import LEGEND_ABOVE
+from soliton_linkage_studies.figure_report import FigureReport
 from soliton_linkage_studies.palette import (
     BLACK,
     BLUE,
@@ -38,7 +39,6 @@ from soliton_linkage_studies.palette import (
     RED,
     SKY,
 )
-from soliton_linkage_studies.figure_report import FigureReport
 
 _SPEEDS = """
 A kink and an anti-kink meet on a ring of springs, each at the speed v; v′ is half of the speed at
@@ -140,7 +140,9 @@ def _draw_strips(report: FigureReport, axes: Axes, series: dict[str, list[Row]])
             speeds = [row.speed for row in rows if row.run and _outcome(row) == outcome]
             bars = [(speed - width / 2, width) for speed in speeds]
             axes.broken_barh(bars, (number - 0.4, 0.8), color=_OUTCOME_COLOURS[outcome])
-            report.add_points('b', f'{name}: {label}', (_SPEED, 'row'), speeds, [number] * len(speeds))
+            report.add_points(
+                'b', f'{name}: {label}', (_SPEED, 'row'), speeds, [number] * len(speeds)
+            )
     axes.set_yticks(range(len(series)), list(series))
     axes.set(xlabel='v / c [1]', ylim=(len(series) - 0.5, -0.5))
 

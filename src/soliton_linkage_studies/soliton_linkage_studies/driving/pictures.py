@@ -12,6 +12,7 @@ from matplotlib.lines import Line2D
 
 from soliton_linkage.linkage.chain import Chain
 from soliton_linkage_studies.driving.runs import BalancedRun, TiltedRun
+from soliton_linkage_studies.figure_report import FigureReport
 from soliton_linkage_studies.figures.actuator import DrivenChain
 from soliton_linkage_studies.figures.rigid_limit import draw_convergence
 from soliton_linkage_studies.moves import MoveKey, MoveRun
@@ -23,7 +24,6 @@ from soliton_linkage_studies.palette import (
     PALE,
     chain_colours,
 )
-from soliton_linkage_studies.figure_report import FigureReport
 
 IMBALANCE_LIMIT = 1e-9
 """Of the energy balance, over the largest energy: what the tolerance of a run leaves [1]."""
@@ -112,7 +112,11 @@ def draw_balance(report: FigureReport, axes: Axes, runs: Mapping[str, BalancedRu
 
 
 def draw_stiffness(
-    report: FigureReport, axes: Axes, stiffnesses: Sequence[float], apart: Sequence[float], order: float
+    report: FigureReport,
+    axes: Axes,
+    stiffnesses: Sequence[float],
+    apart: Sequence[float],
+    order: float,
 ) -> Axes:
     """Largest distance of angles from those of bars against stiffness, and a line of order 1."""
     draw_convergence(axes, stiffnesses, apart, f'springs, order {order:.3f}')
@@ -122,7 +126,9 @@ def draw_stiffness(
     return axes
 
 
-def draw_tilt(report: FigureReport, above: Axes, axes: Axes, runs: Mapping[str, TiltedRun]) -> Axes:
+def draw_tilt(
+    report: FigureReport, above: Axes, axes: Axes, runs: Mapping[str, TiltedRun]
+) -> Axes:
     """Tilt over time, and beneath it the place of the wall for each mechanics."""
     for mechanics, run in runs.items():
         colour = MECHANICS_COLOURS[mechanics]

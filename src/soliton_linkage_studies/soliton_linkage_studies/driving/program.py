@@ -26,11 +26,11 @@ from soliton_linkage_studies.driving.pictures import (
     entitle,
 )
 from soliton_linkage_studies.driving.runs import DrivingStudy, Results, read_driving_study
+from soliton_linkage_studies.figure_report import FigureReport
 from soliton_linkage_studies.figures.actuator import draw_response, stepped_response
 from soliton_linkage_studies.figures.rigid_limit import convergence_order
 from soliton_linkage_studies.moves import table_lines
-from soliton_linkage_studies.figure_report import FigureReport
-from soliton_linkage_studies.program import run_study, run_parallel, study_parser
+from soliton_linkage_studies.program import run_parallel, run_study, study_parser
 from soliton_linkage_studies.settings import load_settings
 
 

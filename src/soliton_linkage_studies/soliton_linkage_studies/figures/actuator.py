@@ -18,9 +18,9 @@ from soliton_linkage.dynamics.elastic import ElasticSimulation
 from soliton_linkage.dynamics.work import TorqueLedger
 from soliton_linkage.linear.rigidity import Edge
 from soliton_linkage.linkage.chain import Array, Chain
+from soliton_linkage_studies.figure_report import FigureReport
 from soliton_linkage_studies.figures import FIGURES
 from soliton_linkage_studies.palette import BLACK, BLUE, GREY, RED
-from soliton_linkage_studies.figure_report import FigureReport
 from soliton_linkage_studies.pneumatic_fit import StepResponse, fit_step_response
 from soliton_linkage_studies.settings import Section, chain_from
 

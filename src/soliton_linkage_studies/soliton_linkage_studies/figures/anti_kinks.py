@@ -11,10 +11,10 @@ from matplotlib.figure import Figure
 from soliton_linkage.linear.statics import equilibrium
 from soliton_linkage.linkage.chain import Chain, staggered
 from soliton_linkage.solitons.continuum import FlipperTheory, wall_theory
+from soliton_linkage_studies.figure_report import FigureReport
 from soliton_linkage_studies.figures import FIGURES
 from soliton_linkage_studies.formulas import chain_formula
 from soliton_linkage_studies.palette import MEASURED, THEORY
-from soliton_linkage_studies.figure_report import FigureReport
 from soliton_linkage_studies.settings import Section
 
 _CAPTION = """

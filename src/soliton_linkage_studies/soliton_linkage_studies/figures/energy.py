@@ -14,10 +14,10 @@ from soliton_linkage.linkage.chain import Array, Chain
 from soliton_linkage.solitons.continuum import WallTheory, wall_theory
 from soliton_linkage_studies.captions import parameters
 from soliton_linkage_studies.experiments import MIDDLE, record_moving_wall, wall_positions
+from soliton_linkage_studies.figure_report import FigureReport
 from soliton_linkage_studies.figures import FIGURES
 from soliton_linkage_studies.formulas import Formula
 from soliton_linkage_studies.palette import BLACK, MARKERS, THEORY, WHITE, chain_colours
-from soliton_linkage_studies.figure_report import FigureReport
 from soliton_linkage_studies.settings import Section, chain_from
 
 _CAPTION = """

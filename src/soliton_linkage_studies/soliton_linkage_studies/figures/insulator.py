@@ -20,10 +20,10 @@ from soliton_linkage.linkage.chain import Array, Chain
 from soliton_linkage.solitons.static_wall import static_wall
 from soliton_linkage_studies.captions import LINKAGE, MODE, PROJECTIONS, parameters
 from soliton_linkage_studies.drawing import ChainPicture, add_legend, expand_limits
+from soliton_linkage_studies.figure_report import FigureReport
 from soliton_linkage_studies.figures import FIGURES
 from soliton_linkage_studies.formulas import chain_formula
 from soliton_linkage_studies.palette import GREY, MARKERS, chain_colours
-from soliton_linkage_studies.figure_report import FigureReport
 from soliton_linkage_studies.settings import Section, chain_from
 
 _CAPTION = f"""

@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from soliton_linkage.linkage.chain import Array, Chain, Motion, staggered
 from soliton_linkage_studies.drawing import ChainPicture, draw_torus, mass_points, pivot_points
+from soliton_linkage_studies.figure_report import FigureReport
 from soliton_linkage_studies.figures import FIGURES
 from soliton_linkage_studies.formulas import chain_formula
 from soliton_linkage_studies.palette import (
@@ -24,7 +25,6 @@ from soliton_linkage_studies.palette import (
     MOTION_COLOURS,
     tint,
 )
-from soliton_linkage_studies.figure_report import FigureReport
 from soliton_linkage_studies.settings import Section, chain_from
 from soliton_linkage_studies.unit_cell import (
     component_of,

@@ -25,6 +25,7 @@ from soliton_linkage_studies.experiments import (
     snapshots,
     static_profile,
 )
+from soliton_linkage_studies.figure_report import FigureReport
 from soliton_linkage_studies.figures import FIGURES
 from soliton_linkage_studies.formulas import Formula, chain_formula
 from soliton_linkage_studies.palette import (
@@ -36,7 +37,6 @@ from soliton_linkage_studies.palette import (
     WHITE,
     scale_colours,
 )
-from soliton_linkage_studies.figure_report import FigureReport
 from soliton_linkage_studies.settings import Section, chain_from
 
 _CAPTION = """
@@ -164,17 +164,26 @@ def _moving_wall(chain: Chain, kick: float) -> WallAtSpeed:
     return WallAtSpeed(kick, seen, speed, width, float(np.mean(fits)))
 
 
-def _draw_profiles(report: FigureReport, axes: Axes, chain: Chain, walls: list[WallAtSpeed]) -> None:
+def _draw_profiles(
+    report: FigureReport, axes: Axes, chain: Chain, walls: list[WallAtSpeed]
+) -> None:
     """Snapshots of each wall over the boosted profile of the continuum."""
     fine = np.linspace(-80, 80, 1601)
     for colour, wall in zip(scale_colours(len(walls)), walls, strict=True):
         label = f'v = {wall.relative_speed:.2f} c'
         seen = wall.snapshots
         axes.plot(
-            seen.distances.ravel(), seen.fields.ravel(), '.', color=colour, markersize=3, label=label
+            seen.distances.ravel(),
+            seen.fields.ravel(),
+            '.',
+            color=colour,
+            markersize=3,
+            label=label,
         )
         series = f'v0 = {wall.kick:g}, v = {wall.relative_speed:.4g} c'
-        report.add_points('main', series, (DISTANCE_LABEL, 'order field [1]'), seen.distances, seen.fields)
+        report.add_points(
+            'main', series, (DISTANCE_LABEL, 'order field [1]'), seen.distances, seen.fields
+        )
         if wall.relative_speed < 1:
             width = chain.wall_width / chain.spacing * math.sqrt(1 - wall.relative_speed**2)
             axes.plot(fine, -np.tanh(fine / width), '--', color=BLACK, linewidth=0.8, zorder=3)
@@ -208,7 +217,9 @@ def _draw_widths(report: FigureReport, axes: Axes, chain: Chain, walls: list[Wal
     axes.legend(loc='lower left', fontsize=9)
     names = ('v / c [1]', 'w / w0 of the continuum at rest [1]')
     report.add_points('width', 'chain, slope of arctanh', names, speeds, widths)
-    report.add_points('width', 'chain, fit of tanh', names, speeds, [wall.fitted_width for wall in walls])
+    report.add_points(
+        'width', 'chain, fit of tanh', names, speeds, [wall.fitted_width for wall in walls]
+    )
     report.add_points('width', 'chain at rest, slope of arctanh', names, 0.0, at_rest)
 
 
@@ -272,7 +283,9 @@ def _draw_wobbler(report: FigureReport, axes: Axes, chain: Chain) -> None:
     axes.set(xlabel='n − X [rotor spacings]', ylabel='u / ū [1]', ylim=(-1.9, 1.5))
     axes.set_title(f'b  wobbler at rest, {shape(chain)}', loc='left', fontsize=10)
     axes.legend(fontsize=8, loc='lower left')
-    report.add_points('wobbler', 'chain', (DISTANCE_LABEL, 'u / ub [1]'), places[near], fields[near])
+    report.add_points(
+        'wobbler', 'chain', (DISTANCE_LABEL, 'u / ub [1]'), places[near], fields[near]
+    )
 
 
 def _draw_offset(report: FigureReport, axes: Axes, chain: Chain, wall: WallAtSpeed) -> None:

@@ -14,9 +14,9 @@ from collections.abc import Sequence
 from functools import partial
 from pathlib import Path
 
-from soliton_linkage_studies.figures import FIGURES, DrawFigure
 from soliton_linkage_studies.figure_report import Comparison, write_table
-from soliton_linkage_studies.program import select_names, run_study, run_parallel, study_parser
+from soliton_linkage_studies.figures import FIGURES, DrawFigure
+from soliton_linkage_studies.program import run_parallel, run_study, select_names, study_parser
 from soliton_linkage_studies.settings import Section, load_settings
 
 

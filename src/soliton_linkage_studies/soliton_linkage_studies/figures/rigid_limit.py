@@ -15,9 +15,9 @@ from soliton_linkage.dynamics.rigid import RigidSimulation
 from soliton_linkage.linkage.chain import Array
 from soliton_linkage.solitons.track import follow
 from soliton_linkage_studies.experiments import kick_rates
+from soliton_linkage_studies.figure_report import FigureReport
 from soliton_linkage_studies.figures import FIGURES
 from soliton_linkage_studies.palette import MEASURED, MECHANICS_COLOURS, THEORY, scale_colours
-from soliton_linkage_studies.figure_report import FigureReport
 from soliton_linkage_studies.settings import Section, chain_from
 
 

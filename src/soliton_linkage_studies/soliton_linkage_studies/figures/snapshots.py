@@ -20,9 +20,9 @@ from soliton_linkage.solitons.track import Crossing, Track, find_crossings, foll
 from soliton_linkage_studies.captions import LINKAGE, MODE, PROJECTIONS, description
 from soliton_linkage_studies.drawing import ChainPicture, add_legend, expand_limits
 from soliton_linkage_studies.experiments import record_kick
+from soliton_linkage_studies.figure_report import FigureReport
 from soliton_linkage_studies.figures import FIGURES
 from soliton_linkage_studies.formulas import chain_formula
-from soliton_linkage_studies.figure_report import FigureReport
 from soliton_linkage_studies.settings import Section, chain_from
 
 _CAPTION = f"""
@@ -110,7 +110,9 @@ def _turning_points(
     return [int(np.searchsorted(track.times, halfway)), int(np.argmax(rightmost))]
 
 
-def _compare(report: FigureReport, chain: Chain, recording: Recording, kick: float, speed: float) -> None:
+def _compare(
+    report: FigureReport, chain: Chain, recording: Recording, kick: float, speed: float
+) -> None:
     trips, turns = _cycle(chain)
     spinner = chain.motion is Motion.SPINNER
     report.add_comparison(

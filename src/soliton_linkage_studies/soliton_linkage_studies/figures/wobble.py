@@ -22,10 +22,10 @@ from soliton_linkage_studies.experiments import (
     snapshots,
     static_profile,
 )
+from soliton_linkage_studies.figure_report import FigureReport
 from soliton_linkage_studies.figures import FIGURES
 from soliton_linkage_studies.formulas import Formula, chain_formula
 from soliton_linkage_studies.palette import GREY, MARKERS, MEASURED, PAPER, THEORY, chain_colours
-from soliton_linkage_studies.figure_report import FigureReport
 from soliton_linkage_studies.settings import Section, chain_from
 
 _PROFILES = """
@@ -68,7 +68,9 @@ def figure_s1(section: Section, quick: bool) -> FigureReport:
         axes.plot(
             seen.distances[near], seen.fields[near], marker, color=colour, markersize=4, label=name
         )
-        report.add_points('', name, (DISTANCE_LABEL, 'u / ub [1]'), seen.distances[near], seen.fields[near])
+        report.add_points(
+            '', name, (DISTANCE_LABEL, 'u / ub [1]'), seen.distances[near], seen.fields[near]
+        )
         _compare_overshoot(report, chain)
     for side, label in ((1, 'uniform states ±ū'), (-1, None)):
         axes.axhline(side, color=GREY, linewidth=0.8, label=label)
@@ -124,7 +126,12 @@ def _slow_snapshots(chain: Chain, count: int) -> Snapshots:
 
 
 def _draw_decays(
-    report: FigureReport, linear: Axes, logarithmic: Axes, chain: Chain, places: Array, from_rest: Array
+    report: FigureReport,
+    linear: Axes,
+    logarithmic: Axes,
+    chain: Chain,
+    places: Array,
+    from_rest: Array,
 ) -> None:
     """U = ub + e^(-x / depth) (A cos(pi x / a) + B sin(pi x / a)) with two depths.
 

@@ -11,7 +11,7 @@ from matplotlib.patches import Circle
 
 from soliton_linkage.linkage.chain import Array, Chain, staggered
 from soliton_linkage_studies.captions import LINKAGE, description
-from soliton_linkage_studies.drawing import ChainPicture, split_at_wraps, draw_torus, pivot_points
+from soliton_linkage_studies.drawing import ChainPicture, draw_torus, pivot_points, split_at_wraps
 from soliton_linkage_studies.films.scenes import (
     BOTTOM,
     TOP,

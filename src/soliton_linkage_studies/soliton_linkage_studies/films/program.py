@@ -19,10 +19,10 @@ from typing import Any
 import matplotlib as mpl
 
 from soliton_linkage.progress import ProgressLine
+from soliton_linkage_studies.figure_report import save_caption
 from soliton_linkage_studies.films.files import SHRINKING, FileKind, file_kind, write_film
 from soliton_linkage_studies.films.scenes import FILM_KINDS, STYLE, Format, Scene
-from soliton_linkage_studies.figure_report import save_caption
-from soliton_linkage_studies.program import select_names, run_study, study_parser
+from soliton_linkage_studies.program import run_study, select_names, study_parser
 from soliton_linkage_studies.settings import Section, load_settings
 from soliton_linkage_studies.workers import Processes, local_processes
 
