@@ -74,7 +74,7 @@ class FilmedTask:
         duration = PERIOD * (self.frames + 2)
         frames = round(duration / SIMULATED)
         whole = frames * SIMULATED / self.chain.time_unit
-        motion = interpolate_motion(kicked(self.chain, self.kick, whole, frames))
+        motion = interpolate_motion(record_kick(self.chain, self.kick, whole, frames))
         layout = MarkerLayout(self.chain)
         plane = chain_plane(layout)
         hands = _hands(duration)

@@ -76,12 +76,12 @@ def rigid_limit_figure(section: Section, quick: bool) -> FigureReport:
             track = follow(stiff, elastic)
             label, colour = f'$k_e \\times {factor:g}$', colours[number]
             paths.plot(times, track.sites, color=colour, label=label, linewidth=1.5)
-            plate.note('a', f'k_e times {factor:g}', _PATH, times, track.sites)
+            report.add_points('a', f'k_e times {factor:g}', _PATH, times, track.sites)
     track = follow(chain, rigid)
     times = rigid.times / chain.time_unit
     rigid_colour = MECHANICS_COLOURS['rigid']
     paths.plot(times, track.sites, '--', color=rigid_colour, label='rigid bars')
-    plate.note('a', 'rigid bars', _PATH, times, track.sites)
+    report.add_points('a', 'rigid bars', _PATH, times, track.sites)
     paths.set(xlabel=r'time [$\sqrt{M/k_e}$]', ylabel='place of the wall [rotor spacings]')
     paths.set_title('a  paths of the wall', loc='left')
     paths.legend()

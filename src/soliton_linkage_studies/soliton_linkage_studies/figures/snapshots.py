@@ -83,9 +83,9 @@ def snapshot_figure(section: Section, quick: bool) -> FigureReport:
         angles = recording.angles[frame]
         time = recording.times[frame] / chain.time_unit
         axes.set_title(rf'{letter}  {state}, $t = {time:.0f}\,\sqrt{{M/k_e}}$', loc='left')
-        plate.note(letter, state, ('rotor n', 'phi [rad]'), np.arange(len(angles)), angles)
-    _compare(plate, chain, recording, kick, crossings[0].site_rate)
-    return plate
+        report.add_points(letter, state, ('rotor n', 'phi [rad]'), np.arange(len(angles)), angles)
+    _compare(report, chain, recording, kick, crossings[0].site_rate)
+    return report
 
 
 def draw_snapshot(axes: Axes, chain: Chain, angles: Array, lowered: float) -> ChainPicture:
