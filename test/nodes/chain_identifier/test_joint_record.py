@@ -1,6 +1,4 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The record keeps frames with their standard deviations, thinned out, and what pushed rotors."""
-
 from __future__ import annotations
 
 import numpy as np
@@ -12,14 +10,13 @@ from soliton_linkage_nodes.messages.conversions import JointStates
 from soliton_linkage_nodes.runtime.stamps import SECOND, time_to_msg
 
 NAMES = ('a', 'b', 'c')
-NOTHING = np.zeros(0)
 
 
 def states(stamp: int, *values: float) -> JointStates:
-    return JointStates(*divmod(stamp, SECOND), '', NAMES, np.array(values, dtype=float), NOTHING)
+    return JointStates(*divmod(stamp, SECOND), '', NAMES, np.array(values, float), np.zeros(0))
 
 
-def test_frames_keep_their_deviations_whichever_comes_first_and_are_thinned() -> None:
+def test_frames_keep_their_deviations_in_either_order_of_arrival_when_frames_are_dropped() -> None:
     record = JointRecord(NAMES, 10)
     for number in range(500):
         angles, deviations = states(number, number, 0, 0), states(number, number, np.nan, 1)
@@ -39,9 +36,9 @@ def test_frames_keep_their_deviations_whichever_comes_first_and_are_thinned() ->
     assert np.isnan(readings.deviations[:, 1]).all()
 
 
-def test_the_first_frame_has_its_deviations_which_come_before_it_and_name_the_joints() -> None:
+def test_deviations_that_arrive_before_the_first_frame_name_the_joints() -> None:
     record = JointRecord((), 10)
-    record.add_push(RotorImpulses(name=['a'], impulse=[1.0]), 0)
+    record.add_command(RotorImpulses(name=['a'], impulse=[1.0]), 0)
     record.add_deviations(states(SECOND, 0.1, 0.2, np.nan))
     record.add(states(SECOND, 1, 2, 3))
     readings = record.readings()
@@ -51,35 +48,35 @@ def test_the_first_frame_has_its_deviations_which_come_before_it_and_name_the_jo
     assert not readings.pushes
 
 
-def test_pushes_are_kept_with_impulses_in_the_order_of_the_rotors() -> None:
+def test_commanded_impulses_are_kept_in_the_order_of_the_rotors() -> None:
     record = JointRecord(NAMES, 10)
     record.add(states(SECOND, 0, 0, 0))
     impulses = RotorImpulses(name=['c', 'a'], impulse=[2.0, 1.0])
-    record.add_push(impulses, 3 * SECOND)
+    record.add_command(impulses, 3 * SECOND)
     impulses.header.stamp = time_to_msg(2 * SECOND)
-    record.add_push(impulses, 3 * SECOND)
-    record.add_push(RotorImpulses(name=['c'], impulse=[0.0]), 3 * SECOND)
-    record.add_push(JointState(name=['b'], effort=[0.1]), 4 * SECOND)
-    pushes = record.readings().pushes
-    assert [push.time for push in pushes] == [2.0, 1.0, 3.0]
-    for push in pushes[:2]:
-        np.testing.assert_array_equal(push.impulses, [1.0, 0.0, 2.0])
-    assert pushes[2].impulses is None
+    record.add_command(impulses, 3 * SECOND)
+    record.add_command(RotorImpulses(name=['c'], impulse=[0.0]), 3 * SECOND)
+    record.add_command(JointState(name=['b'], effort=[0.1]), 4 * SECOND)
+    kept = record.readings().pushes
+    assert [each.time for each in kept] == [2.0, 1.0, 3.0]
+    for each in kept[:2]:
+        np.testing.assert_array_equal(each.impulses, [1.0, 0.0, 2.0])
+    assert kept[2].impulses is None
 
 
-def test_what_was_delivered_counts_in_place_of_commands() -> None:
+def test_delivered_impulses_replace_commanded_ones() -> None:
     record = JointRecord(NAMES, 10)
     record.add(states(SECOND, 0, 0, 0))
     impulses = RotorImpulses(name=['a'], impulse=[1.0])
-    record.add_push(impulses, 5 * SECOND)
-    record.add_push(JointState(name=['b'], effort=[0.1]), 6 * SECOND)
+    record.add_command(impulses, 5 * SECOND)
+    record.add_command(JointState(name=['b'], effort=[0.1]), 6 * SECOND)
     impulses.header.stamp = time_to_msg(2 * SECOND)
-    record.add_delivered(impulses)
-    assert [push.time for push in record.readings().pushes] == [1.0]
-    for stamp, given in ((3, 0.5), (4, 0.7), (5, 0.7)):
-        delivery = Delivery(impulse_of_torques=[0.0, given, 0.0])
+    record.add_delivered_impulses(impulses)
+    assert [each.time for each in record.readings().pushes] == [1.0]
+    for stamp, impulse in ((3, 0.5), (4, 0.7), (5, 0.7)):
+        delivery = Delivery(impulse_of_torques=[0.0, impulse, 0.0])
         delivery.header.stamp = time_to_msg(stamp * SECOND)
         record.add_delivery(delivery)
-    pushes = record.readings().pushes
-    assert [push.time for push in pushes] == [1.0, 3.0]
-    np.testing.assert_allclose(pushes[1].impulses, [0.0, 0.2, 0.0])
+    kept = record.readings().pushes
+    assert [each.time for each in kept] == [1.0, 3.0]
+    np.testing.assert_allclose(kept[1].impulses, [0.0, 0.2, 0.0])

@@ -1,6 +1,4 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The identifier proposes the chain of live joints, writes it, and begins anew when told."""
-
 from __future__ import annotations
 
 import sys
@@ -30,22 +28,22 @@ from passages import SPINNER, passage, read, unequal
 PERIOD = 4 * 10**6
 
 
-def test_a_proposal_is_published_and_saved(graph: Graph, tmp_path: Path) -> None:
+def test_an_identified_chain_is_published_and_saved(graph: Graph, tmp_path: Path) -> None:
     path = tmp_path / 'chain.yaml'
     made = unequal(SPINNER, 4)
     named = NamedChain(made, default_joint_names(10))
     node = graph.start(ChainIdentifier, {'interval': 0.0, 'output': str(path)})
-    proposals = graph.hear(interfaces.IDENTIFIED_CHAIN)
+    results = graph.hear(interfaces.IDENTIFIED_CHAIN)
     frames = graph.speak(interfaces.JOINT_STATES)
     early = graph.call(Trigger, '/chain_identifier/save')
-    assert (early.success, early.message) == (False, 'no chain was identified yet')
+    assert (early.success, early.message) == (False, 'no chain is identified yet; call ~/identify')
     for number, angles in enumerate(read(passage(made, 400), 1)[0]):
         stamp = time_to_msg(START + number * PERIOD)
         frames.publish(frame_to_msg(named, Frame(angles, None), 0 * angles, stamp))
     graph.until(lambda: node.frames == 400, 'all frames', lambda: node.frames)
     assert graph.call(Trigger, '/chain_identifier/identify').success
-    graph.until(lambda: proposals, 'a proposal')
-    found = chain_from_msg(proposals[0])
+    graph.until(lambda: results, 'a result')
+    found = chain_from_msg(results[0])
     np.testing.assert_allclose(
         found.chain.rotor_lengths[1:-1] / found.chain.spacings.mean(),
         made.rotor_lengths[1:-1] / made.spacings.mean(),

@@ -1,8 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What comes of a chain, kept as the readings that it is identified by."""
+"""Recorded joint states, impulses and tilts, from which a chain is identified."""
 
 from __future__ import annotations
 
+import math
 from collections import deque
 from collections.abc import Sequence
 
@@ -24,73 +25,67 @@ from soliton_linkage_nodes.messages.conversions import JointStates
 from soliton_linkage_nodes.messages.frame_reader import FrameReader
 from soliton_linkage_nodes.runtime.stamps import SECOND, time_from_msg
 
-_MOST_PUSHES = 10_000
-"""That are kept, and tilts [1]: what came before them is no time of free motion any more."""
-_WAITING = 100
-"""Standard deviations that are kept until their angles come [1]: they are sent together."""
-_Pushes = deque[tuple[int, Array | None]]
-"""Stamps [ns] and angular impulses [N m s], (N,), None where these are not known."""
+_MOST_IMPULSES = 10_000
+"""Largest number of kept impulses, and of kept tilts [1]."""
+_MOST_UNMATCHED = 100
+"""Standard deviations that are kept before their angles arrive [1]."""
+_Impulses = deque[tuple[int, Array | None]]
+"""Stamps [ns] and angular impulses [N m s], shape (N,), None if only the time is known."""
 
 
-def _none_yet() -> _Pushes:
-    return deque(maxlen=_MOST_PUSHES)
+def _no_impulses() -> _Impulses:
+    return deque(maxlen=_MOST_IMPULSES)
 
 
 class JointRecord:
-    """Frames of joint states, no more than fit into memory and time, and what pushed rotors.
+    """A bounded number of frames, with the impulses and tilts that acted meanwhile.
 
-    What says which impulses were delivered, with the stamps of frames, counts in place of
-    commands, which have another clock where a simulator does not keep time.
+    DeliveryTotals impulses replace commanded ones, because they have the stamps of frames; commands
+    have another clock if the simulator does not publish the time.
     """
 
     def __init__(self, joint_names: Sequence[str], most: int) -> None:
-        """Begin without any; the names are those of the joints, rotor 0 first.
+        """Keep at most so many frames of these joints, rotor 0 first.
 
-        Without names they are those of the first message, of angles or of their deviations.
+        Without names, use those of the first message.
         """
         self.joint_names = tuple(joint_names)
         self.frames = 0
-        """How many came."""
+        """Number of frames received."""
         self._reader = FrameReader(joint_names) if joint_names else None
         self._most = most
         self._angles: dict[int, Array] = {}
         self._deviations: dict[int, Array] = {}
-        self._latest: int | None = None
-        self._commanded_impulses, self._commanded_torques = _none_yet(), _none_yet()
-        self._delivered_impulses, self._delivered_torques = _none_yet(), _none_yet()
+        self._latest = -math.inf
+        self._commanded_impulses, self._commanded_torques = _no_impulses(), _no_impulses()
+        self._delivered_impulses, self._delivered_torques = _no_impulses(), _no_impulses()
         self._delivered: DeliveryTotals | None = None
-        self._tilts: deque[tuple[int, float]] = deque(maxlen=_MOST_PUSHES)
+        self._tilts: deque[tuple[int, float]] = deque(maxlen=_MOST_IMPULSES)
 
     def __len__(self) -> int:
         return len(self._angles)
 
     def add(self, joints: JointStates) -> None:
-        """Keep a frame, unless it is not later than the one before.
-
-        Raises ValueError for joint states that are refused.
-        """
+        """Keep a frame if it is later than the previous one; raise ValueError if it is invalid."""
         angles = self._read(joints)
-        if self._latest is not None and joints.stamp <= self._latest:
+        if joints.stamp <= self._latest:
             return
         self._latest = joints.stamp
         self._angles[joints.stamp] = angles
         if len(self._angles) > self._most:
-            self._thin_out()
+            self._keep_most_informative()
         self.frames += 1
 
     def add_deviations(self, joints: JointStates) -> None:
-        """Keep the standard deviations of the angles of the same stamp.
-
-        Raises ValueError for joint states that are refused.
-        """
+        """Keep the standard deviations of the angles with the same stamp; ValueError if invalid."""
         self._deviations[joints.stamp] = self._read(joints)
-        if len(self._deviations) > len(self._angles) + _WAITING:
-            self._forget_deviations()
+        if len(self._deviations) > len(self._angles) + _MOST_UNMATCHED:
+            self._drop_unmatched_deviations()
 
-    def add_push(self, message: RotorImpulses | JointState, received: int) -> None:
-        """Keep when impulses or torques, other than 0, were commanded; without a stamp, came.
+    def add_command(self, message: RotorImpulses | JointState, received: int) -> None:
+        """Keep nonzero commanded impulses or torques; use the time of reception without a stamp.
 
-        Before the joints are known there is nothing that they could have moved.
+        Torques that arrive before the joints are known are dropped.
         """
         stamp = time_from_msg(message.header.stamp) or received
         if isinstance(message, RotorImpulses):
@@ -98,39 +93,35 @@ class JointRecord:
         elif self.joint_names and any(message.effort):
             self._commanded_torques.append((stamp, None))
 
-    def add_delivered(self, message: RotorImpulses) -> None:
-        """Keep impulses that rotors were given until a frame."""
+    def add_delivered_impulses(self, message: RotorImpulses) -> None:
+        """Keep the impulses that rotors received before a frame."""
         stamp = time_from_msg(message.header.stamp)
         self._add_impulses(self._delivered_impulses, stamp, message)
 
     def add_delivery(self, message: Delivery) -> None:
-        """Keep what torques gave the rotors of a simulator since the message before."""
+        """Keep the impulses of a simulator's torques since the previous message."""
         before, now = self._delivered, delivery_from_msg(message)
         self._delivered = now
         if before is not None and len(now.impulse_of_torques) == len(self.joint_names):
-            given = now.impulse_of_torques - before.impulse_of_torques
-            if given.any():
-                self._delivered_torques.append((now.stamp, given))
+            impulses = now.impulse_of_torques - before.impulse_of_torques
+            if impulses.any():
+                self._delivered_torques.append((now.stamp, impulses))
 
     def add_tilt(self, tilt: float, received: int) -> None:
-        """Keep a tilt of the chain [rad] from an instant on [ns]."""
+        """Keep a tilt of the chain [rad] that begins at a time [ns]."""
         self._tilts.append((received, tilt))
 
     def readings(self, gravity: Gravity = NO_GRAVITY) -> Readings:
-        """All of it, with times from the first frame on, and gravity as it was at first."""
+        """Return the record with times since the first frame; `gravity` holds until a tilt."""
         begin = next(iter(self._angles), 0)
-        times = np.array([(stamp - begin) / SECOND for stamp in self._angles], dtype=np.float64)
         unknown = np.full(len(self.joint_names), np.nan)
         deviations = [self._deviations.get(stamp, unknown) for stamp in self._angles]
-        pushes = [
-            RecordedImpulse((stamp - begin) / SECOND, impulses) for stamp, impulses in self._pushes
-        ]
         return Readings(
-            times,
+            np.array([(stamp - begin) / SECOND for stamp in self._angles], dtype=np.float64),
             np.array(list(self._angles.values())),
             np.array(deviations) if self._deviations else None,
             self.joint_names,
-            pushes,
+            [RecordedImpulse((stamp - begin) / SECOND, each) for stamp, each in self._impulses],
             gravity,
             [RecordedTilt((stamp - begin) / SECOND, tilt) for stamp, tilt in self._tilts],
         )
@@ -141,34 +132,34 @@ class JointRecord:
         self._reader, self.joint_names = reader, reader.joint_names
         return values
 
-    def _add_impulses(self, pushes: _Pushes, stamp: int, message: RotorImpulses) -> None:
+    def _add_impulses(self, kept: _Impulses, stamp: int, message: RotorImpulses) -> None:
         named = dict(zip(message.name, message.impulse, strict=True))
         impulses = np.array([named.get(name, 0.0) for name in self.joint_names])
         if impulses.any():
-            pushes.append((stamp, impulses))
+            kept.append((stamp, impulses))
 
     @property
-    def _pushes(self) -> list[tuple[int, Array | None]]:
-        """What pushed rotors, by who knows best."""
+    def _impulses(self) -> list[tuple[int, Array | None]]:
+        """DeliveryTotals impulses if any were reported, otherwise commanded ones."""
         torques = self._commanded_torques
         if self._delivered is not None:
             torques = self._delivered_torques
         elif self._delivered_impulses:
-            torques = _none_yet()
+            torques = _no_impulses()
         return [*(self._delivered_impulses or self._commanded_impulses), *torques]
 
-    def _thin_out(self) -> None:
-        """Forget frames that tell least, half of all."""
+    def _keep_most_informative(self) -> None:
+        """Drop the less informative half of the frames."""
         stamps = np.array(list(self._angles))
-        pushes = [(stamp - stamps[0]) / SECOND for stamp, _ in self._pushes]
+        impulses = [(stamp - stamps[0]) / SECOND for stamp, _ in self._impulses]
         times, angles = (stamps - stamps[0]) / SECOND, np.array(list(self._angles.values()))
-        stay = informative_frames(times, angles, pushes, self._most // 2)
-        self._angles = {stamp: self._angles[stamp] for stamp in stamps[stay].tolist()}
-        self._forget_deviations()
+        kept = informative_frames(times, angles, impulses, self._most // 2)
+        self._angles = {stamp: self._angles[stamp] for stamp in stamps[kept].tolist()}
+        self._drop_unmatched_deviations()
 
-    def _forget_deviations(self) -> None:
-        """Forget those whose angles are not kept, but for the last ones, whose may yet come."""
-        recent = set(list(self._deviations)[-_WAITING:])
+    def _drop_unmatched_deviations(self) -> None:
+        """Drop standard deviations without angles, except the latest ones."""
+        recent = set(list(self._deviations)[-_MOST_UNMATCHED:])
         self._deviations = {
             stamp: values
             for stamp, values in self._deviations.items()

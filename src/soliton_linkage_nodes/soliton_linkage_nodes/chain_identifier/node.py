@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The chain identifier: proposes the chain that joints are of, once a soliton has passed."""
+"""Node that identifies the lengths of a chain after a soliton has passed through it."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ from soliton_linkage.identification.identify import identify
 from soliton_linkage.linkage.chain import Chain
 from soliton_linkage.linkage.gravity import Gravity
 from soliton_linkage.linkage.quantities import quantity
-from soliton_linkage_msgs.msg import Delivery, RotorImpulses
+from soliton_linkage_msgs.msg import RotorImpulses
 from soliton_linkage_nodes.chain_identifier.joint_record import JointRecord
 from soliton_linkage_nodes.chain_identifier.parameter_file import write_parameters
 from soliton_linkage_nodes.messages.cdr import JointStateDecoder
@@ -38,8 +38,8 @@ from soliton_linkage_nodes.runtime.parameters import current
 from soliton_linkage_nodes.runtime.process import run
 from soliton_linkage_nodes.runtime.subscriptions import StreamSubscription
 
-_LOOK_PERIOD = 0.1
-"""Between two looks whether a chain was found [s]: a person sees no wait."""
+_POLL_PERIOD = 0.1
+"""Poll interval for the result of an identification [s]."""
 
 
 @dataclass(frozen=True)
@@ -48,34 +48,34 @@ class ChainIdentifierParameters:
 
     interval: float = quantity(
         10.0,
-        'time between two tries to identify the chain by all frames so far, 0 for none but those '
-        'that are asked for',
+        'time between two identifications, each from all kept frames; 0 to identify only when '
+        '~/identify is called',
         's',
         0.0,
         3600.0,
     )
     most_frames: int = quantity(
         4000,
-        'number of frames that are kept, beyond which those that tell least are left out; half '
-        'of it makes lengths 1.4 times as unsure in half of the time',
+        'largest number of frames that are kept; beyond it the least informative frames are '
+        'dropped. At half of it, lengths are 1.4 times as uncertain and take half of the time',
         '',
         100,
         100_000,
     )
     tolerance: float = quantity(
         0.0,
-        'standard deviation by which lengths of one kind differ from each other, 0 to have it '
-        'learnt from the angles',
+        'relative standard deviation of lengths of one kind about their mean; 0 to estimate it '
+        'from the angles',
         '',
         0.0,
         1.0,
     )
     output: str = quantity('chain.yaml', 'path of the parameter file that ~/save writes')
     spacing: float = quantity(
-        0.1, 'mean distance of neighbouring pivots, which angles do not tell', 'm', 1e-6, 1e3
+        0.1, 'mean distance of neighbouring pivots, which angles do not determine', 'm', 1e-6, 1e3
     )
     mass: float = quantity(
-        0.02, 'mean mass of the rotors, which angles do not tell', 'kg', 1e-9, 1e6
+        0.02, 'mean mass of the rotors, which angles do not determine', 'kg', 1e-9, 1e6
     )
     gravity: float = quantity(
         0.0, 'acceleration of a free mass in the plane of the chain', 'm/s^2', 0.0, 1e6
@@ -86,14 +86,13 @@ class ChainIdentifierParameters:
 
 
 class ChainIdentifier(ManagedNode):
-    """Proposes the chain that joints are of, with every length of its own.
+    """Node that estimates every length of a chain from the angles of its joints.
 
-    Subscribes to `joint_states` [rad], to `joint_state_deviations`, by which they are weighed, and
-    to `delivered_impulses`, `delivery` and `tilt`, between which a chain moves by itself, or to
-    `rotor_impulses` and `rotor_torques` where nobody tells what was delivered.
-    Publishes `identified_chain` and `/diagnostics`. Serves `~/identify`, which tries at once,
-    `~/save`, which writes the last proposal with its standard deviations to the file `output`, and
-    `~/forget`, which begins with new frames.
+    Subscribes to `joint_states` [rad] and their `joint_state_deviations` [rad], and to the inputs
+    of the chain: `delivered_impulses`, `delivery` and `tilt`, or `rotor_impulses` and
+    `rotor_torques` if no delivered impulses are published. Publishes `identified_chain` and
+    `/diagnostics`. Serves `~/identify` (identify now), `~/save` (write the last result with its
+    standard deviations to the file `output`) and `~/forget` (drop all frames).
     """
 
     PARAMETERS: ClassVar[dict[type, str]] = {
@@ -102,79 +101,76 @@ class ChainIdentifier(ManagedNode):
     }
 
     def __init__(self, **kwargs: Any) -> None:
-        """Be configured and activated, unless a manager is to do that."""
+        """Create the node."""
         super().__init__('chain_identifier', **kwargs)
 
     def configure(self) -> None:
-        """Listen to joints, and open the services."""
+        """Create subscriptions, services and timers."""
         settings = self.settings = current(self, ChainIdentifierParameters)
         check_names('parameter joint_names', settings.joint_names)
         self.found: Identification | None = None
-        """The last proposal."""
-        self._complaint = ''
-        self._begin()
-        self._tried = 0
+        """Last result."""
+        self._failure = ''
+        self._record = self._new_record()
+        self._identified_frames = 0
         self._working: threading.Thread | None = None
         self._outcome: Identification | ValueError | None = None
         self._decoder = JointStateDecoder()
         self._encoders = EncoderMonitor(self.get_logger().warning)
         self.diagnostics = Diagnostics(self, 'identification', self.reporting(self._report))
         self._publisher = interfaces.IDENTIFIED_CHAIN.publisher(self)
-        take = self.diagnostics.guarded('joint_states', self.while_active(self._take))
+        take = self.diagnostics.guarded('joint_states', self.while_active(self._on_joint_states))
         StreamSubscription(self, interfaces.JOINT_STATES, take, self.diagnostics, raw=True)
-        weigh = self.diagnostics.guarded('joint_state_deviations', self._weigh)
-        interfaces.JOINT_STATE_DEVIATIONS.subscribe(self, self.while_active(weigh))
-        interfaces.TILT.subscribe(self, self.while_active(self._note_tilt))
-        interfaces.DELIVERED_IMPULSES.subscribe(self, self.while_active(self._note_delivered))
-        interfaces.DELIVERY.subscribe(self, self.while_active(self._note_delivery))
-        for topic in (interfaces.ROTOR_IMPULSES, interfaces.ROTOR_TORQUES):
-            topic.subscribe(self, self.while_active(self._note_push))
+        deviations = self.diagnostics.guarded('joint_state_deviations', self._on_deviations)
+        for topic, take in (
+            (interfaces.JOINT_STATE_DEVIATIONS, deviations),
+            (interfaces.TILT, self._on_tilt),
+            (interfaces.DELIVERED_IMPULSES, lambda m: self._record.add_delivered_impulses(m)),
+            (interfaces.DELIVERY, lambda m: self._record.add_delivery(m)),
+            (interfaces.ROTOR_IMPULSES, self._on_command),
+            (interfaces.ROTOR_TORQUES, self._on_command),
+        ):
+            topic.subscribe(self, self.while_active(take))
         self.create_service(Trigger, '~/identify', self._on_identify)
         self.create_service(Trigger, '~/save', self._on_save)
         self.create_service(Trigger, '~/forget', self._on_forget)
         steady = Clock(clock_type=ClockType.STEADY_TIME)
-        self.create_timer(_LOOK_PERIOD, self._look, clock=steady)
+        self.create_timer(_POLL_PERIOD, self._publish_result, clock=steady)
         if settings.interval:
-            self.create_timer(settings.interval, self._try, clock=steady)
+            self.create_timer(settings.interval, self._start_identification, clock=steady)
         frames = self.resolve_topic_name(interfaces.JOINT_STATES.name)
-        self.get_logger().info(f'identifying the chain of {frames}')
+        self.get_logger().info(f'recording {frames} to identify its chain')
 
     @property
     def frames(self) -> int:
-        """Number of frames since it began."""
+        """Number of frames received since the start or the last `~/forget`."""
         return self._record.frames
 
-    def _begin(self) -> None:
-        self._record = JointRecord(self.settings.joint_names, self.settings.most_frames)
+    def _new_record(self) -> JointRecord:
+        return JointRecord(self.settings.joint_names, self.settings.most_frames)
 
-    def _take(self, serialized: bytes) -> None:
+    def _on_joint_states(self, serialized: bytes) -> None:
         joints = self._decoder.decode(serialized)
         self._record.add(joints)
         self._encoders.check(joints.stamp, joints.position)
 
-    def _weigh(self, message: JointState) -> None:
+    def _on_deviations(self, message: JointState) -> None:
         self._record.add_deviations(joint_states_from_msg(message))
 
-    def _note_push(self, message: RotorImpulses | JointState) -> None:
-        self._record.add_push(message, self.get_clock().now().nanoseconds)
+    def _on_command(self, message: RotorImpulses | JointState) -> None:
+        self._record.add_command(message, self.get_clock().now().nanoseconds)
 
-    def _note_delivered(self, message: RotorImpulses) -> None:
-        self._record.add_delivered(message)
-
-    def _note_delivery(self, message: Delivery) -> None:
-        self._record.add_delivery(message)
-
-    def _note_tilt(self, message: Float64) -> None:
+    def _on_tilt(self, message: Float64) -> None:
         if math.isfinite(message.data):
             self._record.add_tilt(message.data, self.get_clock().now().nanoseconds)
 
-    def _try(self) -> None:
-        """Begin to identify the chain where there are new frames and nothing is under way."""
+    def _start_identification(self) -> None:
+        """Start a thread if there are new frames and no identification is running."""
         record = self._record
         idle = self.active and not self._working and record.frames
-        if not idle or record.frames == self._tried:
+        if not idle or record.frames == self._identified_frames:
             return
-        self._tried = record.frames
+        self._identified_frames = record.frames
         given = dataclasses.replace(
             Chain(), spacing=self.settings.spacing, mass=self.settings.mass
         )
@@ -189,73 +185,73 @@ class ChainIdentifier(ManagedNode):
         except ValueError as error:
             self._outcome = error
 
-    def _look(self) -> None:
-        """Publish what was found."""
+    def _publish_result(self) -> None:
         if self._working is None or self._working.is_alive():
             return
         outcome, self._working, self._outcome = self._outcome, None, None
         if not isinstance(outcome, Identification):
-            self._complaint = str(outcome)
+            self._failure = str(outcome)
             return
         if not self.frames:
             return
-        self.found, self._complaint = outcome, ''
+        self.found, self._failure = outcome, ''
         offsets = tuple(outcome.offsets.tolist())
         named = NamedChain(outcome.chain, self._record.joint_names, offsets)
-        stamp = self.get_clock().now().to_msg()
-        self._publisher.publish(chain_to_msg(named, stamp))
+        self._publisher.publish(chain_to_msg(named, self.get_clock().now().to_msg()))
         for warning in outcome.warnings:
             self.get_logger().warning(warning)
 
     def _on_identify(self, _: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
-        self._tried = -1
-        self._try()
+        self._identified_frames = -1
+        self._start_identification()
         response.success = self._working is not None
         response.message = (
-            f'identifying by {self.frames} frames; the chain will be on identified_chain'
+            f'identifying the chain from {self.frames} frames; the result is published on '
+            'identified_chain'
             if response.success
-            else 'there are no joint_states yet'
+            else 'no joint_states were received yet; start the node that publishes them'
         )
         return response
 
     def _on_save(self, _: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
         if self.found is None:
-            response.message = self._complaint or 'no chain was identified yet'
+            response.message = self._failure or 'no chain is identified yet; call ~/identify'
             return response
         path = Path(self.settings.output)
         try:
             write_parameters(self.found, self._record.joint_names, self.get_name(), path)
         except OSError as error:
-            response.message = f'{path}: {error.strerror}'
+            response.message = f'{path} cannot be written: {error.strerror}; set output'
             return response
-        response.success, response.message = True, f'written to {path}'
+        response.success, response.message = True, f'wrote {path}'
         return response
 
     def _on_forget(self, _: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
-        self._begin()
-        self.found, self._complaint = None, ''
-        response.success, response.message = True, 'begun with new frames'
+        self._record = self._new_record()
+        self.found, self._failure = None, ''
+        response.success, response.message = True, 'dropped all frames'
         return response
 
     def _report(self) -> Report:
         values: dict[str, Any] = {
             'frames': self.frames,
-            'frames left out': self.frames - len(self._record),
+            'frames dropped': self.frames - len(self._record),
             'identifying': self._working is not None,
         }
         if self.found is None:
-            message = self._complaint or 'waiting for a soliton to pass'
-            return Report(message, values, bool(self._complaint))
+            message = self._failure or 'waiting for a soliton to pass through the chain'
+            return Report(message, values, bool(self._failure))
+        found = self.found
         values |= {
-            'noise [rad]': self.found.noise,
-            'noise from frame to frame [rad]': self.found.reading_noise,
-            'tolerance': self.found.tolerance,
-            'worst bonds': ', '.join(map(str, self.found.worst_bonds[:3])),
+            'noise [rad]': found.noise,
+            'noise from frame to frame [rad]': found.reading_noise,
+            'tolerance': found.tolerance,
+            'worst bonds': ', '.join(map(str, found.worst_bonds[:3])),
         }
-        words = f'a {self.found.chain.motion.value} of {self.found.chain.number_of_rotors} rotors'
-        return Report('; '.join([words, *self.found.warnings]), values, bool(self.found.warnings))
+        summary = f'a {found.chain.motion.value} of {found.chain.number_of_rotors} rotors'
+        return Report('; '.join([summary, *found.warnings]), values, bool(found.warnings))
 
 
 def main() -> None:
-    """Run the identifier until it is told to stop."""
+    """Run the identifier until SIGINT or SIGTERM."""
     run(ChainIdentifier)

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The parameter file of a chain that was identified, which every node takes."""
+"""Parameter file of an identified chain, which every node accepts."""
 
 from __future__ import annotations
 
@@ -12,8 +12,8 @@ from numpy.typing import ArrayLike
 from soliton_linkage.identification.identification import Identification
 from soliton_linkage_nodes.messages.conversions import default_joint_names
 
-_TOLD = ('edge_actuator', 'soliton_analyser', 'soliton_steering', 'visualisation')
-"""Nodes that learn the chain of a bench without a simulator from the file."""
+_NODES = ('edge_actuator', 'soliton_analyser', 'soliton_steering', 'visualisation')
+"""Nodes that read the chain from the file if no simulator publishes it."""
 _PARAMETERS = ('spacing', 'rotor_length', 'rest_angle', 'mass', 'stiffness', 'damping')
 _MEANINGS = {
     'spacing': 'distances from each rotor to the next',
@@ -21,38 +21,39 @@ _MEANINGS = {
     'rest_length': 'lengths of the springs or bars',
     'mass': 'masses',
     'stiffness': 'stiffnesses',
-    'damping': 'dampings',
+    'damping': 'damping coefficients',
 }
 
 
 def write_parameters(
     found: Identification, joint_names: Sequence[str], source: str, path: Path
 ) -> None:
-    """Write the file; `source` says in its head what the chain was identified by."""
+    """Write the file; its first line names the source of the identification."""
     path.write_text('\n'.join(_lines(found, joint_names, source)) + '\n', encoding='utf-8')
 
 
 def _lines(found: Identification, joint_names: Sequence[str], source: str) -> Iterator[str]:
     chain = found.chain
-    yield f'# A chain that was identified by {source}.'
-    yield '# Fractions have their standard deviations, as fractions too, in the line above them.'
+    yield f'# Chain identified by {source}.'
+    yield '# The line above each list of relative deviations gives their standard deviations [1].'
     yield from (f'# {line}' for line in found.warnings)
     usual = tuple(joint_names) == default_joint_names(chain.number_of_rotors)
-    for node in _TOLD:
+    for node in _NODES:
         yield from (f'/**/{node}:', '  ros__parameters:', '    chain_from: parameters')
         if not usual:
             yield f'    joint_names: [{", ".join(map(repr, joint_names))}]'
     yield from ('', '/**:', '  ros__parameters:')
     yield f'    chain.number_of_rotors: {chain.number_of_rotors}'
     if found.mass_deviation > 0:
-        yield f'    # mass, by pushes; standard deviation {found.mass_deviation:.6f} of it'
+        yield f'    # mass, from impulses; relative standard deviation {found.mass_deviation:.6f}'
     if found.damping_deviation > 0:
         yield f'    # damping; standard deviation {found.damping_deviation:.3g}'
     if found.friction_deviation > 0:
-        yield f'    # beside it dry friction, {found.friction:.3g} N m;'
+        yield f'    # in addition, dry friction of {found.friction:.3g} N m;'
         yield f'    # standard deviation {found.friction_deviation:.2g} N m'
     if found.spacing_deviation > 0:
-        yield f'    # spacing, by gravity; standard deviation {found.spacing_deviation:.6f} of it'
+        deviation = f'{found.spacing_deviation:.6f}'
+        yield f'    # spacing, from gravity; relative standard deviation {deviation}'
     yield from (f'    chain.{name}: {getattr(chain, name)!r}' for name in _PARAMETERS)
     for name, meaning in _MEANINGS.items():
         fractions = getattr(chain.deviations, name)

@@ -265,11 +265,11 @@ def read_joints(reader: Reader, told: NamedChain | None, span: tuple[float, floa
         elif connection.topic.endswith(interfaces.TILT.name):
             record.add_tilt(message.data, received)
         elif connection.topic.endswith(interfaces.DELIVERED_IMPULSES.name):
-            record.add_delivered(message)
+            record.add_delivered_impulses(message)
         elif connection.topic.endswith(interfaces.DELIVERY.name):
             record.add_delivery(message)
         else:
-            record.add_push(message, received)
+            record.add_command(message, received)
     progress.clear()
     if len(record) < _FEWEST_FRAMES:
         raise ValueError(
