@@ -45,7 +45,7 @@ def test_deviations_that_arrive_before_the_first_frame_name_the_joints() -> None
     assert record.joint_names == NAMES
     assert readings.deviations is not None
     np.testing.assert_array_equal(readings.deviations, [[0.1, 0.2, np.nan]])
-    assert not readings.pushes
+    assert not readings.impulses
 
 
 def test_commanded_impulses_are_kept_in_the_order_of_the_rotors() -> None:
@@ -57,11 +57,11 @@ def test_commanded_impulses_are_kept_in_the_order_of_the_rotors() -> None:
     record.add_command(impulses, 3 * SECOND)
     record.add_command(RotorImpulses(name=['c'], impulse=[0.0]), 3 * SECOND)
     record.add_command(JointState(name=['b'], effort=[0.1]), 4 * SECOND)
-    kept = record.readings().pushes
+    kept = record.readings().impulses
     assert [each.time for each in kept] == [2.0, 1.0, 3.0]
     for each in kept[:2]:
-        np.testing.assert_array_equal(each.impulses, [1.0, 0.0, 2.0])
-    assert kept[2].impulses is None
+        np.testing.assert_array_equal(each.values, [1.0, 0.0, 2.0])
+    assert kept[2].values is None
 
 
 def test_delivered_impulses_replace_commanded_ones() -> None:
@@ -72,11 +72,11 @@ def test_delivered_impulses_replace_commanded_ones() -> None:
     record.add_command(JointState(name=['b'], effort=[0.1]), 6 * SECOND)
     impulses.header.stamp = time_to_msg(2 * SECOND)
     record.add_delivered_impulses(impulses)
-    assert [each.time for each in record.readings().pushes] == [1.0]
+    assert [each.time for each in record.readings().impulses] == [1.0]
     for stamp, impulse in ((3, 0.5), (4, 0.7), (5, 0.7)):
         delivery = Delivery(impulse_of_torques=[0.0, impulse, 0.0])
         delivery.header.stamp = time_to_msg(stamp * SECOND)
         record.add_delivery(delivery)
-    kept = record.readings().pushes
+    kept = record.readings().impulses
     assert [each.time for each in kept] == [1.0, 3.0]
-    np.testing.assert_allclose(kept[1].impulses, [0.0, 0.2, 0.0])
+    np.testing.assert_allclose(kept[1].values, [0.0, 0.2, 0.0])
