@@ -40,7 +40,7 @@ def _no_impulses() -> _Impulses:
 class JointRecord:
     """A bounded number of frames, with the impulses and tilts that acted meanwhile.
 
-    DeliveryTotals impulses replace commanded ones, because they have the stamps of frames; commands
+    Delivered impulses replace commanded ones, because they have the stamps of frames. Commands
     have another clock if the simulator does not publish the time.
     """
 
@@ -77,7 +77,7 @@ class JointRecord:
         self.frames += 1
 
     def add_deviations(self, joints: JointStates) -> None:
-        """Keep the standard deviations of the angles with the same stamp; ValueError if invalid."""
+        """Keep the standard deviations of the angles of a stamp; raise ValueError if invalid."""
         self._deviations[joints.stamp] = self._read(joints)
         if len(self._deviations) > len(self._angles) + _MOST_UNMATCHED:
             self._drop_unmatched_deviations()
