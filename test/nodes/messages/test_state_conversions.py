@@ -78,7 +78,7 @@ def filled(analysis: Analysis, joints: JointStates) -> SolitonState:
         measured_motion_confidence=measured.confidence,
         status=getattr(SolitonState, analysis.status.name),
         solitons=[named(msg.Soliton(), soliton) for soliton in analysis.solitons],
-        cycle=named(msg.Cycle(rotor=analysis.estimate.place), analysis.cycle),
+        cycle=named(msg.Cycle(rotor=analysis.estimate.site), analysis.cycle),
         energies=named(msg.Energies(), analysis.energies),
         noise=analysis.estimate.noise,
         misfit=analysis.estimate.misfit,
@@ -135,7 +135,7 @@ ANALYSES = st.builds(
     measured_motion=st.builds(MotionClass, st.sampled_from([None, *Motion]), FLOATS),
     estimate=st.builds(
         WOBBLING.estimate._replace,
-        place=FLOATS,
+        site=FLOATS,
         status=st.sampled_from(TrackingStatus),
         noise=FLOATS,
         misfit=FLOATS,

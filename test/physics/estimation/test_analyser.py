@@ -328,8 +328,8 @@ def test_one_wrong_reading_does_not_move_a_wall(rotor: int, size: float) -> None
     wrong = frames.copy()
     wrong[-1, rotor] += size
     one, other = shown.estimate, analysed(chain, wrong)[-1].estimate
-    assert abs(one.place - other.place) < 3 * other.place_deviation
-    assert other.place_deviation < 2 * one.place_deviation
+    assert abs(one.site - other.site) < 3 * other.site_deviation
+    assert other.site_deviation < 2 * one.site_deviation
 
 
 @pytest.mark.parametrize('name', CHAINS)
@@ -351,8 +351,8 @@ def test_a_place_is_true_though_no_edge_rotor_is_seen(name: str) -> None:
     angles = noisy(name).copy()
     angles[:, [0, -1]] = math.nan
     for one, clean in list(zip(analysed(CHAINS[name], angles), exact(name), strict=True))[20:]:
-        off = one.estimate.place - clean.estimate.place
-        assert abs(off) < SURE * one.estimate.place_deviation + 1e-9
+        off = one.estimate.site - clean.estimate.site
+        assert abs(off) < SURE * one.estimate.site_deviation + 1e-9
 
 
 @pytest.mark.parametrize(
@@ -448,8 +448,8 @@ def test_deviations_that_are_not_told_make_it_less_sure(name: str) -> None:
         truth.append(orbit.site(arc))
     for told, least, most in ((real, 0.4, 1.5), (chain, 0.3, 3.0)):
         found = [each.estimate for each in analysed(told, angles)][BEGUN:]
-        errors = np.array([each.place for each in found]) - truth[BEGUN:]
-        stated = np.array([each.place_deviation for each in found])
+        errors = np.array([each.site for each in found]) - truth[BEGUN:]
+        stated = np.array([each.site_deviation for each in found])
         assert least < np.sqrt(np.mean((errors / stated) ** 2)) < most
         assert np.abs(errors / stated).max() < 3 * most + 1
 
@@ -457,7 +457,7 @@ def test_deviations_that_are_not_told_make_it_less_sure(name: str) -> None:
 def domains(chain: Chain, walls: Sequence[float]) -> Array:
     """Angles of a chain that leans to one side and the other between walls, charge +1 first."""
     orbit = UniformOrbit(chain)
-    parts = [orbit.configuration(orbit.arc_at(place, 0)) for place in walls]
+    parts = [orbit.configuration(orbit.arc_at(site, 0)) for site in walls]
     between = [(a + b) / 2 for a, b in pairwise(walls)]
     angles = parts[0].copy()
     rotors = np.arange(chain.number_of_rotors)

@@ -8,7 +8,7 @@ import math
 import numpy as np
 import pytest
 
-from soliton_linkage.estimation.measurement import FrameLikelihood, FrameView
+from soliton_linkage.estimation.measurement import FrameLikelihood, LinearisedMeasurement
 from soliton_linkage.estimation.noise import FrameNoise
 from soliton_linkage.estimation.settings import DEFAULTS
 from soliton_linkage.linkage.chain import Array
@@ -17,7 +17,7 @@ TANGENT = np.array([0.1, 0.5, 0.7, -0.5, 0.05])
 FIRST, ROTORS = 3, 12
 
 
-def view_of(differences: Array, variance: float = 1.0) -> FrameView:
+def view_of(differences: Array, variance: float = 1.0) -> LinearisedMeasurement:
     likelihood = FrameLikelihood(2.0, DEFAULTS.likelihood)
     return likelihood.view(2.0, FIRST, TANGENT, differences.copy(), variance)
 

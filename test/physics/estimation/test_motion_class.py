@@ -47,7 +47,7 @@ def motion_evidence(angles: Array, noise: float = 0.0) -> MotionEvidence:
 
 
 def says_nothing(evidence: MotionEvidence) -> bool:
-    return math.isnan(evidence.place) and evidence.flipping == 0 and not evidence.tails.any()
+    return math.isnan(evidence.site) and evidence.flipping == 0 and not evidence.tails.any()
 
 
 def walls(example: tuple[float, float], rotors: int = ROTORS) -> list[Array]:
@@ -56,8 +56,8 @@ def walls(example: tuple[float, float], rotors: int = ROTORS) -> list[Array]:
     legs = 2 if chain.motion is Motion.SPINNER else 4
     places = rotors / 2 + np.linspace(-3.3, 3.4, 13)
     return [
-        static_wall(chain, float(place), leg, turned)
-        for number, place in enumerate(places)
+        static_wall(chain, float(site), leg, turned)
+        for number, site in enumerate(places)
         for leg, turned in [(number % legs, number % 3 == 0)]
     ]
 
@@ -164,7 +164,7 @@ def test_flippers_and_spinners_are_never_mistaken(
     for number in range(count):
         angles = frames[number % len(frames)] + noise * random.standard_normal(ROTORS)
         evidence = motion_evidence(angles)
-        if math.isnan(evidence.place):
+        if math.isnan(evidence.site):
             continue
         seen += 1
         spinning = evidence.verdict().spinning
@@ -271,8 +271,8 @@ def test_symmetries_leave_the_evidence_as_it_is(example: tuple[float, float]) ->
             (np.pi + noisy[::-1], True),
         ):
             found = motion_evidence(image)
-            place = last - found.place if mirrored else found.place
-            assert place == pytest.approx(evidence.place, abs=1e-9)
+            site = last - found.site if mirrored else found.site
+            assert site == pytest.approx(evidence.site, abs=1e-9)
             assert found.flipping == pytest.approx(evidence.flipping)
             assert found.tails == pytest.approx(evidence.tails, rel=1e-6, abs=1e-6)
 

@@ -51,8 +51,8 @@ def inner_arc(orbit: UniformOrbit, share: float, leg: int) -> float:
     """Arc of a wall more than two widths from both edges."""
     chain = orbit.chain
     margin = 2 * chain.wall_width / chain.spacing
-    place = margin + share * (chain.number_of_rotors - 1 - 2 * margin)
-    return orbit.arc_at(place, leg % orbit.number_of_legs)
+    site = margin + share * (chain.number_of_rotors - 1 - 2 * margin)
+    return orbit.arc_at(site, leg % orbit.number_of_legs)
 
 
 @pytest.mark.parametrize('sigma', [0.01, 0.05])

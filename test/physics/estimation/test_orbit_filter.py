@@ -85,10 +85,10 @@ def test_the_whole_record_of_a_steady_wall_counts(
     slope = 0.05 * math.sqrt(12) / (frames**1.5 * PERIOD)
     assert slope < estimate.rate_deviation < 1.05 * slope
     assert np.abs(normalised(estimate, stream)).max() < 4.5
-    assert estimate.place_deviation < 0.005
-    assert estimate.place_rate_deviation < 1e-3 * abs(estimate.place_rate)
-    assert estimate.place == pytest.approx(
-        stream.orbit.site(stream.arc(estimate.time)), abs=4.5 * estimate.place_deviation
+    assert estimate.site_deviation < 0.005
+    assert estimate.site_rate_deviation < 1e-3 * abs(estimate.site_rate)
+    assert estimate.site == pytest.approx(
+        stream.orbit.site(stream.arc(estimate.time)), abs=4.5 * estimate.site_deviation
     )
 
 

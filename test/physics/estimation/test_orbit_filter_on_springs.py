@@ -20,7 +20,7 @@ from chains import FLIPPER, SPINNER, WIDE_FLIPPER, WOBBLER, chain_of
 
 from soliton_linkage.dynamics.elastic import ElasticSimulation
 from soliton_linkage.estimation.estimates import OrbitEstimate, TrackingStatus
-from soliton_linkage.estimation.frames import Push
+from soliton_linkage.estimation.frames import Impulse
 from soliton_linkage.estimation.orbit_filter import OrbitFilter
 from soliton_linkage.estimation.relocalisation import fit_anywhere, fit_near
 from soliton_linkage.linear.rigidity import mode_towards_last, zero_mode
@@ -105,7 +105,7 @@ class Followed:
     @property
     def largest_step(self) -> float:
         """Largest change of the place in a frame, after the first fifty."""
-        places = np.array([each.place for each in self.estimates[50:]])
+        places = np.array([each.site for each in self.estimates[50:]])
         return float(np.abs(np.diff(places)).max())
 
 
@@ -160,8 +160,8 @@ def test_a_chain_that_deviates_unknown_to_the_filter_is_followed_with_less_certa
         assert made.largest_step < 0.3
         variances.append(np.mean(made.scores**2, axis=1))
         assert variances[-1].max() < 2.5
-        stated = np.median([each.place_deviation for each in made.estimates])
-        assert stated > 1.2 * np.median([each.place_deviation for each in even.estimates])
+        stated = np.median([each.site_deviation for each in made.estimates])
+        assert stated > 1.2 * np.median([each.site_deviation for each in even.estimates])
     assert np.mean(variances) < 1.5
 
 
@@ -203,7 +203,7 @@ def test_after_a_told_kick_the_rate_is_right_in_the_next_frame(
         seen = math.pi - noisy if turned else noisy
         found, other = (each.update(frame * PERIOD, seen) for each in (told, untold))
         if frame == kicked:
-            told.push(Push(-impulses if turned else impulses))
+            told.apply_impulse(Impulse(-impulses if turned else impulses))
             deviation, found = found.rate_deviation, told.estimate
             assert found.rate_deviation < deviation + 0.05 * abs(found.rate)
             true = record.rates[min(frame + 3 * record.frames, len(record.rates) - 1)]
@@ -275,7 +275,7 @@ def test_in_a_strong_wake_the_place_goes_on_though_the_edge_may_toggle_back() ->
         estimate = tracker.update(frame * PERIOD, exact + 0.01 * random.standard_normal(20))
         arc = fit_near(orbit, exact, arc).arc
         legs.append(estimate.leg)
-        places.append(estimate.place)
+        places.append(estimate.site)
         true.append(orbit.site(arc))
     assert np.abs(np.diff(places)).max() < 2 * np.abs(np.diff(true)).max()
     assert np.abs(np.subtract(places, true)).max() < 0.2
@@ -327,7 +327,7 @@ def test_a_stuck_encoder_is_left_out() -> None:
             angles[20] = frozen.setdefault(20, angles[20])
 
     made = followed(record, 0.01, stick)
-    assert made.estimates[-1].place > 30
+    assert made.estimates[-1].site > 30
     assert np.abs(made.scores).max() < 6
     assert made.tracker.starts == 1
     assert not made.tracker.offsets.corrections.any()
@@ -383,7 +383,7 @@ def test_a_chain_at_rest_stays_where_it_is(example: tuple[float, float]) -> None
         estimate = tracker.update(0.02 * frame, chain.uniform_state(-1) + noise)
     assert not tracker.offsets.corrections.any()
     assert tracker.starts == 1
-    assert estimate.place == 0
+    assert estimate.site == 0
     assert abs(estimate.rate) < 4.5 * estimate.rate_deviation
     # An error of measurement that lasts would never pass.
     assert estimate.arc_deviation < 0.003

@@ -37,9 +37,9 @@ def test_weights_follow_the_evidence_and_the_mean_follows_the_weights() -> None:
     made.weigh([0.0, odds])
     share = 1 / (1 + math.exp(-odds))
     wall = made.wall(0.0, 0.0)
-    assert wall.place == pytest.approx(8.0 + 0.5 * share)
+    assert wall.site == pytest.approx(8.0 + 0.5 * share)
     spread = 0.25 * share * (1 - share) + 1e-4 / ORBIT.site_arc**2
-    assert wall.place_deviation == pytest.approx(math.sqrt(spread))
+    assert wall.site_deviation == pytest.approx(math.sqrt(spread))
     assert ORBIT.site(made.leader.motion.arc) == pytest.approx(8.0)
 
 

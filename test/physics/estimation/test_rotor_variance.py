@@ -9,16 +9,16 @@ import numpy as np
 import pytest
 
 from soliton_linkage.estimation.measurement import FrameLikelihood
-from soliton_linkage.estimation.noise import RotorVariance
+from soliton_linkage.estimation.noise import ResidualVariance
 from soliton_linkage.estimation.settings import DEFAULTS
 
 NOISE, SWING, ROTORS = 0.01, 2.0, 40
 
 
-def beside(wave: float) -> RotorVariance:
+def beside(wave: float) -> ResidualVariance:
     """That of a wall whose rotors stand waves [rad] off the orbit, with the noise."""
     random = np.random.default_rng(5)
-    variance = RotorVariance(SWING, NOISE, DEFAULTS)
+    variance = ResidualVariance(SWING, NOISE, DEFAULTS)
     likelihood = FrameLikelihood(SWING, DEFAULTS.likelihood)
     tangent = np.exp(-0.5 * (np.arange(ROTORS) - ROTORS / 2) ** 2)
     standing = wave * math.sqrt(2) * np.sin(2.4 * np.arange(ROTORS))
@@ -30,7 +30,7 @@ def beside(wave: float) -> RotorVariance:
 
 def test_without_waves_a_wall_is_calm_at_any_speed() -> None:
     assert beside(0.0).calm(0.1) > 0.9
-    assert RotorVariance(SWING, NOISE, DEFAULTS).calm(0.0) == 1.0
+    assert ResidualVariance(SWING, NOISE, DEFAULTS).calm(0.0) == 1.0
 
 
 def test_waves_disturb_a_wall_by_their_share_of_its_motion_and_of_the_noise() -> None:

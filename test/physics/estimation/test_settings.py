@@ -53,7 +53,7 @@ def test_evidence_of_motion_follows_its_settings() -> None:
         assert observer.evidence.flipping == pytest.approx(flipping)
     observer = MotionObserver(MotionSettings(fewest_rotors=20))
     observer.observe(angles)
-    assert math.isnan(observer.evidence.place)
+    assert math.isnan(observer.evidence.site)
     observer = MotionObserver(weak)
     for _ in range(3):
         assert observer.observe(angles).motion is None

@@ -88,10 +88,10 @@ def test_energies_sum_to_the_whole_wherever_walls_are_said_to_be(
 @settings(deadline=None, max_examples=30)
 @given(ANY_EXAMPLE, PLACES, st.sampled_from([0, 1]))
 def test_a_free_wall_at_rest_has_no_energy(
-    example: tuple[float, float], place: float, leg: int
+    example: tuple[float, float], site: float, leg: int
 ) -> None:
     chain = chain_of(example, ROTORS)
-    found = energies(chain, static_wall(chain, place, leg), np.zeros(ROTORS), place)
+    found = energies(chain, static_wall(chain, site, leg), np.zeros(ROTORS), site)
     assert found.kinetic == found.kinetic_wake == 0
     assert 0 <= found.elastic_wake <= found.elastic <= rounding_of_energies(chain)
 
@@ -128,17 +128,17 @@ def test_a_moving_wall_that_radiates_nothing_leaves_nothing_behind(
 @pytest.mark.parametrize('example', [WIDE_FLIPPER, FLIPPER, WOBBLER, SPINNER])
 def test_a_planted_wake_is_found_with_its_energy(example: tuple[float, float]) -> None:
     chain = chain_of(example, 80)
-    place = 60.4
-    angles, rates = static_wall(chain, place), np.zeros(80)
+    site = 60.4
+    angles, rates = static_wall(chain, site), np.zeros(80)
     rates[5:15] = 0.4
     angles[20] += 0.01
     stretched = 0.5 * chain.stiffness * chain.spring_extensions(angles)[19:21] ** 2
     planted = 10 * 0.5 * chain.moment_of_inertia * 0.16 + float(stretched.sum())
-    assert place - energy_reach(chain) > 21
-    found = energies(chain, angles, rates, place)
+    assert site - energy_reach(chain) > 21
+    found = energies(chain, angles, rates, site)
     assert found.wake == pytest.approx(planted, rel=1e-9)
     assert abs(found.wall) < 1e-9 * planted
-    assert energies(chain, angles, rates, [place, 10.0, 20.0]).wake < planted
+    assert energies(chain, angles, rates, [site, 10.0, 20.0]).wake < planted
 
 
 @pytest.mark.parametrize('noise', [0.01, 0.05])
@@ -175,11 +175,11 @@ def test_noise_leaves_energies_unbiased_with_the_deviation_that_they_state(
 @settings(deadline=None, max_examples=40)
 @given(ANY_EXAMPLE, PLACES, st.sampled_from([0, 1]), st.booleans())
 def test_winding_numbers_of_the_two_sides_differ_by_the_charge(
-    example: tuple[float, float], place: float, leg: int, turned: bool
+    example: tuple[float, float], site: float, leg: int, turned: bool
 ) -> None:
     chain = chain_of(example, ROTORS)
-    state = static_wall(chain, place, leg, turned)
-    found = topology(chain, state, place)
+    state = static_wall(chain, site, leg, turned)
+    found = topology(chain, state, site)
     assert found.charge == topological_charge(chain, state) == 1
     assert found.winding_numbers[1] - found.winding_numbers[0] == found.charge
     assert found.polarisations[0] > 0 > found.polarisations[1]
@@ -192,14 +192,14 @@ def test_periodic_ends_have_no_topology_of_two_sides() -> None:
 
 @given(ANY_EXAMPLE, st.integers(0, 10**6), st.floats(0, 59), st.integers(1, 29))
 def test_the_wake_of_a_ring_does_not_know_where_it_is_cut(
-    example: tuple[float, float], seed: int, place: float, cells: int
+    example: tuple[float, float], seed: int, site: float, cells: int
 ) -> None:
     random = np.random.default_rng(seed)
     ring = dataclasses.replace(chain_of(example, ROTORS), periodic=True)
     angles, rates = random.uniform(-3, 3, ROTORS), random.standard_normal(ROTORS)
-    here = energies(ring, angles, rates, place)
+    here = energies(ring, angles, rates, site)
     there = energies(
-        ring, np.roll(angles, 2 * cells), np.roll(rates, 2 * cells), (place + 2 * cells) % ROTORS
+        ring, np.roll(angles, 2 * cells), np.roll(rates, 2 * cells), (site + 2 * cells) % ROTORS
     )
     assert there == pytest.approx(here)
 
@@ -271,21 +271,21 @@ def test_edge_rotors_of_a_spinner_count_the_turns_that_a_cycle_makes() -> None:
 @settings(deadline=None, max_examples=30)
 @given(ANY_EXAMPLE, PLACES, st.integers(0, 10**6))
 def test_mirror_image_and_reversed_time_change_what_they_should(
-    example: tuple[float, float], place: float, seed: int
+    example: tuple[float, float], site: float, seed: int
 ) -> None:
     random = np.random.default_rng(seed)
     chain = chain_of(example, ROTORS)
-    angles = static_wall(chain, place) + 0.01 * random.standard_normal(ROTORS)
+    angles = static_wall(chain, site) + 0.01 * random.standard_normal(ROTORS)
     rates = random.standard_normal(ROTORS)
-    mirrored, there = -angles[::-1], ROTORS - 1 - place
-    here = energies(chain, angles, rates, place)
+    mirrored, there = -angles[::-1], ROTORS - 1 - site
+    here = energies(chain, angles, rates, site)
     for image in (
         energies(chain, mirrored, -rates[::-1], there),
-        energies(chain, angles, -rates, place),
-        energies(chain, np.pi - angles, -rates, place),
+        energies(chain, angles, -rates, site),
+        energies(chain, np.pi - angles, -rates, site),
     ):
         assert image == pytest.approx(here, rel=1e-6)
-    found, image = topology(chain, angles, place), topology(chain, mirrored, there)
+    found, image = topology(chain, angles, site), topology(chain, mirrored, there)
     assert image.charge == found.charge
     assert image.polarisations == pytest.approx([-each for each in found.polarisations[::-1]])
     assert image.mode_centre == pytest.approx(ROTORS - 1 - found.mode_centre, abs=1e-6)

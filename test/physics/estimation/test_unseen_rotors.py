@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from chains import FLIPPER, SPINNER, WOBBLER, chain_of
 
-from soliton_linkage.estimation.orbit_model import UnseenRotors
+from soliton_linkage.estimation.orbit_model import UnseenRotorCorrection
 from soliton_linkage.linear.rigidity import rigidity_matrix
 from soliton_linkage.linkage.chain import Array
 from soliton_linkage.orbit.orbit import Orbit
@@ -39,7 +39,7 @@ def seen_shift(
     nearest = float(tangent[seen] @ beside[seen] / (tangent[seen] @ tangent[seen]))
     residuals = beside - nearest * tangent
     residuals[hidden] = np.nan
-    return nearest, nearest + UnseenRotors(orbit).shift(arc, rate, residuals, 1.0, noise)
+    return nearest, nearest + UnseenRotorCorrection(orbit).shift(arc, rate, residuals, 1.0, noise)
 
 
 @pytest.mark.parametrize('example', [FLIPPER, WOBBLER, SPINNER])

@@ -12,11 +12,11 @@ from chains import FLIPPER, SPINNER, WOBBLER, chain_of
 from scipy import stats
 from scipy.optimize import brentq
 
-from soliton_linkage.estimation.lattice import WallLine
+from soliton_linkage.estimation.lattice import LatticeCoordinates
 from soliton_linkage.estimation.orbit_filter import OrbitFilter
 from soliton_linkage.estimation.settings import DEFAULTS
+from soliton_linkage.estimation.shape_model import ShapeMeasurementModel
 from soliton_linkage.estimation.state_report import FrameState
-from soliton_linkage.estimation.wall_placing import WallPlacer
 from soliton_linkage.estimation.wall_shapes import WallShapes
 from soliton_linkage.linear.rigidity import zero_mode
 from soliton_linkage.linear.statics import unstretched
@@ -40,7 +40,7 @@ def resting(orbit: UniformOrbit, seed: int, share: float) -> Array:
     def beyond_half(arc: float) -> float:
         return float(np.sum(zero_mode(chain, angles(arc))[: BOND + 1] ** 2)) - 0.5
 
-    low, high = (orbit.arc_at(place, 0) for place in (BOND - 0.5, BOND + 1.5))
+    low, high = (orbit.arc_at(site, 0) for site in (BOND - 0.5, BOND + 1.5))
     return angles(float(brentq(beyond_half, low, high, xtol=1e-4)))
 
 
@@ -56,7 +56,7 @@ def test_what_is_stated_of_the_place_is_true_from_the_first_frame_on(
         for frame in range(FRAMES):
             noisy = angles + NOISE * random.standard_normal(ROTORS)
             said = tracker.update(0.004 * frame, noisy)
-            scores[seed, frame] = (said.place - BOND - 0.5) / said.place_deviation
+            scores[seed, frame] = (said.site - BOND - 0.5) / said.site_deviation
     squares = np.sum(scores**2, axis=0)
     low, high = stats.chi2.ppf([1e-4, 1 - 1e-4], DRAWS)
     assert squares.max() < high
@@ -72,8 +72,8 @@ def test_deviations_are_stated_of_a_wall_that_is_placed_by_its_shape(
     scores = []
     for seed in range(DRAWS):
         random, angles = np.random.default_rng(seed), resting(orbit, seed, 0.03)
-        line = WallLine(chain, DEFAULTS.walls, DEFAULTS.report)
-        placer = WallPlacer(shapes, line, DEFAULTS, shifts)
+        line = LatticeCoordinates(chain, DEFAULTS.walls, DEFAULTS.report)
+        placer = ShapeMeasurementModel(shapes, line, DEFAULTS, shifts)
         for _ in range(FRAMES):
             seen = angles + NOISE * random.standard_normal(ROTORS)
             (wall,) = placer.placed(FrameState(chain, seen), seen, [(BOND + 0.5, 1)])
@@ -89,5 +89,5 @@ def test_where_rotors_deviate_one_that_stays_off_is_no_wrong_reading(share: floa
     tracker = OrbitFilter(orbit)
     for frame in range(40):
         said = tracker.update(0.004 * frame, angles + NOISE * random.standard_normal(ROTORS))
-    stated = said.place_deviation * orbit.site_arc
+    stated = said.site_deviation * orbit.site_arc
     assert stated > 0.9 * off if share else stated < 0.1 * off

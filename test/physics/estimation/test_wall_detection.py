@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 
 from soliton_linkage.estimation.settings import DEFAULTS
+from soliton_linkage.estimation.shape_model import domain_borders
 from soliton_linkage.estimation.wall_loops import domains
-from soliton_linkage.estimation.wall_placing import domain_borders
 from soliton_linkage.linkage.chain import Array
 
 OPPOSITE = DEFAULTS.walls.opposite

@@ -22,33 +22,33 @@ CHAINS = {
 EDGE = 5
 
 
-def leaves_nothing(shape: WallShape, theta: Array, place: float) -> bool:
+def leaves_nothing(shape: WallShape, theta: Array, site: float) -> bool:
     """Whether a shape leaves nothing of the staggered angles of a wall, and finds its place."""
     inner = theta[EDGE:-EDGE]
     left = np.empty_like(inner)
-    wall_loops.leave(inner, EDGE, shape.table, place, 1.0, left)
-    found, *_ = wall_loops.fit(inner, EDGE, shape.table, place + 0.2, 1.0, 1e-2, 2.5, False)
-    return bool(np.abs(left).max() < 1e-4) and abs(found - place) < 1e-4
+    wall_loops.leave(inner, EDGE, shape.table, site, 1.0, left)
+    found, *_ = wall_loops.fit(inner, EDGE, shape.table, site + 0.2, 1.0, 1e-2, 2.5, False)
+    return bool(np.abs(left).max() < 1e-4) and abs(found - site) < 1e-4
 
 
 @pytest.mark.parametrize('name', CHAINS)
 def test_a_kink_leaves_nothing_of_a_static_wall(name: str) -> None:
     chain, shapes = CHAINS[name], WallShapes(CHAINS[name])
     for leg in range(2 if chain.motion is Motion.SPINNER else 1):
-        for place in (40.0, 40.33, 41.07, 40.5):
-            theta = staggered(static_wall(chain, place, leg))
-            assert leaves_nothing(shapes.of_leg(leg), theta, place)
+        for site in (40.0, 40.33, 41.07, 40.5):
+            theta = staggered(static_wall(chain, site, leg))
+            assert leaves_nothing(shapes.of_leg(leg), theta, site)
             if name == 'wobbler':
                 image = np.ascontiguousarray(theta[::-1])
                 last = chain.number_of_rotors - 1
-                assert leaves_nothing(shapes.anti_kinks[0], image, last - place)
+                assert leaves_nothing(shapes.anti_kinks[0], image, last - site)
 
 
 def test_an_anti_kink_of_flippers_leaves_nothing_of_a_state_of_least_energy() -> None:
     chain, shapes = CHAINS['flipper'], WallShapes(CHAINS['flipper'])
     states = CubicSpline(*anti_kink_path(chain, 40.0))
-    for place in (40.0, 40.33, 41.07, 41.5):
-        assert leaves_nothing(shapes.anti_kinks[0], staggered(states(place)), place)
+    for site in (40.0, 40.33, 41.07, 41.5):
+        assert leaves_nothing(shapes.anti_kinks[0], staggered(states(site)), site)
 
 
 @pytest.mark.parametrize('name', ['spinner', 'pinned wobbler'])
@@ -56,7 +56,7 @@ def test_a_pinned_anti_kink_leaves_nothing_where_it_rests_and_its_image_a_rotor_
     name: str,
 ) -> None:
     chain, shapes = CHAINS[name], WallShapes(CHAINS[name])
-    place, angles = resting_anti_kink(chain, 40.5)
+    site, angles = resting_anti_kink(chain, 40.5)
     one, other = shapes.anti_kinks
-    assert leaves_nothing(one, staggered(angles), place)
-    assert leaves_nothing(other, np.roll(staggered(angles), 1), place + 1)
+    assert leaves_nothing(one, staggered(angles), site)
+    assert leaves_nothing(other, np.roll(staggered(angles), 1), site + 1)

@@ -10,9 +10,9 @@ import numpy as np
 import pytest
 
 from soliton_linkage.estimation.estimates import EventKind, SolitonEvent, lost
-from soliton_linkage.estimation.lattice import WallFrame, WallLine
+from soliton_linkage.estimation.lattice import LatticeCoordinates, WallFrame
 from soliton_linkage.estimation.settings import DEFAULTS
-from soliton_linkage.estimation.wall_track import SeenWall, WallTrack
+from soliton_linkage.estimation.wall_track import WallMeasurement, WallTrack
 from soliton_linkage.estimation.wall_tracker import WallTracker
 from soliton_linkage.linkage.chain import Chain
 from soliton_linkage.solitons.static_wall import site_arc
@@ -31,7 +31,7 @@ class Scene(WallFrame):
     def energy(self, places: Sequence[float]) -> float:
         return float(len(places))
 
-    def swing(self, place: float, lean: int) -> float:
+    def swing(self, site: float, lean: int) -> float:
         return self._swing
 
     def turn(self, left: float, right: float) -> int:
@@ -42,7 +42,7 @@ class Story:
     """Frames shown to a tracker one after the other, and what it made of them."""
 
     def __init__(self, chain: Chain = CHAIN) -> None:
-        line = WallLine(chain, DEFAULTS.walls, DEFAULTS.report)
+        line = LatticeCoordinates(chain, DEFAULTS.walls, DEFAULTS.report)
         self.tracker = WallTracker(line, 1 / chain.time_unit, site_arc(chain), 3.0, DEFAULTS)
         self.time = 0.0
         self.events: list[SolitonEvent] = []
@@ -50,14 +50,16 @@ class Story:
         self.names: dict[int, float] = {}
 
     def show(self, walls: Sequence[tuple[float, int]], scene: WallFrame | None = None) -> None:
-        seen = [SeenWall(place, 0.01, charge, (math.nan, math.nan)) for place, charge in walls]
+        seen = [
+            WallMeasurement(site, 0.01, charge, (math.nan, math.nan)) for site, charge in walls
+        ]
         self.time += PERIOD
         shown, events = self.tracker.take(self.time, seen, scene or Scene())
         self._note(shown, events)
 
     def follow(self, wall: tuple[float, float] | None) -> None:
         self.time += PERIOD
-        there = lost(self.time)._replace(place=wall[0], place_rate=wall[1]) if wall else None
+        there = lost(self.time)._replace(site=wall[0], site_rate=wall[1]) if wall else None
         self._note(*self.tracker.follow(self.time, there, Scene()))
 
     def _note(self, shown: list[WallTrack], events: list[SolitonEvent]) -> None:
@@ -76,7 +78,7 @@ class Story:
 
     def wait(self, periods: float, swing: float) -> None:
         """Neither is seen for some periods of the slowest phonon, while rotors swing or do not."""
-        line = WallLine(CHAIN, DEFAULTS.walls, DEFAULTS.report)
+        line = LatticeCoordinates(CHAIN, DEFAULTS.walls, DEFAULTS.report)
         for _ in range(math.ceil(periods * line.period / PERIOD)):
             self.show([], Scene(swing))
 
@@ -148,13 +150,13 @@ def test_a_pair_is_born_only_where_frame_after_frame_shows_it() -> None:
 @pytest.mark.parametrize('back', [True, False])
 def test_a_wall_that_goes_into_an_edge_comes_back_or_dies(back: bool) -> None:
     story = Story()
-    for place in np.linspace(20, 1, 80):
-        story.follow((float(place), -59.0))
+    for site in np.linspace(20, 1, 80):
+        story.follow((float(site), -59.0))
     for _ in range(20):
         story.follow(None)
     if back:
-        for place in np.linspace(1, 25, 100):
-            story.follow((float(place), 59.0))
+        for site in np.linspace(1, 25, 100):
+            story.follow((float(site), 59.0))
         assert story.kinds == [EventKind.FOUND, EventKind.REFLECTION]
         assert story.names == {1: 25.0}
         return
@@ -163,8 +165,8 @@ def test_a_wall_that_goes_into_an_edge_comes_back_or_dies(back: bool) -> None:
     assert story.kinds == [EventKind.FOUND, EventKind.DEATH_AT_EDGE]
     died = story.events[-1]
     assert (died.charge_before, died.charge_after, died.energy_before) == (1, 0, 1.0)
-    for place in np.linspace(1, 25, 100):
-        story.follow((float(place), 59.0))
+    for site in np.linspace(1, 25, 100):
+        story.follow((float(site), 59.0))
     assert story.kinds[2:] == [EventKind.BIRTH_AT_EDGE]
     assert story.events[-1].ids_after == (2,)
 
@@ -172,15 +174,11 @@ def test_a_wall_that_goes_into_an_edge_comes_back_or_dies(back: bool) -> None:
 def test_walls_keep_their_names_all_the_way_round_a_ring() -> None:
     story = Story(RING)
     for shift in np.linspace(0, 150, 1500):
-        places = [
-            (float(place + shift) % 60, (-1) ** k) for k, place in enumerate((5, 20, 35, 50))
-        ]
+        places = [(float(site + shift) % 60, (-1) ** k) for k, site in enumerate((5, 20, 35, 50))]
         story.show(places)
     assert story.kinds == 4 * [EventKind.FOUND]
     start = {1: 5.0, 2: 20.0, 3: 35.0, 4: 50.0}
-    assert story.names == {
-        name: pytest.approx((place + 150) % 60) for name, place in start.items()
-    }
+    assert story.names == {name: pytest.approx((site + 150) % 60) for name, site in start.items()}
 
 
 def test_a_wall_that_jumps_beyond_what_was_expected_is_still_the_only_one_it_can_be() -> None:

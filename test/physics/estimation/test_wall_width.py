@@ -23,7 +23,7 @@ from soliton_linkage.dynamics.elastic import simulate
 from soliton_linkage.estimation.relocalisation import fit_anywhere, fit_near
 from soliton_linkage.estimation.wall_shapes import WallShapes
 from soliton_linkage.estimation.wall_width import (
-    UNTOLD,
+    UNKNOWN,
     ContractionMean,
     TheoryWidth,
     WallFamily,
@@ -40,11 +40,11 @@ ROTORS = 50
 LEGS = (0, 1, 2, 3)
 
 
-def contracted(chain: Chain, place: float, leg: int, gamma: float) -> Array:
+def contracted(chain: Chain, site: float, leg: int, gamma: float) -> Array:
     """A wall phi_n = f(gamma (X - n)), each rotor from a wall at rest of its own."""
     angles = np.empty(chain.number_of_rotors)
     for rotor in range(chain.number_of_rotors):
-        distance = gamma * (place - rotor)
+        distance = gamma * (site - rotor)
         like = 2 * (chain.number_of_rotors // 4) + rotor % 2
         inside = min(max(like + distance, 0.5), chain.number_of_rotors - 1.5)
         angles[rotor] = static_wall(chain, inside, leg)[like]
@@ -56,8 +56,8 @@ def test_a_wall_at_rest_is_not_contracted(example: tuple[float, float]) -> None:
     chain = chain_of(example, ROTORS)
     family = WallFamily(WallShapes(chain))
     for leg in LEGS[: 2 if chain.motion is Motion.SPINNER else 4]:
-        for place in (23.0, 23.4, 24.9, 25.5):
-            found = family.fit(static_wall(chain, place, leg), place + 0.05, leg, 1e-6, 0.03)
+        for site in (23.0, 23.4, 24.9, 25.5):
+            found = family.fit(static_wall(chain, site, leg), site + 0.05, leg, 1e-6, 0.03)
             assert found.logarithm == pytest.approx(0, abs=1e-4)
 
 
@@ -84,10 +84,10 @@ def test_contraction_in_the_continuum_is_that_of_lorentz(
     chain = chain_of(example, 200)
     theory = theory_of(chain)
     velocity = share * theory.speed_of_sound
-    place = 99.4
-    angles, _ = theory.state(place * chain.spacing, velocity)
+    site = 99.4
+    angles, _ = theory.state(site * chain.spacing, velocity)
     # In the theory rotors turn forwards, as they do on the cycle's way back.
-    found = WallFamily(WallShapes(chain)).fit(angles, place, 1, 1e-3)
+    found = WallFamily(WallShapes(chain)).fit(angles, site, 1, 1e-3)
     order = min(chain.lean_ratio, 1 / chain.lean_ratio)
     assert found.factor == pytest.approx(theory.lorentz_factor(velocity), rel=order**2)
 
@@ -99,11 +99,11 @@ def test_one_frame_is_unbiased_with_the_deviation_that_it_states(
     random, noise, count = np.random.default_rng(5), 0.003, 600
     chain = chain_of(example, ROTORS)
     family = WallFamily(WallShapes(chain))
-    walls = [(place, static_wall(chain, place)) for place in random.uniform(23, 26, 30)]
+    walls = [(site, static_wall(chain, site)) for site in random.uniform(23, 26, 30)]
     errors = []
     for number in range(count):
-        place, angles = walls[number % 30]
-        found = family.fit(angles + noise * random.standard_normal(ROTORS), place, 0, noise)
+        site, angles = walls[number % 30]
+        found = family.fit(angles + noise * random.standard_normal(ROTORS), site, 0, noise)
         errors.append(found.logarithm / found.deviation)
     assert np.isfinite(errors).all()
     assert abs(float(np.mean(errors))) < 4 / math.sqrt(count)
@@ -121,7 +121,7 @@ def test_rotors_that_are_not_seen_cost_certainty_but_no_truth(
     holed = family.fit(angles, 24.3, 0, 1e-3)
     assert holed.logarithm == pytest.approx(0, abs=1e-4)
     assert holed.deviation > whole.deviation
-    assert family.fit(np.full(ROTORS, math.nan), 24.3, 0, 1e-3) is UNTOLD
+    assert family.fit(np.full(ROTORS, math.nan), 24.3, 0, 1e-3) is UNKNOWN
 
 
 @pytest.mark.parametrize('example', EXAMPLES)
@@ -129,23 +129,23 @@ def test_nothing_is_told_at_an_edge_or_in_too_much_noise(example: tuple[float, f
     chain = chain_of(example, ROTORS)
     family, angles = WallFamily(WallShapes(chain)), static_wall(chain, 24.3)
     near = 1.9 * chain.wall_width / chain.spacing
-    for place in (0.0, near, ROTORS - 1 - near, ROTORS - 1.0, math.nan):
-        assert family.fit(angles, place, 0, 1e-3) is UNTOLD
+    for site in (0.0, near, ROTORS - 1 - near, ROTORS - 1.0, math.nan):
+        assert family.fit(angles, site, 0, 1e-3) is UNKNOWN
     known = family.fit(angles, 24.3, 0, 1e-3)
-    assert family.fit(angles, 24.3, 0, 0.5 * 1e-3 / known.deviation) is UNTOLD
+    assert family.fit(angles, 24.3, 0, 0.5 * 1e-3 / known.deviation) is UNKNOWN
 
 
 def test_the_mean_of_white_noise_states_its_true_deviation() -> None:
     random, noise, runs = np.random.default_rng(7), 0.01, 1000
     chain = chain_of(FLIPPER, 30)
     family, places = WallFamily(WallShapes(chain)), np.linspace(8.2, 15.4, 24)
-    walls = np.array([static_wall(chain, float(place)) for place in places])
+    walls = np.array([static_wall(chain, float(site)) for site in places])
     errors = []
     for _ in range(runs):
         mean = ContractionMean(family)
-        for place, angles in zip(places, walls, strict=True):
+        for site, angles in zip(places, walls, strict=True):
             frame = angles + noise * random.standard_normal(30)
-            found = mean.update(frame, float(place), 0, noise)
+            found = mean.update(frame, float(site), 0, noise)
         errors.append(found.logarithm / found.deviation)
     assert float(np.var(errors)) == pytest.approx(1, abs=0.05 + 2 * math.sqrt(2 / runs))
     assert abs(float(np.mean(errors))) < 0.15
@@ -172,8 +172,8 @@ def passage_of(
 def mean_logarithm(family: WallFamily, frames: Array, places: Array, leg: int) -> float:
     """Mean over noiseless frames of what each tells alone."""
     found = [
-        family.fit(frame, float(place), leg, 1e-5).logarithm
-        for frame, place in zip(frames, places, strict=True)
+        family.fit(frame, float(site), leg, 1e-5).logarithm
+        for frame, site in zip(frames, places, strict=True)
     ]
     return float(np.mean(found))
 
@@ -218,9 +218,9 @@ def test_the_mean_of_a_wall_of_springs_is_as_near_the_whole_passage_as_it_says(
     whole = mean_logarithm(family, frames, places, leg)
     for noise in (0.0, 0.003, 0.01):
         mean, errors = ContractionMean(family), []
-        for frame, place in zip(frames, places, strict=True):
+        for frame, site in zip(frames, places, strict=True):
             noisy = frame + noise * random.standard_normal(36)
-            found = mean.update(noisy, float(place), leg, max(noise, 1e-5))
+            found = mean.update(noisy, float(site), leg, max(noise, 1e-5))
             errors.append((found.logarithm - whole) / found.deviation)
         assert float(np.mean(np.square(errors[len(errors) // 2 :]))) < 3
         assert float(np.abs(errors).max()) < 4.5
@@ -230,12 +230,12 @@ def test_the_mean_of_a_wall_of_springs_is_as_near_the_whole_passage_as_it_says(
 def test_a_new_leg_begins_anew_and_a_changed_wall_is_noticed() -> None:
     random, noise, chain = np.random.default_rng(13), 0.003, chain_of(FLIPPER, 40)
     mean, places = ContractionMean(WallFamily(WallShapes(chain))), np.arange(10, 20, 0.1)
-    for place in places:
-        frame = static_wall(chain, float(place)) + noise * random.standard_normal(40)
-        before = mean.update(frame, float(place), 0, noise)
-    narrow = [contracted(chain, float(place), 0, 1.4) for place in np.arange(20, 24, 0.1)]
-    for place, angles in zip(np.arange(20, 24, 0.1), narrow, strict=True):
-        after = mean.update(angles + noise * random.standard_normal(40), float(place), 0, noise)
+    for site in places:
+        frame = static_wall(chain, float(site)) + noise * random.standard_normal(40)
+        before = mean.update(frame, float(site), 0, noise)
+    narrow = [contracted(chain, float(site), 0, 1.4) for site in np.arange(20, 24, 0.1)]
+    for site, angles in zip(np.arange(20, 24, 0.1), narrow, strict=True):
+        after = mean.update(angles + noise * random.standard_normal(40), float(site), 0, noise)
     assert before.factor == pytest.approx(1, abs=5 * before.deviation)
     assert after.factor == pytest.approx(1.4, abs=5 * 1.4 * after.deviation)
     again = mean.update(narrow[-1], 23.9, 1, noise)

@@ -31,21 +31,21 @@ ANY_EXAMPLE = st.sampled_from(EXAMPLES)
 BOTH = (False, True)
 
 
-def wall_at(chain: Chain, place: float) -> RestingWall:
+def wall_at(chain: Chain, site: float) -> RestingWall:
     """A wall at rest at a place [rotor spacings], half a spacing or more from both ends.
 
     Without deviations, and with edge rotors that have not toggled.
     """
     beside = math.ceil(energy_reach(chain))
-    nearest = round(place)
+    nearest = round(site)
     first, last = max(nearest - beside, 0), min(nearest + beside, chain.number_of_rotors - 1)
     window = dataclasses.replace(
         chain, number_of_rotors=2 * beside + 4, periodic=False, deviations=NO_DEVIATIONS
     )
     before = beside + 1 + (nearest - beside - 1) % 2
-    angles = static_wall(window, place - nearest + before)
+    angles = static_wall(window, site - nearest + before)
     shift = before - nearest
-    return RestingWall(first, angles[first + shift : last + shift + 1], place)
+    return RestingWall(first, angles[first + shift : last + shift + 1], site)
 
 
 def wall_on_orbit(orbit: UniformOrbit, arc: float) -> RestingWall:
@@ -72,17 +72,17 @@ def flat(wobbling: Wobble) -> list[float]:
 @settings(deadline=None, max_examples=30)
 @given(ANY_EXAMPLE, PLACES, st.integers(0, 10**6))
 def test_the_wobble_is_the_same_in_a_mirror_and_upside_down(
-    example: tuple[float, float], place: float, seed: int
+    example: tuple[float, float], site: float, seed: int
 ) -> None:
     # Where both sides are as large it is either of them that is told.
-    assume(abs(2 * place - round(2 * place)) > 0.02)
+    assume(abs(2 * site - round(2 * site)) > 0.02)
     chain = chain_of(example, ROTORS)
     noisy = 0.01 * np.random.default_rng(seed).standard_normal(ROTORS)
-    angles = static_wall(chain, place) + noisy
-    mirrored, there = -angles[::-1], ROTORS - 1 - place
+    angles = static_wall(chain, site) + noisy
+    mirrored, there = -angles[::-1], ROTORS - 1 - site
     found, turned, image = (
         wobble(chain, state, wall_at(chain, at), 0.01)
-        for state, at in ((angles, place), (np.pi - angles, place), (mirrored, there))
+        for state, at in ((angles, site), (np.pi - angles, site), (mirrored, there))
     )
     assert flat(turned) == pytest.approx(flat(found), rel=1e-6, nan_ok=True)
     assert flat(image) == pytest.approx(flat(found), rel=1e-4, abs=1e-7, nan_ok=True)
@@ -94,10 +94,10 @@ def test_a_wall_at_rest_gives_back_the_exact_tail(
     example: tuple[float, float], turned: bool
 ) -> None:
     chain = chain_of(example, ROTORS)
-    for place in (28.2, 29.5, 30.9):
+    for site in (28.2, 29.5, 30.9):
         for leg in (0, 1):
-            angles = static_wall(chain, place, leg, turned)
-            found = wobble(chain, angles, wall_at(chain, place))
+            angles = static_wall(chain, site, leg, turned)
+            found = wobble(chain, angles, wall_at(chain, site))
             assert found.exact_decay_length == penetration_depth(chain)
             assert found.tail_ratio == pytest.approx(ratio_of(chain), rel=1e-7)
             assert found.decay_length == pytest.approx(found.exact_decay_length, rel=1e-7)
@@ -115,10 +115,10 @@ def test_the_amplitude_is_how_far_a_rotor_leans_beyond_rest(
 ) -> None:
     chain = chain_of(example, ROTORS)
     lean, largest = chain.rotor_length * math.sin(chain.rest_angle), 0.0
-    for place in np.linspace(28, 30, 21):
-        angles = static_wall(chain, float(place))
+    for site in np.linspace(28, 30, 21):
+        angles = static_wall(chain, float(site))
         beyond = chain.rotor_length * np.abs(np.sin(angles)) - lean
-        found = wobble(chain, angles, wall_at(chain, float(place)))
+        found = wobble(chain, angles, wall_at(chain, float(site)))
         assert found.amplitude == pytest.approx(float(beyond[1:-1].max()), abs=1e-9)
         assert found.amplitude == pytest.approx(found.rest_amplitude, abs=1e-12)
         largest = max(largest, found.amplitude / lean)
@@ -169,8 +169,8 @@ def test_noise_leaves_the_wobble_unbiased_with_the_deviations_that_it_states(
     random, chain = np.random.default_rng(19), chain_of(example, ROTORS)
     reporter = WobbleReporter(chain)
     scaled: dict[str, list[float]] = {'ratio': [], 'amplitude': [], 'decay': [], 'wave': []}
-    for place in 29 + np.arange(10) / 10:
-        angles, wall = static_wall(chain, float(place)), wall_at(chain, float(place))
+    for site in 29 + np.arange(10) / 10:
+        angles, wall = static_wall(chain, float(site)), wall_at(chain, float(site))
         for _ in range(40):
             found = reporter.wobble(angles + noise * random.standard_normal(ROTORS), wall, noise)
             for name, error in (

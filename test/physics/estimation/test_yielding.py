@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from soliton_linkage.dynamics.elastic import simulate
-from soliton_linkage.estimation.orbit_model import Yielding, pushed_rate
+from soliton_linkage.estimation.orbit_model import ComplianceCorrection, pushed_rate
 from soliton_linkage.linear.rigidity import dynamical_matrix
 from soliton_linkage.linkage.chain import Array, Chain
 from soliton_linkage.linkage.deviations import drawn_deviations
@@ -35,9 +35,9 @@ def bent(orbit: Orbit, arc: float) -> tuple[Array, Array]:
 @pytest.mark.parametrize('leg', [0, 1])
 def test_mu_is_what_bent_paths_cost(chain: Chain, leg: int) -> None:
     orbit = orbit_of(chain)
-    yielding = Yielding(orbit)
-    for place in (8.0, 8.3, 7.55):
-        arc = orbit.arc_at(place, leg)
+    yielding = ComplianceCorrection(orbit)
+    for site in (8.0, 8.3, 7.55):
+        arc = orbit.arc_at(site, leg)
         bend, given = bent(orbit, arc)
         assert yielding.mu(arc) == pytest.approx(bend @ given, rel=0.02)
 
@@ -46,9 +46,9 @@ def test_a_chain_that_deviates_yields_at_the_same_places() -> None:
     even = orbit_of(WOBBLER)
     drawn = drawn_deviations(17, 3, spacing=0.03)
     uneven = orbit_of(replace(WOBBLER, deviations=drawn))
-    one, other = Yielding(even), Yielding(uneven)
-    for place in (4.0, 9.3):
-        found, expected = other.mu(uneven.arc_at(place, 1)), one.mu(even.arc_at(place, 1))
+    one, other = ComplianceCorrection(even), ComplianceCorrection(uneven)
+    for site in (4.0, 9.3):
+        found, expected = other.mu(uneven.arc_at(site, 1)), one.mu(even.arc_at(site, 1))
         assert found == pytest.approx(expected, rel=0.1)
 
 
@@ -61,7 +61,7 @@ def nearest_arc(orbit: Orbit, angles: Array, arc: float) -> float:
 
 def test_a_slow_wall_keeps_its_energy_from_rotor_to_rotor() -> None:
     orbit = orbit_of(WOBBLER)
-    yielding, slow, begin = Yielding(orbit), 1.2, orbit.arc_at(5.0, 0)
+    yielding, slow, begin = ComplianceCorrection(orbit), 1.2, orbit.arc_at(5.0, 0)
     angles = orbit.configuration(begin) - slow**2 * bent(orbit, begin)[1]
     period = 0.25 * WOBBLER.time_unit
     run = simulate(WOBBLER, angles, slow * orbit.tangent(begin), 800 * period, period)
@@ -81,8 +81,8 @@ def test_a_fast_wall_and_one_that_yields_much_are_not_told_to_vary(
     length = share / math.sin(0.77) ** 2 * WOBBLER.spacing
     orbit = orbit_of(Chain(17, rotor_length=length, rest_angle=0.77))
     one, other = orbit.arc_at(5.0, 0), orbit.arc_at(5.5, 0)
-    assert Yielding(orbit).change(other, rate, one) == 1.0
-    assert Yielding(orbit).change(other, 1e-3 * rate, one) != 1.0
+    assert ComplianceCorrection(orbit).change(other, rate, one) == 1.0
+    assert ComplianceCorrection(orbit).change(other, 1e-3 * rate, one) != 1.0
 
 
 @pytest.mark.parametrize('rate', [-3.0, 0.0, 0.5])

@@ -24,20 +24,25 @@ from soliton_linkage.estimation.estimates import (
 from soliton_linkage.estimation.frames import (
     CompletedFrame,
     FrameClock,
-    Push,
+    Impulse,
+    ImpulseQueue,
     Unwrapper,
-    WaitingPushes,
     all_within,
     check_deviations,
     complete,
     on_orbit,
     whole_frame,
 )
-from soliton_linkage.estimation.lattice import WallFrame, WallLine
+from soliton_linkage.estimation.lattice import LatticeCoordinates, WallFrame
 from soliton_linkage.estimation.motion_class import MotionObserver
 from soliton_linkage.estimation.noise import RateNoise
 from soliton_linkage.estimation.orbit_filter import OrbitFilter
 from soliton_linkage.estimation.settings import DEFAULTS, EstimationSettings
+from soliton_linkage.estimation.shape_model import (
+    ShapeMeasurementModel,
+    borders_of_ring,
+    domain_borders,
+)
 from soliton_linkage.estimation.state_report import (
     ArcRate,
     FrameErrors,
@@ -45,9 +50,8 @@ from soliton_linkage.estimation.state_report import (
     StateReport,
     StateReporter,
 )
-from soliton_linkage.estimation.wall_placing import WallPlacer, borders_of_ring, domain_borders
 from soliton_linkage.estimation.wall_shapes import WallShapes
-from soliton_linkage.estimation.wall_track import SeenWall, WallTrack
+from soliton_linkage.estimation.wall_track import WallMeasurement, WallTrack
 from soliton_linkage.estimation.wall_tracker import WallTracker
 from soliton_linkage.estimation.wall_width import TheoryWidth, WidthReporter
 from soliton_linkage.estimation.wobble import RestingWall, Wobble, WobbleReporter
@@ -70,7 +74,7 @@ class WallReporter:
         """Make the shapes of walls; the orbit tells how long one takes to turn back at an edge."""
         self._chain = chain
         self._inside = settings.report.inside
-        self.line = WallLine(chain, settings.walls, settings.report)
+        self.line = LatticeCoordinates(chain, settings.walls, settings.report)
         self._opposite = settings.walls.opposite
         plus, minus = couplings(chain)
         self._uniform = (plus**2 - minus**2) / (plus**2 + minus**2)
@@ -80,10 +84,10 @@ class WallReporter:
             swing = max((end - begin) / orbit.site_arc - (chain.number_of_rotors - 1), 0.0)
         self._tracker = WallTracker(self.line, 1 / chain.time_unit, arc, swing, settings)
         # Made before the first frame comes: it takes as long as hundreds of them.
-        self._placer: WallPlacer | None = None
+        self._placer: ShapeMeasurementModel | None = None
         with suppress(ValueError, ArithmeticError):
             shifts = WallShifts(orbit) if orbit else None
-            self._placer = WallPlacer(self.shapes, self.line, settings, shifts)
+            self._placer = ShapeMeasurementModel(self.shapes, self.line, settings, shifts)
 
     @cached_property
     def shapes(self) -> WallShapes:
@@ -98,7 +102,7 @@ class WallReporter:
 
     def on_orbit(self, estimate: OrbitEstimate, frame: WallFrame) -> Walls:
         """The wall on the orbit, none while it is at an edge."""
-        inside = self._inside <= estimate.place <= self.line.rotors - 1 - self._inside
+        inside = self._inside <= estimate.site <= self.line.rotors - 1 - self._inside
         return self._tracker.follow(estimate.time, estimate if inside else None, frame)
 
     def beside_orbit(self, time: float, state: FrameState, seen: Array, frame: WallFrame) -> Walls:
@@ -106,7 +110,7 @@ class WallReporter:
 
         Its angles as they were seen [rad] are of shape (N,), NaN where they were not.
         """
-        walls: list[SeenWall] = []
+        walls: list[WallMeasurement] = []
         if self._placer is not None:
             walls = self._placer.placed(state, seen, self._borders_of(state))
         return self._tracker.take(time, walls, frame)
@@ -173,14 +177,14 @@ class Analyser:
         self._theory_width = TheoryWidth(chain, settings.width)
         self._unwrapper = Unwrapper(chain.number_of_rotors)
         self._clock = FrameClock(settings.tracking.clock_limit)
-        self._pushes = WaitingPushes()
+        self._pushes = ImpulseQueue()
 
     @property
-    def late_pushes(self) -> int:
+    def late_impulses(self) -> int:
         """Number of pushes that were told after the frame that they acted from."""
         return self._pushes.late
 
-    def push(self, stamp: int | None, impulses: Array) -> None:
+    def apply_impulse(self, stamp: int | None, impulses: Array) -> None:
         """Tell of angular impulses [N m s], shape (N,), that were made at an instant [ns].
 
         They act from the first frame that is not earlier, or from the next one for None. Those
@@ -272,7 +276,7 @@ class Analyser:
         angles: Array,
         rates: Array | None,
         deviations: Array | None,
-        pushes: list[Push],
+        pushes: list[Impulse],
     ) -> tuple[OrbitEstimate, CompletedFrame]:
         """Estimate where the chain is after pushes, and complete its frame."""
         seen = self._unwrapper.unwrapped(angles)
@@ -286,8 +290,8 @@ class Analyser:
             estimate = lost(self._clock.time, self._noise)
             return estimate, complete(self.chain, seen, rates, None, self._unwrapper.last)
         self._filter.update(self._clock.time, seen, deviations)
-        for push in pushes:
-            self._filter.push(push)
+        for each in pushes:
+            self._filter.apply_impulse(each)
         estimate, view = self._filter.estimate, self._filter.view
         corrected = seen - self.offsets
         expected = None
@@ -316,7 +320,7 @@ class Analyser:
     def _soliton(self, track: WallTrack, width: tuple[float, float]) -> AnalysedSoliton:
         """A wall that is followed, with its width and the deviation of that [m]."""
         spacing = self.chain.spacing
-        velocity = track.place_rate * spacing
+        velocity = track.site_rate * spacing
         return AnalysedSoliton(
             id=track.id,
             rotor=track.rotor,
@@ -336,7 +340,7 @@ class Analyser:
             return _NO_WIDTH
         angles = math.pi - frame.seen if estimate.upside_down else frame.seen
         noise = max(estimate.noise, self._settings.width.least_noise)
-        return self._widths.update(angles, estimate.place, estimate.leg, noise)
+        return self._widths.update(angles, estimate.site, estimate.leg, noise)
 
     def _is_alone(self, estimate: OrbitEstimate, frame: CompletedFrame) -> bool:
         """Whether a frame shows one wall at most, where it is on the orbit."""
@@ -391,5 +395,5 @@ class Analyser:
         if self._filter is None or frame.others:
             return None
         about = self._filter.orbit.segment(estimate.arc)
-        wall = RestingWall(about.first, about.angles, estimate.place)
+        wall = RestingWall(about.first, about.angles, estimate.site)
         return self._wobbles.wobble(frame.angles, wall, errors.noise, errors.lasting)

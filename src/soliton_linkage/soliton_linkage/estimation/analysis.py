@@ -108,7 +108,7 @@ class FrameAnalyser(Protocol):
         """Number of frames that were not later than the one before."""
 
     @property
-    def late_pushes(self) -> int:
+    def late_impulses(self) -> int:
         """Number of impulses that were reported after the frame that they acted from."""
 
     @property
@@ -141,7 +141,7 @@ class UnknownChainAnalyser:
     """
 
     limitation = 'the parameters of the chain are not known'
-    starts = late_pushes = 0
+    starts = late_impulses = 0
 
     def __init__(self, number_of_rotors: int) -> None:
         """Raises ValueError for fewer than 2 rotors."""
@@ -178,16 +178,16 @@ class UnknownChainAnalyser:
             status=TrackingStatus.LOST,
             estimate=lost(self._clock.time),
             cycle=cycle_phase(lost(self._clock.time), None),
-            solitons=_crossing(self._observer.evidence.place, seen),
+            solitons=_crossing(self._observer.evidence.site, seen),
             unseen=int(np.count_nonzero(np.isnan(seen))),
         )
 
 
-def _crossing(place: float, angles: Array) -> tuple[AnalysedSoliton, ...]:
+def _crossing(site: float, angles: Array) -> tuple[AnalysedSoliton, ...]:
     """A wall of which nothing but about where it is and its charge are known; none for NaN."""
-    if math.isnan(place):
+    if math.isnan(site):
         return ()
-    leans = np.sin(staggered(angles))[: math.floor(place) + 1]
+    leans = np.sin(staggered(angles))[: math.floor(site) + 1]
     charge = 1 if np.nansum(leans) > 0 else -1
     nan = math.nan
-    return (AnalysedSoliton(0, place, nan, nan, nan, nan, charge, nan, nan, nan),)
+    return (AnalysedSoliton(0, site, nan, nan, nan, nan, charge, nan, nan, nan),)

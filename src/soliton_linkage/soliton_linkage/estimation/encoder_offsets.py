@@ -235,7 +235,7 @@ class EncoderOffsets:
         self.encoders['means'][rotors] = means - 1
 
 
-class FarRotors:
+class FarFieldResiduals:
     """Means over blocks of frames of what is left of the rotors that the wall is far from.
 
     What is left of a rotor for a while does not count where it is not what it was before: the
@@ -277,15 +277,15 @@ class FarRotors:
         self._frames, self._time = 0, 0.0
         self._lowest, self._highest = math.inf, -math.inf
 
-    def is_near(self, place: float) -> NDArray[np.bool_]:
+    def is_near(self, site: float) -> NDArray[np.bool_]:
         """Which rotors are not far from a place [rotor spacings], shape (N,)."""
-        return np.asarray(np.abs(np.arange(len(self._sums)) - place) <= self._margin)
+        return np.asarray(np.abs(np.arange(len(self._sums)) - site) <= self._margin)
 
     def add(
         self,
         residuals: Array,
         outlying: NDArray[np.bool_] | None,
-        place: float,
+        site: float,
         elapsed: float,
         variance: float,
     ) -> bool:
@@ -304,7 +304,7 @@ class FarRotors:
             before = self._sums[once] - residuals[once]
             self._sums[once] = before * (1 + 1 / max(self._frames, 1))
         self._outlying, self._residuals = outlying, residuals
-        self._lowest, self._highest = min(self._lowest, place), max(self._highest, place)
+        self._lowest, self._highest = min(self._lowest, site), max(self._highest, site)
         self._time += elapsed
         self._frames += 1
         if self._first:

@@ -6,7 +6,7 @@ from __future__ import annotations
 import math
 
 from soliton_linkage.estimation.estimates import EventKind
-from soliton_linkage.estimation.lattice import WallLine
+from soliton_linkage.estimation.lattice import LatticeCoordinates
 from soliton_linkage.estimation.settings import WallSettings
 from soliton_linkage.estimation.wall_track import WallTrack
 
@@ -16,7 +16,7 @@ class Encounter:
 
     def __init__(
         self,
-        line: WallLine,
+        line: LatticeCoordinates,
         settings: WallSettings,
         left: WallTrack,
         right: WallTrack,
@@ -36,7 +36,7 @@ class Encounter:
         """Whether the last frame showed neither."""
         self.when = self._moved = time
         """When they were nearest to each other, or first overlapped [s]."""
-        self.place = line.between(left.rotor, right.rotor)
+        self.site = line.between(left.rotor, right.rotor)
         """Where that was [rotor spacings]."""
         self.passed = False
         """Whether they have passed through each other an odd number of times."""
@@ -67,7 +67,7 @@ class Encounter:
         self._peak = max(self._peak, self._distance)
         if not self.collisions and self._distance < self._closest:
             self._closest, self.when = self._distance, time
-            self.place = self._line.between(self.left.rotor, self.right.rotor)
+            self.site = self._line.between(self.left.rotor, self.right.rotor)
         if turn and self._turn and turn != self._turn:
             self.passed = not self.passed
             self.left.id, self.right.id = self.right.id, self.left.id

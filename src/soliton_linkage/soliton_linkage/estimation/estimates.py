@@ -35,7 +35,7 @@ class OrbitEstimate(NamedTuple):
     place: place of the wall [rotor spacings].
     place_rate: rate of the place [rotor spacings / s], 0 while the wall waits at an edge.
     place_deviation: standard deviation of the place [rotor spacings].
-    place_rate_deviation: standard deviation of that rate [rotor spacings / s].
+    site_rate_deviation: standard deviation of that rate [rotor spacings / s].
     leg: leg of the orbit.
     leg_known: whether it can be no other leg with the wall at the same place. A flipper whose edge
         rotors were not seen may be on two legs or on four, of which leg, arc, rate and phase
@@ -55,10 +55,10 @@ class OrbitEstimate(NamedTuple):
     arc_deviation: float = math.nan
     rate_deviation: float = math.nan
     covariance: float = math.nan
-    place: float = math.nan
-    place_rate: float = math.nan
-    place_deviation: float = math.nan
-    place_rate_deviation: float = math.nan
+    site: float = math.nan
+    site_rate: float = math.nan
+    site_deviation: float = math.nan
+    site_rate_deviation: float = math.nan
     leg: int = -1
     leg_known: bool = False
     phase: float = math.nan

@@ -105,7 +105,7 @@ _NEAR = 3600 * 10**9
 analyses is behind by seconds or minutes, and clocks of another beginning differ by years."""
 
 
-class Push(NamedTuple):
+class Impulse(NamedTuple):
     """Impulses that act on the rotors of a chain at one instant.
 
     impulses: angular impulses [N m s], shape (N,).
@@ -116,7 +116,7 @@ class Push(NamedTuple):
     ago: float = 0.0
 
 
-class WaitingPushes:
+class ImpulseQueue:
     """Pushes that wait for the first frame that is not earlier than they are.
 
     One without a stamp, or with that of another clock, waits for the next frame.
@@ -138,7 +138,7 @@ class WaitingPushes:
             known = after is None or after < _NEAR
             self._waiting.append((stamp if known else None, impulses))
 
-    def due(self, stamp: int) -> list[Push]:
+    def due(self, stamp: int) -> list[Impulse]:
         """Take those that act from the frame of a stamp [ns] on."""
         if self._frame is not None and stamp < self._frame:
             self._waiting.clear()
@@ -151,7 +151,7 @@ class WaitingPushes:
             if -_NEAR < before < 0:
                 later.append((made, impulses))
             else:
-                due.append(Push(impulses, before * _NANOSECOND if before < _NEAR else 0.0))
+                due.append(Impulse(impulses, before * _NANOSECOND if before < _NEAR else 0.0))
         self._waiting = later
         return due
 

@@ -14,7 +14,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from soliton_linkage.estimation.measurement import FrameView
+from soliton_linkage.estimation.measurement import LinearisedMeasurement
 from soliton_linkage.estimation.multiple_model_filter import MultipleModelFilter
 from soliton_linkage.estimation.settings import EstimationSettings
 from soliton_linkage.orbit.orbit import Orbit
@@ -29,21 +29,21 @@ class Hypothesis:
 
     motion: MultipleModelFilter
     upside_down: bool
-    view: FrameView
+    view: LinearisedMeasurement
     evidence: float
     """Logarithm of the likelihood of all frames so far, over that of the likeliest place."""
 
 
-class MixedWall(NamedTuple):
+class MixtureMoments(NamedTuple):
     """Place and rate of a wall, over all places that compete."""
 
-    place: float
+    site: float
     """Mean place [rotor spacings]."""
-    place_deviation: float
+    site_deviation: float
     """Standard deviation of the place [rotor spacings]."""
-    place_rate: float
+    site_rate: float
     """Mean rate [rotor spacings / s]."""
-    place_rate_deviation: float
+    site_rate_deviation: float
     """Standard deviation of that rate [rotor spacings / s]."""
 
 
@@ -106,22 +106,22 @@ class Hypotheses:
         others = sum(share for share, each in zip(shares, legs, strict=True) if each != leg)
         return others < self._settings.likelihood.false_alarms * sum(shares)
 
-    def wall(self, arc_beside: float, rate_beside: float) -> MixedWall:
+    def wall(self, arc_beside: float, rate_beside: float) -> MixtureMoments:
         """Place and rate of the wall, with variances that are beside those of the filters.
 
         They are of the arc [rad^2] and of its rate [rad^2/s^2].
         """
         if len(self.all) == 1:
-            place, of_place, rate, of_rate = self._row(self.all[0], arc_beside, rate_beside)
-            return MixedWall(place, math.sqrt(of_place), rate, math.sqrt(of_rate))
+            site, site_information, rate, of_rate = self._row(self.all[0], arc_beside, rate_beside)
+            return MixtureMoments(site, math.sqrt(site_information), rate, math.sqrt(of_rate))
         rows = [self._row(each, arc_beside, rate_beside) for each in self.all]
         shares = np.exp([each.evidence for each in self.all])
         shares /= shares.sum()
         places, place_variances, rates, rate_variances = np.array(rows).T
-        place, rate = float(shares @ places), float(shares @ rates)
-        of_place = float(shares @ (place_variances + (places - place) ** 2))
+        site, rate = float(shares @ places), float(shares @ rates)
+        site_information = float(shares @ (place_variances + (places - site) ** 2))
         of_rate = float(shares @ (rate_variances + (rates - rate) ** 2))
-        return MixedWall(place, math.sqrt(of_place), rate, math.sqrt(of_rate))
+        return MixtureMoments(site, math.sqrt(site_information), rate, math.sqrt(of_rate))
 
     def _row(
         self, each: Hypothesis, arc_beside: float, rate_beside: float
@@ -129,12 +129,12 @@ class Hypotheses:
         """Place, its variance, rate of the place, 0 while it waits at an edge, its variance."""
         orbit = self._orbit
         arc, rate, of_arc, _, of_rate = each.motion.summary
-        place, scale = orbit.site(arc), orbit.site_arc_at(arc)
-        inside = 0 < place < orbit.chain.number_of_rotors - 1
+        site, scale = orbit.site(arc), orbit.site_arc_at(arc)
+        inside = 0 < site < orbit.chain.number_of_rotors - 1
         direction = (1 - 2 * (orbit.leg(arc) % 2)) if inside else 0
         squared = scale * scale
         return (
-            place,
+            site,
             (of_arc + arc_beside) / squared,
             direction * rate / scale,
             (of_rate + rate_beside) / squared,

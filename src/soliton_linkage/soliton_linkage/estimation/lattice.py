@@ -21,7 +21,7 @@ from soliton_linkage.linkage.chain import Array, Chain, Motion, wrapped
 from soliton_linkage.solitons.tanh_fit import order_field
 
 
-class WallLine:
+class LatticeCoordinates:
     """The places of a chain [rotor spacings]; those of a ring run from 0 to N and on from 0."""
 
     def __init__(self, chain: Chain, settings: WallSettings, report: ReportSettings) -> None:
@@ -46,22 +46,22 @@ class WallLine:
         self.period = 2 * math.pi / max(gap(chain), 1e-12)
         """Longest period of a phonon [s]."""
 
-    def apart(self, place: float, other: float) -> float:
+    def apart(self, site: float, other: float) -> float:
         """Way from the other place to this one [rotor spacings], the shorter one round a ring."""
-        way = place - other
+        way = site - other
         return math.remainder(way, self.rotors) if self.periodic else way
 
-    def on_it(self, place: float) -> float:
+    def on_it(self, site: float) -> float:
         """The same place of a ring between 0 and N."""
-        return place % self.rotors if self.periodic else place
+        return site % self.rotors if self.periodic else site
 
-    def edge_distance(self, place: float) -> float:
+    def edge_distance(self, site: float) -> float:
         """Distance from the nearer edge [rotor spacings], infinite for a ring."""
-        return math.inf if self.periodic else min(place, self.rotors - 1 - place)
+        return math.inf if self.periodic else min(site, self.rotors - 1 - site)
 
-    def edge_of(self, place: float) -> float:
+    def edge_of(self, site: float) -> float:
         """Place of the nearer edge, that of the first rotor or of the last."""
-        return 0.0 if place < (self.rotors - 1) / 2 else self.rotors - 1.0
+        return 0.0 if site < (self.rotors - 1) / 2 else self.rotors - 1.0
 
     def numbers(self, low: float, high: float, edge: int = 0) -> NDArray[np.int64]:
         """Numbers of the rotors between two places; round a ring they run beyond 0 and N.
@@ -87,7 +87,7 @@ class WallFrame:
     def __init__(
         self,
         reporter: StateReporter,
-        line: WallLine,
+        line: LatticeCoordinates,
         angles: Array | None,
         rates: Array | None,
         errors: FrameErrors,
@@ -106,7 +106,7 @@ class WallFrame:
             return math.nan
         return self._reporter.report(angles, places, rates, self._errors).energies.wall
 
-    def swing(self, place: float, lean: int) -> float:
+    def swing(self, site: float, lean: int) -> float:
         """Largest swing of a rotor near a place from a uniform state that leans so.
 
         It is over that to the opposite state [1], and 0 where rotors are not known.
@@ -114,7 +114,7 @@ class WallFrame:
         if self._angles is None:
             return 0.0
         field, _ = order_field(self._chain, self._angles)
-        near = self._line.numbers(place - self._line.near, place + self._line.near)
+        near = self._line.numbers(site - self._line.near, site + self._line.near)
         return float(np.abs(field[near % len(field)] - lean).max() / 2)
 
     def turn(self, left: float, right: float) -> int:

@@ -30,7 +30,7 @@ _MOST_STEPS = 20
 """Largest number of Gauss-Newton steps [1]."""
 
 
-class FrameView(NamedTuple):
+class LinearisedMeasurement(NamedTuple):
     """A frame from a point of the orbit, in the orientation of the orbit."""
 
     arc: float
@@ -133,7 +133,7 @@ class FrameLikelihood:
         variance: float,
         spread: float = 0.0,
         doubtful: Flags = NO_FLAGS,
-    ) -> FrameView:
+    ) -> LinearisedMeasurement:
         """View of differences from the orbit at an arc [rad], shape (N,), which it takes over.
 
         The variance [rad^2] is that of a rotor, the spread [rad^2] that of the arc.
@@ -160,7 +160,7 @@ class FrameLikelihood:
             differences *= self.scales
             largest = float(np.abs(differences).max()) if math.isfinite(largest) else largest
             nothing += self._log_scales(differences)
-        return FrameView(
+        return LinearisedMeasurement(
             arc + ahead,
             first,
             tangent,
@@ -191,7 +191,7 @@ class FrameLikelihood:
         )
         return likelihood - self.nothing(int(np.isfinite(residuals).sum()), variance)
 
-    def explains(self, view: FrameView, largest: float) -> bool:
+    def explains(self, view: LinearisedMeasurement, largest: float) -> bool:
         """Whether what it does not believe of a frame may be readings that are wrong.
 
         The frame must be likelier than random angles, with the largest variance of a rotor that
@@ -247,7 +247,7 @@ class ReadingScales:
         return np.asarray(np.sqrt(1 + (self._squares - 1) * min(noise / variance, 1.0)))
 
 
-class FrameTrust:
+class InnovationGate:
     """Tells frames of a wall from others, by how rotors were off before."""
 
     def __init__(
@@ -264,11 +264,11 @@ class FrameTrust:
         """Begin anew."""
         self._off, self._strained = self._none_off, self._never
 
-    def is_believed(self, view: FrameView) -> bool:
+    def is_believed(self, view: LinearisedMeasurement) -> bool:
         """Whether most of what the rotors about the wall tell is believed."""
         return view.information >= self._settings.believed * view.information_of_all
 
-    def is_strained(self, view: FrameView) -> bool:
+    def is_strained(self, view: LinearisedMeasurement) -> bool:
         """Whether a wall is off as by a push: several rotors side by side, or one for a while.
 
         They are no further off than springs could have them, and most of the wall is seen.
@@ -281,7 +281,7 @@ class FrameTrust:
         run = off[:-2] & off[1:-1] & off[2:]
         return bool(run.any() or (self._strained >= self._frames).any())
 
-    def is_explained(self, view: FrameView, largest: float, doubtful: Flags) -> bool:
+    def is_explained(self, view: LinearisedMeasurement, largest: float, doubtful: Flags) -> bool:
         """Whether a frame is that of a wall, with the largest variance of a rotor [rad^2].
 
         Readings that are wrong at random are so in one frame; rotors that are far off in two

@@ -284,7 +284,7 @@ def observe(
     for n in range(angles.size):
         if math.isfinite(angles[n]):
             sines[n], cosines[n] = math.sin(angles[n]), math.cos(angles[n])
-    place, more, lean = evidence(settings, angles, sines, cosines, noise, tails)
+    site, more, lean = evidence(settings, angles, sines, cosines, noise, tails)
     flipping = _limited(flipping + more, settings[0]['strongest'])
     if math.isfinite(lean) and math.isfinite(rest_angle):
         # Each weighs as much as the tails tell, never quite nothing.
@@ -292,7 +292,7 @@ def observe(
         rest_angle += added / (known + added) * (lean - rest_angle)
     elif math.isfinite(lean):
         rest_angle = lean
-    return (place, flipping, rest_angle), tail_ratio(settings, tails, rest_angle)
+    return (site, flipping, rest_angle), tail_ratio(settings, tails, rest_angle)
 
 
 class MotionClass(NamedTuple):
@@ -323,7 +323,7 @@ class MotionEvidence(NamedTuple):
         infinite where unknown.
     """
 
-    place: float
+    site: float
     flipping: float
     rest_angle: float
     tails: Array

@@ -169,7 +169,7 @@ class MultipleModelFilter:
         )
         self.expected_rate = ratio * (rate + gained)
 
-    def push(self, change: float, of_rate: float = 0.0, of_arc: float = 0.0) -> None:
+    def apply_impulse(self, change: float, of_rate: float = 0.0, of_arc: float = 0.0) -> None:
         """Apply an impulse: a change of the rate [rad/s], and what it adds to the variances.
 
         They are those of the rate [rad^2/s^2] and of the arc [rad^2].

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from soliton_linkage.compiling import compiled, const_f8_1d, f8, f8_1d, i8, records
-from soliton_linkage.estimation.measurement import FrameView
+from soliton_linkage.estimation.measurement import LinearisedMeasurement
 from soliton_linkage.estimation.multiple_model_filter import MultipleModelFilter
 from soliton_linkage.estimation.settings import (
     DEFAULTS,
@@ -162,7 +162,7 @@ class FrameNoise:
         self.variance = self._given
         self.least = 0.0
         """Variance that is noise for sure [rad^2]: all that a single frame shows may last."""
-        self._earlier: tuple[FrameView, ...] = ()
+        self._earlier: tuple[LinearisedMeasurement, ...] = ()
         self.forget_what_lasted()
 
     @property
@@ -175,7 +175,7 @@ class FrameNoise:
         """Degrees of freedom of the variance; infinite where it is given."""
         return math.inf if self.variance == self._given else max(self._freedoms, 1.0)
 
-    def update(self, view: FrameView, elapsed: float) -> None:
+    def update(self, view: LinearisedMeasurement, elapsed: float) -> None:
         """Take in what is left of a frame, a time [s] after the last."""
         pairs = 0
         if len(self._earlier) == 2:
@@ -265,7 +265,7 @@ class RateNoise:
         self._median += (change - self._median) / self._frames
 
 
-class RotorVariance:
+class ResidualVariance:
     """Variance of a rotor from the orbit, and with it that of the arc that a frame shows."""
 
     def __init__(self, swing: float, noise: float | None, settings: EstimationSettings) -> None:
@@ -289,13 +289,13 @@ class RotorVariance:
         self.at_edge = False
         """Whether springs take up or give back energy."""
 
-    def begin(self, best: FrameView) -> None:
+    def begin(self, best: LinearisedMeasurement) -> None:
         """Begin anew with the likeliest view of a frame; the way is that of before."""
         self.frames = 0
         self.noise = FrameNoise(self._given_noise, self._settings.noise)
         self.noise.update(best, 0.0)
 
-    def learn(self, view: FrameView, elapsed: float) -> None:
+    def learn(self, view: LinearisedMeasurement, elapsed: float) -> None:
         """Learn from a view of a frame, a time [s] after the last."""
         self.noise.update(view, elapsed)
         self.frames += 1
@@ -313,7 +313,9 @@ class RotorVariance:
         field += self.elastic * changed * edge_ratio
         return noise.variance + min(field, self.largest_field)
 
-    def of_arc(self, motion: MultipleModelFilter, view: FrameView, elapsed: float) -> float:
+    def of_arc(
+        self, motion: MultipleModelFilter, view: LinearisedMeasurement, elapsed: float
+    ) -> float:
         """Variance of the arc that a frame shows [rad^2], a time [s] after the last.
 
         Rotors of which some are not seen have another nearest point than all of them, by what

@@ -15,19 +15,19 @@ import numpy as np
 
 from soliton_linkage.estimation.encoder_offsets import EncoderOffsets
 from soliton_linkage.estimation.estimates import OrbitEstimate, TrackingStatus, lost
-from soliton_linkage.estimation.frames import Push, swing_of
+from soliton_linkage.estimation.frames import Impulse, swing_of
 from soliton_linkage.estimation.hypotheses import Hypotheses, Hypothesis
 from soliton_linkage.estimation.measurement import (
     LEAST_INFORMATION,
     FrameLikelihood,
-    FrameTrust,
-    FrameView,
+    InnovationGate,
+    LinearisedMeasurement,
     ReadingScales,
 )
 from soliton_linkage.estimation.multiple_model_filter import MultipleModelFilter
-from soliton_linkage.estimation.noise import RotorVariance
-from soliton_linkage.estimation.orbit_model import FrameComparison, Yielding
-from soliton_linkage.estimation.relocalisation import Place, PlaceSearch, ScanBudget
+from soliton_linkage.estimation.noise import ResidualVariance
+from soliton_linkage.estimation.orbit_model import ComplianceCorrection, OrbitMeasurementModel
+from soliton_linkage.estimation.relocalisation import Candidate, Relocaliser, ScanBudget
 from soliton_linkage.estimation.settings import DEFAULTS, EstimationSettings
 from soliton_linkage.linear.bands import penetration_depth
 from soliton_linkage.linkage.chain import Array, check_shape
@@ -66,17 +66,19 @@ class OrbitFilter:
         self._given_noise = noise
         self._settings = settings
         self._tracking = settings.tracking
-        self._search = PlaceSearch(orbit, settings.likelihood, settings.scan)
+        self._search = Relocaliser(orbit, settings.likelihood, settings.scan)
         self._budget = ScanBudget(settings.scan)
-        self._yielding = Yielding(orbit)
+        self._yielding = ComplianceCorrection(orbit)
         self._depth = penetration_depth(chain) / chain.spacing
         self._deviates = chain.deviations != NO_DEVIATIONS
         swing = swing_of(chain)
         self._likelihood = FrameLikelihood(swing, settings.likelihood)
         self._scales = ReadingScales(noise)
-        self._variance = RotorVariance(swing, noise, settings)
-        self._beside = FrameComparison(orbit, self._likelihood, self._variance.elastic, settings)
-        self._trust = FrameTrust(chain.number_of_rotors, self._likelihood, settings)
+        self._variance = ResidualVariance(swing, noise, settings)
+        self._beside = OrbitMeasurementModel(
+            orbit, self._likelihood, self._variance.elastic, settings
+        )
+        self._trust = InnovationGate(chain.number_of_rotors, self._likelihood, settings)
         self.bandwidth = 0.0
         """With which the disturbance is followed [rad/s]."""
         self._forget(math.nan)
@@ -97,10 +99,10 @@ class OrbitFilter:
 
         It is 0 where the settings look for none, NaN while the chain is lost.
         """
-        return self._places.leader.motion.disturbance if self._places.all else math.nan
+        return self._hypotheses.leader.motion.disturbance if self._hypotheses.all else math.nan
 
     @property
-    def view(self) -> FrameView | None:
+    def view(self) -> LinearisedMeasurement | None:
         """The latest frame beside the orbit; None while lost, and for an empty frame."""
         return self._seen_as
 
@@ -127,23 +129,23 @@ class OrbitFilter:
             self._budget.restart()
         seen = np.ascontiguousarray(angles, dtype=np.float64)
         self._scales.take(deviations)
-        if self._places.all:
+        if self._hypotheses.all:
             self._follow(time, elapsed, seen, torques)
         elif not self._acquire(time, seen):
             self._forget(time)
         return self._estimate
 
-    def push(self, push: Push) -> None:
+    def apply_impulse(self, impulse: Impulse) -> None:
         """Take in a push that acts from the latest frame on.
 
         How far a wall went on since the push is left to that frame to tell, and unsure by it.
         """
-        for each in self._places.all:
-            rigid, rate = self._pushed_by(push.impulses, each), each.motion.rate
+        for each in self._hypotheses.all:
+            rigid, rate = self._pushed_by(impulse.impulses, each), each.motion.rate
             change = self._yielding.pushed_rate(rate, rigid) - rate
             doubt = rigid - change
-            each.motion.push(change, doubt**2, (change * push.ago) ** 2)
-        if self._places.all:
+            each.motion.apply_impulse(change, doubt**2, (change * impulse.ago) ** 2)
+        if self._hypotheses.all:
             self._report(self._estimate.time, self._estimate.status)
 
     def forget(self) -> None:
@@ -160,8 +162,8 @@ class OrbitFilter:
         return -change if hypothesis.upside_down else change
 
     def _forget(self, time: float) -> None:
-        self._places = Hypotheses(self.orbit, self._settings)
-        self._seen_as: FrameView | None = None
+        self._hypotheses = Hypotheses(self.orbit, self._settings)
+        self._seen_as: LinearisedMeasurement | None = None
         self._unexplained_since = math.nan
         self._unexplained = 0
         self._variance.forget()
@@ -172,42 +174,44 @@ class OrbitFilter:
         """Search a frame for the chain; say whether it is there."""
         if not np.isfinite(seen).any() or not self._budget.spend(time):
             return False
-        places = self._found(seen)
-        if not places:
+        candidates = self._found(seen)
+        if not candidates:
             return False
-        self._start_at(places, time, seen)
+        self._start_at(candidates, time, seen)
         return True
 
-    def _found(self, seen: Array) -> list[Place]:
+    def _found(self, seen: Array) -> list[Candidate]:
         """Places of a frame that compete, none where it does not tell any."""
         angles = seen - self.offsets.corrections
-        competition = self._search.find(angles, self._given_noise or 0.0)
-        if competition.told < self._settings.scan.told:
+        found = self._search.find(angles, self._given_noise or 0.0)
+        if found.probability < self._settings.scan.told:
             return []
-        best = competition.places[0]
+        best = found.candidates[0]
         if not self._likelihood.explains(best.view, best.variance):
             return []
         least = best.evidence - self._tracking.decisive_odds
-        return [each for each in competition.places if each.evidence > least]
+        return [each for each in found.candidates if each.evidence > least]
 
-    def _start_at(self, places: list[Place], time: float, seen: Array) -> None:
+    def _start_at(self, candidates: list[Candidate], time: float, seen: Array) -> None:
         self.starts += 1
         self._unexplained, self._unexplained_since = 0, math.nan
-        best = places[0]
+        best = candidates[0]
         self._variance.begin(best.view)
         self._beside.far.forget()
         scale = 1 / self.orbit.chain.time_unit
-        self._places = Hypotheses(self.orbit, self._settings)
-        for place in places:
+        self._hypotheses = Hypotheses(self.orbit, self._settings)
+        for candidate in candidates:
             motion = MultipleModelFilter(
-                place.arc,
-                self._variance.noise.variance / place.view.information,
+                candidate.arc,
+                self._variance.noise.variance / candidate.view.information,
                 scale,
                 self.orbit.site_arc,
                 self._settings.filter,
             )
-            evidence = place.evidence - best.evidence
-            self._places.all.append(Hypothesis(motion, place.upside_down, place.view, evidence))
+            evidence = candidate.evidence - best.evidence
+            self._hypotheses.all.append(
+                Hypothesis(motion, candidate.upside_down, candidate.view, evidence)
+            )
         self._seen_as = best.view
         self._beside.learn(seen, best.view, 0.0, self._variance.noise, best.upside_down)
         self._beside.look_for_deformation(best.view, best.view)
@@ -215,18 +219,18 @@ class OrbitFilter:
 
     def _follow(self, time: float, elapsed: float, seen: Array, torques: Array | None) -> None:
         self._variance.at_edge = self._at_edge()
-        for each in self._places.all:
+        for each in self._hypotheses.all:
             acceleration = 0.0 if torques is None else self._pushed_by(torques, each)
             self._predict(each.motion, elapsed, acceleration)
-        best = self._places.leader.motion
+        best = self._hypotheses.leader.motion
         if self._tracking.gate * math.sqrt(best.expected_variance) > self.orbit.length:
             self._forget(time)
             self._acquire(time, seen)
             return
         self._variance.way = abs(best.expected_rate) * elapsed / self.orbit.site_arc
         variance = self._looked_at(seen, elapsed)
-        self._places.weigh([each.view.likelihood for each in self._places.all])
-        view = self._places.leader.view
+        self._hypotheses.weigh([each.view.likelihood for each in self._hypotheses.all])
+        view = self._hypotheses.leader.view
         if not view.known:
             self._seen_as = None
             self._report(time, TrackingStatus.COASTING)
@@ -245,10 +249,10 @@ class OrbitFilter:
             self.rejected += not explained
             self._report(time, TrackingStatus.COASTING)
             return
-        for each in self._places.all:
+        for each in self._hypotheses.all:
             self._update_by(each, elapsed)
         self._learn(seen, view, elapsed)
-        self._places.suppose_toggled()
+        self._hypotheses.suppose_toggled()
         self._report(time, TrackingStatus.TRACKING if explained else TrackingStatus.COASTING)
 
     def _looked_at(self, seen: Array, elapsed: float) -> float:
@@ -258,15 +262,15 @@ class OrbitFilter:
         that of before: it is looked for as one that was found now.
         """
         variance = self._see(seen, 0.0)
-        if not self._trust.is_strained(self._places.leader.view):
+        if not self._trust.is_strained(self._hypotheses.leader.view):
             return variance
-        views, frames = [each.view for each in self._places.all], self._variance.frames
+        views, frames = [each.view for each in self._hypotheses.all], self._variance.frames
         self._variance.frames = 0
         widened = self._see(seen, (elapsed / self.orbit.chain.time_unit) ** 2)
-        if self._trust.is_believed(self._places.leader.view):
+        if self._trust.is_believed(self._hypotheses.leader.view):
             return widened
         self._variance.frames = frames
-        for each, view in zip(self._places.all, views, strict=True):
+        for each, view in zip(self._hypotheses.all, views, strict=True):
             each.view = view
         return variance
 
@@ -276,7 +280,7 @@ class OrbitFilter:
         noise = self._variance.noise.variance
         self._likelihood.scales = self._scales.of_frame(noise, variance)
         self._beside.noise = noise
-        for each in self._places.all:
+        for each in self._hypotheses.all:
             each.view = self._beside.recognised(
                 each.motion, seen, variance, pushed, each.upside_down
             )
@@ -291,28 +295,28 @@ class OrbitFilter:
             self._unexplained_since = time
         self._unexplained += 1
         if self._unexplained >= self._tracking.confirming_frames and self._budget.spend(time):
-            places = self._found(seen)
-            view = self._places.leader.view
-            if places and self._gain(places[0], view, seen) > self._tracking.decisive_odds:
-                self._start_at([self._on_this_turn(each) for each in places], time, seen)
+            candidates = self._found(seen)
+            view = self._hypotheses.leader.view
+            if candidates and self._gain(candidates[0], view, seen) > self._tracking.decisive_odds:
+                self._start_at([self._on_this_turn(each) for each in candidates], time, seen)
                 return True
         tracking = self._tracking
         long = time - self._unexplained_since > tracking.doubted_time
-        view = self._places.leader.view
+        view = self._hypotheses.leader.view
         hopeless = not self._trust.is_believed(view)
         if long and self._unexplained > tracking.confirming_frames and hopeless:
             self._forget(time)
             return True
         return False
 
-    def _gain(self, place: Place, view: FrameView, seen: Array) -> float:
+    def _gain(self, candidate: Candidate, view: LinearisedMeasurement, seen: Array) -> float:
         """How much likelier a frame is at another place than where it was expected [log]."""
-        leader = self._places.leader
+        leader = self._hypotheses.leader
         expected = max(
-            self._beside.view(seen, arc, place.variance, 0.0, leader.upside_down).likelihood
+            self._beside.view(seen, arc, candidate.variance, 0.0, leader.upside_down).likelihood
             for arc in (leader.motion.expected, view.arc)
         )
-        return place.view.likelihood - expected
+        return candidate.view.likelihood - expected
 
     def _predict(self, motion: MultipleModelFilter, elapsed: float, acceleration: float) -> None:
         """Go on by a time [s] under torques [rad/s^2], as springs yield and rotors deviate."""
@@ -326,14 +330,14 @@ class OrbitFilter:
     def _at_edge(self) -> bool:
         """Whether the wall was so near to an edge that springs take up or give back energy."""
         last = self.orbit.chain.number_of_rotors - 1
-        to_edge = min(self._estimate.place, last - self._estimate.place)
+        to_edge = min(self._estimate.site, last - self._estimate.site)
         return bool(to_edge < self._tracking.edge_rotors + self._depth)
 
-    def _on_this_turn(self, place: Place) -> Place:
+    def _on_this_turn(self, candidate: Candidate) -> Candidate:
         """The same point of the orbit, with as many cycles gone round as the wall has."""
         length = self.orbit.length
-        turns = round((self._estimate.arc - place.arc) / length)
-        return place._replace(arc=place.arc + turns * length)
+        turns = round((self._estimate.arc - candidate.arc) / length)
+        return candidate._replace(arc=candidate.arc + turns * length)
 
     def _update_by(self, hypothesis: Hypothesis, elapsed: float) -> None:
         """Update a filter by its view of a frame, a time [s] after the last."""
@@ -343,16 +347,16 @@ class OrbitFilter:
             calm = self._variance.calm(motion.expected_rate * self.orbit.chain.time_unit)
             motion.update(view.arc, variance, self._variance.noise.degrees_of_freedom, calm)
 
-    def _learn(self, seen: Array, view: FrameView, elapsed: float) -> None:
+    def _learn(self, seen: Array, view: LinearisedMeasurement, elapsed: float) -> None:
         """Learn noise, field and offsets from what the likeliest place leaves of a frame."""
         self._variance.learn(view, elapsed)
-        noise, turned = self._variance.noise, self._places.leader.upside_down
+        noise, turned = self._variance.noise, self._hypotheses.leader.upside_down
         if self._beside.learn(seen, view, elapsed, noise, turned):
             noise.forget_what_lasted()
 
     def _report(self, time: float, status: TrackingStatus) -> None:
         orbit, noise = self.orbit, self._variance.noise
-        leader = self._places.leader
+        leader = self._hypotheses.leader
         arc, rate, arc_variance, covariance, rate_variance = leader.motion.summary
         completed, within = divmod(arc, orbit.length)
         # The nearest point of the orbit is not to be told better than the frame is on it, nor
@@ -363,7 +367,7 @@ class OrbitFilter:
         beside = off + of_arc**2
         changed = of_rates**2 + off / (self._settings.filter.bias_way * orbit.site_arc) ** 2
         of_rate = changed * rate**2
-        wall = self._places.wall(beside, of_rate)
+        wall = self._hypotheses.wall(beside, of_rate)
         seen = self._seen_as if status is not TrackingStatus.COASTING else None
         self._estimate = OrbitEstimate(
             time=time,
@@ -373,12 +377,12 @@ class OrbitFilter:
             arc_deviation=math.sqrt(arc_variance + beside),
             rate_deviation=math.sqrt(rate_variance + of_rate),
             covariance=covariance,
-            place=wall.place,
-            place_rate=wall.place_rate,
-            place_deviation=wall.place_deviation,
-            place_rate_deviation=wall.place_rate_deviation,
+            site=wall.site,
+            site_rate=wall.site_rate,
+            site_deviation=wall.site_deviation,
+            site_rate_deviation=wall.site_rate_deviation,
             leg=leg,
-            leg_known=self._places.leg_is_known(),
+            leg_known=self._hypotheses.leg_is_known(),
             phase=2 * math.pi * within / orbit.length,
             completed_cycles=int(completed),
             noise=noise.deviation,

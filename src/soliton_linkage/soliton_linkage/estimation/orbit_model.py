@@ -9,10 +9,15 @@ from dataclasses import replace
 import numpy as np
 from scipy.linalg import solveh_banded
 
-from soliton_linkage.estimation.encoder_offsets import EncoderOffsets, FarRotors
+from soliton_linkage.estimation.encoder_offsets import EncoderOffsets, FarFieldResiduals
 from soliton_linkage.estimation.frames import Flags
 from soliton_linkage.estimation.likelihood import compare
-from soliton_linkage.estimation.measurement import NO_FLAGS, FrameLikelihood, FrameView, search_arc
+from soliton_linkage.estimation.measurement import (
+    NO_FLAGS,
+    FrameLikelihood,
+    LinearisedMeasurement,
+    search_arc,
+)
 from soliton_linkage.estimation.multiple_model_filter import MultipleModelFilter
 from soliton_linkage.estimation.noise import FrameNoise
 from soliton_linkage.estimation.settings import EstimationSettings
@@ -29,7 +34,7 @@ _CLOSE = 0.01
 """Step of the arc that is not worth another linearisation [rad]."""
 
 
-class FrameComparison:
+class OrbitMeasurementModel:
     """Compares frames with an orbit, and learns offsets of encoders from them."""
 
     def __init__(
@@ -48,9 +53,9 @@ class FrameComparison:
             for leg in range(orbit.number_of_legs)
         ]
         self.offsets = EncoderOffsets(chain.number_of_rotors, settings.offsets)
-        self.far = FarRotors(self.offsets, chain, elastic)
+        self.far = FarFieldResiduals(self.offsets, chain, elastic)
         self._shifts = WallShifts(orbit)
-        self._unseen = UnseenRotors(orbit)
+        self._unseen = UnseenRotorCorrection(orbit)
         self.noise = 0.0
         """Variance of a reading, of that of a rotor from the orbit [rad^2]."""
         self._doubts = False
@@ -66,7 +71,7 @@ class FrameComparison:
         spread: float,
         upside_down: bool,
         rate: float = 0.0,
-    ) -> FrameView:
+    ) -> LinearisedMeasurement:
         """View from an arc that is unsure by a spread [rad^2], of rotors of a variance [rad^2].
 
         The rate of the arc [rad/s] tells where springs have rotors that are not seen.
@@ -106,13 +111,13 @@ class FrameComparison:
         variance: float,
         pushed: float,
         upside_down: bool,
-    ) -> FrameView:
+    ) -> LinearisedMeasurement:
         """View of a frame from the likeliest arc, by the frame and by what went before.
 
         Pushes may have moved the arc by a variance [rad^2].
         """
         expected, spread = motion.expected, motion.expected_variance + pushed
-        views: list[FrameView] = []
+        views: list[LinearisedMeasurement] = []
 
         def likeliest(arc: float) -> float:
             unsure = spread
@@ -137,7 +142,9 @@ class FrameComparison:
         shifts = self._shifts.at(self._orbit.site(arc), self._orbit.leg(arc))
         return uneven * shifts.arc, uneven * shifts.rate
 
-    def look_for_deformation(self, view: FrameView, before: FrameView) -> None:
+    def look_for_deformation(
+        self, view: LinearisedMeasurement, before: LinearisedMeasurement
+    ) -> None:
         """Find rotors about the wall that are far off in a frame and in the one before.
 
         Where deviations may be, what they and springs do not explain is no wrong reading, but of a
@@ -152,19 +159,24 @@ class FrameComparison:
             self.deformation = float(left[off] @ left[off])
 
     def learn(
-        self, seen: Array, view: FrameView, elapsed: float, noise: FrameNoise, upside_down: bool
+        self,
+        seen: Array,
+        view: LinearisedMeasurement,
+        elapsed: float,
+        noise: FrameNoise,
+        upside_down: bool,
     ) -> bool:
         """Learn offsets from what a view leaves; whether others are known than before.
 
         The frame is a time [s] after the last.
         """
         outlying = view.outlying if view.unbelieved else None
-        place = self._orbit.site(view.arc)
+        site = self._orbit.site(view.arc)
         residuals = view.residuals
         if self._likelihood.scales is not None:
             unsure = self._likelihood.scales > 1.5
             residuals = np.where(unsure, np.nan, residuals)
-        if not self.far.add(residuals, outlying, place, elapsed, noise.least):
+        if not self.far.add(residuals, outlying, site, elapsed, noise.least):
             return False
         known = np.count_nonzero(self.offsets.corrections)
         self.far.learn(-1 if upside_down else 1, noise.variance)
@@ -179,7 +191,7 @@ _UNTOLD = 1e-6
 """Share of the arc that the others have, below which they tell nothing of it [1]."""
 
 
-class UnseenRotors:
+class UnseenRotorCorrection:
     """Tells what unseen rotors do to the nearest point of an orbit."""
 
     def __init__(self, orbit: Orbit) -> None:
@@ -237,7 +249,7 @@ _SLOW = 0.25
 harmonics is below it."""
 
 
-class Yielding:
+class ComplianceCorrection:
     """How much springs yield to a wall of a chain, by its place between two rotors."""
 
     def __init__(self, orbit: Orbit) -> None:
@@ -249,7 +261,7 @@ class Yielding:
         begin = _ALIKE * math.floor(even.middle / _ALIKE)
         places = begin + np.arange(_ALIKE * _SAMPLES) / _SAMPLES
         places = np.minimum(places, chain.number_of_rotors - 1.0)
-        self._mu = [[_mu(even, even.arc_at(place, leg)) for place in places] for leg in (0, 1)]
+        self._mu = [[_mu(even, even.arc_at(site, leg)) for site in places] for leg in (0, 1)]
         self._mean = float(np.mean(self._mu))
         adiabatic = _SLOW * gap(chain) * orbit.site_arc / (2 * math.pi)
         self._fastest = min(adiabatic, math.sqrt(_LOWEST_ORDER / (3 * np.max(self._mu))))

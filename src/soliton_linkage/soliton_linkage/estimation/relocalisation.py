@@ -26,7 +26,7 @@ from soliton_linkage.estimation.measurement import (
     LEAST_INFORMATION,
     LONGEST_STEP,
     FrameLikelihood,
-    FrameView,
+    LinearisedMeasurement,
     search_arc,
 )
 from soliton_linkage.estimation.noise import robust_deviation
@@ -56,14 +56,14 @@ _MOST_SAMPLES = 500
 """Samples of a leg of a longer orbit [1]."""
 
 
-class Place(NamedTuple):
+class Candidate(NamedTuple):
     """A local maximum of the likelihood along the orbit."""
 
     arc: float
     """Arc length [rad]."""
     upside_down: bool
     """Whether the chain is the image phi -> pi - phi of the orbit's."""
-    view: FrameView
+    view: LinearisedMeasurement
     """The frame from there."""
     variance: float
     """Variance of a rotor that it was seen with [rad^2]."""
@@ -71,20 +71,20 @@ class Place(NamedTuple):
     """Logarithm of the integral of the likelihood about it [1]."""
 
 
-class Competition(NamedTuple):
+class CandidateSet(NamedTuple):
     """Places of a frame, the likeliest first, and how much they leave to all others."""
 
-    places: list[Place]
+    candidates: list[Candidate]
     elsewhere: float
     """Logarithm of the likelihood's integral over the arcs near none of them [1]."""
 
     @property
-    def told(self) -> float:
+    def probability(self) -> float:
         """Probability that it is one of the places [1]."""
-        if not self.places:
+        if not self.candidates:
             return 0.0
-        top = max(self.places[0].evidence, self.elsewhere)
-        found = sum(math.exp(each.evidence - top) for each in self.places)
+        top = max(self.candidates[0].evidence, self.elsewhere)
+        found = sum(math.exp(each.evidence - top) for each in self.candidates)
         return found / (found + math.exp(self.elsewhere - top))
 
 
@@ -94,7 +94,7 @@ class OrbitSamples:
 
     arcs: Array
     """Arc lengths [rad], shape (S,)."""
-    places: Array
+    sites: Array
     """Places of the walls [rotor spacings], shape (S,)."""
     walls: likelihood.SampledWalls
 
@@ -109,11 +109,11 @@ def samples_of(orbit: Orbit, arcs: Array) -> OrbitSamples:
         np.concatenate([np.zeros(1, dtype=np.int64), np.cumsum(counts)]),
         np.concatenate([each.angles for each in about]),
     )
-    places = np.array([orbit.site(arc) for arc in arcs.tolist()])
-    return OrbitSamples(arcs, places, walls)
+    sites = np.array([orbit.site(arc) for arc in arcs.tolist()])
+    return OrbitSamples(arcs, sites, walls)
 
 
-class PlaceSearch:
+class Relocaliser:
     """Searches frames for the walls of an orbit, or of its image upside down."""
 
     def __init__(self, orbit: Orbit, likelihood: LikelihoodSettings, scan: ScanSettings) -> None:
@@ -140,7 +140,7 @@ class PlaceSearch:
 
     def find(
         self, angles: Array, noise: float, upside_down: tuple[bool, ...] = (False, True)
-    ) -> Competition:
+    ) -> CandidateSet:
         """Places of a frame of angles [rad], shape (N,), NaN where unknown.
 
         The noise is its standard deviation [rad] where it is known, else 0.
@@ -161,26 +161,26 @@ class PlaceSearch:
         peaks.sort(reverse=True)
         known = int(np.count_nonzero(np.isfinite(angles)))
         if not known or not peaks:
-            return Competition([], math.inf)
+            return CandidateSet([], math.inf)
         likely = peaks[:_MOST_PLACES]
         variance = self._variance(images[likely[0][2]], likely[0][1], wide, noise)
-        places: list[Place] = []
+        candidates: list[Candidate] = []
         for _, arc, turned in likely:
-            place = self._refined(images[turned], arc, turned, wide, variance)
+            candidate = self._refined(images[turned], arc, turned, wide, variance)
             same = any(
                 each.upside_down == turned
-                and abs(math.remainder(each.arc - place.arc, self._orbit.length)) < _SAME_ARC
-                for each in places
+                and abs(math.remainder(each.arc - candidate.arc, self._orbit.length)) < _SAME_ARC
+                for each in candidates
             )
-            if place.view.information > 0 and not same:
-                places.append(place)
-        places.sort(key=lambda each: -each.evidence)
-        return Competition(places, self._elsewhere(images, scans, places, variance))
+            if candidate.view.information > 0 and not same:
+                candidates.append(candidate)
+        candidates.sort(key=lambda each: -each.evidence)
+        return CandidateSet(candidates, self._elsewhere(images, scans, candidates, variance))
 
     def _variance(self, image: Array, arc: float, wide: float, noise: float) -> float:
         """Variance of a rotor [rad^2], by the median of what a place leaves of all of them."""
-        place = self._refined(image, arc, False, wide, max(wide / 4, noise**2))
-        left = np.abs(place.view.residuals[np.isfinite(place.view.residuals)])
+        candidate = self._refined(image, arc, False, wide, max(wide / 4, noise**2))
+        left = np.abs(candidate.view.residuals[np.isfinite(candidate.view.residuals)])
         seen = robust_deviation(left) ** 2 if len(left) > 3 else noise**2
         if noise:
             return noise**2 + min(max(seen - noise**2, self._elastic), self._largest)
@@ -188,7 +188,7 @@ class PlaceSearch:
 
     def _refined(
         self, image: Array, arc: float, turned: bool, wide: float, variance: float
-    ) -> Place:
+    ) -> Candidate:
         """The local maximum near an arc, with a variance that comes down to that of a rotor."""
         seen_with = max(wide, variance) / 2
         while seen_with > variance:
@@ -199,9 +199,9 @@ class PlaceSearch:
         view = self._view(image, arc, variance)
         spread = min(variance / max(view.information, 1e-12), self._orbit.site_arc**2)
         evidence = view.likelihood + 0.5 * math.log(2 * math.pi * spread)
-        return Place(arc % self._orbit.length, turned, view, variance, evidence)
+        return Candidate(arc % self._orbit.length, turned, view, variance, evidence)
 
-    def _view(self, image: Array, arc: float, variance: float) -> FrameView:
+    def _view(self, image: Array, arc: float, variance: float) -> LinearisedMeasurement:
         about, leg = self._orbit.segment(arc), self._orbit.leg(arc)
         differences = np.empty_like(image)
         compare(
@@ -220,7 +220,7 @@ class PlaceSearch:
         self,
         images: dict[bool, Array],
         scans: list[tuple[bool, OrbitSamples]],
-        places: list[Place],
+        candidates: list[Candidate],
         variance: float,
     ) -> float:
         """Logarithm of the integral of the likelihood over the arcs that are near no place."""
@@ -228,9 +228,9 @@ class PlaceSearch:
         terms = []
         for turned, samples in scans:
             found = self._scanned(images[turned], samples, variance, between)
-            for place in places:
-                if place.upside_down == turned:
-                    apart = np.abs(samples.places - self._orbit.site(place.arc))
+            for candidate in candidates:
+                if candidate.upside_down == turned:
+                    apart = np.abs(samples.sites - self._orbit.site(candidate.arc))
                     found[apart < self._settings.near] = -math.inf
             terms.append(found)
         joined = np.concatenate(terms)
@@ -271,8 +271,8 @@ class PlaceSearch:
         split = sums[0] + sums[1][:, -1:] - sums[1]
         least = split.max() + self._likelihood.floor(variance) * self._core
         likely = split.max(axis=0) >= least
-        places = np.flatnonzero(likely) - 0.5
-        low, high = float(places.min()) - self._core, float(places.max()) + self._core
+        sites = np.flatnonzero(likely) - 0.5
+        low, high = float(sites.min()) - self._core, float(sites.max()) + self._core
         arcs = []
         for leg in range(orbit.number_of_legs):
             begin, end = orbit.leg_arcs(leg)
@@ -344,12 +344,12 @@ def fit_anywhere(
 ) -> NearestPoint:
     """Nearest point of the orbit to angles [rad], shape (N,), NaN where unknown.
 
-    It is near the likeliest of all places, as `PlaceSearch` finds it. The arc is from 0 to that
+    It is near the likeliest of all candidates of `Relocaliser`. The arc is from 0 to that
     of the whole orbit; of frames without any known angle it is NaN, and the information 0. Raises
     ValueError for angles of another shape or infinite ones.
     """
     frame = _checked(orbit, angles)
-    found = _search(orbit, settings).find(frame, 0.0, (False,)).places
+    found = _search(orbit, settings).find(frame, 0.0, (False,)).candidates
     if not found:
         return NearestPoint(math.nan, 0.0, math.nan)
     nearest = _fit_near(orbit, frame, found[0].arc)
@@ -357,9 +357,9 @@ def fit_anywhere(
 
 
 @lru_cache(maxsize=1)
-def _search(orbit: Orbit, settings: EstimationSettings) -> PlaceSearch:
+def _search(orbit: Orbit, settings: EstimationSettings) -> Relocaliser:
     """Search of an orbit, of which sampling it is the most: frames come from one at a time."""
-    return PlaceSearch(orbit, settings.likelihood, settings.scan)
+    return Relocaliser(orbit, settings.likelihood, settings.scan)
 
 
 def _fit_near(orbit: Orbit, frame: Array, arc: float) -> NearestPoint:

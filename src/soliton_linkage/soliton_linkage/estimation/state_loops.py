@@ -84,11 +84,11 @@ def of_angles(
 
 
 @compiled(const_f8_1d, f8, const_f8_1d, f8)
-def _wake(energies: Array, place: float, walls: Array, reach: float) -> float:
+def _wake(energies: Array, site: float, walls: Array, reach: float) -> float:
     """Sum over rotors or springs out of reach of all walls; the first is at a place."""
     wake, count = 0.0, energies.size
     for n in range(walls.size - 1):
-        low, high = walls[n] + reach - place, walls[n + 1] - reach - place
+        low, high = walls[n] + reach - site, walls[n + 1] - reach - site
         begin = math.floor(low) + 1 if low >= 0 else 0
         end = math.ceil(high) if high < count else count
         for m in range(begin, end):

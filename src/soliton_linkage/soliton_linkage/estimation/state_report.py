@@ -326,4 +326,4 @@ class StateReporter:
 def _finite(places: ArrayLike) -> list[float]:
     """Places of walls in their order, without those that are not finite."""
     given: list[float] = places if isinstance(places, list) else np.ravel(places).tolist()
-    return sorted(place for place in given if math.isfinite(place))
+    return sorted(site for site in given if math.isfinite(site))

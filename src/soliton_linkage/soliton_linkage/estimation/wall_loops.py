@@ -97,7 +97,7 @@ def _shape(table: WallTable, parity: int, x: float) -> tuple[float, float]:
 
 @compiled(const_f8_1d, i8, _TABLE, f8, f8, f8_1d)
 def leave(
-    theta: Array, first: int, table: WallTable, place: float, stretch: float, left: Array
+    theta: Array, first: int, table: WallTable, site: float, stretch: float, left: Array
 ) -> None:
     """Set what a wall leaves of staggered angles of rotors from a first one on [rad], (n,).
 
@@ -105,7 +105,7 @@ def leave(
     """
     for k in range(theta.size):
         n = first + k
-        shape, _ = _shape(table, n % 2, (n - place) / stretch)
+        shape, _ = _shape(table, n % 2, (n - site) / stretch)
         left[k] = wrapped(theta[k] - shape)
 
 
@@ -117,16 +117,16 @@ def scan(
     best, least = start, np.inf
     steps = math.ceil(beside / _SCAN_STEP)
     for step in range(-steps, steps + 1):
-        place = start + step * _SCAN_STEP
+        site = start + step * _SCAN_STEP
         whole = 0.0
         for k in range(theta.size):
             n = first + k
-            shape, _ = _shape(table, n % 2, n - place)
+            shape, _ = _shape(table, n % 2, n - site)
             apart = wrapped(theta[k] - shape)
             if math.isfinite(apart):
                 whole += min(apart * apart, bound)
         if whole < least:
-            best, least = place, whole
+            best, least = site, whole
     return least, best
 
 
@@ -135,7 +135,7 @@ def sums_of_fit(
     theta: Array,
     first: int,
     table: WallTable,
-    place: float,
+    site: float,
     stretch: float,
     variance: float,
     bound: float,
@@ -146,10 +146,10 @@ def sums_of_fit(
     What a wall leaves of a rotor is x [rad], with the derivatives p by the place [rad a spacing]
     and q by the stretch [rad], 0 unless it is free, and the weight w.
     """
-    of_place, of_stretch, both, ahead, wider = 0.0, 0.0, 0.0, 0.0, 0.0
+    site_information, of_stretch, both, ahead, wider = 0.0, 0.0, 0.0, 0.0, 0.0
     for k in range(theta.size):
         n = first + k
-        x = (n - place) / stretch
+        x = (n - site) / stretch
         shape, slope = _shape(table, n % 2, x)
         apart = wrapped(theta[k] - shape)
         if not math.isfinite(apart):
@@ -158,12 +158,12 @@ def sums_of_fit(
         weight = 1.0 if square < bound * bound else bound * bound / square
         by_place = -slope / stretch
         by_stretch = by_place * x if free else 0.0
-        of_place += weight * by_place * by_place
+        site_information += weight * by_place * by_place
         of_stretch += weight * by_stretch * by_stretch
         both += weight * by_place * by_stretch
         ahead += weight * by_place * apart
         wider += weight * by_stretch * apart
-    return of_place, of_stretch, both, ahead, wider
+    return site_information, of_stretch, both, ahead, wider
 
 
 @compiled(const_f8_1d, i8, _TABLE, f8, f8, f8, f8, b1)
@@ -171,7 +171,7 @@ def fit(
     theta: Array,
     first: int,
     table: WallTable,
-    place: float,
+    site: float,
     stretch: float,
     variance: float,
     bound: float,
@@ -182,51 +182,51 @@ def fit(
     A rotor of a variance [rad^2] counts in full up to a bound in deviations. Returns place,
     stretch and the information on each, in units of that of a noise of 1 rad.
     """
-    of_place, of_stretch, last, share = 0.0, 0.0, 0.0, 1.0
+    site_information, of_stretch, last, share = 0.0, 0.0, 0.0, 1.0
     for _ in range(_STEPS):
-        of_place, of_stretch, both, ahead, wider = sums_of_fit(
-            theta, first, table, place, stretch, variance, bound, free
+        site_information, of_stretch, both, ahead, wider = sums_of_fit(
+            theta, first, table, site, stretch, variance, bound, free
         )
-        determinant = of_place * of_stretch - both * both
-        if of_place <= 0:
+        determinant = site_information * of_stretch - both * both
+        if site_information <= 0:
             break
-        step, change = ahead / of_place, 0.0
-        if free and determinant > 1e-3 * of_place * of_stretch:
+        step, change = ahead / site_information, 0.0
+        if free and determinant > 1e-3 * site_information * of_stretch:
             step = (of_stretch * ahead - both * wider) / determinant
-            change = (of_place * wider - both * ahead) / determinant
+            change = (site_information * wider - both * ahead) / determinant
         # Where steps go to and fro they are too long.
         share *= _SHORTER if change * last < -0.5 * last * last else 1.0
         last = change
-        place += share * min(max(step, -_LONGEST_STEP), _LONGEST_STEP)
+        site += share * min(max(step, -_LONGEST_STEP), _LONGEST_STEP)
         change = share * min(max(change, -_LONGEST_STEP), _LONGEST_STEP)
         stretch = min(max(stretch + change, _NARROWEST), _WIDEST)
         if abs(step) < _CLOSE and abs(change) < _CLOSE:
             break
-    return place, stretch, of_place, of_stretch
+    return site, stretch, site_information, of_stretch
 
 
 @compiled(const_f8_1d, f8, i8, _TABLE, f8, f8)
 def fit_about(
-    angles: Array, span: float, last: int, table: WallTable, place: float, stretch: float
+    angles: Array, span: float, last: int, table: WallTable, site: float, stretch: float
 ) -> tuple[float, float, tuple[float, float, float, float, float]]:
     """Place and stretch of a wall by `fit`, and `sums_of_fit` there, each rotor in full.
 
     Of actual angles [rad], shape (N,), within a span of a place [rotor spacings]; the first rotor
     and the last count for nothing.
     """
-    first, end = max(math.ceil(place - span), 1), min(math.floor(place + span) + 1, last)
+    first, end = max(math.ceil(site - span), 1), min(math.floor(site + span) + 1, last)
     theta = np.empty(max(end - first, 0))
     for k in range(theta.size):
         angle = angles[first + k]
         theta[k] = math.pi - angle if (first + k) % 2 else angle
-    place, stretch, _, _ = fit(theta, first, table, place, stretch, 1.0, math.inf, True)
-    sums = sums_of_fit(theta, first, table, place, stretch, 1.0, math.inf, True)
-    return place, stretch, sums
+    site, stretch, _, _ = fit(theta, first, table, site, stretch, 1.0, math.inf, True)
+    sums = sums_of_fit(theta, first, table, site, stretch, 1.0, math.inf, True)
+    return site, stretch, sums
 
 
 @compiled(const_f8_1d, const_f8_1d, i8, _TABLE, f8, f8)
 def lasting(
-    left: Array, before: Array, first: int, table: WallTable, place: float, stretch: float
+    left: Array, before: Array, first: int, table: WallTable, site: float, stretch: float
 ) -> tuple[float, float]:
     """Mean product of what a wall leaves of rotors in two frames running [rad^2], by t^2.
 
@@ -239,7 +239,7 @@ def lasting(
         if not math.isfinite(apart):
             continue
         n = first + k
-        _, moves = _shape(table, n % 2, (n - place) / stretch)
+        _, moves = _shape(table, n % 2, (n - site) / stretch)
         share = moves * moves
         whole += share
         squares += share * share

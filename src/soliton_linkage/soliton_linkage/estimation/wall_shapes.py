@@ -64,7 +64,7 @@ class WallShapes:
         self._window = window
         self._places = even + 4 + np.arange(2 * _POINTS) / _POINTS
         self.kinks = tuple(
-            self._sampled([static_wall(window, float(place), leg) for place in self._places])
+            self._sampled([static_wall(window, float(site), leg) for site in self._places])
             for leg in range(2 if chain.motion is Motion.SPINNER else 1)
         )
         """Of the legs of the orbit; rotors of spinners turn forwards in one, backwards in one."""
@@ -97,12 +97,12 @@ class WallShapes:
         From one rest to the next their rotors turn on, of each parity by another way.
         """
         window = self._window
-        place, angles = resting_anti_kink(window, float(self._places[0]) + 0.5)
+        site, angles = resting_anti_kink(window, float(self._places[0]) + 0.5)
         rotors, theta = np.arange(len(angles)), staggered(angles)
         most = round(self.reach)
         grid = np.linspace(-most, most, 2 * most * _POINTS + 1)
         even, odd = (
-            PchipInterpolator(rotors[parity::2] - place, np.unwrap(theta[parity::2]))
+            PchipInterpolator(rotors[parity::2] - site, np.unwrap(theta[parity::2]))
             for parity in (0, 1)
         )
         both = (even, odd), (odd, even)

@@ -7,7 +7,7 @@ import math
 from typing import NamedTuple
 
 from soliton_linkage.estimation.estimates import OrbitEstimate, TrackingStatus
-from soliton_linkage.estimation.lattice import WallLine
+from soliton_linkage.estimation.lattice import LatticeCoordinates
 from soliton_linkage.estimation.multiple_model_filter import MultipleModelFilter
 from soliton_linkage.estimation.settings import FilterSettings
 
@@ -19,7 +19,7 @@ _SIGNIFICANCE = 3.0
 """Deviations of chance from which on it is believed [1]."""
 
 
-class SeenWall(NamedTuple):
+class WallMeasurement(NamedTuple):
     """A wall as one frame shows it."""
 
     rotor: float
@@ -43,13 +43,15 @@ class SeenWall(NamedTuple):
 class WallTrack:
     """A wall, of which frames show the place, or a filter elsewhere does."""
 
-    def __init__(self, line: WallLine, charge: int, scale: float, site_arc: float) -> None:
+    def __init__(
+        self, line: LatticeCoordinates, charge: int, scale: float, site_arc: float
+    ) -> None:
         """Begin without a place; the scale is that of rates [rad/s], the arc that of a site."""
         self._line, self._scale, self._arc = line, scale, site_arc
         self.charge = charge
         self.id = 0
         """Its name from 1 on, 0 until it is sure that there is one."""
-        self.rotor = self.place_rate = math.nan
+        self.rotor = self.site_rate = math.nan
         self.deviation = self.rate_deviation = math.nan
         self.frames = 0
         """Frames that showed it."""
@@ -57,7 +59,7 @@ class WallTrack:
         """Frames running that did not."""
         self.last_seen = math.nan
         """Instant of the last frame that showed it [s]."""
-        self.seen: SeenWall | None = None
+        self.seen: WallMeasurement | None = None
         """As the last frame showed it."""
         self.energy = math.nan
         """When it was last free of edges and others, where that was looked at [J]."""
@@ -86,14 +88,14 @@ class WallTrack:
     def predicted(self, elapsed: float) -> tuple[float, float]:
         """Place a time [s] after the last frame [rotor spacings], and its variance."""
         if self._motion is None:
-            rate = self.place_rate if math.isfinite(self.place_rate) else 0.0
+            rate = self.site_rate if math.isfinite(self.site_rate) else 0.0
             unsure = 0.0 if rate else self._scale / self._arc * elapsed
             return self._line.on_it(self.rotor + rate * elapsed), unsure**2
         self._motion.predict(elapsed, self._line.edge_distance(self.rotor) < self._line.edge)
-        place, variance = self._motion.expected / self._arc, self._motion.expected_variance
-        return self._line.on_it(place), variance / self._arc**2
+        site, variance = self._motion.expected / self._arc, self._motion.expected_variance
+        return self._line.on_it(site), variance / self._arc**2
 
-    def take(self, seen: SeenWall, time: float, settings: FilterSettings) -> None:
+    def take(self, seen: WallMeasurement, time: float, settings: FilterSettings) -> None:
         """Take in what a frame shows, after `predicted`."""
         self._note(time)
         self.seen = seen
@@ -108,18 +110,18 @@ class WallTrack:
             )
         else:
             expected = self._motion.expected / self._arc
-            place = expected + self._line.apart(seen.rotor, self._line.on_it(expected))
-            self._motion.update(place * self._arc, variance)
+            site = expected + self._line.apart(seen.rotor, self._line.on_it(expected))
+            self._motion.update(site * self._arc, variance)
         arc, rate, of_arc, _, of_rate = self._motion.summary
         self.rotor = self._line.on_it(arc / self._arc)
-        self.place_rate = rate / self._arc
+        self.site_rate = rate / self._arc
         # What lasts shifts the wall until it has moved on, however many frames show it.
         beside = self._seen_to_last(seen) + seen.untold
         of_rate += beside * (rate / settings.bias_way) ** 2
         self.deviation = math.sqrt(of_arc / self._arc**2 + beside)
         self.rate_deviation = math.sqrt(of_rate) / self._arc
 
-    def _seen_to_last(self, seen: SeenWall) -> float:
+    def _seen_to_last(self, seen: WallMeasurement) -> float:
         """Variance of the place by what shapes leave of frame after frame [rotor spacings^2]."""
         share = 1 / min(self.frames, _MEMORY)
         self._lasting += share * (seen.lasting - self._lasting)
@@ -131,8 +133,8 @@ class WallTrack:
     def follow(self, wall: OrbitEstimate, time: float) -> None:
         """Be where the filter of the orbit has it."""
         self._note(time)
-        self.rotor, self.place_rate = wall.place, wall.place_rate
-        self.deviation, self.rate_deviation = wall.place_deviation, wall.place_rate_deviation
+        self.rotor, self.site_rate = wall.site, wall.site_rate
+        self.deviation, self.rate_deviation = wall.site_deviation, wall.site_rate_deviation
         self._motion, self._variance, self.seen = None, 0.0, None
 
     def miss(self) -> None:
@@ -143,7 +145,7 @@ class WallTrack:
         """Forget how it moved, as it has met another."""
         self._motion, self._variance, self.frames = None, 0.0, 0
         self._lasting = self._chance = 0.0
-        self.place_rate = math.nan
+        self.site_rate = math.nan
 
     def _note(self, time: float) -> None:
         self.frames += 1

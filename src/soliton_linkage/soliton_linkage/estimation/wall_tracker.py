@@ -18,9 +18,9 @@ from scipy.optimize import linear_sum_assignment
 
 from soliton_linkage.estimation.encounter import Encounter
 from soliton_linkage.estimation.estimates import EventKind, OrbitEstimate, SolitonEvent
-from soliton_linkage.estimation.lattice import WallFrame, WallLine
+from soliton_linkage.estimation.lattice import LatticeCoordinates, WallFrame
 from soliton_linkage.estimation.settings import EstimationSettings, WallSettings
-from soliton_linkage.estimation.wall_track import SeenWall, WallTrack
+from soliton_linkage.estimation.wall_track import WallMeasurement, WallTrack
 
 _LONGEST_DELAY = 2.0
 """Time within which a wall that left an edge is reported, far from it or not [s]."""
@@ -28,7 +28,7 @@ _FORBIDDEN = 1e9
 """Square of deviations [1] between walls that cannot be the same."""
 
 
-class ExpectedWall(NamedTuple):
+class PredictedWall(NamedTuple):
     """Where a wall is expected."""
 
     rotor: float
@@ -40,7 +40,10 @@ class ExpectedWall(NamedTuple):
 
 
 def assigned(
-    line: WallLine, expected: Sequence[ExpectedWall], seen: Sequence[SeenWall], gate: float
+    line: LatticeCoordinates,
+    expected: Sequence[PredictedWall],
+    seen: Sequence[WallMeasurement],
+    gate: float,
 ) -> dict[int, int]:
     """Index of the wall that is seen, by that of the one expected; both without those left over.
 
@@ -59,10 +62,10 @@ def assigned(
     return {int(row): int(column) for row, column in pairs if costs[row, column] < _FORBIDDEN}
 
 
-class EdgeWaits:
+class EdgeWalls:
     """The walls that are at the edges of a chain."""
 
-    def __init__(self, line: WallLine, settings: WallSettings, swing: float) -> None:
+    def __init__(self, line: LatticeCoordinates, settings: WallSettings, swing: float) -> None:
         """Begin without any; the swing at an edge takes as long as so many rotor spacings."""
         self._line, self._settings = line, settings
         self._way = swing + 2 * line.edge
@@ -75,7 +78,7 @@ class EdgeWaits:
 
     def add(self, track: WallTrack) -> None:
         """A wall is seen no more that was near an edge."""
-        speed = abs(track.place_rate) if math.isfinite(track.place_rate) else 0.0
+        speed = abs(track.site_rate) if math.isfinite(track.site_rate) else 0.0
         patience = self._settings.edge_patience * self._way / max(speed, 1e-9)
         until = track.last_seen + min(patience, self._settings.longest_wait)
         self._waiting.append((until, track))
@@ -100,7 +103,7 @@ class WallTracker:
 
     def __init__(
         self,
-        line: WallLine,
+        line: LatticeCoordinates,
         scale: float,
         site_arc: float,
         swing: float,
@@ -120,7 +123,7 @@ class WallTracker:
         """Forget all walls, as where a new record begins; names are not given again."""
         self._tracks: list[WallTrack] = []
         self._encounters: list[Encounter] = []
-        self._waits = EdgeWaits(self._line, self._walls, self._swing)
+        self._waits = EdgeWalls(self._line, self._walls, self._swing)
         self._untold: list[tuple[SolitonEvent, WallTrack]] = []
         self._events: list[SolitonEvent] = []
         self._time, self._frames = math.nan, 0
@@ -140,8 +143,8 @@ class WallTracker:
         self._begin(time)
         if wall is not None:
             kinks = [each for each in self._tracks if each.charge > 0 and not self._overlap(each)]
-            same = min(kinks, key=lambda each: self._way(each, wall.place), default=None)
-            if same is None or self._way(same, wall.place) > self._line.near:
+            same = min(kinks, key=lambda each: self._way(each, wall.site), default=None)
+            if same is None or self._way(same, wall.site) > self._line.near:
                 same = self._new(1)
             same.follow(wall, time)
         for track in self._tracks:
@@ -154,11 +157,11 @@ class WallTracker:
         if len(self._tracks) != 1 or self._encounters or self._untold or self._waits:
             return False
         track = self._tracks[0]
-        free = track.was_free and self._line.edge_distance(wall.place) > self._line.free
-        return free and track.id > 0 and self._way(track, wall.place) < self._line.near
+        free = track.was_free and self._line.edge_distance(wall.site) > self._line.free
+        return free and track.id > 0 and self._way(track, wall.site) < self._line.near
 
     def take(
-        self, time: float, seen: Sequence[SeenWall], frame: WallFrame
+        self, time: float, seen: Sequence[WallMeasurement], frame: WallFrame
     ) -> tuple[list[WallTrack], list[SolitonEvent]]:
         """Take the walls that a frame [s] shows; returns what `follow` does."""
         elapsed = self._begin(time)
@@ -172,10 +175,12 @@ class WallTracker:
         self._pair_the_rest(left, others, time)
         return self._resolved(time, frame, int(self._settings.tracking.confirming_frames))
 
-    def _pair_the_rest(self, left: list[WallTrack], others: list[SeenWall], time: float) -> None:
+    def _pair_the_rest(
+        self, left: list[WallTrack], others: list[WallMeasurement], time: float
+    ) -> None:
         """Pair walls that are not where they were expected: there is no other that they may be."""
         reach = (self._line.parted / self._settings.tracking.gate) ** 2
-        expected = [ExpectedWall(each.rotor, reach, each.charge) for each in left]
+        expected = [PredictedWall(each.rotor, reach, each.charge) for each in left]
         pairs = assigned(self._line, expected, others, self._settings.tracking.gate)
         for row, track in enumerate(left):
             if row in pairs:
@@ -209,15 +214,15 @@ class WallTracker:
                 return each
         return None
 
-    def _expected(self, track: WallTrack, elapsed: float) -> ExpectedWall:
+    def _expected(self, track: WallTrack, elapsed: float) -> PredictedWall:
         encounter = self._overlap(track)
         gate = self._settings.tracking.gate
         if encounter is not None:
             variance = (self._line.parted / gate) ** 2
-            return ExpectedWall(encounter.place, variance, track.charge)
-        place, variance = track.predicted(elapsed)
+            return PredictedWall(encounter.site, variance, track.charge)
+        site, variance = track.predicted(elapsed)
         unsure = (0.5 * max(self._line.width, 1.0)) ** 2 / gate
-        return ExpectedWall(place, variance + track.deviation_squared + unsure, track.charge)
+        return PredictedWall(site, variance + track.deviation_squared + unsure, track.charge)
 
     def _resolved(
         self, time: float, frame: WallFrame, needed: int
@@ -310,9 +315,9 @@ class WallTracker:
             return
         left, right = self._in_order(track, other)
         ids = (), (self._name(left), self._name(right))
-        place = self._line.between(left.rotor, right.rotor)
+        site = self._line.between(left.rotor, right.rotor)
         energies = 0.0, frame.energy([left.rotor, right.rotor])
-        self._tell(EventKind.BIRTH_OF_PAIR, time, place, ids, energies=energies)
+        self._tell(EventKind.BIRTH_OF_PAIR, time, site, ids, energies=energies)
 
     def _partner(self, track: WallTrack, others: Sequence[WallTrack]) -> WallTrack | None:
         """The nearest wall of the opposite charge that is not parted from one."""
@@ -367,7 +372,7 @@ class WallTracker:
                 if not each.overlaps:
                     left.stop()
                     right.stop()
-                each.overlap(time, frame.swing(each.place, left.charge))
+                each.overlap(time, frame.swing(each.site, left.charge))
             self._conclude(each, time, frame)
 
     def _conclude(self, met: Encounter, time: float, frame: WallFrame) -> None:
@@ -380,7 +385,7 @@ class WallTracker:
             ids = met.ids_before, tuple(each.id for each in parted)
             after = frame.energy([each.rotor for each in parted]) if parted else 0.0
             when, energies = time if met.breather else met.when, (met.energy, after)
-            self._tell(kind, when, met.place, ids, (0, 0), energies, met.collisions)
+            self._tell(kind, when, met.site, ids, (0, 0), energies, met.collisions)
         if met.is_over():
             self._encounters.remove(met)
         elif kind in (EventKind.ANNIHILATION, EventKind.BREATHER_DECAYED):
@@ -390,9 +395,9 @@ class WallTracker:
     def _tell_breather(self, met: Encounter, frame: WallFrame) -> None:
         kind, ids = EventKind.BREATHER_FORMED, (met.ids_before, (self._next,))
         met.breather, self._next = self._next, self._next + 1
-        energies = met.energy, frame.energy([met.place])
+        energies = met.energy, frame.energy([met.site])
         met.energy = energies[1]
-        self._tell(kind, met.when, met.place, ids, (0, 0), energies, met.collisions)
+        self._tell(kind, met.when, met.site, ids, (0, 0), energies, met.collisions)
 
     def _let_go(self, time: float, frame: WallFrame, needed: int) -> None:
         """Find out where walls are that were not seen for long enough."""

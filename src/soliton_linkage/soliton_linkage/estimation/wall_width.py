@@ -44,7 +44,7 @@ class Contraction(NamedTuple):
         return math.exp(self.logarithm)
 
 
-UNTOLD = Contraction(math.nan, math.inf)
+UNKNOWN = Contraction(math.nan, math.inf)
 
 
 class WallFamily:
@@ -61,7 +61,7 @@ class WallFamily:
         self._clear = settings.clear * max(depth, chain.wall_width / chain.spacing)
 
     def fit(
-        self, angles: Array, place: float, leg: int, noise: float, logarithm: float = 0.0
+        self, angles: Array, site: float, leg: int, noise: float, logarithm: float = 0.0
     ) -> Contraction:
         """Contraction of the wall of one frame, near a place and a logarithm of gamma.
 
@@ -71,27 +71,27 @@ class WallFamily:
         lengths, nor where the standard deviation would be more than a factor of 1.5.
         """
         settings = self.settings
-        if not self._clear <= place <= self._last - self._clear:
-            return UNTOLD
+        if not self._clear <= site <= self._last - self._clear:
+            return UNKNOWN
         centre, stretch, sums = wall_loops.fit_about(
             angles,
             self._span,
             self._last,
             self._shapes.of_leg(leg).table,
-            place,
+            site,
             math.exp(-logarithm),
         )
         places, stretches, both, ahead, wider = sums
         determinant = places * stretches - both * both
         if not determinant > settings.degenerate * places * stretches:
-            return UNTOLD
+            return UNKNOWN
         left = (both * ahead - places * wider) / (determinant * stretch)
         deviation = noise * math.sqrt(places / determinant) / stretch
-        near = abs(centre - place) < 1 + self._scale
+        near = abs(centre - site) < 1 + self._scale
         ends = abs(left) < max(settings.close * deviation, settings.closest)
         if near and ends and deviation < settings.coarsest:
             return Contraction(left - math.log(stretch), deviation)
-        return UNTOLD
+        return UNKNOWN
 
 
 class ContractionMean:
@@ -120,7 +120,7 @@ class ContractionMean:
         self._passages: deque[tuple[float, float]] = deque(maxlen=self._settings.passages)
         self._before, self._passage = (0.0, 0.0, 0.0, 0.0), (0.0, 0.0, 0.0)
 
-    def update(self, angles: Array, place: float, leg: int, noise: float) -> Contraction:
+    def update(self, angles: Array, site: float, leg: int, noise: float) -> Contraction:
         """Mean with one more frame; arguments as `WallFamily.fit`, the place that of the wall.
 
         Starts anew on another leg, and where a passage contradicts those before. Nothing is told
@@ -128,14 +128,14 @@ class ContractionMean:
         """
         if leg != self._leg:
             self.restart()
-            self._leg, self._anchor = leg, place
-        if abs(place - self._anchor) >= 1:
+            self._leg, self._anchor = leg, site
+        if abs(site - self._anchor) >= 1:
             self._pass()
-            self._anchor = place
+            self._anchor = site
         settings = self._settings
-        found = self._family.fit(angles, place, leg, noise)
-        if found is UNTOLD:
-            return UNTOLD
+        found = self._family.fit(angles, site, leg, noise)
+        if found is UNKNOWN:
+            return UNKNOWN
         weight = 1 / (found.deviation**2 + settings.typical_scatter**2)
         value, before, noise = self._passage
         noise += (weight * found.deviation) ** 2
@@ -152,7 +152,7 @@ class ContractionMean:
         """Mean of the passages before and of this one."""
         whole, weights, noises, squares = self._sums()
         if not weights:
-            return UNTOLD
+            return UNKNOWN
         variance = (noises + squares * self._scatter) / weights**2
         least = self._settings.least_deviation
         return Contraction(whole / weights, math.sqrt(variance + least**2))
@@ -199,12 +199,12 @@ class WidthReporter:
         self._mean = ContractionMean(WallFamily(shapes, settings))
         self._at_rest = TheoryWidth(shapes.chain, settings)(0.0)
 
-    def update(self, angles: Array, place: float, leg: int, noise: float) -> tuple[float, float]:
+    def update(self, angles: Array, site: float, leg: int, noise: float) -> tuple[float, float]:
         """Width and its standard deviation [m] with one more frame, NaN where they are not told.
 
         Arguments as `ContractionMean.update`.
         """
-        found = self._mean.update(angles, place, leg, noise)
+        found = self._mean.update(angles, site, leg, noise)
         width = self._at_rest / found.factor
         return width, width * found.deviation
 

@@ -60,7 +60,7 @@ def beside_wall(
         alike += math.cos(angles[n]) * math.cos(at_rest[n - first])
     for n in range(low, high):
         before, odd = n < middle, n % 2 == 1
-        place = middle - 1 - n if before else n - low
+        site = middle - 1 - n if before else n - low
         handed = -1.0 if odd else 1.0
         phase = (math.pi if odd else 0.0) - rest_angle
         if not before:
@@ -69,8 +69,8 @@ def beside_wall(
         there = at_rest[n - first]
         apart = (math.pi - angles[n] if alike < 0 else angles[n]) - there
         lean = wrapped(handed * there + phase)
-        expected[place] = lean
-        measured[place] = lean + handed * wrapped(apart)
+        expected[site] = lean
+        measured[site] = lean + handed * wrapped(apart)
 
 
 @compiled(const_f8_1d, f8, f8)
@@ -190,7 +190,7 @@ def wobble(
     angles: Array,
     at_rest: Array,
     first: int,
-    place: float,
+    site: float,
     noise: float,
     lasting: float,
 ) -> tuple[Overshoot, Lengths]:
@@ -208,7 +208,7 @@ def wobble(
     error = math.hypot(noise, lasting)
     calm = 0.0 if wobbling else max(noise, numbers['calm'] * rest_angle)
     low, high = max(first, 1), min(first + at_rest.size, rotors - 1)
-    middle = min(max(math.floor(place) + 1, low), high)
+    middle = min(max(math.floor(site) + 1, low), high)
     split, count = middle - low, high - low
     leans = np.empty((2, count))
     beside_wall(angles, at_rest, first, low, middle, spins, rest_angle, leans)
@@ -282,7 +282,7 @@ class RestingWall(NamedTuple):
     angles: Array
     """Actual angles [rad], shape (n,), up to whole turns; as the orbit has them, which the state
     may be upside down."""
-    place: float
+    site: float
     """Place of the wall [rotor spacings]."""
 
 
@@ -318,7 +318,7 @@ class WobbleReporter:
             angles,
             wall.angles,
             wall.first,
-            wall.place,
+            wall.site,
             noise,
             lasting,
         )

@@ -69,7 +69,7 @@ class JointStateAnalysis:
         """
         if isinstance(self.analyser, Analyser) and self._impulses is not None:
             impulses = self._impulses.decode(serialized)
-            self.analyser.push(read_stamp(serialized) or None, impulses)
+            self.analyser.apply_impulse(read_stamp(serialized) or None, impulses)
 
     def add_deviations(self, deviations: JointStates) -> None:
         """Take `joint_state_deviations` for those of the angles of that stamp, which come later.

@@ -88,7 +88,7 @@ _SOLITON = NumberFields(_kinds(msg.Soliton), AnalysedSoliton)
 _CYCLE = NumberFields(
     _kinds(msg.Cycle),
     Analysis,
-    {name: f'cycle.{name}' for name in _kinds(msg.Cycle)} | {'rotor': 'estimate.place'},
+    {name: f'cycle.{name}' for name in _kinds(msg.Cycle)} | {'rotor': 'estimate.site'},
 )
 _ENERGIES = NumberFields(_kinds(msg.Energies), Energies)
 _WOBBLE = NumberFields(

@@ -88,7 +88,7 @@ def figures(analysis: JointStateAnalysis) -> dict[str, Any]:
         return {}
     return {
         'late frames': analyser.late,
-        'late impulses': analyser.late_pushes,
+        'late impulses': analyser.late_impulses,
         'solitons': len(latest.solitons),
         'status': latest.status.value,
         'unseen rotors': latest.unseen,

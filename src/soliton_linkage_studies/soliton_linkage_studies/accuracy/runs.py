@@ -99,7 +99,7 @@ def record(
         if last and cell.wrong:
             angles[_spoilt(scene.places[frame, 0], len(angles), random)] += cell.wrong
         if cell.told and frame in scene.pushes:
-            analyser.push(stamp, scene.impulses[scene.pushes.index(frame)])
+            analyser.apply_impulse(stamp, scene.impulses[scene.pushes.index(frame)])
         said = analyser.analyse(stamp, angles)
         assert said is not None
         if last or not cell.wrong:

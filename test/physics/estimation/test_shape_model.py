@@ -26,14 +26,14 @@ CHAINS = {
 }
 
 
-def kink_and_anti_kink(chain: Chain, place: float) -> tuple[Array, tuple[float, float]]:
+def kink_and_anti_kink(chain: Chain, site: float) -> tuple[Array, tuple[float, float]]:
     """A kink at a place and an anti-kink, in staggered angles of a chain twice as long, and where.
 
     The anti-kink is as far from its end, that of spinners where it rests. That of wobbling
     flippers is the image of the kink, n -> 2 N - 2 - n.
     """
-    inner = staggered(static_wall(chain, place))[1:-1]
-    far = chain.number_of_rotors - 1 - place
+    inner = staggered(static_wall(chain, site))[1:-1]
+    far = chain.number_of_rotors - 1 - site
     if chain.motion is Motion.SPINNER:
         far, state = resting_anti_kink(chain, 2 * (far // 2) + 0.5)
         other = staggered(state)[1:-1]
@@ -41,7 +41,7 @@ def kink_and_anti_kink(chain: Chain, place: float) -> tuple[Array, tuple[float, 
         other = staggered(CubicSpline(*anti_kink_path(chain, math.floor(far)))(far))[1:-1]
     else:
         other = inner[::-1]
-    return np.concatenate([inner, inner[-1:], other]), (place - 1, len(inner) + far)
+    return np.concatenate([inner, inner[-1:], other]), (site - 1, len(inner) + far)
 
 
 @pytest.mark.parametrize('name', CHAINS)
@@ -50,8 +50,8 @@ def test_a_kink_and_an_anti_kink_are_within_what_is_stated(name: str) -> None:
     rng, errors = np.random.default_rng(1), []
     rotors = 2 * (chain.number_of_rotors - 2) + 1
     fresh = Analyser(replace(chain, number_of_rotors=rotors), NOISE)
-    for place in chain.number_of_rotors // 2 + np.array([-3.0, -2.7, -2.45, -1.8]):
-        theta, true = kink_and_anti_kink(chain, float(place))
+    for site in chain.number_of_rotors // 2 + np.array([-3.0, -2.7, -2.45, -1.8]):
+        theta, true = kink_and_anti_kink(chain, float(site))
         analyser = deepcopy(fresh)
         angles = staggered(theta)
         for frame in range(FRAMES):

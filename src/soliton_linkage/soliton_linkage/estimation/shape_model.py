@@ -17,13 +17,13 @@ from scipy.ndimage import minimum_filter1d
 
 from soliton_linkage.estimation import wall_loops
 from soliton_linkage.estimation.frames import swing_of
-from soliton_linkage.estimation.lattice import WallLine
+from soliton_linkage.estimation.lattice import LatticeCoordinates
 from soliton_linkage.estimation.measurement import FrameLikelihood
 from soliton_linkage.estimation.noise import robust_deviation
 from soliton_linkage.estimation.settings import EstimationSettings
 from soliton_linkage.estimation.state_report import FrameState
 from soliton_linkage.estimation.wall_shapes import WallShape, WallShapes
-from soliton_linkage.estimation.wall_track import SeenWall
+from soliton_linkage.estimation.wall_track import WallMeasurement
 from soliton_linkage.linkage.chain import Array, Motion, staggered
 from soliton_linkage.orbit.wall_shifts import WallShifts
 
@@ -36,19 +36,19 @@ class _Fitted(NamedTuple):
 
     shape: WallShape
     charge: int
-    place: float
+    site: float
     stretch: float
-    of_place: float
+    site_information: float
     of_stretch: float
 
 
-class WallPlacer:
+class ShapeMeasurementModel:
     """Places walls by their shapes, frame after frame."""
 
     def __init__(
         self,
         shapes: WallShapes,
-        line: WallLine,
+        line: LatticeCoordinates,
         settings: EstimationSettings,
         shifts: WallShifts | None = None,
     ) -> None:
@@ -77,7 +77,7 @@ class WallPlacer:
 
     def placed(
         self, state: FrameState, seen: Array, borders: Sequence[tuple[float, int]]
-    ) -> list[SeenWall]:
+    ) -> list[WallMeasurement]:
         """Walls at the borders of domains [rotor spacings] with their charges.
 
         Angles that were seen [rad] are of shape (N,), NaN where they were not.
@@ -90,8 +90,8 @@ class WallPlacer:
             angles = math.pi - angles
         theta = staggered(angles)
         walls = [
-            _Fitted(self._of_charge[charge][0], charge, place, 1.0, 0.0, 0.0)
-            for place, charge in borders
+            _Fitted(self._of_charge[charge][0], charge, site, 1.0, 0.0, 0.0)
+            for site, charge in borders
         ]
         walls = self._fitted(theta, walls, scanned=True)
         if self._are_near(walls):
@@ -100,7 +100,7 @@ class WallPlacer:
         parts = []
         for wall in walls:
             first, own = self._alone(theta, walls, wall)
-            left = self._left(own, first, wall, wall.place)
+            left = self._left(own, first, wall, wall.site)
             if self._explains(wall, first, left):
                 parts.append((wall, first, left))
         before, self._before = self._before, np.full(len(theta), math.nan)
@@ -123,14 +123,14 @@ class WallPlacer:
         variance = min(self._variance, self._largest)
         if self._likelihood.over_nothing(left, variance) < self._evidence:
             return False
-        beside = np.abs(np.arange(first, first + len(left)) - wall.place)
+        beside = np.abs(np.arange(first, first + len(left)) - wall.site)
         core = left[beside < self._settings.core]
         return self._likelihood.over_nothing(core, self._largest) >= 0
 
     def _are_near(self, walls: Sequence[_Fitted]) -> bool:
         """Whether any two are so near that the tails of one move the other."""
         return any(
-            abs(self._line.apart(one.place, other.place)) < self._line.parted
+            abs(self._line.apart(one.site, other.site)) < self._line.parted
             for one, other in combinations(walls, 2)
         )
 
@@ -140,34 +140,34 @@ class WallPlacer:
         They are without the tails of the others [rad].
         """
         reach = self._shapes.reach
-        ways = [(self._line.apart(each.place, wall.place), each) for each in walls]
+        ways = [(self._line.apart(each.site, wall.site), each) for each in walls]
         ways = [(way, each) for way, each in ways if each is not wall]
         low = max([-reach, *(way / 2 for way, _ in ways if way < 0)])
         high = min([reach, *(way / 2 for way, _ in ways if way >= 0)])
-        rotors = self._line.numbers(wall.place + low, wall.place + high, self._edge)
+        rotors = self._line.numbers(wall.site + low, wall.site + high, self._edge)
         own = theta[rotors % len(theta)]
         first = int(rotors[0]) if len(rotors) else 0
         for way, other in ways:
             if len(rotors) and abs(way) <= _TAILS * reach:
                 far = other.shape.sides[:, 1 if way < 0 else 0][rotors % 2]
-                own = own + self._left(np.ascontiguousarray(far), first, other, wall.place + way)
+                own = own + self._left(np.ascontiguousarray(far), first, other, wall.site + way)
         return first, own
 
-    def _left(self, theta: Array, first: int, wall: _Fitted, place: float) -> Array:
+    def _left(self, theta: Array, first: int, wall: _Fitted, site: float) -> Array:
         left = np.empty_like(theta)
-        wall_loops.leave(theta, first, wall.shape.table, place, wall.stretch, left)
+        wall_loops.leave(theta, first, wall.shape.table, site, wall.stretch, left)
         return left
 
     def _fitted(self, theta: Array, walls: list[_Fitted], scanned: bool) -> list[_Fitted]:
         found = []
         for wall in walls:
             first, own = self._alone(theta, walls, wall)
-            shape, place = self._scanned(own, first, wall) if scanned else (wall.shape, wall.place)
+            shape, site = self._scanned(own, first, wall) if scanned else (wall.shape, wall.site)
             fit = wall_loops.fit(
                 own,
                 first,
                 shape.table,
-                place,
+                site,
                 wall.stretch,
                 self._variance,
                 self._bound,
@@ -180,11 +180,11 @@ class WallPlacer:
         """Shape and place that leave least of rotors from a first one on [rad], near a wall."""
         bound, beside = self._bound**2 * self._coarse, self._settings.scan_beside
         scans = [
-            (*wall_loops.scan(own, first, shape.table, wall.place, beside, bound), shape)
+            (*wall_loops.scan(own, first, shape.table, wall.site, beside, bound), shape)
             for shape in self._of_charge[wall.charge]
         ]
-        _, place, shape = min(scans, key=lambda scan: scan[0])
-        return shape, place
+        _, site, shape = min(scans, key=lambda scan: scan[0])
+        return shape, site
 
     def _learn(self, left: Array, walls: int) -> None:
         """Learn the variance of a rotor from what so many walls leave of all of them [rad]."""
@@ -214,28 +214,30 @@ class WallPlacer:
         if uneven <= 0:
             return 0.0
         deformed = sizes[sizes > self._bound * math.sqrt(uneven)]
-        of_arc = uneven * shifts.at(wall.place, 0).arc ** 2 + float(deformed @ deformed)
-        return of_arc / max(wall.of_place, 1e-12)
+        of_arc = uneven * shifts.at(wall.site, 0).arc ** 2 + float(deformed @ deformed)
+        return of_arc / max(wall.site_information, 1e-12)
 
-    def _seen(self, wall: _Fitted, first: int, left: Array, before: Array) -> SeenWall:
+    def _seen(self, wall: _Fitted, first: int, left: Array, before: Array) -> WallMeasurement:
         """A wall as it is told, with what it leaves of the rotors from a first one on [rad].
 
         Before is what all walls left of all rotors in the frame before [rad], shape (N,).
         """
         line, variance = self._line, self._variance
-        deviation = math.sqrt(variance / wall.of_place) if wall.of_place > 0 else math.nan
+        deviation = (
+            math.sqrt(variance / wall.site_information) if wall.site_information > 0 else math.nan
+        )
         of_width = math.nan, math.nan
-        clear = line.edge_distance(wall.place) >= 2 * line.width
+        clear = line.edge_distance(wall.site) >= 2 * line.width
         if self._shapes.stretches and clear and wall.of_stretch > 0:
             unsure = math.sqrt(variance / wall.of_stretch)
             of_width = self._shapes.width * wall.stretch, self._shapes.width * unsure
         earlier = before[np.arange(first, first + len(left)) % len(before)]
         product, chance = wall_loops.lasting(
-            left, earlier, first, wall.shape.table, wall.place, wall.stretch
+            left, earlier, first, wall.shape.table, wall.site, wall.stretch
         )
-        scale = 1 / max(wall.of_place, 1e-12)
-        return SeenWall(
-            line.on_it(wall.place),
+        scale = 1 / max(wall.site_information, 1e-12)
+        return WallMeasurement(
+            line.on_it(wall.site),
             deviation,
             wall.charge,
             of_width,
@@ -275,6 +277,6 @@ def borders_of_ring(polarised: Array, opposite: float) -> list[tuple[float, int]
     joint = int(np.argmax(clear)) + 1
     opened = np.roll(polarised, -joint)[:-1]
     turned = [
-        ((place + joint) % bonds, charge) for place, charge in domain_borders(opened, opposite)
+        ((site + joint) % bonds, charge) for site, charge in domain_borders(opened, opposite)
     ]
     return sorted(turned)
