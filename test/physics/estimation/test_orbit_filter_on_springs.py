@@ -20,7 +20,7 @@ from chains import FLIPPER, SPINNER, WIDE_FLIPPER, WOBBLER, chain_of
 
 from soliton_linkage.dynamics.elastic import ElasticSimulation
 from soliton_linkage.estimation.estimates import OrbitEstimate, TrackingStatus
-from soliton_linkage.estimation.frames import Impulse
+from soliton_linkage.estimation.frames import FrameImpulse
 from soliton_linkage.estimation.orbit_filter import OrbitFilter
 from soliton_linkage.estimation.relocalisation import fit_anywhere, fit_near
 from soliton_linkage.linear.rigidity import mode_towards_last, zero_mode
@@ -203,7 +203,7 @@ def test_after_a_told_kick_the_rate_is_right_in_the_next_frame(
         seen = math.pi - noisy if turned else noisy
         found, other = (each.update(frame * PERIOD, seen) for each in (told, untold))
         if frame == kicked:
-            told.apply_impulse(Impulse(-impulses if turned else impulses))
+            told.apply_impulse(FrameImpulse(-impulses if turned else impulses))
             deviation, found = found.rate_deviation, told.estimate
             assert found.rate_deviation < deviation + 0.05 * abs(found.rate)
             true = record.rates[min(frame + 3 * record.frames, len(record.rates) - 1)]

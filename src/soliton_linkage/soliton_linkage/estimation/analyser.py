@@ -24,7 +24,7 @@ from soliton_linkage.estimation.estimates import (
 from soliton_linkage.estimation.frames import (
     CompletedFrame,
     FrameClock,
-    Impulse,
+    FrameImpulse,
     ImpulseQueue,
     Unwrapper,
     all_within,
@@ -276,7 +276,7 @@ class Analyser:
         angles: Array,
         rates: Array | None,
         deviations: Array | None,
-        pushes: list[Impulse],
+        pushes: list[FrameImpulse],
     ) -> tuple[OrbitEstimate, CompletedFrame]:
         """Estimate where the chain is after pushes, and complete its frame."""
         seen = self._unwrapper.unwrapped(angles)

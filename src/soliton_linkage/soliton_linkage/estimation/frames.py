@@ -105,7 +105,7 @@ _NEAR = 3600 * 10**9
 analyses is behind by seconds or minutes, and clocks of another beginning differ by years."""
 
 
-class Impulse(NamedTuple):
+class FrameImpulse(NamedTuple):
     """Impulses that act on the rotors of a chain at one instant.
 
     impulses: angular impulses [N m s], shape (N,).
@@ -138,7 +138,7 @@ class ImpulseQueue:
             known = after is None or after < _NEAR
             self._waiting.append((stamp if known else None, impulses))
 
-    def due(self, stamp: int) -> list[Impulse]:
+    def due(self, stamp: int) -> list[FrameImpulse]:
         """Take those that act from the frame of a stamp [ns] on."""
         if self._frame is not None and stamp < self._frame:
             self._waiting.clear()
@@ -151,7 +151,7 @@ class ImpulseQueue:
             if -_NEAR < before < 0:
                 later.append((made, impulses))
             else:
-                due.append(Impulse(impulses, before * _NANOSECOND if before < _NEAR else 0.0))
+                due.append(FrameImpulse(impulses, before * _NANOSECOND if before < _NEAR else 0.0))
         self._waiting = later
         return due
 

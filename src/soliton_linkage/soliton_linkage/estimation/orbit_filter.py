@@ -15,7 +15,7 @@ import numpy as np
 
 from soliton_linkage.estimation.encoder_offsets import EncoderOffsets
 from soliton_linkage.estimation.estimates import OrbitEstimate, TrackingStatus, lost
-from soliton_linkage.estimation.frames import Impulse, swing_of
+from soliton_linkage.estimation.frames import FrameImpulse, swing_of
 from soliton_linkage.estimation.hypotheses import Hypotheses, Hypothesis
 from soliton_linkage.estimation.measurement import (
     LEAST_INFORMATION,
@@ -135,7 +135,7 @@ class OrbitFilter:
             self._forget(time)
         return self._estimate
 
-    def apply_impulse(self, impulse: Impulse) -> None:
+    def apply_impulse(self, impulse: FrameImpulse) -> None:
         """Take in a push that acts from the latest frame on.
 
         How far a wall went on since the push is left to that frame to tell, and unsure by it.
