@@ -1,6 +1,4 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The camera in place of encoders, on the topics of a camera driver."""
-
 from __future__ import annotations
 
 import array
@@ -72,22 +70,22 @@ def test_pictures_become_joint_states_with_deviations(graph: Graph) -> None:
     for frame in range(4):
         time = frame * PERIOD
         images.publish(image(START + round(time * SECOND), film.picture(time)))
-        graph.until(lambda count=frame + 1: len(angles) == count, 'angles of a picture')
-    graph.until(lambda: len(deviations) == len(angles), 'their deviations')
+        graph.until(lambda count=frame + 1: len(angles) == count, 'the angles in a picture')
+    graph.until(lambda: len(deviations) == len(angles), 'the deviations of the angles')
     last: JointState = angles[-1]
     truth = motion(np.array([(time_from_msg(last.header.stamp) - START) / SECOND]))[0][0]
     assert list(last.name) == [f'rotor_{rotor}' for rotor in range(6)]
     assert np.abs(np.array(last.position) - truth).max() < 0.01
     assert deviations[-1].header.stamp == last.header.stamp
     assert (np.array(deviations[-1].position) < 0.01).all()
-    graph.until(lambda: bool(chains), 'the chain of the parameters')
+    graph.until(lambda: bool(chains), 'the topic chain')
     assert chain_from_msg(chains[0]).chain == CHAIN
-    graph.until(lambda: bool(overlays), 'a picture with what was found')
+    graph.until(lambda: bool(overlays), 'an overlay')
     drawn = picture_from_compressed_msg(overlays[-1])
     assert drawn.shape == (CAMERA.height, CAMERA.width, 3)
 
 
-def test_without_opencv_it_says_in_one_line_what_to_install(
+def test_an_error_in_one_line_names_the_missing_package(
     graph: Graph, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setitem(sys.modules, 'cv2', None)

@@ -1,2 +1,2 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Angles from a camera in place of encoders: the node, and what it shares with programs."""
+"""Node that measures the angles of a chain in camera pictures, in place of encoders."""

@@ -47,7 +47,7 @@ class JointRecord:
     def __init__(self, joint_names: Sequence[str], most: int) -> None:
         """Keep at most so many frames of these joints, rotor 0 first.
 
-        Without names, use those of the first message.
+        If no names are given, use the names in the first message.
         """
         self.joint_names = tuple(joint_names)
         self.frames = 0

@@ -57,7 +57,7 @@ class ChainIdentifierParameters:
     most_frames: int = quantity(
         4000,
         'largest number of frames that are kept; beyond it the least informative frames are '
-        'dropped. At half of it, lengths are 1.4 times as uncertain and take half of the time',
+        'dropped. Sensitivity: at 0.5x, lengths are 1.4 times as uncertain and take half the time',
         '',
         100,
         100_000,
@@ -81,7 +81,7 @@ class ChainIdentifierParameters:
         0.0, 'acceleration of a free mass in the plane of the chain', 'm/s^2', 0.0, 1e6
     )
     joint_names: tuple[str, ...] = quantity(
-        (), 'names of the joints, rotor 0 first; empty for those of the first joint_states'
+        (), 'names of the joints, rotor 0 first; empty to use the names in the first joint_states'
     )
 
 

@@ -1,2 +1,2 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Angles from a microcontroller in place of the simulator, and torques to its valves."""
+"""Node that reads encoders and drives valves through a microcontroller on a serial port."""

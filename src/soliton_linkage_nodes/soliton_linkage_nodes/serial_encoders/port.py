@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Serial port that is read in a thread and opened again after it was lost."""
+"""Serial port that a thread reads and reopens after it was lost."""
 
 from __future__ import annotations
 
@@ -15,18 +15,18 @@ from typing import Any
 
 from soliton_linkage_nodes.runtime.pacing import raise_priority
 
-_LONGEST_SILENCE = 0.1
+_READ_TIMEOUT = 0.1
 """Time without input after which the thread checks whether it has to end [s]."""
-_LONGEST_WRITE = 0.05
-"""Timeout of a command [s]: half of the time for which the controller holds one."""
-_OPENED_AGAIN = 0.2
+_WRITE_TIMEOUT = 0.05
+"""Timeout of a command [s]: half of the default hold time of the controller."""
+_REOPEN_INTERVAL = 0.2
 """Interval between attempts to open a lost port [s]."""
-_MOST_BYTES = 2**16
-"""Bytes per read [1]: more than the system buffers."""
+_READ_SIZE = 2**16
+"""Largest read [bytes]: more than the system buffers."""
 
 
 def pyserial() -> ModuleType:
-    """Return pyserial; ValueError with the remedy if it is not installed."""
+    """Return the module of pyserial; raise ValueError if it is not installed."""
     try:
         return import_module('serial')
     except ImportError as error:
@@ -36,8 +36,8 @@ def pyserial() -> ModuleType:
         ) from error
 
 
-def ports_in_words() -> str:
-    """Return the serial ports of this machine as a sentence."""
+def describe_ports() -> str:
+    """Return a sentence that lists the serial ports of this machine."""
     pyserial()
     found = [
         # pyserial describes a port without a description as n/a.
@@ -48,7 +48,7 @@ def ports_in_words() -> str:
 
 
 class ReopenedPort:
-    """Serial port that a thread reads, and opens again after it was lost."""
+    """Serial port that a thread reads and reopens after it was lost."""
 
     def __init__(
         self,
@@ -58,10 +58,10 @@ class ReopenedPort:
         changed: Callable[[str], object],
         real_time: bool = False,
     ) -> None:
-        """Open the port; the thread calls `take` with each chunk and its arrival [ns, monotonic].
+        """Open the port; the thread passes each chunk and its arrival [ns, monotonic] to `take`.
 
         The thread calls `changed` with the reason if the port is lost, and with an empty string
-        when it is back. Raises ValueError if the port cannot be opened.
+        when it is open again. Raises ValueError if the port cannot be opened.
         """
         self._serial = pyserial()
         self._path, self._baud_rate = path, baud_rate
@@ -69,39 +69,39 @@ class ReopenedPort:
         self._closing = threading.Event()
         self._real_time = real_time
         try:
-            self._port: Any = self._opened()
+            self._port: Any = self._open()
         except (OSError, ValueError) as error:
             raise ValueError(
-                f'port {path!r} cannot be opened: {_reason(error)}; {ports_in_words()}'
+                f'port {path!r} cannot be opened: {_reason(error)}; {describe_ports()}'
             ) from error
         self._thread = threading.Thread(target=self._run, name='serial port', daemon=True)
         self._thread.start()
 
     @property
-    def open(self) -> bool:
+    def is_open(self) -> bool:
         """Whether the port is open."""
         return self._port is not None
 
     def write(self, data: bytes) -> None:
-        """Send bytes unless the port is lost; OSError if they cannot be sent."""
+        """Send bytes if the port is open; raise OSError if they cannot be sent."""
         port = self._port
         if port is None:
             return
         try:
             port.write(data)
         except TypeError as error:
-            # The thread has closed the port meanwhile, and pyserial writes to a file that is None.
-            raise OSError('the port is gone') from error
+            # The thread closed the port meanwhile; pyserial then writes to a file that is None.
+            raise OSError('the port was closed') from error
 
     def close(self) -> None:
         """Stop the thread and close the port."""
         self._closing.set()
         self._thread.join()
-        self._drop()
+        self._close_port()
 
-    def _opened(self) -> Any:
+    def _open(self) -> Any:
         port = self._serial.Serial(
-            self._path, self._baud_rate, write_timeout=_LONGEST_WRITE, exclusive=True
+            self._path, self._baud_rate, write_timeout=_WRITE_TIMEOUT, exclusive=True
         )
         with contextlib.suppress(AttributeError, NotImplementedError, OSError, ValueError):
             port.set_low_latency_mode(True)
@@ -114,24 +114,24 @@ class ReopenedPort:
             try:
                 self._read()
             except (OSError, TypeError, ValueError) as error:
-                self._drop()
+                self._close_port()
                 self._changed(_reason(error))
-                while self._port is None and not self._closing.wait(_OPENED_AGAIN):
+                while self._port is None and not self._closing.wait(_REOPEN_INTERVAL):
                     with contextlib.suppress(OSError, ValueError):
-                        self._port = self._opened()
+                        self._port = self._open()
                         self._changed('')
 
     def _read(self) -> None:
         # pyserial's read makes four system calls for a chunk that has arrived; this makes two.
         file = self._port.fileno()
-        ready, _, _ = select.select([file], [], [], _LONGEST_SILENCE)
+        ready, _, _ = select.select([file], [], [], _READ_TIMEOUT)
         if ready:
-            chunk = os.read(file, _MOST_BYTES)
+            chunk = os.read(file, _READ_SIZE)
             if not chunk:
-                raise OSError('the device is no more there')
+                raise OSError('the device was removed')
             self._take(chunk, time.monotonic_ns())
 
-    def _drop(self) -> None:
+    def _close_port(self) -> None:
         port, self._port = self._port, None
         if port is not None:
             with contextlib.suppress(OSError):
@@ -139,7 +139,7 @@ class ReopenedPort:
 
 
 def _reason(error: Exception) -> str:
-    """Return the message of a port's error in one line: pyserial wraps that of the system."""
+    """Return the error of the system in one line, which pyserial wraps into its own."""
     for each in (error.__context__, error):
         if isinstance(each, OSError) and each.strerror:
             return str(each.strerror)

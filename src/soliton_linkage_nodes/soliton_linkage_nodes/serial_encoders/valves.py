@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Commands to the valves of a controller, and the impulses that these deliver."""
+"""Commands to the valves of a microcontroller, and the impulses that they deliver."""
 
 from __future__ import annotations
 
@@ -13,55 +13,55 @@ from soliton_linkage.linkage.chain import Array
 from soliton_linkage.linkage.quantities import quantity
 from soliton_linkage.microcontroller.frames import SEQUENCES, FrameKind, SerialFrame
 
-_MOST_ACTING = 1000
-"""Commands kept until their impulses are read [1]: those of ten seconds without a frame."""
+_MOST_COMMANDS = 1000
+"""Largest number of commands kept until their impulses are read [1]: 10 s at 100 Hz."""
 
 
 @dataclass(frozen=True)
 class ValveParameters:
-    """How the valves are told what rotor_torques ask for."""
+    """Conversion of rotor_torques to commands for the valves."""
 
     torque_per_pressure: tuple[float, ...] = quantity(
         (),
-        'torque that a pressure gives, one for all rotors or one each, to tell the controller '
-        'pressures; empty to tell it torques [N m/Pa]',
+        'torque per pressure, one value for all rotors or one for each; the controller then '
+        'receives pressures; empty to send torques [N m/Pa]',
     )
-    torque_limit: float = quantity(0.1, 'largest torque accepted', 'N m', 0.0, 1e6)
+    torque_limit: float = quantity(0.1, 'largest accepted torque', 'N m', 0.0, 1e6)
     command_timeout: float = quantity(
-        0.5, 'time after which torques are dropped without a new message', 's', 1e-3, 86_400.0
+        0.5, 'time without a new message after which torques end', 's', 1e-3, 86_400.0
     )
     stamp_tolerance: float = quantity(
         10.0,
-        'by how much the stamp of torques may differ from the clock, 0 for any; half of it '
-        'refuses what waited for less long, twice takes more',
+        'largest difference between the stamp of torques and the clock, 0 for no limit; a smaller '
+        'value rejects torques that were delayed',
         's',
         0.0,
         86_400.0,
     )
     command_rate: float = quantity(
         100.0,
-        'most commands a second; half of it leaves more of the line to readings, twice follows '
-        'torques more closely',
+        'rate of commands while torques act; a lower rate leaves more of the serial line to '
+        'readings, a higher one follows torques more closely',
         'Hz',
         1.0,
         1000.0,
     )
     hold: float = quantity(
         0.1,
-        'for how long a command holds in the controller, which shuts the valves when no other has '
-        'come by then; as long as ten commands, so that one that is corrupted costs nothing',
+        'time after which the controller closes the valves if no other command arrives; the '
+        'default is ten periods of commands, so that one corrupted command has no effect',
         's',
         1e-3,
         60.0,
     )
 
     def check_fit(self, rotors: int) -> None:
-        """Raise ValueError unless there is a usable torque for each pressure, or for none."""
+        """Raise ValueError if the values do not fit the number of rotors or each other."""
         given = self.torque_per_pressure
         if len(given) not in (0, 1, rotors):
             raise ValueError(
                 f'torque_per_pressure has {len(given)} values for a chain of {rotors} rotors; '
-                f'give none, 1 or {rotors}'
+                f'set none, 1 or {rotors}'
             )
         for value in given:
             if not (math.isfinite(value) and value):
@@ -76,19 +76,19 @@ class ValveParameters:
 
 
 class Valves:
-    """Torques as commands to a controller, until they are too old."""
+    """Torques that are sent as commands until they time out."""
 
     def __init__(self, parameters: ValveParameters, rotors: int) -> None:
-        """Raise ValueError if the parameters do not fit so many rotors."""
+        """Raise ValueError if the parameters do not fit the number of rotors."""
         parameters.check_fit(rotors)
-        self.told = 0
+        self.commands = 0
         """Number of commands."""
-        self.shut = True
+        self.closed = True
         """Whether the last command had no torque."""
         self._parameters = parameters
         self._torques = np.zeros(rotors)
         self._until = 0.0
-        self._acting: deque[tuple[float, float, Array]] = deque(maxlen=_MOST_ACTING)
+        self._acting: deque[tuple[float, float, Array]] = deque(maxlen=_MOST_COMMANDS)
         """Begin [s], end without another command [s] and torques [N m] of each command."""
 
     def hold(self, torques: Array, now: float) -> None:
@@ -96,32 +96,32 @@ class Valves:
         self._torques, self._until = torques, now + self._parameters.command_timeout
 
     def release(self) -> None:
-        """Hold no torque."""
+        """Set all torques to 0."""
         self._torques = np.zeros_like(self._torques)
 
     def command(self, now: float) -> SerialFrame:
         """Return the command at a time [s]."""
         if now >= self._until:
             self.release()
-        self.shut = not self._torques.any()
+        self.closed = not self._torques.any()
         kind, values = FrameKind.TORQUES, self._torques
         if self._parameters.torque_per_pressure:
             kind = FrameKind.PRESSURES
             values = values / np.asarray(self._parameters.torque_per_pressure)
         hold = round(self._parameters.hold * 1e6)
-        frame = SerialFrame(kind, self.told % SEQUENCES, hold, values)
-        self.told += 1
+        frame = SerialFrame(kind, self.commands % SEQUENCES, hold, values)
+        self.commands += 1
         return frame
 
-    def note_told(self, now: float) -> None:
+    def record_sent(self, now: float) -> None:
         """Record that the last command was sent at a time [s]."""
-        torques = np.zeros_like(self._torques) if self.shut else self._torques
+        torques = np.zeros_like(self._torques) if self.closed else self._torques
         self._acting.append((now, now + self._parameters.hold, torques))
 
     def delivered(self, until: float) -> Array:
-        """Return the angular impulses [N m s], shape (N,), from the last such time to another [s].
+        """Return the angular impulses [N m s], shape (N,), from the previous call to a time [s].
 
-        A command acts from its sending to the next command, or as long as it holds.
+        A command acts until the next command, but no longer than its hold time.
         """
         impulses = np.zeros_like(self._torques)
         while self._acting and self._acting[0][0] < until:
