@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Rendered films of chains whose motion is a formula."""
+"""Rendered films of chains with a known motion."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ PERIOD = 1 / 60
 
 
 def swinging(chain: Chain, amplitude: float, rate: float) -> Motion:
-    """Rotors that lean more and less, all alike, about the uniform state."""
+    """Return a motion in which all rotors swing around the uniform state."""
     rest, sides = chain.uniform_state(1), (-1.0) ** np.arange(chain.number_of_rotors)
 
     def motion(times: Array) -> tuple[Array, Array, Array]:
@@ -35,7 +35,7 @@ def swinging(chain: Chain, amplitude: float, rate: float) -> Motion:
 
 
 def chain_plane(layout: MarkerLayout, camera: Camera = CAMERA, near: float = 1.0) -> ChainPlane:
-    """Plane of a chain that fills the picture, from a little aside."""
+    """Return the plane of a chain that fills the picture, seen obliquely."""
     length = float(layout.chain.pivots[-1])
     seen = length + 2 * layout.frame_marker_size + layout.paper_size
     distance = near * 1.1 * seen * camera.focal[0] / camera.width
@@ -49,7 +49,7 @@ def renderer(
     settings: FilmSettings | None = None,
     hands: tuple[Hand, ...] = (),
 ) -> tuple[MarkerLayout, Renderer, Motion]:
-    """What films a chain that swings."""
+    """Return a renderer of a swinging chain."""
     layout, motion = MarkerLayout(chain), swinging(chain, amplitude, rate)
     given = FilmSettings() if settings is None else settings
     return layout, Renderer(layout, chain_plane(layout), motion, given, hands), motion

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Angles that are seen in films of which the truth is known."""
+"""Measured angles in rendered films with known angles."""
 
 from __future__ import annotations
 
@@ -25,13 +25,12 @@ TIMES = PERIOD * np.arange(24)
 
 @cache
 def swing(hands: tuple[Hand, ...] = ()) -> list[Picture]:
-    """Pictures of a chain that swings."""
     _, film, _ = renderer(CHAIN, hands=hands)
     return [film.picture(time) for time in TIMES.tolist()]
 
 
-def looked_at(pictures: Sequence[Picture]) -> tuple[AngleCamera, list[AngleFrame], np.ndarray]:
-    """What a camera sees in pictures, and by how much that is wrong [rad], (frames, N)."""
+def measure(pictures: Sequence[Picture]) -> tuple[AngleCamera, list[AngleFrame], np.ndarray]:
+    """Return the camera, its frames and the errors of the angles [rad], (frames, N)."""
     camera = AngleCamera(MarkerLayout(CHAIN), CAMERA)
     times = TIMES[: len(pictures)]
     seen = [camera.measure(time, each) for time, each in zip(times, pictures, strict=True)]
@@ -39,8 +38,8 @@ def looked_at(pictures: Sequence[Picture]) -> tuple[AngleCamera, list[AngleFrame
     return camera, seen, np.array([frame.angles for frame in seen]) - truth
 
 
-def test_angles_are_seen_as_well_as_is_said_and_without_bias() -> None:
-    _, seen, errors = looked_at(swing())
+def test_errors_of_angles_agree_with_the_stated_deviations_and_have_no_bias() -> None:
+    _, seen, errors = measure(swing())
     assert np.isfinite(errors).all()
     errors, stated = errors[3:], np.array([frame.deviations for frame in seen[3:]])
     own = errors - errors.mean(axis=0)
@@ -49,16 +48,14 @@ def test_angles_are_seen_as_well_as_is_said_and_without_bias() -> None:
     assert abs(errors.mean()) < 0.1 * np.sqrt(np.mean(own**2))
 
 
-def test_errors_of_a_compressed_clip_go_on_from_picture_to_picture(tmp_path: Path) -> None:
-    """By how much, and how long, docs/camera.md tells of longer films."""
+def test_errors_in_a_compressed_clip_are_small_and_correlated(tmp_path: Path) -> None:
     layout, film, motion = renderer(CHAIN, amplitude=0.02, rate=3.0)
-    times = TIMES
-    shots = (TimedPicture(time, film.picture(time)) for time in times.tolist())
+    shots = (TimedPicture(time, film.picture(time)) for time in TIMES.tolist())
     write_video(tmp_path / 'clip.mp4', shots, 18)
     camera = AngleCamera(layout, CAMERA)
     pictures = read_video(tmp_path / 'clip.mp4').pictures
     seen = [camera.measure(time, picture) for time, picture in pictures]
-    truth = motion(times + np.array([frame.delay for frame in seen]))[0]
+    truth = motion(TIMES + np.array([frame.delay for frame in seen]))[0]
     errors = np.array([frame.angles for frame in seen]) - truth
     assert np.abs(errors).max() < 0.01
     own = errors[3:] - errors[3:].mean(axis=0)
@@ -67,9 +64,9 @@ def test_errors_of_a_compressed_clip_go_on_from_picture_to_picture(tmp_path: Pat
     assert np.sqrt(np.mean((own / [frame.deviations for frame in seen[3:]]) ** 2)) < 3.5
 
 
-def test_what_a_hand_hides_is_nan_and_comes_back_with_its_turns() -> None:
+def test_hidden_rotors_are_nan_and_return_with_their_turns() -> None:
     hand = Hand(6 * PERIOD, 12 * PERIOD, (250.0, 180.0), (0.0, 0.0), (45.0, 60.0))
-    _, seen, errors = looked_at(swing((hand,)))
+    _, seen, errors = measure(swing((hand,)))
     hidden = np.isnan(errors)
     assert not hidden[:6].any()
     assert hidden[7:12].any(axis=1).all()
@@ -79,15 +76,15 @@ def test_what_a_hand_hides_is_nan_and_comes_back_with_its_turns() -> None:
     assert not seen[-1].status
 
 
-def test_a_camera_that_moved_is_noticed_and_sees_on() -> None:
+def test_a_motion_of_the_camera_is_detected_and_angles_stay_correct() -> None:
     pushed = [np.roll(picture, (2, 3), axis=(0, 1)) for picture in swing()[8:16]]
-    camera, _, errors = looked_at([*swing()[:8], *pushed])
+    camera, _, errors = measure([*swing()[:8], *pushed])
     assert camera.frame_markers.moves == 1
     assert camera.frame_markers.shift == pytest.approx(np.hypot(2, 3), abs=0.1)
     assert np.abs(errors[-1]).max() < 0.01
 
 
-def test_without_markers_it_says_what_to_show() -> None:
+def test_the_status_without_markers_names_the_remedy() -> None:
     seen = AngleCamera(MarkerLayout(CHAIN), CAMERA).measure(
         0.0, np.full((360, 640, 3), 128, dtype=np.uint8)
     )
@@ -95,8 +92,8 @@ def test_without_markers_it_says_what_to_show() -> None:
     assert 'show two markers or more' in seen.status
 
 
-def test_a_picture_of_another_size_is_refused() -> None:
-    with pytest.raises(ValueError, match=r'shape \(360, 641, 3\) is none of the camera'):
+def test_a_picture_of_another_size_is_rejected() -> None:
+    with pytest.raises(ValueError, match=r'shape \(360, 641, 3\) does not match the camera'):
         AngleCamera(MarkerLayout(CHAIN), CAMERA).measure(
             0.0, np.zeros((360, 641, 3), dtype=np.uint8)
         )

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The likeliest rotors of dots, against all that there might be."""
+"""Dots are assigned to their rotors."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ ROTORS = len(ANGLES)
 
 
 def scene() -> tuple[np.ndarray, np.ndarray, Prediction]:
-    """Places of the masses of five rotors [m], costs of their colours, what is expected."""
+    """Return the masses of five rotors [m], the costs of their colours, and the prediction."""
     pivots = np.column_stack([0.1 * np.arange(ROTORS), np.zeros(ROTORS)])
     masses = pivots + 0.2 * np.column_stack([np.sin(ANGLES), np.cos(ANGLES)])
     lengths = np.full(ROTORS, 0.2)
@@ -35,7 +35,7 @@ def scene() -> tuple[np.ndarray, np.ndarray, Prediction]:
     return masses, costs, expected
 
 
-def test_dots_in_any_order_are_those_of_their_rotors() -> None:
+def test_dots_in_any_order_are_assigned_to_their_rotors() -> None:
     masses, costs, expected = scene()
     for order in itertools.islice(itertools.permutations(range(ROTORS)), 0, 120, 7):
         places = masses[list(order)]
@@ -45,15 +45,14 @@ def test_dots_in_any_order_are_those_of_their_rotors() -> None:
         assert [order[dot] for dot in chosen] == list(range(ROTORS))
 
 
-def test_a_rotor_without_a_dot_has_none_and_takes_that_of_nobody_else() -> None:
+def test_a_rotor_without_a_dot_is_hidden() -> None:
     masses, costs, expected = scene()
     kept = [0, 1, 3, 4]
     chosen = assign_dots(np.stack([masses[kept]] * 2), np.full(4, 1e-3), costs[kept], expected)
     assert list(chosen) == [0, 1, HIDDEN, 2, 3]
 
 
-def test_a_pivot_is_no_mass_that_is_hidden_nor_hides_one_that_passes_before_it() -> None:
-    """Where films blur colours, a black dot has some of that of its neighbours."""
+def test_a_dot_at_a_pivot_is_a_mass_only_if_its_colour_fits() -> None:
     masses, costs, expected = scene()
     angles = expected.angles.copy()
     angles[2] = np.pi / 2 - 0.05

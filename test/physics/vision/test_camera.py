@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The camera and the plane of a chain, against their formulas and inverses."""
+"""The camera and the plane of a chain agree with their formulas and inverses."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ POINTS = np.array([(x, z) for x in np.linspace(-1, 1, 5) for z in (-0.3, 0.0, 0.
 PLANE = posed_plane(CAMERA, (0.1, 0.0), 2.0, 0.2, -0.15, 0.05)
 
 
-def test_a_lens_moves_rays_by_its_formula_and_back() -> None:
+def test_a_lens_maps_rays_by_its_formula_and_back() -> None:
     pytest.importorskip('cv2', reason='cameras need OpenCV')
     x, y = rays = np.array([(0.3, 0.0, -0.5), (-0.2, 0.0, 0.25)])
     q = x**2 + y**2
@@ -35,18 +35,18 @@ def test_a_lens_moves_rays_by_its_formula_and_back() -> None:
 
 
 @pytest.mark.parametrize('height', [0.0, 0.05])
-def test_points_come_back_from_their_pixels(height: float) -> None:
+def test_points_are_recovered_from_their_pixels(height: float) -> None:
     assert np.allclose(PLANE.points(PLANE.pixels(POINTS, height), height), POINTS, atol=1e-7)
 
 
-def test_a_plane_is_found_by_its_points() -> None:
+def test_a_plane_is_fitted_to_its_points() -> None:
     pytest.importorskip('cv2', reason='cameras need OpenCV')
     found, misfit = fit_plane(CAMERA, POINTS, PLANE.pixels(POINTS))
     assert misfit < 1e-4
     assert np.allclose(found.columns, PLANE.columns, atol=1e-5)
 
 
-def test_the_centre_of_a_circle_is_not_that_of_its_image() -> None:
+def test_centres_of_circles_are_corrected_for_perspective() -> None:
     turns = np.linspace(0, 2 * np.pi, 400, endpoint=False)
     circle = 0.1 * np.column_stack([np.cos(turns), np.sin(turns)])
     outline = PLANE.pixels(POINTS[:1] + circle)
@@ -57,7 +57,7 @@ def test_the_centre_of_a_circle_is_not_that_of_its_image() -> None:
 
 
 @pytest.mark.parametrize(
-    ('values', 'said'),
+    ('values', 'message'),
     [
         ({'width': 0}, 'camera width = 0 must lie in the range 1 to 32768 pixels'),
         ({'focal': (0.0, 1.0)}, 'focal lengths .* must be above 0 pixels'),
@@ -65,7 +65,7 @@ def test_the_centre_of_a_circle_is_not_that_of_its_image() -> None:
         ({'distortion': (np.nan,)}, 'not finite'),
     ],
 )
-def test_what_is_no_camera_is_refused(values: dict[str, object], said: str) -> None:
+def test_invalid_cameras_are_rejected(values: dict[str, object], message: str) -> None:
     whole = {'width': 64, 'height': 48, 'focal': (50.0, 50.0), 'centre': (31.5, 23.5)}
-    with pytest.raises(ValueError, match=said):
+    with pytest.raises(ValueError, match=message):
         Camera(**{**whole, **values})

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Angles of dark bars on a light ground, drawn eight times as large and made smaller."""
+"""Angles of dark bars on a light background, drawn eight times as large and then reduced."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ SCALE, FINE, PARTS = 600.0, 8, 8
 
 
 def drawn(angles: Array, hidden: int | None = None, seed: int = 0) -> np.ndarray:
-    """Rotors of 30 pixels with bonds of one, and a hand over one of them."""
+    """Draw rotors of 30 pixels with thin bonds; one rotor may be covered."""
     picture = np.full((200 * FINE, 520 * FINE), 205.0, dtype=np.float32)
     pivots = np.column_stack([CHAIN.pivots, np.zeros(8)])
     masses = pivots + 0.05 * np.column_stack([np.sin(angles), np.cos(angles)])
@@ -40,7 +40,7 @@ def drawn(angles: Array, hidden: int | None = None, seed: int = 0) -> np.ndarray
     return np.clip(np.rint(small + noise), 0, 255).astype(np.uint8)
 
 
-def test_dark_rotors_are_seen_by_their_ends_as_well_as_is_said() -> None:
+def test_errors_of_angles_agree_with_the_stated_deviations() -> None:
     eye = DarkRotors(MarkerLayout(CHAIN), uncalibrated_camera(520, 200))
     rest, sides = CHAIN.uniform_state(1), (-1.0) ** np.arange(8)
     errors, stated = [], []
@@ -54,7 +54,7 @@ def test_dark_rotors_are_seen_by_their_ends_as_well_as_is_said() -> None:
     assert not seen.status
 
 
-def test_a_hidden_rotor_is_nan_and_the_others_stay_who_they_are() -> None:
+def test_a_hidden_rotor_is_nan_and_the_others_keep_their_numbers() -> None:
     eye = DarkRotors(MarkerLayout(CHAIN), uncalibrated_camera(520, 200))
     rest = CHAIN.uniform_state(1)
     eye.measure(0.0, drawn(rest))
@@ -65,8 +65,8 @@ def test_a_hidden_rotor_is_nan_and_the_others_stay_who_they_are() -> None:
     assert 'hidden' in seen.status
 
 
-def test_too_few_rotors_are_said() -> None:
+def test_the_status_reports_too_few_rotors() -> None:
     eye = DarkRotors(MarkerLayout(CHAIN), uncalibrated_camera(520, 200))
     seen = eye.measure(0.0, drawn(CHAIN.uniform_state(1), hidden=4))
     assert np.isnan(seen.angles).all()
-    assert 'dark rotors are seen for 8' in seen.status
+    assert 'of 8 dark rotors' in seen.status

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Places of dots against those that were drawn, and their stated errors against the true ones."""
+"""Fitted centres agree with the drawn ones to within the stated errors."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from soliton_linkage.vision.dot_fit import FittedDots, fit_dots
 RADIUS, LABEL, NOISE = 3.0, 6.4, 2.0
 AT_REST, CIRCLE = np.zeros(2), np.eye(2)
 OVAL = np.array([[0.9, 0.1], [0.1, 1.01 / 0.9]])
-"""What makes a circle of a dot that is seen aside; of determinant 1."""
+"""Map from an ellipse to a circle, of determinant 1."""
 
 
 def fitted(
@@ -21,7 +21,7 @@ def fitted(
     noise: float = NOISE,
     shape: np.ndarray = CIRCLE,
 ) -> FittedDots:
-    """Dots that were drawn on labels at places in tiles of 20 pixels, on a dark ground."""
+    """Fit dots drawn on labels in tiles of 20 pixels on a dark background."""
     generator = np.random.default_rng(5)
     rows, columns = np.mgrid[0:20, 0:20]
     tiles, starts = [], []
@@ -41,29 +41,29 @@ def fitted(
     ways = np.tile(way, (len(places), 1))
     outlines = np.tile(shape / RADIUS, (len(places), 1, 1))
     found = fit_dots(picture, np.array(starts, dtype=float), outlines, RADIUS / LABEL, ways)
-    found.places[:, 0] -= 20 * np.arange(len(places))
+    found.centres[:, 0] -= 20 * np.arange(len(places))
     return found
 
 
 @pytest.mark.parametrize('shape', [CIRCLE, OVAL], ids=['circle', 'oval'])
-def test_places_have_the_error_that_is_stated_and_no_other(shape: np.ndarray) -> None:
+def test_errors_of_centres_agree_with_the_stated_covariances(shape: np.ndarray) -> None:
     places = 9.5 + np.random.default_rng(1).uniform(-0.5, 0.5, (200, 2))
     found = fitted(places, shape=shape)
-    errors = found.places - places
+    errors = found.centres - places
     stated = np.sqrt(found.covariances[:, [0, 1], [0, 1]])
     assert np.sqrt(np.mean(errors**2)) < 0.02
     assert 0.85 < np.sqrt(np.mean((errors / stated) ** 2)) < 1.15
     assert np.abs(errors.mean(axis=0)).max() < 3 * 0.02 / np.sqrt(200)
 
 
-def test_a_dot_on_its_way_is_in_the_middle_of_it() -> None:
+def test_the_centre_of_a_moving_dot_is_the_middle_of_its_path() -> None:
     places = 9.5 + np.random.default_rng(2).uniform(-0.5, 0.5, (50, 2))
     found = fitted(places, np.array([2.0, 1.0]))
-    assert np.sqrt(np.mean((found.places - places) ** 2)) < 0.03
-    assert np.median(found.misfits) < 2 * NOISE
+    assert np.sqrt(np.mean((found.centres - places) ** 2)) < 0.03
+    assert np.median(found.residuals) < 2 * NOISE
 
 
-def test_of_no_dots_there_are_none() -> None:
+def test_no_starts_give_no_dots() -> None:
     picture = np.zeros((20, 20), dtype=np.uint8)
     none = np.zeros((0, 2))
-    assert not len(fit_dots(picture, none, np.zeros((0, 2, 2)), 0.5, none).places)
+    assert not len(fit_dots(picture, none, np.zeros((0, 2, 2)), 0.5, none).centres)

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Calibration and markers in pictures of others: OpenCV's own, in Debian's opencv-doc."""
+"""Calibration and marker detection in sample pictures of OpenCV (Debian package opencv-doc)."""
 
 from __future__ import annotations
 
@@ -16,11 +16,11 @@ from soliton_linkage.vision.plane import fit_plane
 DOC = Path(os.environ.get('OPENCV_DOC', '/usr/share/doc/opencv-doc'))
 SAMPLES, TUTORIALS = DOC / 'examples/data', DOC / 'opencv4/html'
 FOCAL, MIDDLE, LENS = 535.9, (342.3, 235.6), (-0.266, -0.0386, 0.2384)
-"""Of this camera as left_intrinsics.yml beside the pictures in OpenCV's sources has it."""
+"""Parameters from left_intrinsics.yml, next to these pictures in the sources of OpenCV."""
 
 
-@pytest.mark.skipif(not SAMPLES.is_dir(), reason='the pictures are in the package opencv-doc')
-def test_the_camera_of_the_samples_of_opencv_is_found() -> None:
+@pytest.mark.skipif(not SAMPLES.is_dir(), reason='needs the package opencv-doc')
+def test_the_calibration_agrees_with_the_parameters_from_opencv() -> None:
     cv2 = pytest.importorskip('cv2', reason='cameras need OpenCV')
     pictures = [cv2.imread(str(path)) for path in sorted(SAMPLES.glob('left[01]*.jpg'))]
     found = calibrate(pictures, 9, 6, 0.025)
@@ -35,8 +35,8 @@ def test_the_camera_of_the_samples_of_opencv_is_found() -> None:
         assert np.dot((k1, k2, k3), powers) == pytest.approx(theirs, abs=0.01)
 
 
-@pytest.mark.skipif(not TUTORIALS.is_dir(), reason='the pictures are in the package opencv-doc')
-def test_markers_of_a_photo_are_where_its_drawing_has_them() -> None:
+@pytest.mark.skipif(not TUTORIALS.is_dir(), reason='needs the package opencv-doc')
+def test_markers_in_a_photo_agree_with_the_drawing() -> None:
     cv2 = pytest.importorskip('cv2', reason='cameras need OpenCV')
     found = []
     for name in ('charuco_board.png', 'screen_charuco.jpg'):

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What is drawn over a picture is where it was found."""
+"""Overlays are drawn at the measured positions."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ PIVOTS = np.column_stack([100.0 * np.arange(1, ROTORS + 1), np.full(ROTORS, 150.
 
 
 def frame(hidden: int | None = None, length: float = 40.0) -> AngleFrame:
-    """A frame of upright rotors of a length [pixels], one of which may be hidden."""
+    """Return a frame of upright rotors of a length [pixels]; one rotor may be hidden."""
     masses = PIVOTS - [0.0, length]
     angles = np.zeros(ROTORS)
     if hidden is not None:
@@ -30,11 +30,10 @@ def frame(hidden: int | None = None, length: float = 40.0) -> AngleFrame:
 
 
 def painted(picture: np.ndarray) -> np.ndarray:
-    """Where a picture differs from the plain one."""
     return np.any(picture != PICTURE, axis=2)
 
 
-def test_rings_and_lines_are_at_what_was_found_and_the_picture_given_stays() -> None:
+def test_rings_and_lines_mark_the_measurement_in_a_copy_of_the_picture() -> None:
     drawn = draw_overlay(PICTURE, frame(), NAMES)
     assert (PICTURE == 128).all()
     marks = painted(drawn)
@@ -45,26 +44,26 @@ def test_rings_and_lines_are_at_what_was_found_and_the_picture_given_stays() -> 
     assert painted(draw_overlay(PICTURE, frame(2), NAMES))[115:140].sum() < marks[115:140].sum()
 
 
-def test_names_are_as_near_to_the_pivots_of_long_rotors_as_of_short_ones() -> None:
+def test_the_distance_of_names_does_not_depend_on_the_length_of_rotors() -> None:
     short, long = (painted(draw_overlay(PICTURE, frame(None, each), NAMES)) for each in (40, 110))
     assert short[220:270].any()
     assert (short == long)[180:280].all()
 
 
 @pytest.mark.parametrize('rotor', [0.0, 1.25, 3.5])
-def test_a_wall_is_drawn_where_its_rotors_are(rotor: float) -> None:
+def test_a_wall_is_drawn_between_its_rotors(rotor: float) -> None:
     without = draw_overlay(PICTURE, frame(), NAMES)
     drawn = draw_overlay(PICTURE, frame(), NAMES, [WallMark(rotor, 0.02, 1)])
     changed = np.flatnonzero(np.any(drawn[125] != without[125], axis=1))
     assert changed.mean() == pytest.approx(100 * (1 + rotor), abs=1.5)
 
 
-def test_a_wall_without_place_and_a_frame_without_rotors_leave_the_picture() -> None:
+def test_walls_without_position_and_frames_without_rotors_draw_nothing() -> None:
     unplaced = WallMark(math.nan, math.nan, -1)
     assert (
         draw_overlay(PICTURE, frame(), NAMES, [unplaced]) == draw_overlay(PICTURE, frame(), NAMES)
     ).all()
     none = np.full((ROTORS, 2), np.nan)
-    nobody = AngleFrame(0.0, none[:, 0], none[:, 0], none, none, np.zeros((0, 2)), 'no markers')
-    grey = draw_overlay(PICTURE[..., 0], nobody, NAMES, [WallMark(1.0, 0.1, 1)])
+    empty = AngleFrame(0.0, none[:, 0], none[:, 0], none, none, np.zeros((0, 2)), 'no markers')
+    grey = draw_overlay(PICTURE[..., 0], empty, NAMES, [WallMark(1.0, 0.1, 1)])
     assert not painted(grey)[:250].any()

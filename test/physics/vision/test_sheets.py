@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Sheets to print: to scale, and a frame marker that is found in its picture."""
+"""Sheets are to scale, and printed frame markers are detected."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ pytest.importorskip('cv2', reason='the cells of frame markers come from OpenCV')
 CHAIN = Chain(number_of_rotors=8)
 
 
-def test_a_sheet_is_as_large_as_its_paper_and_a_chain_has_all_its_markers(tmp_path: Path) -> None:
+def test_sheets_have_the_size_of_the_paper_and_all_markers(tmp_path: Path) -> None:
     paths = write_sheets(MarkerLayout(CHAIN), tmp_path / 'markers.svg')
     texts = [path.read_text(encoding='utf-8') for path in paths]
     width = float(re.findall(r'<svg[^>]* width="([\d.]+)pt"', texts[0])[0])
@@ -28,13 +28,13 @@ def test_a_sheet_is_as_large_as_its_paper_and_a_chain_has_all_its_markers(tmp_pa
     assert len(paths) == len(MarkerLayout(CHAIN).frame_centres) + 1 + 1 + 1
 
 
-def test_what_does_not_fit_on_the_paper_is_said(tmp_path: Path) -> None:
+def test_markers_larger_than_the_paper_are_rejected(tmp_path: Path) -> None:
     layout = MarkerLayout(CHAIN, MarkerSettings(frame_marker_size=0.3))
     with pytest.raises(ValueError, match=r'frame markers of 390 mm do not fit on a4.*a3'):
         write_sheets(layout, tmp_path / 'markers.pdf')
 
 
-def test_printed_frame_markers_are_found_where_they_are() -> None:
+def test_frame_markers_define_the_plane() -> None:
     layout, film, _ = renderer(CHAIN)
     markers = FrameMarkers(layout, CAMERA)
     grey = film.picture(0.0)[..., 1].copy()

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Angles from pictures: the camera, the plane of a chain, its markers, dots and rotors.
+"""Angles from pictures: camera model, markers, dot fits, rotor identities and their errors.
 
-Pictures go in, angles and their standard deviations come out. OpenCV is imported when it is used.
+OpenCV and PyAV are optional, so modules import them on first use.
 """

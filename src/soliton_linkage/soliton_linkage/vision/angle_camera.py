@@ -1,13 +1,12 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Angles from pictures of a chain with markers.
+"""Measurement of angles in pictures of a chain with markers.
 
-The angle of a rotor is the direction from its pivot, the mean over all pictures, to the dot on its
-mass. The dot is at its mean place during the exposure of its row, so that
+The angle of a rotor is the direction from its pivot, a mean over all pictures, to the dot on its
+mass. The fitted centre of a moving dot is its mean over the exposure of its row. The frame has the
+time t, the middle of the exposure T of the mean row of the pivots. With the rate omega and the
+acceleration alpha from the last measurements, the angle at t is
 
-    phi(t) = phi_measured - alpha T^2 / 24 + omega (t - t_row) + alpha (t - t_row)^2 / 2
-
-at the time t of the frame, the middle of the exposure T of the mean row of the pivots, with the
-rate omega and acceleration alpha of the last sightings.
+    phi(t) = phi_measured - alpha T^2 / 24 + omega (t - t_row) + alpha (t - t_row)^2 / 2.
 """
 
 from __future__ import annotations
@@ -22,16 +21,16 @@ from soliton_linkage.vision.assignment import HIDDEN, assign_dots
 from soliton_linkage.vision.camera import Camera
 from soliton_linkage.vision.dot_errors import DotMeasurements, ErrorScale, RepeatDetector
 from soliton_linkage.vision.dots import Dots, find_dots
-from soliton_linkage.vision.frame_markers import FrameMarkers
+from soliton_linkage.vision.frame_markers import FEWEST_DOTS, FrameMarkers
 from soliton_linkage.vision.layout import DOT_SHARE, MarkerLayout
 from soliton_linkage.vision.opencv import Picture, opencv
 from soliton_linkage.vision.plane import ChainPlane
 from soliton_linkage.vision.rotor_tracks import Pivots, RotorTracks
 
-_SLACK = 0.7
-"""Standard deviation of distances of dots in the identification [pixels]."""
-_LEAST_RADIUS = 1.5
-"""Least radius of a dot that can be fitted [pixels]."""
+_DOT_DEVIATION = 0.7
+"""Standard deviation of the distances of dots in the assignment [pixels]."""
+_MIN_RADIUS = 1.5
+"""Smallest radius of a dot that can be fitted [pixels]."""
 
 
 @dataclass(frozen=True)
@@ -39,7 +38,7 @@ class AngleFrame:
     """Measurement of N rotors in a picture, NaN for hidden ones."""
 
     delay: float
-    """Time from the begin of the picture to the angles [s]."""
+    """Time from the start of the picture to the angles [s]."""
     angles: Array
     """Actual angles, unwrapped [rad], shape (N,)."""
     deviations: Array
@@ -51,7 +50,7 @@ class AngleFrame:
     frame_dots: Array
     """Dots of the frame markers [pixels], shape (K, 2)."""
     status: str
-    """Reason why rotors are hidden, empty if none are."""
+    """Reason why rotors are hidden; empty if all are visible."""
 
     @property
     def seen(self) -> int:
@@ -60,7 +59,7 @@ class AngleFrame:
 
 
 def hidden_frame(rotors: int, delay: float, status: str) -> AngleFrame:
-    """Return a frame in which so many rotors are hidden, with the reason."""
+    """Return a frame in which all rotors are hidden, with the reason."""
     none = np.full(rotors, np.nan)
     nowhere = np.full((rotors, 2), np.nan)
     return AngleFrame(delay, none, none.copy(), nowhere, nowhere.copy(), np.zeros((0, 2)), status)
@@ -71,8 +70,8 @@ def check_picture(camera: Camera, picture: Picture) -> None:
     size = (camera.height, camera.width)
     if picture.dtype != np.uint8 or picture.shape not in (size, (*size, 3)):
         raise ValueError(
-            f'a picture of {picture.dtype} and shape {picture.shape} is none of the camera, '
-            f'whose have uint8 and shape {size} or {(*size, 3)}'
+            f'picture of {picture.dtype} and shape {picture.shape} does not match the camera, '
+            f'which needs uint8 and shape {size} or {(*size, 3)}; check the calibration file'
         )
 
 
@@ -83,8 +82,8 @@ class AngleCamera:
         self.frame_markers = FrameMarkers(layout, camera)
         self.pivots = Pivots(layout)
         self.tracks = RotorTracks(layout)
-        self.error_scale = ErrorScale(layout.chain.number_of_rotors)
-        self.repeats = RepeatDetector()
+        self._error_scale = ErrorScale(layout.chain.number_of_rotors)
+        self._repeats = RepeatDetector()
         self._before = 0.0
         self._layout, self._camera = layout, camera
         self._rotors = layout.chain.number_of_rotors
@@ -94,53 +93,54 @@ class AngleCamera:
     def measure(self, time: float, picture: Picture) -> AngleFrame:
         """Return the angles in a picture whose exposure began at a time [s].
 
-        Pictures come in the order of their times. Raises ValueError for another size.
+        The times must increase. Raises ValueError if the picture does not have the size of the
+        camera.
         """
         check_picture(self._camera, picture)
         cv2 = opencv()
         grey = picture if picture.ndim == 2 else cv2.cvtColor(picture, cv2.COLOR_BGR2GRAY)
         if not self.frame_markers.update(grey):
-            return self._nothing(
-                f'{self.frame_markers.seen} dots of frame markers are seen, and 6 or more are '
-                'needed; show two markers or more, whole, sharp and lit'
+            return self._hidden(
+                f'{self.frame_markers.seen} dots of frame markers are visible, and {FEWEST_DOTS} '
+                'are needed; show two markers or more, whole, sharp and well lit'
             )
         plane = self.frame_markers.plane
         assert plane is not None
-        radius = self._learn(plane)
-        if radius < _LEAST_RADIUS:
-            return self._nothing(
-                f'dots have a radius of {radius:.1f} pixels, too few to be found; go nearer, or '
-                'film with more pixels'
+        radius = self._adopt(plane)
+        if radius < _MIN_RADIUS:
+            return self._hidden(
+                f'dots have a radius of {radius:.1f} pixels, and {_MIN_RADIUS} are needed; move '
+                'the camera closer, or record more pixels'
             )
-        dots = self._dots(time, grey, picture, plane)
-        where = plane.points(np.stack([dots.places] * 2), self._layout.heights[:2, None])
-        self.pivots.update(where, dots.colour_costs)
+        dots = self._find_dots(time, grey, picture, plane)
+        points = plane.points(np.stack([dots.centres] * 2), self._layout.heights[:2, None])
+        self.pivots.update(points, dots.colour_costs)
         if not self.pivots.known.any():
-            return self._nothing(
-                f'{self.pivots.found} black dots have been seen in a row for {self._rotors} '
+            return self._hidden(
+                f'{self.pivots.candidates} black dots are visible in a row for {self._rotors} '
                 'pivots; uncover the others, and check chain.spacing'
             )
-        return self._frame(time, grey, plane, dots, where)
+        return self._frame(time, grey, plane, dots, points)
 
     def _frame(
-        self, time: float, grey: Picture, plane: ChainPlane, dots: Dots, where: Array
+        self, time: float, grey: Picture, plane: ChainPlane, dots: Dots, points: Array
     ) -> AngleFrame:
         times = self._times(time, self._expected_pixels)
-        pivots = np.where(self.pivots.known[:, None], self.pivots.places, np.nan)
-        expected = self.tracks.expected(times, pivots, _SLACK * self._metres)
-        spread = np.full(len(dots.places), _SLACK * self._metres)
-        chosen = assign_dots(where, spread, dots.colour_costs, expected)
+        pivots = np.where(self.pivots.known[:, None], self.pivots.positions, np.nan)
+        predicted = self.tracks.predict(times, pivots, _DOT_DEVIATION * self._metres)
+        deviations = np.full(len(dots.centres), _DOT_DEVIATION * self._metres)
+        chosen = assign_dots(points, deviations, dots.colour_costs, predicted)
         seen = chosen != HIDDEN
         masses, pixels = np.full((2, self._rotors, 2), np.nan)
-        masses[seen] = where[self._parity[seen], chosen[seen]]
-        pixels[seen] = dots.places[chosen[seen]]
-        arms = masses - self.pivots.places
+        masses[seen] = points[self._parity[seen], chosen[seen]]
+        pixels[seen] = dots.centres[chosen[seen]]
+        arms = masses - self.pivots.positions
         times = self._times(time, np.where(seen[:, None], pixels, self._pivot_pixels))
-        angles = self.tracks.unwrapped(times, np.arctan2(arms[:, 0], arms[:, 1]))
-        self.tracks.take(times, angles)
-        repeated = self.repeats.compare(grey, pixels, self._radius / DOT_SHARE)
-        radial, turning = np.full((2, self._rotors), np.nan)
-        radial[seen], turning[seen] = self._pixel_errors(
+        angles = self.tracks.unwrap(times, np.arctan2(arms[:, 0], arms[:, 1]))
+        self.tracks.add_angles(times, angles)
+        repeated = self._repeats.compare(grey, pixels, self._radius / DOT_SHARE)
+        radial, tangential = np.full((2, self._rotors), np.nan)
+        radial[seen], tangential[seen] = self._pixel_errors(
             plane, seen, pixels[seen], dots.covariances[chosen[seen]], arms[seen]
         )
         rates, accelerations, rate_errors = self.tracks.motion()
@@ -148,21 +148,26 @@ class AngleCamera:
         blurred = accelerations * self._camera.exposure**2 / 24
         at_stamp = angles - blurred + rates * since + accelerations * since**2 / 2
         lengths = np.hypot(arms[:, 0], arms[:, 1])
-        errors = self.tracks.length_errors(lengths) / radial
         steps = lengths / self._metres
-        ways = np.abs(rates) * (time - self._before) * steps
-        self._before = time
-        stamp = time + self._delay
-        factors = self.error_scale.update(
-            DotMeasurements(stamp, at_stamp, turning, errors, steps, ways, repeated)
+        factors = self._error_scale.update(
+            DotMeasurements(
+                time + self._delay,
+                at_stamp,
+                tangential,
+                self.tracks.length_errors(lengths) / radial,
+                steps,
+                np.abs(rates) * (time - self._before) * steps,
+                repeated,
+            )
         )
-        self.tracks.measure(self.pivots.places, np.where(repeated[:, None], np.nan, masses))
-        deviations = np.hypot(factors * turning, rate_errors * since)
+        self._before = time
+        self.tracks.add_lengths(self.pivots.positions, np.where(repeated[:, None], np.nan, masses))
+        deviations = np.hypot(factors * tangential, rate_errors * since)
         hidden = int(self._rotors - seen.sum())
         status = f'{hidden} of {self._rotors} rotors are hidden' if hidden else ''
         known = np.where(self.pivots.known[:, None], self._pivot_pixels, np.nan)
-        of_frame = self.frame_markers.places
-        return AngleFrame(self._delay, at_stamp, deviations, pixels, known, of_frame, status)
+        frame_dots = self.frame_markers.centres
+        return AngleFrame(self._delay, at_stamp, deviations, pixels, known, frame_dots, status)
 
     def _pixel_errors(
         self,
@@ -179,33 +184,35 @@ class AngleCamera:
         lengths = np.hypot(arms[:, 0], arms[:, 1])
         outwards = arms / lengths[:, None]
         across = np.stack([outwards[:, 1], -outwards[:, 0]], axis=1)
-        radial, turning = (
-            np.sqrt(np.einsum('ni,nij,nj->n', way, covariances, way)) for way in (outwards, across)
+        radial, tangential = (
+            np.sqrt(np.einsum('ni,nij,nj->n', axis, covariances, axis))
+            for axis in (outwards, across)
         )
-        return radial, turning / lengths
+        return radial, tangential / lengths
 
-    def _dots(self, time: float, grey: Picture, picture: Picture, plane: ChainPlane) -> Dots:
-        """Return the dots of the picture, each fitted with the way of the nearest expected one."""
-        angles, _ = self.tracks.predicted(np.full(self._rotors, time + self._delay))
+    def _find_dots(self, time: float, grey: Picture, picture: Picture, plane: ChainPlane) -> Dots:
+        """Return the dots, each fitted with the motion smear of the nearest predicted dot."""
+        angles, _ = self.tracks.predict_angles(np.full(self._rotors, time + self._delay))
         rates, _, _ = self.tracks.motion()
-        arms = self.tracks.lengths[:, None] * np.column_stack([np.sin(angles), np.cos(angles)])
-        expected = plane.pixels(self.pivots.places + arms, self._layout.heights)
-        turned = angles + rates * self._camera.exposure / 2
-        ends = self.tracks.lengths[:, None] * np.column_stack([np.sin(turned), np.cos(turned)])
-        ways = 2 * (plane.pixels(self.pivots.places + ends, self._layout.heights) - expected)
-        self._expected_pixels = expected
-        places = np.concatenate([expected, self._pivot_pixels])
-        smears = np.concatenate([ways, np.zeros_like(ways)])
-        heights = np.concatenate([self._layout.heights] * 2)
-        outlines = plane.metres_per_pixel(places, heights) / self._layout.dot_radius
-        dots = find_dots(grey, picture, self._region, places, outlines, smears)
-        return replace(dots, places=plane.circle_centres(dots.places, self._layout.dot_radius))
 
-    def _learn(self, plane: ChainPlane) -> float:
-        """Adopt a plane; return the usual radius of dots in it [pixels]."""
+        def mass_pixels(turned: Array) -> Array:
+            arms = self.tracks.lengths[:, None] * np.column_stack([np.sin(turned), np.cos(turned)])
+            return plane.pixels(self.pivots.positions + arms, self._layout.heights)
+
+        expected = self._expected_pixels = mass_pixels(angles)
+        smears = 2 * (mass_pixels(angles + rates * self._camera.exposure / 2) - expected)
+        starts = np.concatenate([expected, self._pivot_pixels])
+        smears = np.concatenate([smears, np.zeros_like(smears)])
+        heights = np.concatenate([self._layout.heights] * 2)
+        outlines = plane.metres_per_pixel(starts, heights) / self._layout.dot_radius
+        dots = find_dots(grey, picture, self._region, starts, outlines, smears)
+        return replace(dots, centres=plane.circle_centres(dots.centres, self._layout.dot_radius))
+
+    def _adopt(self, plane: ChainPlane) -> float:
+        """Update everything that depends on the plane; return the radius of dots [pixels]."""
         if plane is not self._known:
             self._known = plane
-            self._pivot_pixels = plane.pixels(self.pivots.places, self._layout.heights)
+            self._pivot_pixels = plane.pixels(self.pivots.positions, self._layout.heights)
             self._delay = self._camera.exposure / 2
             self._delay += self._camera.row_time * float(self._pivot_pixels[:, 1].mean())
             (low_x, low_z), (high_x, high_z) = self._layout.bounds
@@ -216,7 +223,7 @@ class AngleCamera:
             low = np.clip(np.floor(box.min(axis=0)), 0, limits - 1).astype(int)
             high = np.clip(np.ceil(box.max(axis=0)) + 1, low + 1, limits).astype(int)
             self._region = (int(low[0]), int(low[1]), int(high[0]), int(high[1]))
-            scale = float(np.median(plane.pixels_per_metre(self.pivots.places)))
+            scale = float(np.median(plane.pixels_per_metre(self.pivots.positions)))
             self._metres = 1 / scale
             self._radius = self._layout.dot_radius * scale
         return self._radius
@@ -226,7 +233,7 @@ class AngleCamera:
         camera = self._camera
         return np.asarray(time + camera.exposure / 2 + camera.row_time * pixels[:, 1])
 
-    def _nothing(self, status: str) -> AngleFrame:
+    def _hidden(self, status: str) -> AngleFrame:
         delay = self._camera.exposure / 2 + self._camera.row_time * self._camera.height / 2
-        dots = self.frame_markers.places
+        dots = self.frame_markers.centres
         return replace(hidden_frame(self._rotors, delay, status), frame_dots=dots)

@@ -1,13 +1,13 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A camera: where a ray of light ends in its picture, and when; calibration by a chessboard.
+"""Camera model, its exposure times, and calibration with a chessboard.
 
-A ray (x, y, 1) in the camera's frame, x right, y down, z ahead, is moved by the lens to
+The lens maps a ray (x, y, 1) in the camera's frame (x right, y down, z ahead) to
 
     x' = x R(q) + 2 p1 x y + p2 (q + 2 x^2),   y' = y R(q) + p1 (q + 2 y^2) + 2 p2 x y,
     q = x^2 + y^2,   R = (1 + k1 q + k2 q^2 + k3 q^3) / (1 + k4 q + k5 q^2 + k6 q^3),
 
-and ends at the pixel (fx x' + cx, fy y' + cy); the centre of the first pixel is (0, 0). These are
-the models `plumb_bob` and `rational_polynomial` of sensor_msgs/CameraInfo. OpenCV computes them.
+and the pixel is (fx x' + cx, fy y' + cy). The centre of the first pixel is (0, 0). These are the
+models `plumb_bob` and `rational_polynomial` of sensor_msgs/CameraInfo, computed by OpenCV.
 """
 
 from __future__ import annotations
@@ -21,24 +21,23 @@ import numpy as np
 from soliton_linkage.linkage.chain import Array
 from soliton_linkage.vision.opencv import Picture, opencv
 
-_MOST_PIXELS = 32_768
-"""Largest side of a picture [pixels]: no sensor has more."""
+_MAX_PIXELS = 32_768
+"""Largest side of a picture [pixels], more than any sensor has."""
 _COEFFICIENTS = 8
-"""Coefficients of the fullest model [1], k1 k2 p1 p2 k3 k4 k5 k6; fewer are the first ones."""
-_ITERATIONS, _EXACT = 50, 1e-6
-"""Iterations of the inverse lens at most [1], and the error at which they end [pixels]. OpenCV's
-default of 5 iterations leaves 0.01 pixels of a phone's lens and 0.8 of a wide one."""
-_FEWEST_PICTURES = 3
-"""Pictures that separate focal lengths from distortion [1]."""
-_MOST_PICTURES = 60
-"""Pictures that are used [1]: more take long and add nothing."""
-_LEAST_MOVE = 0.02
-"""Least move of the mean corner between two used pictures, over the width [1]."""
+"""Number of distortion coefficients of the model rational_polynomial [1]."""
+_MAX_ITERATIONS, _TOLERANCE = 50, 1e-6
+"""Limits of the inverse lens iteration [1], [pixels]. OpenCV's default of 5 iterations leaves
+an error of 0.01 pixels for the lens of a phone and 0.8 pixels for a wide-angle lens."""
+_MIN_PICTURES, _MAX_PICTURES = 3, 60
+"""Numbers of calibration pictures [1]: fewer do not separate focal lengths from distortion, and
+more increase the computing time but not the accuracy."""
+_MIN_MOVE = 0.02
+"""Smallest mean displacement of the corners between two used pictures, over the width [1]."""
 
 
 @dataclass(frozen=True)
 class Camera:
-    """Intrinsics of a camera, and when it exposes; raises ValueError if they are invalid."""
+    """Intrinsics and exposure of a camera; raises ValueError for invalid values."""
 
     width: int
     """Width of the picture [pixels]."""
@@ -49,47 +48,47 @@ class Camera:
     centre: tuple[float, float]
     """cx and cy [pixels]."""
     distortion: tuple[float, ...] = ()
-    """k1, k2, p1, p2, k3, k4, k5, k6, as many as there are [1]."""
+    """First coefficients of k1, k2, p1, p2, k3, k4, k5, k6 [1]; the others are 0."""
     row_time: float = 0.0
-    """Time from the exposure of a row to that of the next [s]; 0 for a global shutter."""
+    """Delay between the exposures of consecutive rows [s]; 0 for a global shutter."""
     exposure: float = 0.0
-    """Exposure of each row [s]; 0 if it is unknown."""
+    """Exposure time of a row [s]; 0 if it is unknown."""
 
     def __post_init__(self) -> None:
         """Reject impossible values."""
         for name in ('width', 'height'):
             pixels = getattr(self, name)
-            if not 1 <= pixels <= _MOST_PIXELS:
+            if not 1 <= pixels <= _MAX_PIXELS:
                 raise ValueError(
-                    f'camera {name} = {pixels} must lie in the range 1 to {_MOST_PIXELS} pixels'
+                    f'camera {name} = {pixels} must lie in the range 1 to {_MAX_PIXELS} pixels'
                 )
         numbers = (*self.focal, *self.centre, *self.distortion, self.row_time, self.exposure)
         if not all(math.isfinite(number) for number in numbers):
-            raise ValueError('the camera has a number that is not finite; calibrate it again')
+            raise ValueError('a parameter of the camera is not finite; calibrate the camera again')
         if min(self.focal) <= 0:
             raise ValueError(f'focal lengths {self.focal} must be above 0 pixels')
         if len(self.distortion) > _COEFFICIENTS:
             raise ValueError(
-                f'{len(self.distortion)} coefficients of distortion are more than the '
-                f'{_COEFFICIENTS} of rational_polynomial; calibrate with fewer'
+                f'{len(self.distortion)} distortion coefficients exceed the {_COEFFICIENTS} of '
+                'rational_polynomial; calibrate with fewer'
             )
         if min(self.row_time, self.exposure) < 0:
             raise ValueError('row_time and exposure of a camera must be 0 s or more')
 
     def rays(self, pixels: Array) -> Array:
-        """Return the rays (x, y) that end at pixels, shape (..., 2)."""
+        """Return the rays (x, y) of pixels, shape (..., 2)."""
         if not any(self.distortion) or not np.size(pixels):
             return np.asarray((pixels - np.array(self.centre)) / self.focal)
         cv2 = opencv()
-        criteria = cv2.TERM_CRITERIA_COUNT + cv2.TERM_CRITERIA_EPS, _ITERATIONS, _EXACT
-        # The function with criteria has a name of its own before OpenCV 5.
+        criteria = cv2.TERM_CRITERIA_COUNT + cv2.TERM_CRITERIA_EPS, _MAX_ITERATIONS, _TOLERANCE
+        # Before OpenCV 5 the function with termination criteria has another name.
         undistort = getattr(cv2, 'undistortPointsIter', cv2.undistortPoints)
         points = np.ascontiguousarray(pixels, dtype=np.float64).reshape(-1, 1, 2)
         rays = undistort(points, *self._lens(), R=None, P=None, criteria=criteria)
         return np.asarray(rays).reshape(np.shape(pixels))
 
     def pixels(self, rays: Array) -> Array:
-        """Return the pixels at which rays (x, y) end, shape (..., 2)."""
+        """Return the pixels of rays (x, y), shape (..., 2)."""
         if not any(self.distortion) or not np.size(rays):
             return np.asarray(rays * np.array(self.focal) + self.centre)
         points = np.insert(np.reshape(rays, (-1, 1, 2)), 2, 1.0, axis=2)
@@ -97,7 +96,7 @@ class Camera:
         return np.asarray(pixels).reshape(np.shape(rays))
 
     def _lens(self) -> tuple[Array, Array]:
-        """Return the camera matrix and the coefficients of distortion of OpenCV."""
+        """Return the camera matrix and the distortion coefficients for OpenCV."""
         (fx, fy), (cx, cy) = self.focal, self.centre
         distortion = np.zeros(_COEFFICIENTS)
         distortion[: len(self.distortion)] = self.distortion
@@ -105,7 +104,7 @@ class Camera:
 
 
 def uncalibrated_camera(width: int, height: int) -> Camera:
-    """Return a camera without distortion of which only the size of its pictures is known."""
+    """Return a camera without distortion for pictures of a size [pixels]."""
     focal = float(max(width, height))
     return Camera(width, height, (focal, focal), ((width - 1) / 2, (height - 1) / 2))
 
@@ -116,15 +115,16 @@ class Calibration:
 
     camera: Camera
     misfit: float
-    """Root mean square distance of corners from those of the model [pixels]."""
+    """Root mean square reprojection error of the corners [pixels]."""
     pictures: int
-    """Number of pictures of the board that were used."""
+    """Number of used pictures."""
 
 
 def calibrate(pictures: Iterable[Picture], columns: int, rows: int, square: float) -> Calibration:
-    """Calibrate a camera by pictures of a board of so many inner corners and squares [m].
+    """Calibrate a camera with pictures of a chessboard with squares of a side [m].
 
-    Raises ValueError if too few pictures show the board, or their sizes differ.
+    The board has `columns` x `rows` inner corners. Raises ValueError if fewer than 3 pictures
+    show the board, or if the sizes of the pictures differ.
     """
     found: list[Array] = []
     size: tuple[int, int] | None = None
@@ -132,20 +132,20 @@ def calibrate(pictures: Iterable[Picture], columns: int, rows: int, square: floa
         height, width = picture.shape[:2]
         if size not in (None, (width, height)):
             raise ValueError(
-                f'a picture of {width} x {height} pixels is not of the size of the first; '
-                'calibrate with pictures of one size'
+                f'a picture has {width} x {height} pixels and the first one {size}; use pictures '
+                'of one size'
             )
         size = width, height
         corners = _chessboard_corners(picture, columns, rows)
         moved = np.inf if corners is None or not found else np.hypot(*(corners - found[-1]).T)
-        if corners is not None and np.mean(moved) >= _LEAST_MOVE * width:
+        if corners is not None and np.mean(moved) >= _MIN_MOVE * width:
             found.append(corners)
-        if len(found) == _MOST_PICTURES:
+        if len(found) == _MAX_PICTURES:
             break
-    if size is None or len(found) < _FEWEST_PICTURES:
+    if size is None or len(found) < _MIN_PICTURES:
         raise ValueError(
-            f'{len(found)} pictures show a board of {columns} x {rows} inner corners, and '
-            f'{_FEWEST_PICTURES} or more are needed; show it whole, tilted differently in each'
+            f'{len(found)} pictures show the whole board of {columns} x {rows} inner corners, and '
+            f'{_MIN_PICTURES} or more are needed; tilt the board differently in each picture'
         )
     across, down = np.meshgrid(np.arange(columns), np.arange(rows))
     board = square * np.column_stack([across.ravel(), down.ravel(), np.zeros(columns * rows)])
@@ -166,7 +166,7 @@ def calibrate(pictures: Iterable[Picture], columns: int, rows: int, square: floa
 
 
 def _chessboard_corners(picture: Picture, columns: int, rows: int) -> Array | None:
-    """Return the inner corners of a chessboard [pixels], (columns rows, 2); None without one."""
+    """Return the inner corners of a chessboard [pixels], (columns rows, 2), or None."""
     cv2 = opencv()
     grey = picture if picture.ndim == 2 else cv2.cvtColor(picture, cv2.COLOR_BGR2GRAY)
     found, corners = cv2.findChessboardCornersSB(grey, (columns, rows), cv2.CALIB_CB_EXHAUSTIVE)

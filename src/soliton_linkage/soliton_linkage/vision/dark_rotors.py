@@ -1,13 +1,13 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Angles without markers: dark rotors that do not touch each other, on a light ground.
+"""Measurement of angles without markers: separate dark rotors on a light background.
 
-The second moments of a rotor's darkness define its middle and length, a fitted line its axis. The
-ends in a row are the pivots; from there the axis leads to the mass. The camera faces the chain,
-rotor 0 on the left. Bonds are thinner than the rotors.
+The second moments of the darkness of a rotor define its middle and length, and a fitted line
+defines its axis. The ends that lie on one line are the pivots; the other ends are the masses. The
+camera faces the chain with rotor 0 on the left, and bonds are thinner than rotors.
 
-The stated deviation is that of the noise of pixels, scaled by the ratio of the measured changes of
-rotors' lengths to those by that noise, because bonds along a rotor, pixels and compression turn a
-rotor as much as they lengthen it.
+The stated deviation is the deviation by pixel noise, times the observed changes of rotor lengths
+over the changes by pixel noise. The reason is that bonds along a rotor, pixels and compression
+turn a rotor as much as they lengthen it.
 """
 
 from __future__ import annotations
@@ -25,24 +25,23 @@ from soliton_linkage.vision.layout import MarkerLayout
 from soliton_linkage.vision.opencv import Picture, opencv
 from soliton_linkage.vision.rotor_tracks import RotorTracks
 
-_LEAST_SHARE = 0.4
-"""Least area of a rotor over the usual one [1]: parts of hidden rotors are smaller."""
-_LARGEST_SHARE = 1.8
-"""Largest area of a rotor over the usual one [1]: two that touch are larger."""
-_LEAST_LENGTH = 2.0
-"""Least length of a rotor over its width [1], so that its axis is defined."""
-_BESIDE = 0.35
-"""Largest move of a pivot since the first picture, over the spacing [1]."""
-_TURNS = 3
-"""Iterations of directions [1]: each change is a tenth of the one before, or less."""
-_ALIKE = 1e-3
-"""Relative variation of heights of arms below which it does not define their length [1]."""
-_LEAST_NOISE = 0.3
-"""Least noise of a pixel, that of rounding [grey levels]."""
-_MOST_AVERAGED = 1000
-"""Most pictures in the mean of a length [1]."""
-_FEWEST_PIXELS = 12
-"""Least area of a rotor [pixels]."""
+_AREA_RANGE = (0.4, 1.8)
+"""Range of the area of a rotor over the median [1]: hidden parts are smaller, and two touching
+rotors are larger."""
+_MIN_ASPECT = 2.0
+"""Smallest length of a rotor over its width [1], so that its axis is defined."""
+_MAX_PIVOT_SHIFT = 0.35
+"""Largest shift of a pivot since the first picture, over the spacing [1]."""
+_ITERATIONS = 3
+"""Iterations of directions [1]; each one reduces the change tenfold or more."""
+_RANK_TOLERANCE = 1e-3
+"""Relative variation of the heights of arms below which their length is not fitted [1]."""
+_MIN_NOISE = 0.3
+"""Smallest noise of a pixel, caused by rounding [grey levels]."""
+_MAX_MEASUREMENTS = 1000
+"""Largest number of pictures in the mean of a length [1]."""
+_MIN_AREA = 12
+"""Smallest area of a rotor [pixels]."""
 
 
 @dataclass(frozen=True)
@@ -52,7 +51,7 @@ class _Bars:
     middles: Array
     halves: Array
     deviations: Array
-    """Standard deviations of directions [rad] and of half lengths [pixels], shape (K, 2)."""
+    """Standard deviations of directions [rad] and half lengths [pixels], shape (K, 2)."""
 
 
 class DarkRotors:
@@ -63,13 +62,13 @@ class DarkRotors:
         self._camera = camera
         self._rotors = layout.chain.number_of_rotors
         self._pivots: Array | None = None
-        self._lengths, self._seen = np.zeros((2, self._rotors))
-        self._scatter = FadingMeanSquare()
+        self._lengths, self._counts = np.zeros((2, self._rotors))
+        self._length_errors = FadingMeanSquare()
 
     def measure(self, time: float, picture: Picture) -> AngleFrame:
         """Return the angles in a picture whose exposure began at a time [s].
 
-        Raises ValueError for another size than that of the camera's pictures.
+        Raises ValueError if the picture does not have the size of the camera.
         """
         check_picture(self._camera, picture)
         cv2 = opencv()
@@ -80,10 +79,10 @@ class DarkRotors:
             return hidden_frame(
                 self._rotors,
                 delay,
-                f'{len(bars.middles)} dark rotors are seen for {self._rotors}; uncover all of '
-                'them, and light the ground behind them evenly',
+                f'the picture shows {len(bars.middles)} of {self._rotors} dark rotors; uncover '
+                'all of them, and light the background evenly',
             )
-        pivots, arms, along = _upright(bars)
+        pivots, arms, along = _find_pivots(bars)
         if self._pivots is None:
             self._pivots = pivots[np.argsort(pivots @ along)]
         return self._frame(time + delay, delay, bars, pivots, arms, along)
@@ -95,71 +94,73 @@ class DarkRotors:
         apart = np.hypot(*(pivots[:, None] - self._pivots).transpose(2, 0, 1))
         spacing = np.hypot(*(self._pivots[-1] - self._pivots[0])) / max(self._rotors - 1, 1)
         rotors = np.argmin(apart, axis=1)
-        near = apart[np.arange(len(rotors)), rotors] < _BESIDE * spacing
+        near = apart[np.arange(len(rotors)), rotors] < _MAX_PIVOT_SHIFT * spacing
         up = np.array([along[1], -along[0]])
         angles, deviations = np.full((2, self._rotors), np.nan)
         masses = np.full((self._rotors, 2), np.nan)
         angles[rotors[near]] = np.arctan2(arms[near] @ along, arms[near] @ up)
-        factor = self._factor(rotors[near], bars, near)
+        factor = self._error_factor(rotors[near], bars, near)
         deviations[rotors[near]] = factor * bars.deviations[near, 0]
         masses[rotors[near]] = pivots[near] + arms[near]
         times = np.full(self._rotors, time)
-        turned = self.tracks.unwrapped(times, angles)
-        self.tracks.take(times, turned)
+        turned = self.tracks.unwrap(times, angles)
+        self.tracks.add_angles(times, turned)
         hidden = int(np.isnan(turned).sum())
         status = f'{hidden} of {self._rotors} rotors are hidden' if hidden else ''
         none = np.zeros((0, 2))
         return AngleFrame(delay, turned, deviations, masses, self._pivots.copy(), none, status)
 
-    def _factor(self, rotors: NDArray[np.intp], bars: _Bars, which: NDArray[np.bool_]) -> float:
-        """Return the ratio of errors to those by noise, from changes of rotors' lengths [1]."""
+    def _error_factor(
+        self, rotors: NDArray[np.intp], bars: _Bars, which: NDArray[np.bool_]
+    ) -> float:
+        """Return the ratio of errors to the errors by pixel noise, from rotor lengths [1]."""
         lengths = np.hypot(*bars.halves[which].T)
-        known = self._seen[rotors] > 0
+        known = self._counts[rotors] > 0
         errors = (lengths - self._lengths[rotors]) / bars.deviations[which, 1]
-        self._scatter.take(errors[known])
-        self._seen[rotors] = np.minimum(self._seen[rotors] + 1, _MOST_AVERAGED)
-        self._lengths[rotors] += (lengths - self._lengths[rotors]) / self._seen[rotors]
-        return float(np.sqrt(self._scatter.square()))
+        self._length_errors.add(errors[known])
+        self._counts[rotors] = np.minimum(self._counts[rotors] + 1, _MAX_MEASUREMENTS)
+        self._lengths[rotors] += (lengths - self._lengths[rotors]) / self._counts[rotors]
+        return float(np.sqrt(self._length_errors.value()))
 
 
 def _bars(grey: Picture) -> _Bars:
-    """Return the dark bars in a picture without thinner objects."""
+    """Return the dark bars in a picture; thinner objects are removed."""
     cv2 = opencv()
     level, mask = cv2.threshold(grey, 0, 255, cv2.THRESH_BINARY_INV + cv2.THRESH_OTSU)
     thin = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (3, 3))
     mask = cv2.morphologyEx(mask, cv2.MORPH_OPEN, thin)
-    _, labels, figures, _ = cv2.connectedComponentsWithStats(mask, connectivity=4)
-    areas = figures[1:, cv2.CC_STAT_AREA]
-    of_size = areas >= _FEWEST_PIXELS
-    usual = float(np.median(areas[of_size])) if of_size.any() else 0.0
-    of_size &= (areas > _LEAST_SHARE * usual) & (areas < _LARGEST_SHARE * usual)
+    _, labels, statistics, _ = cv2.connectedComponentsWithStats(mask, connectivity=4)
+    areas = statistics[1:, cv2.CC_STAT_AREA]
+    valid = areas >= _MIN_AREA
+    median = float(np.median(areas[valid])) if valid.any() else 0.0
+    valid &= (areas > _AREA_RANGE[0] * median) & (areas < _AREA_RANGE[1] * median)
     noise = float(np.median(np.abs(np.diff(grey[::7].astype(float), axis=1)))) / 0.954
     found = [
         bar
-        for number in np.flatnonzero(of_size)
-        if (bar := _bar(grey, labels, figures[number + 1], int(number) + 1, level, noise))
-        is not None
+        for label in (np.flatnonzero(valid) + 1).tolist()
+        if (bar := _bar(grey, labels, statistics[label], label, level, noise)) is not None
     ]
-    parts = [np.array(part) for part in zip(*found, strict=True)] if found else []
-    return _Bars(*parts) if parts else _Bars(np.zeros((0, 2)), np.zeros((0, 2)), np.zeros((0, 2)))
+    if not found:
+        return _Bars(np.zeros((0, 2)), np.zeros((0, 2)), np.zeros((0, 2)))
+    return _Bars(*(np.array(part) for part in zip(*found, strict=True)))
 
 
 def _bar(
     grey: Picture,
     labels: NDArray[np.int32],
-    figure: Array,
-    number: int,
+    statistics: Array,
+    label: int,
     level: float,
     noise: float,
 ) -> tuple[Array, Array, Array] | None:
-    """Return middle, half length [pixels] and deviations of a dark bar; None if it is no rotor.
+    """Return the middle, half length [pixels] and deviations of a dark bar; None if it is round.
 
-    The weight of a pixel is its darkness below a level, above which a bond alone is.
+    The weight of a pixel is its darkness below the grey level.
     """
-    left, top, width, height = (int(each) for each in figure[:4])
+    left, top, width, height = (int(each) for each in statistics[:4])
     rows = slice(max(top - 2, 0), top + height + 2)
     columns = slice(max(left - 2, 0), left + width + 2)
-    own = opencv().dilate((labels[rows, columns] == number).astype(np.uint8), np.ones((3, 3)))
+    own = opencv().dilate((labels[rows, columns] == label).astype(np.uint8), np.ones((3, 3)))
     weights = np.where(own > 0, np.maximum(level - grey[rows, columns], 0.0), 0.0)
     y, x = np.nonzero(weights)
     w = weights[y, x]
@@ -168,22 +169,22 @@ def _bar(
     middle = w @ points / total
     away = points - middle
     moments, axes = np.linalg.eigh((away * w[:, None]).T @ away / total)
-    if moments[1] < _LEAST_LENGTH**2 * max(moments[0], 1e-9):
+    if moments[1] < _MIN_ASPECT**2 * max(moments[0], 1e-9):
         return None
     half, width = np.sqrt(3 * moments[1]), np.sqrt(12 * moments[0])
-    direction, turning = _axis(away, w, axes[:, 1], half - width / 2)
+    direction, turning = _fit_axis(away, w, axes[:, 1], half - width / 2)
     longer = (away @ axes[:, 1]) ** 2 - moments[1]
     lengthening = 1.5 * float(np.sqrt(np.sum(longer**2))) / (half * total)
-    return middle, direction * half, max(noise, _LEAST_NOISE) * np.array([turning, lengthening])
+    return middle, direction * half, max(noise, _MIN_NOISE) * np.array([turning, lengthening])
 
 
-def _axis(points: Array, weights: Array, axis: Array, reach: float) -> tuple[Array, float]:
-    """Return the direction of a line through points (P, 2), and its error by unit noise [rad].
+def _fit_axis(points: Array, weights: Array, axis: Array, reach: float) -> tuple[Array, float]:
+    """Return the direction of a line through points (P, 2), and its error per unit noise [rad].
 
-    The weights of this least-squares fit taper off to the reach along the axis, so that no pixel
-    enters or leaves abruptly as the rotor turns, and ends, where bonds begin, count little.
+    The weights of this least-squares fit taper off to zero at the reach along the axis. So pixels
+    do not enter or leave abruptly when the rotor turns, and the ends with the bonds count little.
     """
-    for _ in range(_TURNS):
+    for _ in range(_ITERATIONS):
         normal = np.array([-axis[1], axis[0]])
         taper = np.maximum(1 - (points @ axis / reach) ** 2, 0.0)
         inner = taper * weights
@@ -195,23 +196,24 @@ def _axis(points: Array, weights: Array, axis: Array, reach: float) -> tuple[Arr
     return axis, float(np.sqrt(np.sum((taper * along * beside) ** 2)) / lever)
 
 
-def _upright(bars: _Bars) -> tuple[Array, Array, Array]:
+def _find_pivots(bars: _Bars) -> tuple[Array, Array, Array]:
     """Return pivots, arms to the masses [pixels], (K, 2) each, and the direction of the chain.
 
-    The ratio of pivot distances from the middles to half lengths puts the pivots in a row.
+    Fits the line of the pivots together with the ratio of their distances from the middles to the
+    half lengths.
     """
     pivots, arms = bars.middles, bars.halves
     middle, along = _line(pivots)
-    for _ in range(_TURNS):
+    for _ in range(_ITERATIONS):
         normal = np.array([-along[1], along[0]])
         away = bars.middles - middle
         further = np.abs((away + bars.halves) @ normal) > np.abs((away - bars.halves) @ normal)
         arms = np.where(further[:, None], bars.halves, -bars.halves)
         row = np.column_stack([np.ones(len(arms)), away @ along, arms @ normal])
-        (_, slope, longer), *_ = np.linalg.lstsq(row, (away - arms) @ normal, rcond=_ALIKE)
-        along = along + slope * normal
+        solution = np.linalg.lstsq(row, (away - arms) @ normal, rcond=_RANK_TOLERANCE)[0]
+        along = along + solution[1] * normal
         along /= np.hypot(*along)
-        pivots = bars.middles - (1 + longer) * arms
+        pivots = bars.middles - (1 + solution[2]) * arms
         middle = pivots.mean(axis=0) if len(pivots) else middle
     return pivots, bars.middles + arms - pivots, along
 

@@ -1,27 +1,29 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Errors of dots beyond the noise of pixels: scatter, repeated dots, the dead zone of a film.
+"""Errors of dots beyond pixel noise: compression, repeated blocks and the dead zone of a video.
 
 Compression removes noise from similar pixels and adds errors that many pixels share. A mass stays
-on a circle about its pivot: a change of its distance from there is an error, as large as the error
-along the circle. In compressed pictures, moving dots have larger errors than resting ones.
+on a circle around its pivot, so a change of its distance from the pivot is an error, and the
+error along the circle is equally large. In compressed pictures, moving dots have larger errors
+than resting ones.
 
-Films store the changes of a picture that exceed a step. Where nothing changed they repeat the
-pixels to the last bit, which the noise of a camera never does. Such a dot was not measured again:
-its error is that of before, and it has moved by up to that step. When it is measured again it
-jumps along its circle by its error. If some dots are repeated while others move, the film has a
-dead zone: dots creep or swing along their way while the film shows them at rest. Dots that move
-beyond the dead zone in each picture have errors alike along and across their way:
+A video codec stores only changes of a picture that exceed a threshold. Elsewhere it repeats the
+pixels of the picture before exactly, which the noise of a camera never does. A repeated dot is
+not a new measurement: it keeps its earlier error and has moved by up to the threshold. When it is
+updated, it jumps along its circle by that error. If some dots repeat while others move, the video
+has a dead zone: dots move slowly while the video shows them at rest. For dots that move beyond
+the dead zone in each picture:
 
-* Along the way, the divided difference of sixth order of seven pictures contains the errors from
-  picture to picture, because no motion of slow and of usual waves has it.
-* Errors that last are reduced in that contrast by the same factor as those across the way.
+* Along the path, the sixth divided difference of seven pictures contains the errors from picture
+  to picture, because slow motions and the usual waves do not contribute to it.
+* Correlated errors are reduced in this difference by the same factor as the errors across the
+  path.
 
-A dot that was repeated in n pictures, where t is usual before it moves on, has the variance
+Let s^2 be the variance of resting dots, e^2 that of moving dots, and t the usual number of
+repeats. A dot that was repeated in n pictures has the variance
 
-    s^2 + (e^2 - s^2) / (1 + n / t)
+    s^2 + (e^2 - s^2) / (1 + n / t),
 
-between that of resting dots, s^2, and that of moving dots, e^2: the longer it stays in its dead
-zone, the less it moves.
+because a dot moves the less, the longer it stays in its dead zone.
 """
 
 from __future__ import annotations
@@ -36,19 +38,19 @@ from soliton_linkage.linkage.chain import Array
 from soliton_linkage.vision.opencv import Picture
 
 MEMORY = 300
-"""Pictures after which statistics have faded to 1/e [1]."""
-_PRIOR = 30.0
-"""Weight of the expected value, in numbers [1]."""
-_LARGEST = 5.0
-"""Largest number that counts, over the usual one [1]: a larger one belongs to another dot."""
+"""Number of pictures after which statistics fade to 1/e [1]."""
+_PRIOR_WEIGHT = 30.0
+"""Weight of the expected mean square, in values [1]."""
+_MAX_VALUE = 5.0
+"""Largest value that counts, in root mean squares [1]; larger ones belong to another dot."""
 _MOVING = 0.1
-"""Way since the picture before beyond which a dot moves [pixels]: ten times that of noise."""
+"""Displacement since the picture before beyond which a dot moves [pixels], ten times the noise."""
 _ORDER = 6
-"""Order of the contrast [1]: waves of a tenth of the picture rate are reduced to a thousandth, and
-errors that last for two pictures to a half."""
-_MEASURABLE = 0.4
-"""Way from picture to picture that every usable film records [pixels]: several times the errors of
-good films, and less than a block of pixels needs to change."""
+"""Order of the divided difference [1]. It reduces waves of a tenth of the picture rate to a
+thousandth, and errors that last for two pictures to a half."""
+_RECORDED_STEP = 0.4
+"""Displacement from picture to picture that every usable video records [pixels]: several times
+the errors of good videos, and less than a block of pixels needs to change."""
 
 
 def _faded(total: float) -> float:
@@ -57,47 +59,48 @@ def _faded(total: float) -> float:
 
 
 class FadingMeanSquare:
-    """Mean square of the numbers of the pictures so far, with an exponential memory."""
+    """Mean square of values over the pictures, with an exponentially fading memory."""
 
     def __init__(self) -> None:
         self._squares = self._count = 0.0
 
-    def take(self, numbers: Array, expected: float = 1.0) -> None:
-        """Add the numbers of a picture, (K,), whose square has an expected value."""
-        known = numbers[np.isfinite(numbers)]
-        known = known[known**2 < _LARGEST**2 * self.square(expected)]
-        self._squares = _faded(self._squares) + float(known @ known)
-        self._count = _faded(self._count) + len(known)
+    def add(self, values: Array, expected: float = 1.0) -> None:
+        """Add the values of a picture, shape (K,), with an expected mean square."""
+        valid = values[np.isfinite(values)]
+        valid = valid[valid**2 < _MAX_VALUE**2 * self.value(expected)]
+        self._squares = _faded(self._squares) + float(valid @ valid)
+        self._count = _faded(self._count) + len(valid)
 
-    def take_for(self, numbers: Array, pictures: Array) -> None:
-        """Add numbers that count for so many pictures, (K,) each, clipped to the largest."""
-        squares = np.minimum(numbers**2, _LARGEST**2 * self.square())
-        self._squares = _faded(self._squares) + float(pictures @ squares)
-        self._count = _faded(self._count) + float(pictures.sum())
+    def add_weighted(self, values: Array, weights: Array) -> None:
+        """Add values with weights in pictures, (K,) each, clipped to the largest value."""
+        squares = np.minimum(values**2, _MAX_VALUE**2 * self.value())
+        self._squares = _faded(self._squares) + float(weights @ squares)
+        self._count = _faded(self._count) + float(weights.sum())
 
-    def square(self, expected: float = 1.0) -> float:
-        """Return the mean of what was added and of the expected value."""
-        return (self._squares + _PRIOR * expected) / (self._count + _PRIOR)
+    def value(self, expected: float = 1.0) -> float:
+        """Return the mean square of the added values and the expected one."""
+        return (self._squares + _PRIOR_WEIGHT * expected) / (self._count + _PRIOR_WEIGHT)
 
 
 class RepeatDetector:
-    """Comparison of the dots of a picture with the picture before."""
+    """Comparison of the dots of each picture with the picture before."""
 
     def __init__(self) -> None:
         self._before: Picture | None = None
 
-    def compare(self, grey: Picture, places: Array, radius: float) -> NDArray[np.bool_]:
-        """Return which dots at places [pixels], (N, 2), NaN if hidden, have the pixels of before.
+    def compare(self, grey: Picture, centres: Array, radius: float) -> NDArray[np.bool_]:
+        """Return which dots have exactly the pixels of the picture before, shape (N,).
 
-        The pixels within a radius [pixels] count.
+        Compares the pixels within a radius [pixels] of the centres [pixels], (N, 2). Centres are
+        NaN for hidden dots.
         """
         before, self._before = self._before, grey.copy()
-        repeated = np.zeros(len(places), dtype=bool)
+        repeated = np.zeros(len(centres), dtype=bool)
         if before is None:
             return repeated
         half = math.ceil(radius)
-        for rotor in np.flatnonzero(np.isfinite(places[:, 0])):
-            column, row = np.rint(places[rotor]).astype(int)
+        for rotor in np.flatnonzero(np.isfinite(centres[:, 0])):
+            column, row = np.rint(centres[rotor]).astype(int)
             rows = slice(max(row - half, 0), row + half + 1)
             columns = slice(max(column - half, 0), column + half + 1)
             repeated[rotor] = np.array_equal(grey[rows, columns], before[rows, columns])
@@ -106,107 +109,107 @@ class RepeatDetector:
 
 @dataclass(frozen=True)
 class DotMeasurements:
-    """Dots of N masses in a picture, NaN if hidden, shape (N,) each."""
+    """Measurements of the dots of N masses in a picture, NaN if hidden, shape (N,) each."""
 
     time: float
     """Time of the angles [s]."""
     angles: Array
     """Actual angles [rad]."""
-    turning: Array
-    """Standard deviations of the angles by the noise of pixels [rad]."""
-    lengths: Array
-    """Errors of distances from the pivots, over those by the noise of pixels [1]."""
-    pixels: Array
-    """Derivative of a dot by its angle [pixels/rad]."""
-    ways: Array
-    """Ways since the picture before [pixels]."""
+    noise: Array
+    """Standard deviations of the angles by pixel noise [rad]."""
+    length_errors: Array
+    """Errors of the distances from the pivots, over the errors by pixel noise [1]."""
+    pixels_per_radian: Array
+    """Derivatives of the centres by the angles [pixels/rad]."""
+    displacements: Array
+    """Displacements since the picture before [pixels]."""
     repeated: NDArray[np.bool_]
-    """Whether the dot has the pixels of the picture before."""
+    """Whether the dot has exactly the pixels of the picture before."""
 
 
 class ErrorScale:
-    """Ratio of the errors of dots to those by the noise of pixels, from the pictures so far."""
+    """Ratios of the errors of dots to the errors by pixel noise, estimated from the pictures."""
 
     def __init__(self, rotors: int) -> None:
-        self._standing, self._moving, self._jumps = (FadingMeanSquare() for _ in range(3))
+        self._resting, self._moving, self._jumps = (FadingMeanSquare() for _ in range(3))
         self._dead_zone = DeadZone(rotors)
-        self._runs, self._before = np.zeros(rotors), np.full(rotors, np.nan)
+        self._repeats, self._before = np.zeros(rotors), np.full(rotors, np.nan)
 
-    def update(self, shown: DotMeasurements) -> Array:
-        """Return the standard deviations over those by the noise of pixels, shape (N,)."""
-        moving = shown.ways > _MOVING
-        self._standing.take(shown.lengths[~shown.repeated & ~moving])
-        self._moving.take(shown.lengths[~shown.repeated & moving])
-        self._take_jumps(shown)
-        jumps, standing = self._jumps.square(), self._standing.square()
-        self._dead_zone.take_repeated(shown.repeated, np.isfinite(shown.angles))
-        self._dead_zone.take(shown, jumps)
-        if self._dead_zone.there:
-            return np.sqrt(self._dead_zone.variances(standing, jumps))
-        of_new = np.where(moving, self._moving.square(), standing)
-        return np.sqrt(np.where(shown.repeated, jumps, of_new))
+    def update(self, dots: DotMeasurements) -> Array:
+        """Return the standard deviations over the deviations by pixel noise, shape (N,)."""
+        moving = dots.displacements > _MOVING
+        self._resting.add(dots.length_errors[~dots.repeated & ~moving])
+        self._moving.add(dots.length_errors[~dots.repeated & moving])
+        self._add_jumps(dots)
+        jumps, resting = self._jumps.value(), self._resting.value()
+        self._dead_zone.add_repeated(dots.repeated, np.isfinite(dots.angles))
+        self._dead_zone.add(dots, jumps)
+        if self._dead_zone.present:
+            return np.sqrt(self._dead_zone.variances(resting, jumps))
+        updated = np.where(moving, self._moving.value(), resting)
+        return np.sqrt(np.where(dots.repeated, jumps, updated))
 
-    def _take_jumps(self, shown: DotMeasurements) -> None:
-        """Add the jumps of repeated dots that are measured again."""
-        jumps = (shown.angles - self._before) / shown.turning
-        ended = (self._runs > 0) & ~shown.repeated & np.isfinite(jumps)
-        self._jumps.take_for(jumps[ended], self._runs[ended])
-        self._runs = np.where(shown.repeated, self._runs + 1, 0.0)
-        self._before = shown.angles
+    def _add_jumps(self, dots: DotMeasurements) -> None:
+        """Add the jumps of dots that were repeated and are now updated."""
+        jumps = (dots.angles - self._before) / dots.noise
+        ended = (self._repeats > 0) & ~dots.repeated & np.isfinite(jumps)
+        self._jumps.add_weighted(jumps[ended], self._repeats[ended])
+        self._repeats = np.where(dots.repeated, self._repeats + 1, 0.0)
+        self._before = dots.angles
 
 
 class DeadZone:
-    """Errors of dots along their way in a film with a dead zone."""
+    """Errors of dots along their paths in a video with a dead zone."""
 
     def __init__(self, rotors: int) -> None:
         self._times = np.full(_ORDER + 1, np.nan)
         self._angles = np.full((_ORDER + 1, rotors), np.nan)
-        self._lengths = np.full((_ORDER + 1, rotors), np.nan)
-        self._along, self._across, self._across_contrast = (FadingMeanSquare() for _ in range(3))
-        self._runs = np.zeros(rotors)
-        self._log_runs = self._ended = 0.0
+        self._length_errors = np.full((_ORDER + 1, rotors), np.nan)
+        self._along, self._across, self._across_difference = (FadingMeanSquare() for _ in range(3))
+        self._repeats = np.zeros(rotors)
+        self._log_repeats = self._ended = 0.0
         self._since = MEMORY
 
     @property
-    def there(self) -> bool:
-        """Whether some dots were repeated recently while others moved."""
+    def present(self) -> bool:
+        """Whether some dots were recently repeated while others moved."""
         return self._since < MEMORY
 
-    def take_repeated(self, repeated: NDArray[np.bool_], seen: NDArray[np.bool_]) -> None:
-        """Add which dots of a picture were repeated and which were seen, (N,) each."""
-        ended = self._runs[(self._runs > 0) & ~repeated & seen]
-        self._log_runs = _faded(self._log_runs) + float(np.log(ended).sum())
+    def add_repeated(self, repeated: NDArray[np.bool_], seen: NDArray[np.bool_]) -> None:
+        """Add which dots of a picture were repeated and which were visible, (N,) each."""
+        ended = self._repeats[(self._repeats > 0) & ~repeated & seen]
+        self._log_repeats = _faded(self._log_repeats) + float(np.log(ended).sum())
         self._ended = _faded(self._ended) + len(ended)
-        self._runs = np.where(repeated, self._runs + 1, 0.0)
+        self._repeats = np.where(repeated, self._repeats + 1, 0.0)
         self._since = 0 if repeated.any() and (seen & ~repeated).any() else self._since + 1
 
-    def take(self, shown: DotMeasurements, jumps: float) -> None:
-        """Add the errors in a picture and the mean square of jumps of repeated dots [1].
+    def add(self, dots: DotMeasurements, jumps: float) -> None:
+        """Add the errors of a picture.
 
-        The jumps are the expected errors until dots have moved.
+        The mean square of the jumps of repeated dots [1] is the expected error until dots move.
         """
-        self._times = np.append(self._times[1:], shown.time)
-        self._angles = np.vstack([self._angles[1:], shown.angles])
-        self._lengths = np.vstack([self._lengths[1:], shown.lengths])
+        self._times = np.append(self._times[1:], dots.time)
+        self._angles = np.vstack([self._angles[1:], dots.angles])
+        self._length_errors = np.vstack([self._length_errors[1:], dots.length_errors])
         if not np.isfinite(self._times).all():
             return
-        steps = np.abs(np.diff(self._angles, axis=0)) * shown.pixels
-        contrast = _contrast(self._times)
-        moving, always = steps.max(axis=0) > _MEASURABLE, steps.min(axis=0) > _MEASURABLE
-        self._along.take((contrast @ self._angles / shown.turning)[moving], jumps)
-        self._across_contrast.take((contrast @ self._lengths)[always])
-        self._across.take(self._lengths[_ORDER // 2, always])
+        steps = np.abs(np.diff(self._angles, axis=0)) * dots.pixels_per_radian
+        weights = _difference_weights(self._times)
+        moving, always = steps.max(axis=0) > _RECORDED_STEP, steps.min(axis=0) > _RECORDED_STEP
+        self._along.add((weights @ self._angles / dots.noise)[moving], jumps)
+        self._across_difference.add((weights @ self._length_errors)[always])
+        self._across.add(self._length_errors[_ORDER // 2, always])
 
-    def variances(self, standing: float, jumps: float) -> Array:
-        """Return the variances of errors over those by the noise of pixels [1], shape (N,)."""
-        along = self._along.square(jumps)
-        along *= max(1.0, self._across.square() / self._across_contrast.square())
-        usual = math.exp(self._log_runs / max(self._ended, 1.0))
-        return standing + max(along - standing, 0.0) / (1 + self._runs / usual)
+    def variances(self, resting: float, jumps: float) -> Array:
+        """Return the variances of errors over the variances by pixel noise [1], shape (N,)."""
+        along = self._along.value(jumps)
+        along *= max(1.0, self._across.value() / self._across_difference.value())
+        usual = math.exp(self._log_repeats / max(self._ended, 1.0))
+        return resting + max(along - resting, 0.0) / (1 + self._repeats / usual)
 
 
-def _contrast(times: Array) -> Array:
-    """Return weights of unit length of the divided difference of values at times, shape (T,)."""
+def _difference_weights(times: Array) -> Array:
+    """Return the weights, of unit norm, of the divided difference at times, shape (T,)."""
     apart = times[:, None] - times
     np.fill_diagonal(apart, times[-1] - times[0])
     weights = 1 / np.prod(apart / (times[-1] - times[0]), axis=1)

@@ -1,16 +1,16 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Least-squares fit of dots to pixels, with the covariance of their places.
+"""Least-squares fit of dots to pixels, with the covariance of their centres.
 
-A dot of radius R at p is fitted, by least squares, to the pixels of its label:
+A dot with the centre p and the radius R is fitted to the pixels of its label:
 
     I(x) = (1 + g (x - p)) (w - c T(x - p)),
     T(y) = mean_k erfc((|S (y - s_k)| - R) / (b sqrt 2)) / 2,
 
-white w, contrast c, gradient of the light g, blur b, and places s_k on its way during the
-exposure; R and b are fitted too. The matrix S, of determinant 1, turns the ellipse of the image
-into a circle. If the noise of all pixels is equal, the fit reaches the Cramer-Rao bound, and the
-covariance of the place follows from the normal matrix. Pixels at the edge of the label do not
-count, because the surroundings differ from side to side and would bias the place.
+with the white level w, contrast c, gradient of the light g, blur b, and the offsets s_k along the
+motion during the exposure. R and b are fitted, too. The matrix S, of determinant 1, maps the
+ellipse in the image to a circle. If all pixels have the same noise, the fit reaches the Cramer-Rao
+bound, and the covariance of the centre follows from the normal matrix. Pixels at the edge of the
+label do not count, because uneven surroundings would bias the centre.
 """
 
 from __future__ import annotations
@@ -33,42 +33,42 @@ from soliton_linkage.compiling import (
 from soliton_linkage.linkage.chain import Array
 
 _BLUR = 0.6
-"""First blur of an edge [pixels]: that of usual lenses and pixels."""
+"""Initial blur of an edge [pixels], typical of lenses and pixels."""
 _BLURS = (0.35, 1.5)
-"""Least and largest blur [pixels]: that of a pixel alone, and that of bad lenses."""
+"""Smallest and largest blur [pixels]: of a pixel alone, and of bad lenses."""
 _RADII = (0.7, 1.4)
-"""Least and largest radius of a dot over the expected one [1]."""
+"""Smallest and largest radius of a dot over the expected one [1]."""
 _PARAMETERS = 8
 """Number of parameters [1]: w, c, g (2), p (2), R and b."""
-_CLEAR = 1.4
-"""Margin of a label where pixels do not count [pixels], more than twice the blur."""
-_BEYOND = 4.0
+_LABEL_MARGIN = 1.4
+"""Margin of a label in which pixels do not count [pixels], more than twice the blur."""
+_MAX_DISTANCE = 4.0
 """Distance from the edge of a dot beyond which pixels do not count [pixels]."""
-_ITERATIONS = 6
-"""Gauss-Newton iterations at most [1]: the first places are within a pixel."""
-_SETTLED = 3e-4
-"""Last step [pixels]: a third of it, a hundredth of the noise, remains as an error."""
-_LONGEST_STEP = 0.7
+_MAX_ITERATIONS = 6
+"""Limit of Gauss-Newton iterations [1]; the first centres are within a pixel."""
+_TOLERANCE = 3e-4
+"""Length of the last step [pixels]; the remaining error is a hundredth of the noise."""
+_MAX_STEP = 0.7
 """Longest step of an iteration [pixels], within which the model is linear."""
-_PLACES = 5
-"""Places on the way of a dot during the exposure that are averaged [1]."""
-_WIDEST = 4.0
-"""Half width of an edge in deviations of the blur [1]: to 3e-5 of the contrast."""
+_OFFSETS = 5
+"""Number of averaged offsets along the motion during the exposure [1]."""
+_HALF_WIDTH = 4.0
+"""Half width of an edge in deviations of the blur [1]; the rest is 3e-5 of the contrast."""
 _STEPS = 64
-"""Steps of the tables of edges per deviation [1]: interpolation is exact to 1e-5."""
-_AT = np.arange(2 * int(_WIDEST) * _STEPS + 1) / _STEPS - _WIDEST
+"""Steps of the edge tables per deviation [1]; interpolation errors are below 1e-5."""
+_DISTANCES = np.arange(2 * int(_HALF_WIDTH) * _STEPS + 1) / _STEPS - _HALF_WIDTH
 """Distances from an edge in the tables, in deviations of the blur [1]."""
-_COVERS: Array = erfc(_AT / math.sqrt(2)) / 2
-"""Shares of a dot at these distances from its blurred edge [1]."""
-_EDGES: Array = np.exp(-(_AT**2) / 2) / math.sqrt(2 * math.pi)
-"""Negative slopes of these shares [1]."""
-_LEAST_SMEAR = 0.3
-"""Way below which a dot counts as at rest [pixels]."""
+_COVERS: Array = erfc(_DISTANCES / math.sqrt(2)) / 2
+"""Coverage of a pixel at these distances from a blurred edge [1]."""
+_EDGES: Array = np.exp(-(_DISTANCES**2) / 2) / math.sqrt(2 * math.pi)
+"""Negative slopes of this coverage [1]."""
+_MIN_SMEAR = 0.3
+"""Motion during the exposure below which a dot counts as at rest [pixels]."""
 
 
 @compiled(const_u1_2d, f8_1d, f8_1d)
 def begin_loop(grey: NDArray[np.uint8], dot: Array, state: Array) -> None:
-    """Set the first state of a fit by the lightest and darkest pixels within the reach."""
+    """Set the initial state of a fit from the lightest and darkest pixels within the reach."""
     start, reach = dot, dot[3]
     height, width = grey.shape
     low, high = 255.0, 0.0
@@ -83,32 +83,32 @@ def begin_loop(grey: NDArray[np.uint8], dot: Array, state: Array) -> None:
     state[6], state[7] = dot[2], _BLUR
 
 
-def _share_of_dot(
-    x: float, y: float, places: int, dot: Array, radius: float, blur: float
+def _cover(
+    x: float, y: float, offsets: int, dot: Array, radius: float, blur: float
 ) -> tuple[float, float, float, float, float]:
-    """Return the share T of a dot in a pixel at x, y of it, and its derivatives by p, R and b."""
-    sxx, sxy, syx, syy, right_way, down_way = dot[4:]
+    """Return the coverage T of a pixel at (x, y) from the dot and its derivatives by p, R, b."""
+    sxx, sxy, syx, syy, smear_x, smear_y = dot[4:]
     cover = by_x = by_y = by_radius = by_blur = 0.0
-    for k in range(places):
-        share = (k - (places - 1) / 2) / places
-        right_of, below = x - share * right_way, y - share * down_way
+    for k in range(offsets):
+        share = (k - (offsets - 1) / 2) / offsets
+        right_of, below = x - share * smear_x, y - share * smear_y
         across = sxx * right_of + sxy * below
         up = syx * right_of + syy * below
         distance = max(math.sqrt(across * across + up * up), 1e-9)
         beyond = (distance - radius) / blur
-        if beyond < -_WIDEST:
+        if beyond < -_HALF_WIDTH:
             cover += 1.0
-        elif beyond < _WIDEST:
-            step = int((beyond + _WIDEST) * _STEPS)
-            part = (beyond + _WIDEST) * _STEPS - step
+        elif beyond < _HALF_WIDTH:
+            step = int((beyond + _HALF_WIDTH) * _STEPS)
+            part = (beyond + _HALF_WIDTH) * _STEPS - step
             cover += _COVERS[step] + part * (_COVERS[step + 1] - _COVERS[step])
             edge = _EDGES[step] + part * (_EDGES[step + 1] - _EDGES[step])
-            edge /= blur * places
+            edge /= blur * offsets
             by_radius += edge
             by_blur += edge * beyond
             by_x += edge * (across * sxx + up * syx) / distance
             by_y += edge * (across * sxy + up * syy) / distance
-    return cover / places, by_x, by_y, by_radius, by_blur
+    return cover / offsets, by_x, by_y, by_radius, by_blur
 
 
 def _add_pixel(
@@ -120,7 +120,7 @@ def _add_pixel(
     squared: Array,
     last: bool,
 ) -> None:
-    """Add the residual of a weighted pixel to the normal equations."""
+    """Add a weighted residual to the normal equations."""
     for i in range(_PARAMETERS):
         weighted = weight * derivatives[i]
         right[i] += weighted * left
@@ -131,7 +131,7 @@ def _add_pixel(
                 squared[i, j] += weight * weighted * derivatives[j]
 
 
-share_of_dot = compile_loop(_share_of_dot, inlined=True)
+cover_of_dot = compile_loop(_cover, inlined=True)
 add_pixel = compile_loop(_add_pixel, inlined=True)
 
 
@@ -147,16 +147,16 @@ def normal_loop(
 ) -> tuple[float, float]:
     """Fill the normal equations; return the sums of squared residuals and of weights.
 
-    The last time the matrix with squared weights is filled too.
+    With `last`, fill the matrix with squared weights, too.
     """
     height, width = grey.shape
     white, contrast, by_column, by_row, x0, y0, radius, blur = state
     reach = dot[3]
-    sxx, sxy, syx, syy, right_way, down_way = dot[4:]
-    places = _PLACES if math.hypot(right_way, down_way) > _LEAST_SMEAR else 1
+    sxx, sxy, syx, syy, smear_x, smear_y = dot[4:]
+    offsets = _OFFSETS if math.hypot(smear_x, smear_y) > _MIN_SMEAR else 1
     derivatives = np.empty(_PARAMETERS)
     whole = sxx * sxx + sxy * sxy + syx * syx + syy * syy
-    # The longest half axis of the ellipse of area pi: sigma^2 + 1 / sigma^2 is the whole.
+    # Half of the major axis sigma of an ellipse of area pi, from sigma^2 + 1 / sigma^2 = whole.
     box = reach * math.sqrt((whole + math.sqrt(max(whole * whole - 4.0, 0.0))) / 2)
     normal[:] = 0.0
     right[:] = 0.0
@@ -170,7 +170,7 @@ def normal_loop(
             weight = min(max(reach - away + 0.5, 0.0), 1.0)
             if weight == 0.0:
                 continue
-            cover, by_x, by_y, by_radius, by_blur = share_of_dot(x, y, places, dot, radius, blur)
+            cover, by_x, by_y, by_radius, by_blur = cover_of_dot(x, y, offsets, dot, radius, blur)
             lit = 1.0 + by_column * x + by_row * y
             bare = white - contrast * cover
             derivatives[0], derivatives[1] = lit, -cover * lit
@@ -190,7 +190,7 @@ def normal_loop(
 
 @compiled(f8_2d, f8_1d)
 def solve_loop(matrix: Array, right: Array) -> None:
-    """Solve a symmetric positive system in place by elimination; `right` becomes the solution."""
+    """Solve a symmetric positive definite system in place; the solution replaces `right`."""
     size = len(right)
     for i in range(size):
         pivot = max(matrix[i, i], 1e-12)
@@ -207,9 +207,9 @@ def solve_loop(matrix: Array, right: Array) -> None:
 
 @compiled(const_u1_2d, f8_2d, f8_2d)
 def fit_loop(grey: NDArray[np.uint8], dots: Array, found: Array) -> None:
-    """Fit dots: rows of first place (2), radius, reach, S (xx, xy, yx, yy) and way (2).
+    """Fit dots: rows of first centre (2), radius, reach, S (xx, xy, yx, yy) and smear (2).
 
-    Fill rows of place (2), white, contrast, covariance (xx, xy, yy) and misfit.
+    Fill rows of centre (2), white, contrast, covariance (xx, xy, yy) and residual.
     """
     state, right = np.empty(_PARAMETERS), np.empty(_PARAMETERS)
     normal = np.empty((_PARAMETERS, _PARAMETERS))
@@ -218,11 +218,11 @@ def fit_loop(grey: NDArray[np.uint8], dots: Array, found: Array) -> None:
     for n in range(len(dots)):
         dot = dots[n]
         begin_loop(grey, dot, state)
-        for _ in range(_ITERATIONS):
+        for _ in range(_MAX_ITERATIONS):
             normal_loop(grey, state, dot, normal, right, squared, False)
             solve_loop(normal, right)
             length = math.hypot(right[4], right[5])
-            share = min(1.0, _LONGEST_STEP / max(length, 1e-12))
+            share = min(1.0, _MAX_STEP / max(length, 1e-12))
             for i in range(4):
                 state[i] += right[i]
             state[1] = max(state[1], 1.0)
@@ -231,13 +231,13 @@ def fit_loop(grey: NDArray[np.uint8], dots: Array, found: Array) -> None:
             state[6] += share * right[6]
             state[6] = min(max(state[6], _RADII[0] * dot[2]), _RADII[1] * dot[2])
             state[7] = min(max(state[7] + share * right[7], _BLURS[0]), _BLURS[1])
-            if length < _SETTLED or not math.isfinite(length):
+            if length < _TOLERANCE or not math.isfinite(length):
                 break
         squares, count = normal_loop(grey, state, dot, normal, right, squared, True)
         variance = squares / max(count - _PARAMETERS, 1.0)
         found[n, 0], found[n, 1] = state[4], state[5]
         found[n, 2], found[n, 3] = state[0], state[1]
-        # Of weighted pixels whose noise is the same: N^-1 (A W^2 A) N^-1 with N = A W A.
+        # Covariance for weights W and equal noise: N^-1 (A W^2 A) N^-1 with N = A W A.
         for axis in range(2):
             scratch[:] = normal
             columns[axis] = 0.0
@@ -255,33 +255,35 @@ def fit_loop(grey: NDArray[np.uint8], dots: Array, found: Array) -> None:
 
 @dataclass(frozen=True)
 class FittedDots:
-    """K dots that were fitted to a picture."""
+    """K fitted dots."""
 
-    places: Array
+    centres: Array
     """Centres [pixels], shape (K, 2)."""
     covariances: Array
     """Covariances of the centres [pixels^2], shape (K, 2, 2)."""
     contrasts: Array
-    """Differences of label and dot [grey levels], shape (K,)."""
+    """Grey levels of labels minus dots, shape (K,)."""
     whites: Array
-    """Brightnesses of the labels [grey levels], shape (K,)."""
-    misfits: Array
+    """Grey levels of the labels, shape (K,)."""
+    residuals: Array
     """Root mean square residuals [grey levels], shape (K,)."""
 
 
 def fit_dots(
-    grey: NDArray[np.uint8], starts: Array, outlines: Array, share: float, ways: Array
+    grey: NDArray[np.uint8], starts: Array, outlines: Array, dot_share: float, smears: Array
 ) -> FittedDots:
-    """Fit dots near places, each with its way during the exposure [pixels], (K, 2) each.
+    """Fit dots near starts [pixels] with motion smears during the exposure [pixels], (K, 2) each.
 
-    Outlines, (K, 2, 2), map the outline of each dot about its centre to the unit circle
-    [1/pixel]. The radii of the dots are that share of those of their labels [1].
+    `outlines`, (K, 2, 2), map the outline of each dot around its centre to the unit circle
+    [1/pixel]. `dot_share` is the radius of a dot over the radius of its label [1].
     """
     radii = 1 / np.sqrt(np.abs(np.linalg.det(outlines)))
     shapes = (radii[:, None, None] * outlines).reshape(-1, 4)
-    reaches = np.minimum(np.maximum(radii / share - _CLEAR, radii + 0.5), radii + _BEYOND)
+    reaches = np.minimum(
+        np.maximum(radii / dot_share - _LABEL_MARGIN, radii + 0.5), radii + _MAX_DISTANCE
+    )
     found = np.empty((len(starts), 8))
-    dots = np.column_stack([starts, radii, reaches, shapes, ways])
+    dots = np.column_stack([starts, radii, reaches, shapes, smears])
     fit_loop(np.ascontiguousarray(grey), dots, found)
     covariances = found[:, [4, 5, 5, 6]].reshape(-1, 2, 2)
     return FittedDots(found[:, :2], covariances, found[:, 3], found[:, 2], found[:, 7])

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Dots in a picture: places and colours."""
+"""Detection of dots in a picture, with their centres and colours."""
 
 from __future__ import annotations
 
@@ -13,35 +13,35 @@ from soliton_linkage.vision.dot_fit import FittedDots, fit_dots
 from soliton_linkage.vision.layout import COLOURS, DOT_SHARE
 from soliton_linkage.vision.opencv import Picture, opencv
 
-_LEAST_CONTRAST = 20.0
-"""Least contrast of a dot [grey levels of 256]: a tenth of that in good light."""
-_DARKER = 0.3
-"""Darkness of the pixels of a dot, over the least contrast [1]."""
+MIN_CONTRAST = 20.0
+"""Smallest contrast of a dot [grey levels of 256], a tenth of the contrast in good light."""
+_THRESHOLD = 0.3 * MIN_CONTRAST
+"""Smallest darkness of the pixels of a dot below their surroundings [grey levels]."""
 _AREAS = (0.2, 4.0)
-"""Least and largest area of a spot, over that of a dot at rest [1]."""
-_MOST_MISFITS, _LARGEST_MISFIT = 2.0, 0.02
-"""Largest misfits of a dot, over the usual one and over its contrast [1]: partly hidden dots have
-larger ones."""
-_FARTHEST = 2.5
-"""Largest distance of a fitted dot from its spot, beside its smear [pixels]."""
-_GREY = 0.25
-"""Largest saturation of a black dot [1]."""
-_HUE = 0.5
+"""Smallest and largest area of a spot over the area of a dot at rest [1]."""
+_MAX_RELATIVE_RESIDUAL, _MAX_RESIDUAL = 2.0, 0.02
+"""Largest residual of a dot: so many medians of all dots, plus a fraction of its contrast [1].
+Partly hidden dots have larger residuals."""
+_MAX_SHIFT = 2.5
+"""Largest distance of a fitted dot from its spot, in addition to half its smear [pixels]."""
+_GREY_SATURATION = 0.25
+"""Saturation from which a dot is not black at all [1]."""
+_HUE_DEVIATION = 0.5
 """Standard deviation of a measured hue [rad]."""
-MOST_COST = 20.0
-"""Cost of a wrong colour [1], more than that of a hidden rotor."""
+MAX_COLOUR_COST = 20.0
+"""Cost of a wrong colour [1], larger than the cost of a hidden rotor."""
 
 
 @dataclass(frozen=True)
 class Dots:
     """K dots of a picture."""
 
-    places: Array
+    centres: Array
     """Centres [pixels], shape (K, 2)."""
     covariances: Array
     """Covariances of the centres [pixels^2], shape (K, 2, 2)."""
     colour_costs: Array
-    """Minus twice the log likelihood of each of `COLOURS` [1], (K, C)."""
+    """Minus twice the log likelihood of each of `COLOURS` [1], shape (K, C)."""
 
 
 def find_dots(
@@ -52,35 +52,33 @@ def find_dots(
     outlines: Array,
     smears: Array,
 ) -> Dots:
-    """Return the dots in a region: left, top, right, bottom [pixels].
+    """Return the dots in a region (left, top, right, bottom) [pixels].
 
-    Each has the outline, (M, 2, 2) [1/pixel], see `fit_dots`, and the smear of the nearest
-    predicted place, (M, 2) each [pixels].
+    Each dot is fitted with the outline and the motion smear of the nearest predicted centre.
+    Predicted centres and smears are in pixels, (M, 2) each; for outlines see `fit_dots`.
     """
     radius = float(np.median(np.abs(np.linalg.det(outlines)))) ** -0.5
     left, top, right, bottom = region
     longest = float(np.hypot(*smears.T).max(initial=0.0))
     spots = _spots(grey[top:bottom, left:right], radius, longest) + np.array([left, top])
-    about = _sampled(grey, spots, _label(radius))
-    brighter = about - _sampled(grey, spots, np.zeros((1, 2))) > _DARKER * _LEAST_CONTRAST
-    spots = spots[brighter.mean(axis=1) > 0.5]
+    surroundings = _sampled(grey, spots, _label_ring(radius))
+    darker = surroundings - _sampled(grey, spots, np.zeros((1, 2))) > _THRESHOLD
+    spots = spots[darker.mean(axis=1) > 0.5]
     nearest = np.argmin(_distances(spots, predicted), axis=1)
-    ways = smears[nearest]
-    fitted = fit_dots(grey, spots, outlines[nearest], DOT_SHARE, ways)
-    good = np.flatnonzero(_are_dots(fitted, spots, ways))
-    places = fitted.places[good]
-    first = ~np.tril(_distances(places, places) < radius, -1).any(axis=1)
-    costs = _colour_costs(picture, places[first], radius)
-    return Dots(places[first], fitted.covariances[good[first]], costs)
+    fitted = fit_dots(grey, spots, outlines[nearest], DOT_SHARE, smears[nearest])
+    good = np.flatnonzero(_accepted(fitted, spots, smears[nearest]))
+    centres = fitted.centres[good]
+    first = ~np.tril(_distances(centres, centres) < radius, -1).any(axis=1)
+    costs = _colour_costs(picture, centres[first], radius)
+    return Dots(centres[first], fitted.covariances[good[first]], costs)
 
 
-def _distances(places: Array, others: Array) -> Array:
-    """Return the distance of each place from each other one, shape (K, M)."""
-    return np.asarray(np.hypot(*(places[:, None] - others).transpose(2, 0, 1)))
+def _distances(points: Array, others: Array) -> Array:
+    return np.asarray(np.hypot(*(points[:, None] - others).transpose(2, 0, 1)))
 
 
 def _spots(grey: Picture, radius: float, smear: float) -> Array:
-    """Return the middles of dark spots of the size of a dot [pixels], shape (K, 2)."""
+    """Return the centroids of dark spots with the size of a dot [pixels], shape (K, 2)."""
     cv2 = opencv()
     block = 2 * round(radius / DOT_SHARE) + 1
     mask = cv2.adaptiveThreshold(
@@ -89,61 +87,61 @@ def _spots(grey: Picture, radius: float, smear: float) -> Array:
         cv2.ADAPTIVE_THRESH_MEAN_C,
         cv2.THRESH_BINARY_INV,
         max(block, 3),
-        _DARKER * _LEAST_CONTRAST,
+        _THRESHOLD,
     )
-    _, _, figures, middles = cv2.connectedComponentsWithStats(mask, connectivity=4)
-    areas = figures[:, cv2.CC_STAT_AREA]
-    sides = figures[:, [cv2.CC_STAT_WIDTH, cv2.CC_STAT_HEIGHT]].max(axis=1)
+    _, _, statistics, centroids = cv2.connectedComponentsWithStats(mask, connectivity=4)
+    areas = statistics[:, cv2.CC_STAT_AREA]
+    sides = statistics[:, [cv2.CC_STAT_WIDTH, cv2.CC_STAT_HEIGHT]].max(axis=1)
     dot = np.pi * radius**2
     fits = (areas > _AREAS[0] * dot) & (areas < _AREAS[1] * dot + 2 * radius * smear)
     fits &= sides < 3 * radius + smear + 3
     fits[0] = False
-    return np.asarray(middles[fits], dtype=np.float64)
+    return np.asarray(centroids[fits], dtype=np.float64)
 
 
-def _label(radius: float) -> Array:
-    """Return points on the label of a dot, from its centre [pixels], shape (12, 2)."""
+def _label_ring(radius: float) -> Array:
+    """Return points on the white part of a label, from its centre [pixels], shape (12, 2)."""
     turns = np.arange(12) * np.pi / 6
     ring = np.column_stack([np.cos(turns), np.sin(turns)])
     return np.asarray(radius * (1 + 1 / DOT_SHARE) / 2 * ring)
 
 
-def _are_dots(fitted: FittedDots, spots: Array, ways: Array) -> NDArray[np.bool_]:
-    moved = np.hypot(*(fitted.places - spots).T)
-    good = (fitted.contrasts > _LEAST_CONTRAST) & (fitted.whites < 300)
-    good &= moved < _FARTHEST + np.hypot(*ways.T) / 2
-    usual = float(np.median(fitted.misfits[good])) if good.any() else 0.0
-    good &= fitted.misfits < _MOST_MISFITS * usual + _LARGEST_MISFIT * fitted.contrasts
+def _accepted(fitted: FittedDots, spots: Array, smears: Array) -> NDArray[np.bool_]:
+    shifts = np.hypot(*(fitted.centres - spots).T)
+    good = (fitted.contrasts > MIN_CONTRAST) & (fitted.whites < 300)
+    good &= shifts < _MAX_SHIFT + np.hypot(*smears.T) / 2
+    usual = float(np.median(fitted.residuals[good])) if good.any() else 0.0
+    good &= fitted.residuals < _MAX_RELATIVE_RESIDUAL * usual + _MAX_RESIDUAL * fitted.contrasts
     return np.asarray(good)
 
 
-def _colour_costs(picture: Picture, places: Array, radius: float) -> Array:
+def _colour_costs(picture: Picture, centres: Array, radius: float) -> Array:
     """Return the costs of the colours of dots, shape (K, C); 0 in a grey picture."""
-    if picture.ndim == 2 or not len(places):
-        return np.zeros((len(places), len(COLOURS)))
+    if picture.ndim == 2 or not len(centres):
+        return np.zeros((len(centres), len(COLOURS)))
     middle = np.array([(x, y) for x in (-1, 0, 1) for y in (-1, 0, 1)]) * min(radius / 3, 1.0)
-    dot = np.median(_sampled(picture, places, middle), axis=1)
-    white = np.median(_sampled(picture, places, _label(radius)), axis=1)
-    share = np.clip(dot / np.maximum(white, 1.0), 0.0, 1.0)[:, ::-1]
-    hue = _hues(share)
-    greyness = 1 - np.clip(np.ptp(share, axis=1) / _GREY, 0.0, 1.0)
-    costs = np.empty((len(places), len(COLOURS)))
-    costs[:, 0] = MOST_COST * (1 - greyness)
+    dot = np.median(_sampled(picture, centres, middle), axis=1)
+    white = np.median(_sampled(picture, centres, _label_ring(radius)), axis=1)
+    relative = np.clip(dot / np.maximum(white, 1.0), 0.0, 1.0)[:, ::-1]
+    hue = _hues(relative)
+    greyness = 1 - np.clip(np.ptp(relative, axis=1) / _GREY_SATURATION, 0.0, 1.0)
+    costs = np.empty((len(centres), len(COLOURS)))
+    costs[:, 0] = MAX_COLOUR_COST * (1 - greyness)
     for colour, paint in enumerate(COLOURS[1:], start=1):
-        turn = np.angle(hue * np.conj(_hues(np.array(paint) / 255.0)))
-        costs[:, colour] = np.minimum((turn / _HUE) ** 2, MOST_COST)
-        costs[:, colour] += (MOST_COST - costs[:, colour]) * greyness
+        error = np.angle(hue * np.conj(_hues(np.array(paint) / 255.0)))
+        costs[:, colour] = np.minimum((error / _HUE_DEVIATION) ** 2, MAX_COLOUR_COST)
+        costs[:, colour] += (MAX_COLOUR_COST - costs[:, colour]) * greyness
     return costs
 
 
-def _sampled(picture: Picture, places: Array, offsets: Array) -> Array:
-    points = np.rint(places[:, None] + offsets).astype(np.intp)
+def _sampled(picture: Picture, centres: Array, offsets: Array) -> Array:
+    points = np.rint(centres[:, None] + offsets).astype(np.intp)
     height, width = picture.shape[:2]
     columns, rows = np.clip(points[..., 0], 0, width - 1), np.clip(points[..., 1], 0, height - 1)
     return picture[rows, columns].astype(np.float64)
 
 
-def _hues(shares: Array) -> NDArray[np.complex128]:
-    """Return the hue of red, green and blue as the argument of a complex number."""
-    red, green, blue = np.moveaxis(shares, -1, 0)
+def _hues(colours: Array) -> NDArray[np.complex128]:
+    """Return complex numbers whose arguments are the hues of red, green and blue."""
+    red, green, blue = np.moveaxis(colours, -1, 0)
     return np.asarray(red + np.exp(2j * np.pi / 3) * green + np.exp(-2j * np.pi / 3) * blue)

@@ -1,8 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Plane of the chain by the markers on its frame, and moves of the camera.
+"""Plane of the chain from the markers on its frame, and detection of camera motions.
 
-ArUco markers are detected in the first picture and after each move of the camera. Their dots are
-fitted in every picture; while the camera stands, the plane is that of their means.
+ArUco markers are detected in the first picture and after each motion of the camera. Their dots
+are fitted in every picture; while the camera is at rest, the plane is fitted to the means of
+their centres.
 """
 
 from __future__ import annotations
@@ -15,31 +16,28 @@ from numpy.typing import NDArray
 from soliton_linkage.linkage.chain import Array
 from soliton_linkage.vision.camera import Camera
 from soliton_linkage.vision.dot_fit import fit_dots
+from soliton_linkage.vision.dots import MIN_CONTRAST
 from soliton_linkage.vision.layout import DICTIONARY, DOT_SHARE, MarkerLayout
-from soliton_linkage.vision.opencv import opencv
+from soliton_linkage.vision.opencv import Picture, opencv
 from soliton_linkage.vision.plane import ChainPlane, fit_plane
 
-Grey = NDArray[np.uint8]
-
-_MOST_AVERAGED = 1000
-"""Most pictures in a mean [1], so that a frame that settles slowly is followed."""
-_ALL_FITTED = 30
-"""Pictures of which each is fitted, and period of fits after that [1]: means hardly change."""
+_MAX_PICTURES = 1000
+"""Largest number of pictures in a mean [1]; the mean then follows slow motions of the frame."""
+_FIT_PERIOD = 30
+"""Number of pictures with a fit each, and the period of later fits [1]: means change slowly."""
 FEWEST_DOTS = 6
-"""Fewest dots that define a plane and its misfit [1]."""
-_MOVED = 6.0
-"""Shift of the mean dot that is a move of the camera, in standard deviations [1]: never by chance
-at 60 pictures a second."""
-_LEAST_MOVE = 0.1
-"""Least move of the camera [pixels]: flickering lamps shift dots by less."""
-_HIDDEN = 0.5
-"""Least deviation from the common shift of a dot that counts as hidden [pixels]."""
-_LARGEST_MISFIT = 0.12
-"""Largest misfit of a dot, over its contrast [1]: half hidden ones have larger misfits."""
-_LEAST_CONTRAST = 20.0
-"""Least contrast of a dot [grey levels of 256]: a tenth of that in good light."""
-_PATIENCE = 60
-"""Period of the search for missing markers [pictures]: it takes as long as a picture."""
+"""Smallest number of dots that defines a plane and its residual [1]."""
+_MOTION_THRESHOLD = 6.0
+"""Mean shift of the dots that is a motion of the camera, in standard deviations [1]. At 60
+pictures a second, noise never reaches it."""
+_MIN_MOTION = 0.1
+"""Smallest motion of the camera [pixels]; flickering lamps shift dots by less."""
+_MIN_OUTLIER = 0.5
+"""Smallest deviation from the common shift of a dot that counts as hidden [pixels]."""
+_MAX_RESIDUAL = 0.12
+"""Largest residual of a dot over its contrast [1]; half hidden dots have larger residuals."""
+_SEARCH_PERIOD = 60
+"""Period of the search for missing markers [pictures]; a search takes as long as a picture."""
 
 
 class FrameMarkers:
@@ -47,130 +45,127 @@ class FrameMarkers:
 
     def __init__(self, layout: MarkerLayout, camera: Camera) -> None:
         self.plane: ChainPlane | None = None
-        """Plane by the pictures so far."""
+        """Plane of the chain, None before enough markers were visible."""
         self.deviation = 0.0
         """Standard deviation of a common shift of the plane [pixels]."""
         self.seen = 0
-        """Dots of frame markers seen in the latest picture."""
+        """Number of visible dots in the latest picture."""
         self.moves = 0
-        """Number of moves of the camera."""
+        """Number of motions of the camera."""
         self.shift = 0.0
-        """Distance of the last move [pixels]."""
+        """Distance of the last motion [pixels]."""
         self._layout, self._camera = layout, camera
         self._points = layout.frame_dots.reshape(-1, 2)
         self._known = np.zeros(len(self._points), dtype=bool)
-        self._places = np.full((len(self._points), 2), np.nan)
-        self._noise = _HIDDEN
-        self._pictures = self._missing_for = 0
+        self._centres = np.full((len(self._points), 2), np.nan)
+        self._noise = _MIN_OUTLIER
+        self._pictures = self._since_search = 0
         self._detector = marker_detector(opencv())
 
     @property
-    def places(self) -> Array:
-        """Mean places of the known dots [pixels], shape (K, 2)."""
-        return self._places[self._known]
+    def centres(self) -> Array:
+        """Mean centres of the known dots [pixels], shape (K, 2)."""
+        return self._centres[self._known]
 
-    def update(self, grey: Grey) -> bool:
-        """Add a picture; return whether the plane is known."""
+    def update(self, grey: Picture) -> bool:
+        """Add a picture, and return whether the plane is known."""
         if self.plane is None:
             return self._find(grey)
         if not self._known.all():
-            self._missing_for += 1
-            if self._missing_for % _PATIENCE == 0 and self._found_more(grey):
+            self._since_search += 1
+            if self._since_search % _SEARCH_PERIOD == 0 and self._find_more(grey):
                 return True
-        places, good = self._measured(grey, self.plane, self._places[self._known])
-        shifts = places - self._places[self._known]
+        centres, good = self._fit_centres(grey, self.plane, self.centres)
+        shifts = centres - self.centres
         common = np.median(shifts[good], axis=0) if good.any() else np.zeros(2)
-        good &= np.hypot(*(shifts - common).T) < max(_HIDDEN, 6 * self._noise)
+        good &= np.hypot(*(shifts - common).T) < max(_MIN_OUTLIER, 6 * self._noise)
         self.seen = int(good.sum())
-        if self.seen < max(FEWEST_DOTS, len(places) // 2):
-            return self._find_anew(grey)
+        if self.seen < max(FEWEST_DOTS, len(centres) // 2):
+            return self._relocate(grey)
         mean = float(np.hypot(*shifts[good].mean(axis=0)))
-        if mean > max(_LEAST_MOVE, _MOVED * self._noise / np.sqrt(self.seen)):
-            return self._find_anew(grey)
-        self._pictures = min(self._pictures + 1, _MOST_AVERAGED)
+        if mean > max(_MIN_MOTION, _MOTION_THRESHOLD * self._noise / np.sqrt(self.seen)):
+            return self._relocate(grey)
+        self._pictures = min(self._pictures + 1, _MAX_PICTURES)
         which = np.flatnonzero(self._known)[good]
-        self._places[which] += shifts[good] / self._pictures
-        if self._pictures < _ALL_FITTED or self._pictures % _ALL_FITTED == 0:
-            self._fit()
+        self._centres[which] += shifts[good] / self._pictures
+        if self._pictures < _FIT_PERIOD or self._pictures % _FIT_PERIOD == 0:
+            self._fit_plane()
         return True
 
-    def _find(self, grey: Grey) -> bool:
-        """Detect all markers; return whether there are enough."""
-        found = self._detected(grey)
+    def _find(self, grey: Picture) -> bool:
+        """Detect all markers, and return whether there are enough."""
+        found = self._detect(grey)
         self.seen = 0
         if len(found) * 4 < FEWEST_DOTS:
             return False
         numbers = sorted(found)
         corners = self._layout.frame_corners[numbers].reshape(-1, 2)
         rough, _ = fit_plane(self._camera, corners, np.concatenate([found[n] for n in numbers]))
-        places, good = self._measured(grey, rough, rough.pixels(self._points))
+        centres, good = self._fit_centres(grey, rough, rough.pixels(self._points))
         self.seen = int(good.sum())
         if self.seen < FEWEST_DOTS:
             return False
         self._known = good
-        self._places = np.where(good[:, None], places, np.nan)
+        self._centres = np.where(good[:, None], centres, np.nan)
         self._pictures = 1
-        self._fit()
+        self._fit_plane()
         return True
 
-    def _find_anew(self, grey: Grey) -> bool:
-        """Decide whether the camera has moved or the markers are hidden."""
-        before, known = self._places.copy(), self._known.copy()
-        kept = self.plane, self._places, self._known, self._pictures
+    def _relocate(self, grey: Picture) -> bool:
+        """Detect the markers again: either the camera has moved, or the markers are hidden."""
+        kept = self.plane, self._centres, self._known, self._pictures
         found, distance = self._find(grey), np.nan
-        both = known & self._known
+        both = kept[2] & self._known
         if found and both.any():
-            distance = float(np.hypot(*np.median(self._places[both] - before[both], axis=0)))
-        if not found or distance < _LEAST_MOVE:
-            self.plane, self._places, self._known, self._pictures = kept
+            distance = float(np.hypot(*np.median(self._centres[both] - kept[1][both], axis=0)))
+        if not found or distance < _MIN_MOTION:
+            self.plane, self._centres, self._known, self._pictures = kept
             return True
         self.moves += 1
         self.shift = distance
         return True
 
-    def _found_more(self, grey: Grey) -> bool:
-        """Add markers that were not seen before; return whether there are any."""
-        kept = self.plane, self._places, self._known, self._pictures
-        before = int(self._known.sum())
-        if self._find(grey) and self.seen > before:
+    def _find_more(self, grey: Picture) -> bool:
+        """Add markers that were not visible before, and return whether there are any."""
+        kept = self.plane, self._centres, self._known, self._pictures
+        if self._find(grey) and self.seen > int(kept[2].sum()):
             return True
-        self.plane, self._places, self._known, self._pictures = kept
+        self.plane, self._centres, self._known, self._pictures = kept
         return False
 
-    def _measured(
-        self, grey: Grey, plane: ChainPlane, starts: Array
+    def _fit_centres(
+        self, grey: Picture, plane: ChainPlane, starts: Array
     ) -> tuple[Array, NDArray[np.bool_]]:
-        """Return the centres of dots near places [pixels], and which are visible."""
+        """Return the centres of dots near starts [pixels], and which dots are visible."""
         radius = self._layout.dot_radius
         outlines = plane.metres_per_pixel(starts) / radius
         fitted = fit_dots(grey, starts, outlines, DOT_SHARE, np.zeros_like(starts))
-        good = (fitted.contrasts > _LEAST_CONTRAST) & (
-            fitted.misfits < _LARGEST_MISFIT * fitted.contrasts + 2.0
+        good = (fitted.contrasts > MIN_CONTRAST) & (
+            fitted.residuals < _MAX_RESIDUAL * fitted.contrasts + 2.0
         )
-        moved = outlines @ (fitted.places - starts)[..., None]
-        good &= np.hypot(moved[:, 0, 0], moved[:, 1, 0]) < 2
-        return plane.circle_centres(fitted.places, radius), good
+        shifts = outlines @ (fitted.centres - starts)[..., None]
+        good &= np.hypot(shifts[:, 0, 0], shifts[:, 1, 0]) < 2
+        return plane.circle_centres(fitted.centres, radius), good
 
-    def _fit(self) -> None:
-        points, places = self._points[self._known], self._places[self._known]
-        self.plane, self._noise = fit_plane(self._camera, points, places)
+    def _fit_plane(self) -> None:
+        points = self._points[self._known]
+        self.plane, self._noise = fit_plane(self._camera, points, self.centres)
         self.deviation = self._noise / np.sqrt(len(points))
 
-    def _detected(self, grey: Grey) -> dict[int, Array]:
-        """Return the corners of the markers of the layout by their number, (4, 2) each."""
+    def _detect(self, grey: Picture) -> dict[int, Array]:
+        """Return the corners of the detected markers of the layout by number, (4, 2) each."""
         corners, numbers = self._detector(grey)
-        known = len(self._layout.frame_centres)
+        if numbers is None:
+            return {}
         return {
             int(number): np.asarray(four, dtype=np.float64).reshape(4, 2)
-            for number, four in zip(
-                [] if numbers is None else np.ravel(numbers), corners, strict=True
-            )
-            if number < known
+            for number, four in zip(np.ravel(numbers), corners, strict=True)
+            if number < len(self._layout.frame_centres)
         }
 
 
 def marker_detector(cv2: Any) -> Any:
-    """Return a detector of corners and numbers of markers for OpenCV 4.6 or later."""
+    """Return a function that detects corners and numbers of markers, for OpenCV 4.6 or later."""
     aruco = cv2.aruco
     dictionary = aruco.getPredefinedDictionary(getattr(aruco, DICTIONARY))
     if hasattr(aruco, 'ArucoDetector'):

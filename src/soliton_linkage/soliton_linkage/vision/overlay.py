@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Annotated pictures: markers, the names of the rotors, and walls."""
+"""Annotated pictures: markers, names of the rotors, and walls."""
 
 from __future__ import annotations
 
@@ -14,28 +14,25 @@ from soliton_linkage.linkage.chain import Array
 from soliton_linkage.vision.angle_camera import AngleFrame
 from soliton_linkage.vision.opencv import Picture, opencv
 
-Colour = tuple[int, int, int]
-"""Blue, green and red."""
-
-_SIZE = 1 / 1800
-"""Font size over the width of the picture [1/pixel]: readable at 1280 pixels."""
+_FONT_SIZE = 1 / 1800
+"""Font size over the width of the picture [1/pixel], readable at 1280 pixels."""
 _SHADOW = (20, 20, 20)
-"""Colour of the shadow of letters, which makes them readable on any ground."""
-_REACH = 1.35
-"""Length of the line across the chain at a wall, over the length of the rotors [1]."""
-_OUT = 0.95
-"""Distance of a rotor's name from its pivot, over the spacing [1]: beyond labels, and nearer to
-its own pivot than to most others, however long rotors are."""
-_DEVIATIONS = 2.0
+"""Blue, green and red of the shadow of letters, for contrast on any background."""
+_WALL_LENGTH = 1.35
+"""Half length of the line across the chain at a wall, over the length of the rotors [1]."""
+_NAME_DISTANCE = 0.95
+"""Distance of a rotor's name from its pivot, over the spacing [1]: outside the label, and closer
+to its own pivot than to most others."""
+_WALL_DEVIATIONS = 2.0
 """Half width of a wall in standard deviations [1]."""
 _OPACITY = 0.35
 """Opacity of a wall [1]."""
 _SHIFT = 4
-"""Bits of the fraction of a pixel in coordinates of OpenCV [1]."""
+"""Fractional bits of coordinates in OpenCV [1]."""
 
 
 class WallMark(NamedTuple):
-    """A wall on the chain."""
+    """A wall to be drawn."""
 
     rotor: float
     """Position [rotor spacings from rotor 0]."""
@@ -51,61 +48,62 @@ def draw_overlay(
     names: Sequence[str],
     walls: Sequence[WallMark] = (),
 ) -> Picture:
-    """Return a picture with its measurement drawn over it.
+    """Return a copy of a picture with its measurement drawn on it.
 
-    Rings mark dots, lines lead from pivots to masses, and hidden rotors are orange. Numbers
-    replace names that do not fit.
+    Rings mark dots, lines connect pivots and masses, and hidden rotors are orange. If the names
+    of the rotors do not fit, numbers replace them.
     """
     cv2 = opencv()
     drawn = cv2.cvtColor(picture, cv2.COLOR_GRAY2BGR) if picture.ndim == 2 else picture.copy()
     pen = _Pen(cv2, drawn)
-    for place in frame.frame_dots:
-        pen.ring(place, _bgr(SKY))
+    for centre in frame.frame_dots:
+        pen.ring(centre, SKY)
     known = frame.pivots[np.isfinite(frame.pivots[:, 0])]
     if len(known) > 1:
         _draw_walls(pen, frame, walls)
-    apart = np.hypot(*np.diff(known, axis=0).T)
-    room = float(np.median(apart)) if len(apart) else 0.0
+    spacings = np.hypot(*np.diff(known, axis=0).T)
+    spacing = float(np.median(spacings)) if len(spacings) else 0.0
     widest = max((pen.extent(name)[0] for name in names), default=0.0)
-    shown = names if widest < room else [str(number) for number in range(len(names))]
-    _draw_rotors(pen, frame, shown, _OUT * room)
-    text = frame.status or f'all {len(frame.angles)} rotors are seen'
-    pen.write(text, np.array([8.0, len(drawn) - 8.0]), _bgr(ORANGE if frame.status else WHITE))
+    shown = names if widest < spacing else [str(number) for number in range(len(names))]
+    _draw_rotors(pen, frame, shown, _NAME_DISTANCE * spacing)
+    text = frame.status or f'all {len(frame.angles)} rotors are visible'
+    pen.write(text, np.array([8.0, len(drawn) - 8.0]), ORANGE if frame.status else WHITE)
     return np.asarray(drawn)
 
 
 class _Pen:
-    """Drawing functions of OpenCV at fractions of a pixel."""
+    """Drawing functions with subpixel coordinates and colours of `soliton_linkage.colours`."""
 
     def __init__(self, cv2: Any, picture: Picture) -> None:
         self._cv2, self.picture = cv2, picture
-        self.size = max(picture.shape[1] * _SIZE, 0.3)
+        self.size = max(picture.shape[1] * _FONT_SIZE, 0.3)
         self.thickness = max(round(picture.shape[1] / 1000), 1)
         self._style = self.thickness, cv2.LINE_AA, _SHIFT
 
-    def ring(self, place: Array, colour: Colour) -> None:
+    def ring(self, centre: Array, colour: str) -> None:
         radius = round(7 * self.size * 2**_SHIFT)
-        self._cv2.circle(self.picture, _fine(place), radius, colour, *self._style)
+        self._cv2.circle(self.picture, _subpixels(centre), radius, _bgr(colour), *self._style)
 
-    def line(self, begin: Array, end: Array, colour: Colour) -> None:
-        self._cv2.line(self.picture, _fine(begin), _fine(end), colour, *self._style)
+    def line(self, begin: Array, end: Array, colour: str) -> None:
+        ends = _subpixels(begin), _subpixels(end)
+        self._cv2.line(self.picture, *ends, _bgr(colour), *self._style)
 
-    def fill(self, corners: Array, colour: Colour) -> None:
+    def fill(self, corners: Array, colour: str) -> None:
         outline = np.rint(corners).astype(np.int32)
         height, width = self.picture.shape[:2]
         left, top = np.clip(outline.min(axis=0), 0, (width, height))
         right, bottom = np.clip(outline.max(axis=0) + 1, 0, (width, height))
         part = self.picture[top:bottom, left:right]
         if part.size:
-            filled = self._cv2.fillPoly(part.copy(), [outline - (left, top)], colour)
+            filled = self._cv2.fillPoly(part.copy(), [outline - (left, top)], _bgr(colour))
             part[:] = self._cv2.addWeighted(filled, _OPACITY, part, 1 - _OPACITY, 0.0)
 
-    def write(self, text: str, place: Array, colour: Colour) -> None:
-        """Write letters with a shadow, from a place on."""
-        x, y = (round(float(each)) for each in place)
+    def write(self, text: str, corner: Array, colour: str) -> None:
+        """Write letters with a shadow; the corner is the lower left one [pixels]."""
+        x, y = (round(float(each)) for each in corner)
         font, style = self._cv2.FONT_HERSHEY_SIMPLEX, (self.thickness, self._cv2.LINE_AA)
-        for aside, paint in ((1, _SHADOW), (0, colour)):
-            at = x + aside, y + aside
+        for shift, paint in ((1, _SHADOW), (0, _bgr(colour))):
+            at = x + shift, y + shift
             self._cv2.putText(self.picture, text, at, font, self.size, paint, *style)
 
     def extent(self, text: str) -> Array:
@@ -114,29 +112,29 @@ class _Pen:
         size, _ = self._cv2.getTextSize(text, font, self.size, self.thickness)
         return np.array(size, dtype=np.float64)
 
-    def centred(self, text: str, place: Array, colour: Colour) -> None:
-        self.write(text, place + self.extent(text) * [-0.5, 0.5], colour)
+    def write_centred(self, text: str, centre: Array, colour: str) -> None:
+        self.write(text, centre + self.extent(text) * [-0.5, 0.5], colour)
 
 
-def _fine(place: Array) -> tuple[int, int]:
-    x, y = (round(float(each) * 2**_SHIFT) for each in place)
+def _subpixels(point: Array) -> tuple[int, int]:
+    x, y = (round(float(each) * 2**_SHIFT) for each in point)
     return x, y
 
 
-def _draw_rotors(pen: _Pen, frame: AngleFrame, names: Sequence[str], out: float) -> None:
+def _draw_rotors(pen: _Pen, frame: AngleFrame, names: Sequence[str], distance: float) -> None:
     """Draw rotors, with names at a distance from their pivots [pixels]."""
     for pivot, mass, name in zip(frame.pivots, frame.masses, names, strict=True):
         if not np.isfinite(pivot).all():
             continue
         if not np.isfinite(mass).all():
-            pen.ring(pivot, _bgr(ORANGE))
-            pen.centred(name, pivot + np.array([0.0, out]), _bgr(ORANGE))
+            pen.ring(pivot, ORANGE)
+            pen.write_centred(name, pivot + np.array([0.0, distance]), ORANGE)
             continue
-        pen.line(pivot, mass, _bgr(GREEN))
-        pen.ring(pivot, _bgr(SKY))
-        pen.ring(mass, _bgr(GREEN))
+        pen.line(pivot, mass, GREEN)
+        pen.ring(pivot, SKY)
+        pen.ring(mass, GREEN)
         away = (pivot - mass) / np.hypot(*(pivot - mass))
-        pen.centred(name, pivot + out * away, _bgr(WHITE))
+        pen.write_centred(name, pivot + distance * away, WHITE)
 
 
 def _draw_walls(pen: _Pen, frame: AngleFrame, walls: Sequence[WallMark]) -> None:
@@ -147,22 +145,24 @@ def _draw_walls(pen: _Pen, frame: AngleFrame, walls: Sequence[WallMark]) -> None
     lengths = np.hypot(*(frame.masses - frame.pivots).T)
     if not np.isfinite(lengths).any():
         return
-    reach = _REACH * float(np.nanmedian(lengths)) * across
+    reach = _WALL_LENGTH * float(np.nanmedian(lengths)) * across
     for wall in walls:
         if not math.isfinite(wall.rotor):
             continue
-        aside = _DEVIATIONS * wall.deviation if math.isfinite(wall.deviation) else 0.0
+        half = _WALL_DEVIATIONS * wall.deviation if math.isfinite(wall.deviation) else 0.0
         low, middle, high = (
             np.array([np.interp(wall.rotor + step, known, axis) for axis in frame.pivots[known].T])
-            for step in (-aside, 0.0, aside)
+            for step in (-half, 0.0, half)
         )
-        pen.fill(np.array([low - reach, high - reach, high + reach, low + reach]), _bgr(RED))
-        pen.line(middle - reach, middle + reach, _bgr(RED))
+        pen.fill(np.array([low - reach, high - reach, high + reach, low + reach]), RED)
+        pen.line(middle - reach, middle + reach, RED)
         kind = 'kink' if wall.charge > 0 else 'anti-kink'
         text = f'{kind} at {wall.rotor:.2f}'
-        pen.centred(text, middle + reach + 2 * pen.extent(text)[1] * across, _bgr(ORANGE))
+        above = middle + reach + 2 * pen.extent(text)[1] * across
+        pen.write_centred(text, above, ORANGE)
 
 
-def _bgr(colour: str) -> Colour:
+def _bgr(colour: str) -> tuple[int, int, int]:
+    """Return blue, green and red of a colour."""
     red, green, blue = (round(255 * share) for share in shares(colour))
     return blue, green, red

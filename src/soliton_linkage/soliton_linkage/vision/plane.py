@@ -1,9 +1,10 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The plane of a chain in front of a camera.
+"""Plane of a chain in front of a camera.
 
-A point (x, z) of the plane is on the ray g1 x + g2 z + g3, whose third component is not 1; the
-columns g1 and g2 are the axes of the plane in the camera's frame, of length 1 if the lens is
-known. A point that is nearer to the camera by a height h is on the ray of g3 + h (g1 x g2).
+The camera sees a point (x, z) of the plane along the ray g1 x + g2 z + g3. The columns g1 and g2
+are the axes of the plane in the camera's frame; their length is 1 if the lens is calibrated. A
+point at a height h above the plane, towards the camera, has the ray g1 x + g2 z + g3 +
+h (g1 x g2).
 """
 
 from __future__ import annotations
@@ -18,13 +19,13 @@ from soliton_linkage.linkage.chain import Array
 from soliton_linkage.vision.camera import Camera
 from soliton_linkage.vision.opencv import opencv
 
-_FEWEST_POINTS = 6
-"""Points that fix a plane with a measurable misfit [1]."""
+_MIN_POINTS = 6
+"""Smallest number of points that defines a plane and its residual [1]."""
 
 
 @dataclass(frozen=True)
 class ChainPlane:
-    """Map from points (x, z) of the plane of a chain [m] to pixels, and back."""
+    """Map between points (x, z) of the plane of a chain [m] and pixels."""
 
     camera: Camera
     columns: Array
@@ -40,7 +41,7 @@ class ChainPlane:
         return self.camera.pixels(rays[..., :2] / rays[..., 2:])
 
     def points(self, pixels: Array, heights: ArrayLike = 0.0) -> Array:
-        """Return the points [m] at heights [m] that are seen at pixels, shapes (..., 2), (...)."""
+        """Return the points [m] at heights [m] that pixels show, shapes (..., 2) and (...)."""
         rays = self.camera.rays(pixels)
         origins = self._origins(rays, heights)
         g1, g2 = self.columns[:, 0], self.columns[:, 1]
@@ -48,14 +49,13 @@ class ChainPlane:
             (g1[i] - rays[..., i] * g1[2], g2[i] - rays[..., i] * g2[2]) for i in (0, 1)
         )
         e, f = (rays[..., i] * origins[..., 2] - origins[..., i] for i in (0, 1))
-        determinant = a * d - b * c
         solved = np.stack([e * d - b * f, a * f - e * c], axis=-1)
-        return np.asarray(solved / determinant[..., None])
+        return np.asarray(solved / (a * d - b * c)[..., None])
 
     def pixels_per_metre(self, points: Array, heights: ArrayLike = 0.0) -> Array:
-        """Return the scale of the picture at points [pixels/m], mean of all directions, (...)."""
+        """Return the mean scale of the picture at points [pixels/m], shape (...)."""
         step = 1e-4 * abs(self.columns[2, 2]) / self._unit
-        ends = np.stack([points + side * way for way in step * np.eye(2) for side in (1, -1)])
+        ends = np.stack([points + side * axis for axis in step * np.eye(2) for side in (1, -1)])
         right, left, top, bottom = self.pixels(ends, heights)
         across, up = right - left, top - bottom
         area = np.abs(across[..., 0] * up[..., 1] - across[..., 1] * up[..., 0])
@@ -63,22 +63,23 @@ class ChainPlane:
 
     def metres_per_pixel(self, pixels: Array, heights: ArrayLike = 0.0) -> Array:
         """Return the derivative of a point by its pixel [m/pixel], shape (..., 2, 2)."""
-        ends = np.stack([pixels + side * way for way in 0.5 * np.eye(2) for side in (1, -1)])
+        ends = np.stack([pixels + side * axis for axis in 0.5 * np.eye(2) for side in (1, -1)])
         points = self.points(ends, heights)
         return np.stack([points[0] - points[1], points[2] - points[3]], axis=-1)
 
-    def circle_centres(self, places: Array, radius: float) -> Array:
-        """Return the pixels of the centres of circles whose images have centres at places, (K, 2).
+    def circle_centres(self, image_centres: Array, radius: float) -> Array:
+        """Return the pixels of circle centres from the centres of their images, shape (K, 2).
 
-        The image of a circle is an ellipse, whose centre is not the image of the circle's centre.
+        The image of a circle is an ellipse whose centre is not the image of the circle's centre.
         """
         turns = np.arange(16) * (np.pi / 8)
         circle = radius * np.column_stack([np.cos(turns), np.sin(turns)])
-        outlines = self.pixels(self.points(places)[:, None] + circle) - places[:, None]
+        outlines = self.pixels(self.points(image_centres)[:, None] + circle)
+        outlines = outlines - image_centres[:, None]
         following = np.roll(outlines, -1, axis=1)
         crossed = outlines[..., 0] * following[..., 1] - following[..., 0] * outlines[..., 1]
         moments = np.sum((outlines + following) * crossed[..., None], axis=1)
-        return np.asarray(places - moments / (3 * crossed.sum(axis=1, keepdims=True)))
+        return np.asarray(image_centres - moments / (3 * crossed.sum(axis=1, keepdims=True)))
 
     def _origins(self, points: Array, heights: ArrayLike) -> Array:
         up = np.broadcast_to(np.asarray(heights, dtype=np.float64), points.shape[:-1])
@@ -88,24 +89,25 @@ class ChainPlane:
 
 
 def fit_plane(camera: Camera, points: Array, pixels: Array) -> tuple[ChainPlane, float]:
-    """Return the plane whose points [m] are seen at pixels, (K, 2) each, and the misfit [pixels].
+    """Return the plane that maps points [m] to pixels, (K, 2) each, and the residual [pixels].
 
-    The misfit is the root mean square of each coordinate, corrected for the fitted parameters.
-    Raises ValueError if the points do not fix a plane.
+    The residual is the root mean square of each coordinate, corrected for the 8 fitted
+    parameters. Raises ValueError if the points do not define a plane.
     """
-    if len(points) < _FEWEST_POINTS:
+    if len(points) < _MIN_POINTS:
         raise ValueError(
-            f'{len(points)} dots of frame markers fix no plane; show two markers or more'
+            f'{len(points)} dots of frame markers are visible, and {_MIN_POINTS} are needed to '
+            'define the plane; show two markers or more'
         )
     # OpenCV needs coordinates of about 1.
     scale = float(np.ptp(points, axis=0).max()) or 1.0
     found, _ = opencv().findHomography(points / scale, camera.rays(pixels), 0)
     if found is None or not np.isfinite(found).all():
-        raise ValueError('the frame markers stand on a line; spread them about the chain')
+        raise ValueError('all frame markers lie on one line; spread them around the chain')
     columns = np.asarray(found, dtype=np.float64) / [scale, scale, 1.0]
     columns /= np.sqrt(np.linalg.norm(columns[:, 0]) * np.linalg.norm(columns[:, 1]))
     if columns[2] @ [*np.mean(points, axis=0), 1.0] < 0:
         columns = -columns
     plane = ChainPlane(camera, columns)
-    missed = plane.pixels(points) - pixels
-    return plane, float(np.sqrt(np.sum(missed**2) / max(missed.size - 8, 1)))
+    residuals = plane.pixels(points) - pixels
+    return plane, float(np.sqrt(np.sum(residuals**2) / max(residuals.size - 8, 1)))

@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Sheets of paper with the markers of a chain, to scale: PDF, or one SVG per sheet."""
+"""Printable sheets with the markers of a chain, to scale: one PDF, or one SVG per sheet."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
 
@@ -16,23 +16,30 @@ from soliton_linkage.linkage.chain import Array
 from soliton_linkage.vision.layout import COLOURS, MODULES, MarkerLayout, marker_cells
 
 PAPERS = {'a4': (0.210, 0.297), 'a3': (0.297, 0.420), 'letter': (0.2159, 0.2794)}
-"""Width and height [m]."""
+"""Width and height of each paper [m]."""
 _MARGIN = 0.010
-"""Margin of a sheet, where printers do not print [m]."""
-_HEAD = 0.022
+"""Margin of a sheet [m], because printers leave it blank."""
+_HEADER = 0.022
 """Height of the title and the ruler of a sheet [m]."""
 _GAP = 0.002
-"""Gap between markers, and below labels for their numbers [m]."""
+"""Gap between markers, and height of the text below them [m]."""
 _RULER = 0.1
-"""Length of the ruler, a check of the scale [m]."""
+"""Length of the ruler for checking the scale of the print [m]."""
 _INCH = 0.0254
 """[m]."""
 _BOARD = (9, 6, 0.025)
 """Columns and rows of squares of the chessboard, and their side [m]: 8 x 5 inner corners."""
 
+_DrawMarker = Callable[[Any, int, Array], None]
+"""Function that draws a marker, given by its number, with its centre at a point of a sheet [m]."""
+
 
 def write_sheets(layout: MarkerLayout, path: Path, paper: str = 'a4') -> list[Path]:
-    """Write the sheets of a chain; return the files. ValueError if a marker does not fit."""
+    """Write the sheets of a chain and return the paths of the files.
+
+    Raises ValueError if a marker does not fit on the paper, or for another suffix than .pdf and
+    .svg.
+    """
     figures = list(_sheets(layout, paper))
     path.parent.mkdir(parents=True, exist_ok=True)
     if path.suffix.lower() == '.svg':
@@ -41,7 +48,7 @@ def write_sheets(layout: MarkerLayout, path: Path, paper: str = 'a4') -> list[Pa
             figure.savefig(each)
         return paths
     if path.suffix.lower() != '.pdf':
-        raise ValueError(f'{path} is neither a .pdf nor a .svg; name one')
+        raise ValueError(f'{path} has neither the suffix .pdf nor .svg; choose one of them')
     with PdfPages(path) as pages:
         for figure in figures:
             pages.savefig(figure)
@@ -49,73 +56,74 @@ def write_sheets(layout: MarkerLayout, path: Path, paper: str = 'a4') -> list[Pa
 
 
 def _sheets(layout: MarkerLayout, paper: str) -> Iterator[Figure]:
-    yield from _frame_sheets(layout, paper)
-    rotors = range(layout.chain.number_of_rotors)
-    pivots = [(f'p{rotor}', 0) for rotor in rotors]
-    masses = [(f'm{rotor}', int(layout.colours[rotor])) for rotor in rotors]
-    yield from _label_sheets(layout, paper, pivots, 'pivots: p0, p1, ...')
-    yield from _label_sheets(layout, paper, masses, 'masses: m0, m1, ...')
+    def draw_frame_marker(axes: Any, number: int, centre: Array) -> None:
+        _draw_frame_marker(axes, layout, number, centre)
+
+    def draw_pivot(axes: Any, rotor: int, centre: Array) -> None:
+        _draw_label(axes, layout, f'p{rotor}', 0, centre)
+
+    def draw_mass(axes: Any, rotor: int, centre: Array) -> None:
+        _draw_label(axes, layout, f'm{rotor}', int(layout.colours[rotor]), centre)
+
+    size, side = layout.paper_size, 2 * layout.label_radius
+    title = 'frame markers: x along the chain from pivot 0, z up'
+    frame_centres = _grid(paper, size, f'frame markers of {1e3 * size:.0f} mm')
+    yield from _pages(paper, title, frame_centres, len(layout.frame_centres), draw_frame_marker)
+    label_centres = _grid(paper, side, f'labels of {1e3 * side:.0f} mm')
+    rotors = layout.chain.number_of_rotors
+    yield from _pages(paper, 'pivots: p0, p1, ...', label_centres, rotors, draw_pivot)
+    yield from _pages(paper, 'masses: m0, m1, ...', label_centres, rotors, draw_mass)
     yield _chessboard(paper)
 
 
-def _frame_sheets(layout: MarkerLayout, paper: str) -> Iterator[Figure]:
-    """Yield frame markers with their places."""
-    size = layout.paper_size
-    places = _grid(paper, size + _GAP, size + 2 * _GAP, f'frame markers of {1e3 * size:.0f} mm')
-    for first in range(0, len(layout.frame_centres), len(places)):
-        figure, axes = _sheet(paper, 'frame markers: x along the chain from pivot 0, z up')
-        numbers = range(first, min(first + len(places), len(layout.frame_centres)))
-        for (x, y), number in zip(places, numbers, strict=False):
-            _draw_frame_marker(axes, layout, number, np.array([x, y]))
+def _pages(
+    paper: str, title: str, centres: Array, count: int, draw: _DrawMarker
+) -> Iterator[Figure]:
+    """Yield sheets with markers 0 to count - 1."""
+    for first in range(0, count, len(centres)):
+        figure, axes = _sheet(paper, title)
+        for number, centre in zip(range(first, count), centres, strict=False):
+            draw(axes, number, centre)
         yield figure
 
 
-def _draw_frame_marker(axes: Any, layout: MarkerLayout, number: int, middle: Array) -> None:
+def _draw_frame_marker(axes: Any, layout: MarkerLayout, number: int, centre: Array) -> None:
     half = layout.paper_size / 2
-    axes.add_patch(_square(middle - half, 2 * half, 'white', '0.8'))
+    axes.add_patch(_square(centre - half, 2 * half, 'white', '0.8'))
     cell = layout.frame_marker_size / MODULES
-    corner = middle + np.array([-1, 1]) * layout.frame_marker_size / 2
+    corner = centre + np.array([-1, 1]) * layout.frame_marker_size / 2
     for row, cells in enumerate(marker_cells(number)):
         for column, value in enumerate(cells):
             if not value:
-                # White hairs between black cells would be seen.
+                # The black edge avoids white hairlines between black cells.
                 axes.add_patch(
                     _square(corner + cell * np.array([column, -row - 1]), cell, 'black', 'black')
                 )
     away = layout.frame_marker_size / 2 + layout.label_radius
     for side in ((-1, -1), (-1, 1), (1, -1), (1, 1)):
         axes.add_patch(
-            Circle(tuple(middle + away * np.array(side)), layout.dot_radius, color='black', lw=0)
+            Circle(tuple(centre + away * np.array(side)), layout.dot_radius, color='black', lw=0)
         )
     x, z = 1e3 * layout.frame_centres[number]
-    said = f'frame marker {number}, this side up: centre at x = {x:.0f} mm, z = {z:.0f} mm'
-    axes.text(middle[0], middle[1] - half - _GAP / 2, said, ha='center', va='top', fontsize=7)
+    text = f'frame marker {number}, this side up: centre at x = {x:.0f} mm, z = {z:.0f} mm'
+    axes.text(centre[0], centre[1] - half - _GAP / 2, text, ha='center', va='top', fontsize=7)
 
 
-def _label_sheets(
-    layout: MarkerLayout, paper: str, labels: Sequence[tuple[str, int]], title: str
-) -> Iterator[Figure]:
-    """Yield labels with a name and the number of a colour each."""
-    side = 2 * layout.label_radius
-    places = _grid(paper, side + _GAP, side + 2 * _GAP, f'labels of {1e3 * side:.0f} mm')
-    for first in range(0, len(labels), len(places)):
-        figure, axes = _sheet(paper, title)
-        for (x, y), (name, colour) in zip(places, labels[first:], strict=False):
-            paint = tuple(np.array(COLOURS[colour]) / 255.0)
-            edge = {'edgecolor': '0.8', 'facecolor': 'white', 'linewidth': 0.3}
-            axes.add_patch(Circle((x, y), layout.label_radius, **edge))
-            axes.add_patch(Circle((x, y), layout.dot_radius, color=paint, lw=0))
-            axes.text(x, y - layout.label_radius, name, ha='center', va='top', fontsize=5)
-        yield figure
+def _draw_label(axes: Any, layout: MarkerLayout, name: str, colour: int, centre: Array) -> None:
+    x, y = centre
+    edge = {'edgecolor': '0.8', 'facecolor': 'white', 'linewidth': 0.3}
+    axes.add_patch(Circle((x, y), layout.label_radius, **edge))
+    paint = tuple(np.array(COLOURS[colour]) / 255.0)
+    axes.add_patch(Circle((x, y), layout.dot_radius, color=paint, lw=0))
+    axes.text(x, y - layout.label_radius, name, ha='center', va='top', fontsize=5)
 
 
 def _chessboard(paper: str) -> Figure:
+    """Return the chessboard, upright because sheets are higher than wide."""
     columns, rows, square = _BOARD
-    figure, axes = _sheet(
-        paper, f'chessboard of {columns - 1} x {rows - 1} inner corners, squares of 25 mm'
-    )
+    title = f'chessboard of {columns - 1} x {rows - 1} inner corners, squares of 25 mm'
+    figure, axes = _sheet(paper, title)
     width, height = PAPERS[paper]
-    # It stands upright on the sheet, which is higher than wide.
     low = np.array([(width - rows * square) / 2, (height - columns * square) / 2])
     for i in range(rows):
         for j in range(columns):
@@ -125,12 +133,11 @@ def _chessboard(paper: str) -> Figure:
 
 
 def _sheet(paper: str, title: str) -> tuple[Figure, Any]:
-    """Return a sheet with a title and a ruler, whose coordinates are metres."""
+    """Return a sheet with a title and a ruler, and its axes in metres."""
     width, height = PAPERS[paper]
     figure = Figure(figsize=(width / _INCH, height / _INCH))
     axes: Any = figure.add_axes((0.0, 0.0, 1.0, 1.0))
-    axes.set_xlim(0, width)
-    axes.set_ylim(0, height)
+    axes.set(xlim=(0, width), ylim=(0, height))
     axes.axis('off')
     top = height - _MARGIN
     axes.text(_MARGIN, top, title, fontsize=9, va='top')
@@ -138,23 +145,24 @@ def _sheet(paper: str, title: str) -> tuple[Figure, Any]:
     for tick in range(11):
         x = _MARGIN + tick * _RULER / 10
         axes.plot([x, x], [top - 0.010, top - 0.008], color='black', lw=0.5)
-    said = '100 mm: print without scaling, and measure'
-    axes.text(_MARGIN + _RULER + 0.003, top - 0.010, said, fontsize=7)
+    text = '100 mm: print without scaling, then measure this ruler'
+    axes.text(_MARGIN + _RULER + 0.003, top - 0.010, text, fontsize=7)
     return figure, axes
 
 
-def _grid(paper: str, width: float, height: float, what: str) -> Array:
-    """Return the middles of places of a size on a sheet [m], row by row, shape (K, 2)."""
+def _grid(paper: str, size: float, what: str) -> Array:
+    """Return the centres of markers of a size on a sheet [m], row by row, shape (K, 2)."""
+    width, height = size + _GAP, size + 2 * _GAP
     across, up = PAPERS[paper]
     columns = int((across - 2 * _MARGIN) / width)
-    rows = int((up - 2 * _MARGIN - _HEAD) / height)
+    rows = int((up - 2 * _MARGIN - _HEADER) / height)
     if columns < 1 or rows < 1:
         raise ValueError(
-            f'{what} do not fit on {paper}; choose another paper of {", ".join(PAPERS)}, or '
-            'smaller markers by markers.frame_marker_size and markers.label_diameter'
+            f'{what} do not fit on {paper}; choose another paper ({", ".join(PAPERS)}), or '
+            'reduce markers.frame_marker_size and markers.label_diameter'
         )
     xs = _MARGIN + width * (np.arange(columns) + 0.5)
-    ys = up - _MARGIN - _HEAD - height * (np.arange(rows) + 0.5)
+    ys = up - _MARGIN - _HEADER - height * (np.arange(rows) + 0.5)
     return np.array([(x, y) for y in ys for x in xs])
 
 

@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Pictures of films and of cameras of this machine, each with its time.
+"""Pictures with times, from video files and cameras of this computer.
 
-The times are those of the file, so that films with a variable rate keep theirs. PyAV reads films;
-without it OpenCV does.
+The times are read from the file, so videos with a variable frame rate keep their times. PyAV reads
+the files, or OpenCV if PyAV is not installed.
 """
 
 from __future__ import annotations
@@ -11,23 +11,24 @@ import datetime
 import time
 from collections.abc import Iterable, Iterator
 from fractions import Fraction
+from importlib import import_module
 from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
 
-from soliton_linkage.vision.opencv import Picture, opencv, pyav, pyav_for_writing
+from soliton_linkage.vision.opencv import Picture, opencv, pyav
 
 _TICKS = 90_000
-"""Time base of films that are written [Hz]: that of video since MPEG."""
+"""Time base of written videos [Hz], the one of MPEG."""
 _SILENT = 0
-"""Log level at which OpenCV logs nothing [1]."""
+"""Log level of OpenCV for no output [1]."""
 _GAP = 1.6
-"""Interval between pictures, over the usual one, beyond which some are missing [1]."""
-_REMEMBERED = 31
-"""Pictures whose intervals define the usual one [1]."""
-_USUAL = 75
-"""Percentile of these that is the usual one: rates of phones change from picture to picture."""
+"""Interval over the usual one beyond which pictures are missing [1]."""
+_MEMORY = 31
+"""Number of intervals that define the usual one [1]."""
+_PERCENTILE = 75
+"""Percentile of these intervals that is the usual one; the rates of phones vary [%]."""
 
 
 class TimedPicture(NamedTuple):
@@ -39,7 +40,7 @@ class TimedPicture(NamedTuple):
 
 
 class Video(NamedTuple):
-    """A film."""
+    """A video file or the pictures of a camera."""
 
     start: float
     """Time of the first picture since the epoch [s]."""
@@ -58,47 +59,52 @@ class GapCounter:
         self._periods: list[float] = []
 
     def add(self, taken: float) -> int:
-        """Return how many pictures are missing before one at a time [s]."""
+        """Return the number of pictures that are missing before a picture at a time [s]."""
         period = 0.0 if self._last is None else taken - self._last
         self._last = taken
         if period <= 0:
             return 0
-        usual = float(np.percentile(self._periods, _USUAL)) if len(self._periods) > 2 else period
-        self._periods = [*self._periods, period][-_REMEMBERED:]
+        periods = self._periods
+        usual = float(np.percentile(periods, _PERCENTILE)) if len(periods) > 2 else period
+        self._periods = [*periods, period][-_MEMORY:]
         lost = round(period / usual) - 1 if period > _GAP * usual else 0
         self.missing += lost
         return lost
 
 
 def read_video(path: Path) -> Video:
-    """Return the pictures of a film; ValueError or OSError if it cannot be read."""
+    """Return the pictures of a video file; raise ValueError or OSError if it is unreadable."""
     if not path.is_file():
-        raise ValueError(f'film {str(path)!r} is not there')
-    av = pyav()
-    return _read_by_opencv(path) if av is None else _read_by_av(av, path)
+        raise ValueError(f'film {str(path)!r} does not exist; check the path')
+    try:
+        import_module('av')
+    except ImportError:
+        return _read_by_opencv(path)
+    return _read_by_av(path)
 
 
 def capture_camera(number: int) -> Iterator[TimedPicture]:
-    """Yield the pictures of a camera of this machine; ValueError if it delivers none."""
-    begun = None
+    """Yield the pictures of a camera of this computer; raise ValueError when they end."""
+    start = None
     for picture in _captured(_opened_camera(number)):
         now = time.monotonic()
-        begun = now if begun is None else begun
-        yield TimedPicture(now - begun, picture)
+        start = now if start is None else start
+        yield TimedPicture(now - start, picture)
     raise ValueError(
-        f'camera {number} gives no picture; see that it is plugged in, and that no other program '
-        'has it'
+        f'camera {number} delivers no picture; check that it is connected and that no other '
+        'program uses it'
     )
 
 
 def write_video(
     path: Path, pictures: Iterable[TimedPicture], quality: int = 18, alone: bool = False
 ) -> int:
-    """Write pictures with their times as H.264; return their number. Lower qualities are better.
+    """Write pictures with their times as H.264, and return their number.
 
-    Pictures that are stored `alone`, not as changes, take more bytes and keep all small motions.
+    A lower `quality` number (CRF) gives better pictures. With `alone`, each picture is a key
+    frame: the file is larger and contains all small motions.
     """
-    av: Any = pyav_for_writing()
+    av: Any = pyav()
     count = 0
     with av.open(str(path), 'w') as container:
         stream = container.add_stream('libx264', rate=Fraction(60))
@@ -118,14 +124,15 @@ def write_video(
     return count
 
 
-def _read_by_av(av: Any, path: Path) -> Video:
+def _read_by_av(path: Path) -> Video:
+    av: Any = pyav()
     try:
         container = av.open(str(path))
         stream = container.streams.video[0]
     except (av.error.FFmpegError, IndexError) as error:
-        reason = getattr(error, 'strerror', None) or 'there are no pictures in it'
+        reason = getattr(error, 'strerror', None) or 'it contains no pictures'
         raise ValueError(
-            f'film {str(path)!r} cannot be read ({reason}); give one such as an MP4 or a MOV'
+            f'film {str(path)!r} cannot be read ({reason}); give a video file such as MP4 or MOV'
         ) from error
 
     def pictures() -> Iterator[TimedPicture]:
@@ -141,12 +148,12 @@ def _read_by_av(av: Any, path: Path) -> Video:
             except av.error.FFmpegError as error:
                 raise ValueError(
                     f'film {str(path)!r} is damaged after {taken - (first or 0.0):.2f} s '
-                    f'({error.strerror}); cut it there, or copy it anew'
+                    f'({error.strerror}); cut it there, or copy it again'
                 ) from error
 
-    told = container.metadata.get('creation_time', '')
+    created = container.metadata.get('creation_time', '')
     length = float(container.duration or 0) / av.time_base
-    return Video(_start(path, told, length), int(stream.frames), pictures())
+    return Video(_start(path, created, length), int(stream.frames), pictures())
 
 
 def _read_by_opencv(path: Path) -> Video:
@@ -154,7 +161,7 @@ def _read_by_opencv(path: Path) -> Video:
     source = cv2.VideoCapture(str(path))
     if not source.isOpened():
         raise ValueError(
-            f'film {str(path)!r} cannot be read; install PyAV, which reads more kinds'
+            f'film {str(path)!r} cannot be read; install PyAV, which reads more formats'
         )
     frames = max(int(source.get(cv2.CAP_PROP_FRAME_COUNT)), 0)
     rate = float(source.get(cv2.CAP_PROP_FPS)) or 30.0
@@ -170,19 +177,18 @@ def _read_by_opencv(path: Path) -> Video:
 
 
 def _opened_camera(number: int) -> Any:
-    """Return a source of OpenCV, which logs nothing if there is no camera."""
+    """Return a capture of OpenCV, without its log output if there is no camera."""
     cv2 = opencv()
     log = cv2 if hasattr(cv2, 'setLogLevel') else cv2.utils.logging
-    before = log.getLogLevel()
+    level = log.getLogLevel()
     log.setLogLevel(_SILENT)
     try:
         return cv2.VideoCapture(number)
     finally:
-        log.setLogLevel(before)
+        log.setLogLevel(level)
 
 
 def _captured(source: Any) -> Iterator[Picture]:
-    """Yield the pictures of a source of OpenCV until it has no more."""
     try:
         while True:
             good, picture = source.read()
@@ -193,10 +199,9 @@ def _captured(source: Any) -> Iterator[Picture]:
         source.release()
 
 
-def _start(path: Path, told: str, length: float) -> float:
-    """Return the start of a film [s], by its metadata or else by the time of its file."""
+def _start(path: Path, created: str, length: float) -> float:
+    """Return the start of a video [s] from its metadata, or else from its file time."""
     try:
-        begun = datetime.datetime.fromisoformat(told.replace('Z', '+00:00'))
-        return begun.timestamp()
+        return datetime.datetime.fromisoformat(created.replace('Z', '+00:00')).timestamp()
     except ValueError:
         return path.stat().st_mtime - length
