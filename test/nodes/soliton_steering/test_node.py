@@ -270,7 +270,7 @@ def test_deviations_that_block_the_way_are_left_out_and_that_is_told() -> None:
             NamedChain(each, default_joint_names(12)), SolitonSteeringParameters()
         )
         assert steered.steering.orbit.chain == chain
-        assert ('does not get past' in steered.limitation) is left_out
+        assert ('cannot pass' in steered.limitation) is left_out
 
 
 def test_a_steering_that_goes_lets_go(graph: Graph) -> None:

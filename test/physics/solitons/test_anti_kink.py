@@ -65,7 +65,7 @@ def test_an_anti_kink_is_the_same_two_rotors_further_and_its_arc_grows_evenly() 
 
 
 def test_an_anti_kink_that_cannot_be_led_from_site_to_site_is_told() -> None:
-    with pytest.raises(ArithmeticError, match='is pinned: it cannot be led'):
+    with pytest.raises(ArithmeticError, match='is pinned: it has no stable'):
         anti_kink_path(chain_of(SPINNER, ROTORS), BEGIN)
 
 

@@ -23,7 +23,7 @@ from soliton_linkage.solitons.passage import (
     blocked_bonds,
     find_obstacles,
     motion_of_bonds,
-    reaches,
+    length_excesses,
 )
 from soliton_linkage_studies.traversal import check_passable, follow_wall
 
@@ -102,7 +102,7 @@ def test_a_bond_without_obstacle_is_a_double_crank_or_a_triple_rocker(
 def test_bonds_without_deviations_are_of_the_class_of_their_chain(chain: Chain) -> None:
     rounding = 16 * EPS * (chain.spacing + chain.rotor_length)
     assume(chain.rest_length - chain.spacing > rounding)
-    reach = float(reaches(chain)[0])
+    reach = float(length_excesses(chain)[0])
     assume(min(abs(reach), abs(reach - chain.spacing)) > rounding)
     assert find_obstacles(chain) == ()
     assert motion_of_bonds(chain) is chain.motion
@@ -160,7 +160,7 @@ def test_any_chain_without_obstacles_lets_the_wall_pass(
     logarithm: float, rest_angle: float, fraction: float, seed: int, rotors: int
 ) -> None:
     chain = deviating(chain_of((math.exp(logarithm), rest_angle), rotors), seed, fraction)
-    excess = reaches(chain) - chain.spacings
+    excess = length_excesses(chain) - chain.spacings
     # At the border the bars lie in line, where the motion takes ever longer.
     assume(float(np.abs(excess).min()) > 0.02 * chain.spacing)
     assume(not blocked_bonds(chain).any())

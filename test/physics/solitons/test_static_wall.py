@@ -21,7 +21,7 @@ from soliton_linkage.linear.rigidity import mode_towards_last, rigidity_bands, z
 from soliton_linkage.linear.statics import length_rounding
 from soliton_linkage.linkage.chain import Array, Chain, Motion, staggered
 from soliton_linkage.linkage.deviations import drawn_deviations
-from soliton_linkage.solitons.static_wall import hung_from, site_arc, static_wall
+from soliton_linkage.solitons.static_wall import angles_from_seed, site_arc, static_wall
 from soliton_linkage.solitons.tanh_fit import find_solitons
 
 # How far the angles of a wall may be off by the error of following its way [rad].
@@ -365,7 +365,7 @@ def test_a_bar_that_is_wrong_moves_the_rotors_beyond_it_as_the_zero_mode_does(
         wrong[bar] = 1e-8
         deviations = dataclasses.replace(chain.deviations, rest_length=tuple(wrong.tolist()))
         other = dataclasses.replace(chain, deviations=deviations)
-        moved = hung_from(other, 12, angles[12], *sides_of(chain, angles)) - angles
+        moved = angles_from_seed(other, 12, angles[12], *sides_of(chain, angles)) - angles
         beyond = np.arange(13, 24) if bar == 12 else np.arange(11, -1, -1)
         still = np.setdiff1d(np.arange(24), beyond)
         assert np.abs(moved[still]).max() < 1e-12
@@ -401,7 +401,7 @@ def test_a_bar_that_does_not_reach_is_refused() -> None:
 
 @pytest.mark.parametrize('place', [0.49, 7.51, -3.0, math.nan, math.inf])
 def test_a_place_too_near_to_an_end_is_refused(place: float) -> None:
-    with pytest.raises(ValueError, match=r'place = .* must lie from 0.5 to .* = 7.5'):
+    with pytest.raises(ValueError, match=r'site = .* must lie from 0.5 to .* = 7.5'):
         static_wall(chain_of(FLIPPER, 9), place)
 
 
@@ -427,5 +427,5 @@ def test_a_chain_at_the_transition_to_spinners_is_refused(beyond: float) -> None
 
 
 def test_a_wall_too_wide_to_follow_is_refused() -> None:
-    with pytest.raises(ValueError, match=r'd = 4e-05 makes a wall reach over .* rotors'):
+    with pytest.raises(ValueError, match=r'd = 4e-05 makes a wall extend over .* rotors'):
         site_arc(chain_of((0.02, 0.001), 3))

@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The zero-energy orbit: the closed curve along which the wall of a chain runs to and fro.
+"""The zero-energy orbit: the closed curve of configurations along which the wall of a chain moves.
 
-Once round it is a cycle. `orbit_of` makes that of any chain, an `Orbit`: `UniformOrbit` without
-deviations, from the orbit of a short chain, and `DeviatingOrbit` with them, from pieces.
+One cycle of the wall runs once along the curve. `orbit_of` returns an `Orbit` for any chain: a
+`UniformOrbit` without deviations, and a `DeviatingOrbit` with them.
 """
 
 from soliton_linkage.orbit.deviating_orbit import DeviatingOrbit, orbit_of

@@ -1,10 +1,10 @@
 # SPDX-License-Identifier: Apache-2.0
 """The orbit of a chain whose rotors and springs deviate by known amounts.
 
-Where the wall is, is told by the halves of the zero mode t: the chain without deviations is
-taken that has half of |t|^2 on the left of the same bond, and between bonds, and from the begin
-to the end of each leg, its arc length grows smoothly with that of this chain. The wall is at the
-place where it is in that one.
+The site coordinate of the wall is defined by comparison with the chain without deviations. Two
+arcs correspond to each other if the zero mode t has half of |t|^2 on the left of the same bond.
+Between such arcs, and from the ends of each leg, a monotonic cubic interpolates. The wall has the
+site coordinate of the corresponding arc.
 """
 
 from __future__ import annotations
@@ -21,17 +21,17 @@ from soliton_linkage.linkage.chain import Array, Chain, Motion
 from soliton_linkage.linkage.deviations import NO_DEVIATIONS
 from soliton_linkage.orbit.orbit import Orbit, OrbitSegment
 from soliton_linkage.orbit.orbit_pieces import OrbitPiece, orbit_pieces
-from soliton_linkage.orbit.seed_path import impassable
+from soliton_linkage.orbit.seed_path import blocked_wall_error
 from soliton_linkage.orbit.uniform_orbit import UniformOrbit
 
 _SAMPLES_A_SITE = 4
-"""How often the halves of the zero mode are looked at [1/site], to bracket where they pass."""
+"""Samples of the median of |t|^2 [1/site], which bracket the arcs at the bonds."""
 _SAME_MODE = 1 - 1e-6
-"""Cosine between tangent and zero mode [1] below which rotors move that the pieces leave out."""
+"""Least cosine between tangent and zero mode [1]; if it is smaller, the pieces lack rotors."""
 
 
 def orbit_of(chain: Chain) -> Orbit:
-    """Orbit of a chain: its own where rotors or springs deviate, else that of a uniform chain.
+    """Return the orbit of a chain, with its deviations if it has any.
 
     Raises ValueError as `UniformOrbit` and `DeviatingOrbit` do.
     """
@@ -41,13 +41,12 @@ def orbit_of(chain: Chain) -> Orbit:
 class DeviatingOrbit(Orbit):
     """The orbit of a chain with its deviations.
 
-    Bars have their length to 1e-9 of it on all configurations. Time and memory to make it grow
-    as N. Raises ValueError as `UniformOrbit` and `orbit_pieces` do, and where the wall is
-    reflected other than at the edges.
+    All bars keep their length to a relative error of 1e-9. Time and memory to compute it grow in
+    proportion to N. Raises ValueError as `UniformOrbit` and `orbit_pieces` do, and if the wall is
+    reflected elsewhere than at the edges.
     """
 
     def __init__(self, chain: Chain) -> None:
-        """Make the orbit and find its reflections and places."""
         self._uniform = UniformOrbit(chain)
         self.chain = chain
         self.number_of_legs = self._uniform.number_of_legs
@@ -55,42 +54,42 @@ class DeviatingOrbit(Orbit):
         self._ends: list[float] = np.cumsum([piece.length for piece in self._pieces]).tolist()
         self._origin = 0.0
         self._starts = [0.0, self._ends[-1]]
-        turning = self._reflections()
-        self._origin = turning[-1] - self.length
-        self._starts = [0.0, *(arc - self._origin for arc in turning)]
+        reflections = self._reflections()
+        self._origin = reflections[-1] - self.length
+        self._starts = [0.0, *(arc - self._origin for arc in reflections)]
         legs = range(self.number_of_legs)
         self._backgrounds = [self._relaxed(leg) for leg in legs]
         self._check()
-        self._counterpart = _Counterpart(self, self._uniform)
+        self._uniform_arc = _ArcMap(self, self._uniform)
         inner = chain.number_of_rotors - 2
         ways = [self.arc_at(inner + 0.5, leg) - self.arc_at(0.5, leg) for leg in legs]
         self.site_arc = sum(map(abs, ways)) / (inner * len(ways))
 
     @property
     def wall_extent(self) -> float:
-        """Arc length [rad] of a way past all the rotors that know of a wall."""
+        """Arc length [rad] along which the wall moves any one rotor."""
         return self._uniform.wall_extent * self.site_arc / self._uniform.site_arc
 
     def site(self, arc: float) -> float:
-        """Place of the wall [rotor spacings], from 0 to N - 1; at the edges it waits there."""
-        return self._uniform.site(self._counterpart.value(arc % self.length))
+        """Return the site coordinate of the wall [rotor spacings], clipped to 0 ... N - 1."""
+        return self._uniform.site(self._uniform_arc.value(arc % self.length))
 
-    def arc_at(self, place: float, leg: int) -> float:
-        """Arc length at which the wall is at a place [rotor spacings] in the middle of a leg.
+    def arc_at(self, site: float, leg: int) -> float:
+        """Return the arc length at which the wall is at a site coordinate in a leg [rad].
 
-        Places beyond the leg lie as far in arc length beyond its ends as without deviations.
+        Beyond the ends of the leg arcs differ from these ends as without deviations.
         """
-        counterpart = self._uniform.arc_at(place, leg)
+        uniform_arc = self._uniform.arc_at(site, leg)
         begin, end = self._uniform.leg_arcs(leg)
-        within = min(max(counterpart, begin), end)
-        return self._counterpart.inverse(within) + (counterpart - within)
+        within = min(max(uniform_arc, begin), end)
+        return self._uniform_arc.inverse(within) + (uniform_arc - within)
 
     def site_arc_at(self, arc: float) -> float:
-        """Arc length from one rotor to the next [rad] as it is at an arc length, ds / dplace."""
-        return self._uniform.site_arc / self._counterpart.slope(arc % self.length)
+        """Return the local arc length per rotor spacing [rad], ds / dsite."""
+        return self._uniform.site_arc / self._uniform_arc.slope(arc % self.length)
 
     def segment(self, arc: float) -> OrbitSegment:
-        """Rotors about the wall at an arc length; all others are as in `background`."""
+        """Return the rotors near the wall; `background` has the angles of all others."""
         within = (arc + self._origin) % self._ends[-1]
         number = min(bisect_right(self._ends, within), len(self._ends) - 1)
         piece = self._pieces[number]
@@ -98,18 +97,15 @@ class DeviatingOrbit(Orbit):
         return OrbitSegment(piece.first, values[: piece.rotors], values[piece.rotors :])
 
     def background(self, arc: float) -> tuple[Array, Array]:
-        """Angles of the chain as it is on the left and on the right of the wall [rad], (N,) each.
-
-        Relaxed without a wall, but for the edge rotors of flippers, which have toggled or not.
-        """
+        """Return the relaxed angles of the chain left and right of the wall [rad], (N,) each."""
         left, right = self._backgrounds[self.leg(arc)]
         return left.copy(), right.copy()
 
     def _reflections(self) -> list[float]:
-        """Arc lengths from the begin of the first piece at which the legs end [rad].
+        """Return the arc lengths from the begin of the first piece at which the legs end [rad].
 
-        There a flipper's edge rotor is in line with its bar, so that its neighbour turns back,
-        and a spinner's sum of sin(phi_n) does.
+        At the end of a leg a flipper's edge rotor is in line with its bar, so that the rotor
+        beside it reverses; a spinner's sum of sin(phi_n) does.
         """
         last = self.chain.number_of_rotors - 1
         spinner = self.chain.motion is Motion.SPINNER
@@ -119,56 +115,56 @@ class DeviatingOrbit(Orbit):
             if not spinner and piece.seed not in (0, last):
                 continue
             rotor = None if spinner else -2 if piece.seed == last else 1
-            goes_on = spinner or after.seed == piece.seed
-            turned = (
-                _turning(0.0, after, rotor) if goes_on else _turning(piece.length, piece, rotor)
+            rate = (
+                _rate(0.0, after, rotor)
+                if spinner or after.seed == piece.seed
+                else _rate(piece.length, piece, rotor)
             )
-            if (_turning(0.0, piece, rotor) > 0) != (turned > 0):
-                found.append(end - piece.length + _turning_arc(piece, rotor))
+            if (_rate(0.0, piece, rotor) > 0) != (rate > 0):
+                found.append(end - piece.length + _reversal(piece, rotor))
         if len(found) != self.number_of_legs:
             number = bisect_right(self._ends, found[0] if found else 0.0)
-            raise impassable(self.chain, self._pieces[number].seed)
+            raise blocked_wall_error(self.chain, self._pieces[number].seed)
         return found
 
     def _check(self) -> None:
-        """Refuse an orbit on which rotors move far from the wall, where it is stopped."""
+        """Raise ValueError if rotors far from the wall move, because the wall stops there."""
         for piece, end in zip(self._pieces, self._ends, strict=True):
             arc = end - piece.length / 2 - self._origin
             mode = zero_mode(self.chain, self.configuration(arc))
             tangent = np.split(piece.at(piece.length / 2), 2)[1]
-            about = mode[piece.first : piece.first + piece.rotors]
-            if not abs(float(about @ tangent)) > _SAME_MODE:
-                raise impassable(self.chain, piece.seed)
+            near = mode[piece.first : piece.first + piece.rotors]
+            if not abs(float(near @ tangent)) > _SAME_MODE:
+                raise blocked_wall_error(self.chain, piece.seed)
 
     def _relaxed(self, leg: int) -> tuple[Array, Array]:
-        """Background of a leg: as the wall leaves it behind on its way to the edges.
+        """Return the background of a leg: the angles that the wall leaves behind.
 
-        There the edge rotors are as without deviations, or as near to it as they get.
+        The edge rotors are as without deviations, or as near to it as possible.
         """
         last = self.chain.number_of_rotors - 1
         left, right = self._uniform.background(self._uniform.leg_arcs(leg)[0])
         begin, end = self.leg_arcs(leg)
-        at_last = (last, float(left[-1]), end) if leg % 2 == 0 else (last, float(left[-1]), begin)
-        at_first = (0, float(right[0]), begin) if leg % 2 == 0 else (0, float(right[0]), end)
+        at_last, at_first = (end, begin) if leg % 2 == 0 else (begin, end)
         arcs = sorted((arc - self._origin) % self.length for arc in self._ends)
         inner = [arc for arc in arcs if begin < arc < end]
         if leg % 2 == 1:
             inner.reverse()
         return (
-            self._left_behind([*inner, self._nearest(*at_last)]),
-            self._left_behind([*inner[::-1], self._nearest(*at_first)]),
+            self._left_behind([*inner, self._nearest(last, float(left[-1]), at_last)]),
+            self._left_behind([*inner[::-1], self._nearest(0, float(right[0]), at_first)]),
         )
 
     def _left_behind(self, arcs: list[float]) -> Array:
-        """Angles of the chain as they were last along a series of arcs [rad], shape (N,)."""
+        """Return the last angles of each rotor along a series of arcs [rad], shape (N,)."""
         angles = np.empty(self.chain.number_of_rotors)
         for arc in arcs:
-            about = self.segment(arc)
-            angles[about.first : about.first + len(about.angles)] = about.angles
+            segment = self.segment(arc)
+            angles[segment.first : segment.first + len(segment.angles)] = segment.angles
         return angles
 
     def _nearest(self, rotor: int, angle: float, turning: float) -> float:
-        """Arc at which an edge rotor is nearest to an angle, as the wall swings about it [rad]."""
+        """Return the arc near a reflection at which an edge rotor is closest to an angle [rad]."""
         pieces, count = self._pieces, len(self._pieces)
         number = bisect_right(self._ends, (turning + self._origin) % self._ends[-1]) % count
         column = 0 if rotor == 0 else -1
@@ -181,124 +177,114 @@ class DeviatingOrbit(Orbit):
         for n in range(low, high + 1):
             piece = pieces[n % count]
             begin = self._ends[n % count] - piece.length - self._origin
-            away = [math.remainder(each - angle, 2 * math.pi) for each in piece.edge(column)]
+            away = [_difference(arc, piece, column, angle) for arc in (0.0, piece.length)]
             if away[0] * away[1] < 0 and abs(away[0] - away[1]) < math.pi:
-                return begin + float(brentq(_away, 0, piece.length, args=(piece, column, angle)))
+                arguments = (piece, column, angle)
+                return begin + float(brentq(_difference, 0, piece.length, args=arguments))
             nearest = min(nearest, (abs(away[0]), begin), (abs(away[1]), begin + piece.length))
         return nearest[1]
 
 
-def _away(arc: float, piece: OrbitPiece, column: int, angle: float) -> float:
-    """How far one of the rotors of a piece is from an angle, -pi to pi [rad]."""
+def _difference(arc: float, piece: OrbitPiece, column: int, angle: float) -> float:
+    """Return the angle of a rotor of a piece less a given one, from -pi to pi [rad]."""
     return math.remainder(float(piece.at(arc)[: piece.rotors][column]) - angle, 2 * math.pi)
 
 
-def _turning(arc: float, piece: OrbitPiece, rotor: int | None) -> float:
-    """Growth of the angle of one of the rotors of a piece [1], or of their sum of sin(phi_n)."""
+def _rate(arc: float, piece: OrbitPiece, rotor: int | None) -> float:
+    """Return the arc derivative of a rotor's angle [1], or, for None, of sum_n sin(phi_n)."""
     angles, tangent = np.split(piece.at(arc), 2)
     return float(np.cos(angles) @ tangent) if rotor is None else float(tangent[rotor])
 
 
-def _turning_arc(piece: OrbitPiece, rotor: int | None) -> float:
-    """Where in a piece, or at its end but for rounding, a rotor or the sum turns back [rad]."""
-    if (_turning(0.0, piece, rotor) > 0) == (_turning(piece.length, piece, rotor) > 0):
+def _reversal(piece: OrbitPiece, rotor: int | None) -> float:
+    """Return the arc in a piece at which `_rate` changes sign, or its end [rad]."""
+    if (_rate(0.0, piece, rotor) > 0) == (_rate(piece.length, piece, rotor) > 0):
         return piece.length
-    return float(brentq(_turning, 0, piece.length, args=(piece, rotor), xtol=1e-14))
+    return float(brentq(_rate, 0, piece.length, args=(piece, rotor), xtol=1e-14))
 
 
-class _Counterpart:
-    """Arc of the uniform orbit as a smooth, growing function of the arc of another."""
+class _ArcMap:
+    """Smooth, increasing map from the arc of an orbit to the arc of the uniform orbit."""
 
     def __init__(self, orbit: Orbit, uniform: UniformOrbit) -> None:
-        """Find bonds that the wall passes once and in their order, and join them smoothly."""
         arcs: list[float] = []
-        counterparts: list[float] = []
+        uniform_arcs: list[float] = []
         for leg in range(orbit.number_of_legs):
-            halves, others = (_half_ways(each, leg)[:: (-1) ** leg] for each in (orbit, uniform))
-            kept = np.isfinite(halves) & np.isfinite(others)
-            halves, others = halves[kept], others[kept]
-            rising = (halves == np.maximum.accumulate(halves)) & (
-                halves == np.minimum.accumulate(halves[::-1])[::-1]
+            here, there = (_arcs_at_bonds(each, leg)[:: (-1) ** leg] for each in (orbit, uniform))
+            kept = np.isfinite(here) & np.isfinite(there)
+            here, there = here[kept], there[kept]
+            rising = (here == np.maximum.accumulate(here)) & (
+                here == np.minimum.accumulate(here[::-1])[::-1]
             )
-            arcs += [orbit.leg_arcs(leg)[0], *halves[rising].tolist()]
-            counterparts += [uniform.leg_arcs(leg)[0], *others[rising].tolist()]
+            arcs += [orbit.leg_arcs(leg)[0], *here[rising].tolist()]
+            uniform_arcs += [uniform.leg_arcs(leg)[0], *there[rising].tolist()]
         self._arcs = [*arcs, orbit.length]
-        self._counterparts = [*counterparts, uniform.length]
-        self._cubics = self._joined()
-
-    def _joined(self) -> list[list[float]]:
-        """Cubic between each knot and the next, on an orbit without end."""
-        arcs, counterparts = self._arcs, self._counterparts
-        around = [arcs[-2] - arcs[-1], *arcs, arcs[-1] + arcs[1]]
-        others = [counterparts[-2] - counterparts[-1], *counterparts]
-        others.append(counterparts[-1] + counterparts[1])
-        cubics: list[list[float]] = PchipInterpolator(around, others).c.T[1:-1].tolist()
-        return cubics
+        self._uniform_arcs = [*uniform_arcs, uniform.length]
+        periodic = [
+            [knots[-2] - knots[-1], *knots, knots[-1] + knots[1]]
+            for knots in (self._arcs, self._uniform_arcs)
+        ]
+        self._cubics: list[list[float]] = PchipInterpolator(*periodic).c.T[1:-1].tolist()
 
     def value(self, arc: float) -> float:
-        """Arc of the uniform orbit [rad]."""
+        """Return the arc of the uniform orbit [rad]."""
         number = _interval(self._arcs, arc)
         a, b, c, d = self._cubics[number]
-        beyond = arc - self._arcs[number]
-        return float(((a * beyond + b) * beyond + c) * beyond + d)
+        x = arc - self._arcs[number]
+        return float(((a * x + b) * x + c) * x + d)
 
     def slope(self, arc: float) -> float:
-        """Its growth with the arc [1]."""
+        """Return the derivative of `value` [1]."""
         number = _interval(self._arcs, arc)
         a, b, c, _ = self._cubics[number]
-        beyond = arc - self._arcs[number]
-        return float((3 * a * beyond + 2 * b) * beyond + c)
+        x = arc - self._arcs[number]
+        return float((3 * a * x + 2 * b) * x + c)
 
-    def inverse(self, counterpart: float) -> float:
-        """Arc at which it is so much [rad]."""
-        number = _interval(self._counterparts, counterpart)
+    def inverse(self, uniform_arc: float) -> float:
+        """Return the arc at which `value` is a given arc of the uniform orbit [rad]."""
+        number = _interval(self._uniform_arcs, uniform_arc)
         begin, end = self._arcs[number : number + 2]
-        low, high = self._counterparts[number : number + 2]
-        if counterpart <= low or counterpart >= high:
-            return begin if counterpart <= low else end
-        return float(brentq(lambda arc: self.value(arc) - counterpart, begin, end, xtol=1e-13))
+        low, high = self._uniform_arcs[number : number + 2]
+        if uniform_arc <= low or uniform_arc >= high:
+            return begin if uniform_arc <= low else end
+        return float(brentq(lambda arc: self.value(arc) - uniform_arc, begin, end, xtol=1e-13))
 
 
 def _interval(knots: list[float], at: float) -> int:
     return min(max(bisect_right(knots, at) - 1, 0), len(knots) - 2)
 
 
-def _half_ways(orbit: Orbit, leg: int) -> Array:
-    """Arc lengths [rad] of a leg at which half of |t|^2 is on the left of each bond, (N - 1,).
+def _arcs_at_bonds(orbit: Orbit, leg: int) -> Array:
+    """Return the arcs [rad] in a leg at which half of |t|^2 is left of each bond, (N - 1,).
 
-    NaN for bonds at the edges, where there is no such arc.
+    The arc is NaN for bonds at the edges without such an arc.
     """
     rotors = orbit.chain.number_of_rotors
-    begin, end = orbit.leg_arcs(leg)
-    arcs = np.linspace(begin, end, _SAMPLES_A_SITE * rotors)
+    arcs = np.linspace(*orbit.leg_arcs(leg), _SAMPLES_A_SITE * rotors)
     if leg % 2 == 1:
         arcs = arcs[::-1]
     medians = np.array([_median(orbit.segment(arc)) for arc in arcs.tolist()])
+
+    def excess(arc: float, bond: int) -> float:
+        """Return |t|^2 on the left of a bond less half of the total [1]."""
+        segment = orbit.segment(arc)
+        squares = segment.tangent**2
+        left = squares[: max(bond + 1 - segment.first, 0)]
+        return float(left.sum() - squares.sum() / 2)
+
     found = np.full(rotors - 1, np.nan)
     for bond in range(rotors - 1):
         passed = np.flatnonzero(np.diff(medians > bond + 0.5))
         if len(passed) == 1:
             bracket = arcs[passed[0] : passed[0] + 2]
-            found[bond] = brentq(
-                lambda arc, n: _left_half(orbit.segment(arc), n),
-                *bracket,
-                args=(bond,),
-                xtol=1e-12,
-            )
+            found[bond] = brentq(excess, *bracket, args=(bond,), xtol=1e-12)
     return found
 
 
-def _median(about: OrbitSegment) -> float:
-    """Where half of |t|^2 is on the left [rotor spacings]."""
-    shares = np.cumsum(about.tangent**2)
-    half = shares[-1] / 2
-    n = int(np.searchsorted(shares, half))
-    before = shares[n - 1] if n else 0.0
-    return about.first + n - 0.5 + float((half - before) / (shares[n] - before))
-
-
-def _left_half(about: OrbitSegment, bond: int) -> float:
-    """How much more of |t|^2 than half is on the left of a bond [1]."""
-    squares = about.tangent**2
-    left = squares[: max(bond + 1 - about.first, 0)]
-    return float(left.sum() - squares.sum() / 2)
+def _median(segment: OrbitSegment) -> float:
+    """Return the site coordinate with half of |t|^2 on its left [rotor spacings]."""
+    sums = np.cumsum(segment.tangent**2)
+    half = sums[-1] / 2
+    n = int(np.searchsorted(sums, half))
+    before = sums[n - 1] if n else 0.0
+    return segment.first + n - 0.5 + float((half - before) / (sums[n] - before))

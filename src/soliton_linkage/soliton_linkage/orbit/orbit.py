@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The closed orbit of a chain, along which its wall runs to and fro: what every orbit can tell."""
+"""Interface of a closed zero-energy orbit, and the methods that all orbits share."""
 
 from __future__ import annotations
 
@@ -13,41 +13,39 @@ import numpy as np
 from soliton_linkage.linkage.chain import Array, Chain
 
 _STEP = 1e-3
-"""Arc over which the tangent is differentiated [rad]: an error of 1e-6."""
+"""Arc step for the derivative of the tangent [rad]: its error is 1e-6."""
 
 
 class OrbitSegment(NamedTuple):
-    """Rotors first ... first + n - 1 of a configuration, and how they move along the orbit.
-
-    first: number of the first rotor.
-    angles: actual angles [rad], shape (n,).
-    tangent: change of the angles with the arc length [1], shape (n,); below 1e-6 on all others.
-    """
+    """The rotors near the wall in a configuration, and their motion along the orbit."""
 
     first: int
+    """Number of the first rotor."""
     angles: Array
+    """Actual angles [rad], shape (n,)."""
     tangent: Array
+    """Derivative of the angles by the arc length [1], shape (n,); below 1e-6 on other rotors."""
 
 
 class Orbit(ABC):
-    """The closed orbit of a chain, along which its wall runs to and fro, as a curve in its arc.
+    """The closed orbit of a chain as a curve, parametrised by its arc length.
 
-    The arc length [rad] is that of all angles, sqrt(sum_n dphi_n^2). It is 0 where the wall is
-    reflected at the first rotor and leg 0 begins, in which no edge rotor of a flipper has
-    toggled; it grows towards the last rotor in even legs and back in odd ones, up to the length
-    of the whole orbit, and may be any number. The chain is the one whose uniform right-leaning
-    state is theta = theta_bar; that which was assembled upside down is its image
-    phi -> pi - phi. Angles are known up to whole turns.
+    The arc length [rad] counts all angles, sqrt(sum_n dphi_n^2). It may be any number, because
+    the orbit is periodic in it. At 0 the wall is reflected at the first rotor, and leg
+    0 begins; no edge rotor of a flipper has toggled in leg 0. The wall moves towards the last
+    rotor in even legs and back in odd ones. The uniform right-leaning state of the chain is
+    theta = theta_bar; a chain that was assembled upside down is the image phi -> pi - phi.
+    Angles are defined up to whole turns.
     """
 
     chain: Chain
-    """The chain whose orbit it is."""
+    """Chain of the orbit."""
     number_of_legs: int
-    """4 for flippers, 2 for spinners."""
+    """Number of legs: 4 for flippers, 2 for spinners."""
     site_arc: float
-    """Arc length from one rotor to the next [rad], on the average."""
+    """Mean arc length per rotor spacing [rad]."""
     _starts: list[float]
-    """Arc lengths at which the legs begin [rad], and after them that of the whole orbit."""
+    """Arc lengths at which the legs begin [rad], followed by the length of the orbit."""
 
     @property
     def length(self) -> float:
@@ -56,73 +54,74 @@ class Orbit(ABC):
 
     @property
     def middle(self) -> float:
-        """Place in the middle of the chain [rotor spacings]."""
+        """Site coordinate of the middle of the chain [rotor spacings]."""
         return (self.chain.number_of_rotors - 1) / 2
 
     @property
     @abstractmethod
     def wall_extent(self) -> float:
-        """Arc length [rad] of a way past all the rotors that know of a wall."""
+        """Arc length [rad] along which the wall moves any one rotor."""
 
     def leg_arcs(self, leg: int) -> tuple[float, float]:
-        """Arc lengths [rad] at which a leg begins and ends."""
+        """Return the arc lengths [rad] at which a leg begins and ends."""
         return self._starts[leg], self._starts[leg + 1]
 
     def leg(self, arc: float) -> int:
-        """Leg of the orbit at an arc length: 0 to 3 for flippers, 0 or 1 for spinners."""
+        """Return the leg at an arc length: 0 to 3 for flippers, 0 or 1 for spinners."""
         starts = self._starts
         return bisect_right(starts, arc % starts[-1], 0, self.number_of_legs) - 1
 
     @abstractmethod
     def site(self, arc: float) -> float:
-        """Place of the wall [rotor spacings], from 0 to N - 1; at the edges it waits there."""
+        """Return the site coordinate of the wall [rotor spacings], clipped to 0 ... N - 1."""
 
     @abstractmethod
-    def arc_at(self, place: float, leg: int) -> float:
-        """Arc length at which the wall is at a place [rotor spacings] in the middle of a leg."""
+    def arc_at(self, site: float, leg: int) -> float:
+        """Return the arc length at which the wall is at a site coordinate in a leg [rad]."""
 
     @abstractmethod
     def site_arc_at(self, arc: float) -> float:
-        """Arc length from one rotor to the next [rad] as it is at an arc length, ds / dplace."""
+        """Return the local arc length per rotor spacing [rad], ds / dsite."""
 
     @abstractmethod
     def segment(self, arc: float) -> OrbitSegment:
-        """Rotors about the wall at an arc length; all others are as in `background`."""
+        """Return the rotors near the wall; `background` has the angles of all others."""
 
     @abstractmethod
     def background(self, arc: float) -> tuple[Array, Array]:
-        """Angles of the chain as it is on the left and on the right of the wall [rad], (N,) each.
+        """Return the angles of the chain left and right of the wall [rad], (N,) each.
 
-        Relaxed without a wall, but for the edge rotors of flippers, which have toggled or not.
+        All springs are relaxed. Edge rotors of flippers have toggled or not, as the leg has it.
         """
 
     def configuration(self, arc: float) -> Array:
-        """Angles of the whole chain at an arc length [rad], shape (N,)."""
+        """Return the angles of the whole chain at an arc length [rad], shape (N,)."""
         angles, right = self.background(arc)
-        about = self.segment(arc)
-        beyond = about.first + len(about.angles)
-        angles[beyond:] = right[beyond:]
-        angles[about.first : beyond] = about.angles
+        segment = self.segment(arc)
+        end = segment.first + len(segment.angles)
+        angles[end:] = right[end:]
+        angles[segment.first : end] = segment.angles
         return angles
 
     def tangent(self, arc: float) -> Array:
-        """Unit tangent at an arc length, the zero mode there [1], shape (N,)."""
+        """Return the unit tangent at an arc length, the zero mode [1], shape (N,)."""
         tangent = np.zeros(self.chain.number_of_rotors)
-        about = self.segment(arc)
-        tangent[about.first : about.first + len(about.tangent)] = about.tangent
+        segment = self.segment(arc)
+        tangent[segment.first : segment.first + len(segment.tangent)] = segment.tangent
         return tangent
 
     def curvature(self, arc: float) -> Array:
-        """Change of the tangent with the arc [1/rad], d2Phi/ds2, shape (N,)."""
+        """Return the derivative of the tangent by the arc [1/rad], d2Phi/ds2, shape (N,)."""
         ahead, behind = self.tangent(arc + _STEP), self.tangent(arc - _STEP)
         return np.asarray((ahead - behind) / (2 * _STEP))
 
     def free_rate(self, arc: float) -> float:
-        """Rate of the arc in free motion, over that of a chain of equal rotors [1].
+        """Return the arc rate of free motion relative to a chain of equal rotors [1].
 
-        1 / sqrt(sum_n (I_n / I) t_n^2): the kinetic energy sum_n (I_n / 2) (t_n ds/dt)^2 is kept,
-        with I = M r^2 of the chain's parameters.
+        1 / sqrt(sum_n (I_n / I) t_n^2) with I = M r^2 of the chain's parameters, because free
+        motion conserves the kinetic energy sum_n (I_n / 2) (t_n ds/dt)^2.
         """
-        about = self.segment(arc)
-        moments = self.chain.moments_of_inertia[about.first : about.first + len(about.tangent)]
-        return math.sqrt(self.chain.moment_of_inertia / float(moments @ about.tangent**2))
+        segment = self.segment(arc)
+        end = segment.first + len(segment.tangent)
+        moments = self.chain.moments_of_inertia[segment.first : end]
+        return math.sqrt(self.chain.moment_of_inertia / float(moments @ segment.tangent**2))

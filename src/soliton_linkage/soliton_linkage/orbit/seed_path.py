@@ -1,17 +1,19 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The way of a wall through a chain whose rotors and springs deviate, from rotor to rotor.
+"""The path of a wall from rotor to rotor through a chain whose rotors and springs deviate.
 
-A linkage has one freedom: given the angle of one rotor, the seed, all others hang on it bar by
-bar. The seed moves more than its neighbours do; where the next one comes to move as much,
-|A_n| = |B_n|, that takes over. The side on which rotor n hangs from its right neighbour is then
-sign(A_n) as it was when the seed went from n to n + 1, and that on which it hangs from its left
-one sign(B_{n-1}) as when the seed came back: neither lever vanishes while the seed is beyond.
+A linkage has one degree of freedom: given the angle of one rotor, the seed, the bars determine all
+others. The seed is the rotor that moves most. Where its neighbour moves as much, |A_n| = |B_n|,
+that one becomes the seed. Rotor n has two positions on the bar to its right neighbour; the branch
+is sign(A_n) from the time when the seed moved from n to n + 1. The branch on the bar to its left
+neighbour is sign(B_{n-1}) from the time when the seed moved back. Neither lever vanishes while the
+seed is beyond the bar.
 """
 
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, replace
+from dataclasses import replace
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -21,80 +23,75 @@ from soliton_linkage.linear.rigidity import mode_towards_last
 from soliton_linkage.linkage.chain import Array, Chain
 from soliton_linkage.linkage.deviations import NO_DEVIATIONS
 from soliton_linkage.solitons.passage import find_obstacles
-from soliton_linkage.solitons.static_wall import bar_sides, hung_angle, hung_from, static_wall
+from soliton_linkage.solitons.static_wall import (
+    angles_from_seed,
+    bar_branches,
+    neighbour_angle,
+    static_wall,
+)
 
 Numbers = NDArray[np.int64]
-Sides = NDArray[np.int8]
+Branches = NDArray[np.int8]
 
 _LONGEST_STEP = 0.1
-"""Of the angle of a seed, in units of the smaller of rest angle and 1 rad [1]: on it no other
-rotor takes over and gives back."""
+"""Step of a seed's angle over the smaller of rest angle and 1 rad [1]: within one step no other
+rotor becomes the seed and loses that role again."""
 _SHORTEST_STEP = 1e-10
-"""Of the angle of a seed [rad]: below it the bars do not reach on, but for rounding."""
-_SURELY = 1e-9
-"""Lead from which another rotor takes over [1], above the rounding of a logarithm."""
-_FAR_BEHIND = -4.0
-"""Lead from which on a side is not followed [1]: no rotor beyond gains a factor e^4 again."""
+"""Step of a seed's angle [rad] below which only rounding makes bars reach."""
+_CLEAR_LEAD = 1e-9
+"""Lead with which another rotor becomes the seed [1], above the rounding of a logarithm."""
+_NEGLIGIBLE_LEAD = -4.0
+"""Lead below which a side is not searched [1]: no rotor beyond gains a factor e^4."""
 _MOST_PIECES_A_ROTOR = 20
-"""Of a closed path [1]: flippers take about 4 and spinners 2, so that this is an endless one."""
+"""Pieces per rotor of a closed path [1]: flippers take about 4, spinners 2."""
 
 
-@dataclass(frozen=True)
-class SeedPath:
-    """Pieces of the orbit in their order along it, each a way past its seed, shape (P,)."""
+class SeedPath(NamedTuple):
+    """Pieces of the orbit in their order, each with one seed, shape (P,)."""
 
     seeds: Numbers
     begins: Array
-    """Angle of the seed where the piece begins [rad]."""
+    """Angle of the seed at the begin of the piece [rad]."""
     ends: Array
-    """Angle of the seed where it ends [rad], without jumps."""
-    left_sides: Sides
+    """Angle of the seed at the end of the piece [rad], without jumps."""
+    left_branches: Branches
     """Signs of A of the bars seed - beside, ..., seed + beside - 1, shape (P, 2 beside)."""
-    right_sides: Sides
-    """Signs of B of the same bars; beyond the ends of the chain those of its last bar."""
+    right_branches: Branches
+    """Signs of B of the same bars; beyond an end of the chain its last bar is repeated."""
 
-    def __len__(self) -> int:
-        return len(self.seeds)
-
-    def __getitem__(self, which: Numbers) -> SeedPath:
-        return SeedPath(
-            self.seeds[which],
-            self.begins[which],
-            self.ends[which],
-            self.left_sides[which],
-            self.right_sides[which],
-        )
+    def take(self, which: Numbers) -> SeedPath:
+        """Return some of the pieces."""
+        return SeedPath._make(part[which] for part in self)
 
     def halves(self) -> SeedPath:
-        """Each piece in two."""
-        twice = self[np.repeat(np.arange(len(self)), 2)]
+        """Return a path with each piece split in two."""
+        split = self.take(np.repeat(np.arange(len(self.seeds)), 2))
         middles = (self.begins + self.ends) / 2
-        twice.ends[::2] = middles
-        twice.begins[1::2] = middles
-        return twice
+        split.ends[::2] = middles
+        split.begins[1::2] = middles
+        return split
 
 
-@dataclass(frozen=True)
-class _Bond:
-    """The bar to the next rotor, and where that hangs."""
+class _Bond(NamedTuple):
+    """The bar from the seed or a rotor beyond it to the next rotor."""
 
     angle: float
-    """Of the rotor that hangs [rad]."""
+    """Angle of the next rotor [rad]."""
     near: float
-    """Lever of the seed [m], not divided by the length of the bar, as is the other."""
+    """Lever of the rotor [m^2], not divided by the length of the bar."""
     far: float
-    """Lever of the rotor that hangs."""
+    """Lever of the next rotor [m^2]."""
 
     @property
     def lead(self) -> float:
-        """By how much the rotor that hangs moves more than the seed, log |t_far / t_seed| [1]."""
+        """Log ratio of the motions of the next rotor and this one [1]."""
         if self.near == 0:
             return -math.inf
         return math.log(abs(self.near / self.far)) if self.far else math.inf
 
 
 class _Seed:
-    """The rotor that all others hang on, and the way that it takes."""
+    """The rotor whose angle determines all others, as it changes along the orbit."""
 
     def __init__(self, chain: Chain) -> None:
         self._chain = chain
@@ -102,51 +99,51 @@ class _Seed:
         self._lengths: list[float] = chain.rotor_lengths.tolist()
         self._spacings: list[float] = chain.spacings.tolist()
         self._step = _LONGEST_STEP * min(1.0, chain.rest_angle)
-        left, right = bar_sides(chain, 0, False)
-        self.left_sides = left.astype(np.int8)
-        self.right_sides = right.astype(np.int8)
+        left, right = bar_branches(chain, 0, False)
+        self.left_branches = left.astype(np.int8)
+        self.right_branches = right.astype(np.int8)
         self.rotor, self.angle, self.sense = self._start(left, right)
 
     def _start(self, left: Array, right: Array) -> tuple[int, float, float]:
-        """A rotor with the wall on it as without deviations, the nearest to the middle that can.
+        """Return a first seed: number, angle [rad], and sense of rotation towards the last rotor.
 
-        Its number, angle and the sense in which it turns as the wall goes on to the last rotor.
+        The wall is on it as without deviations. Of the possible rotors it is the one nearest to
+        the middle.
         """
         nominal = replace(self._chain, number_of_rotors=8, deviations=NO_DEVIATIONS)
         rotors = np.arange(1, self._last)
         for rotor in rotors[np.argsort(np.abs(rotors - self._last / 2), kind='stable')].tolist():
             angle = float(static_wall(nominal, 2 + rotor % 2)[2 + rotor % 2])
             try:
-                angles = hung_from(self._chain, rotor, angle, left, right)
+                angles = angles_from_seed(self._chain, rotor, angle, left, right)
             except ValueError:
                 continue
             mode = mode_towards_last(self._chain, angles)
             return rotor, angle, math.copysign(1.0, float(mode[rotor]))
-        raise impassable(self._chain, int(self._last // 2))
+        raise blocked_wall_error(self._chain, int(self._last // 2))
 
     def climb(self) -> None:
-        """Hand over to rotors that move more until none does."""
+        """Move to the rotor that moves most."""
         for _ in range(self._last):
             lead, rotor = max(self.lead(towards, self.angle) for towards in (-1, 1))
             if lead <= 0:
                 return
-            self.hand_over(rotor)
+            self.move_to(rotor)
 
     @property
-    def sides(self) -> tuple[bytes, bytes]:
-        """Sides on which the rotors on the left and on the right hang."""
-        left, right = self.left_sides[: self.rotor], self.right_sides[self.rotor :]
+    def branches(self) -> tuple[bytes, bytes]:
+        """Branches of the rotors on the left and on the right."""
+        left, right = self.left_branches[: self.rotor], self.right_branches[self.rotor :]
         return left.tobytes(), right.tobytes()
 
     def lead(self, towards: int, angle: float) -> tuple[float, int]:
-        """By how much the rotor that moves most on one side moves more than the seed.
+        """Return max log |t_n / t_seed| [1] on one side, and the number n.
 
-        It is log |t_n / t_seed| [1], with the number n, for the right side (+1) or the left (-1)
-        of a seed of an angle [rad]; -inf at the ends.
+        The side is right (+1) or left (-1) of the seed at an angle [rad]; -inf at the ends.
         """
         rotor, lead = self.rotor, 0.0
         best = -math.inf, rotor
-        while lead > _FAR_BEHIND and 0 <= rotor + towards <= self._last:
+        while lead > _NEGLIGIBLE_LEAD and 0 <= rotor + towards <= self._last:
             bond = self._bond(rotor, towards, angle)
             lead += bond.lead
             rotor, angle = rotor + towards, bond.angle
@@ -154,22 +151,21 @@ class _Seed:
         return best
 
     def _bond(self, rotor: int, towards: int, angle: float) -> _Bond:
-        """The bar of a rotor of an angle [rad] to the next one on the right or left."""
-        chain, bar, hung = self._chain, min(rotor, rotor + towards), rotor + towards
-        side = (self.right_sides if towards > 0 else self.left_sides)[bar]
+        """Return the bar from a rotor at an angle [rad] to the next on the right or left."""
+        bar, far = min(rotor, rotor + towards), rotor + towards
+        branch = (self.right_branches if towards > 0 else self.left_branches)[bar]
         spacing = towards * self._spacings[bar]
-        hung_at = hung_angle(chain, bar, hung, angle, -spacing, float(side))
+        far_angle = neighbour_angle(self._chain, bar, far, angle, -spacing, float(branch))
         h, v = self._lengths[rotor] * math.sin(angle), self._lengths[rotor] * math.cos(angle)
-        h_far = self._lengths[hung] * math.sin(hung_at)
-        v_far = self._lengths[hung] * math.cos(hung_at)
+        h_far = self._lengths[far] * math.sin(far_angle)
+        v_far = self._lengths[far] * math.cos(far_angle)
         across, up = spacing + h_far - h, v_far - v
-        return _Bond(hung_at, h * up - v * across, v_far * across - h_far * up)
+        return _Bond(far_angle, h * up - v * across, v_far * across - h_far * up)
 
     def turn(self, most: float) -> int:
-        """Turn by a step, at most so far [rad], or until another rotor takes over.
+        """Turn by a step of at most `most` [rad], or until another rotor moves as much.
 
-        Returns the number of the seed from then on. Raises ArithmeticError where the bars do not
-        reach further.
+        Returns the number of the next seed. Raises ArithmeticError if a bar cannot reach.
         """
         step = min(self._step, most)
         while step > _SHORTEST_STEP:
@@ -179,18 +175,18 @@ class _Seed:
             except ValueError:
                 step /= 2
                 continue
-            taken = [towards for lead, towards in leads if lead > _SURELY]
-            ends = [(abs(self._even(one, beyond) - self.angle), one) for one in taken]
+            sides = [towards for lead, towards in leads if lead > _CLEAR_LEAD]
+            ends = [(abs(self._equal_motion(side, beyond) - self.angle), side) for side in sides]
             if not ends:
                 self.angle = beyond
                 return self.rotor
             ahead, towards = min(ends)
             self.angle += self.sense * ahead
             return self.lead(towards, self.angle)[1]
-        raise ArithmeticError(f'the bars of rotor {self.rotor} do not reach further')
+        raise ArithmeticError(f'the bars of rotor {self.rotor} cannot reach further')
 
-    def _even(self, towards: int, beyond: float) -> float:
-        """Angle at which a rotor on a side comes to move as much as the seed [rad]."""
+    def _equal_motion(self, towards: int, beyond: float) -> float:
+        """Return the angle at which a rotor on one side moves as much as the seed [rad]."""
 
         def lead(angle: float) -> float:
             return self.lead(towards, angle)[0]
@@ -199,66 +195,63 @@ class _Seed:
             return self.angle
         return float(brentq(lead, self.angle, beyond, xtol=1e-14))
 
-    def hand_over(self, rotor: int) -> None:
+    def move_to(self, rotor: int) -> None:
         """Make another rotor the seed."""
         while self.rotor != rotor:
             towards = 1 if rotor > self.rotor else -1
             bond = self._bond(self.rotor, towards, self.angle)
-            sides = self.left_sides if towards > 0 else self.right_sides
-            sides[min(self.rotor, self.rotor + towards)] = 1 if bond.near > 0 else -1
+            branches = self.left_branches if towards > 0 else self.right_branches
+            branches[min(self.rotor, self.rotor + towards)] = 1 if bond.near > 0 else -1
             self.sense *= -math.copysign(1.0, bond.near * bond.far)
             self.rotor += towards
             self.angle = bond.angle
 
 
 def seed_path(chain: Chain, beside: int) -> SeedPath:
-    """Follow the wall once round its orbit, with the sides of some bars beside each seed.
+    """Follow the wall once along its orbit, from the middle of leg 0.
 
-    It begins in the middle of leg 0. Raises ValueError where the wall does not get through.
+    Each piece has the branches of `beside` bars on each side of its seed. Raises ValueError if
+    the wall cannot pass through the chain.
     """
     seed = _Seed(chain)
     seed.climb()
-    rotor, angle, sides = seed.rotor, seed.angle, seed.sides
+    rotor, angle, branches = seed.rotor, seed.angle, seed.branches
     columns = np.arange(-beside, beside)
-    rows: list[tuple[int, float, float, Sides, Sides]] = []
+    rows: list[tuple[int, float, float, Branches, Branches]] = []
     begin, closed = seed.angle, False
     while not closed:
         to_go = math.inf
-        if rows and seed.rotor == rotor and seed.sides == sides:
+        if rows and seed.rotor == rotor and seed.branches == branches:
             to_go = seed.sense * (angle - seed.angle) % (2 * math.pi)
         before = seed.angle
         try:
             following = seed.turn(to_go)
         except ArithmeticError:
-            raise impassable(chain, seed.rotor) from None
+            raise blocked_wall_error(chain, seed.rotor) from None
         closed = following == seed.rotor and seed.angle == before + seed.sense * to_go
         if closed or following != seed.rotor:
             bars = np.clip(columns + seed.rotor, 0, chain.number_of_springs - 1)
-            rows.append(
-                (seed.rotor, begin, seed.angle, seed.left_sides[bars], seed.right_sides[bars])
-            )
-            seed.hand_over(following)
+            near = seed.left_branches[bars], seed.right_branches[bars]
+            rows.append((seed.rotor, begin, seed.angle, *near))
+            seed.move_to(following)
             begin = seed.angle
         astray = abs(seed.angle - begin) > 2 * math.pi
         if astray or len(rows) > _MOST_PIECES_A_ROTOR * chain.number_of_rotors:
-            raise impassable(chain, seed.rotor)
-    seeds, begins, ends, left, right = zip(*rows, strict=True)
-    return SeedPath(
-        np.array(seeds), np.array(begins), np.array(ends), np.array(left), np.array(right)
-    )
+            raise blocked_wall_error(chain, seed.rotor)
+    return SeedPath(*map(np.array, zip(*rows, strict=True)))
 
 
-def impassable(chain: Chain, rotor: int) -> ValueError:
-    """Error that says where the wall does not get through."""
-    reason = 'lower the deviations of the chain'
+def blocked_wall_error(chain: Chain, rotor: int) -> ValueError:
+    """Return the error for a wall that cannot pass a rotor."""
+    remedy = 'lower the deviations of the chain'
     obstacles = find_obstacles(chain)
     if obstacles:
         nearest = min(obstacles, key=lambda each: abs(each.bond + 0.5 - rotor))
-        reason = (
-            f'the spring of bond {nearest.bond}, {nearest.rest_length:.6g} m, {nearest.reason}'
+        remedy = (
+            f'the spring of bond {nearest.bond}, {nearest.rest_length:.6g} m, {nearest.reason}; '
+            f'{remedy} there'
         )
-        reason += '; lower the deviations of the chain there'
     return ValueError(
-        f'a wall does not get past rotor {rotor} of 0 to {chain.number_of_rotors - 1} as it does '
-        f'without deviations: {reason}'
+        f'the wall cannot pass rotor {rotor} of 0 to {chain.number_of_rotors - 1} as it does '
+        f'without deviations: {remedy}'
     )

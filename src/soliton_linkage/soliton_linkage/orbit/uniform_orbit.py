@@ -1,24 +1,23 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The orbit of a chain of any length, put together from the orbit of a short one.
+"""The orbit of a chain of any length without deviations, composed from the orbit of a short chain.
 
-Away from the edges a wall looks the same at every second rotor. The closed orbit of a chain that
-is just long enough for a wall to know nothing of either edge therefore holds all that a long
-chain does: its swings at the edges, and in the middle of each leg a passage that is repeated,
-shifted by an even number of rotors. Time and memory to make it do not depend on N.
+Away from the edges a wall has the same shape at every second rotor. The orbit of a chain that is
+long enough for a wall in its middle to be independent of the edges therefore contains the orbit
+of a long chain: the reflections at the edges, and in the middle of each leg a passage that is
+repeated, shifted by an even number of rotors. Time and memory to compute it do not depend on N.
 
-The orbit is followed from the middle of one leg to that of the next, where the wall is known
-exactly, and only past the last rotor: its mirror image runs past the first.
+The wall is known exactly in the middle of each leg. The orbit is followed from one middle to the
+next, and only through the reflection at the last rotor: the other one is its mirror image.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import lru_cache
+from typing import NamedTuple
 
 import numpy as np
-from scipy.integrate import DOP853, DenseOutput
 from scipy.interpolate import BSpline, make_interp_spline
 from scipy.optimize import brentq
 
@@ -28,35 +27,30 @@ from soliton_linkage.linear.rigidity import mode_towards_last, rigidity_bands
 from soliton_linkage.linkage.chain import Array, Chain, Motion
 from soliton_linkage.linkage.deviations import NO_DEVIATIONS
 from soliton_linkage.orbit.orbit import Orbit, OrbitSegment
-from soliton_linkage.solitons.static_wall import site_arc, static_wall
+from soliton_linkage.solitons.static_wall import follow_zero_mode, site_arc, static_wall
 
 _DEPTHS_BESIDE = 15
 """Rotors beside the wall of a short chain in penetration depths [1]: e^-15 is below 1e-6 rad."""
 _ROTORS_BESIDE = 6
-"""And as many more [rotors], for the wall's own width where the depth goes to 0."""
+"""Additional rotors [1], for the width of a wall whose penetration depth is close to 0."""
 _TOLERANCE = 1e-9
-"""Of the whole chain in a step [rad]: errors die out or add up to less than 1e-6 rad."""
+"""Tolerance of a step for the whole chain [rad]: the sum of all errors stays below 1e-6 rad."""
 _SAMPLES_A_STEP = 3
-"""Points of the spline in a step of the solver [1]: its error is then below that of the steps."""
+"""Points of the spline in a step of the solver [1]: its error is then below the error of the steps."""
 _DEGREE = 7
-"""Of the spline [1], one less than the order of the solver."""
-_MOST_STEPS = 100_000
-"""Of an orbit that does not end [1]: those next to d_c take one or two thousand."""
-_ARRIVED = 1e-4
-"""Distance from a configuration at which it is that [rad]; others are far away."""
+"""Degree of the spline [1], one less than the order of the solver."""
 
 
 class UniformOrbit(Orbit):
-    """The orbit of a chain without deviations; those of the one given do not count.
+    """The orbit of a chain without deviations; deviations of the given chain are ignored.
 
-    Angles are accurate to 1e-6 rad. To make it takes time as the orbit of the short chain is
-    long, and as a wall is wide: below a second but for wobbling flippers next to d_c and for
-    walls that reach over 1000 rotors. Raises ValueError for a chain of two rotors or with
-    periodic ends, and as `site_arc` does.
+    Angles are accurate to 1e-6 rad. The time to compute it is proportional to the length of the
+    short chain's orbit and to the width of a wall: below a second, except for wobbling flippers
+    close to d_c and for walls that extend over 1000 rotors. Raises ValueError for a chain of two
+    rotors or with periodic ends, and as `site_arc` does.
     """
 
     def __init__(self, chain: Chain) -> None:
-        """Follow the short chain once round its orbit."""
         if chain.number_of_rotors < 3 or chain.periodic:
             raise ValueError(
                 f'a chain of {chain.number_of_rotors} rotors with '
@@ -69,10 +63,10 @@ class UniformOrbit(Orbit):
         self._short = _short_chain(self.chain)
         self._repeats = (chain.number_of_rotors - self._short.number_of_rotors) // 2
         self._orbit = _short_orbit(self._short, self.number_of_legs)
-        turning = self._orbit.reflections
-        begins = [turning[-1] - self._orbit.length, *turning[:-1]]
+        reflections = self._orbit.reflections
+        begins = [reflections[-1] - self._orbit.length, *reflections[:-1]]
         extra = 2 * self._repeats * self.site_arc
-        inner = np.diff([begins[0], *turning])
+        inner = np.diff([begins[0], *reflections])
         self._starts = [0.0, *np.cumsum(inner + extra).tolist()]
         before = np.subtract(self._orbit.middles[:-1], begins)
         half = self._repeats * self.site_arc
@@ -81,36 +75,47 @@ class UniformOrbit(Orbit):
 
     @property
     def wall_extent(self) -> float:
-        """Arc length [rad] of a way past all the rotors that know of a wall."""
+        """Arc length [rad] along which the wall moves any one rotor."""
         swing = self._starts[1] - (self.chain.number_of_rotors - 1) * self.site_arc
         return self._short.number_of_rotors * self.site_arc + swing
 
     def site(self, arc: float) -> float:
-        """Place of the wall [rotor spacings], from 0 to N - 1; at the edges it waits there."""
+        """Return the site coordinate of the wall [rotor spacings], clipped to 0 ... N - 1."""
         leg, last = self.leg(arc), self.chain.number_of_rotors - 1.0
         beyond = (arc % self._starts[-1] - self._halfway[leg]) / self.site_arc
-        place = last / 2 - beyond if leg % 2 else last / 2 + beyond
-        return 0.0 if place < 0 else min(place, last)
+        site = last / 2 - beyond if leg % 2 else last / 2 + beyond
+        return 0.0 if site < 0 else min(site, last)
 
-    def arc_at(self, place: float, leg: int) -> float:
-        """Arc length at which the wall is at a place [rotor spacings] in the middle of a leg."""
-        beyond = place - self.middle if leg % 2 == 0 else self.middle - place
+    def arc_at(self, site: float, leg: int) -> float:
+        """Return the arc length at which the wall is at a site coordinate in a leg [rad]."""
+        beyond = site - self.middle if leg % 2 == 0 else self.middle - site
         return self._halfway[leg] + beyond * self.site_arc
 
     def site_arc_at(self, arc: float) -> float:
-        """Arc length from one rotor to the next at an arc length [rad]: the same everywhere."""
+        """Return the arc length per rotor spacing [rad], which is the same everywhere."""
         return self.site_arc
 
     def segment(self, arc: float) -> OrbitSegment:
-        """Rotors about the wall at an arc length; all others are as in `background`."""
-        return self._orbit.about_wall(
-            arc % self._starts[-1], self._legs, self._repeats, self.site_arc
+        """Return the rotors near the wall; `background` has the angles of all others."""
+        short = self._orbit
+        rotors = self._short.number_of_rotors
+        values = np.empty(2 * rotors)
+        first, low, high = set_near_wall(
+            arc % self._starts[-1],
+            self._legs,
+            self._repeats,
+            self.site_arc,
+            short.length,
+            short.knots,
+            short.coefficients,
+            values,
         )
+        return OrbitSegment(first, values[low:high], values[rotors + low : rotors + high])
 
     def background(self, arc: float) -> tuple[Array, Array]:
-        """Angles of the chain as it is on the left and on the right of the wall [rad], (N,) each.
+        """Return the uniform angles left and right of the wall [rad], (N,) each.
 
-        Uniform, but for the edge rotors of flippers, which have toggled or not.
+        Edge rotors of flippers have toggled or not, as the leg has it.
         """
         left, right = self.chain.uniform_state(1), self.chain.uniform_state(-1)
         if self.chain.motion is Motion.SPINNER:
@@ -120,36 +125,40 @@ class UniformOrbit(Orbit):
         return left, right
 
 
-@dataclass(frozen=True)
-class _BetweenMiddles:
-    """The orbit from the middle of a leg to that of the next, in samples."""
+class _HalfLegs(NamedTuple):
+    """Samples of the orbit from the middle of one leg to the middle of the next."""
 
     arcs: Array
-    """Arc lengths from the start of the piece [rad], shape (K,)."""
+    """Arc lengths from the start [rad], shape (K,)."""
     angles: Array
     """Actual angles [rad], without jumps, shape (K, N)."""
     tangents: Array
-    """Change of the angles with the arc length [1], shape (K, N)."""
+    """Derivative of the angles by the arc length [1], shape (K, N)."""
 
-    def mirrored(self, chain: Chain) -> _BetweenMiddles:
-        """Return the mirror image, n -> N - 1 - n and phi -> -phi, run through the other way.
+    def mirrored(self, chain: Chain) -> _HalfLegs:
+        """Return the mirror image, n -> N - 1 - n and phi -> -phi, in reverse order.
 
-        Where that is the orbit of the chain assembled upside down, phi -> pi + phi brings it
-        back: in a chain with an odd number of spinners or an even one of flippers. It also turns
-        spinners from one leg to the other, so that they run the same way again.
+        For an odd number of spinners or an even one of flippers this is the orbit of the chain
+        assembled upside down, and phi -> pi + phi is applied too. The latter also exchanges the
+        legs of spinners, so that the order is not reversed.
         """
         spinner, odd = chain.motion is Motion.SPINNER, chain.number_of_rotors % 2 == 1
         angles, tangents = self.angles[:, ::-1], self.tangents[:, ::-1]
         if spinner and odd:
-            return _BetweenMiddles(self.arcs, angles + math.pi, tangents)
+            return _HalfLegs(self.arcs, angles + math.pi, tangents)
         arcs = self.arcs[-1] - self.arcs[::-1]
         if spinner or odd:
-            return _BetweenMiddles(arcs, -angles[::-1], tangents[::-1])
-        return _BetweenMiddles(arcs, angles[::-1] + math.pi, -tangents[::-1])
+            return _HalfLegs(arcs, -angles[::-1], tangents[::-1])
+        return _HalfLegs(arcs, angles[::-1] + math.pi, -tangents[::-1])
 
 
 class _ShortOrbit:
-    """The orbit of a chain, from the middle of leg 0 through all legs and back, as a spline."""
+    """The orbit of a short chain, from the middle of leg 0 through all legs, as a spline.
+
+    Attributes: the walls in the middles of the legs [rad]; the arcs of these middles, followed by
+    the length of the orbit; the length; knots and coefficients of the spline; the arcs at which
+    the legs end [rad].
+    """
 
     def __init__(self, chain: Chain, legs: int) -> None:
         self._chain = chain
@@ -166,34 +175,18 @@ class _ShortOrbit:
         ]
         self.length: float = self.middles[-1]
         self._spline = _closed_spline(pieces, self.middles)
-        self._knots: Array = np.ascontiguousarray(self._spline.t)
-        self._coefficients: Array = np.ascontiguousarray(self._spline.c)
-        self.reflections = [self._reflection(leg) for leg in range(legs)]
-
-    def about_wall(self, arc: float, legs: Array, repeats: int, site_arc: float) -> OrbitSegment:
-        """Rotors about the wall of a long chain, of which some passages repeat in each leg.
-
-        Legs are as in `set_about_wall`.
-        """
-        rotors = self._chain.number_of_rotors
-        values = np.empty(2 * rotors)
-        first, low, high = set_about_wall(
-            arc,
-            legs,
-            repeats,
-            site_arc,
-            self.length,
-            self._knots,
-            self._coefficients,
-            values,
-        )
-        return OrbitSegment(first, values[low:high], values[rotors + low : rotors + high])
+        self.knots: Array = np.ascontiguousarray(self._spline.t)
+        self.coefficients: Array = np.ascontiguousarray(self._spline.c)
+        self.reflections = [
+            float(brentq(self._rate, *self.middles[leg : leg + 2], args=(leg,), xtol=1e-12))
+            for leg in range(legs)
+        ]
 
     def _tangent(self, angles: Array) -> Array:
-        """Unit zero mode in the direction of the orbit [1], (N,), quicker than `zero_mode`.
+        """Return the unit zero mode in the direction of the orbit [1], (N,).
 
-        t_n ~ (-1)^n A_0 ... A_{n-1} B_n ... B_{N-2}, in units of the larger coupling: as far as
-        the short chain reaches no product leaves the range of numbers but to vanish.
+        It is faster than `zero_mode`: t_n ~ (-1)^n A_0 ... A_{n-1} B_n ... B_{N-2}. In units of
+        the larger coupling no product of a short chain overflows.
         """
         first, second = rigidity_bands(self._chain, angles)
         mode = self._signs.copy()
@@ -202,11 +195,11 @@ class _ShortOrbit:
             mode[:-1] *= np.cumprod(self._scale * second[::-1])[::-1]
             square = float(mode @ mode)
         if not 0 < square < math.inf:
-            return self._wide(first, second)
+            return self._logarithmic_tangent(first, second)
         return np.asarray(mode / math.sqrt(square))
 
-    def _wide(self, first: Array, second: Array) -> Array:
-        """The same where the products leave the range of numbers, by their logarithms."""
+    def _logarithmic_tangent(self, first: Array, second: Array) -> Array:
+        """Return the same by logarithms, for products that overflow."""
         signs, logarithms = self._signs.copy(), np.zeros(len(self._signs))
         with np.errstate(divide='ignore'):
             logarithms[1:] += np.cumsum(np.log(np.abs(first)))
@@ -216,12 +209,12 @@ class _ShortOrbit:
         mode = signs * np.exp(logarithms - logarithms.max())
         return np.asarray(mode / math.sqrt(mode @ mode))
 
-    def _pieces(self) -> list[_BetweenMiddles]:
-        """All pieces in the order of the orbit, of which those past the first are mirrored.
+    def _pieces(self) -> list[_HalfLegs]:
+        """Return all pieces in the order of the orbit; those at the first rotor are mirrored.
 
-        Toggled is meant against the left-leaning state at both ends, whose coupling A_0 is not
-        that of the mirrored right-leaning one for d > 1: there the mirror image of leg 0 is leg
-        2 for flippers, while that of leg 1 is leg 3 for d < 1.
+        An edge rotor has toggled relative to the left-leaning state at both ends. For d > 1 its
+        coupling A_0 differs from the mirrored right-leaning state, so that leg 2 of flippers is the
+        mirror image of leg 0; for d < 1, leg 3 is the mirror image of leg 1.
         """
         legs = len(self.walls)
         last = [self._followed(leg) for leg in range(0, legs, 2)]
@@ -230,54 +223,25 @@ class _ShortOrbit:
             first.reverse()
         return [piece for both in zip(last, first, strict=True) for piece in both]
 
-    def _followed(self, leg: int) -> _BetweenMiddles:
-        """Follow the zero mode to the middle of the next leg."""
-        start = self.walls[leg]
+    def _followed(self, leg: int) -> _HalfLegs:
+        """Follow the zero mode from the middle of one leg to the middle of the next."""
+        start, goal = self.walls[leg], self.walls[(leg + 1) % len(self.walls)]
+        tolerances = _TOLERANCE / 1e3, _TOLERANCE / math.sqrt(len(start))
         arcs, angles = [np.zeros(1)], [start[None]]
-        for begin, end, dense in self._steps(start, self.walls[(leg + 1) % len(self.walls)]):
+        for begin, end, dense in follow_zero_mode(
+            self._chain, self._tangent, start, goal, tolerances
+        ):
             arcs.append(np.linspace(begin, end, _SAMPLES_A_STEP + 1)[1:])
             angles.append(dense(arcs[-1]).T)
         joined = np.concatenate(angles)
         tangents = np.array([self._tangent(each) for each in joined])
-        return _BetweenMiddles(np.concatenate(arcs), joined, tangents)
+        return _HalfLegs(np.concatenate(arcs), joined, tangents)
 
-    def _steps(self, start: Array, goal: Array) -> Iterator[tuple[float, float, DenseOutput]]:
-        """Steps of the solver, the last one only as far as the goal: begin, end [rad], angles."""
-        solver = DOP853(
-            lambda _, angles: self._tangent(angles),
-            0.0,
-            start,
-            np.inf,
-            rtol=_TOLERANCE / 1e3,
-            atol=_TOLERANCE / math.sqrt(len(start)),
-        )
-        to_goal = self._tangent(goal)
-        for _ in range(_MOST_STEPS):
-            complaint = solver.step()
-            if complaint:
-                break
-            dense = solver.dense_output()
-            end = _arrival(dense, goal, to_goal)
-            yield solver.t_old, solver.t if end is None else end, dense
-            if end is not None:
-                return
-        chain = self._chain
-        raise ArithmeticError(
-            f'a wall of a chain with d = {chain.lean_ratio:.9g} and d_c = '
-            f'{chain.critical_lean_ratio:.9g} did not come back from its edge within an arc of '
-            f'{solver.t:.3g} rad; take parameters further from the transition'
-        )
+    def _rate(self, arc: float, leg: int) -> float:
+        """Return a quantity that changes sign where the wall is reflected at the end of a leg.
 
-    def _reflection(self, leg: int) -> float:
-        """Arc length at which a leg ends [rad], where its wall turns back."""
-        begin, end = self.middles[leg : leg + 2]
-        return float(brentq(self._turn, begin, end, args=(leg,), xtol=1e-12))
-
-    def _turn(self, arc: float, leg: int) -> float:
-        """Changes sign where the wall turns back at the end of a leg.
-
-        A flipper's edge rotor is then in line with its bar, and a spinner's sum of all
-        horizontal positions turns back.
+        At a reflection a flipper's edge rotor is in line with its bar, and the sum of a spinner's
+        horizontal positions reverses.
         """
         angles, tangent = np.split(np.asarray(self._spline(arc)), 2)
         if self._chain.motion is Motion.SPINNER:
@@ -287,35 +251,22 @@ class _ShortOrbit:
 
 
 _short_orbit = lru_cache(maxsize=4)(_ShortOrbit)
-"""Orbits of short chains as they were last followed [1]: who filters, shapes walls and steers, and
-chains that differ in their length alone or in what deviates, take the same one."""
+"""Recently computed orbits of short chains [1]. The analyser and the steering share them, as do
+chains that differ only in their length or deviations."""
 
 
 def _short_chain(chain: Chain) -> Chain:
-    """The chain, or the shortest like it in whose middle a wall knows nothing of the edges."""
+    """Return the shortest chain whose wall in the middle is independent of the edges."""
     depth = penetration_depth(chain) / chain.spacing
     beside = math.ceil(_DEPTHS_BESIDE * depth) + _ROTORS_BESIDE
     fewest = 2 * beside + chain.number_of_rotors % 2
     return replace(chain, number_of_rotors=min(chain.number_of_rotors, fewest))
 
 
-def _arrival(dense: DenseOutput, goal: Array, tangent: Array) -> float | None:
-    """Arc length [rad] within a step at which a configuration is reached, up to whole turns."""
+def _closed_spline(pieces: list[_HalfLegs], middles: list[float]) -> BSpline:
+    """Return a spline of angles and tangents, shape (2 N,), over one cycle.
 
-    def to_go(arc: float) -> float:
-        return float(np.sin(goal - dense(arc)) @ tangent)
-
-    if to_go(dense.t_old) < 0 or to_go(dense.t) > 0:
-        return None
-    arc = float(brentq(to_go, dense.t_old, dense.t, xtol=1e-14))
-    apart = np.abs(np.sin((dense(arc) - goal) / 2)).max()
-    return arc if apart < _ARRIVED else None
-
-
-def _closed_spline(pieces: list[_BetweenMiddles], middles: list[float]) -> BSpline:
-    """Angles and tangents of pieces joined end to end, shape (2 N,), over one cycle.
-
-    It runs on into the next cycle and the last, so as to be smooth where they meet.
+    It extends into the next cycle and the previous one, so that it is smooth at the seam.
     """
     arcs, rows, end = [], [], pieces[0].angles[0]
     for piece, middle in zip(pieces, middles[:-1], strict=True):
@@ -337,9 +288,9 @@ def _closed_spline(pieces: list[_BetweenMiddles], middles: list[float]) -> BSpli
 
 @compiled(const_f8_1d, const_f8_2d, f8, f8_1d)
 def spline(knots: Array, coefficients: Array, at: float, values: Array) -> None:
-    """Set values of B-splines with knots in common, shape (M,); coefficients of shape (K, M).
+    """Set the values of B-splines with common knots, shape (M,); coefficients are (K, M).
 
-    By the recursion of Cox and de Boor: scipy's splines take ten times as long for one place.
+    The recursion of Cox and de Boor is ten times as fast as scipy's splines at one position.
     """
     high = coefficients.shape[0]
     low = degree = knots.size - high - 1
@@ -355,9 +306,9 @@ def spline(knots: Array, coefficients: Array, at: float, values: Array) -> None:
         saved = 0.0
         for n in range(order):
             right, left = knots[low + n + 1], knots[low + 1 + n - order]
-            share = basis[n] / (right - left)
-            basis[n] = saved + (right - at) * share
-            saved = (at - left) * share
+            part = basis[n] / (right - left)
+            basis[n] = saved + (right - at) * part
+            saved = (at - left) * part
         basis[order] = saved
     for column in range(values.size):
         value = 0.0
@@ -367,7 +318,7 @@ def spline(knots: Array, coefficients: Array, at: float, values: Array) -> None:
 
 
 @compiled(f8, const_f8_2d, i8, f8, f8, const_f8_1d, const_f8_2d, f8_1d)
-def set_about_wall(
+def set_near_wall(
     arc: float,
     legs: Array,
     repeats: int,
@@ -377,13 +328,13 @@ def set_about_wall(
     coefficients: Array,
     values: Array,
 ) -> tuple[int, int, int]:
-    """Set angles [rad], up to whole turns, and tangents [1] of a short chain, shape (2 n,).
+    """Set the angles [rad], up to whole turns, and tangents [1] of a short chain, shape (2 n,).
 
-    At an arc [rad] of the long chain, in whose legs so many passages repeat; legs are where each
-    begins in the long chain, where in the short one, and the way from there to the middle of the
-    short one [rad], shape (3, legs). The length [rad] is that of the short orbit, whose angles
-    and tangents are a spline. Returns the first rotor of the long chain that is among those of
-    the short one, and of these the first and the end.
+    The arc [rad] belongs to a long chain, in whose legs the passage occurs `repeats` more times.
+    The rows of `legs`, (3, legs), are the arcs at which legs begin in the long chain and in the
+    short one, and the arc from there to the middle of the short leg [rad]. The length [rad]
+    belongs to the short orbit, whose angles and tangents are a spline. Returns the number of a long
+    chain's rotor, and the range of the short chain's rotors that begins with it.
     """
     leg = legs.shape[1] - 1
     while leg > 0 and arc < legs[0, leg]:
@@ -394,7 +345,7 @@ def set_about_wall(
     offset = 2 * (passed if leg % 2 == 0 else repeats - passed)
     within = (legs[1, leg] + beyond - 2 * passed * site_arc) % length
     spline(knots, coefficients, within, values)
-    # Edge rotors of the short chain stand where the long one has none, but at its ends.
+    # Inside the long chain an edge rotor of the short chain has no counterpart.
     low = 0 if offset == 0 else 1
     end = values.size // 2
     high = end if offset == 2 * repeats else end - 1

@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Domain walls, *walls* for short: as they are at rest, in theory, and found in angles.
+"""Domain walls, or *walls*: shapes at rest, continuum theories, and detection in angles.
 
-`static_wall` builds them bar by bar, `continuum` has their theories, `passage` tells which
-deviations stop them. A moving wall is a *soliton* where it is found: `tanh_fit` in a frame, with
-its charge, `track` along a recording. Tails of walls are in `linear.bands`.
+`static_wall` assembles walls bar by bar, `continuum` has their theories, `passage` finds bonds that
+stop them. A moving wall is a *soliton*: `tanh_fit` finds it in a frame, with its charge, and
+`track` follows it along a recording. The tails of walls are in `linear.bands`.
 """
 
 from soliton_linkage.exports import public_names

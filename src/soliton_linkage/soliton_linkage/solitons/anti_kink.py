@@ -1,13 +1,14 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Anti-kinks at rest, which cost energy: the springs are least stretched for where they are.
+"""Anti-kinks at rest: the states of least elastic energy at each site coordinate.
 
-The place of a kink is free; that of an anti-kink is held by a constraint. Its path are the states
-of least energy with a given sum of a field F over the rotors, `constraint_field`,
+A kink has zero energy at any site. An anti-kink has elastic energy, and a constraint holds it at a
+site x. Its path consists of the states of least energy with a given sum of a field F over the
+rotors, `constraint_field`,
 
     grad V(phi) = p grad F(phi),    sum_n F_n(phi) = N - 1 - 2 x,
 
-with the pull p, by Newton's method along x. Where the states of some x buckle there is no path:
-the anti-kink is pinned, and slips from one site to another.
+with the Lagrange multiplier p, found by Newton's method along x. If the state of some x is
+unstable, there is no path: the anti-kink is pinned, and jumps from one site to another.
 """
 
 from __future__ import annotations
@@ -23,55 +24,57 @@ from soliton_linkage.linear.statics import stiffness_matrix
 from soliton_linkage.linkage.chain import Array, Chain, Motion, staggered
 
 _SAMPLES = 65
-"""Of a path, over the two spacings after which it repeats: splines of them are good to 1e-6."""
+"""Samples of a path of two spacings [1]: splines through them are accurate to 1e-6."""
 _NEWTON_STEPS = 30
-"""At most, to a state of least energy; some five do [1]."""
+"""Largest number of Newton steps [1]; about five are needed."""
 _CONVERGED = 1e-7
-"""Step of Newton's that is the last [rad]."""
+"""Newton step below which the state has converged [rad]."""
 _LONGEST = 0.3
-"""Step of Newton's [rad]."""
+"""Largest Newton step [rad]."""
 _BUCKLING = 1e-6
-"""Least curvature, over the largest [1]: below it is rounding."""
+"""Smallest curvature that is not rounding, relative to the largest [1]."""
 
 
 @lru_cache(maxsize=8)
 def anti_kink_path(chain: Chain, begin: float) -> tuple[Array, Array]:
-    """Places of an anti-kink [rotor spacings], shape (K,), and its states [rad], shape (K, N).
+    """Return sites of an anti-kink [rotor spacings], shape (K,), and its states [rad], (K, N).
 
-    From a place on for two spacings, after which states repeat two rotors further. Places count
-    the arc of the path, as those of kinks do. The chain must be so long that its ends are at
-    rest. Raises ArithmeticError where the anti-kink is pinned.
+    The path leads from a site over two spacings, after which the states repeat two rotors
+    further. Sites are proportional to the arc of the path, like sites of kinks. The chain must be
+    so long that its ends are at rest. Raises ArithmeticError if the anti-kink is pinned.
     """
-    angles, pull = continuum_anti_kink(chain, begin), 0.0
+    angles, multiplier = continuum_anti_kink(chain, begin), 0.0
     found = []
-    for place in np.linspace(begin, begin + 2, _SAMPLES):
-        angles, pull = _least(chain, angles, pull, chain.number_of_rotors - 1 - 2 * float(place))
+    for site in np.linspace(begin, begin + 2, _SAMPLES):
+        field_sum = chain.number_of_rotors - 1 - 2 * float(site)
+        angles, multiplier = _constrained_minimum(chain, angles, multiplier, field_sum)
         found.append(angles)
     states = np.array(found)
     arcs = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(states, axis=0), axis=1))])
-    places = begin + 2 * arcs / arcs[-1]
-    places.flags.writeable = states.flags.writeable = False
-    return places, states
+    sites = begin + 2 * arcs / arcs[-1]
+    sites.flags.writeable = states.flags.writeable = False
+    return sites, states
 
 
 @lru_cache(maxsize=8)
 def resting_anti_kink(chain: Chain, near: float) -> tuple[float, Array]:
-    """Place of an anti-kink in balance [rotor spacings], near another, and its angles [rad], (N,).
+    """Return site [rotor spacings] and angles [rad], (N,), of an anti-kink in equilibrium.
 
-    The place is that of the sum of the field; the ends of the chain are fixed. Of those that
-    flippers have on a rotor and between two it is the one that costs less.
+    It is close to a given site, with the ends of the chain fixed. The site follows from the sum of
+    the constraint field. Flippers have equilibria on a rotor and between two; the one with less
+    energy is returned.
     """
     starts = (near,) if chain.motion is Motion.SPINNER else (near, near + 0.5)
-    found = [_balanced(chain, continuum_anti_kink(chain, start)) for start in starts]
+    found = [_minimum(chain, continuum_anti_kink(chain, start)) for start in starts]
     angles = min(found, key=lambda each: float(chain.elastic_energy(each)))
     angles.flags.writeable = False
     return (len(angles) - 1 - float(constraint_field(chain, angles)[0].sum())) / 2, angles
 
 
-def continuum_anti_kink(chain: Chain, place: float) -> Array:
-    """An anti-kink as the continuum has it, its ends at rest, shape (N,) [rad]."""
+def continuum_anti_kink(chain: Chain, site: float) -> Array:
+    """Return the anti-kink of the continuum theory with its ends at rest, shape (N,) [rad]."""
     rotors, rest = np.arange(chain.number_of_rotors), chain.rest_angle
-    field = np.tanh((rotors - place) * chain.spacing / chain.wall_width)
+    field = np.tanh((rotors - site) * chain.spacing / chain.wall_width)
     field[0], field[-1] = -1.0, 1.0
     if chain.motion is Motion.SPINNER:
         turning = np.where(rotors % 2, -1.0, 1.0)
@@ -80,11 +83,11 @@ def continuum_anti_kink(chain: Chain, place: float) -> Array:
 
 
 def constraint_field(chain: Chain, angles: Array) -> tuple[Array, Array, Array]:
-    """Field F of each rotor [1] and its first and second derivative by its angle, (N,).
+    """Return the field F of each rotor [1] and its derivatives by its angle, (N,) each.
 
-    Of flippers it is (3 m - m^3) / 2 with the order field m = u / ub of `tanh_fit.order_field`:
-    like that of spinners it does not change at rest, so that what holds its sum does not pull at
-    the domains.
+    Flippers have (3 m - m^3) / 2 with the order field m = u / ub of `tanh_fit.order_field`. Like
+    the field of spinners it is stationary in the domains, so that the constraint exerts no force
+    there.
     """
     theta, sense = staggered(angles), np.where(np.arange(len(angles)) % 2, -1.0, 1.0)
     if chain.motion is Motion.SPINNER:
@@ -97,8 +100,8 @@ def constraint_field(chain: Chain, angles: Array) -> tuple[Array, Array, Array]:
     return field, rise * slope, -rise * lean - 3 * lean * slope**2
 
 
-def _balanced(chain: Chain, start: Array) -> Array:
-    """State of least energy near another, shape (N,) [rad]; the ends are fixed."""
+def _minimum(chain: Chain, start: Array) -> Array:
+    """Return the state of least energy near another, shape (N,) [rad]; the ends are fixed."""
     scale = chain.stiffness * chain.spacing**2
 
     def cost(inner: Array) -> tuple[float, Array]:
@@ -111,40 +114,42 @@ def _balanced(chain: Chain, start: Array) -> Array:
     return np.concatenate([start[:1], found.x, start[-1:]])
 
 
-def _least(chain: Chain, angles: Array, pull: float, wanted: float) -> tuple[Array, float]:
-    """State of least energy with a sum of the field, and its pull, from one close by."""
+def _constrained_minimum(
+    chain: Chain, angles: Array, multiplier: float, field_sum: float
+) -> tuple[Array, float]:
+    """Return the state of least energy with a sum of the field, and its Lagrange multiplier."""
     angles = angles.copy()
     for _ in range(_NEWTON_STEPS):
         field, first, second = constraint_field(chain, angles)
-        curvature = stiffness_matrix(chain, angles).toarray() - np.diag(pull * second)
+        curvature = stiffness_matrix(chain, angles).toarray() - np.diag(multiplier * second)
         bordered = np.zeros((len(angles) - 1, len(angles) - 1))
         bordered[:-1, :-1] = curvature[1:-1, 1:-1]
         bordered[:-1, -1], bordered[-1, :-1] = -first[1:-1], first[1:-1]
-        slope = -chain.spring_torques(angles) - pull * first
-        step = np.linalg.solve(bordered, -np.append(slope[1:-1], field.sum() - wanted))
+        slope = -chain.spring_torques(angles) - multiplier * first
+        step = np.linalg.solve(bordered, -np.append(slope[1:-1], field.sum() - field_sum))
         step *= min(1.0, _LONGEST / float(np.abs(step[:-1]).max()))
         angles[1:-1] += step[:-1]
-        pull += float(step[-1])
+        multiplier += float(step[-1])
         if np.abs(step[:-1]).max() < _CONVERGED:
             inner = curvature[1:-1, 1:-1]
-            if _holds(inner.diagonal(), inner.diagonal(1), first[1:-1]):
-                return angles, pull
+            if _is_stable(inner.diagonal(), inner.diagonal(1), first[1:-1]):
+                return angles, multiplier
             break
     raise ArithmeticError(
-        f'an anti-kink in a chain with d = {chain.lean_ratio:.4g} is pinned: it cannot be led '
-        'from one site to the next'
+        f'an anti-kink in a chain with d = {chain.lean_ratio:.4g} is pinned: it has no stable '
+        'states between one site and the next'
     )
 
 
-def _holds(diagonal: Array, beside: Array, along: Array) -> bool:
-    """Whether a tridiagonal curvature H is positive across a direction b.
+def _is_stable(diagonal: Array, beside: Array, along: Array) -> bool:
+    """Whether a tridiagonal matrix H is positive definite across a direction b.
 
-    The matrix bordered by b then has one negative eigenvalue, of which H has all but that of
-    -b . H^-1 b (Haynsworth).
+    The matrix bordered by b must then have one negative eigenvalue. Its negative eigenvalues are
+    those of H and of the number -b . H^-1 b (Haynsworth).
     """
     limit = -_BUCKLING * float(np.abs(diagonal).max())
-    falling = eigvalsh_tridiagonal(diagonal, beside, select='v', select_range=(-np.inf, limit))
-    if len(falling) != 1:
-        return len(falling) == 0
+    negative = eigvalsh_tridiagonal(diagonal, beside, select='v', select_range=(-np.inf, limit))
+    if len(negative) != 1:
+        return len(negative) == 0
     bands = np.array([np.append(0.0, beside), diagonal, np.append(beside, 0.0)])
     return float(along @ solve_banded((1, 1), bands, along)) < 0

@@ -1,14 +1,14 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Whether a wall passes through a chain whose rotors and springs deviate.
+"""Bonds that stop a wall in a chain whose rotors and springs deviate.
 
-Two neighbouring rotors, the line between their pivots and their spring make a four-bar linkage.
-While every bond is one of the same class the wall passes whatever the deviations; where a bond
-is of another class the rotors meet an end of their travel before the wall is through.
+Two neighbouring rotors, the line between their pivots and their spring make a four-bar linkage. If
+all bonds are of one class, the wall passes whatever the deviations. At a bond of another class the
+rotors reach an end of their travel before the wall is through.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,43 +16,39 @@ from numpy.typing import NDArray
 from soliton_linkage.linkage.chain import Array, Chain, Motion
 
 
-@dataclass(frozen=True)
-class Obstacle:
-    """A bond that may stop a wall, with its lengths [m].
-
-    bond: number of the spring, which joins the rotors bond and bond + 1.
-    reason: what is broken, with the values and their limit.
-    """
+class Obstacle(NamedTuple):
+    """A bond that may stop a wall, with its lengths [m]."""
 
     bond: int
+    """Number of the spring, which joins the rotors bond and bond + 1."""
     spacing: float
     rotor_lengths: tuple[float, float]
     rest_length: float
     reason: str
+    """The condition that is not met, with its limit."""
 
 
-def reaches(chain: Chain) -> Array:
-    """By how much the two rotors of each bond are longer than its spring [m], shape (springs,).
+def length_excesses(chain: Chain) -> Array:
+    """Return r_n + r_{n+1} - lbar_n of each bond [m], shape (springs,).
 
-    r_n + r_{n+1} - lbar_n. Without deviations it is below 0 for d < 1, where flippers do not
-    wobble, and above a for d > d_c, where the rotors spin: 4 r^2 - lbar^2 = a^2 (d^2 - 1).
+    Without deviations it is below 0 for d < 1, where flippers do not wobble, and above a for
+    d > d_c, where the rotors spin: 4 r^2 - lbar^2 = a^2 (d^2 - 1).
     """
-    lengths = chain.rotor_lengths
-    left, right = _joined(chain)
-    return np.asarray(lengths[left] + lengths[right] - chain.rest_lengths)
+    first, second = _rotor_lengths(chain)
+    return np.asarray(first + second - chain.rest_lengths)
 
 
 def blocked_bonds(chain: Chain) -> NDArray[np.bool_]:
-    """Bonds that may stop a wall, shape (springs,); a wall surely passes where there is none.
+    """Return which bonds may stop a wall, shape (springs,).
 
     A wall passes, and returns, if on every bond lbar_n > a_n + |r_n - r_{n+1}| and if
     r_n + r_{n+1} - a_n - lbar_n has the same sign on all of them: below 0 each is a triple
-    rocker, as in flippers, and above 0 a double crank, as in spinners (Grashof). The sign wanted
-    is that of most bonds. This is sufficient: a wall may pass all the same.
+    rocker, as in flippers, and above 0 a double crank, as in spinners (Grashof). The required sign
+    is the one of most bonds. The conditions are sufficient, not necessary.
     """
-    excess = reaches(chain) - chain.spacings
-    odd = ~(excess > 0) if _spinning(chain) else ~(excess < 0)
-    return np.asarray(odd | ~(chain.rest_lengths > _shortest(chain)))
+    excess = length_excesses(chain) - chain.spacings
+    other_class = ~(excess > 0) if _spinning(chain) else ~(excess < 0)
+    return np.asarray(other_class | ~(chain.rest_lengths > _shortest(chain)))
 
 
 def find_obstacles(chain: Chain) -> tuple[Obstacle, ...]:
@@ -63,12 +59,11 @@ def find_obstacles(chain: Chain) -> tuple[Obstacle, ...]:
     >>> [obstacle.bond for obstacle in sl.find_obstacles(sl.Chain(5, deviations=shorter))]
     [1, 2]
     """
-    lengths, shortest = chain.rotor_lengths, _shortest(chain)
+    lengths, shortest = _rotor_lengths(chain), _shortest(chain)
     relation = 'shorter' if _spinning(chain) else 'longer'
-    left, right = _joined(chain)
     obstacles = []
     for bond in np.flatnonzero(blocked_bonds(chain)).tolist():
-        first, second = float(lengths[left[bond]]), float(lengths[right[bond]])
+        first, second = float(lengths[0][bond]), float(lengths[1][bond])
         spacing, rest = float(chain.spacings[bond]), float(chain.rest_lengths[bond])
         if rest <= shortest[bond]:
             limit = shortest[bond]
@@ -81,33 +76,31 @@ def find_obstacles(chain: Chain) -> tuple[Obstacle, ...]:
 
 
 def motion_of_bonds(chain: Chain) -> Motion | None:
-    """How a wall moves along a chain with its deviations, or None where a bond may stop it.
+    """Return the class of motion of a chain with its deviations, None if a bond may stop a wall.
 
-    Where none may, it is a spinner if r_n + r_{n+1} - lbar_n is above a_n on every bond, a
-    flipper if it is below 0 on every bond, and wobbles if it is not.
+    Otherwise it is a spinner if r_n + r_{n+1} - lbar_n is above a_n on every bond, a flipper if it
+    is below 0 on every bond, and else a wobbling flipper.
     """
     if blocked_bonds(chain).any():
         return None
     if _spinning(chain):
         return Motion.SPINNER
-    return Motion.WOBBLING_FLIPPER if (reaches(chain) > 0).any() else Motion.FLIPPER
+    return Motion.WOBBLING_FLIPPER if (length_excesses(chain) > 0).any() else Motion.FLIPPER
 
 
-def _joined(chain: Chain) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-    """Numbers of the left and the right rotor of each spring."""
-    left = np.arange(chain.number_of_springs)
-    return left, (left + 1) % chain.number_of_rotors
+def _rotor_lengths(chain: Chain) -> tuple[Array, Array]:
+    """Return the lengths of the left and of the right rotor of each spring [m]."""
+    lengths, left = chain.rotor_lengths, np.arange(chain.number_of_springs)
+    return lengths[left], lengths[(left + 1) % chain.number_of_rotors]
 
 
 def _shortest(chain: Chain) -> Array:
-    """Limit above which a spring reaches round both rotors [m], a_n + |r_n - r_{n+1}|."""
-    left, right = _joined(chain)
-    return np.asarray(
-        chain.spacings + np.abs(chain.rotor_lengths[left] - chain.rotor_lengths[right])
-    )
+    """Return the length above which a spring reaches around both rotors [m]."""
+    first, second = _rotor_lengths(chain)
+    return np.asarray(chain.spacings + np.abs(first - second))
 
 
 def _spinning(chain: Chain) -> bool:
     """Whether most bonds are double cranks."""
-    excess = reaches(chain) - chain.spacings
+    excess = length_excesses(chain) - chain.spacings
     return 2 * int(np.count_nonzero(excess > 0)) > len(excess)

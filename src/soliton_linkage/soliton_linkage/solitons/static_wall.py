@@ -1,15 +1,17 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Walls at rest, built bar by bar, and the arc of the way from one rotor to the next.
+"""Walls at rest, assembled bar by bar, and the arc of the orbit from one rotor to the next.
 
-Given the angle of one rotor, the next hangs on it by a bar of fixed length, on one of two sides.
-The side is the sign of the coupling to the rotor that hangs, B_n to the right and A_n to the
-left. Built outwards from a wall, where |A_n| < |B_n| on its right and |A_n| > |B_n| on its left,
-errors die out as the zero mode does; a recurrence from an end would multiply them.
+Given the angle of one rotor, a bar of fixed length allows its neighbour one of two positions, the
+branches. The branch is the sign of the lever of the neighbour: B_n to the right and A_n to the
+left. If the chain is assembled outwards from a wall, errors decay as the zero mode does, because
+|A_n| < |B_n| on the right of the wall and |A_n| > |B_n| on its left. A recurrence from an end of
+the chain would amplify them.
 """
 
 from __future__ import annotations
 
 import math
+from collections.abc import Callable, Iterator
 from dataclasses import replace
 from functools import lru_cache
 
@@ -25,29 +27,30 @@ from soliton_linkage.linkage.deviations import NO_DEVIATIONS
 _DEPTHS_BESIDE = 19
 """Rotors beside a wall in penetration depths [1]: e^-19 squared is the rounding of a norm."""
 _MOST_BESIDE = 49_000
-"""Rotors beside a wall [1], so that the chain that holds it has fewer than a `Chain` may."""
-_MOST_STEPS = 1000
-"""Of a wall that does not pass its rotor [1]: others take some dozens."""
+"""Largest number of rotors beside a wall [1], given by the longest `Chain`."""
+_MOST_STEPS = 100_000
+"""Largest number of steps along an orbit [1]: near d_c it takes one or two thousand."""
 _TRANSITION = 1e-9
-"""Of d from d_c, relative [1]: nearer, rounding tells which way a rotor turns."""
+"""Relative distance of d from d_c [1] below which rounding decides how rotors turn."""
 _TOLERANCE = 1e-13
-"""Of a step, relative and [rad]: rounding, so that arcs are exact to eleven digits."""
-_ARRIVED = 1e-6
-"""Distance from a configuration at which it is that [rad]; others are far away."""
+"""Tolerance of a step, relative and [rad], so that arcs are exact to eleven digits."""
+_ARRIVED = 1e-4
+"""Distance between equal configurations [rad]; different ones are far apart."""
 
 
-def static_wall(chain: Chain, place: float, leg: int = 0, turned: bool = False) -> Array:
-    """Angles of a chain at rest with its wall at a place [rad], shape (N,).
+def static_wall(chain: Chain, site: float, leg: int = 0, inverted: bool = False) -> Array:
+    """Return the angles of a chain at rest with its wall at a site coordinate [rad], shape (N,).
 
-    The place [rotor spacings] counts the arc of the zero-energy orbit: it is n + 1/2 where the
-    wall is symmetric about the middle between rotors n and n + 1, and between such walls it
-    grows as the arc length does. Legs are those of the orbit: 0 to 3 for flippers, told apart
-    by which edge rotors have toggled (none, the last, both, the first), 0 and 1 for spinners,
-    by the side on which the rotors in the wall turn over. Turned is the image phi -> pi - phi,
-    as of a chain that was assembled upside down. In a chain with deviations the rotor nearest
-    to the wall is as without, and all others follow by their own bars. Raises ValueError for a
-    chain of two rotors or with periodic ends, a place within half a spacing of an end, a leg that
-    there is not, where bars are too short or too long to reach, and as `site_arc` does.
+    The site coordinate [rotor spacings] is proportional to the arc of the zero-energy orbit. It is
+    n + 1/2 if the wall is symmetric about the middle between rotors n and n + 1. Legs are defined
+    by `Orbit`. Legs 0 to 3 of flippers differ by the edge rotors that have toggled: none, the last,
+    both, the first. Legs 0 and 1 of spinners differ by the side on which the rotors in the wall
+    turn over. Inverted is the image phi -> pi - phi, a chain that was assembled upside down. In a
+    chain with deviations the rotor nearest to the wall is as without, and all others follow from
+    their own bars.
+
+    Raises ValueError for a chain of two rotors or with periodic ends, a site within half a spacing
+    of an end, an unknown leg, bars that are too short or too long to reach, and as `site_arc`.
 
     >>> import soliton_linkage as sl
     >>> chain = sl.Chain(number_of_rotors=20)
@@ -65,30 +68,30 @@ def static_wall(chain: Chain, place: float, leg: int = 0, turned: bool = False) 
             f'{"periodic" if chain.periodic else "free"} ends; give it 3 rotors or more and free '
             'ends'
         )
-    if not 0.5 <= place <= rotors - 1.5:
+    if not 0.5 <= site <= rotors - 1.5:
         raise ValueError(
-            f'place = {place} must lie from 0.5 to the number of rotors less 1.5 = {rotors - 1.5}'
+            f'site = {site} must lie from 0.5 to the number of rotors less 1.5 = {rotors - 1.5}'
         )
     if leg not in range(legs):
         raise ValueError(f'leg = {leg} must be one of 0 to {legs - 1} for a {chain.motion.value}')
-    seed = min(max(round(place), 1), rotors - 2)
-    angle = _seed_angle(chain, seed, place - seed, leg, turned)
-    return hung_from(chain, seed, angle, *bar_sides(chain, leg, turned))
+    seed = min(max(round(site), 1), rotors - 2)
+    angle = _seed_angle(chain, seed, site - seed, leg, inverted)
+    return angles_from_seed(chain, seed, angle, *bar_branches(chain, leg, inverted))
 
 
 def site_arc(chain: Chain) -> float:
-    """Arc length of the zero-energy orbit from one rotor to the next [rad], Lambda.
+    """Return the arc length Lambda of the zero-energy orbit from one rotor to the next [rad].
 
-    sqrt(sum_n dphi_n^2) along the way of a wall through one spacing, without deviations; a slow
-    wall moves at v = a |phi_dot| / Lambda and has the mass M_eff = M r^2 Lambda^2 / a^2. Raises
-    ValueError for d within 1e-9 d_c of d_c, where the ways of flippers and spinners meet, and for
-    d below 2e-4, where a wall is too wide to follow.
+    sqrt(sum_n dphi_n^2) while a wall moves by one spacing, without deviations. A slow wall has the
+    speed v = a |phi_dot| / Lambda and the mass M_eff = M r^2 Lambda^2 / a^2. Raises ValueError for
+    d within 1e-9 d_c of d_c, where the orbits of flippers and spinners meet, and for d below 2e-4,
+    where a wall is too wide to follow.
 
     >>> chain = Chain(rest_angle=0.97)
     >>> round(site_arc(chain) * chain.rotor_length / chain.spacing, 6)
     0.494867
     """
-    return _passage(_undeviating(chain), 0, False).arc
+    return _passage(_without_deviations(chain), 0, False).arc
 
 
 def check_transition(chain: Chain) -> None:
@@ -96,24 +99,23 @@ def check_transition(chain: Chain) -> None:
     d, critical = chain.lean_ratio, chain.critical_lean_ratio
     if abs(d - critical) < _TRANSITION * critical:
         raise ValueError(
-            f'd = {d:.12g} is too near to d_c = {critical:.12g} to tell the way of a flipper from '
-            f'that of a spinner; take d further than {_TRANSITION:g} d_c from it'
+            f'd = {d:.12g} is too near to d_c = {critical:.12g} to distinguish orbits of '
+            f'flippers and spinners; take d further than {_TRANSITION:g} d_c from it'
         )
 
 
 def effective_mass(chain: Chain) -> float:
-    """Mass of a slow wall [kg], M_eff = M r^2 Lambda^2 / a^2, so that T = M_eff v^2 / 2."""
+    """Return the mass of a slow wall [kg], M_eff = M r^2 Lambda^2 / a^2: T = M_eff v^2 / 2."""
     return chain.moment_of_inertia * (site_arc(chain) / chain.spacing) ** 2
 
 
-def hung_from(
-    chain: Chain, seed: int, angle: float, left_sides: Array, right_sides: Array
+def angles_from_seed(
+    chain: Chain, seed: int, angle: float, left_branches: Array, right_branches: Array
 ) -> Array:
-    """Angles of the chain in which one rotor has a given angle [rad], shape (N,).
+    """Return the angles of the chain in which one rotor has a given angle [rad], shape (N,).
 
-    Rotors on its left hang on the sides with sign(A_n) = left_sides[n], those on its right with
-    sign(B_n) = right_sides[n], each of shape (springs,). Raises ValueError where a bar cannot
-    reach.
+    Rotors on its left have sign(A_n) = left_branches[n], those on its right have sign(B_n) =
+    right_branches[n], each of shape (springs,). Raises ValueError if a bar cannot reach.
     """
     if seed not in range(chain.number_of_rotors):
         raise ValueError(f'seed = {seed} must be a rotor from 0 to {chain.number_of_rotors - 1}')
@@ -122,159 +124,189 @@ def hung_from(
     angles = np.empty(chain.number_of_rotors)
     angles[seed] = angle
     for n in range(seed, chain.number_of_rotors - 1):
-        angles[n + 1] = hung_angle(chain, n, n + 1, angles[n], -chain.spacings[n], right_sides[n])
+        offset = -chain.spacings[n]
+        angles[n + 1] = neighbour_angle(chain, n, n + 1, angles[n], offset, right_branches[n])
     for n in range(seed - 1, -1, -1):
-        angles[n] = hung_angle(chain, n, n, angles[n + 1], chain.spacings[n], left_sides[n])
+        offset = chain.spacings[n]
+        angles[n] = neighbour_angle(chain, n, n, angles[n + 1], offset, left_branches[n])
     return angles
 
 
-def hung_angle(
-    chain: Chain, bar: int, rotor: int, neighbour_angle: float, offset: float, side: float
+def neighbour_angle(
+    chain: Chain, bar: int, rotor: int, known_angle: float, offset: float, branch: float
 ) -> float:
-    """Angle of a rotor on a bar from its neighbour, whose pivot lies at an offset from its own.
+    """Return the angle of a rotor [rad] on a bar to a rotor of known angle [rad].
 
-    With D the distance of the neighbour's mass from this pivot and beta the angle between the
-    two, lbar^2 = D^2 + r^2 - 2 D r cos(beta); tan(beta / 2) follows from differences of lengths.
+    The offset [m] leads from the pivot of the rotor to the pivot of the known one. With D the distance
+    of the known rotor's mass from this pivot and beta the angle between the two, lbar^2 = D^2 +
+    r^2 - 2 D r cos(beta); tan(beta / 2) follows from differences of lengths.
     """
-    neighbour = bar if rotor > bar else bar + 1
-    reach, length = float(chain.rotor_lengths[rotor]), float(chain.rest_lengths[bar])
-    h = offset + float(chain.rotor_lengths[neighbour]) * math.sin(neighbour_angle)
-    v = float(chain.rotor_lengths[neighbour]) * math.cos(neighbour_angle)
+    known = bar if rotor > bar else bar + 1
+    r, length = float(chain.rotor_lengths[rotor]), float(chain.rest_lengths[bar])
+    h = offset + float(chain.rotor_lengths[known]) * math.sin(known_angle)
+    v = float(chain.rotor_lengths[known]) * math.cos(known_angle)
     distance = math.hypot(h, v)
-    beyond = (length - distance + reach) * (length + distance - reach)
-    short = (distance + reach - length) * (distance + reach + length)
-    if beyond < 0 or short < 0:
+    above = (length - distance + r) * (length + distance - r)
+    below = (distance + r - length) * (distance + r + length)
+    if above < 0 or below < 0:
         raise ValueError(
-            f'bar {bar} of length {length:.6g} m cannot join rotor {rotor} of length '
-            f'{reach:.6g} m to its neighbour, whose mass is {distance:.6g} m from its pivot: '
-            f'it must have from {abs(distance - reach):.6g} to {distance + reach:.6g} m'
+            f'bar {bar} of length {length:.6g} m cannot join rotor {rotor} of length {r:.6g} m to '
+            f'its neighbour, whose mass is {distance:.6g} m from its pivot: it must have from '
+            f'{abs(distance - r):.6g} to {distance + r:.6g} m'
         )
-    return math.atan2(h, v) + side * 2 * math.atan2(math.sqrt(beyond), math.sqrt(short))
+    return math.atan2(h, v) + branch * 2 * math.atan2(math.sqrt(above), math.sqrt(below))
 
 
-def bar_sides(chain: Chain, leg: int, turned: bool) -> tuple[Array, Array]:
-    """Signs of A_n of the right-leaning and of B_n of the left-leaning state, (springs,) each.
+def bar_branches(chain: Chain, leg: int, inverted: bool) -> tuple[Array, Array]:
+    """Return the signs of A_n left of a wall and of B_n right of it, (springs,) each.
 
-    An edge rotor that has toggled hangs on the other side. A flipper's first rotor has not
-    toggled where A_0 has the sign that it has in the left-leaning state.
+    They are taken from the right-leaning and from the left-leaning state, with the opposite sign
+    for an edge rotor that has toggled. A flipper's first rotor has not toggled if A_0 has the sign of the
+    left-leaning state.
     """
-    first, _ = rigidity_bands(chain, _ground_state(chain, 1, turned))
-    _, second = rigidity_bands(chain, _ground_state(chain, -1, turned))
-    left_sides, right_sides = np.sign(first), np.sign(second)
+    first, _ = rigidity_bands(chain, _uniform_state(chain, 1, inverted))
+    _, second = rigidity_bands(chain, _uniform_state(chain, -1, inverted))
+    left, right = np.sign(first), np.sign(second)
     if chain.motion is not Motion.SPINNER:
-        from_left_leaning = 1 if chain.lean_ratio <= 1 else -1
-        left_sides[0] *= from_left_leaning * (-1 if leg in (2, 3) else 1)
-        right_sides[-1] *= -1 if leg in (1, 2) else 1
-    return left_sides, right_sides
+        left_leaning = 1 if chain.lean_ratio <= 1 else -1
+        left[0] *= left_leaning * (-1 if leg in (2, 3) else 1)
+        right[-1] *= -1 if leg in (1, 2) else 1
+    return left, right
 
 
-def _ground_state(chain: Chain, lean: int, turned: bool) -> Array:
-    """The uniform state on this orbit that leans right or left [rad], shape (N,)."""
+def follow_zero_mode(
+    chain: Chain,
+    tangent: Callable[[Array], Array],
+    start: Array,
+    goal: Array,
+    tolerances: tuple[float, float],
+) -> Iterator[tuple[float, float, DenseOutput]]:
+    """Yield the steps along an orbit from one configuration to another: begin, end, angles.
+
+    Begin and end are arc lengths [rad]; configurations are shapes (N,) [rad]. The tangent of an
+    orbit is its zero mode; tolerances of a step are relative and [rad]. Raises ArithmeticError if
+    the orbit does not arrive.
+    """
+    relative, absolute = tolerances
+    solver = DOP853(
+        lambda _, angles: tangent(angles), 0.0, start, np.inf, rtol=relative, atol=absolute
+    )
+    at_goal = tangent(goal)
+    for _ in range(_MOST_STEPS):
+        if solver.step():
+            break
+        dense = solver.dense_output()
+        end = _arrival(dense, goal, at_goal)
+        yield solver.t_old, solver.t if end is None else end, dense
+        if end is not None:
+            return
+    raise ArithmeticError(
+        f'the wall of a chain with d = {chain.lean_ratio:.9g} and d_c = '
+        f'{chain.critical_lean_ratio:.9g} did not reach its next symmetric configuration within '
+        f'an arc of {solver.t:.3g} rad; take parameters further from the transition'
+    )
+
+
+def _arrival(dense: DenseOutput, goal: Array, tangent: Array) -> float | None:
+    """Return the arc [rad] in a step at which the goal is reached, up to whole turns, or None."""
+
+    def to_go(arc: float) -> float:
+        return float(np.sin(goal - dense(arc)) @ tangent)
+
+    if to_go(dense.t_old) < 0 or to_go(dense.t) > 0:
+        return None
+    arc = float(brentq(to_go, dense.t_old, dense.t, xtol=1e-15))
+    distance = np.abs(np.sin((dense(arc) - goal) / 2)).max()
+    return arc if distance < _ARRIVED else None
+
+
+def _uniform_state(chain: Chain, lean: int, inverted: bool) -> Array:
+    """Return the uniform state of this orbit that leans right or left [rad], shape (N,)."""
     theta = lean * chain.rest_angle
     if chain.motion is Motion.SPINNER and lean < 0:
         theta = chain.rest_angle + math.pi
-    return staggered(np.full(chain.number_of_rotors, math.pi - theta if turned else theta))
+    return staggered(np.full(chain.number_of_rotors, math.pi - theta if inverted else theta))
 
 
-def _seed_angle(chain: Chain, seed: int, beyond: float, leg: int, turned: bool) -> float:
-    """Angle of the rotor nearest to a wall that is by so much beyond it [rad].
+def _seed_angle(chain: Chain, seed: int, beyond: float, leg: int, inverted: bool) -> float:
+    """Return the angle of the rotor nearest to a wall [rad], which is `beyond` spacings past it.
 
-    The image phi -> pi - phi of a flipper is on the same leg, that of a spinner on the other.
+    The image phi -> pi - phi of a flipper is on the same leg, the image of a spinner on the other.
     """
     if chain.motion is not Motion.SPINNER:
         leg = 0
-    elif turned:
+    elif inverted:
         leg = 1 - leg
-    angle = _passage(_undeviating(chain), leg, seed % 2 == 1).angle(beyond)
-    return math.pi - angle if turned else angle
+    angle = _passage(_without_deviations(chain), leg, seed % 2 == 1).angle(beyond)
+    return math.pi - angle if inverted else angle
 
 
 def _symmetric_wall(chain: Chain, rotor: int, leg: int) -> Array:
-    """Angles of a wall half way between a rotor and the next [rad], shape (N,).
+    """Return the angles of a wall in the middle between a rotor and the next [rad], shape (N,).
 
-    The chain is its own image there, n -> 2 rotor + 1 - n with phi -> phi + pi for flippers, so
-    that h = r^2 sin(theta_bar)^2 / a, and with phi -> -phi for spinners, whose masses have
-    crossed, h = (a + lbar) / 2, or not, h = (a - lbar) / 2, by turns.
+    The chain is its own image n -> 2 rotor + 1 - n. With phi -> phi + pi for flippers, h = r^2
+    sin(theta_bar)^2 / a. With phi -> -phi for spinners, h = (a + lbar) / 2 if the masses have
+    crossed, h = (a - lbar) / 2 if not, alternately.
     """
-    if chain.motion is Motion.SPINNER:
+    spinner, crossed = chain.motion is Motion.SPINNER, False
+    if spinner:
         crossed = (leg + rotor) % 2 == 1
         h = (chain.spacing + (chain.rest_length if crossed else -chain.rest_length)) / 2
     else:
-        crossed = False
         h = (chain.rotor_length * math.sin(chain.rest_angle)) ** 2 / chain.spacing
     angle = math.asin(h / chain.rotor_length)
     upright = (rotor % 2 == 0) != crossed
-    sides = bar_sides(chain, leg if chain.motion is Motion.SPINNER else 0, False)
-    return hung_from(chain, rotor, angle if upright else math.pi - angle, *sides)
+    branches = bar_branches(chain, leg if spinner else 0, False)
+    return angles_from_seed(chain, rotor, angle if upright else math.pi - angle, *branches)
 
 
-def _undeviating(chain: Chain) -> Chain:
+def _without_deviations(chain: Chain) -> Chain:
     return replace(chain, number_of_rotors=3, periodic=False, deviations=NO_DEVIATIONS)
 
 
 def _rotors_beside(chain: Chain) -> int:
-    """How many rotors on each side of a wall its zero mode reaches, to rounding in its norm."""
+    """Return the number of rotors on each side of a wall that contribute to its norm."""
     check_transition(chain)
     beside = math.ceil(_DEPTHS_BESIDE * penetration_depth(chain) / chain.spacing) + 10
     if beside > _MOST_BESIDE:
         raise ValueError(
-            f'd = {chain.lean_ratio:.6g} makes a wall reach over {beside} rotors on each side, '
+            f'd = {chain.lean_ratio:.6g} makes a wall extend over {beside} rotors on each side, '
             f'more than {_MOST_BESIDE}; take longer rotors or a larger rest angle'
         )
     return beside
 
 
 class _SitePassage:
-    """A wall on its way past one rotor, from half a spacing before it to half a spacing beyond."""
+    """The motion of a wall past one rotor, from half a spacing before it to half a spacing past.
+
+    Attributes: the arc length of that motion [rad].
+    """
 
     def __init__(self, chain: Chain, leg: int, odd: bool) -> None:
         beside = _rotors_beside(chain)
         self._rotor = 2 * (beside // 2) + odd
-        self._window = replace(chain, number_of_rotors=2 * self._rotor + 1)
-        self._arrival = _symmetric_wall(self._window, self._rotor, leg)
-        start = _symmetric_wall(self._window, self._rotor - 1, leg)
-        mode = zero_mode(self._window, start)
-        self._sense = 1.0 if mode @ mode_towards_last(self._window, start) > 0 else -1.0
-        self._solution, self.arc = self._followed(start)
+        window = replace(chain, number_of_rotors=2 * self._rotor + 1)
+        goal = _symmetric_wall(window, self._rotor, leg)
+        start = _symmetric_wall(window, self._rotor - 1, leg)
+        mode = zero_mode(window, start)
+        sense = 1.0 if mode @ mode_towards_last(window, start) > 0 else -1.0
+        _, ends, pieces = zip(
+            *follow_zero_mode(
+                window,
+                lambda angles: sense * zero_mode(window, angles),
+                start,
+                goal,
+                (_TOLERANCE, _TOLERANCE),
+            ),
+            strict=True,
+        )
+        self.arc = float(ends[-1])
+        self._solution = OdeSolution([0.0, *ends], list(pieces))
 
     def angle(self, beyond: float) -> float:
-        """Angle of the rotor [rad] when the wall is beyond it by -0.5 to 0.5 spacings."""
+        """Return the angle of the rotor [rad] if the wall is -0.5 to 0.5 spacings past it."""
         return float(self._solution((beyond + 0.5) * self.arc)[self._rotor])
-
-    def _followed(self, start: Array) -> tuple[OdeSolution, float]:
-        """Follow the zero mode until the wall has arrived; the way and its length [rad]."""
-        solver = DOP853(self._direction, 0.0, start, np.inf, rtol=_TOLERANCE, atol=_TOLERANCE)
-        pieces, ends = [], [0.0]
-        for _ in range(_MOST_STEPS):
-            complaint = solver.step()
-            pieces.append(solver.dense_output())
-            ends.append(solver.t)
-            if complaint:
-                break
-            there = self._arc_of_arrival(pieces[-1], ends[-2], ends[-1])
-            if there is not None:
-                return OdeSolution(ends, pieces), there
-        raise ArithmeticError(
-            f'a wall of a chain with d = {self._window.lean_ratio:.9g} and d_c = '
-            f'{self._window.critical_lean_ratio:.9g} did not pass its rotor within an arc of '
-            f'{solver.t:.3g} rad; take parameters further from the transition'
-        )
-
-    def _arc_of_arrival(self, piece: DenseOutput, begin: float, end: float) -> float | None:
-        if self._still_to_go(piece(begin)) < 0 or self._still_to_go(piece(end)) > 0:
-            return None
-        there = float(brentq(lambda arc: self._still_to_go(piece(arc)), begin, end, xtol=1e-15))
-        apart = np.sin((piece(there) - self._arrival) / 2)
-        return there if float(np.abs(apart).max()) < _ARRIVED else None
-
-    def _direction(self, _arc: float, angles: Array) -> Array:
-        return self._sense * zero_mode(self._window, angles)
-
-    def _still_to_go(self, angles: Array) -> float:
-        """Arc to the arrival, close to it; smooth in angles that count turns."""
-        arrival = self._sense * zero_mode(self._window, self._arrival)
-        return float(np.sin(self._arrival - angles) @ arrival)
 
 
 _passage = lru_cache(maxsize=16)(_SitePassage)
-"""Ways past a rotor as they were last made [1]: a chain has four, by leg and by parity."""
+"""Recently computed passages [1]: a chain has four, by leg and by parity."""

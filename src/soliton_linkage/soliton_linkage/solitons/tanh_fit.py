@@ -1,13 +1,13 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Solitons in one frame of angles: where they are, how fast, how wide, and of which charge.
+"""Solitons in one frame of angles: their positions, velocities, widths and charges.
 
-A wall is found by topology and then placed by a fit. Each bond has a polarisation, the side on
-which the chain's zero mode grows across it; a wall is where the polarisation changes sign. The
-order field m, +1 where the chain leans right and -1 where it leans left, is then fitted by
-m = -Q tanh((n - X) / w) around it, least squares over X at the width of a slow wall. The fit
-has a bias that varies with the place between two rotors: under 0.002 rotor spacings for
-d < 0.9 and d > 2.5 d_c, under 0.1 for d < 2 and d > 1.4 d_c, and up to two spacings between,
-where no tanh fits a wall.
+The topology shows that there is a wall, and a fit estimates its position. Each bond has a
+polarisation, the side on which the chain's zero mode grows across it; at a wall the polarisation
+changes sign. The order field m is +1 where the chain leans right and -1 where it leans left. Around
+the wall m = -Q tanh((n - X) / w) is fitted to it, by least squares over X at the width of a slow
+wall. The bias of the fit varies with the site between two rotors: below 0.002 rotor spacings for
+d < 0.9 and d > 2.5 d_c, below 0.1 for d < 2 and d > 1.4 d_c, and up to two spacings between, where
+the profile of a wall is not a tanh.
 """
 
 from __future__ import annotations
@@ -25,24 +25,24 @@ from soliton_linkage.linear.rigidity import rigidity_bands
 from soliton_linkage.linkage.chain import Array, Chain, Motion, staggered
 
 DOMAIN = 0.5
-"""Polarisation above which a bond belongs to a domain, half of that of a uniform state [1]."""
+"""Polarisation above which a bond belongs to a domain [1]; a uniform state has 1."""
 _FIT_ITERATIONS = 12
-"""Of Newton's method [1], which converges within half of them."""
+"""Newton steps of a fit [1]; half of them are needed."""
 _FIT_REACH = 4.0
-"""Of the fit in widths of the wall [1]: beyond, 1 - tanh is below 7e-4 and tells nothing."""
+"""Half width of the fit in widths of the wall [1]: beyond, 1 - tanh is below 7e-4."""
 _WIDEST_LEAN_RATIO_WITH_A_WIDTH = 2.0
-"""d of a flipper from which on a tanh fits its wall nowhere [1], see above."""
+"""d of a flipper from which its walls have no tanh profile [1]."""
 
 
 @dataclass(frozen=True)
 class Soliton:
-    """One domain wall; a quantity that cannot be told from the frame is NaN.
+    """One domain wall; a quantity that the frame does not determine is NaN.
 
-    rotor: centre in rotor spacings from rotor 0.
+    rotor: site coordinate of the centre in rotor spacings from rotor 0.
     position: centre [m] from the pivot of rotor 0.
-    velocity: of the centre [m/s], positive towards the last rotor.
+    velocity: velocity of the centre [m/s], positive towards the last rotor.
     width: width w of tanh(x / w) [m].
-    charge: +1: leans right on the side of rotor 0 and left beyond, free at rest; -1: the opposite.
+    charge: +1 if the chain leans right on the side of rotor 0 and left beyond; else -1.
     position_deviation: standard deviation of the position [m].
     velocity_deviation: standard deviation of the velocity [m/s].
     width_deviation: standard deviation of the width [m].
@@ -59,10 +59,10 @@ class Soliton:
 
 
 def polarisation(chain: Chain, angles: Array) -> Array:
-    """Side on which the zero mode grows across each bond, shape (..., springs).
+    """Return the side on which the zero mode grows across each bond, shape (..., springs).
 
     (A^2 - B^2) / (A^2 + B^2) in units of its value in the uniform right-leaning state: +1 there,
-    -1 in the left-leaning state, whatever the turns that the rotors have made.
+    -1 in the left-leaning state, independent of whole turns of the rotors.
     """
     first, second = rigidity_bands(chain, angles)
     plus, minus = couplings(chain)
@@ -74,9 +74,9 @@ def polarisation(chain: Chain, angles: Array) -> Array:
 def order_field(chain: Chain, angles: Array) -> tuple[Array, Array]:
     """Return the order field m [1] and its slope dm/dphi [1/rad], each of shape (N,).
 
-    m = sin(theta) / sin(theta_bar) for flippers. The rotors of a spinner turn through pi, from
-    +theta_bar to theta_bar +- pi or from -theta_bar to -theta_bar +- pi, as the chain was
-    assembled: m = +-cos(theta -+ theta_bar).
+    m = sin(theta) / sin(theta_bar) for flippers. The rotors of a spinner turn by pi, from
+    +theta_bar to theta_bar +- pi or from -theta_bar to -theta_bar +- pi, depending on its
+    assembly: m = +-cos(theta -+ theta_bar).
     """
     theta = staggered(angles)
     turn = np.where(np.arange(theta.shape[-1]) % 2, -1.0, 1.0)
@@ -89,10 +89,10 @@ def order_field(chain: Chain, angles: Array) -> tuple[Array, Array]:
 
 
 def find_solitons(chain: Chain, angles: Array, rates: Array | None = None) -> tuple[Soliton, ...]:
-    """Return the walls in a frame, in the order of their place; none is an empty tuple.
+    """Return the walls in a frame, in the order of their sites.
 
-    Angles [rad] and, where they are known, rates [rad/s], each of shape (N,). On a ring places
-    run from 0 to N. Domains are those of neighbouring bonds that are polarised.
+    Angles [rad] and, if known, rates [rad/s] have the shape (N,). On a ring sites run from 0 to N.
+    A domain consists of neighbouring bonds that are polarised.
     """
     checked = chain.check_angles(angles)
     moving = None if rates is None else chain.check_angles(rates, 'rate')
@@ -107,8 +107,8 @@ def find_solitons(chain: Chain, angles: Array, rates: Array | None = None) -> tu
 def _walls(
     chain: Chain, crossings: list[tuple[float, int]], field: Array, slope: Array
 ) -> list[_TanhFit]:
-    places = [crossing for crossing, _ in crossings]
-    between = [(place + following) / 2 for place, following in pairwise(places)]
+    sites = [crossing for crossing, _ in crossings]
+    between = [(site + following) / 2 for site, following in pairwise(sites)]
     borders = pairwise([-math.inf, *between, math.inf])
     return [
         _TanhFit(
@@ -130,22 +130,22 @@ def _walls_of_ring(
     slope: Array,
     rates: Array | None,
 ) -> tuple[Soliton, ...]:
-    """Walls of a ring, which is opened at a spring in the middle of a domain, if there is one."""
+    """Return the walls of a ring, which is cut at a spring in the middle of a domain, if any."""
     rotors = chain.number_of_rotors
     reach = math.ceil(_FIT_REACH * chain.wall_width / chain.spacing) + 2
     clear = minimum_filter1d(np.abs(polarised), min(2 * reach + 1, rotors), mode='wrap')
-    joint = int(np.argmax(clear)) + 1
-    opened = [np.roll(values, -joint) for values in (polarised, field, slope)]
-    moving = None if rates is None else np.roll(rates, -joint)
+    cut = int(np.argmax(clear)) + 1
+    opened = [np.roll(values, -cut) for values in (polarised, field, slope)]
+    moving = None if rates is None else np.roll(rates, -cut)
     found = [
         _soliton(chain, wall, moving)
         for wall in _walls(chain, _polarisation_crossings(opened[0][:-1]), opened[1], opened[2])
     ]
-    turned = []
+    shifted = []
     for soliton in found:
-        place = (soliton.rotor + joint) % rotors
-        turned.append(replace(soliton, rotor=place, position=place * chain.spacing))
-    return tuple(sorted(turned, key=lambda soliton: soliton.rotor))
+        site = (soliton.rotor + cut) % rotors
+        shifted.append(replace(soliton, rotor=site, position=site * chain.spacing))
+    return tuple(sorted(shifted, key=lambda soliton: soliton.rotor))
 
 
 def _soliton(chain: Chain, wall: _TanhFit, rates: Array | None) -> Soliton:
@@ -193,9 +193,9 @@ class _TanhFit:
         self.deviation = self._centre_deviation()
 
     def velocity(self, rates: Array | None) -> tuple[float, float]:
-        """Rate of the fitted centre and its deviation [rotor spacings / s].
+        """Return the rate of the centre and its standard deviation [rotor spacings / s].
 
-        The fit holds sum_n (m_n - f_n) df_n/dX = 0; its time derivative gives dX/dt.
+        The centre solves sum_n (m_n - f_n) df_n/dX = 0; the time derivative gives dX/dt.
         """
         if rates is None or len(self._rotors) < 2:
             return math.nan, math.nan
@@ -210,7 +210,7 @@ class _TanhFit:
         return velocity, _deviation(residual, 1, float(gradient @ gradient))
 
     def width(self) -> tuple[float, float]:
-        """Width of the wall and its deviation [rotor spacings], from a fit of X and w."""
+        """Fit X and w; return the width and its standard deviation [rotor spacings]."""
         chain = self._chain
         edge = min(self.centre, chain.number_of_rotors - 1 - self.centre)
         wobbling = chain.motion is not Motion.SPINNER
@@ -235,16 +235,16 @@ class _TanhFit:
         return (width, deviation) if deviation < width / 2 else (math.nan, math.nan)
 
     def _fit_centre(self, crossing: float, bounds: tuple[float, float]) -> float:
-        """Newton's method, with Gauss and Newton's strength where the curvature spoils it."""
+        """Fit X by Newton's method, with the Gauss-Newton Hessian if the curvature is too small."""
         centre = crossing
         for _ in range(_FIT_ITERATIONS if len(self._rotors) > 1 else 0):
             gradient, curvature = self._gradient_and_curvature(centre)
             residual = self._field - self._model(centre)
-            strength = float(gradient @ gradient)
-            if strength < 1e-12:
+            hessian = float(gradient @ gradient)
+            if hessian < 1e-12:
                 break
-            strength = max(strength - float(residual @ curvature), strength / 4)
-            step = float(gradient @ residual) / strength
+            hessian = max(hessian - float(residual @ curvature), hessian / 4)
+            step = float(gradient @ residual) / hessian
             centre = min(max(centre + step, bounds[0]), bounds[1])
             if abs(step) < 1e-13 * self._chain.number_of_rotors:
                 break
@@ -255,11 +255,11 @@ class _TanhFit:
         return _deviation(self._field - self._model(), 1, float(gradient @ gradient))
 
     def _model(self, centre: float | None = None) -> Array:
-        place = self.centre if centre is None else centre
-        return np.asarray(-self.charge * np.tanh((self._rotors - place) / self._width))
+        at = self.centre if centre is None else centre
+        return np.asarray(-self.charge * np.tanh((self._rotors - at) / self._width))
 
     def _gradient_and_curvature(self, centre: float) -> tuple[Array, Array]:
-        """First and second derivative of the model by the centre."""
+        """Return the first and second derivative of the model by the centre."""
         argument = (self._rotors - centre) / self._width
         gradient = self.charge / self._width * _sech_squared(argument)
         return gradient, 2 * gradient * np.tanh(argument) / self._width
@@ -270,7 +270,7 @@ def _sech_squared(argument: ArrayLike) -> Array:
 
 
 def _deviation(residual: Array, parameters: int, information: float) -> float:
-    """Standard deviation of a fitted parameter from the residual and J^T J."""
+    """Return the standard deviation of a fitted parameter from the residual and J^T J."""
     freedom = len(residual) - parameters
     if freedom < 1 or information <= 0:
         return math.nan
@@ -278,10 +278,10 @@ def _deviation(residual: Array, parameters: int, information: float) -> float:
 
 
 def _spinner_lean(chain: Chain, angles: Array) -> int:
-    """Which of a spinner's two families of states: +1 around theta_bar, -1 around its minus.
+    """Return a spinner's family of states: +1 around theta_bar, -1 around -theta_bar.
 
-    They are the two ways to assemble it. (-1)^n A_n and (-1)^n B_n never vanish as the wall
-    moves: they have the signs of -1 and +1 in the first family and the opposite in the second.
+    They are the two ways to assemble it. (-1)^n A_n and (-1)^n B_n never vanish while the wall
+    moves: they are negative and positive in the first family, positive and negative in the second.
     """
     first, second = rigidity_bands(chain, angles)
     levers = second - first
@@ -289,22 +289,22 @@ def _spinner_lean(chain: Chain, angles: Array) -> int:
 
 
 def _polarisation_crossings(polarised: Array) -> list[tuple[float, int]]:
-    """Return where domains of opposite polarisation meet [rotor spacings], with the charge."""
+    """Return the sites between domains of opposite polarisation [rotor spacings], and charges."""
     bonds = np.flatnonzero(np.abs(polarised) > DOMAIN)
     signs = np.sign(polarised[bonds])
     crossings = []
     for change in np.flatnonzero(signs[1:] != signs[:-1]):
         left, right = bonds[change], bonds[change + 1]
-        share = polarised[left] / (polarised[left] - polarised[right])
-        crossings.append((float(left + 0.5 + share * (right - left)), int(signs[change])))
+        part = polarised[left] / (polarised[left] - polarised[right])
+        crossings.append((float(left + 0.5 + part * (right - left)), int(signs[change])))
     return crossings
 
 
 def charge_of_field(displacements: ArrayLike, lean: float) -> float:
-    """Topological charge of a field u(x) [m], Q = [u(-inf) - u(+inf)] / (2 ub), shape (K,).
+    """Return the topological charge of a field u(x) [m], (K,): Q = [u(-inf) - u(+inf)] / (2 ub).
 
-    Of opposite sign to the paper's (eq. soliton_charge), so that the wall that is free at rest
-    has Q = +1. Raises ValueError for a lean ub [m] that is not positive.
+    The sign is opposite to the paper (eq. soliton_charge), so that the wall with zero energy has
+    Q = +1. Raises ValueError for a lean ub [m] that is not positive.
     """
     if not (math.isfinite(lean) and lean > 0):
         raise ValueError(f'lean = {lean} m must be a finite number above 0')
@@ -313,10 +313,10 @@ def charge_of_field(displacements: ArrayLike, lean: float) -> float:
 
 
 def topological_charge(chain: Chain, angles: ArrayLike) -> int:
-    """Walls of charge +1 less those of -1 in a configuration: 1, 0 or -1.
+    """Return the number of walls of charge +1 less the number of charge -1: 1, 0 or -1.
 
-    Half the difference of the polarisations of the first and the last domain; a chain with
-    periodic ends, where they are the same, has 0.
+    It is half the difference of the polarisations of the first and the last domain, and 0 for a
+    chain with periodic ends.
     """
     if chain.periodic:
         chain.check_angles(angles)
@@ -327,12 +327,11 @@ def topological_charge(chain: Chain, angles: ArrayLike) -> int:
 
 
 def half_turns(chain: Chain, angles: ArrayLike) -> int:
-    """Half turns by which a spinner's last rotor is ahead of its first.
+    """Return the half turns by which a spinner's last rotor is ahead of its first.
 
-    A wall of charge Q that turns its rotors forwards counts Q, one that turns them backwards -Q.
-    Neighbours are less than half a turn apart from how they are in a uniform state, so that
-    whole turns that a rotor's angle has beside its neighbour's mean nothing. Raises ValueError
-    for a flipper.
+    A wall of charge Q counts Q if it turns its rotors forwards, and -Q if backwards. Whole turns
+    between neighbours are ignored, because their difference stays within half a turn of that in
+    a uniform state. Raises ValueError for a flipper.
     """
     if chain.motion is not Motion.SPINNER:
         raise ValueError(f'a {chain.motion.value} does not turn; count the turns of a spinner')

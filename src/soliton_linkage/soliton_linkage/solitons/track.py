@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The path of a soliton along the chain, and how often and how fast it crossed it."""
+"""The path of a soliton along the chain, with the number and speed of its crossings."""
 
 from __future__ import annotations
 
@@ -14,24 +14,24 @@ from soliton_linkage.linkage.chain import Array, Chain
 from soliton_linkage.linkage.recording import Recording
 from soliton_linkage.solitons.tanh_fit import find_solitons
 
-_EDGE_SHARE = 0.2
-"""Of the chain at each end [1]: swings there, where a wall waits, are no part of a crossing."""
+_EDGE_PART = 0.2
+"""Part of the chain at each end [1] where a wall is reflected; it is not part of a crossing."""
 
 
 @dataclass(frozen=True)
 class Track:
-    """Place of the first soliton of each frame and its rate; NaN where there was none."""
+    """Site and rate of the first soliton of each frame; NaN without a soliton."""
 
     times: Array
-    """Instants of the frames [s], shape (T,)."""
+    """Times of the frames [s], shape (T,)."""
     sites: Array
     """Centre of the soliton [rotor spacings], shape (T,)."""
     site_rates: Array
     """Rate of the centre [rotor spacings / s], shape (T,)."""
     site_deviations: Array = field(default_factory=lambda: np.empty(0))
-    """Standard deviation of the centre [rotor spacings], shape (T,), or empty where unknown."""
+    """Standard deviation of the centre [rotor spacings], shape (T,), or empty if unknown."""
     site_rate_deviations: Array = field(default_factory=lambda: np.empty(0))
-    """Standard deviation of the rate [rotor spacings / s], shape (T,), or empty where unknown."""
+    """Standard deviation of the rate [rotor spacings / s], shape (T,), or empty if unknown."""
 
 
 @dataclass(frozen=True)
@@ -39,9 +39,9 @@ class Crossing:
     """One passage of a soliton between the outer fifths of the chain."""
 
     start: float
-    """When it left the fifth that it came from [s]."""
+    """Time at which it left the first fifth [s]."""
     end: float
-    """When it reached the opposite fifth [s]."""
+    """Time at which it reached the opposite fifth [s]."""
     direction: int
     """+1 towards the last rotor, -1 towards rotor 0."""
     site_rate: float
@@ -49,7 +49,7 @@ class Crossing:
 
 
 class MovingWall(Protocol):
-    """A wall of which place and velocity are known, however they were found."""
+    """A wall of known site and velocity."""
 
     @property
     def rotor(self) -> float:
@@ -57,11 +57,11 @@ class MovingWall(Protocol):
 
     @property
     def velocity(self) -> float:
-        """Of the centre [m/s]."""
+        """Velocity of the centre [m/s]."""
 
 
 class MeasuredWall(MovingWall, Protocol):
-    """A wall of which it is known how well it is known."""
+    """A wall with standard deviations."""
 
     @property
     def position_deviation(self) -> float:
@@ -73,27 +73,24 @@ class MeasuredWall(MovingWall, Protocol):
 
 
 def track_point(chain: Chain, solitons: Sequence[MovingWall]) -> tuple[float, float]:
-    """Place [rotor spacings] of the first soliton and its rate [rotor spacings / s], or NaN."""
+    """Return site [rotor spacings] and rate [rotor spacings / s] of the first soliton, or NaN."""
     if not solitons:
         return np.nan, np.nan
     return solitons[0].rotor, solitons[0].velocity / chain.spacing
 
 
 def measured_track(chain: Chain, times: Array, walls: Sequence[Sequence[MeasuredWall]]) -> Track:
-    """Track of the first wall of each frame with its uncertainties; times [s] of shape (T,)."""
-    spacing, nothing = chain.spacing, (np.nan,) * 4
-    points = [
-        (
-            found[0].rotor,
-            found[0].velocity / spacing,
-            found[0].position_deviation / spacing,
-            found[0].velocity_deviation / spacing,
-        )
+    """Return the track of the first wall of each frame with its uncertainties; times [s], (T,)."""
+    spacing = chain.spacing
+    deviations = [
+        (found[0].position_deviation / spacing, found[0].velocity_deviation / spacing)
         if found
-        else nothing
+        else (np.nan, np.nan)
         for found in walls
     ]
-    return Track(times, *np.array(points, dtype=np.float64).reshape(-1, 4).T)
+    points = [track_point(chain, found) for found in walls]
+    columns = np.hstack([np.reshape(points, (-1, 2)), np.reshape(deviations, (-1, 2))])
+    return Track(times, *columns.T)
 
 
 def follow(chain: Chain, recording: Recording) -> Track:
@@ -103,24 +100,22 @@ def follow(chain: Chain, recording: Recording) -> Track:
         track_point(chain, find_solitons(chain, angles, rate))
         for angles, rate in zip(recording.angles, rates, strict=True)
     ]
-    places = np.array(points, dtype=np.float64).reshape(-1, 2)
-    return Track(recording.times, places[:, 0], places[:, 1])
+    return Track(recording.times, *np.array(points, dtype=np.float64).reshape(-1, 2).T)
 
 
 def find_crossings(chain: Chain, track: Track) -> tuple[Crossing, ...]:
     """Return the passages from one outer fifth of the chain to the other, in order of time."""
     last = chain.number_of_rotors - 1
     side = np.zeros(len(track.times), dtype=np.int8)
-    side[track.sites <= _EDGE_SHARE * last] = -1
-    side[track.sites >= (1 - _EDGE_SHARE) * last] = 1
-    outer = np.flatnonzero(side)
+    side[track.sites <= _EDGE_PART * last] = -1
+    side[track.sites >= (1 - _EDGE_PART) * last] = 1
     crossings = []
-    for left, entered in pairwise(outer):
+    for left, entered in pairwise(np.flatnonzero(side)):
         if side[left] == side[entered]:
             continue
         passage = slice(left, entered + 1)
-        seen = np.isfinite(track.sites[passage])
-        slope = np.polyfit(track.times[passage][seen], track.sites[passage][seen], 1)[0]
+        found = np.isfinite(track.sites[passage])
+        slope = np.polyfit(track.times[passage][found], track.sites[passage][found], 1)[0]
         crossings.append(
             Crossing(
                 start=float(track.times[left]),
