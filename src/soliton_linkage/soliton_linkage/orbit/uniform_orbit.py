@@ -36,7 +36,7 @@ _ROTORS_BESIDE = 6
 _TOLERANCE = 1e-9
 """Tolerance of a step for the whole chain [rad]: the sum of all errors stays below 1e-6 rad."""
 _SAMPLES_A_STEP = 3
-"""Points of the spline in a step of the solver [1]: its error is then below the error of the steps."""
+"""Points of the spline in a step of the solver [1]: interpolation errors are below step errors."""
 _DEGREE = 7
 """Degree of the spline [1], one less than the order of the solver."""
 
@@ -213,8 +213,8 @@ class _ShortOrbit:
         """Return all pieces in the order of the orbit; those at the first rotor are mirrored.
 
         An edge rotor has toggled relative to the left-leaning state at both ends. For d > 1 its
-        coupling A_0 differs from the mirrored right-leaning state, so that leg 2 of flippers is the
-        mirror image of leg 0; for d < 1, leg 3 is the mirror image of leg 1.
+        coupling A_0 differs from the mirrored right-leaning state, so that leg 2 of flippers is
+        the mirror image of leg 0; for d < 1, leg 3 is the mirror image of leg 1.
         """
         legs = len(self.walls)
         last = [self._followed(leg) for leg in range(0, legs, 2)]
@@ -333,8 +333,8 @@ def set_near_wall(
     The arc [rad] belongs to a long chain, in whose legs the passage occurs `repeats` more times.
     The rows of `legs`, (3, legs), are the arcs at which legs begin in the long chain and in the
     short one, and the arc from there to the middle of the short leg [rad]. The length [rad]
-    belongs to the short orbit, whose angles and tangents are a spline. Returns the number of a long
-    chain's rotor, and the range of the short chain's rotors that begins with it.
+    belongs to the short orbit, whose angles and tangents are a spline. Returns the number of a
+    rotor of the long chain, and the range of the short chain's rotors that begins with it.
     """
     leg = legs.shape[1] - 1
     while leg > 0 and arc < legs[0, leg]:
