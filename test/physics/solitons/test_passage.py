@@ -22,8 +22,8 @@ from soliton_linkage.linkage.deviations import Deviations, drawn_deviations
 from soliton_linkage.solitons.passage import (
     blocked_bonds,
     find_obstacles,
-    motion_of_bonds,
     length_excesses,
+    motion_of_bonds,
 )
 from soliton_linkage_studies.traversal import check_passable, follow_wall
 

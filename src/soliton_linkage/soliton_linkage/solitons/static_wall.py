@@ -43,11 +43,11 @@ def static_wall(chain: Chain, site: float, leg: int = 0, inverted: bool = False)
 
     The site coordinate [rotor spacings] is proportional to the arc of the zero-energy orbit. It is
     n + 1/2 if the wall is symmetric about the middle between rotors n and n + 1. Legs are defined
-    by `Orbit`. Legs 0 to 3 of flippers differ by the edge rotors that have toggled: none, the last,
-    both, the first. Legs 0 and 1 of spinners differ by the side on which the rotors in the wall
-    turn over. Inverted is the image phi -> pi - phi, a chain that was assembled upside down. In a
-    chain with deviations the rotor nearest to the wall is as without, and all others follow from
-    their own bars.
+    by `Orbit`. Legs 0 to 3 of flippers differ by the edge rotors that have toggled: none, the
+    last, both, the first. Legs 0 and 1 of spinners differ by the side on which the rotors in the
+    wall turn over. Inverted is the image phi -> pi - phi, a chain that was assembled upside down.
+    In a chain with deviations the rotor nearest to the wall is as without, and all others follow
+    from their own bars.
 
     Raises ValueError for a chain of two rotors or with periodic ends, a site within half a spacing
     of an end, an unknown leg, bars that are too short or too long to reach, and as `site_arc`.
@@ -137,9 +137,9 @@ def neighbour_angle(
 ) -> float:
     """Return the angle of a rotor [rad] on a bar to a rotor of known angle [rad].
 
-    The offset [m] leads from the pivot of the rotor to the pivot of the known one. With D the distance
-    of the known rotor's mass from this pivot and beta the angle between the two, lbar^2 = D^2 +
-    r^2 - 2 D r cos(beta); tan(beta / 2) follows from differences of lengths.
+    The offset [m] leads from the pivot of the rotor to the pivot of the known one. With D the
+    distance of the known rotor's mass from this pivot and beta the angle between the two, lbar^2 =
+    D^2 + r^2 - 2 D r cos(beta); tan(beta / 2) follows from differences of lengths.
     """
     known = bar if rotor > bar else bar + 1
     r, length = float(chain.rotor_lengths[rotor]), float(chain.rest_lengths[bar])
@@ -161,8 +161,8 @@ def bar_branches(chain: Chain, leg: int, inverted: bool) -> tuple[Array, Array]:
     """Return the signs of A_n left of a wall and of B_n right of it, (springs,) each.
 
     They are taken from the right-leaning and from the left-leaning state, with the opposite sign
-    for an edge rotor that has toggled. A flipper's first rotor has not toggled if A_0 has the sign of the
-    left-leaning state.
+    for an edge rotor that has toggled. A flipper's first rotor has not toggled if A_0 has the sign
+    of the left-leaning state.
     """
     first, _ = rigidity_bands(chain, _uniform_state(chain, 1, inverted))
     _, second = rigidity_bands(chain, _uniform_state(chain, -1, inverted))

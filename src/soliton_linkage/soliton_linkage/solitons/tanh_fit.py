@@ -3,11 +3,11 @@
 
 The topology shows that there is a wall, and a fit estimates its position. Each bond has a
 polarisation, the side on which the chain's zero mode grows across it; at a wall the polarisation
-changes sign. The order field m is +1 where the chain leans right and -1 where it leans left. Around
-the wall m = -Q tanh((n - X) / w) is fitted to it, by least squares over X at the width of a slow
-wall. The bias of the fit varies with the site between two rotors: below 0.002 rotor spacings for
-d < 0.9 and d > 2.5 d_c, below 0.1 for d < 2 and d > 1.4 d_c, and up to two spacings between, where
-the profile of a wall is not a tanh.
+changes sign. The order field m is +1 where the chain leans right and -1 where it leans left.
+Around the wall m = -Q tanh((n - X) / w) is fitted to it, by least squares over X at the width of a
+slow wall. The bias of the fit varies with the site between two rotors: below 0.002 rotor spacings
+for d < 0.9 and d > 2.5 d_c, below 0.1 for d < 2 and d > 1.4 d_c, and up to two spacings between,
+where the profile of a wall is not a tanh.
 """
 
 from __future__ import annotations
@@ -235,7 +235,7 @@ class _TanhFit:
         return (width, deviation) if deviation < width / 2 else (math.nan, math.nan)
 
     def _fit_centre(self, crossing: float, bounds: tuple[float, float]) -> float:
-        """Fit X by Newton's method, with the Gauss-Newton Hessian if the curvature is too small."""
+        """Fit X by Newton steps, or Gauss-Newton steps if the curvature is too small."""
         centre = crossing
         for _ in range(_FIT_ITERATIONS if len(self._rotors) > 1 else 0):
             gradient, curvature = self._gradient_and_curvature(centre)
