@@ -392,7 +392,7 @@ def test_without_any_chain_the_angles_alone_tell_how_it_moves(
     assert states[-1].measured_motion_confidence > 0.99
     assert math.isnan(states[-1].cycle.phase)
     assert any(state.solitons for state in states)
-    said = 'the parameters of the chain are not known'
+    said = 'the parameters of the chain are unknown'
     graph.until(lambda: any(said in r.message for r in reports), 'a report')
 
 

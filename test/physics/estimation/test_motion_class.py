@@ -342,5 +342,5 @@ def test_a_noise_that_is_none_is_refused(noise: float) -> None:
 
 
 def test_angles_of_many_frames_are_refused() -> None:
-    with pytest.raises(ValueError, match=r'angles of shape \(2, 20\) must be one row'):
+    with pytest.raises(ValueError, match=r'angles have the shape \(2, 20\); give one row'):
         motion_evidence(np.zeros((2, 20)))

@@ -26,7 +26,7 @@ def leaves_nothing(shape: WallShape, theta: Array, site: float) -> bool:
     """Whether a shape leaves nothing of the staggered angles of a wall, and finds its place."""
     inner = theta[EDGE:-EDGE]
     left = np.empty_like(inner)
-    wall_loops.leave(inner, EDGE, shape.table, site, 1.0, left)
+    wall_loops.set_residuals(inner, EDGE, shape.table, site, 1.0, left)
     found, *_ = wall_loops.fit(inner, EDGE, shape.table, site + 0.2, 1.0, 1e-2, 2.5, False)
     return bool(np.abs(left).max() < 1e-4) and abs(found - site) < 1e-4
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What an analysis of a frame tells: walls, cycle, and all else."""
+"""Analysis of one frame, the protocol of analysers, and the analyser of unknown chains."""
 
 from __future__ import annotations
 
@@ -24,14 +24,14 @@ from soliton_linkage.orbit.orbit import Orbit
 
 
 class CyclePhase(NamedTuple):
-    """Where a chain is on its orbit, as a phase; NaN, and leg -1, where it is not known.
+    """Phase of a chain on its orbit; NaN, and leg -1, if unknown.
 
-    phase: from 0 to 2 pi over a whole cycle [rad].
+    phase: phase from 0 to 2 pi over a cycle [rad].
     rate: rate of the phase [rad/s].
     phase_deviation: standard deviation of the phase [rad].
     rate_deviation: standard deviation of the rate [rad/s].
-    completed: whole cycles since the start, with which the phase grows without jumps.
-    leg: leg of the cycle: as the phase grows, the wall leaves rotor 0 in even legs.
+    completed: completed cycles since the start, with which the phase grows without jumps.
+    leg: leg of the cycle; with growing phase the wall leaves rotor 0 in even legs.
     """
 
     phase: float
@@ -43,21 +43,20 @@ class CyclePhase(NamedTuple):
 
 
 class Analysis(NamedTuple):
-    """What a frame shows, in the light of those before; None and NaN for what cannot be told.
+    """Analysis of a frame, using earlier frames; None and NaN if unknown.
 
-    motion: how a wall moves, by the chain's parameters or, where they are not known, by the
-        angles.
-    measured_motion: the same by the angles alone.
-    status: what the first wall rests on, or the place on the orbit where no wall is listed.
-    estimate: where the chain is on its orbit.
-    cycle: the same in phase.
-    solitons: walls half a spacing or more from the edges, in the order of their place.
-    events: what is known of late to have happened to walls.
-    topology: of the whole state.
-    edge_rotors: of the whole state.
-    energies: of the whole state.
-    wobble: beside the wall that is on the orbit.
-    unseen: number of rotors that the frame did not show.
+    motion: class of motion by the parameters of the chain or, if they are unknown, by the angles.
+    measured_motion: class of motion by the angles alone.
+    status: basis of the first wall or, without a listed wall, of the estimate.
+    estimate: state on the orbit.
+    cycle: the same as a phase.
+    solitons: walls at least half a spacing from the edges, sorted by their site.
+    events: newly confirmed events.
+    topology: topology of the whole state.
+    edge_rotors: edge rotors of the whole state.
+    energies: energies of the whole state.
+    wobble: wobble beside the wall on the orbit.
+    unseen: number of rotors without a reading.
     """
 
     motion: Motion | None
@@ -75,10 +74,10 @@ class Analysis(NamedTuple):
 
 
 def cycle_phase(estimate: OrbitEstimate, orbit: Orbit | None) -> CyclePhase:
-    """Phase of the cycle that an estimate is in.
+    """Return the phase of the cycle of an estimate.
 
-    Of spinners that were assembled upside down it runs against the arc, so that in either family
-    the wall that leaves rotor 0 from the left-leaning state does so in leg 0, forwards.
+    The phase of spinners that were assembled upside down runs against the arc, so that in either
+    family the wall that leaves rotor 0 from the left-leaning state does so in leg 0, forwards.
     """
     if orbit is None or not estimate.leg_known:
         return CyclePhase(math.nan, math.nan, math.nan, math.nan, 0, -1)
@@ -97,27 +96,27 @@ def cycle_phase(estimate: OrbitEstimate, orbit: Orbit | None) -> CyclePhase:
 
 
 class FrameAnalyser(Protocol):
-    """Analyser of the frames of a chain in the order of their time, known or not."""
+    """Analyser of the frames of a known or unknown chain, in the order of time."""
 
     @property
     def limitation(self) -> str:
-        """Reason why walls are not placed on the orbit of the chain, empty where they are."""
+        """Reason why walls are not located on the orbit of the chain, empty if they are."""
 
     @property
     def late(self) -> int:
-        """Number of frames that were not later than the one before."""
+        """Number of frames that were not later than the preceding one."""
 
     @property
     def late_impulses(self) -> int:
-        """Number of impulses that were reported after the frame that they acted from."""
+        """Number of impulses that were reported after the frame from which they acted."""
 
     @property
     def starts(self) -> int:
-        """Number of times that the chain was found on its orbit."""
+        """Number of times that the chain was located on its orbit."""
 
     @property
     def offsets(self) -> Array:
-        """Offsets of the encoders [rad], shape (N,), 0 where none is significant."""
+        """Offsets of the encoders [rad], shape (N,), 0 unless significant."""
 
     @property
     def offset_deviations(self) -> Array:
@@ -130,23 +129,23 @@ class FrameAnalyser(Protocol):
         rates: Array | None = None,
         deviations: Array | None = None,
     ) -> Analysis | None:
-        """Analyse a frame of an instant [ns]; return None unless it is later than the last."""
+        """Analyse a frame of an instant [ns]; return None unless it is later than the last one."""
 
 
 class UnknownChainAnalyser:
-    """Analyses the frames of a chain of which only the order of its joints is known.
+    """Analyser of a chain with known order of its joints and unknown parameters.
 
-    It tells how a wall moves and about where it is: where u = r sin(phi) changes its sign, which
-    may be more than a rotor spacing from the centre of the wall.
+    It reports the class of motion and an approximate site of the wall: the crossing of u = r
+    sin(phi) through 0, which may be more than a spacing from the centre of the wall.
     """
 
-    limitation = 'the parameters of the chain are not known'
+    limitation = 'the parameters of the chain are unknown'
     starts = late_impulses = 0
 
     def __init__(self, number_of_rotors: int) -> None:
-        """Raises ValueError for fewer than 2 rotors."""
+        """Start without a frame; raise ValueError for fewer than 2 rotors."""
         if number_of_rotors < 2:
-            raise ValueError(f'{number_of_rotors} joints are no chain; name 2 or more')
+            raise ValueError(f'a chain of {number_of_rotors} joints is too short; give 2 or more')
         self.offsets = np.zeros(number_of_rotors)
         self.offset_deviations = np.full(number_of_rotors, math.nan)
         self._observer = MotionObserver()
@@ -154,7 +153,7 @@ class UnknownChainAnalyser:
 
     @property
     def late(self) -> int:
-        """Number of frames that were not later than the one before."""
+        """Number of frames that were not later than the preceding one."""
         return self._clock.late
 
     def analyse(
@@ -164,7 +163,7 @@ class UnknownChainAnalyser:
         rates: Array | None = None,
         deviations: Array | None = None,
     ) -> Analysis | None:
-        """Analyse a frame, as `Analyser.analyse`; rates and deviations say nothing here."""
+        """Analyse a frame like `Analyser.analyse`; rates and deviations are not used."""
         check_shape(angles, len(self.offsets), 'angle')
         if not self._clock.advance(stamp):
             return None
@@ -184,7 +183,7 @@ class UnknownChainAnalyser:
 
 
 def _crossing(site: float, angles: Array) -> tuple[AnalysedSoliton, ...]:
-    """A wall of which nothing but about where it is and its charge are known; none for NaN."""
+    """Return the wall at a site with its charge and without any other quantity; none for NaN."""
     if math.isnan(site):
         return ()
     leans = np.sin(staggered(angles))[: math.floor(site) + 1]

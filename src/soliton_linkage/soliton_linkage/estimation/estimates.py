@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Estimates of the wall on the orbit, solitons and events: the results that a frame adds up to."""
+"""Results of the estimation: orbit estimates, solitons and events."""
 
 from __future__ import annotations
 
@@ -10,41 +10,42 @@ from typing import NamedTuple
 
 
 class TrackingStatus(enum.Enum):
-    """What an estimate rests on."""
+    """Basis of an estimate."""
 
     LOST = 'lost'
-    """On nothing: no frame has been recognised."""
+    """No frame has been recognised."""
     ACQUIRED = 'acquired'
-    """On one frame, searched along the whole orbit; of the rate only its scale is known."""
+    """One frame, located by a search along the whole orbit; only the scale of the rate is known.
+    """
     TRACKING = 'tracking'
-    """On this frame and those before."""
+    """This frame and earlier ones."""
     COASTING = 'coasting'
-    """On frames before; this one was empty or could not be."""
+    """Earlier frames only; this one was empty or implausible."""
 
 
 class OrbitEstimate(NamedTuple):
-    """Where a chain is on its orbit; NaN, and leg -1, while it is lost.
+    """State of a chain on its orbit; NaN, and leg -1, while it is lost.
 
     time: instant of the estimate [s].
-    status: what it rests on.
+    status: basis of the estimate.
     arc: arc length along the orbit [rad], which counts cycles.
     rate: rate of the arc length [rad/s].
     arc_deviation: standard deviation of the arc length [rad].
     rate_deviation: standard deviation of the rate [rad/s].
     covariance: covariance of arc length and rate [rad^2/s].
-    place: place of the wall [rotor spacings].
-    place_rate: rate of the place [rotor spacings / s], 0 while the wall waits at an edge.
-    place_deviation: standard deviation of the place [rotor spacings].
-    site_rate_deviation: standard deviation of that rate [rotor spacings / s].
+    site: site of the wall [rotor spacings].
+    site_rate: rate of the site [rotor spacings / s], 0 while the wall waits at an edge.
+    site_deviation: standard deviation of the site [rotor spacings].
+    site_rate_deviation: standard deviation of the rate of the site [rotor spacings / s].
     leg: leg of the orbit.
-    leg_known: whether it can be no other leg with the wall at the same place. A flipper whose edge
-        rotors were not seen may be on two legs or on four, of which leg, arc, rate and phase
+    leg_known: whether the frames exclude the other legs with the wall at the same site. With
+        unseen edge rotors two or four legs of a flipper are possible; leg, arc, rate and phase
         follow one.
-    phase: phase of the cycle [rad], 2 pi arc / length from 0 to 2 pi.
-    completed_cycles: whole cycles gone round; the phase grows on by 2 pi with each.
-    noise: standard deviation of the angles' noise in use [rad], given or estimated.
-    misfit: root mean square of what the orbit leaves of the rotors about the wall, of late [rad].
-    frame_misfit: the same of this frame alone [rad], NaN for one that was empty.
+    phase: phase of the cycle [rad], 2 pi arc / length, from 0 to 2 pi.
+    completed_cycles: number of completed cycles.
+    noise: standard deviation of the noise of an angle [rad], given or estimated.
+    misfit: recent root mean square of the residuals of the rotors about the wall [rad].
+    frame_misfit: the same of this frame alone [rad], NaN if it was empty.
     upside_down: whether the chain is the image phi -> pi - phi of the orbit's.
     """
 
@@ -70,20 +71,20 @@ class OrbitEstimate(NamedTuple):
 
 
 def lost(time: float, noise: float = math.nan) -> OrbitEstimate:
-    """Estimate of an instant [s] at which nothing is known, but for the noise [rad]."""
+    """Return the estimate of a lost chain at an instant [s], with the noise [rad] if known."""
     return OrbitEstimate(time, TrackingStatus.LOST, noise=noise)
 
 
 class AnalysedSoliton(NamedTuple):
-    """One wall; a quantity that cannot be told is NaN, and so is its standard deviation.
+    """One wall; an unknown quantity and its standard deviation are NaN.
 
-    id: its name for as long as it is followed, from 1 on; 0 where walls are not followed.
-    rotor: centre in rotor spacings from rotor 0.
+    id: identifier while the wall is followed, from 1 on; 0 if walls are not followed.
+    rotor: centre [rotor spacings] from rotor 0.
     position: centre [m] from the pivot of rotor 0.
-    velocity: of the centre [m/s], positive towards the last rotor.
+    velocity: velocity of the centre [m/s], positive towards the last rotor.
     width: width w of tanh(x / w) [m]; NaN in chains with deviations.
-    theory_width: width that the continuum theory gives a wall of this velocity [m].
-    charge: +1: leans right on the side of rotor 0 and left beyond, free at rest; -1: the opposite.
+    theory_width: width at this velocity by continuum theory [m].
+    charge: +1 for a wall that leans right on the side of rotor 0 and left beyond, -1 otherwise.
     position_deviation: standard deviation of the position [m].
     velocity_deviation: standard deviation of the velocity [m/s].
     width_deviation: standard deviation of the width [m].
@@ -102,46 +103,46 @@ class AnalysedSoliton(NamedTuple):
 
 
 class EventKind(enum.Enum):
-    """What happened."""
+    """Kind of an event."""
 
     FOUND = 'found'
-    """A wall that was there before, or of which no frame showed how it came."""
+    """A wall appeared without a visible origin, or was present in the first frame."""
     LOST = 'lost'
-    """A wall of which no frame showed how it went."""
+    """A wall disappeared without a visible cause."""
     BIRTH_AT_EDGE = 'birth at an edge'
-    """A wall came from an edge."""
+    """A wall entered from an edge."""
     DEATH_AT_EDGE = 'death at an edge'
-    """A wall went into an edge and did not come back."""
+    """A wall left through an edge and did not return."""
     REFLECTION = 'reflection'
-    """A wall came back from an edge."""
+    """A wall was reflected at an edge."""
     BIRTH_OF_PAIR = 'birth of a pair'
-    """A kink and an anti-kink came from one place."""
+    """A kink and an anti-kink were created at one site."""
     ANNIHILATION = 'annihilation'
-    """A kink and an anti-kink went up in waves."""
+    """A kink and an anti-kink annihilated into waves."""
     BOUNCE = 'bounce'
-    """A kink and an anti-kink met and parted, each on its side."""
+    """A kink and an anti-kink collided and separated on their own sides."""
     PASSING = 'passing'
     """A kink and an anti-kink passed through each other and exchanged their charges."""
     BREATHER_FORMED = 'breather formed'
-    """A kink and an anti-kink swing about each other."""
+    """A kink and an anti-kink formed a bound, oscillating pair."""
     BREATHER_DECAYED = 'breather decayed'
-    """They do so no more."""
+    """A breather decayed."""
 
 
 @dataclass(frozen=True)
 class SolitonEvent:
-    """An event, told with the frame that made sure of it.
+    """Event, reported with the frame that confirmed it.
 
-    kind: what happened.
-    time: when it did [s], on the clock of the frames from the first on.
-    rotor: where it did [rotor spacings].
-    ids_before: who took part, from rotor 0 on; for a breather its own.
-    ids_after: who was there afterwards.
-    charge_before: sum of the charges of those before.
-    charge_after: sum of the charges of those afterwards.
-    energy_before: energy within reach of those before [J], as they were free; NaN if unknown.
-    energy_after: energy within reach of those afterwards [J].
-    collisions: how often two overlapped.
+    kind: kind of the event.
+    time: instant of the event since the first frame [s].
+    rotor: site of the event [rotor spacings].
+    ids_before: identifiers of the walls before, from rotor 0 on; a breather has its own.
+    ids_after: identifiers of the walls afterwards.
+    charge_before: sum of the charges before.
+    charge_after: sum of the charges afterwards.
+    energy_before: energy within reach of the free walls before [J]; NaN if unknown.
+    energy_after: energy within reach of the walls afterwards [J].
+    collisions: number of overlaps of two walls.
     """
 
     kind: EventKind

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Frames of angles: stamps, turns of rotors, impulses that wait, and rotors that are not seen."""
+"""Frames of angles: stamps, turns of rotors, queued impulses, and unseen rotors."""
 
 from __future__ import annotations
 
@@ -13,53 +13,51 @@ from soliton_linkage.compiling import compile_loop, compiled, const_f8_1d, f8, f
 from soliton_linkage.estimation.estimates import OrbitEstimate
 from soliton_linkage.estimation.settings import DEFAULTS
 from soliton_linkage.linkage.chain import Array, Chain, Motion, check_shape, staggered
+from soliton_linkage.linkage.quantities import LARGEST_ANGLE
 from soliton_linkage.orbit.orbit import Orbit
 
 Flags = NDArray[np.bool_]
 
-LARGEST_ANGLE = 1e9
-"""Angle [rad] from which on none is told: a double is then 1e-7 rad apart from the next."""
-
-_WHOLE = 2 * math.pi
+_TURN = 2 * math.pi
 """A turn [rad]."""
 _SHARE_OF_A_TURN = 0.5 / math.pi
 """One radian in turns [1/rad]."""
 
 
 def _wrapped(angle: float) -> float:
-    """Angle from -pi to pi [rad]."""
-    return float(angle - _WHOLE * np.rint(angle * _SHARE_OF_A_TURN))
+    """Return the angle between -pi and pi [rad]."""
+    return float(angle - _TURN * np.rint(angle * _SHARE_OF_A_TURN))
 
 
 wrapped = compile_loop(_wrapped, (f8,), inlined=True)
 
 
-def swing_of(chain: Chain) -> float:
+def rotor_swing(chain: Chain) -> float:
     """Angle that a rotor turns by as a wall passes [rad]."""
     return math.pi if chain.motion is Motion.SPINNER else 2 * chain.rest_angle
 
 
 @compiled(const_f8_1d, f8_1d, f8_1d, f8_1d)
 def unwrap(angles: Array, last: Array, turns: Array, seen: Array) -> None:
-    """Set angles as read without jumps [rad], as seen; NaN where they are not finite or too large.
+    """Set the seen angles as read without jumps [rad], NaN where not finite or too large.
 
-    The last that were read [rad] and their turns, each of shape (N,), are brought up to date.
+    Updates the last readings [rad] and the turns, shape (N,) each.
     """
     for n in range(angles.size):
         angle = angles[n]
         if abs(angle) < LARGEST_ANGLE:
-            jump = np.rint((angle - last[n]) / _WHOLE)
+            jump = np.rint((angle - last[n]) / _TURN)
             if math.isfinite(jump):
                 turns[n] -= jump
             last[n] = angle
-            seen[n] = angle + _WHOLE * turns[n]
+            seen[n] = angle + _TURN * turns[n]
         else:
             seen[n] = math.nan
 
 
 @compiled(const_f8_1d, f8)
 def all_within(values: Array, limit: float) -> bool:
-    """Whether the absolute values of a row are all known, finite and no more than a limit."""
+    """Return whether all values are finite with an absolute value up to a limit."""
     within = True
     for n in range(values.size):
         size = abs(values[n])
@@ -72,21 +70,21 @@ _NANOSECOND = 1e-9
 
 
 class FrameClock:
-    """Takes the stamps of frames, and refuses those that are late."""
+    """Clock that accepts the stamps of frames in order and rejects late ones."""
 
     def __init__(self, limit: float = DEFAULTS.tracking.clock_limit) -> None:
-        """Begin at the first stamp; one that goes back by more than the limit [s] starts anew."""
+        """Start at the first stamp; a stamp that goes back by more than the limit [s] restarts."""
         self._limit = limit
         self.time = -math.inf
-        """Instant of the last frame that was taken, from the first on [s]."""
+        """Time of the last accepted frame since the first one [s]."""
         self.late = 0
-        """Number of frames that were refused."""
+        """Number of rejected frames."""
         self.restarted = False
-        """Whether the last one was by a clock that had been set back."""
+        """Whether the last frame restarted the clock."""
         self._epoch: int | None = None
 
     def advance(self, stamp: int) -> bool:
-        """Go on to a stamp [ns]; False where it is not later than the last, by up to the limit."""
+        """Advance to a stamp [ns]; return False if it is late by up to the limit."""
         if self._epoch is None:
             self._epoch = stamp
         time = (stamp - self._epoch) * _NANOSECOND
@@ -98,18 +96,16 @@ class FrameClock:
         return True
 
 
-_NANOSECOND = 1e-9
-"""Unit of stamps [s]."""
 _NEAR = 3600 * 10**9
-"""Farthest that a stamp may be from that of the latest frame to be of the same clock [ns]: who
-analyses is behind by seconds or minutes, and clocks of another beginning differ by years."""
+"""Largest difference of two stamps of the same clock [ns]. An analyser lags by seconds or minutes;
+clocks with another origin differ by years."""
 
 
 class FrameImpulse(NamedTuple):
-    """Impulses that act on the rotors of a chain at one instant.
+    """Impulses on the rotors of a chain at one instant.
 
     impulses: angular impulses [N m s], shape (N,).
-    ago: time from that instant to the frame that they act from [s].
+    ago: time from that instant to the frame from which they act [s].
     """
 
     impulses: Array
@@ -117,20 +113,19 @@ class FrameImpulse(NamedTuple):
 
 
 class ImpulseQueue:
-    """Pushes that wait for the first frame that is not earlier than they are.
+    """Queue of impulses until the first frame at or after their instant.
 
-    One without a stamp, or with that of another clock, waits for the next frame.
+    Impulses without a stamp, or with a stamp of another clock, act from the next frame.
     """
 
     def __init__(self) -> None:
-        """Begin without any."""
         self.late = 0
-        """Number of pushes that came after the frame that they acted from."""
+        """Number of impulses that arrived after their frame."""
         self._waiting: list[tuple[int | None, Array]] = []
         self._frame: int | None = None
 
     def add(self, stamp: int | None, impulses: Array) -> None:
-        """Have impulses wait that were made at an instant [ns], None where that is not known."""
+        """Queue impulses of an instant [ns], None if it is unknown."""
         after = None if stamp is None or self._frame is None else stamp - self._frame
         if after is not None and -_NEAR < after <= 0:
             self.late += 1
@@ -139,7 +134,7 @@ class ImpulseQueue:
             self._waiting.append((stamp if known else None, impulses))
 
     def due(self, stamp: int) -> list[FrameImpulse]:
-        """Take those that act from the frame of a stamp [ns] on."""
+        """Remove and return the impulses that act from the frame of a stamp [ns]."""
         if self._frame is not None and stamp < self._frame:
             self._waiting.clear()
         self._frame = stamp
@@ -157,9 +152,9 @@ class ImpulseQueue:
 
 
 def check_deviations(deviations: Array, rotors: int) -> Array:
-    """Deviations of readings [rad], shape (N,), NaN where unknown, as a contiguous array.
+    """Return deviations of readings [rad], shape (N,), NaN if unknown, as a contiguous array.
 
-    Raises ValueError for another shape, and where one is infinite or not above 0.
+    Raises ValueError for another shape, and for values that are infinite or not above 0.
     """
     deviations = np.ascontiguousarray(deviations, dtype=np.float64)
     check_shape(deviations, rotors, 'deviation')
@@ -168,7 +163,7 @@ def check_deviations(deviations: Array, rotors: int) -> Array:
         rotor = int(wrong[0])
         raise ValueError(
             f'deviation of the angle of rotor {rotor} = {deviations[rotor]:g} rad must be finite '
-            'and above 0; give NaN where it is not known'
+            'and above 0; give NaN if it is unknown'
         )
     return deviations
 
@@ -177,38 +172,38 @@ class CompletedFrame(NamedTuple):
     """Angles and rates of all rotors of a frame."""
 
     angles: Array
-    """Actual angles [rad], shape (N,); all NaN where no rotor was seen, nor the orbit known."""
+    """Actual angles [rad], shape (N,); all NaN without any seen rotor and without an orbit."""
     rates: Array | None
-    """Rates [rad/s], shape (N,); None where they are not known."""
+    """Rates [rad/s], shape (N,); None if unknown."""
     filled: Flags
-    """Rotors that were not seen or could not be where they said, shape (N,)."""
+    """Flags of rotors that were unseen or whose reading was implausible, shape (N,)."""
     placed: bool
-    """Whether the filled ones are where the orbit has them, rather than like their neighbours."""
+    """Whether filled angles come from the orbit; otherwise they come from neighbours."""
     others: bool
-    """Whether rotors side by side are further from the orbit than half of what they turn."""
+    """Whether adjacent rotors differ from the orbit by more than half of their swing."""
 
     number_filled: int
-    """Number of rotors that were filled in."""
+    """Number of filled rotors."""
 
     @property
     def seen(self) -> Array:
-        """Angles [rad], shape (N,), NaN where they were filled in."""
+        """Angles [rad], shape (N,), NaN for filled rotors."""
         return np.where(self.filled, np.nan, self.angles) if self.number_filled else self.angles
 
 
 class OnOrbit(NamedTuple):
-    """Where an orbit has the rotors of a frame, each of shape (N,)."""
+    """State of the rotors by the orbit, shape (N,) each."""
 
     angles: Array
     """Actual angles [rad], up to whole turns."""
     rates: Array
     """Rates [rad/s]."""
     residuals: Array
-    """Angles of the frame less these [rad], from -pi to pi, NaN where they are not known."""
+    """Measured angles minus these [rad], from -pi to pi, NaN if unknown."""
 
 
 def on_orbit(orbit: Orbit, estimate: OrbitEstimate, residuals: Array) -> OnOrbit:
-    """Return where an estimate has the rotors, with the residuals of a frame [rad], (N,)."""
+    """Return the state of the rotors by an estimate, with the residuals of a frame [rad], (N,)."""
     angles = orbit.configuration(estimate.arc)
     rates = orbit.tangent(estimate.arc) * estimate.rate
     if estimate.upside_down:
@@ -217,20 +212,19 @@ def on_orbit(orbit: Orbit, estimate: OrbitEstimate, residuals: Array) -> OnOrbit
 
 
 class Unwrapper:
-    """Takes whole turns out of the steps of angles from frame to frame."""
+    """Remover of whole turns between the angles of successive frames."""
 
     def __init__(self, number_of_rotors: int) -> None:
-        """Begin without any frame."""
         self._turns = np.zeros(number_of_rotors)
         self._last = np.full(number_of_rotors, np.nan)
 
     @property
     def last(self) -> Array:
-        """Angle at which each rotor was last seen [rad], shape (N,), NaN where it never was."""
+        """Last seen angle of each rotor [rad], shape (N,), NaN if it was never seen."""
         return np.asarray(self._last + 2 * math.pi * self._turns)
 
     def unwrapped(self, angles: Array) -> Array:
-        """Angles [rad], shape (N,), NaN where they are not finite or too large to be any."""
+        """Return unwrapped angles [rad], shape (N,), NaN where not finite or too large."""
         seen = np.empty(len(self._last))
         read = np.ascontiguousarray(angles, dtype=np.float64)
         unwrap(read, self._last, self._turns, seen)
@@ -240,11 +234,10 @@ class Unwrapper:
 def complete(
     chain: Chain, angles: Array, rates: Array | None, expected: OnOrbit | None, last: Array
 ) -> CompletedFrame:
-    """Fill in what a frame lacks, from the orbit or, without one, from neighbours.
+    """Fill in the missing rotors of a frame from the orbit or, without one, from neighbours.
 
-    Angles [rad] and rates [rad/s] of shape (N,), NaN where they are not known, and the last
-    angles of each rotor, which tell its turns. One rotor alone that the orbit has elsewhere, by
-    more than half of what a rotor turns as a wall passes, is taken for not seen.
+    Angles [rad] and rates [rad/s] have shape (N,), NaN if unknown; the last angles give the turns.
+    A single rotor that differs from the orbit by more than half of its swing counts as unseen.
     """
     unseen = ~np.isfinite(angles)
     if expected is None:
@@ -257,7 +250,7 @@ def complete(
             False,
             int(np.count_nonzero(unseen)),
         )
-    elsewhere = np.abs(expected.residuals) > swing_of(chain) / 2
+    elsewhere = np.abs(expected.residuals) > rotor_swing(chain) / 2
     others = elsewhere[1:] & elsewhere[:-1]
     filled = unseen | elsewhere
     filled[1:] &= unseen[1:] | ~others
@@ -280,14 +273,14 @@ def complete(
 def whole_frame(
     chain: Chain, angles: Array, rates: Array | None, largest: float
 ) -> CompletedFrame | None:
-    """Return a frame whose residuals are small, by the largest of them [rad], else None."""
-    if not largest <= swing_of(chain) / 2:
+    """Return the frame unchanged if its largest residual [rad] is small, else None."""
+    if not largest <= rotor_swing(chain) / 2:
         return None
     return CompletedFrame(angles, rates, np.zeros(len(angles), dtype=np.bool_), True, False, 0)
 
 
 def _like_neighbours(angles: Array) -> Array:
-    """Angles with those that are NaN between the leans of the nearest that are not."""
+    """Return angles in which unknown rotors lean between their nearest known neighbours."""
     unseen = np.isnan(angles)
     if not unseen.any() or unseen.all():
         return angles

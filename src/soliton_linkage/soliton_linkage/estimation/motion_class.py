@@ -1,20 +1,19 @@
 # SPDX-License-Identifier: Apache-2.0
-"""How a wall moves, told from the angles alone, without the parameters of their chain.
+"""Class of motion of a wall from the angles alone, without parameters of the chain.
 
-A wall lies where u = r sin(phi) changes its sign. On its two sides the chain leans to the right
-and to the left by the same angle: rotors of a flipper pass from one to the other through the
-top or through the bottom, theta_right = -theta_left, and their staggered cosines have the same
-sign; those of a spinner turn over, theta_right = theta_left + pi, and they have opposite signs.
+A wall lies where u = r sin(phi) changes its sign. Its two sides lean right and left by the same
+angle. The rotors of a flipper pass through the top or the bottom, theta_right = -theta_left, and
+their staggered cosines have the same sign. The rotors of a spinner turn over, theta_right = theta_left
++ pi, and have opposite signs.
 
-A flipper that wobbles leans over by more than its angle at rest beside the wall. Outwards from
-one rotor to the next its deviation e from rest goes over, for bars of fixed length and d = 1,
-into F(e), `next_deviation`, which has a maximum of 0 at e = 0; for any d the slope
-there is
+A wobbling flipper leans over by more than its rest angle beside the wall. The deviation e from
+rest maps outwards from rotor to rotor by F(e), for bars of fixed length and d = 1
+(`next_deviation`), with a maximum of 0 at e = 0. For any d the slope there is
 
     lambda = (1 - d) / (1 + d),    e' = F(e) + lambda e + ...,
 
-so that a chain wobbles where lambda is below 0. Springs in motion keep the sign of lambda, and may
-bend the rest, for which a term in e^2 stands.
+so that a chain wobbles for lambda < 0. Springs in motion keep the sign of lambda; a term in e^2
+models the change of curvature.
 """
 
 from __future__ import annotations
@@ -43,21 +42,23 @@ Records = NDArray[np.void]
 
 _NUMBERS = records(record_dtype(MotionSettings))
 _LEAST_LEVER = 1e-9
-"""In place of the lever 0 of a bar in line with its outer rotor [1]: a slope without bounds."""
+"""Replacement for a zero lever of a bar in line with its outer rotor [1], which has an infinite
+slope."""
 _LEAST_WEIGHT = 1e-300
-"""Weight of an angle at rest of which the tails tell nothing [1/rad^2]: never quite 0."""
+"""Weight of a rest angle without information from the tails [1/rad^2]; positive, so that means
+exist."""
 _NO_EVIDENCE = (math.nan, 0.0, math.nan)
-"""Place, flipping and angle at rest of a frame that says nothing."""
+"""Site, flipping and rest angle of a frame without information."""
 
 
 @compiled(f8, f8, f8)
 def next_deviation(inner: float, rest_angle: float, k: float) -> tuple[float, float]:
-    """Deviation F of the outer neighbour on relaxed bars [rad], and its slope [1].
+    """Return the deviation F of the outer neighbour on relaxed bars [rad], and its slope [1].
 
-    With alpha = theta_bar + e the angle by which a rotor leans, alpha' that of its neighbour
-    further from the wall and k = a / r, the bar between them has its length where
-    cos(alpha + alpha') + k (sin(alpha) - sin(alpha')) = cos(2 theta_bar). The ratio lambda, the
-    slope at e = 0, says k = 2 sin(theta_bar) / d = 2 sin(theta_bar) (1 + lambda) / (1 - lambda).
+    A rotor leans by alpha = theta_bar + e and its neighbour further from the wall by alpha'. The
+    bar between them keeps its length if, with k = a / r, cos(alpha + alpha') + k (sin(alpha) -
+    sin(alpha')) = cos(2 theta_bar). The slope lambda at e = 0 gives k = 2 sin(theta_bar) / d = 2
+    sin(theta_bar) (1 + lambda) / (1 - lambda).
     """
     lean, up = math.sin(rest_angle + inner), math.cos(rest_angle + inner)
     across = k + lean
@@ -70,9 +71,9 @@ def next_deviation(inner: float, rest_angle: float, k: float) -> tuple[float, fl
 
 @compiled(const_f8_1d)
 def bond_of_wall(sines: Array) -> tuple[int, float, float]:
-    """Number of rotors before the wall, and the sines of its two rotors, 0 where unknown.
+    """Return the number of rotors before the wall and the sines of its two rotors, 0 if unknown.
 
-    There the means of sin(theta) before and beyond differ the most.
+    The wall is where the means of sin(theta) on the two sides differ most.
     """
     whole, running, most, bond = 0.0, 0.0, -1.0, 0
     for n in range(sines.size):
@@ -94,7 +95,6 @@ def bond_of_wall(sines: Array) -> tuple[int, float, float]:
 
 @compiled(const_f8_1d, i8)
 def _staggered(angles: Array, n: int) -> float:
-    """Staggered angle of rotor n [rad]."""
     return float(math.pi - angles[n] if n % 2 else angles[n])
 
 
@@ -102,7 +102,7 @@ class UniformPart(NamedTuple):
     """Outer half of the rotors on one side of a wall."""
 
     known: float
-    """Number of rotors that are known."""
+    """Number of known rotors."""
     sine: float
     """Sum of sin(theta)."""
     cosine: float
@@ -110,7 +110,7 @@ class UniformPart(NamedTuple):
     mean: float
     """Mean angle theta [rad]."""
     scatter: float
-    """Sum of the squares of what they differ from it [rad^2]."""
+    """Sum of squared differences from the mean [rad^2]."""
 
 
 _PART = named_tuple(UniformPart, f8)
@@ -120,7 +120,7 @@ _PART = named_tuple(UniformPart, f8)
 def uniform_part(
     angles: Array, sines: Array, cosines: Array, nearest: int, edge: int
 ) -> UniformPart:
-    """Return the outer half of the rotors from the nearest to a wall to an edge, without that."""
+    """Return the outer half of the rotors from a wall to an edge, without the edge rotor."""
     way = 1 if edge > nearest else -1
     inner = nearest + way * (abs(edge - nearest) // 2)
     low, high = (inner, edge) if way > 0 else (edge + 1, inner + 1)
@@ -140,7 +140,7 @@ def uniform_part(
 
 @compiled(const_f8_1d, f8, f8)
 def tail_of_side(deviations: Array, large: float, small: float) -> tuple[int, int]:
-    """First rotor beyond all whose deviation is large [rad], and the next one that is small."""
+    """Return the first rotor beyond all large deviations [rad] and the next small one."""
     begin = 0
     for n in range(deviations.size):
         if abs(deviations[n]) > large:
@@ -153,13 +153,12 @@ def tail_of_side(deviations: Array, large: float, small: float) -> tuple[int, in
 
 @compiled(f8, f8)
 def _handed(sine: float, cosine: float) -> float:
-    """Sign of the deviations of a side, with the sums of its sines and cosines."""
+    """Return the sign of the deviations of a side from the sums of its sines and cosines."""
     return 1.0 if (sine > 0) == (cosine > 0) else -1.0
 
 
 @compiled(f8)
 def _steepness(mean: float) -> float:
-    """Angle of a uniform part above or below the horizontal [rad]."""
     return abs(math.asin(math.cos(mean)))
 
 
@@ -173,11 +172,11 @@ def tail_products(
     noise: float,
     sums: Array,
 ) -> None:
-    """Set products of (e, e^2, e' - F(e)) outwards from a wall, over the variance of e', (3, 3).
+    """Add products of (e, e^2, e' - F(e)) outwards from a wall, over the variance of e', (3, 3).
 
-    The deviation e of a rotor is theta less the mean of its side, or its opposite [rad]; they
-    count from the middle of the wall on, as far as they are not flat, in the inner half of the
-    rotors up to an edge. Sums are 0, and stay so where noise hides the tail.
+    The deviation e is theta minus the mean of its side, or its opposite [rad]. The tail starts at
+    the middle of the wall and ends where it is flat, within the inner half of the rotors. Noise
+    above a limit leaves the sums unchanged.
     """
     mean, handed = part.mean, _handed(part.sine, part.cosine)
     rest_angle = math.pi / 2 - _steepness(mean)
@@ -202,10 +201,9 @@ def tail_products(
 
 @compiled(f8, f8, f8)
 def _flipping(left: float, right: float, variance: float) -> float:
-    """Log likelihood of theta_right = -theta_left less that of theta_left + pi, for a frame.
+    """Return the log likelihood ratio of theta_right = -theta_left against theta_left + pi.
 
-    Where neither is met to within the noise, as in a wake or with deviations, the variance is
-    what the better of the two needs.
+    If neither holds within the noise, for example in a wake, the variance is the smaller square.
     """
     flipped, spun = wrapped(right + left), wrapped(right - left - math.pi)
     flipped, spun = flipped * flipped, spun * spun
@@ -215,7 +213,6 @@ def _flipping(left: float, right: float, variance: float) -> float:
 
 @compiled(f8, f8)
 def _limited(value: float, limit: float) -> float:
-    """Value from -limit to limit."""
     return min(max(value, -limit), limit)
 
 
@@ -223,9 +220,9 @@ def _limited(value: float, limit: float) -> float:
 def evidence(
     settings: Records, angles: Array, sines: Array, cosines: Array, noise: float, tails: Array
 ) -> tuple[float, float, float]:
-    """Place, flipping and angle at rest of `MotionEvidence` of one frame; see there.
+    """Return site, flipping and rest angle of one frame, and add its tails, shape (3, 3).
 
-    The noise is a lower bound [rad]. To tails, shape (3, 3), those of the frame are added.
+    The noise is a lower bound [rad]; see `MotionEvidence`.
     """
     rotors, fewest = angles.size, settings[0]['fewest_rotors']
     bond, before, beyond = bond_of_wall(sines)
@@ -253,9 +250,10 @@ def evidence(
 
 @compiled(_NUMBERS, const_f8_2d, f8)
 def tail_ratio(settings: Records, tails: Array, rest_angle: float) -> tuple[float, float]:
-    """Ratio lambda of the tails and its standard deviation [1]; NaN and infinity if unknown.
+    """Return the ratio lambda of the tails and its standard deviation [1].
 
-    The term in e^2 is at most about the bend over theta_bar.
+    They are NaN and infinity if unknown. The prior of the term in e^2 has a standard deviation of
+    the bend over theta_bar.
     """
     if tails[0, 0] <= 0:
         return math.nan, math.inf
@@ -275,9 +273,9 @@ def observe(
     rest_angle: float,
     tails: Array,
 ) -> tuple[tuple[float, float, float], tuple[float, float]]:
-    """Add the `evidence` of a frame to that of those before, whose tails are brought up to date.
+    """Add the `evidence` of a frame to the evidence of earlier frames and update the tails.
 
-    Returns place, flipping and angle at rest, and the `tail_ratio` of all.
+    Returns site, flipping and rest angle, and the `tail_ratio` of all frames.
     """
     known = tails[0, 0]
     sines, cosines = np.full(angles.size, math.nan), np.full(angles.size, math.nan)
@@ -287,7 +285,7 @@ def observe(
     site, more, lean = evidence(settings, angles, sines, cosines, noise, tails)
     flipping = _limited(flipping + more, settings[0]['strongest'])
     if math.isfinite(lean) and math.isfinite(rest_angle):
-        # Each weighs as much as the tails tell, never quite nothing.
+        # The weight is the information of the tails, at least a tiny one.
         added = tails[0, 0] - known + _LEAST_WEIGHT
         rest_angle += added / (known + added) * (lean - rest_angle)
     elif math.isfinite(lean):
@@ -296,12 +294,11 @@ def observe(
 
 
 class MotionClass(NamedTuple):
-    """Class of motion that the angles speak for.
+    """Class of motion according to the angles.
 
-    motion: none where the data cannot tell: there is no wall, or too much noise.
-    confidence: probability of the likeliest class, 0 to 1; the three are equally likely without
-        data.
-    spinning: probability that the rotors spin, 0 to 1.
+    motion: class of motion, None without a wall or with too much noise.
+    confidence: probability of the likeliest class, from 0 to 1; the prior of all three is equal.
+    spinning: probability that the rotors spin, from 0 to 1.
     """
 
     motion: Motion | None
@@ -310,17 +307,16 @@ class MotionClass(NamedTuple):
 
 
 class MotionEvidence(NamedTuple):
-    """What frames say of the motion together.
+    """Evidence of all frames on the motion.
 
-    place: where u changes its sign [rotor spacings], in the last frame; NaN without a wall.
-    flipping: log likelihood of a flipper less that of a spinner [1], limited for errors that stay
-        the same in all frames.
-    rest_angle: mean angle that the uniform parts lean by [rad]; NaN without a wall.
+    site: crossing of u through 0 in the last frame [rotor spacings]; NaN without a wall.
+    flipping: log likelihood ratio of a flipper against a spinner [1], limited because errors may
+        persist through all frames.
+    rest_angle: mean lean of the uniform parts [rad]; NaN without a wall.
     tails: sums of products of (e, e^2, e' - F(e)) over their variance, shape (3, 3).
-    tail_ratio: deviation of a rotor over that of its inner neighbour, lambda [1]; NaN where
-        unknown.
-    tail_ratio_deviation: its standard deviation [1], with what springs in motion may do to it;
-        infinite where unknown.
+    tail_ratio: ratio lambda of the deviations of neighbouring rotors [1]; NaN if unknown.
+    tail_ratio_deviation: its standard deviation [1], including the effect of springs in motion;
+        infinite if unknown.
     """
 
     site: float
@@ -331,7 +327,7 @@ class MotionEvidence(NamedTuple):
     tail_ratio_deviation: float
 
     def verdict(self, settings: MotionSettings = DEFAULTS.motion) -> MotionClass:
-        """Return the class; unknown where none of the three is sure."""
+        """Return the class of motion, None unless one class is probable enough."""
         told = math.isfinite(self.tail_ratio)
         scaled = self.tail_ratio / self.tail_ratio_deviation if told else 0.0
         wobbling = math.erfc(scaled / math.sqrt(2)) / 2
@@ -346,35 +342,36 @@ class MotionEvidence(NamedTuple):
 
 
 NO_EVIDENCE = MotionEvidence(math.nan, 0.0, math.nan, np.zeros((3, 3)), math.nan, math.inf)
-"""Of no frame."""
+"""Evidence before the first frame."""
 
 
 class MotionObserver:
-    """Adds up the evidence of the frames since the start or the last restart.
+    """Accumulator of the evidence of all frames since the last restart.
 
-    A frame without a wall, with the wall within four rotors of an edge or with too few angles
-    known says nothing.
+    A frame has no information without a wall, with the wall within four rotors of an edge, or with
+    too few known angles.
     """
 
     def __init__(self, settings: MotionSettings = DEFAULTS.motion) -> None:
-        """Begin without any frame."""
         self._settings = settings
         self.restart()
 
     def restart(self) -> None:
-        """Forget all frames, as where the source of the angles has been started anew."""
+        """Discard all frames, for example after the source of the angles has restarted."""
         self.evidence = NO_EVIDENCE
 
     def observe(self, angles: Array, noise: float = 0.0) -> MotionClass:
         """Add a frame of angles [rad], shape (N,), NaN where unknown, and return the class.
 
-        Angles may be whole turns apart; the noise [rad], where it is known, is a lower bound of
-        what the uniform parts show. Raises ValueError for a noise that is negative or not finite,
-        and for angles that are not one row.
+        Angles may differ by whole turns. The noise [rad] is a lower bound of the scatter of the
+        uniform parts. Raises ValueError for a negative or infinite noise and for angles that are
+        not one row.
         """
         angles = np.asarray(angles, dtype=np.float64, order='C')
         if angles.ndim != 1:
-            raise ValueError(f'angles of shape {angles.shape} must be one row, an angle a rotor')
+            raise ValueError(
+                f'angles have the shape {angles.shape}; give one row with an angle per rotor'
+            )
         if not (math.isfinite(noise) and noise >= 0):
             raise ValueError(f'noise = {noise} rad must be a finite number of 0 or more')
         before, tails = self.evidence, self.evidence.tails.copy()

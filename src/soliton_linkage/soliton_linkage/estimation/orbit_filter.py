@@ -15,7 +15,7 @@ import numpy as np
 
 from soliton_linkage.estimation.encoder_offsets import EncoderOffsets
 from soliton_linkage.estimation.estimates import OrbitEstimate, TrackingStatus, lost
-from soliton_linkage.estimation.frames import FrameImpulse, swing_of
+from soliton_linkage.estimation.frames import FrameImpulse, rotor_swing
 from soliton_linkage.estimation.hypotheses import Hypotheses, Hypothesis
 from soliton_linkage.estimation.measurement import (
     LEAST_INFORMATION,
@@ -71,7 +71,7 @@ class OrbitFilter:
         self._yielding = ComplianceCorrection(orbit)
         self._depth = penetration_depth(chain) / chain.spacing
         self._deviates = chain.deviations != NO_DEVIATIONS
-        swing = swing_of(chain)
+        swing = rotor_swing(chain)
         self._likelihood = FrameLikelihood(swing, settings.likelihood)
         self._scales = ReadingScales(noise)
         self._variance = ResidualVariance(swing, noise, settings)

@@ -20,7 +20,7 @@ from typing import NamedTuple
 import numpy as np
 
 from soliton_linkage.estimation import likelihood
-from soliton_linkage.estimation.frames import swing_of
+from soliton_linkage.estimation.frames import rotor_swing
 from soliton_linkage.estimation.likelihood import compare
 from soliton_linkage.estimation.measurement import (
     LEAST_INFORMATION,
@@ -125,7 +125,7 @@ class Relocaliser:
         self._before = np.ascontiguousarray([left for left, _ in states])
         self._beyond = np.ascontiguousarray([right for _, right in states])
         self._corrections = np.zeros(chain.number_of_rotors)
-        swing = swing_of(chain)
+        swing = rotor_swing(chain)
         self._likelihood = FrameLikelihood(swing, likelihood)
         self._elastic = (likelihood.elastic_share * swing) ** 2
         self._coarse = (scan.deviation * swing) ** 2

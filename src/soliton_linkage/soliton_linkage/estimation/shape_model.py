@@ -16,7 +16,7 @@ import numpy as np
 from scipy.ndimage import minimum_filter1d
 
 from soliton_linkage.estimation import wall_loops
-from soliton_linkage.estimation.frames import swing_of
+from soliton_linkage.estimation.frames import rotor_swing
 from soliton_linkage.estimation.lattice import LatticeCoordinates
 from soliton_linkage.estimation.measurement import FrameLikelihood
 from soliton_linkage.estimation.noise import robust_deviation
@@ -58,7 +58,7 @@ class ShapeMeasurementModel:
         self._of_charge = {1: shapes.kinks, -1: shapes.anti_kinks}
         self._shifts, self._evenness = shifts, settings.offsets.evenness
         self._chain = chain = shapes.chain
-        likelihood, swing = settings.likelihood, swing_of(chain)
+        likelihood, swing = settings.likelihood, rotor_swing(chain)
         self._likelihood = FrameLikelihood(swing, likelihood)
         self._evidence = -math.log(likelihood.false_alarms)
         self._largest = (likelihood.field_share * swing) ** 2 + likelihood.largest_noise**2
@@ -155,7 +155,7 @@ class ShapeMeasurementModel:
 
     def _left(self, theta: Array, first: int, wall: _Fitted, site: float) -> Array:
         left = np.empty_like(theta)
-        wall_loops.leave(theta, first, wall.shape.table, site, wall.stretch, left)
+        wall_loops.set_residuals(theta, first, wall.shape.table, site, wall.stretch, left)
         return left
 
     def _fitted(self, theta: Array, walls: list[_Fitted], scanned: bool) -> list[_Fitted]:
@@ -232,7 +232,7 @@ class ShapeMeasurementModel:
             unsure = math.sqrt(variance / wall.of_stretch)
             of_width = self._shapes.width * wall.stretch, self._shapes.width * unsure
         earlier = before[np.arange(first, first + len(left)) % len(before)]
-        product, chance = wall_loops.lasting(
+        product, chance = wall_loops.persistence(
             left, earlier, first, wall.shape.table, wall.site, wall.stretch
         )
         scale = 1 / max(wall.site_information, 1e-12)

@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Loops over the springs and rotors of a state: its energies and its topology.
+"""Compiled loops over the springs and rotors of a state: its energies and its topology.
 
-Rows of springs are extensions [m] and levers A and B [m/rad], shape (3, springs).
+Spring tables hold extensions [m] and levers A and B [m/rad], shape (3, springs).
 """
 
 from __future__ import annotations
@@ -27,14 +27,14 @@ from soliton_linkage.linkage.springs import TINY, spring_between
 
 Records = NDArray[np.void]
 Energy = tuple[float, float, float]
-"""An energy, its part in the wake, and the deviation of the whole [J]."""
+"""Energy, the part of it in the wake, and the standard deviation of the whole [J]."""
 Shape = tuple[float, float, float, float]
-"""How rotors twist and stand [1], lever A of the first spring and B of the last [m/rad]."""
+"""Sums of `of_angles`, lever A of the first spring and lever B of the last spring [m/rad]."""
 Sides = tuple[float, float, int, int, float]
-"""As `topology` returns them."""
+"""Result of `topology`."""
 
 _LARGE = 1e150
-"""Step of the levels of large numbers [1]: its square is still a number."""
+"""Ratio between the exponent levels of large numbers [1]; its square is still finite."""
 
 
 spring = compile_loop(spring_between, inlined=True)
@@ -62,10 +62,9 @@ def of_angles(
 ) -> tuple[float, float]:
     """Set the rows of springs for angles [rad], shape (N,).
 
-    Parameters are r [m], a [m], c [m^2] and lbar [m], see `Chain.springs`, shape (4, N), of which
-    those of springs count as far as there are springs. Returns how the rotors twist and stand,
-    the sums of sin(theta_n + theta_{n+1}) = (-1)^n sin(phi_{n+1} - phi_n) and, but for the edge
-    rotors, of cos(theta_n).
+    Parameters are r [m], a [m], c [m^2] and lbar [m] (see `Chain.springs`), shape (4, N). Returns
+    two sums that give the family and the orientation of a state: of sin(theta_n + theta_{n+1}) =
+    (-1)^n sin(phi_{n+1} - phi_n) over bonds, and of cos(theta_n) over inner rotors.
     """
     rotors = angles.size
     sines, cosines = np.empty(rotors), np.empty(rotors)
@@ -85,7 +84,7 @@ def of_angles(
 
 @compiled(const_f8_1d, f8, const_f8_1d, f8)
 def _wake(energies: Array, site: float, walls: Array, reach: float) -> float:
-    """Sum over rotors or springs out of reach of all walls; the first is at a place."""
+    """Sum the energies beyond the reach of all walls; the first energy is at a site."""
     wake, count = 0.0, energies.size
     for n in range(walls.size - 1):
         low, high = walls[n] + reach - site, walls[n + 1] - reach - site
@@ -107,13 +106,14 @@ def elastic(
     walls: Array,
     reach: float,
 ) -> Energy:
-    """Energy of springs [J] less that of the noise [rad], its wake, and its deviation.
+    """Return the elastic energy without noise [J], its wake, and its deviation.
 
-    Half of the stiffnesses [N/m], and the same for noise of rotors on the left and the right of
-    each spring, are of shape (springs,). The wake [J] is that of the springs, at n + 1/2, out
-    of reach of all walls, whose places [rotor spacings] grow from the first beyond one end to
-    the last beyond the other, shape (W + 2,). Var V = sigma^2 |tau|^2 + sigma^4 |H|^2 / 2 with the
-    torques tau and H = R^T k_e R; torques measured with noise have sigma^2 |H|^2 too much.
+    Half stiffnesses [N/m], and the same for springs with a noisy left and right rotor, have shape
+    (springs,). The wake is the energy of springs, at n + 1/2, beyond the reach of all walls. Walls
+    have ascending sites [rotor spacings], with the neighbours beyond either end, shape (W + 2,).
+
+    The variance is sigma^2 |tau|^2 + sigma^4 |H|^2 / 2 with the torques tau and H = R^T k_e R;
+    torques that are measured with noise have sigma^2 |H|^2 too much.
     """
     whole, squares, pulling, variance = 0.0, 0.0, 0.0, noise**2
     count = half.size
@@ -140,11 +140,10 @@ def elastic(
 def kinetic(
     half: Array, noisy: Array, rates: Array, noise: float, walls: Array, reach: float
 ) -> Energy:
-    """Energy of rotors [J] less that of the noise [rad/s], its wake as of springs, its deviation.
+    """Return the kinetic energy without noise [J], its wake, and its deviation.
 
-    Halves of the inertias of all rotors and the same of those that are noisy [kg m^2] are of shape
-    (N,). Var T = I^2 sigma^2 (omega^2 + sigma^2 / 2) for each rotor; omega^2 as measured has
-    sigma^2 too much.
+    Half inertias [kg m^2], and the same for rotors with noisy rates, have shape (N,). The variance
+    is I^2 sigma^2 (omega^2 + sigma^2 / 2) per rotor; omega^2 is measured sigma^2 too large.
     """
     whole, known, squares, variance = 0.0, 0.0, 0.0, noise**2
     energies = np.empty(half.size)
@@ -160,10 +159,10 @@ def kinetic(
 
 @compiled(const_f8_2d, i8, i8, f8)
 def topology(rows: Array, before: int, beyond: int, domain: float) -> Sides:
-    """Sums of (A^2 - B^2) / (A^2 + B^2) before and beyond the walls, and where the mode sits.
+    """Sum (A^2 - B^2) / (A^2 + B^2) before and beyond the walls, and locate the zero mode.
 
-    Between the sums and the centre of t_n^2 [rotor spacings] are the signs of the first and the
-    last bond that are above the domain, 0 where there is none.
+    Returns both sums, the signs of the first and of the last bond above the domain threshold (0 if
+    there is none), and the centre of t_n^2 [rotor spacings].
     """
     left, right, first, last = 0.0, 0.0, 0, 0
     squares, moments, square, level = 1.0, 0.0, 1.0, 0
@@ -175,7 +174,7 @@ def topology(rows: Array, before: int, beyond: int, domain: float) -> Sides:
         if abs(strength) > domain:
             last = 1 if strength > 0 else -1
             first = first if first else last
-        # t_n^2, in units of 1e150 to the power of the level below or above the largest so far.
+        # t_n^2 in units of 1e150 to the power of the level relative to the largest so far.
         square *= min(max(max(a, TINY) / max(b, TINY), 1 / _LARGE), _LARGE)
         if square > _LARGE:
             square, level = square / _LARGE, level + 1
@@ -193,12 +192,9 @@ def topology(rows: Array, before: int, beyond: int, domain: float) -> Sides:
 SCOPE = np.dtype(
     [(name, np.float64) for name in ('noise', 'rate_noise', 'reach', 'before', 'beyond', 'domain')]
 )
-"""Errors of a state, and which springs count to which part of it, one record.
-
-Standard deviations of the angles [rad] and of the rates [rad/s], distance from a wall that holds
-its energy [rotor spacings], number of bonds before the first wall, first bond beyond the last, and
-least polarisation of a bond in a domain [1].
-"""
+"""Noise of a state and the assignment of springs to its parts, one record: standard deviations of
+angles [rad] and rates [rad/s], reach of a wall [rotor spacings], number of bonds before the first
+wall, first bond beyond the last wall, least polarisation of a bond in a domain [1]."""
 _SCOPE = records(SCOPE)
 
 
@@ -212,10 +208,10 @@ def report(
     walls: Array,
     scope: Records,
 ) -> tuple[Shape, Sides, Energy, Energy]:
-    """Return shape, topology, elastic and kinetic energy in one call.
+    """Return shape, topology, elastic energy and kinetic energy in one call.
 
-    Springs are the half stiffnesses and those with a noisy left and right rotor, shape (3,
-    springs); rotors are half inertias, those of noisy rates, and rates, shape (3, N).
+    Springs are half stiffnesses, and the same for springs with a noisy left and right rotor, shape
+    (3, springs). Rotors are half inertias, the same for noisy rates, and rates, shape (3, N).
     """
     half = springs[0]
     rows = np.empty((3, half.size))

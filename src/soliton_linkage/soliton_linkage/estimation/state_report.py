@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What one state of a known chain shows: its energies, its topology and its edge rotors.
+"""Report of one state of a known chain: energies, topology and edge rotors.
 
-Walls are given by their places [rotor spacings], found elsewhere. What noise adds to squares is
-taken off them.
+Walls are given by their sites [rotor spacings]. The mean contribution of noise is subtracted from
+squared quantities.
 """
 
 from __future__ import annotations
@@ -21,15 +21,15 @@ from soliton_linkage.linkage.chain import Array, Chain, Motion, check_shape
 
 
 class Energies(NamedTuple):
-    """Where the energy of a state is [J]; NaN for all that takes rates where they are unknown.
+    """Energies of a state [J]; quantities that need rates are NaN while the rates are unknown.
 
-    kinetic: energy of the rotors that move.
+    kinetic: kinetic energy of the rotors.
     elastic: energy of the springs.
-    kinetic_wake: part of the kinetic energy that is out of reach of every wall.
-    elastic_wake: part of the elastic energy that is out of reach of every wall.
-    kinetic_deviation: standard deviation of the kinetic energy, from noise and what is hidden;
-        NaN where the noise of the rates is not known.
-    elastic_deviation: standard deviation of the elastic energy, from noise and what is hidden.
+    kinetic_wake: kinetic energy beyond the reach of every wall.
+    elastic_wake: elastic energy beyond the reach of every wall.
+    kinetic_deviation: standard deviation of the kinetic energy from noise and unseen rotors; NaN
+        if the noise of the rates is unknown.
+    elastic_deviation: standard deviation of the elastic energy from noise and unseen rotors.
     """
 
     kinetic: float
@@ -41,12 +41,12 @@ class Energies(NamedTuple):
 
     @property
     def whole(self) -> float:
-        """Kinetic and elastic energy [J]."""
+        """Total energy [J]."""
         return self.kinetic + self.elastic
 
     @property
     def wake(self) -> float:
-        """Energy that the walls have left behind [J]."""
+        """Energy beyond the reach of every wall [J]."""
         return self.kinetic_wake + self.elastic_wake
 
     @property
@@ -58,11 +58,11 @@ class Energies(NamedTuple):
 class Topology(NamedTuple):
     """Polarisations, winding numbers, charge and zero mode of a state.
 
-    polarisations: means before the first wall and beyond the last, +1 leaning right, -1 leaning
-        left.
-    winding_numbers: of the uniform states that these sides are in; they differ by the charge.
-    charge: walls of charge +1 less those of -1.
-    mode_centre: where the zero mode sits [rotor spacings].
+    polarisations: mean polarisation before the first wall and beyond the last one; +1 leans right,
+        -1 leans left.
+    winding_numbers: winding number of the uniform state on either side; they differ by the charge.
+    charge: number of walls with charge +1 minus number of walls with charge -1.
+    mode_centre: centre of the zero mode [rotor spacings].
     """
 
     polarisations: tuple[float, float]
@@ -74,8 +74,8 @@ class Topology(NamedTuple):
 class EdgeRotors(NamedTuple):
     """States of the first and the last rotor.
 
-    toggled: whether each has toggled, against the left-leaning state; None for spinners.
-    turns: turns that each has made from a uniform state [1]; NaN for flippers.
+    toggled: whether each rotor has toggled relative to the left-leaning state; None for spinners.
+    turns: turns of each rotor from a uniform state [1]; NaN for flippers.
     """
 
     toggled: tuple[bool, bool] | None
@@ -83,21 +83,21 @@ class EdgeRotors(NamedTuple):
 
 
 class StateReport(NamedTuple):
-    """What a state shows."""
+    """Topology, edge rotors and energies of one state."""
 
     topology: Topology | None
-    """None for periodic ends, which have no two sides."""
+    """None for periodic ends, because a ring has no two sides."""
     edge_rotors: EdgeRotors
     energies: Energies
 
 
 class FrameErrors(NamedTuple):
-    """What is known of the errors of a frame.
+    """Errors of the angles and rates of a frame.
 
     noise: standard deviation of the angles [rad].
-    rate_noise: standard deviation of the rates [rad/s], NaN where it is not known.
-    lasting: root mean square of what the orbit leaves of the angles beside the noise [rad].
-    unseen: rotors that were not seen, whose angles and rates are the orbit's, shape (N,).
+    rate_noise: standard deviation of the rates [rad/s], NaN if unknown.
+    lasting: root mean square of the persistent residuals of the orbit [rad].
+    unseen: flags of rotors whose angles and rates were filled in from the orbit, shape (N,).
     """
 
     noise: float = 0.0
@@ -107,16 +107,15 @@ class FrameErrors(NamedTuple):
 
     @property
     def known_rate_noise(self) -> float:
-        """What may be taken off the squares of rates as their noise [rad/s], 0 if unknown."""
+        """Standard deviation of the rates [rad/s], 0 if it is unknown."""
         return self.rate_noise if math.isfinite(self.rate_noise) else 0.0
 
 
 class ArcRate(NamedTuple):
-    """How fast a chain goes along its orbit, for want of the rates of its rotors.
+    """Rate along the orbit, used when the rates of the rotors are unknown.
 
-    rate: of the arc length, over that of free motion where equal rotors have 1 [rad/s]: see
-        `Orbit.free_rate`.
-    deviation: standard deviation of the rate, over the same [rad/s].
+    rate: rate of the arc divided by `Orbit.free_rate` [rad/s].
+    deviation: standard deviation of that quotient [rad/s].
     """
 
     rate: float
@@ -125,14 +124,13 @@ class ArcRate(NamedTuple):
 
 EXACT = FrameErrors()
 _NO_TURNS = (math.nan, math.nan)
-"""Of the edge rotors of flippers."""
 
 
 class FrameState:
-    """A configuration of a chain and its springs, where more is asked of it than a report."""
+    """Configuration of a chain with the extensions and levers of its springs."""
 
     def __init__(self, chain: Chain, angles: ArrayLike) -> None:
-        """Take the angles [rad], shape (N,); raises ValueError where they do not fit."""
+        """Compute the springs from angles [rad], shape (N,); raise ValueError otherwise."""
         self.chain = chain
         self.angles = np.ascontiguousarray(angles, dtype=np.float64)
         check_shape(self.angles, chain.number_of_rotors)
@@ -156,24 +154,22 @@ class FrameState:
 
 
 def energy_reach(chain: Chain, settings: ReportSettings = DEFAULTS.report) -> float:
-    """Distance from a wall beyond which energy is its wake [rotor spacings], 8 ell / a + 3.
+    """Return the distance from a wall beyond which energy counts as wake [rotor spacings].
 
-    The energy of a moving wall falls as the square of its tails, e^(-2 x / ell), or faster where
-    speed has contracted it: no more than e^-16 is beyond. Near d = 1, where ell vanishes, the
-    core alone is wider; 3 spacings hold it.
+    The energy of a moving wall falls as e^(-2 x / ell) or faster, so that at most e^-16 of it is
+    beyond 8 ell / a. Three spacings hold the core near d = 1, where ell vanishes.
     """
     depth = penetration_depth(chain) / chain.spacing
     return settings.reach_in_depths * depth + settings.reach_beside
 
 
 class StateReporter:
-    """Reports the states of a chain; what does not change from one to the next is kept.
+    """Reporter of the states of one chain; quantities that all states share are computed once.
 
-    Places of walls are in rotor spacings, of shape () or (W,), NaN or empty without a wall.
+    Sites of walls are in rotor spacings, shape () or (W,), NaN or empty without a wall.
     """
 
     def __init__(self, chain: Chain, settings: ReportSettings = DEFAULTS.report) -> None:
-        """Work out what all states have in common."""
         self.chain = chain
         self._reach = energy_reach(chain, settings)
         self._domain = settings.domain
@@ -193,18 +189,18 @@ class StateReporter:
         rates: Array | ArcRate | None = None,
         errors: FrameErrors = EXACT,
     ) -> StateReport:
-        """What angles [rad], shape (N,), show; raises ValueError where they do not fit.
+        """Report the state of angles [rad], shape (N,).
 
-        Energies are in J; spring n, with (k_e / 2) (l_n - lbar)^2, counts at n + 1/2. Noise adds
-        (k_e / 2) (A_n^2 + B_n^2) sigma^2 to the energy of a spring and (I / 2) sigma_rate^2 to
-        that of a rotor, which are taken off, so that energies near 0 may come out negative.
-        Without walls all is wake. Rates are those of the rotors [rad/s], shape (N,), or that of
-        the arc, which tells the kinetic energy (I / 2) rate^2 but not that of the wake. A rotor
-        that was not seen may hide as much energy as the noise and what the orbit leaves of the
-        others would give it; the deviations count it in full.
+        Rates are rates of rotors [rad/s], shape (N,), or the rate of the arc, which gives the
+        kinetic energy (I / 2) rate^2 but not its wake. Spring n, with energy (k_e / 2) (l_n -
+        lbar)^2, counts at site n + 1/2. The mean contribution of noise is subtracted: (k_e / 2)
+        (A_n^2 + B_n^2) sigma^2 per spring and (I / 2) sigma_rate^2 per rotor, so that small
+        energies may come out negative. Without walls all energy is wake. The deviations include in
+        full the energy that unseen rotors may hide.
 
-        A side's winding number is that of the uniform state that leans as it does on the mean of
-        its bonds; a side without bonds counts as the nearest of them.
+        A side has the winding number of the uniform state with the same mean polarisation;
+        a side without bonds uses its nearest bond. Raises ValueError for arrays of another shape
+        and for angles or rates that are not finite.
         """
         chain, walls = self.chain, _finite(places)
         state = np.ascontiguousarray(angles, dtype=np.float64)
@@ -254,7 +250,7 @@ class StateReporter:
         )
 
     def _bonds_beside(self, walls: list[float]) -> tuple[int, int]:
-        """Number of bonds before the first wall, and of the first beyond the last."""
+        """Return the number of bonds before the first wall and the first bond beyond the last."""
         bonds = self.chain.number_of_springs
         first, last = (walls[0], walls[-1]) if walls else (math.inf, -math.inf)
         before = math.floor(min(max(first - 0.5, 0.0), bonds - 1)) + 1
@@ -269,13 +265,13 @@ class StateReporter:
         return Topology(means, windings, charge, centre)
 
     def _edge_rotors(self, angles: Array, shape: state_loops.Shape) -> EdgeRotors:
-        """States of the edge rotors.
+        """Return the states of the edge rotors.
 
-        A flipper's edge rotor toggles by passing the line from its pivot to its neighbour's
-        mass, where A_0 or B_{N-2} changes sign; in the left-leaning state A_0 has the sign of
-        d - 1 and B_n that of (-1)^(n+1), upside down the opposite. A spinner's turns are counted
-        in its angle from theta = theta_bar, or from -theta_bar in the family of states that has
-        no such state: half a turn in each passage of a wall.
+        The edge rotor of a flipper toggles when it crosses the line from its pivot to the
+        neighbouring mass, where A_0 or B_{N-2} changes sign. In the left-leaning state A_0 has the
+        sign of d - 1 and B_n the sign of (-1)^(n+1), inverted upside down. A spinner turns by half
+        a turn per wall. Its turns count from theta = theta_bar or, in the family without that
+        state, from -theta_bar.
         """
         chain = self.chain
         twists, upright, at_first, at_last = shape
@@ -289,12 +285,11 @@ class StateReporter:
         return EdgeRotors((at_first < 0, at_last * stands * self._last_sign < 0), _NO_TURNS)
 
     def _of_arc(self, rate: ArcRate | None, elastic: state_loops.Energy) -> state_loops.Energy:
-        """Kinetic energy of a chain of which no rotor's rate is known [J].
+        """Return the kinetic energy from the rate of the arc, no wake, and its deviation [J].
 
-        What moves beside the orbit has as much as the springs hold, give or take as much again:
-        phonons have the same in both on the mean, and the contraction of a wall adds
-        (gamma - 1) M_eff v^2 / 2, twice what it strains, to the energy of the orbit. Counted is
-        what noise has surely not made.
+        Motion beside the orbit is assumed to hold as much kinetic energy as the springs hold
+        elastic energy, with an uncertainty of the same size: phonons have equal means of both.
+        Only elastic energy that exceeds its deviation counts.
         """
         if rate is None:
             return math.nan, math.nan, math.nan
@@ -308,14 +303,14 @@ class StateReporter:
     def _hidden(
         self, state: FrameState, errors: FrameErrors, unseen: Flags
     ) -> tuple[float, float]:
-        """Elastic and kinetic energy that rotors which were not seen may hide [J]."""
+        """Return the elastic and the kinetic energy that unseen rotors may hide [J]."""
         half = self._springs[0]
         stiffness = self.chain.gathered(half * state.first**2, half * state.second**2)
         elastic = float(stiffness[unseen].sum()) * (errors.noise**2 + errors.lasting**2)
         return elastic, float(self._rotors[0, unseen].sum()) * errors.known_rate_noise**2
 
     def _between(self, walls: list[float]) -> Array:
-        """Places of walls, which grow, and what is next beyond either end of the chain."""
+        """Return the sorted sites of the walls with a neighbour beyond either end."""
         before, beyond = -math.inf, math.inf
         if self.chain.periodic and walls:
             rotors = self.chain.number_of_rotors
@@ -324,6 +319,5 @@ class StateReporter:
 
 
 def _finite(places: ArrayLike) -> list[float]:
-    """Places of walls in their order, without those that are not finite."""
     given: list[float] = places if isinstance(places, list) else np.ravel(places).tolist()
     return sorted(site for site in given if math.isfinite(site))

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Loops over the bonds and rotors of a frame: which domains it has, and where their walls are."""
+"""Compiled loops over the bonds and rotors of a frame: domains, and fits of wall shapes."""
 
 from __future__ import annotations
 
@@ -23,28 +23,28 @@ from soliton_linkage.estimation.frames import Flags, wrapped
 from soliton_linkage.linkage.chain import Array
 
 _SCAN_STEP = 0.125
-"""From place to place [rotor spacings]: less than any wall is wide."""
+"""Step of the scan [rotor spacings], smaller than the width of any wall."""
 _STEPS = 12
-"""Of Gauss and Newton [1], which converges within half of them."""
+"""Largest number of Gauss-Newton steps [1]; half of them suffice to converge."""
 _LONGEST_STEP = 0.3
-"""Of them [rotor spacings]."""
+"""Longest step of the site and of the stretch [rotor spacings, 1]."""
 _SHORTER = 0.6
-"""Of steps that go to and fro, over those before [1]."""
+"""Factor that shortens steps that alternate in sign [1]."""
 _CLOSE = 1e-6
-"""Step that is the last [rotor spacings]."""
+"""Step below which the fit has converged [rotor spacings]."""
 _NARROWEST, _WIDEST = 0.2, 2.0
-"""Of a wall, over its width at rest [1]."""
+"""Range of the stretch of a wall [1]."""
 
 
 class WallTable(NamedTuple):
-    """Staggered angles that rotors have at a distance from a wall."""
+    """Staggered angles of rotors as a function of their distance from a wall."""
 
     angles: Array
-    """Of even and of odd rotors [rad], and their slopes [rad a spacing], shape (4, J)."""
+    """Angles of even and of odd rotors [rad], then their slopes [rad/spacing], shape (4, J)."""
     points: float
-    """Columns in a spacing [1]."""
+    """Columns per spacing [1]."""
     reach: float
-    """Distance of the first column before the wall, and of the last beyond it [rotor spacings]."""
+    """Distance of the first and of the last column from the wall [rotor spacings]."""
 
 
 _TABLE = named_tuple(WallTable, f8_2d, f8, f8)
@@ -52,25 +52,24 @@ _TABLE = named_tuple(WallTable, f8_2d, f8, f8)
 
 @compiled(const_f8_1d, f8, b1_1d)
 def domains(polarised: Array, cost: float, right: Flags) -> None:
-    """Set which bonds are of domains that lean right, shape (B,), by their polarisations (B,).
+    """Set which bonds lie in right-leaning domains, shape (B,), from their polarisations, (B,).
 
-    Of all ways to divide the chain it is that with the largest sum of the polarisations, no more
-    than 1 each, of domains that lean right less that of those that lean left, less a cost for
-    each wall.
+    The division maximises the sum of the polarisations, clipped to 1, over right-leaning domains
+    minus that over left-leaning ones, minus a cost per wall (dynamic programming).
     """
     count = polarised.size
-    # Best sums that end in a left-leaning and in a right-leaning bond, and where each came from.
-    left, rightmost = 0.0, 0.0
+    # Best sums that end in a left-leaning and in a right-leaning bond, with their predecessors.
+    residuals, rightmost = 0.0, 0.0
     from_right = np.empty(count, dtype=np.bool_)
     from_left = np.empty(count, dtype=np.bool_)
     for n in range(count):
         score = min(max(polarised[n], -1.0), 1.0)
-        from_right[n] = n > 0 and rightmost - cost > left
-        from_left[n] = n > 0 and left - cost > rightmost
-        before_left = rightmost - cost if from_right[n] else left
-        before_right = left - cost if from_left[n] else rightmost
-        left, rightmost = before_left - score, before_right + score
-    leans = rightmost >= left
+        from_right[n] = n > 0 and rightmost - cost > residuals
+        from_left[n] = n > 0 and residuals - cost > rightmost
+        before_left = rightmost - cost if from_right[n] else residuals
+        before_right = residuals - cost if from_left[n] else rightmost
+        residuals, rightmost = before_left - score, before_right + score
+    leans = rightmost >= residuals
     for n in range(count - 1, -1, -1):
         right[n] = leans
         leans = (not from_left[n]) if leans else from_right[n]
@@ -78,9 +77,9 @@ def domains(polarised: Array, cost: float, right: Flags) -> None:
 
 @compiled(_TABLE, i8, f8)
 def _shape(table: WallTable, parity: int, x: float) -> tuple[float, float]:
-    """Staggered angle of a rotor at a distance x from a wall [rad], by a cubic between points.
+    """Return the staggered angle of a rotor at a distance x from a wall [rad], and its slope.
 
-    The second number is the slope of the angle [rad a spacing], 0 beyond the table.
+    A cubic interpolates between points; beyond the table the slope is 0 [rad/spacing].
     """
     angles, points, reach = table
     at = (x + reach) * points
@@ -96,24 +95,27 @@ def _shape(table: WallTable, parity: int, x: float) -> tuple[float, float]:
 
 
 @compiled(const_f8_1d, i8, _TABLE, f8, f8, f8_1d)
-def leave(
-    theta: Array, first: int, table: WallTable, site: float, stretch: float, left: Array
+def set_residuals(
+    theta: Array, first: int, table: WallTable, site: float, stretch: float, residuals: Array
 ) -> None:
-    """Set what a wall leaves of staggered angles of rotors from a first one on [rad], (n,).
+    """Set the residuals of staggered angles of rotors from a first one on [rad], shape (n,).
 
-    The wall is at a place [rotor spacings], and wider than the table's by a factor of stretch.
+    The wall is at a site [rotor spacings] and wider than the table by the stretch [1].
     """
     for k in range(theta.size):
         n = first + k
         shape, _ = _shape(table, n % 2, (n - site) / stretch)
-        left[k] = wrapped(theta[k] - shape)
+        residuals[k] = wrapped(theta[k] - shape)
 
 
 @compiled(const_f8_1d, i8, _TABLE, f8, f8, f8)
 def scan(
     theta: Array, first: int, table: WallTable, start: float, beside: float, bound: float
 ) -> tuple[float, float]:
-    """Least sum of squares, each no more than a bound [rad^2], and its place, so far beside."""
+    """Return the least sum of squares, each clipped to a bound [rad^2], and its site.
+
+    The scan covers a distance on either side of the start [rotor spacings].
+    """
     best, least = start, np.inf
     steps = math.ceil(beside / _SCAN_STEP)
     for step in range(-steps, steps + 1):
@@ -141,10 +143,10 @@ def sums_of_fit(
     bound: float,
     free: bool,
 ) -> tuple[float, float, float, float, float]:
-    """Sums over rotors of w p^2, w q^2, w p q, w p x and w q x; arguments as of `fit`.
+    """Return the sums over rotors of w p^2, w q^2, w p q, w p x and w q x; arguments as `fit`.
 
-    What a wall leaves of a rotor is x [rad], with the derivatives p by the place [rad a spacing]
-    and q by the stretch [rad], 0 unless it is free, and the weight w.
+    The residual of a rotor is x [rad], with derivatives p by the site [rad/spacing] and q by the
+    stretch [rad], 0 unless the stretch is free, and weight w.
     """
     site_information, of_stretch, both, ahead, wider = 0.0, 0.0, 0.0, 0.0, 0.0
     for k in range(theta.size):
@@ -177,10 +179,10 @@ def fit(
     bound: float,
     free: bool,
 ) -> tuple[float, float, float, float]:
-    """Place of a wall and its stretch, where that is free, by reweighted Gauss and Newton steps.
+    """Fit the site of a wall and, if it is free, its stretch by reweighted Gauss-Newton steps.
 
-    A rotor of a variance [rad^2] counts in full up to a bound in deviations. Returns place,
-    stretch and the information on each, in units of that of a noise of 1 rad.
+    A residual counts in full up to a bound in standard deviations, given the variance of a rotor
+    [rad^2]. Returns site, stretch and the information on each for a noise of 1 rad.
     """
     site_information, of_stretch, last, share = 0.0, 0.0, 0.0, 1.0
     for _ in range(_STEPS):
@@ -194,7 +196,7 @@ def fit(
         if free and determinant > 1e-3 * site_information * of_stretch:
             step = (of_stretch * ahead - both * wider) / determinant
             change = (site_information * wider - both * ahead) / determinant
-        # Where steps go to and fro they are too long.
+        # Steps that alternate in sign are too long.
         share *= _SHORTER if change * last < -0.5 * last * last else 1.0
         last = change
         site += share * min(max(step, -_LONGEST_STEP), _LONGEST_STEP)
@@ -209,10 +211,10 @@ def fit(
 def fit_about(
     angles: Array, span: float, last: int, table: WallTable, site: float, stretch: float
 ) -> tuple[float, float, tuple[float, float, float, float, float]]:
-    """Place and stretch of a wall by `fit`, and `sums_of_fit` there, each rotor in full.
+    """Fit site and stretch of a wall with unit weights; return them and `sums_of_fit` there.
 
-    Of actual angles [rad], shape (N,), within a span of a place [rotor spacings]; the first rotor
-    and the last count for nothing.
+    Uses actual angles [rad], shape (N,), within a span of the site [rotor spacings], without the
+    edge rotors.
     """
     first, end = max(math.ceil(site - span), 1), min(math.floor(site + span) + 1, last)
     theta = np.empty(max(end - first, 0))
@@ -225,17 +227,17 @@ def fit_about(
 
 
 @compiled(const_f8_1d, const_f8_1d, i8, _TABLE, f8, f8)
-def lasting(
-    left: Array, before: Array, first: int, table: WallTable, site: float, stretch: float
+def persistence(
+    residuals: Array, previous: Array, first: int, table: WallTable, site: float, stretch: float
 ) -> tuple[float, float]:
-    """Mean product of what a wall leaves of rotors in two frames running [rad^2], by t^2.
+    """Return the mean product of a wall's residuals in two frames [rad^2], weighted by t^2.
 
-    Both are of the rotors from a first one on [rad], shape (n,), NaN where unknown. Noise has
-    mean 0; the second number is its variance over the fourth power of its deviation.
+    Both rows start at a first rotor, shape (n,), NaN where unknown. The mean of the product of
+    noise is 0; the second number is its variance over sigma^4.
     """
     whole, squares, product = 0.0, 0.0, 0.0
-    for k in range(left.size):
-        apart = left[k] * before[k]
+    for k in range(residuals.size):
+        apart = residuals[k] * previous[k]
         if not math.isfinite(apart):
             continue
         n = first + k

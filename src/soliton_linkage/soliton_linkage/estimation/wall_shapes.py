@@ -1,11 +1,10 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Shapes of single walls at rest, as tables of staggered angles by the distance from the centre.
+"""Shapes of single walls at rest, tabulated as staggered angles over the distance from the centre.
 
-Those of a kink, and of an anti-kink for d below 1, are the chain's own. Anti-kinks that are pinned
-have the shape in which they rest: those of spinners, and those of wobbling flippers at rest with
-every other rotor turned over. Those of wobbling flippers that are not pinned swing as they move,
-and have the shape of a kink seen in a mirror: exactly so in the continuum, and with the same
-centre.
+Shapes of kinks, and of anti-kinks for d < 1, are computed for the chain itself. Pinned anti-kinks
+(all of spinners, and some of wobbling flippers) have the shape in which they rest, with every
+other rotor turned over. Anti-kinks of wobbling flippers that are not pinned have the mirrored
+shape of a kink, which is exact in the continuum limit.
 """
 
 from __future__ import annotations
@@ -27,29 +26,29 @@ from soliton_linkage.solitons.static_wall import static_wall
 from soliton_linkage.solitons.tanh_fit import find_solitons
 
 _POINTS = 16
-"""Of a table in a spacing [1]: cubics between them are exact to 1e-5 rad."""
+"""Points of a table per spacing [1]; cubics between them are exact to 1e-5 rad."""
 _DEPTHS = 14.0
-"""Reach of a table in penetration depths [1]: tails beyond are below 1e-6 rad."""
+"""Reach of a table in penetration depths [1]; tails beyond are below 1e-6 rad."""
 _ROTORS = 5.0
-"""And as many more [rotor spacings], for the core where the depth goes to 0."""
+"""Additional reach for the core, where the depth vanishes [rotor spacings]."""
 _DEGREE = 5
-"""Of the splines through the samples [1], whose slopes are then exact to 1e-5 rad."""
+"""Degree of the splines through the samples [1]; their slopes are then exact to 1e-5 rad."""
 
 
 @dataclass(frozen=True)
 class WallShape:
-    """One kind of wall."""
+    """Shape of one kind of wall."""
 
     table: WallTable
     sides: Array
-    """Angles far on the left and on the right [rad], of even and of odd rotors, shape (2, 2)."""
+    """Angles far to the left and to the right [rad], of even and of odd rotors, shape (2, 2)."""
 
 
 class WallShapes:
-    """Kinks and anti-kinks of a chain, whose rotors turn forwards or backwards."""
+    """Kinks and anti-kinks of a chain, for rotors that turn forwards or backwards."""
 
     def __init__(self, chain: Chain) -> None:
-        """Sample static walls in the middle of a chain that is long enough, without deviations.
+        """Sample static walls in the middle of a long chain without deviations.
 
         Raises ValueError and ArithmeticError as `static_wall` does.
         """
@@ -62,42 +61,40 @@ class WallShapes:
         self.chain = chain
         self.reach = float(beside)
         self._window = window
-        self._places = even + 4 + np.arange(2 * _POINTS) / _POINTS
+        self._sites = even + 4 + np.arange(2 * _POINTS) / _POINTS
         self.kinks = tuple(
-            self._sampled([static_wall(window, float(site), leg) for site in self._places])
+            self._sampled([static_wall(window, float(site), leg) for site in self._sites])
             for leg in range(2 if chain.motion is Motion.SPINNER else 1)
         )
-        """Of the legs of the orbit; rotors of spinners turn forwards in one, backwards in one."""
+        """Kink of each leg of the orbit; the rotors of spinners turn forwards in one, backwards in
+        the other."""
         found = find_solitons(window, static_wall(window, even + 4.5))
         self.width = found[0].width if found else math.nan
-        """Of a wall at rest [m], NaN where it has no such profile."""
+        """Width of a wall at rest [m], NaN if it has no tanh profile."""
         spinner = chain.motion is Motion.SPINNER
         self.stretches = math.isfinite(self.width) and (spinner or chain.lean_ratio < 1)
-        """Whether walls that move have the same shape, but narrower."""
+        """Whether motion changes only the width of a wall."""
 
     @cached_property
     def anti_kinks(self) -> tuple[WallShape, ...]:
-        """All that there may be; worked out where first asked for, which takes longer."""
+        """Shapes of anti-kinks, computed at the first use because that takes longer."""
         try:
-            path = anti_kink_path(self._window, float(self._places[0]))
+            path = anti_kink_path(self._window, float(self._sites[0]))
         except ArithmeticError:
             return self._pinned()
         if self.chain.lean_ratio < 1:
-            return (self._sampled(CubicSpline(*path)(self._places)),)
+            return (self._sampled(CubicSpline(*path)(self._sites)),)
         mirrored = np.array([[1.0], [1.0], [-1.0], [-1.0]])
         return (self._shape(np.ascontiguousarray(self.kinks[0].table.angles[:, ::-1] * mirrored)),)
 
     def of_leg(self, leg: int) -> WallShape:
-        """The kink of a leg of the orbit."""
+        """Return the kink of a leg of the orbit."""
         return self.kinks[leg % len(self.kinks)]
 
     def _pinned(self) -> tuple[WallShape, WallShape]:
-        """Anti-kinks that are exact where they rest, beyond every other rotor, and a rotor on.
-
-        From one rest to the next their rotors turn on, of each parity by another way.
-        """
+        """Return two anti-kinks that are exact at rest, for either parity of the nearest rotor."""
         window = self._window
-        site, angles = resting_anti_kink(window, float(self._places[0]) + 0.5)
+        site, angles = resting_anti_kink(window, float(self._sites[0]) + 0.5)
         rotors, theta = np.arange(len(angles)), staggered(angles)
         most = round(self.reach)
         grid = np.linspace(-most, most, 2 * most * _POINTS + 1)
@@ -116,13 +113,14 @@ class WallShapes:
         return WallShape(WallTable(angles, float(_POINTS), self.reach), angles[:2, [0, -1]])
 
     def _sampled(self, walls: ArrayLike) -> WallShape:
-        """Shape of a wall of which there are the states at the places of the window [rad].
+        """Return the shape of a wall from its states at the sites of the window [rad].
 
-        A rotor shows the wall at steps of its place what rotors of its parity do two apart.
+        A rotor samples the wall at finer steps when the wall moves by two spacings, because rotors
+        of one parity have the same shape.
         """
         theta = staggered(np.asarray(walls))[:, 1:-1]
         rotors = np.arange(1, theta.shape[1] + 1)
-        steps = np.rint((rotors - self._places[:, None]) * _POINTS).astype(np.int64)
+        steps = np.rint((rotors - self._sites[:, None]) * _POINTS).astype(np.int64)
         most = round(self.reach) * _POINTS
         grid = np.arange(-most, most + 1)
         angles, slopes = [], []

@@ -1,14 +1,14 @@
 # SPDX-License-Identifier: Apache-2.0
-"""How much narrower a moving wall is than the same wall at rest.
+"""Lorentz contraction of a moving wall relative to the same wall at rest.
 
-While a wall passes, rotor n of an even or odd number goes through angles that tell only how far
-the wall is from it, phi_n = f(X - n). A wall that its speed has contracted by gamma is
+While a wall at X passes, rotor n goes through angles that depend only on its distance, phi_n = f(X
+- n). A wall that is contracted by gamma has
 
     phi_n = f(gamma (X - n)),
 
-which is exact at gamma = 1 in every chain and is Lorentz contraction in the continuum.
-`WallFamily` fits gamma and X to a frame by least squares, `ContractionMean` averages over
-frames, and `WidthReporter` says w / gamma, where the continuum theory has a width w at rest.
+which is exact at gamma = 1 in every chain and holds in the continuum limit. `WallFamily` fits
+gamma and X to a frame by least squares, `ContractionMean` averages over frames, and
+`WidthReporter` reports w / gamma.
 """
 
 from __future__ import annotations
@@ -28,11 +28,10 @@ from soliton_linkage.solitons.continuum import wall_theory
 
 
 class Contraction(NamedTuple):
-    """How many times narrower a wall is than at rest; NaN where it cannot be told.
+    """Contraction of a wall relative to rest; NaN if it is unknown.
 
-    logarithm: of the contraction gamma [1].
-    deviation: standard deviation of the logarithm, the relative one of gamma [1]; infinite if
-        unknown.
+    logarithm: logarithm of the contraction gamma [1].
+    deviation: standard deviation of the logarithm [1]; infinite if unknown.
     """
 
     logarithm: float
@@ -48,10 +47,9 @@ UNKNOWN = Contraction(math.nan, math.inf)
 
 
 class WallFamily:
-    """The walls of a chain, contracted by any gamma."""
+    """Family of the walls of a chain with any contraction."""
 
     def __init__(self, shapes: WallShapes, settings: WidthSettings = DEFAULTS.width) -> None:
-        """Contract the shapes that walls have at rest."""
         self.settings = settings
         self._shapes, chain = shapes, shapes.chain
         depth = penetration_depth(chain) / chain.spacing
@@ -63,12 +61,12 @@ class WallFamily:
     def fit(
         self, angles: Array, site: float, leg: int, noise: float, logarithm: float = 0.0
     ) -> Contraction:
-        """Contraction of the wall of one frame, near a place and a logarithm of gamma.
+        """Fit the contraction to one frame, near a site and a logarithm of gamma, by Gauss-Newton.
 
-        Angles [rad] are those of a chain as the orbit has it, shape (N,), NaN where unknown,
-        with independent noise [rad]; the leg is that of the orbit. Gauss and Newton's method.
-        Nothing is told of a wall that is nearer to an edge than two of its widths or decay
-        lengths, nor where the standard deviation would be more than a factor of 1.5.
+        Angles [rad], shape (N,), NaN where unknown, are in the orientation of the orbit, with
+        independent noise [rad]; the leg belongs to the orbit. The result is unknown closer to an
+        edge than twice the width or the decay length, and if its standard deviation exceeds a
+        factor of 1.5.
         """
         settings = self.settings
         if not self._clear <= site <= self._last - self._clear:
@@ -95,16 +93,14 @@ class WallFamily:
 
 
 class ContractionMean:
-    """Mean contraction over the last few rotors that a wall has passed.
+    """Mean contraction over the rotors that a wall has passed recently.
 
-    Each frame counts by its information, and with what springs do to a wall between two rotors as
-    one more noise, so that no place between them counts for all. Frames are gathered in passages
-    of one rotor, of which each counts e^(-1/5) of the next; `passage_scatter` tells what the
-    springs of a wall in motion, and waves, add to the noise.
+    A frame counts by its information; the deformation between two rotors adds to its variance, so
+    that no single site dominates. Frames are grouped into passages of one rotor, whose weights
+    fade by e^(-1/5). `passage_scatter` gives the scatter from springs and waves.
     """
 
     def __init__(self, family: WallFamily) -> None:
-        """Wait for the first frame."""
         self._family = family
         self._settings = family.settings
         self._fade = math.exp(-1 / self._settings.memory)
@@ -112,19 +108,19 @@ class ContractionMean:
         self.restart()
 
     def restart(self) -> None:
-        """Forget the mean, as after a kick or a reflection; not how much passages differ."""
+        """Discard the mean, for example after a kick or a reflection, but keep the scatter."""
         self._leg, self._anchor = -1, math.nan
-        self._begin_anew()
+        self._discard_passages()
 
-    def _begin_anew(self) -> None:
+    def _discard_passages(self) -> None:
         self._passages: deque[tuple[float, float]] = deque(maxlen=self._settings.passages)
         self._before, self._passage = (0.0, 0.0, 0.0, 0.0), (0.0, 0.0, 0.0)
 
     def update(self, angles: Array, site: float, leg: int, noise: float) -> Contraction:
-        """Mean with one more frame; arguments as `WallFamily.fit`, the place that of the wall.
+        """Return the mean including one more frame; arguments as `WallFamily.fit`.
 
-        Starts anew on another leg, and where a passage contradicts those before. Nothing is told
-        of a wall that is at an edge, and by a frame that shows too little.
+        The mean restarts on another leg and when a passage contradicts those before. The result is
+        unknown while the frame does not determine a contraction.
         """
         if leg != self._leg:
             self.restart()
@@ -140,16 +136,15 @@ class ContractionMean:
         value, before, noise = self._passage
         noise += (weight * found.deviation) ** 2
         self._passage = value + weight * found.logarithm, before + weight, noise
-        return self._reckoned()
+        return self._current_mean()
 
     def _sums(self) -> tuple[float, float, float, float]:
-        """Weighted values, weights, variances by noise and squares of weights of all passages."""
+        """Return sums of weighted values, weights, noise variances and squared weights."""
         value, weight, noise = self._passage
         values, weights, noises, squares = self._before
         return values + value, weights + weight, noises + noise, squares + weight**2
 
-    def _reckoned(self) -> Contraction:
-        """Mean of the passages before and of this one."""
+    def _current_mean(self) -> Contraction:
         whole, weights, noises, squares = self._sums()
         if not weights:
             return UNKNOWN
@@ -158,16 +153,16 @@ class ContractionMean:
         return Contraction(whole / weights, math.sqrt(variance + least**2))
 
     def _pass(self) -> None:
-        """Take in the passage that is over, unless it contradicts: then it is a new beginning."""
+        """Close the current passage, and restart the mean if the passage contradicts it."""
         value, weight, noise = self._passage
         if not weight:
             return
         settings, sums = self._settings, self._sums()
         value, variance, self._passage = value / weight, noise / weight**2, (0.0, 0.0, 0.0)
-        before = self._reckoned()
+        before = self._current_mean()
         allowed = before.deviation**2 + variance + self._scatter
         if (value - before.logarithm) ** 2 > settings.contradiction**2 * allowed:
-            self._begin_anew()
+            self._discard_passages()
             sums = weight * value, weight, noise, weight**2
         self._passages.append((value, variance))
         if len(self._passages) >= settings.fewest_passages:
@@ -180,9 +175,9 @@ class ContractionMean:
 def passage_scatter(
     values: Array, variances: Array, settings: WidthSettings = DEFAULTS.width
 ) -> float:
-    """Variance by which passages differ beyond what noise gives them, 0 where that is chance.
+    """Return the variance of passages beyond their noise, 0 if it is not significant.
 
-    It is that of values, shape (M,), less the mean of the variances of their noise, shape (M,).
+    Values and the variances of their noise have shape (M,).
     """
     apart, freedoms = values - np.average(values, weights=1 / variances), len(values) - 1
     by_chance = freedoms + settings.significance * math.sqrt(2 * freedoms)
@@ -192,17 +187,16 @@ def passage_scatter(
 
 
 class WidthReporter:
-    """Reports the width w of the wall tanh(x / w) of a chain, frame by frame."""
+    """Reporter of the width w of a wall tanh(x / w), frame by frame."""
 
     def __init__(self, shapes: WallShapes, settings: WidthSettings = DEFAULTS.width) -> None:
-        """Begin without any frame of the chain of the shapes."""
         self._mean = ContractionMean(WallFamily(shapes, settings))
         self._at_rest = TheoryWidth(shapes.chain, settings)(0.0)
 
     def update(self, angles: Array, site: float, leg: int, noise: float) -> tuple[float, float]:
-        """Width and its standard deviation [m] with one more frame, NaN where they are not told.
+        """Return the width and its standard deviation [m] with one more frame, NaN if unknown.
 
-        Arguments as `ContractionMean.update`.
+        See `WallFamily.fit` for the arguments.
         """
         found = self._mean.update(angles, site, leg, noise)
         width = self._at_rest / found.factor
@@ -210,17 +204,16 @@ class WidthReporter:
 
 
 class TheoryWidth:
-    """Width that the continuum theory gives walls of a chain; NaN from d = 2 to d_c."""
+    """Width of the walls of a chain by continuum theory; NaN from d = 2 to d_c."""
 
     def __init__(self, chain: Chain, settings: WidthSettings = DEFAULTS.width) -> None:
-        """Work out what all speeds have in common."""
         theory = wall_theory(chain)
         self._speed_of_sound = theory.speed_of_sound
         defined = chain.motion is Motion.SPINNER or chain.lean_ratio < settings.widest_lean_ratio
         self._at_rest = theory.width() if defined else math.nan
 
     def __call__(self, velocity: float) -> float:
-        """Width at a velocity [m], sqrt(1 - v^2 / c^2) of that at rest; NaN from c on."""
+        """Return the width at a velocity [m], contracted by sqrt(1 - v^2 / c^2); NaN from c on."""
         if velocity == 0:
             return self._at_rest
         if not abs(velocity) < self._speed_of_sound:

@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
-"""How the rotors beside a wall deviate from the uniform states: amplitude, decay and wavelength.
+"""Deviations of the rotors beside a wall from the uniform states: amplitude, decay, wavelength.
 
-Which rotors to look at is told by a wall at rest, not by the noisy angles, so that none is chosen
-for its noise.
+The rotors are selected by the shape of a wall at rest, not by the measured angles, so that noise
+does not bias the selection.
 """
 
 from __future__ import annotations
@@ -30,9 +30,10 @@ BARS = np.dtype(
         for name in ('rotor_length', 'spacing', 'rest_angle', 'lean_ratio', 'spins')
     ]
 )
-"""What a wobble depends on of a chain: lengths [m], rest angle [rad], d and whether it spins."""
+"""Parameters of a chain that the wobble depends on: lengths [m], rest angle [rad], d, spinner
+flag."""
 _NUMBERS, _BARS = records(record_dtype(WobbleSettings)), records(BARS)
-_NOT_TOLD = (math.nan, math.nan, math.nan)
+_NO_OVERSHOOT = (math.nan, math.nan, math.nan)
 """The overshoot of a spinner, or of no rotor [m]."""
 
 
@@ -47,11 +48,11 @@ def beside_wall(
     rest_angle: float,
     leans: Array,
 ) -> None:
-    """Set leans beside a wall less that of the uniform state [rad], outwards, shape (2, n).
+    """Set the leans beside a wall relative to the uniform state [rad], outwards, shape (2, n).
 
-    The first row is that of the wall at rest, whose angles are those of rotors from the first on;
-    the second is measured. The columns are rotors from a low one on, first those before the
-    middle, then those beyond, where the rotors of spinners turn over.
+    The first row is the wall at rest, given by its angles from a first rotor on; the second row is
+    measured. Columns are rotors from a low one on: first those before the middle, then those
+    beyond, where the rotors of spinners are turned over.
     """
     expected, measured = leans[0], leans[1]
     high = low + expected.size
@@ -75,9 +76,10 @@ def beside_wall(
 
 @compiled(const_f8_1d, f8, f8)
 def overshooting(expected: Array, rest_angle: float, calm: float) -> int:
-    """Number of the rotor that leans the most or, where any is calm [rad], of the first of them.
+    """Return the index of the rotor with the largest lean or of the first calm one.
 
-    Without wobble, for calm > 0, it is the last rotor where none is calm.
+    A rotor is calm if it deviates by less than calm [rad], used if calm > 0; without any calm
+    rotor the last one counts.
     """
     at, most = 0, -math.inf
     for n in range(expected.size):
@@ -94,7 +96,7 @@ def overshooting(expected: Array, rest_angle: float, calm: float) -> int:
 def tail_sums(
     measured: Array, begin: int, end: int, rest_angle: float, k: float
 ) -> tuple[float, float, float, float, float]:
-    """Sums over a tail of e^2, e (e' - F(e)), F'(e), (F'(e) e)^2 and F'(e) e times e before."""
+    """Return sums over a tail: e^2, e (e' - F(e)), F'(e), (F'(e) e)^2 and F'(e) e e_before."""
     square, product, slopes, squares, both = 0.0, 0.0, 0.0, 0.0, 0.0
     share = 0.0
     for n in range(begin, end):
@@ -114,10 +116,11 @@ def tail_sums(
 def half_wavelength(
     measured: Array, begin: int, end: int, rest_angle: float, error: float, bend: float
 ) -> tuple[float, float]:
-    """Distance of the zeros of a tail [rotor spacings] and its variance; NaN for none.
+    """Return the distance of the zeros of a tail [rotor spacings] and its variance.
 
-    The tail is drawn straight from rotor to rotor, where it changes its sign at each. Weights
-    are those of the noise and of how far a large deviation moves a zero, bend e / theta_bar.
+    Both are NaN with fewer than two zeros. The tail is interpolated linearly and changes its sign
+    at each rotor. The weights combine the noise with the shift of a zero by a large deviation,
+    bend e / theta_bar.
     """
     start = max(end - 1, begin)
     while start > begin and measured[start - 1] * measured[start] < 0:
@@ -153,9 +156,9 @@ def half_wavelength(
 def _overshoot(
     expected: Array, measured: Array, rest_angle: float, length: float, calm: float, error: float
 ) -> tuple[float, float, float]:
-    """Overshoot beyond the lean at rest that is measured, its deviation, and that at rest [m]."""
+    """Return the overshoot beyond the lean at rest, its deviation, and its value at rest [m]."""
     if not expected.size:
-        return _NOT_TOLD
+        return _NO_OVERSHOOT
     at = overshooting(expected, rest_angle, calm)
     lean = length * math.sin(rest_angle)
     return (
@@ -169,10 +172,10 @@ def _overshoot(
 def _decay_length(
     settings: Records, ratio: float, deviation: float, exact: float, spacing: float
 ) -> tuple[float, float]:
-    """Decay length -a / ln|lambda| and its deviation [m].
+    """Return the decay length -a / ln|lambda| and its deviation [m], NaN if unknown.
 
-    Whether it can be told, to a fifth, is judged by the exact ratio, so that the noise has no part
-    in the choice.
+    The exact ratio decides whether the length is determined to a fifth, so that noise has no
+    influence on the selection.
     """
     known = abs(exact)
     if not (known > settings[0]['certain'] * deviation and 0 < abs(ratio) < 1):
@@ -194,12 +197,12 @@ def wobble(
     noise: float,
     lasting: float,
 ) -> tuple[Overshoot, Lengths]:
-    """Overshoot, tails and zeros beside a wall at a place; see `WobbleReporter.wobble`.
+    """Return overshoot, tails and zeros beside a wall at a site; see `WobbleReporter.wobble`.
 
-    The wall at rest has angles of its rotors from the first on [rad]. The overshoot is, on the
-    side where it is larger at rest, that measured, its deviation, and that at rest [m], NaN of
-    spinners and of no rotor. Lengths are the ratio of the tails [1], the decay length [m] and the
-    wavelength [m], each with its deviation; NaN where they are not told.
+    The wall at rest has angles from a first rotor on [rad]. The overshoot, on the side where it is
+    larger at rest, is given with its deviation and its value at rest [m]; NaN for spinners and
+    without rotors. Lengths are the ratio of the tails [1], the decay length [m] and the wavelength
+    [m], each with its deviation, NaN if unknown.
     """
     numbers, bar, rotors = settings[0], bars[0], angles.size
     rest_angle, length, spacing = bar['rest_angle'], bar['rotor_length'], bar['spacing']
@@ -213,7 +216,7 @@ def wobble(
     leans = np.empty((2, count))
     beside_wall(angles, at_rest, first, low, middle, spins, rest_angle, leans)
     expected, measured = leans[0], leans[1]
-    overshoot = _NOT_TOLD
+    overshoot = _NO_OVERSHOOT
     square, product, variance, weight, distance = 0.0, 0.0, 0.0, 0.0, 0.0
     for side in range(2):
         there = expected[:split] if side == 0 else expected[split:]
@@ -243,22 +246,21 @@ def wobble(
 
 
 class Wobble(NamedTuple):
-    """How rotors beside a wall deviate from the uniform states; NaN where it cannot be told.
+    """Deviations of the rotors beside a wall from the uniform states; NaN if unknown.
 
-    amplitude: overshoot of |u| beyond ub [m] of one rotor, on the side of the wall where one at
-        rest overshoots more. It is the rotor that leans the most where the wall is at rest;
-        without wobble, d <= 1, the nearest that is at rest to within the noise.
+    amplitude: overshoot of |u| beyond ub [m] of one rotor, on the side where a wall at rest
+        overshoots more. The rotor is the one with the largest lean for a wall at rest; without
+        wobble, d <= 1, the nearest one at rest within the noise.
     amplitude_deviation: standard deviation of the amplitude [m].
     rest_amplitude: the same overshoot for a wall at rest [m].
-    tail_ratio: deviation of a rotor over that of its inner neighbour in the tails [1].
+    tail_ratio: deviation of a rotor over the deviation of its inner neighbour in the tails [1].
     tail_ratio_deviation: standard deviation of the ratio [1].
     decay_length: distance over which the tails fall by e [m].
     decay_length_deviation: standard deviation of the decay length [m].
-    wavelength: twice the distance of the zeros of the tails [m]; NaN where they do not change
-        sign.
+    wavelength: twice the distance between the zeros of the tails [m]; NaN without zeros.
     wavelength_deviation: standard deviation of the wavelength [m].
-    exact_decay_length: theory's decay length, the penetration depth ell [m].
-    exact_wavelength: theory's wavelength [m]: 2 a for d > 1, else infinite.
+    exact_decay_length: penetration depth ell by theory [m].
+    exact_wavelength: wavelength by theory [m]: 2 a for d > 1, else infinite.
     """
 
     amplitude: float
@@ -275,22 +277,20 @@ class Wobble(NamedTuple):
 
 
 class RestingWall(NamedTuple):
-    """A wall at rest nearest to that of a state: which rotors are about it, and their angles."""
+    """Wall at rest at the site of a measured wall."""
 
     first: int
-    """Number of the first rotor."""
+    """Index of the first rotor."""
     angles: Array
-    """Actual angles [rad], shape (n,), up to whole turns; as the orbit has them, which the state
-    may be upside down."""
+    """Angles in the orientation of the orbit [rad], shape (n,), up to whole turns."""
     site: float
-    """Place of the wall [rotor spacings]."""
+    """Site of the wall [rotor spacings]."""
 
 
 class WobbleReporter:
-    """Reports the wobble of the states of a chain; what all have in common is kept."""
+    """Reporter of the wobble of one chain."""
 
     def __init__(self, chain: Chain, settings: WobbleSettings = DEFAULTS.wobble) -> None:
-        """Work out what all states have in common."""
         self._settings = settings
         tail = exact_tail(chain)
         wavelength = 2 * math.pi / tail.wave_number if tail.wave_number else math.inf
@@ -303,14 +303,13 @@ class WobbleReporter:
     def wobble(
         self, angles: Array, wall: RestingWall, noise: float = 0.0, lasting: float = 0.0
     ) -> Wobble:
-        """Wobble of a state beside its wall, angles [rad] finite and of shape (N,).
+        """Return the wobble of a state beside its wall, angles [rad] finite and of shape (N,).
 
-        The ratio lambda is a least-squares fit to the deviations e from rest outwards on both
-        sides, e' = F(e) + (lambda - lambda_0) e with F that of relaxed bars and lambda_0 =
-        (1 - d) / (1 + d) its slope; the wavelength is that of a straight line through the zeros.
-        Of spinners, whose rotors turn over, amplitudes are NaN. Standard deviations are those of
-        the noise [rad] of the angles, and of what lasts beside it [rad], as the root mean square
-        of what the orbit leaves of a moving wall or one that waves disturb, as if it were noise.
+        The ratio lambda is a least-squares fit to the deviations e from rest on both sides, e' =
+        F(e) + (lambda - lambda_0) e, with F of relaxed bars and its slope lambda_0 = (1 - d) / (1
+        + d). The wavelength follows from a straight line through the zeros. The deviations combine
+        the noise of the angles [rad] with the persistent residuals of the orbit [rad], treated as
+        noise.
         """
         overshoot, lengths = wobble(
             self._settings.record,
