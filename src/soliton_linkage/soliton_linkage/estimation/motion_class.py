@@ -3,8 +3,8 @@
 
 A wall lies where u = r sin(phi) changes its sign. Its two sides lean right and left by the same
 angle. The rotors of a flipper pass through the top or the bottom, theta_right = -theta_left, and
-their staggered cosines have the same sign. The rotors of a spinner turn over, theta_right = theta_left
-+ pi, and have opposite signs.
+their staggered cosines have the same sign. The rotors of a spinner turn over, theta_right =
+theta_left + pi, and have opposite signs.
 
 A wobbling flipper leans over by more than its rest angle beside the wall. The deviation e from
 rest maps outwards from rotor to rotor by F(e), for bars of fixed length and d = 1
