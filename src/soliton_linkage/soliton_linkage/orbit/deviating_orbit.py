@@ -67,7 +67,7 @@ class DeviatingOrbit(Orbit):
 
     @property
     def wall_extent(self) -> float:
-        """Arc length [rad] along which the wall moves any one rotor."""
+        """Arc length [rad] of the motion of the wall past all rotors that it affects."""
         return self._uniform.wall_extent * self.site_arc / self._uniform.site_arc
 
     def site(self, arc: float) -> float:

@@ -60,7 +60,7 @@ class Orbit(ABC):
     @property
     @abstractmethod
     def wall_extent(self) -> float:
-        """Arc length [rad] along which the wall moves any one rotor."""
+        """Arc length [rad] of the motion of the wall past all rotors that it affects."""
 
     def leg_arcs(self, leg: int) -> tuple[float, float]:
         """Return the arc lengths [rad] at which a leg begins and ends."""

@@ -75,7 +75,7 @@ class UniformOrbit(Orbit):
 
     @property
     def wall_extent(self) -> float:
-        """Arc length [rad] along which the wall moves any one rotor."""
+        """Arc length [rad] of the motion of the wall past all rotors that it affects."""
         swing = self._starts[1] - (self.chain.number_of_rotors - 1) * self.site_arc
         return self._short.number_of_rotors * self.site_arc + swing
 

@@ -144,8 +144,8 @@ def _constrained_minimum(
 def _is_stable(diagonal: Array, beside: Array, along: Array) -> bool:
     """Whether a tridiagonal matrix H is positive definite across a direction b.
 
-    The matrix bordered by b must then have one negative eigenvalue. Its negative eigenvalues are
-    those of H and of the number -b . H^-1 b (Haynsworth).
+    The matrix bordered by b must then have one negative eigenvalue. By Haynsworth's
+    theorem it has as many as H and the number -b . H^-1 b together.
     """
     limit = -_BUCKLING * float(np.abs(diagonal).max())
     negative = eigvalsh_tridiagonal(diagonal, beside, select='v', select_range=(-np.inf, limit))

@@ -182,7 +182,7 @@ class _TanhFit:
         reach = _FIT_REACH * self._width + 1
         first, last = 0, chain.number_of_rotors - 1
         if chain.motion is not Motion.SPINNER:
-            # A flipper's edge rotors rest at one of two angles, of which one has |m| != 1.
+            # A flipper's edge rotors rest at one of two angles, and one of them has |m| != 1.
             first, last = first + 1, last - 1
         first = max(first, math.ceil(crossing - reach))
         last = min(last, math.floor(crossing + reach))
