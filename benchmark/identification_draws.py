@@ -10,13 +10,13 @@ from pathlib import Path
 import numpy as np
 
 from soliton_linkage.estimation.relocalisation import fit_near
-from soliton_linkage.identification.adjustment import adjusted, bound
+from soliton_linkage.identification.adjustment import adjust, cramer_rao_bound
 from soliton_linkage.identification.bundle import Bundle
 from soliton_linkage.identification.lengths import (
     Tolerances,
-    equal_rotors,
-    lengths_of,
-    unknowns_of,
+    chain_lengths,
+    initial_lengths,
+    to_unknowns,
 )
 from soliton_linkage.linkage.chain import Array, Chain
 from soliton_linkage.linkage.deviations import drawn_deviations
@@ -107,20 +107,20 @@ def made(name: str, number: int) -> Draw:
     orbit = orbit_of(chain)
     angles = passage(orbit, speed)
     offsets, readings = read(angles, random)
-    found = adjusted(readings, equal_rotors(readings))
-    true = replace(lengths_of(chain).scaled(1.0), offsets=offsets)
+    found = adjust(readings, initial_lengths(readings))
+    true = replace(chain_lengths(chain).scaled(1.0), offsets=offsets)
     tolerances = Tolerances(SPREAD, OFFSET)
-    known = bound(chain, angles, NOISE, tolerances)
+    known = cramer_rao_bound(chain, angles, NOISE, tolerances)
     bundle = Bundle(true, readings)
     bundle.angles = angles.T.copy()
     prior = tolerances.information(nominal.number_of_rotors)
-    gradient = bundle.normal_equations().vector / NOISE**2 - prior @ unknowns_of(true)
+    gradient = bundle.normal_equations().vector / NOISE**2 - prior @ to_unknowns(true)
     used = orbit_of(found.lengths.scaled(float(chain.spacings.mean())).chain(nominal))
     return Draw(
-        errors=unknowns_of(found.lengths.scaled(1.0)) - unknowns_of(true),
+        errors=to_unknowns(found.lengths.scaled(1.0)) - to_unknowns(true),
         linear=known @ gradient,
         bound=np.sqrt(np.diag(known)),
-        alone=np.sqrt(np.diag(bound(chain, angles, NOISE))),
+        alone=np.sqrt(np.diag(cramer_rao_bound(chain, angles, NOISE))),
         stated=found.deviations,
         place=place_error(orbit, used, offsets - found.lengths.offsets, random),
     )

@@ -15,10 +15,9 @@ from soliton_linkage.dynamics.elastic import ElasticSimulation, simulate
 from soliton_linkage.dynamics.initial_states import leaning
 from soliton_linkage.estimation.analyser import Analyser
 from soliton_linkage.estimation.relocalisation import fit_anywhere
-from soliton_linkage.identification.adjustment import adjusted
-from soliton_linkage.identification.identification import Identification
-from soliton_linkage.identification.identify import identify
-from soliton_linkage.identification.lengths import equal_rotors
+from soliton_linkage.identification.adjustment import adjust
+from soliton_linkage.identification.identification import Identification, identify
+from soliton_linkage.identification.lengths import initial_lengths
 from soliton_linkage.identification.readings import Readings
 from soliton_linkage.linear.rigidity import Edge, edge_mode
 from soliton_linkage.linkage.chain import Array, Chain
@@ -91,7 +90,7 @@ def _uses(name: str, count: int) -> Iterator[tuple[float, float, float, float]]:
         orbit = orbit_of(chain)
         angles = passage(orbit, speed)
         offsets, readings = read(angles, random)
-        lengths = adjusted(readings, equal_rotors(readings)).lengths
+        lengths = adjust(readings, initial_lengths(readings)).lengths
         used = lengths.scaled(float(chain.spacings.mean())).chain(nominal)
         again = angles + offsets + NOISE * random.standard_normal(angles.shape)
         yield (

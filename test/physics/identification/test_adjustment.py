@@ -9,15 +9,20 @@ import numpy as np
 import pytest
 from passages import FLIPPER, SPINNER, WOBBLER, passage, read, unequal
 
-from soliton_linkage.identification.adjustment import adjusted, bound, nearly_stopping, passable
+from soliton_linkage.identification.adjustment import (
+    adjust,
+    cramer_rao_bound,
+    near_limit_bonds,
+    passable,
+)
 from soliton_linkage.identification.bundle import Bundle, misclosures
 from soliton_linkage.identification.lengths import (
     Lengths,
     Tolerances,
-    equal_rotors,
-    lengths_of,
+    chain_lengths,
+    initial_lengths,
     split,
-    unknowns_of,
+    to_unknowns,
 )
 from soliton_linkage.linkage.chain import Array, Chain
 from soliton_linkage.solitons.passage import blocked_bonds
@@ -30,7 +35,7 @@ NEARLY_STOPPING = 6041
 def test_slopes_of_misclosures_are_their_changes() -> None:
     chain = unequal(WOBBLER, 3)
     angles = np.random.default_rng(1).uniform(-3, 3, (10, 4))
-    lengths = lengths_of(chain)
+    lengths = chain_lengths(chain)
     about = misclosures(lengths, angles)
     for unknown in range(4 * 10 - 2):
         step = np.zeros(4 * 10 - 2)
@@ -54,7 +59,7 @@ def test_the_information_is_that_of_all_bonds_of_a_frame_together() -> None:
     """The naive twin: J^T (R R^T)^-1 J with full matrices."""
     chain = unequal(FLIPPER, 5)
     angles = passage(chain, 7)
-    lengths = lengths_of(chain)
+    lengths = chain_lengths(chain)
     matrix = np.zeros((38, 38))
     for frame in angles:
         about = misclosures(lengths, frame[:, None])
@@ -69,7 +74,7 @@ def test_the_information_is_that_of_all_bonds_of_a_frame_together() -> None:
 
 def test_angles_do_not_tell_the_scale() -> None:
     chain = unequal(SPINNER, 2)
-    matrix = Bundle(lengths_of(chain), passage(chain, 50)).normal_equations().matrix
+    matrix = Bundle(chain_lengths(chain), passage(chain, 50)).normal_equations().matrix
     scale = np.ones(38)
     split(scale)[1][:] = 0
     assert np.abs(matrix @ scale).max() < 1e-9 * np.abs(matrix).max()
@@ -85,11 +90,11 @@ def test_lengths_are_as_near_as_the_bound_allows_and_deviations_true(chain: Chai
         made = unequal(chain, 10 * seed)
         angles = passage(made)
         readings, offsets = read(angles, seed)
-        found = adjusted(readings, equal_rotors(readings))
-        assert found.settled
-        true = replace(lengths_of(made).scaled(1.0), offsets=offsets)
-        errors = unknowns_of(found.lengths) - unknowns_of(true)
-        least = np.sqrt(np.diag(bound(made, angles, 0.01, Tolerances(0.05, 0.05))))
+        found = adjust(readings, initial_lengths(readings))
+        assert found.converged
+        true = replace(chain_lengths(made).scaled(1.0), offsets=offsets)
+        errors = to_unknowns(found.lengths) - to_unknowns(true)
+        least = np.sqrt(np.diag(cramer_rao_bound(made, angles, 0.01, Tolerances(0.05, 0.05))))
         over_bound.append(errors / least)
         over_stated.append(errors / found.deviations)
         noises.append(found.noise)
@@ -102,16 +107,16 @@ def test_lengths_are_as_near_as_the_bound_allows_and_deviations_true(chain: Chai
 @pytest.mark.parametrize('seed', [0, 2])
 def test_lengths_of_bonds_that_nearly_stop_walls_are_found(seed: int) -> None:
     """Frames in which a bond is in line with a rotor close on either side of that."""
-    many = lengths_of(unequal(replace(FLIPPER, number_of_rotors=40), NEARLY_STOPPING))
+    many = chain_lengths(unequal(replace(FLIPPER, number_of_rotors=40), NEARLY_STOPPING))
     few = many.rotor_lengths[:6], many.spacings[:5], many.rest_lengths[:5]
     made = Lengths(*few, np.zeros(6)).chain(FLIPPER)
     room = made.rest_lengths - made.spacings - np.abs(np.diff(made.rotor_lengths))
     assert (np.sort(room / made.spacings)[:2] < 0.005).all()
     readings, offsets = read(passage(made, 250), seed)
-    found = adjusted(readings, equal_rotors(readings))
-    errors = unknowns_of(found.lengths.scaled(1.0))
-    errors -= unknowns_of(replace(lengths_of(made).scaled(1.0), offsets=offsets))
-    assert found.settled
+    found = adjust(readings, initial_lengths(readings))
+    errors = to_unknowns(found.lengths.scaled(1.0))
+    errors -= to_unknowns(replace(chain_lengths(made).scaled(1.0), offsets=offsets))
+    assert found.converged
     assert found.noise == pytest.approx(0.01, rel=0.05)
     assert np.abs(errors / found.deviations).max() < 4
 
@@ -126,7 +131,7 @@ def blocked(lengths: Lengths) -> Array:
 
 @pytest.mark.parametrize('chain', [FLIPPER, SPINNER], ids=['flipper', 'spinner'])
 def test_a_bond_that_chance_shortened_lets_walls_pass_again(chain: Chain) -> None:
-    true = lengths_of(unequal(chain, 2))
+    true = chain_lengths(unequal(chain, 2))
     assert passable(true, COVARIANCE) is true
     limit = true.spacings[4] + abs(true.rotor_lengths[4] - true.rotor_lengths[5])
     rest = true.rest_lengths.copy()
@@ -140,7 +145,7 @@ def test_a_bond_that_chance_shortened_lets_walls_pass_again(chain: Chain) -> Non
 
 
 def test_a_bond_that_is_surely_too_short_stays_so() -> None:
-    true = lengths_of(unequal(FLIPPER, 2))
+    true = chain_lengths(unequal(FLIPPER, 2))
     rest = true.rest_lengths.copy()
     rest[4] = 0.8 * true.spacings[4]
     wrong = replace(true, rest_lengths=rest)
@@ -153,7 +158,7 @@ def test_a_bond_that_is_surely_too_short_stays_so() -> None:
 def test_bonds_are_as_likely_to_stop_walls_as_lengths_that_are_drawn(
     chain: Chain, spread: float
 ) -> None:
-    lengths = lengths_of(unequal(chain, 2))
+    lengths = chain_lengths(unequal(chain, 2))
     random = np.random.default_rng(1)
 
     def drawn(values: Array) -> Array:
@@ -163,14 +168,14 @@ def test_bonds_are_as_likely_to_stop_walls_as_lengths_that_are_drawn(
     spins = r[:, :-1] + r[:, 1:] > a + rest
     stopped = (rest < a + np.abs(np.diff(r))) | (spins != (chain is SPINNER))
     shares = stopped.mean(axis=0)
-    told = nearly_stopping(lengths, spread**2 * np.eye(len(COVARIANCE)))
+    told = near_limit_bonds(lengths, spread**2 * np.eye(len(COVARIANCE)))
     assert 0 < len(told) < len(shares)
     for bond, share in enumerate(shares.tolist()):
         assert told.get(bond, 0.0) == pytest.approx(share, abs=0.02)
 
 
 def test_a_bond_that_surely_stops_walls_is_not_among_those_that_may() -> None:
-    lengths = lengths_of(unequal(FLIPPER, 2))
+    lengths = chain_lengths(unequal(FLIPPER, 2))
     rest = lengths.rest_lengths.copy()
     rest[4] = 0.8 * lengths.spacings[4]
-    assert 4 not in nearly_stopping(replace(lengths, rest_lengths=rest), COVARIANCE)
+    assert 4 not in near_limit_bonds(replace(lengths, rest_lengths=rest), COVARIANCE)

@@ -11,11 +11,11 @@ import pytest
 from passages import FLIPPER, passage, read, unequal
 
 from soliton_linkage.dynamics.rigid import RigidSimulation
-from soliton_linkage.identification.adjustment import measurable
+from soliton_linkage.identification.adjustment import observable_basis
 from soliton_linkage.identification.bar_motion import bar_motion
-from soliton_linkage.identification.identify import identify
-from soliton_linkage.identification.lengths import lengths_of
-from soliton_linkage.identification.readings import Readings, joined
+from soliton_linkage.identification.identification import identify
+from soliton_linkage.identification.lengths import chain_lengths
+from soliton_linkage.identification.readings import Readings, join_recordings
 from soliton_linkage.linkage.chain import Array, Chain
 from soliton_linkage.linkage.deviations import drawn_deviations
 from soliton_linkage.linkage.gravity import NO_GRAVITY, Gravity
@@ -27,7 +27,7 @@ CHAIN = replace(
     _MADE, deviations=_MADE.deviations.joined(drawn_deviations(10, 5, mass=0.1)), damping=5e-6
 )
 SPACING = float(CHAIN.spacings.mean())
-LENGTHS = lengths_of(CHAIN).scaled(1.0)
+LENGTHS = chain_lengths(CHAIN).scaled(1.0)
 EXACT = np.zeros((38, 38))
 NOISE = 0.005
 
@@ -48,7 +48,7 @@ def recorded(gravity: Gravity, place: float, speed: float, frames: int = 400) ->
 
 def noisy(exact: Readings) -> Readings:
     """The same as encoders read it."""
-    return replace(exact, angles=read(exact.angles, 1, NOISE, 0.0)[0], joined_of=())
+    return replace(exact, angles=read(exact.angles, 1, NOISE, 0.0)[0], parts=())
 
 
 def test_masses_and_damping_follow_from_the_speed_of_a_wall() -> None:
@@ -66,9 +66,11 @@ def test_masses_and_damping_follow_from_the_speed_of_a_wall() -> None:
 
 def test_gravity_at_two_tilts_tells_the_scale_of_all_lengths() -> None:
     """As well as it says, where lengths and offsets are known to a hundredth."""
-    both = noisy(joined([recorded(Gravity(0.5, tilt), 0.6, 14.0, 250) for tilt in (0.3, -0.3)]))
+    both = noisy(
+        join_recordings([recorded(Gravity(0.5, tilt), 0.6, 14.0, 250) for tilt in (0.3, -0.3)])
+    )
     falling = replace(both, gravity=Gravity(0.5 / (1.5 * SPACING), 0.3))
-    keeping = measurable(LENGTHS)
+    keeping = observable_basis(LENGTHS)
     unsure = 0.01 * keeping @ keeping.T
     known = LENGTHS.changed(unsure @ np.random.default_rng(3).standard_normal(len(unsure)))
     found = bar_motion(falling, known, unsure @ unsure.T, NOISE, gravity_known=False)
@@ -91,4 +93,4 @@ def test_recordings_of_other_joints_are_not_joined() -> None:
     one = Readings(np.arange(3.0), np.zeros((3, 2)), names=('a', 'b'))
     other = Readings(np.arange(3.0), np.zeros((3, 2)), names=('a', 'c'))
     with pytest.raises(ValueError, match="'a' to 'c', is not of the chain of 2 joints"):
-        joined([one, other])
+        join_recordings([one, other])

@@ -15,11 +15,11 @@ from soliton_linkage.dynamics.elastic import simulate
 from soliton_linkage.dynamics.initial_states import leaning
 from soliton_linkage.identification.free_motion import (
     FreeMotion,
-    frames,
-    frames_with_changes,
+    angles_at,
+    angles_with_sensitivities,
 )
-from soliton_linkage.identification.identify import identify
-from soliton_linkage.identification.lengths import lengths_of
+from soliton_linkage.identification.identification import identify
+from soliton_linkage.identification.lengths import chain_lengths
 from soliton_linkage.identification.readings import Readings
 from soliton_linkage.linear.rigidity import Edge, edge_mode
 from soliton_linkage.linkage.chain import Array, Chain
@@ -42,7 +42,7 @@ def kicked(rotors: int, speed: float, duration: float) -> tuple[Chain, Array, Ar
     record = simulate(chain, start, rates, duration, PERIOD)
     masses = chain.masses.mean()
     motion = FreeMotion(
-        lengths_of(chain), chain.stiffnesses / masses, chain.masses / masses, 0.0, start, rates
+        chain_lengths(chain), chain.stiffnesses / masses, chain.masses / masses, 0.0, start, rates
     )
     return chain, record.times, record.angles, motion
 
@@ -64,14 +64,14 @@ def pulled(chain: Chain, motion: FreeMotion, times: Array) -> Array:
 
 def test_motion_is_that_of_the_simulation() -> None:
     _, times, angles, motion = kicked(6, 10.0, 0.5)
-    assert np.abs(frames(motion, times) - angles).max() < 1e-4
+    assert np.abs(angles_at(motion, times) - angles).max() < 1e-4
 
 
 def test_gravity_and_drag_act_as_their_equation_says() -> None:
     chain, times, _, motion = kicked(5, 10.0, 0.3)
     drag = {'damping': DAMPING, 'friction': FRICTION}
     falling = replace(motion, gravity=GRAVITY.acceleration, tilt=GRAVITY.tilt, **drag)
-    assert np.abs(frames(falling, times) - pulled(chain, motion, times)).max() < 1e-4
+    assert np.abs(angles_at(falling, times) - pulled(chain, motion, times)).max() < 1e-4
 
 
 def test_motion_is_the_same_in_units_of_its_means() -> None:
@@ -79,20 +79,20 @@ def test_motion_is_the_same_in_units_of_its_means() -> None:
     drag = {'damping': 1.3 * DAMPING, 'friction': 1.3 * FRICTION}
     others = {'gravity': GRAVITY.acceleration, 'tilt': GRAVITY.tilt, 'masses': 1.3 * motion.masses}
     motion = replace(motion, **drag, **others)
-    same = motion.in_means()
+    same = motion.normalised()
     assert same.masses.mean() == pytest.approx(1)
     assert same.lengths.spacings.mean() == pytest.approx(1)
-    np.testing.assert_allclose(frames(same, times), frames(motion, times), atol=1e-10)
+    np.testing.assert_allclose(angles_at(same, times), angles_at(motion, times), atol=1e-10)
 
 
 def test_changes_are_those_of_the_motion() -> None:
     _, times, _, motion = kicked(5, 10.0, 0.12)
     motion = replace(motion, damping=1e-3, friction=5e-3, gravity=5.0, tilt=0.3)
-    changes = list(frames_with_changes(motion, times))[-1][1]
+    changes = list(angles_with_sensitivities(motion, times))[-1][1]
     for unknown in range(motion.size):
         step = np.zeros(motion.size)
         step[unknown] = 1e-5
-        ends = [frames(motion.changed(sign * step), times)[-1] for sign in (1, -1)]
+        ends = [angles_at(motion.changed(sign * step), times)[-1] for sign in (1, -1)]
         numeric = (ends[0] - ends[1]) / 2e-5
         # A step may fall into one more of the integration, which is good to 1e-7 here.
         np.testing.assert_allclose(numeric, changes[:, unknown], atol=0.02)

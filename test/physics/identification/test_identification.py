@@ -10,9 +10,9 @@ import numpy as np
 import pytest
 from passages import FLIPPER, NAMES, SPINNER, passage, read, unequal
 
-from soliton_linkage.identification.adjustment import adjusted
-from soliton_linkage.identification.identify import identify
-from soliton_linkage.identification.lengths import equal_rotors, split
+from soliton_linkage.identification.adjustment import adjust
+from soliton_linkage.identification.identification import identify
+from soliton_linkage.identification.lengths import initial_lengths, split
 from soliton_linkage.identification.readings import Readings
 from soliton_linkage.linkage.chain import Array, Chain
 
@@ -49,11 +49,11 @@ def resting() -> Array:
 BAD = {
     'backwards': (changed(4, np.negative), 'rotor_4 is mounted backwards'),
     'mirrored': (changed(5, lambda angles: math.pi - angles), 'rotor_5 is mounted backwards'),
-    'half a turn off': (changed(4, lambda angles: angles + math.pi), 'zero of rotor_4 is off by'),
-    'zero off': (changed(6, lambda angles: angles + 0.8), 'the zero of rotor_6 is off by about'),
+    'half a turn off': (changed(4, lambda angles: angles + math.pi), 'zero of rotor_4 has an error'),
+    'zero off': (changed(6, lambda angles: angles + 0.8), 'the zero of rotor_6 has an error of about'),
     'zero far off': (changed(6, lambda angles: angles + 1.3), 'rotor_6 does not lean over'),
     'neighbours swapped': (ordered(0, 1, 2, 4, 3, 5, 6, 7, 8, 9), 'not in the order'),
-    'next but one swapped': (ordered(0, 1, 2, 5, 4, 3, 6, 7, 8, 9), 'to rotor_3 .* to rotor_5'),
+    'next but one swapped': (ordered(0, 1, 2, 5, 4, 3, 6, 7, 8, 9), 'reaches rotor_3 .* rotor_5'),
     'seen from behind': (READINGS[:, ::-1], 'seen from behind'),
     'half missing': (half_missing(), '5 of 10 rotors are missing .* rotor_0, rotor_2'),
     'slipping': (slipping(), 'the encoder of rotor_3 slips by about 0.29 rad at 1.6 s'),
@@ -93,7 +93,7 @@ def test_readings_count_by_their_deviations() -> None:
     deviations = np.where(random.random(angles.shape) < 0.1, 0.1, 0.01)
     readings = angles + deviations * random.standard_normal(angles.shape)
     found = identify(Readings(TIMES, readings, deviations), Chain())
-    unweighed = split(adjusted(readings, equal_rotors(readings)).deviations)
+    unweighed = split(adjust(readings, initial_lengths(readings)).deviations)
     assert found.noise == pytest.approx(0.01, rel=0.05)
     for name in ('rotor_length', 'spacing', 'rest_length'):
         shown, true = (getattr(each, f'{name}s') for each in (found.chain, made))

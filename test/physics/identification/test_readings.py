@@ -9,10 +9,14 @@ import numpy as np
 import pytest
 from passages import FLIPPER, passage, read, unequal
 
-from soliton_linkage.identification.adjustment import adjusted
+from soliton_linkage.identification.adjustment import adjust
 from soliton_linkage.identification.bundle import Bundle
-from soliton_linkage.identification.lengths import equal_rotors, lengths_of, unknowns_of
-from soliton_linkage.identification.readings import informative_frames, repeats, rounding_noise
+from soliton_linkage.identification.lengths import chain_lengths, initial_lengths, to_unknowns
+from soliton_linkage.identification.readings import (
+    informative_frames,
+    repeat_counts,
+    rounding_noise,
+)
 
 STEP = 2 * np.pi / 4096
 
@@ -20,16 +24,16 @@ STEP = 2 * np.pi / 4096
 def test_readings_repeat_as_long_as_they_are_the_same() -> None:
     rests = np.array([[1.0, 1.0, np.nan, 1.0, 2.0, 1.0, 1.0], np.arange(7.0)]).T
     expected = np.array([[3.0, 3.0, 1.0, 3.0, 1.0, 2.0, 2.0], np.ones(7)]).T
-    np.testing.assert_array_equal(repeats(rests), expected)
+    np.testing.assert_array_equal(repeat_counts(rests), expected)
     assert rounding_noise(rests) == 1 / np.sqrt(12)
     assert rounding_noise(np.ones((3, 2))) == 0
 
 
 def test_frames_that_repeat_tell_as_much_as_one() -> None:
     chain = unequal(FLIPPER, 5)
-    lengths, angles = lengths_of(chain), passage(chain, 20)
+    lengths, angles = chain_lengths(chain), passage(chain, 20)
     repeated = np.repeat(angles, 7, axis=0)
-    once, often = (Bundle(lengths, each, None, repeats(each)) for each in (angles, repeated))
+    once, often = (Bundle(lengths, each, None, repeat_counts(each)) for each in (angles, repeated))
     matrix = once.normal_equations().matrix
     np.testing.assert_allclose(often.normal_equations().matrix, matrix, atol=1e-9)
     assert often.conditions == pytest.approx(once.conditions)
@@ -44,9 +48,9 @@ def test_what_is_stated_of_rounded_readings_is_true_however_long_rotors_rest() -
         angles = np.concatenate([np.repeat(moving[:1], 600, axis=0), moving])
         readings, offsets = read(angles, seed, noise=0.0)
         rounded = STEP * np.rint(readings / STEP)
-        found = adjusted(rounded, equal_rotors(rounded))
-        true = replace(lengths_of(chain).scaled(1.0), offsets=offsets)
-        errors = unknowns_of(found.lengths.scaled(1.0)) - unknowns_of(true)
+        found = adjust(rounded, initial_lengths(rounded))
+        true = replace(chain_lengths(chain).scaled(1.0), offsets=offsets)
+        errors = to_unknowns(found.lengths.scaled(1.0)) - to_unknowns(true)
         over.append(errors / found.deviations)
     assert np.sqrt(np.mean(np.square(over))) == pytest.approx(1.0, abs=0.2)
 

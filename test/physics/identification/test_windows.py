@@ -7,31 +7,36 @@ import numpy as np
 import pytest
 from passages import FLIPPER, WOBBLER, unequal
 
-from soliton_linkage.identification.free_motion import FreeMotion, parts_of
-from soliton_linkage.identification.lengths import Tolerances, lengths_of
+from soliton_linkage.identification.free_motion import FreeMotion, unknown_slices
+from soliton_linkage.identification.lengths import Tolerances, chain_lengths
 from soliton_linkage.identification.motion_fit import inflated_covariance
-from soliton_linkage.identification.windows import MotionPrior, first_windows, free_spans, joined
+from soliton_linkage.identification.windows import (
+    MotionPrior,
+    free_intervals,
+    initial_windows,
+    merge_windows,
+)
 
 TIMES = np.arange(1000) / 250
 NOTHING = np.zeros(10)
-MOTION = FreeMotion(lengths_of(FLIPPER), np.ones(9), np.ones(10), 0.0, NOTHING, NOTHING)
+MOTION = FreeMotion(chain_lengths(FLIPPER), np.ones(9), np.ones(10), 0.0, NOTHING, NOTHING)
 
 
 def test_springs_move_freely_between_pushes_once_these_have_arrived() -> None:
-    first, second = free_spans(TIMES, [2.0, 1.8, 1.9])
+    first, second = free_intervals(TIMES, [2.0, 1.8, 1.9])
     assert first.stop == 450
     assert TIMES[second.start] > 2.0
     assert second.stop == 1000
-    assert free_spans(TIMES, []) == [slice(0, 1000)]
+    assert free_intervals(TIMES, []) == [slice(0, 1000)]
 
 
 def test_windows_grow_until_pushes_part_them() -> None:
     slopes = np.arange(10.0)
-    windows = first_windows(TIMES, TIMES[:, None] * slopes, MOTION, [2.0])
+    windows = initial_windows(TIMES, TIMES[:, None] * slopes, MOTION, [2.0])
     np.testing.assert_allclose(windows[7].motion.rates, slopes, atol=1e-9)
     np.testing.assert_allclose(windows[7].motion.angles, TIMES[175] * slopes, atol=1e-9)
     covered = [frame for window in windows for frame in range(1000)[window.frames]]
-    while (longer := joined(windows, lambda *_: True)) != tuple(windows):
+    while (longer := merge_windows(windows, lambda *_: True)) != tuple(windows):
         windows = list(longer)
     assert [frame for window in windows for frame in range(1000)[window.frames]] == covered
     assert len(windows) == 2
@@ -39,20 +44,20 @@ def test_windows_grow_until_pushes_part_them() -> None:
 
 def test_windows_are_of_frames_that_follow_each_other_where_rest_was_left_out() -> None:
     some = np.concatenate([np.arange(0, 40_000, 20), np.arange(40_000, 40_400)])
-    windows = first_windows(some / 250, np.zeros((len(some), 10)), MOTION, [])
+    windows = initial_windows(some / 250, np.zeros((len(some), 10)), MOTION, [])
     assert windows[0].frames.start >= 2000
     assert windows[-1].frames.stop == len(some)
     assert len(windows) > 10
     pushed = np.concatenate([some, np.arange(40_400, 40_800)])
     push = 40_100 / 250
-    parts = first_windows(pushed / 250, np.zeros((len(pushed), 10)), MOTION, [push])
+    parts = initial_windows(pushed / 250, np.zeros((len(pushed), 10)), MOTION, [push])
     assert parts[0].frames.start == 2000
     lost = np.delete(TIMES, slice(500, 503))
-    windows = first_windows(lost, np.zeros((len(lost), 10)), MOTION, [])
+    windows = initial_windows(lost, np.zeros((len(lost), 10)), MOTION, [])
     assert sum(window.frames.stop - window.frames.start for window in windows) == len(lost)
 
 
-AT = parts_of(10)
+AT = unknown_slices(10)
 SIZE = AT.forces.stop
 
 
@@ -72,12 +77,12 @@ def test_what_samples_spread_further_is_stated_larger_by_that() -> None:
 
 def test_means_that_are_drawn_have_the_information_of_the_prior() -> None:
     chain, alike = unequal(WOBBLER, 1), np.ones(10)
-    lengths = lengths_of(chain).scaled(1.0)
+    lengths = chain_lengths(chain).scaled(1.0)
     motion = FreeMotion(lengths, 2500 * alike[1:], alike, 0.0, 0 * alike, 0 * alike)
     prior, random = MotionPrior(0.0, Tolerances(0.05, 0.05)), np.random.default_rng(2)
-    information, _ = prior.about(motion)
-    shifts = np.array([prior.drawn(motion, random).shift for _ in range(300)])
-    np.testing.assert_allclose(prior.drawn(motion, random).about(motion)[0], information)
+    information, _ = prior.evaluate(motion)
+    shifts = np.array([prior.sampled(motion, random).shift for _ in range(300)])
+    np.testing.assert_allclose(prior.sampled(motion, random).evaluate(motion)[0], information)
     squares = np.einsum('si,ij,sj->s', shifts, information, shifts)
     known = np.linalg.matrix_rank(information, tol=1e-6)
     assert known == SIZE - 4

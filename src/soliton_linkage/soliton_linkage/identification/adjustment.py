@@ -1,10 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Lengths of every bond that close the bonds of all frames, without forces.
+"""Estimation of the lengths of all bonds, such that the bonds of all frames close.
 
-Estimates of bonds near the limits of `solitons.passage` may lie beyond them, although no bond
-stopped the wall of the recording. `passable` moves such lengths back as conditions in a least
-squares adjustment do: for conditions that are short of zero by s, with the slopes G and lengths of
-the covariance C,
+An estimate of a bond near a limit of `solitons.passage` may lie beyond it, although no bond
+stopped the wall of the recording. `passable` corrects such lengths by conditions of least squares:
+with the violations s, their slopes G, and the covariance C of the lengths,
 
     dp = C G^T (G C G^T)^-1 s.
 """
@@ -17,53 +16,49 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.special import ndtr
 
-from soliton_linkage.identification.bundle import Bundle
-from soliton_linkage.identification.least_squares import covariance_in
+from soliton_linkage.identification.bundle import Bundle, covariance_in
 from soliton_linkage.identification.lengths import (
-    OF_A_ROTOR,
+    UNKNOWNS_PER_ROTOR,
     Lengths,
     Tolerances,
-    lengths_of,
+    chain_lengths,
     split,
-    unknowns_of,
+    to_unknowns,
 )
-from soliton_linkage.identification.readings import repeats
+from soliton_linkage.identification.readings import repeat_counts
 from soliton_linkage.linkage.chain import Array, Chain
 
 _MOST_STEPS = 30
-"""Gauss-Newton steps [1]: 6 to 15 are usual."""
-_BEGINNINGS = 3
-"""Times that steps are gone from where they led to [1]: 2 but for chains with several bonds that
-nearly stop walls."""
+"""Largest number of Gauss-Newton steps [1]: 6 to 15 are usual."""
+_RESTARTS = 3
+"""Largest number of runs [1]: 2 suffice except for chains with several bonds near a limit."""
 _HALVINGS = 8
-"""Parts of a step that are tried [1], the last a hundredth."""
-_UPHILL = 1.0
-"""By how much twice a logarithm of the likelihood may be less after a step [1], as it is by
-chance: slopes are those to first order."""
-_SETTLED = 0.05
-"""Length of a step over the uncertainty of all unknowns together that ends them [1]."""
-_LEARNT = 0.05
-"""Relative change of the tolerances that ends them [1]: those of no offsets creep towards 0."""
+"""Number of fractions 1, 1/2, 1/4, ... of a step that are tried [1]."""
+_NOISE_OF_COST = 1.0
+"""Increase of -2 log likelihood that is accepted [1], because slopes are of first order."""
+_CONVERGED = 0.05
+"""Length of the last step over the standard deviation of all unknowns together [1]."""
+_TOLERANCE_CHANGE = 0.05
+"""Relative change of the tolerances below which they have converged [1]."""
 
 
 @dataclass(frozen=True)
 class Adjustment:
-    """Lengths and offsets that the angles show, in lengths of the mean spacing, and how well."""
+    """Estimated lengths, in units of the mean spacing, and offsets, with their covariance."""
 
     lengths: Lengths
     covariance: Array
-    """Of the unknowns, in their order, shape (P, P); the mean spacing is without error."""
+    """Covariance of the unknowns, in their order, (P, P); the mean spacing has no error."""
     information: Array
-    """What the angles alone say of the unknowns, shape (P, P)."""
+    """Information of the angles without the prior, shape (P, P)."""
     tolerances: Tolerances
     noise: float
-    """Standard deviation of a reading [rad], by what the bonds leave open."""
+    """Standard deviation of a reading by the misclosures [rad]."""
     bond_noise: Array
-    """The same by each bond alone, shape (N - 1,)."""
-    left: Array
-    """What is left of the readings [rad], shape (T, N)."""
-    settled: bool
-    """Whether more steps would change nothing."""
+    """Standard deviation of a reading by the misclosures of each bond [rad], shape (N - 1,)."""
+    residuals: Array
+    """Readings less offsets and angles [rad], shape (T, N)."""
+    converged: bool
 
     @property
     def deviations(self) -> Array:
@@ -71,55 +66,57 @@ class Adjustment:
         return np.asarray(np.sqrt(np.diag(self.covariance)))
 
 
-def adjusted(
+def adjust(
     readings: Array,
     start: Lengths,
     tolerance: float | None = None,
-    spreads: Array | None = None,
+    relative_deviations: Array | None = None,
 ) -> Adjustment:
-    """Lengths by the readings of frames [rad], NaN where missing, shape (T, N).
+    """Estimate lengths and offsets from readings of frames [rad], NaN if missing, shape (T, N).
 
-    A tolerance of lengths [1] is learnt from the readings unless it is given. Spreads are
-    standard deviations of single readings over that of most [1], (T, N).
+    The tolerance of lengths [1] is estimated unless it is given. Relative deviations, (T, N), are
+    standard deviations of readings in units of the usual one [1].
 
-    Where a bond comes in line with a rotor, frames may have been closed on the far side of that
-    while lengths were far off: at the end all are closed anew, from the readings. What does not
-    settle begins anew from where it came to.
+    If a bond is in line with a rotor, the angles of a frame may have closed on the wrong side of
+    it while the lengths were wrong. After convergence all frames are therefore closed again,
+    starting from the readings. If that changes the result, the steps start again from it.
     """
-    for _ in range(_BEGINNINGS):
-        found = _adjusted(readings, start, tolerance, spreads)
-        if found.settled:
+    for _ in range(_RESTARTS):
+        found = _adjust_once(readings, start, tolerance, relative_deviations)
+        if found.converged:
             break
         start = found.lengths
     return found
 
 
-def _adjusted(
-    readings: Array, start: Lengths, tolerance: float | None, spreads: Array | None
+def _adjust_once(
+    readings: Array, start: Lengths, tolerance: float | None, relative_deviations: Array | None
 ) -> Adjustment:
-    """The same in one go, which need not settle."""
-    given = readings, spreads, repeats(readings)
+    given = readings, relative_deviations, repeat_counts(readings)
     bundle = Bundle(start, *given).closed(start)
-    tolerances = Tolerances(tolerance or Tolerances.of_lengths)
-    basis = measurable(start)
-    settled = False
+    tolerances = Tolerances(tolerance or Tolerances.lengths)
+    basis = observable_basis(start)
+    converged = False
     for _ in range(_MOST_STEPS):
         noise, covariance = _covariance(bundle, basis, tolerances)
         prior = tolerances.information(start.rotors)
-        gradient = bundle.normal.vector / noise**2 - prior @ unknowns_of(bundle.lengths)
+        gradient = bundle.normal.vector / noise**2 - prior @ to_unknowns(bundle.lengths)
         change = covariance @ gradient
-        bundle, helped = _stepped(bundle, change, prior, noise)
-        if not helped:
+        bundle, improved = _stepped(bundle, change, prior, noise)
+        if not improved:
             break
         before = tolerances
-        tolerances = tolerances.relearnt(bundle.lengths, covariance, tolerance)
-        if float(change @ gradient) < _SETTLED**2 and tolerances.close_to(before, _LEARNT):
+        tolerances = Tolerances.estimated(bundle.lengths, covariance, tolerance)
+        if float(change @ gradient) < _CONVERGED**2 and tolerances.is_close(
+            before, _TOLERANCE_CHANGE
+        ):
             lengths = passable(bundle.lengths, covariance)
-            anew = Bundle(lengths, *given).closed(lengths)
-            settled = _cost(anew, prior, noise) >= _cost(bundle, prior, noise) - _UPHILL
-            if settled:
+            again = Bundle(lengths, *given).closed(lengths)
+            difference = _cost(again, prior, noise) - _cost(bundle, prior, noise)
+            converged = difference >= -_NOISE_OF_COST
+            if converged:
                 break
-            bundle = anew
+            bundle = again
     noise, covariance = _covariance(bundle, basis, tolerances)
     information = bundle.normal.matrix / noise**2
     freedom = bundle.conditions - float(np.sum(covariance * information))
@@ -131,55 +128,55 @@ def _adjusted(
         tolerances,
         noise,
         np.sqrt(squares * len(squares) / freedom),
-        bundle.left(),
-        settled,
+        bundle.residuals(),
+        converged,
     )
 
 
 def _stepped(bundle: Bundle, change: Array, prior: Array, noise: float) -> tuple[Bundle, bool]:
-    """Return the bundle after a step, shortened where all of it leads uphill, and if that helps.
+    """Return the bundle after a step, halved until the cost falls, and whether it improved.
 
-    Damped steps in its place stop far from the least where bonds are in line with rotors.
+    Levenberg-Marquardt steps end far from the minimum if bonds are in line with rotors.
     """
     before = _cost(bundle, prior, noise)
     for halvings in range(_HALVINGS):
         changed = bundle.closed(bundle.lengths.changed(change / 2**halvings))
         after = _cost(changed, prior, noise)
-        if after < before + _UPHILL:
+        if after < before + _NOISE_OF_COST:
             break
     return changed, halvings == 0 or after < before
 
 
 def _cost(bundle: Bundle, prior: Array, noise: float) -> float:
-    """Return twice the negative logarithm of the likelihood."""
-    unknowns = unknowns_of(bundle.lengths)
+    """Return -2 log likelihood [1]."""
+    unknowns = to_unknowns(bundle.lengths)
     return float(bundle.normal.squares.sum() / noise**2 + unknowns @ prior @ unknowns)
 
 
-def measurable(lengths: Lengths) -> Array:
-    """Orthonormal changes of the unknowns that keep the mean spacing, shape (P, P - 1).
+def observable_basis(lengths: Lengths) -> Array:
+    """Return orthonormal changes of the unknowns that keep the mean spacing, shape (P, P - 1).
 
-    Angles say nothing of the scale of all lengths together.
+    Angles do not depend on the scale of all lengths.
     """
-    size = OF_A_ROTOR * lengths.rotors - 2
+    size = UNKNOWNS_PER_ROTOR * lengths.rotors - 2
     scale = np.zeros((size, 1))
     split(scale[:, 0])[2][:] = lengths.spacings
     return np.asarray(np.linalg.qr(scale, mode='complete')[0][:, 1:])
 
 
-def bound(
+def cramer_rao_bound(
     chain: Chain, angles: Array, noise: float, tolerances: Tolerances | None = None
 ) -> Array:
-    """Cramer-Rao bound of the covariance of the unknowns, shape (P, P).
+    """Return the Cramer-Rao bound of the covariance of the unknowns, shape (P, P).
 
-    For true angles of frames [rad], shape (T, N), that are read with a noise [rad], and, where
-    tolerances are known, the mean over all chains that are made with them.
+    It holds for true angles of frames [rad], shape (T, N), and a noise of readings [rad]. With
+    tolerances it is the mean over all chains that are made to them.
     """
-    bundle = Bundle(lengths_of(chain), angles)
+    bundle = Bundle(chain_lengths(chain), angles)
     information = bundle.normal_equations().matrix / noise**2
     if tolerances is not None:
         information += tolerances.information(chain.number_of_rotors)
-    return covariance_in(measurable(bundle.lengths), information)
+    return covariance_in(observable_basis(bundle.lengths), information)
 
 
 def _covariance(bundle: Bundle, basis: Array, tolerances: Tolerances) -> tuple[float, Array]:
@@ -191,48 +188,53 @@ def _covariance(bundle: Bundle, basis: Array, tolerances: Tolerances) -> tuple[f
 
 
 _CHANCE = 3.0
-"""Standard deviations from a limit up to which chance may have led across it [1]."""
+"""Distance beyond a limit that noise can explain, in standard deviations [1]."""
 _MARGIN = 1e-3
-"""Of a bond from its limit, over its spacing [1]: orbits are followed to a hundredth of it."""
+"""Distance to its limit of a corrected bond, relative to its spacing [1]."""
 _ROUNDS = 5
-"""Times that lengths are moved [1]: a bond's neighbours may come beyond their limit then."""
+"""Largest number of corrections [1]: a correction may move a neighbouring bond beyond its
+limit."""
 
 
 def passable(lengths: Lengths, covariance: Array) -> Lengths:
-    """Nearest lengths at which no bond stops a wall, given what is known of them (P, P)."""
+    """Return the nearest lengths with which no bond stops a wall, given the covariance (P, P).
+
+    Bonds that are further beyond their limit than noise can explain are not corrected.
+    """
     for _ in range(_ROUNDS):
         room, slopes = _room(lengths)
         margins = _MARGIN * np.tile(lengths.spacings, 2)
-        short = margins - room
+        violations = margins - room
         deviations = _deviations(slopes, covariance)
-        mended = (short > 0) & (-room < _CHANCE * deviations + margins)
-        if not mended.any():
+        corrected = (violations > 0) & (-room < _CHANCE * deviations + margins)
+        if not corrected.any():
             break
-        known = covariance @ slopes[mended].T
-        change = known @ np.linalg.lstsq(slopes[mended] @ known, short[mended], rcond=None)[0]
+        products = covariance @ slopes[corrected].T
+        conditions = slopes[corrected] @ products
+        change = products @ np.linalg.lstsq(conditions, violations[corrected], rcond=None)[0]
         lengths = lengths.changed(change)
     return lengths
 
 
-def nearly_stopping(lengths: Lengths, covariance: Array) -> dict[int, float]:
-    """Bonds that are within both limits, but by no more than chance, and how likely they are not.
+def near_limit_bonds(lengths: Lengths, covariance: Array) -> dict[int, float]:
+    """Return the bonds within their limits by less than the noise explains.
 
-    The probability [1] that a bond whose lengths are normal about these, with the covariance
-    (P, P), to first order, is beyond the limit that it is nearer to, by its number.
+    The values are probabilities [1], to first order and for a covariance (P, P), that the bond is
+    beyond the nearer one of its limits; the keys are its numbers.
     """
     room, slopes = _room(lengths)
-    over = (room / _deviations(slopes, covariance)).reshape(2, -1).min(axis=0)
-    near = np.flatnonzero((over > 0) & (over < _CHANCE))
-    return dict(zip(near.tolist(), ndtr(-over[near]).tolist(), strict=True))
+    distances = (room / _deviations(slopes, covariance)).reshape(2, -1).min(axis=0)
+    near = np.flatnonzero((distances > 0) & (distances < _CHANCE))
+    return dict(zip(near.tolist(), ndtr(-distances[near]).tolist(), strict=True))
 
 
 def _deviations(slopes: Array, covariance: Array) -> Array:
-    """Standard deviations of what has slopes with the unknowns, shape (.,)."""
+    """Return the standard deviations of quantities with slopes by the unknowns, shape (.,)."""
     return np.asarray(np.sqrt(np.einsum('cp,pq,cq->c', slopes, covariance, slopes)))
 
 
 def _room(lengths: Lengths) -> tuple[Array, Array]:
-    """How far bonds are within both limits, and the slopes of that with the unknowns, (., P).
+    """Return the distances of bonds to both limits [m], and their slopes by the unknowns, (., P).
 
     l - a - |r_n - r_(n+1)|, then a + l - r_n - r_(n+1) of flippers, its negative of spinners.
     """
@@ -243,12 +245,12 @@ def _room(lengths: Lengths) -> tuple[Array, Array]:
     side = 1.0 if np.median(class_room) > 0 else -1.0
     room = np.concatenate([rest - a - longer * (left - right), side * class_room])
     bonds = len(a)
-    slopes = np.zeros((2, bonds, OF_A_ROTOR * bonds + 2))
+    slopes = np.zeros((2, bonds, UNKNOWNS_PER_ROTOR * bonds + 2))
     n = np.arange(bonds)
-    places = OF_A_ROTOR * n
-    slopes[0, n, places], slopes[1, n, places] = -longer * left, -side * left
-    slopes[0, n, places + OF_A_ROTOR] = longer * right
-    slopes[1, n, places + OF_A_ROTOR] = -side * right
-    slopes[0, n, places + 2], slopes[1, n, places + 2] = -a, side * a
-    slopes[0, n, places + 3], slopes[1, n, places + 3] = rest, side * rest
+    first = UNKNOWNS_PER_ROTOR * n
+    slopes[0, n, first], slopes[1, n, first] = -longer * left, -side * left
+    slopes[0, n, first + UNKNOWNS_PER_ROTOR] = longer * right
+    slopes[1, n, first + UNKNOWNS_PER_ROTOR] = -side * right
+    slopes[0, n, first + 2], slopes[1, n, first + 2] = -a, side * a
+    slopes[0, n, first + 3], slopes[1, n, first + 3] = rest, side * rest
     return room, slopes.reshape(2 * bonds, -1)

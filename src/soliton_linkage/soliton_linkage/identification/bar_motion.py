@@ -1,23 +1,21 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Mass ratios of rigid bars, by the free motion that they leave.
+"""Estimation of the mass ratios of rotors on rigid bars, from the free motion of the wall.
 
-Bars leave one degree of freedom, the arc s of the orbit. With phi(s) and its tangent t the chain
-moves as
+Rigid bars leave one degree of freedom, the arc s of the orbit. With phi(s) and its tangent t,
 
     sqrt(I) ds/dt = u,    I = sum_n m_n r_n^2 t_n^2,
     sqrt(I) du/dt = sum_n m_n r_n g sin(phi_n + tilt) t_n - c ds/dt
-                    - b tanh(ds/dt / w) sum_n |t_n|,
+                    - b tanh(ds/dt / w) sum_n |t_n|.
 
-so that u keeps still without gravity and drag: a wall is slow where the rotors under it are heavy.
-Least squares between the arcs of a motion and those of the frames, each of the noise of a single
-reading, give the masses over their mean. What is unsure of lengths and offsets moves the arcs of
-all frames together: independent combinations of them, each of unit variance, are unknowns too.
-Where lengths and offsets are off by dp, the orbit of the true chain is nearest to that of the one
-that is known at
+Without gravity and drag u is constant: a wall is slow at heavy rotors. Least squares between the
+arcs of the motion and those of the frames gives the masses relative to their mean. Errors of
+lengths and offsets move the arcs of all frames. Independent combinations of these errors, each of
+unit variance, are therefore unknowns too. If lengths and offsets have errors dp, the point of the
+true orbit nearest to the configuration of the assumed chain at an arc differs by
 
-    dphi = -R^T (R R^T)^-1 (df/dp) dp
+    dphi = -R^T (R R^T)^-1 (df/dp) dp,
 
-from its configuration at the same arc, and frames seem to be at arcs that are t . do further on.
+and the arcs of frames appear to be larger by t . do.
 """
 
 from __future__ import annotations
@@ -32,43 +30,64 @@ from scipy.optimize import least_squares
 
 from soliton_linkage.compiling import compile_loop, compiled, const_f8_1d, const_f8_2d, f8_2d
 from soliton_linkage.estimation.relocalisation import fit_anywhere, fit_near
-from soliton_linkage.identification.bundle import factor, misclosures
-from soliton_linkage.identification.free_motion import OF_FORCES
+from soliton_linkage.identification.bundle import cholesky_factor, misclosures
+from soliton_linkage.identification.free_motion import FORCE_UNKNOWNS
 from soliton_linkage.identification.lengths import Lengths, split
 from soliton_linkage.identification.readings import Readings
 from soliton_linkage.identification.windows import (
-    MASSES_BEGIN,
-    free_spans,
-    learnt_spread,
-    spreads_of_forces,
+    INITIAL_MASS_DEVIATION,
+    estimated_deviation,
+    force_deviations,
+    free_intervals,
 )
 from soliton_linkage.linkage.chain import Array, Chain
 from soliton_linkage.orbit.deviating_orbit import orbit_of
 from soliton_linkage.orbit.orbit import Orbit
+
+_GRID = 0.03
+"""Arc between the rows of a table [rad]. Sensitivity: at 0.5x, masses change by 1e-4."""
+_SLIDING = 0.1
+"""Rate w above which dry friction is nearly constant [rad/s], small compared with walls."""
+_ROUNDS = 2
+"""Number of estimates of the standard deviation of masses [1]."""
+_KNOWN = 1e-6
+"""Standard deviation of the logarithm of known gravity [1]."""
+_LARGEST_EXCESS = 1.5
+"""Residual noise of arcs over that of readings [1] above which the motion is not free."""
+_MOST_STEPS = 15
+"""Largest number of evaluations of a fit [1]; 4 to 6 are usual."""
+_CONVERGED = 1e-4
+"""Relative decrease of the squares that ends a fit [1], a tenth of the noise of 1000 frames."""
+_RATE_FRAMES = 8
+"""Frames from which the initial rate is estimated [1]."""
+_STEP = 1e-4
+"""Step of the unknowns for finite differences [1]."""
+_INFORMED = 1e-9
+"""Smallest variance of a combination over the largest [1]; smaller ones are rounding."""
 
 
 def _acceleration(
     arc: float,
     speed: float,
     roots: Array,
-    pulls: Array,
-    rubbing: Array,
+    gravity: Array,
+    friction: Array,
     column: int,
     grid: Array,
     drags: Array,
 ) -> tuple[float, float]:
-    """Changes of arc and speed in time, by rows of the grid between which there are lines."""
+    """Return ds/dt and du/dt, interpolated linearly between the rows of the grid."""
     at = (arc - grid[0]) / grid[1]
     row = 0
     if at > 0.0:
-        row = int(min(at, len(rubbing) - 2.0))
+        row = int(min(at, len(friction) - 2.0))
     part = min(max(at - row, 0.0), 1.0)
     root = (1 - part) * roots[row, column] + part * roots[row + 1, column]
-    rub = (1 - part) * rubbing[row] + part * rubbing[row + 1]
-    pull = (1 - part) * pulls[row, column] + part * pulls[row + 1, column]
+    lever = (1 - part) * friction[row] + part * friction[row + 1]
+    force = (1 - part) * gravity[row, column] + part * gravity[row + 1, column]
     rate = speed / root
-    drag = drags[0, column] * rate + drags[1, column] * rub * math.tanh(rate / grid[2])
-    return rate, (pull - drag) / root
+    drag = drags[0, column] * rate + drags[1, column] * lever * math.tanh(rate / grid[2])
+    return rate, (force - drag) / root
 
 
 acceleration = compile_loop(_acceleration, inlined=True)
@@ -86,20 +105,19 @@ acceleration = compile_loop(_acceleration, inlined=True)
 )
 def move_along(
     roots: Array,
-    pulls: Array,
-    rubbing: Array,
+    gravity: Array,
+    friction: Array,
     grid: Array,
     drags: Array,
     times: Array,
     begin: Array,
     arcs: Array,
 ) -> None:
-    """Set arcs at times, (T, K), of K motions along an orbit from `begin`, arcs and speeds (2, K).
+    """Set the arcs of K motions along an orbit at times, (T, K), by the Runge-Kutta method.
 
-    On a grid of G arcs, which begins at grid[0] and is grid[1] apart, are the roots of the
-    inertias and the pulls of gravity, (G, K), and the rubbing, (G,); `drags` are damping and dry
-    friction, (2, K), which is nearly whole at the rate grid[2]. By the classical method of Runge
-    and Kutta.
+    Motions begin with arcs and speeds u, (2, K). A grid of G arcs begins at grid[0] with the step
+    grid[1]. It has the square roots of the inertias and the forces of gravity, (G, K), and the
+    sums of |t_n|, (G,). `drags` are damping and dry friction, (2, K); grid[2] is the rate w.
     """
     for k in range(begin.shape[1]):
         s, u = begin[0, k], begin[1, k]
@@ -107,27 +125,23 @@ def move_along(
         for n in range(1, len(times)):
             step = times[n] - times[n - 1]
             half = step / 2
-            s1, u1 = acceleration(s, u, roots, pulls, rubbing, k, grid, drags)
+            s1, u1 = acceleration(s, u, roots, gravity, friction, k, grid, drags)
             s2, u2 = acceleration(
-                s + half * s1, u + half * u1, roots, pulls, rubbing, k, grid, drags
+                s + half * s1, u + half * u1, roots, gravity, friction, k, grid, drags
             )
             s3, u3 = acceleration(
-                s + half * s2, u + half * u2, roots, pulls, rubbing, k, grid, drags
+                s + half * s2, u + half * u2, roots, gravity, friction, k, grid, drags
             )
             s4, u4 = acceleration(
-                s + step * s3, u + step * u3, roots, pulls, rubbing, k, grid, drags
+                s + step * s3, u + step * u3, roots, gravity, friction, k, grid, drags
             )
             s += step / 6 * (s1 + 2 * s2 + 2 * s3 + s4)
             u += step / 6 * (u1 + 2 * u2 + 2 * u3 + u4)
             arcs[n, k] = s
 
 
-GRID = 0.03
-"""Between arcs of the tables [rad]: half of it changes masses by 1e-4."""
-
-
-class Along(NamedTuple):
-    """What moves bars, at the arcs of a grid, of K chains or changes of one."""
+class _Sums(NamedTuple):
+    """Sums over the rotors at the arcs of a grid, for K chains or changes of one."""
 
     inertia: Array
     """sum m r^2 t^2, shape (G, K)."""
@@ -135,284 +149,264 @@ class Along(NamedTuple):
     """sum m r t (cos phi + i sin phi), shape (G, K)."""
 
 
-class AlongOrbit:
-    """Configurations at even arcs of an orbit, and sums over the rotors there."""
+class _OrbitTable:
+    """Configurations at equidistant arcs of an orbit, and sums over the rotors there."""
 
     def __init__(self, orbit: Orbit, lengths: Lengths, arcs: Array) -> None:
-        """Lay out a grid that holds some arcs [rad], and a site more on each side."""
+        """Cover some arcs [rad], and one site more on each side."""
         self._lengths = lengths
         self.begin = float(np.nanmin(arcs)) - orbit.site_arc
-        """First arc of the grid [rad]."""
-        count = math.ceil((float(np.nanmax(arcs)) + orbit.site_arc - self.begin) / GRID)
-        grid = self.begin + GRID * np.arange(count + 1)
+        count = math.ceil((float(np.nanmax(arcs)) + orbit.site_arc - self.begin) / _GRID)
+        grid = self.begin + _GRID * np.arange(count + 1)
         self._angles = np.array([orbit.configuration(arc) for arc in grid.tolist()])
         self._tangents = np.array([orbit.tangent(arc) for arc in grid.tolist()])
         r = lengths.rotor_lengths
         self._inertias = (r * self._tangents) ** 2
         self._weights = r * self._tangents * np.exp(1j * self._angles)
-        self.rubbing = np.abs(self._tangents).sum(axis=1)
+        self.friction = np.abs(self._tangents).sum(axis=1)
         """sum |t|, shape (G,)."""
 
-    def place(self, arcs: Array) -> tuple[NDArray[np.intp], Array]:
-        """Row of the grid before each arc [rad], and the part of the way to the next [1]."""
-        at = (arcs - self.begin) / GRID
-        row = np.clip(at, 0, len(self.rubbing) - 2).astype(np.intp)
+    def locate(self, arcs: Array) -> tuple[NDArray[np.intp], Array]:
+        """Return the row before each arc [rad], and the fraction of the step from it [1]."""
+        at = (arcs - self.begin) / _GRID
+        row = np.clip(at, 0, len(self.friction) - 2).astype(np.intp)
         return row, np.clip(at - row, 0.0, 1.0)
 
     def tangents(self, arcs: Array) -> Array:
-        """Unit tangents at arcs [rad], (T, N)."""
-        row, part = self.place(arcs)
+        """Return unit tangents at arcs [rad], (T, N)."""
+        row, part = self.locate(arcs)
         before, after = self._tangents[row], self._tangents[row + 1]
         return np.asarray(before + part[:, None] * (after - before))
 
-    def of_masses(self, masses: Array) -> Along:
-        """Sums for masses [1], of which each column is of a chain, shape (N, K)."""
-        return Along(self._inertias @ masses, self._weights @ masses)
+    def sums(self, masses: Array) -> _Sums:
+        """Return the sums for masses of K chains [1], shape (N, K)."""
+        return _Sums(self._inertias @ masses, self._weights @ masses)
 
-    def changes(self, masses: Array, changes: Array) -> Along:
-        """Changes of these sums for masses [1], (N,), with changes of the unknowns, (P, K)."""
+    def changes(self, masses: Array, changes: Array) -> _Sums:
+        """Return the changes of the sums for masses [1], (N,), by changes of unknowns, (P, K)."""
         t, r = self._tangents, self._lengths.rotor_lengths
-        about = misclosures(self._lengths, self._angles.T)
-        factors = factor(about.first, about.second, np.ones_like(t.T))
+        linearised = misclosures(self._lengths, self._angles.T)
+        factors = cholesky_factor(linearised.first, linearised.second, np.ones_like(t.T))
         turns = r * np.exp(1j * self._angles)
         inertia = np.empty((len(t), changes.shape[1]))
         weight = inertia.astype(np.complex128)
         for column, change in enumerate(changes.T):
             rotor, _, spacing, rest = split(change)
-            of_bonds = (rotor[:-1], 0 * rest, spacing, rest, rotor[1:], 0 * rest)
-            closing = np.einsum('ngu,un->ng', about.slopes, np.array(of_bonds))
-            moved = -about.pulled(factors.solved(factors.whitened(closing))).T
-            along = np.gradient(moved, GRID, axis=0) + rotor * t
-            inertia[:, column] = 2 * (r**2 * t * along) @ masses
-            weight[:, column] = (turns * (along + 1j * t * moved)) @ masses
-        return Along(inertia, weight)
+            bonds = (rotor[:-1], 0 * rest, spacing, rest, rotor[1:], 0 * rest)
+            misclosure = np.einsum('ngu,un->ng', linearised.slopes, np.array(bonds))
+            torques = linearised.torques(factors.solved(factors.whitened(misclosure)))
+            moved = -torques.T
+            stretch = np.gradient(moved, _GRID, axis=0) + rotor * t
+            inertia[:, column] = 2 * (r**2 * t * stretch) @ masses
+            weight[:, column] = (turns * (stretch + 1j * t * moved)) @ masses
+        return _Sums(inertia, weight)
 
 
-def arcs_of(orbit: Orbit, angles: Array, noise: float) -> tuple[Array, Array]:
-    """Arc of each frame and its standard deviation [rad], shape (T,) each."""
+def _arcs_of(orbit: Orbit, angles: Array, noise: float) -> tuple[Array, Array]:
+    """Return the arc of each frame and its standard deviation [rad], shape (T,) each."""
     arc = fit_anywhere(orbit, angles[0]).arc
     found = []
     for frame in angles:
         nearest = fit_near(orbit, frame, arc)
         arc = nearest.arc
         found.append((arc, noise / math.sqrt(max(nearest.information, 1e-6))))
-    arcs, spreads = np.array(found).T
-    return arcs, spreads
-
-
-_SLIDING = 0.1
-"""Rate beyond which dry friction is nearly whole [rad/s], small beside those of walls."""
-_ROUNDS = 2
-"""Times that the standard deviation of masses is learnt [1]."""
-_KNOWN = 1e-6
-"""Standard deviation of the logarithm of gravity that is known [1]."""
-_FREE = 1.5
-"""Noise that is left of arcs over that of readings [1], beyond which something else moved them."""
-_MOST_STEPS = 15
-"""Of least squares for a given standard deviation of masses [1]; 4 to 6 are usual."""
-_SETTLED = 1e-4
-"""Gain of a step over the sum of squares that ends them [1]: of 1000 frames a tenth of what chance
-changes."""
-_OF_RATES = 8
-"""Frames by which the rate at the begin is told [1]."""
-_STEP = 1e-4
-"""Of unknowns, to have the slopes of arcs [1]."""
-_TOLD = 1e-9
-"""Variance of a combination of lengths over the largest [1], below which it is rounding."""
+    arcs, deviations = np.array(found).T
+    return arcs, deviations
 
 
 class BarMotion(NamedTuple):
-    """What a free motion shows, in lengths of the mean spacing and masses of the mean mass."""
+    """Masses and forces estimated from a free motion, in units of mean spacing and mean mass."""
 
     masses: Array
-    """[1], shape (N,)."""
+    """Masses [1], shape (N,)."""
     mass_deviations: Array
     """Standard deviations of their logarithms [1], shape (N,)."""
     drag: tuple[float, float]
     """Damping [1/s] and dry friction [1/s^2]."""
     drag_deviations: tuple[float, float]
     gravity: float
-    """[1/s^2]."""
+    """Gravity [1/s^2]."""
     gravity_deviation: float
-    """Standard deviation of its logarithm [1], 0 where it is known."""
+    """Standard deviation of its logarithm [1], 0 if gravity is known."""
 
 
 def bar_motion(
     readings: Readings, lengths: Lengths, covariance: Array, noise: float, gravity_known: bool
 ) -> BarMotion | None:
-    """What free motions of bars show, None where something else moves the chain.
+    """Estimate masses and forces from free motions of bars; None if other forces act.
 
-    Lengths in units of the mean spacing have a covariance (P, P); the noise is that of a reading
-    [rad]. Gravity is in units of the mean spacing too.
+    Lengths in units of the mean spacing have a covariance (P, P); gravity is in the same units.
+    The noise is that of a reading [rad].
     """
     orbit = orbit_of(lengths.chain(Chain()))
-    spans = free_spans(readings.times, readings.breaks)
-    if not spans:
+    intervals = free_intervals(readings.times, readings.interruptions)
+    if not intervals:
         return None
-    angles = readings.seen - lengths.offsets
-    arcs, spreads = np.full((2, len(angles)), np.nan)
-    for span in spans:
-        arcs[span], spreads[span] = arcs_of(orbit, angles[span], noise)
-    fit = _Fit(AlongOrbit(orbit, lengths, arcs), readings, spans, arcs, spreads, gravity_known)
-    fit.solve(MASSES_BEGIN)
+    angles = readings.unwrapped - lengths.offsets
+    arcs, deviations = np.full((2, len(angles)), np.nan)
+    for each in intervals:
+        arcs[each], deviations[each] = _arcs_of(orbit, angles[each], noise)
+    table = _OrbitTable(orbit, lengths, arcs)
+    fit = _Fit(table, readings, intervals, arcs, deviations, gravity_known)
+    fit.solve(INITIAL_MASS_DEVIATION)
     rotors, combinations = lengths.rotors, _combinations(covariance)
     for _ in range(_ROUNDS):
-        fit.loosen(combinations)
+        fit.add_combinations(combinations)
         masses = fit.masses
         squares = float(np.sum(masses**2) + np.trace(fit.covariance[:rotors, :rotors]))
-        fit.solve(learnt_spread(squares, rotors))
-        if fit.excess > _FREE:
+        fit.solve(estimated_deviation(squares, rotors))
+        if fit.excess > _LARGEST_EXCESS:
             return None
-    return fit.found()
+    return fit.result()
 
 
 def _combinations(covariance: Array) -> Array:
-    """Changes of the unknowns of lengths that are independent, of unit variance, (P, K)."""
+    """Return independent changes of lengths and offsets of unit variance, (P, K)."""
     values, vectors = np.linalg.eigh(covariance)
-    told = values > _TOLD * values[-1]
-    return np.asarray(vectors[:, told] * np.sqrt(values[told]))
+    informed = values > _INFORMED * values[-1]
+    return np.asarray(vectors[:, informed] * np.sqrt(values[informed]))
 
 
 class _Fit:
     """Least squares between the arcs of motions and those of frames.
 
-    The unknowns are logarithms of masses, forces, the begin of each span, and combinations of
-    lengths and offsets.
+    The unknowns are logarithms of masses, forces, the initial state of each interval, and
+    combinations of lengths and offsets. The excess is the residual noise of arcs over that of
+    readings [1].
     """
 
     def __init__(
         self,
-        along: AlongOrbit,
+        table: _OrbitTable,
         readings: Readings,
-        spans: Sequence[slice],
+        intervals: Sequence[slice],
         arcs: Array,
-        spreads: Array,
+        deviations: Array,
         gravity_known: bool,
     ) -> None:
-        self._along, self._times, self._spans = along, readings.times, spans
-        self._arcs, self._spreads = arcs, spreads
+        self._table, self._times, self._intervals = table, readings.times, intervals
+        self._arcs, self._deviations = arcs, deviations
         self._gravity = readings.gravity.acceleration
         self._known = gravity_known or not self._gravity
-        self._tilts = [readings.tilt_at(readings.times[span.start]) for span in spans]
+        self._tilts = [readings.tilt_at(readings.times[each.start]) for each in intervals]
         self._rotors = readings.angles.shape[1]
-        self._size = self._rotors + OF_FORCES
-        frames = sum(span.stop - span.start for span in spans)
-        self._loose = np.empty((frames, 0))
-        self._unknowns = np.zeros(self._size)
-        self._unknowns = np.concatenate([self._unknowns, *map(self._begin, spans)])
+        self._size = self._rotors + FORCE_UNKNOWNS
+        frames = sum(each.stop - each.start for each in intervals)
+        self._combined = np.empty((frames, 0))
+        self._unknowns = np.concatenate([np.zeros(self._size), *map(self._begin, intervals)])
         self.covariance = np.empty((0, 0))
         self.excess = 1.0
-        """Noise that is left of arcs over that of readings [1]."""
 
     @property
     def masses(self) -> Array:
-        """Their logarithms [1], (N,)."""
+        """Logarithms of the masses [1], (N,)."""
         return self._unknowns[: self._rotors]
 
-    def _begin(self, span: slice) -> Array:
-        """Arc, and speed u, at the begin of a span."""
-        few = slice(span.start, span.start + _OF_RATES)
-        rate, arc = np.polyfit(self._times[few] - self._times[span.start], self._arcs[few], 1)
-        row, _ = self._along.place(np.array(arc))
-        inertia = self._along.of_masses(np.ones(self._rotors)).inertia[row]
+    def _begin(self, interval: slice) -> Array:
+        """Return arc and speed u at the begin of an interval."""
+        few = slice(interval.start, interval.start + _RATE_FRAMES)
+        rate, arc = np.polyfit(self._times[few] - self._times[interval.start], self._arcs[few], 1)
+        row, _ = self._table.locate(np.array(arc))
+        inertia = self._table.sums(np.ones(self._rotors)).inertia[row]
         return np.array([arc, rate * math.sqrt(float(inertia))])
 
-    def solve(self, spread: float) -> None:
-        """Find the unknowns for masses with a standard deviation [1]."""
-        inertia = float(self._along.of_masses(np.ones(self._rotors)).inertia.mean())
-        forces = spreads_of_forces(inertia)
+    def solve(self, mass_deviation: float) -> None:
+        """Estimate the unknowns for a prior standard deviation of masses [1]."""
+        inertia = float(self._table.sums(np.ones(self._rotors)).inertia.mean())
+        forces = force_deviations(inertia)
         if self._known:
             forces[-1] = _KNOWN
-        prior = np.concatenate([np.full(self._rotors, spread), forces])
-        count, loose = len(self._unknowns), self._loose.shape[1]
-        least = np.concatenate([prior, np.ones(2 * len(self._spans))])
+        prior = np.concatenate([np.full(self._rotors, mass_deviation), forces])
+        count, combinations = len(self._unknowns), self._combined.shape[1]
+        least = np.concatenate([prior, np.ones(2 * len(self._intervals))])
 
-        def left(unknowns: Array) -> Array:
-            of_motion, combinations = np.split(unknowns, [count])
+        def residuals(unknowns: Array) -> Array:
+            motion, others = np.split(unknowns, [count])
             parts = [
-                (self._moved(of_motion[:, None], number)[:, 0] - self._arcs[span])
-                / self._spreads[span]
-                for number, span in enumerate(self._spans)
+                (self._moved(motion[:, None], number)[:, 0] - self._arcs[interval])
+                / self._deviations[interval]
+                for number, interval in enumerate(self._intervals)
             ]
-            arcs = np.concatenate(parts) + self._loose @ combinations
-            return np.concatenate([arcs, of_motion[: self._size] / prior, combinations])
+            arcs = np.concatenate(parts) + self._combined @ others
+            return np.concatenate([arcs, motion[: self._size] / prior, others])
 
-        def slopes(unknowns: Array) -> Array:
+        def jacobian(unknowns: Array) -> Array:
             steps = _STEP * np.maximum(np.abs(unknowns[:count]), least)
             rows = []
-            for number, span in enumerate(self._spans):
+            for number, interval in enumerate(self._intervals):
                 own = self._size + 2 * number
                 columns = [*range(self._size), own, own + 1]
                 moved = np.repeat(unknowns[:count, None], 1 + len(columns), axis=1)
                 moved[columns, 1 + np.arange(len(columns))] += steps[columns]
                 arcs = self._moved(moved, number)
-                part = np.zeros((span.stop - span.start, count))
+                part = np.zeros((interval.stop - interval.start, count))
                 part[:, columns] = (arcs[:, 1:] - arcs[:, :1]) / steps[columns]
-                rows.append(part / self._spreads[span][:, None])
-            arcs = np.hstack([np.concatenate(rows), self._loose])
-            known = np.concatenate([1 / prior, np.zeros(2 * len(self._spans)), np.ones(loose)])
-            return np.concatenate([arcs, np.diag(known)[known > 0]])
+                rows.append(part / self._deviations[interval][:, None])
+            arcs = np.hstack([np.concatenate(rows), self._combined])
+            states = np.zeros(2 * len(self._intervals))
+            weights = np.concatenate([1 / prior, states, np.ones(combinations)])
+            return np.concatenate([arcs, np.diag(weights)[weights > 0]])
 
-        start = np.concatenate([self._unknowns, np.zeros(loose)])
+        start = np.concatenate([self._unknowns, np.zeros(combinations)])
         found = least_squares(
-            left, start, jac=slopes, x_scale='jac', ftol=_SETTLED, max_nfev=_MOST_STEPS
+            residuals, start, jac=jacobian, x_scale='jac', ftol=_CONVERGED, max_nfev=_MOST_STEPS
         )
         self._unknowns = found.x[:count]
-        frames = len(self._loose)
+        frames = len(self._combined)
         squares = float(np.sum(found.fun[:frames] ** 2))
         self.excess = math.sqrt(squares / max(frames - count, 1))
         self.covariance = np.linalg.inv(found.jac.T @ found.jac) * max(self.excess, 1.0) ** 2
 
-    def loosen(self, combinations: Array) -> None:
-        """Let combinations of lengths and offsets, (P, K), each be unsure by 1 from now on."""
-        changes = self._along.changes(np.exp(self.masses), combinations)
+    def add_combinations(self, combinations: Array) -> None:
+        """Add combinations of lengths and offsets, (P, K), of unit variance to the unknowns."""
+        changes = self._table.changes(np.exp(self.masses), combinations)
         offsets = split(combinations.T)[1].T
         rows = []
-        for number, span in enumerate(self._spans):
-            still = np.repeat(self._unknowns[:, None], 1 + offsets.shape[1], axis=1)
-            arcs = self._moved(still, number, changes)
-            apparent = self._along.tangents(self._arcs[span]) @ offsets
+        for number, interval in enumerate(self._intervals):
+            same = np.repeat(self._unknowns[:, None], 1 + offsets.shape[1], axis=1)
+            arcs = self._moved(same, number, changes)
+            apparent = self._table.tangents(self._arcs[interval]) @ offsets
             moved = (arcs[:, 1:] - arcs[:, :1]) / _STEP
-            rows.append((moved + apparent) / self._spreads[span][:, None])
-        self._loose = np.concatenate(rows)
+            rows.append((moved + apparent) / self._deviations[interval][:, None])
+        self._combined = np.concatenate(rows)
 
-    def _moved(self, unknowns: Array, number: int, changes: Along | None = None) -> Array:
-        """Arcs in the frames of a span [rad], (T, K), of K columns of unknowns.
+    def _moved(self, unknowns: Array, number: int, changes: _Sums | None = None) -> Array:
+        """Return arcs in the frames of an interval [rad], (T, K), for K columns of unknowns.
 
-        All columns but the first with a step of changes of the chain, where there are any.
+        All columns except the first include a step of the changes of the sums, if given.
         """
-        span, along = self._spans[number], self._along
-        damping, friction, fallen = unknowns[self._rotors : self._size]
-        inertia, weight = along.of_masses(np.exp(unknowns[: self._rotors]))
+        table = self._table
+        damping, friction, log_gravity = unknowns[self._rotors : self._size]
+        inertia, weight = table.sums(np.exp(unknowns[: self._rotors]))
         if changes is not None:
             inertia[:, 1:] += _STEP * changes.inertia
             weight[:, 1:] += _STEP * changes.weight
         roots = np.sqrt(inertia)
         turned = np.exp(1j * self._tilts[number])
-        pulls = (weight * turned).imag * self._gravity * np.exp(fallen)
-        grid = np.array([along.begin, GRID, _SLIDING])
+        gravity = (weight * turned).imag * self._gravity * np.exp(log_gravity)
+        grid = np.array([table.begin, _GRID, _SLIDING])
         own = self._size + 2 * number
         begin = np.ascontiguousarray(unknowns[own : own + 2])
         drags = np.stack([damping, friction])
-        times = self._times[span]
+        times = self._times[self._intervals[number]]
         arcs = np.empty((len(times), unknowns.shape[1]))
-        move_along(roots, pulls, along.rubbing, grid, drags, times, begin, arcs)
+        move_along(roots, gravity, table.friction, grid, drags, times, begin, arcs)
         return arcs
 
-    def found(self) -> BarMotion:
-        """What was found, in units of the mean mass."""
+    def result(self) -> BarMotion:
+        """Return the estimates in units of the mean mass."""
         masses, rotors = np.exp(self.masses), self._rotors
         mean = float(masses.mean())
-        alike = np.eye(rotors) - masses / (rotors * mean)
-        of_masses = np.diag(alike @ self.covariance[:rotors, :rotors] @ alike.T)
+        relative = np.eye(rotors) - masses / (rotors * mean)
+        variances = np.diag(relative @ self.covariance[:rotors, :rotors] @ relative.T)
         forces = slice(rotors, self._size)
-        damping, friction, fallen = self._unknowns[forces].tolist()
-        of_damping, of_friction, of_gravity = np.sqrt(np.diag(self.covariance))[forces].tolist()
+        damping, friction, log_gravity = self._unknowns[forces].tolist()
+        deviations = np.sqrt(np.diag(self.covariance))[forces].tolist()
         return BarMotion(
             masses / mean,
-            np.sqrt(of_masses),
+            np.sqrt(variances),
             (damping / mean, friction / mean),
-            (of_damping / mean, of_friction / mean),
-            self._gravity * math.exp(fallen),
-            0.0 if self._known else of_gravity,
+            (deviations[0] / mean, deviations[1] / mean),
+            self._gravity * math.exp(log_gravity),
+            0.0 if self._known else deviations[2],
         )

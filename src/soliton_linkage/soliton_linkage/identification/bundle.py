@@ -1,70 +1,65 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Lengths and offsets by least squares with errors in all readings, all frames at once.
+"""Bundle adjustment of lengths and offsets: least squares with errors in all readings.
 
-Each frame has N unknown angles and N - 1 conditions, that every bond closes. The angles are
-eliminated frame by frame: where J are the slopes of the misclosures w with the unknowns p,
+Each frame has N unknown angles and N - 1 conditions: every bond closes. The angles are eliminated
+frame by frame. With the slopes J of the misclosures w by the unknowns p,
 
-    sum over frames of (w + J dp)^T M^-1 (w + J dp) = least,    v = S R^T M^-1 (w + J dp)
+    sum over frames of (w + J dp)^T M^-1 (w + J dp) = minimum,    v = S R^T M^-1 (w + J dp)
 
-gives the change dp of the unknowns and the errors v of the readings (Gauss and Helmert). About
-the true angles and lengths sum J^T M^-1 J is Fisher's information on p, with nothing assumed of
-the motion, and its inverse the Cramer-Rao bound.
+gives the change dp of the unknowns and the errors v of the readings (Gauss-Helmert model). At the
+true angles and lengths sum J^T M^-1 J is the Fisher information on p without any assumption on the
+motion. Its inverse is the Cramer-Rao bound.
 
-How far bonds are from closing: their length from mass to mass less that of spring or bar.
-
-With h = r sin(phi), v = r cos(phi) and phi = y - o of a reading y, the misclosure of bond n is
+The misclosure of a bond is the distance of its masses less the length of its spring or bar. With
+h = r sin(phi), v = r cos(phi) and phi = y - o of a reading y,
 
     f_n = |(a_n + h_{n+1} - h_n, v_{n+1} - v_n)| - l_n.
 
-Readings y with independent errors of variance S, whose true values make all f_n = 0, have to
-first order the misclosures w = f(x) + R (y - o - x) of the covariance M = R S R^T about
-configurations x; it is tridiagonal over the bonds of a frame, and its Cholesky factor, of two
-diagonals, makes independent numbers of unit variance of them.
+Let the readings y have independent errors of variance S, and let all f_n = 0 for the true values.
+To first order about configurations x the misclosures are w = f(x) + R (y - o - x), with the
+covariance M = R S R^T. M is tridiagonal over the bonds of a frame. Its Cholesky factor, with two
+diagonals, whitens the misclosures: it transforms them to independent numbers of unit variance.
 """
 
 from __future__ import annotations
 
 from collections.abc import Iterator
 from copy import copy
-from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
-from soliton_linkage.identification.lengths import OF_A_BOND, OF_A_ROTOR, Lengths
+from soliton_linkage.identification.lengths import UNKNOWNS_PER_BOND, UNKNOWNS_PER_ROTOR, Lengths
 from soliton_linkage.linkage.chain import Array
 from soliton_linkage.linkage.springs import spring_between
 
-_TOGETHER = 256
-"""Frames that are worked on at once: their arrays stay in the cache."""
-_UNSEEN = 1e4
-"""Variance of a reading that is missing, over that of most [1]: 100 times as unsure."""
+_BATCH = 256
+"""Frames of a batch [1], whose arrays fit into the cache."""
+_MISSING_VARIANCE = 1e4
+"""Variance of a missing reading relative to a usual one [1]."""
 _CLOSINGS = 8
-"""Times that angles are moved after a step [1]: 2 or 3 but where bonds are in line with rotors."""
+"""Largest number of corrections of the angles after a step [1]; 2 or 3 are usual."""
 _CLOSED = 1e-4
-"""Largest change of an angle with which they are closed [rad], far below the noise."""
-_FARTHEST = 0.3
-"""That angles may be from readings [rad]: Newton's steps between lengths that are far off, where
-bonds are nearly in line with rotors, lead anywhere."""
+"""Change of an angle below which bonds are closed [rad], far below the noise."""
+_LARGEST_ERROR = 0.3
+"""Limit of the difference of angles and readings [rad], because Newton's method diverges if
+lengths are wrong and bonds are nearly in line with rotors."""
 
 
-@dataclass(frozen=True)
-class Misclosures:
-    """Misclosures of T frames about configurations, to first order; bonds come first.
-
-    The shapes are (N - 1, T), of `slopes` (N - 1, T, 6).
-    """
+class Misclosures(NamedTuple):
+    """First-order misclosures of T frames; shapes are (N - 1, T), of `slopes` (N - 1, T, 6)."""
 
     values: Array
-    """f [m]."""
+    """Misclosures f [m]."""
     first: Array
     """df_n / dphi_n [m/rad]."""
     second: Array
     """df_n / dphi_{n+1} [m/rad]."""
     slopes: Array
-    """Change of f_n with the unknowns r_n, o_n, a_n, l_n, r_{n+1}, o_{n+1}."""
+    """Derivatives of f_n by the unknowns r_n, o_n, a_n, l_n, r_{n+1}, o_{n+1}."""
 
-    def pulled(self, forces: Array) -> Array:
-        """R^T of forces in the bonds, (N - 1, T): torques on the rotors, (N, T)."""
+    def torques(self, forces: Array) -> Array:
+        """Return R^T forces: torques on the rotors, (N, T), by forces in bonds, (N - 1, T)."""
         torques = np.zeros((len(forces) + 1, forces.shape[1]))
         torques[:-1] = self.first * forces
         torques[1:] += self.second * forces
@@ -72,7 +67,7 @@ class Misclosures:
 
 
 def misclosures(lengths: Lengths, angles: Array) -> Misclosures:
-    """Misclosures about true angles of frames [rad], shape (N, T)."""
+    """Return the misclosures about angles of frames [rad], shape (N, T)."""
     r, a = lengths.rotor_lengths[:, None], lengths.spacings[:, None]
     rest = lengths.rest_lengths[:, None]
     sine, cosine = np.sin(angles), np.cos(angles)
@@ -81,7 +76,7 @@ def misclosures(lengths: Lengths, angles: Array) -> Misclosures:
     values, first, second = spring_between(h[:-1], v[:-1], h[1:], v[1:], a, offset, rest)
     across = (a + h[1:] - h[:-1]) / (rest + values)
     up = (v[1:] - v[:-1]) / (rest + values)
-    slopes = np.empty((*first.shape, OF_A_BOND))
+    slopes = np.empty((*first.shape, UNKNOWNS_PER_BOND))
     slopes[..., 0] = -(h[:-1] * across + v[:-1] * up)
     slopes[..., 1] = -first
     slopes[..., 2] = a * across
@@ -91,34 +86,33 @@ def misclosures(lengths: Lengths, angles: Array) -> Misclosures:
     return Misclosures(values, first, second, slopes)
 
 
-@dataclass(frozen=True)
-class Factor:
+class CholeskyFactor(NamedTuple):
     """Cholesky factor of M = R S R^T of each frame, S diagonal; shapes (N - 1, T)."""
 
     diagonal: Array
     below: Array
-    """Beside the diagonal of the row before, 0 in the first row."""
+    """Elements left of the diagonal, 0 in the first row."""
 
     def whitened(self, values: Array) -> Array:
-        """Independent numbers of unit variance of misclosures, shape (N - 1, T)."""
-        made = np.empty_like(values)
-        made[0] = values[0] / self.diagonal[0]
+        """Return whitened misclosures, shape (N - 1, T)."""
+        whitened = np.empty_like(values)
+        whitened[0] = values[0] / self.diagonal[0]
         for n in range(1, len(values)):
-            made[n] = (values[n] - self.below[n] * made[n - 1]) / self.diagonal[n]
-        return made
+            whitened[n] = (values[n] - self.below[n] * whitened[n - 1]) / self.diagonal[n]
+        return whitened
 
     def solved(self, whitened: Array) -> Array:
-        """M^-1 times misclosures, given these whitened, shape (N - 1, T)."""
-        made = np.empty_like(whitened)
-        last = len(made) - 1
-        made[last] = whitened[last] / self.diagonal[last]
+        """Return M^-1 times misclosures, given the whitened misclosures, shape (N - 1, T)."""
+        solved = np.empty_like(whitened)
+        last = len(solved) - 1
+        solved[last] = whitened[last] / self.diagonal[last]
         for n in range(last - 1, -1, -1):
-            made[n] = (whitened[n] - self.below[n + 1] * made[n + 1]) / self.diagonal[n]
-        return made
+            solved[n] = (whitened[n] - self.below[n + 1] * solved[n + 1]) / self.diagonal[n]
+        return solved
 
 
-def factor(first: Array, second: Array, variances: Array) -> Factor:
-    """Factor of M, given df/dphi [m/rad] (N - 1, T) and variances of readings [rad^2] (N, T)."""
+def cholesky_factor(first: Array, second: Array, variances: Array) -> CholeskyFactor:
+    """Factor M, given df/dphi [m/rad], (N - 1, T), and variances of readings [rad^2], (N, T)."""
     own = first**2 * variances[:-1] + second**2 * variances[1:]
     between = second[:-1] * first[1:] * variances[1:-1]
     diagonal, below = np.empty_like(own), np.zeros_like(own)
@@ -126,60 +120,54 @@ def factor(first: Array, second: Array, variances: Array) -> Factor:
     for n in range(1, len(own)):
         below[n] = between[n - 1] / diagonal[n - 1]
         diagonal[n] = np.sqrt(own[n] - below[n] ** 2)
-    return Factor(diagonal, below)
+    return CholeskyFactor(diagonal, below)
 
 
-@dataclass(frozen=True)
-class NormalEquations:
-    """Information on the unknowns, and what the readings say, for readings of unit variance."""
+class NormalEquations(NamedTuple):
+    """Normal equations of the unknowns for readings of unit variance."""
 
     matrix: Array
-    """sum J^T M^-1 J [1/rad^2], shape (P, P)."""
+    """Information sum J^T M^-1 J [1/rad^2], shape (P, P)."""
     vector: Array
     """-sum J^T M^-1 w, shape (P,)."""
     squares: Array
-    """sum over frames of the squared whitened misclosure of each bond [rad^2], shape (N - 1,)."""
+    """Sum over frames of the squared whitened misclosure of each bond [rad^2], (N - 1,)."""
 
 
 class Bundle:
-    """Readings of T frames and the true angles that they are believed to be of."""
+    """Readings of T frames, and estimates of the true angles and of the lengths."""
 
     def __init__(
         self,
         lengths: Lengths,
         readings: Array,
-        spreads: Array | None = None,
-        repeats: Array | None = None,
+        relative_deviations: Array | None = None,
+        repeat_counts: Array | None = None,
     ) -> None:
-        """Begin with first lengths and readings [rad], NaN where missing, shape (T, N).
+        """Start with first lengths and readings [rad], NaN if missing, shape (T, N).
 
-        Spreads are standard deviations of single readings over that of most [1], (T, N). Of
-        readings with repeats, (T, N), so many together say as much as one [1].
+        Relative deviations, (T, N), are standard deviations of readings in units of the usual one
+        [1]. A reading that is repeated, (T, N) times [1], has the weight of one reading in total.
         """
         self._readings = np.ascontiguousarray(readings.T)
         self._seen = np.isfinite(self._readings)
-        squared = 1.0 if spreads is None else spreads.T**2
-        repeated = np.ones_like(self._readings) if repeats is None else repeats.T
-        self._variances = np.where(self._seen, squared * repeated, _UNSEEN)
-        self._counts = self._seen / repeated
+        squared = 1.0 if relative_deviations is None else relative_deviations.T**2
+        repeated = np.ones_like(self._readings) if repeat_counts is None else repeat_counts.T
+        self._variances = np.where(self._seen, squared * repeated, _MISSING_VARIANCE)
+        self._weights = self._seen / repeated
         self.lengths = lengths
-        self.angles = self._filled() - lengths.offsets[:, None]
+        frames = np.arange(self._readings.shape[1])
+        interpolated = [
+            np.interp(frames, frames[seen], values[seen])
+            for values, seen in zip(self._readings, self._seen, strict=True)
+        ]
+        self.angles = np.array(interpolated) - lengths.offsets[:, None]
         """True angles [rad], shape (N, T)."""
         self.normal: NormalEquations
-        """Of a bundle that was closed."""
-
-    def _filled(self) -> Array:
-        """Readings, on straight lines between others where they are missing [rad], (N, T)."""
-        frames = np.arange(self._readings.shape[1])
-        return np.array(
-            [
-                np.interp(frames, frames[seen], values[seen])
-                for values, seen in zip(self._readings, self._seen, strict=True)
-            ]
-        )
+        """Normal equations of a bundle that `closed` returned."""
 
     def closed(self, lengths: Lengths) -> Bundle:
-        """Return the bundle about other lengths, with angles at which all bonds close."""
+        """Return a bundle with other lengths and with angles at which all bonds close."""
         made = copy(self)
         made.lengths, made.angles = lengths, self.angles.copy()
         for _ in range(_CLOSINGS):
@@ -190,68 +178,79 @@ class Bundle:
 
     @property
     def conditions(self) -> float:
-        """Number of independent conditions that readings fulfil.
+        """Number of independent conditions on the readings [1].
 
-        The reading that is surest tells where a frame is.
+        The best reading of each frame determines its configuration and is no condition.
         """
-        return float(np.sum(self._counts.sum(axis=0) - self._counts.max(axis=0)))
+        return float(np.sum(self._weights.sum(axis=0) - self._weights.max(axis=0)))
 
     def normal_equations(self) -> NormalEquations:
-        """What all frames say of a change of the unknowns."""
-        size = OF_A_ROTOR * self.lengths.rotors - 2
+        """Return the normal equations of all frames."""
+        size = UNKNOWNS_PER_ROTOR * self.lengths.rotors - 2
         matrix, vector = np.zeros((size, size)), np.zeros(size)
         squares = np.zeros(self.lengths.rotors - 1)
-        for frames in self._chunks():
-            about, factors, whitened = self._linearised(frames)
+        for frames in self._batches():
+            linearised, factors, whitened = self._linearised(frames)
             squares += np.einsum('nt,nt->n', whitened, whitened)
-            _accumulate(about, factors, whitened, matrix, vector)
+            _accumulate(linearised, factors, whitened, matrix, vector)
         return NormalEquations(matrix, vector, squares)
 
     def close(self) -> float:
-        """Move the angles to the nearest at which all bonds close; largest change [rad]."""
+        """Move the angles to the nearest at which all bonds close; return the change [rad]."""
         largest = 0.0
-        for frames in self._chunks():
-            about, factors, whitened = self._linearised(frames)
-            pulls = about.pulled(factors.solved(whitened))
-            errors = np.clip(self._variances[:, frames] * pulls, -_FARTHEST, _FARTHEST)
+        for frames in self._batches():
+            linearised, factors, whitened = self._linearised(frames)
+            torques = linearised.torques(factors.solved(whitened))
+            errors = self._variances[:, frames] * torques
+            errors = np.clip(errors, -_LARGEST_ERROR, _LARGEST_ERROR)
             closed = self._corrected(frames) - errors
             largest = max(largest, float(np.abs(closed - self.angles[:, frames]).max()))
             self.angles[:, frames] = closed
         return largest
 
-    def left(self) -> Array:
-        """What the angles leave of the readings [rad], 0 where none was read, shape (T, N)."""
-        left = self._readings - self.lengths.offsets[:, None] - self.angles
-        return np.asarray(np.where(self._seen, left, 0.0).T)
+    def residuals(self) -> Array:
+        """Return readings less offsets and angles [rad], 0 if missing, shape (T, N)."""
+        residuals = self._readings - self.lengths.offsets[:, None] - self.angles
+        return np.asarray(np.where(self._seen, residuals, 0.0).T)
 
-    def _linearised(self, frames: slice) -> tuple[Misclosures, Factor, Array]:
+    def _linearised(self, frames: slice) -> tuple[Misclosures, CholeskyFactor, Array]:
         angles = self.angles[:, frames]
-        about = misclosures(self.lengths, angles)
-        apart = self._corrected(frames) - angles
-        values = about.values + about.first * apart[:-1] + about.second * apart[1:]
-        factors = factor(about.first, about.second, self._variances[:, frames])
-        return about, factors, factors.whitened(values)
+        linearised = misclosures(self.lengths, angles)
+        first, second = linearised.first, linearised.second
+        errors = self._corrected(frames) - angles
+        values = linearised.values + first * errors[:-1] + second * errors[1:]
+        factors = cholesky_factor(first, second, self._variances[:, frames])
+        return linearised, factors, factors.whitened(values)
 
     def _corrected(self, frames: slice) -> Array:
-        """Readings less the offsets; angles as they are where none was read, (N, T)."""
+        """Return readings less offsets [rad], (N, T), or the angles if readings are missing."""
         read = self._readings[:, frames] - self.lengths.offsets[:, None]
         return np.where(self._seen[:, frames], read, self.angles[:, frames])
 
-    def _chunks(self) -> Iterator[slice]:
-        for begin in range(0, self._readings.shape[1], _TOGETHER):
-            yield slice(begin, begin + _TOGETHER)
+    def _batches(self) -> Iterator[slice]:
+        for begin in range(0, self._readings.shape[1], _BATCH):
+            yield slice(begin, begin + _BATCH)
+
+
+def covariance_in(basis: Array, information: Array) -> Array:
+    """Return the covariance, (P, P), of changes in an orthonormal basis, (P, K)."""
+    return np.asarray(basis @ np.linalg.inv(basis.T @ information @ basis) @ basis.T)
 
 
 def _accumulate(
-    about: Misclosures, factors: Factor, whitened: Array, matrix: Array, vector: Array
+    linearised: Misclosures,
+    factors: CholeskyFactor,
+    whitened: Array,
+    matrix: Array,
+    vector: Array,
 ) -> None:
-    """Add what some frames say to the normal equations."""
+    """Add frames to the matrix and the vector of the normal equations."""
     bonds, frames = whitened.shape
-    rows = np.zeros((frames, OF_A_ROTOR * bonds + 2))
+    rows = np.zeros((frames, UNKNOWNS_PER_ROTOR * bonds + 2))
     for n in range(bonds):
-        end = OF_A_ROTOR * n + OF_A_BOND
-        known = rows[:, :end]
-        known *= (-factors.below[n] / factors.diagonal[n])[:, None]
-        known[:, -OF_A_BOND:] += about.slopes[n] / factors.diagonal[n][:, None]
-        matrix[:end, :end] += known.T @ known
-        vector[:end] -= known.T @ whitened[n]
+        end = UNKNOWNS_PER_ROTOR * n + UNKNOWNS_PER_BOND
+        part = rows[:, :end]
+        part *= (-factors.below[n] / factors.diagonal[n])[:, None]
+        part[:, -UNKNOWNS_PER_BOND:] += linearised.slopes[n] / factors.diagonal[n][:, None]
+        matrix[:end, :end] += part.T @ part
+        vector[:end] -= part.T @ whitened[n]

@@ -1,23 +1,22 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Free motion of springs from frame to frame, and its change with all that it depends on.
+"""Free motion of springs from frame to frame, and its sensitivities to all unknowns.
 
     m_n r_n^2 phi_n'' = -sum over both springs of k f df/dphi_n + g m_n r_n sin(phi_n + tilt)
                         - c phi_n' - b tanh(phi_n' / w),
 
-with f the length of a spring less that at rest, and dry friction b, which is whole beyond rates w.
-The unknowns are those of `Lengths`, then log k of each spring, log m of each rotor, c, b, log g,
-the first angles and the first rates. Their sensitivities
-X = dphi/dq and V = X' obey the same equation to first order,
+with the extension f of a spring, and dry friction b, which is nearly constant at rates above w.
+The unknowns q are those of `Lengths`, then log k of each spring, log m of each rotor, c, b, log g,
+the initial angles and the initial rates. The sensitivities X = dphi/dq and V = X' solve
 
     X' = V,    V' = (dphi''/dphi) X + (dphi''/dphi') V + dphi''/dq,
 
-and are integrated along with it, by the classical method of Runge and Kutta.
+and are integrated together with the motion, by the classical Runge-Kutta method.
 
-Compiled loops take `table`, (5, N), with r, a, l, k of rotors and springs, then the inertias;
-`columns`, (5, N), the places of r, a, l, log k and log m among the unknowns; `forces`, (5,), the
-damping, the dry friction, the rate at which that is nearly whole, and the parts of gravity along
-the chain and down from it; angles and rates, (N,), and their changes x and v, (N, Q), of which
-Q = 0 makes a motion alone.
+Compiled loops take these arrays: `table`, (5, N), has r, a, l, k of rotors and springs, and the
+inertias; `columns`, (5, N), has the positions of r, a, l, log k and log m among the unknowns;
+`forces`, (5,), has the damping, the dry friction, the rate w, and the components of gravity along
+the chain and down from it. Angles and rates have the shape (N,), their sensitivities x and v the
+shape (N, Q). With Q = 0 only the motion is integrated.
 """
 
 from __future__ import annotations
@@ -42,22 +41,22 @@ from soliton_linkage.compiling import (
     f8_3d,
     i8,
 )
-from soliton_linkage.identification.lengths import OF_A_ROTOR, Lengths, split_lengths
+from soliton_linkage.identification.lengths import UNKNOWNS_PER_ROTOR, Lengths, split_lengths
 from soliton_linkage.linkage.chain import Array
 from soliton_linkage.linkage.springs import spring_between
 
 R, A, L, K, INERTIA = range(5)
-"""Rows of the table, and but for the last of the columns, in which log m takes its place."""
+"""Rows of the table, and of the columns except the last."""
 M = INERTIA
-"""Row of the columns of log m."""
+"""Row of log m in the columns."""
 BELOW, MAIN, ABOVE, PULL, FIRST, SECOND, BY_R, BY_NEXT_R = range(8)
-BY_A, NEXT_BY_R, NEXT_BY_NEXT_R, NEXT_BY_A, RUBBING, DRAG, FALL, ACCELERATION = range(8, 16)
-"""Rows of the work of springs and rotors, (16, N): diagonals, tension, levers, and second
-derivatives; then the share of the friction that acts, the change of all drag with the rate, the
-acceleration by gravity and that by all torques."""
+BY_A, NEXT_BY_R, NEXT_BY_NEXT_R, NEXT_BY_A, FRICTION_PART, DRAG, FALL, ACCELERATION = range(8, 16)
+"""Rows of the workspace, (16, N): diagonals of the stiffness matrix, tension, levers, derivatives
+of the torques by lengths; then the fraction of the dry friction that acts, the derivative of all
+drag by the rate, and the accelerations by gravity and by all torques."""
 DAMPING, FRICTION, SLIDING, ALONG, DOWN = range(5)
-"""Places of the forces."""
-Places = NDArray[np.int64]
+"""Indices of the forces."""
+Columns = NDArray[np.int64]
 
 
 spring = compile_loop(spring_between, inlined=True)
@@ -65,17 +64,17 @@ spring = compile_loop(spring_between, inlined=True)
 
 @compiled(const_f8_2d, const_f8_1d, f8_1d, f8_1d, f8_2d)
 def accelerate(table: Array, forces: Array, angles: Array, rates: Array, work: Array) -> None:
-    """Set the accelerations [rad/s^2] and the work of all springs."""
+    """Set the accelerations [rad/s^2] and the other rows of the workspace."""
     rotors, values = angles.size, work[ACCELERATION]
-    falling = forces[ALONG] != 0.0 or forces[DOWN] != 0.0
+    gravity = forces[ALONG] != 0.0 or forces[DOWN] != 0.0
     for n in range(rotors):
-        rubbing = math.tanh(rates[n] / forces[SLIDING])
-        values[n] = -forces[DAMPING] * rates[n] - forces[FRICTION] * rubbing
-        whole = 1 - rubbing * rubbing
-        work[RUBBING, n] = rubbing
-        work[DRAG, n] = forces[DAMPING] + forces[FRICTION] * whole / forces[SLIDING]
+        part = math.tanh(rates[n] / forces[SLIDING])
+        values[n] = -forces[DAMPING] * rates[n] - forces[FRICTION] * part
+        slope = 1 - part * part
+        work[FRICTION_PART, n] = part
+        work[DRAG, n] = forces[DAMPING] + forces[FRICTION] * slope / forces[SLIDING]
         work[MAIN, n] = work[FALL, n] = 0.0
-        if falling:
+        if gravity:
             s, c = math.sin(angles[n]), math.cos(angles[n])
             weight = table[INERTIA, n] / table[R, n]
             work[FALL, n] = (forces[DOWN] * s + forces[ALONG] * c) / table[R, n]
@@ -124,9 +123,9 @@ def combine(out: Array, base: Array, factor: float, other: Array) -> None:
 
 
 @compiled(const_f8_2d, const_i8_2d, i8, f8_1d, f8_2d, f8_2d, f8_2d, f8_2d)
-def change_accelerations(
+def accelerate_sensitivities(
     table: Array,
-    columns: Places,
+    columns: Columns,
     drag_column: int,
     rates: Array,
     work: Array,
@@ -134,7 +133,7 @@ def change_accelerations(
     v: Array,
     changes: Array,
 ) -> None:
-    """Set the changes of accelerations, (N, Q), given the work of all springs."""
+    """Set the sensitivities of accelerations, (N, Q), given the workspace."""
     rotors, size = x.shape
     values = work[ACCELERATION]
     for n in range(rotors):
@@ -152,7 +151,7 @@ def change_accelerations(
         row[columns[R, n]] -= 2 * values[n] - work[FALL, n]
         row[columns[M, n]] -= values[n] - work[FALL, n]
         row[drag_column] -= rates[n] * inverse
-        row[drag_column + 1] -= work[RUBBING, n] * inverse
+        row[drag_column + 1] -= work[FRICTION_PART, n] * inverse
         row[drag_column + 2] += work[FALL, n]
     for n in range(rotors - 1):
         r, r2, a = table[R, n], table[R, n + 1], table[A, n]
@@ -174,7 +173,7 @@ def change_accelerations(
 @compiled(const_f8_2d, const_i8_2d, i8, const_f8_1d, i8, f8, f8_2d, f8_3d)
 def advance(
     table: Array,
-    columns: Places,
+    columns: Columns,
     drag_column: int,
     forces: Array,
     steps: int,
@@ -182,9 +181,9 @@ def advance(
     state: Array,
     changes: Array,
 ) -> None:
-    """Go some steps [s] on, in place, by the classical method of Runge and Kutta.
+    """Integrate some steps [s] in place by the classical Runge-Kutta method.
 
-    Angles and rates are the rows of `state`, (2, N), x and v those of `changes`, (2, N, Q).
+    The rows of `state`, (2, N), are angles and rates; those of `changes`, (2, N, Q), are x and v.
     """
     rotors, size = changes.shape[1:]
     work, rate_changes = np.empty((16, rotors)), np.empty((rotors, size))
@@ -200,7 +199,7 @@ def advance(
             ahead = step if stage == 2 else step / 2
             accelerate(table, forces, at[0], at[1], work)
             if size:
-                change_accelerations(
+                accelerate_sensitivities(
                     table,
                     columns,
                     drag_column,
@@ -223,17 +222,17 @@ def advance(
 
 
 _LONGEST_STEP = 0.4
-"""Of the integration, over the shortest time in which springs and masses vibrate [1]: a crossing
-of 40 rotors then misses angles by 2e-5 rad at most; 0.2 by 2e-6 rad in twice the time."""
+"""Longest step over the shortest vibration time [1]. Errors of a crossing of 40 rotors are at most
+2e-5 rad; with 0.2 they are 2e-6 rad in twice the time."""
 _SLIDING = 0.1
-"""Rate beyond which dry friction is nearly whole [rad/s], small beside those of walls; half of it
-takes more steps where there is friction."""
-OF_FORCES = 3
-"""Unknowns of a chain beside lengths, stiffnesses and masses: c, b and log g."""
+"""Rate w above which dry friction is nearly constant [rad/s], small compared with walls.
+Sensitivity: at 0.5x, friction takes more steps."""
+FORCE_UNKNOWNS = 3
+"""Number of unknown forces [1]: c, b and log g."""
 
 
-class Parts(NamedTuple):
-    """Where the unknowns of a motion stand."""
+class UnknownSlices(NamedTuple):
+    """Positions of the unknowns of a motion."""
 
     lengths: slice
     stiffnesses: slice
@@ -243,18 +242,18 @@ class Parts(NamedTuple):
     rates: slice
 
 
-def parts_of(rotors: int) -> Parts:
-    """Where the unknowns of a motion of N rotors stand, those of the chain before its begin."""
-    sizes = [OF_A_ROTOR * rotors - 2, rotors - 1, rotors, OF_FORCES, rotors, rotors]
+def unknown_slices(rotors: int) -> UnknownSlices:
+    """Return the positions of the unknowns of N rotors: the chain, then the initial state."""
+    sizes = [UNKNOWNS_PER_ROTOR * rotors - 2, rotors - 1, rotors, FORCE_UNKNOWNS, rotors, rotors]
     ends = np.cumsum(sizes).tolist()
-    return Parts(*map(slice, [0, *ends[:-1]], ends))
+    return UnknownSlices(*map(slice, [0, *ends[:-1]], ends))
 
 
 @dataclass(frozen=True)
 class FreeMotion:
-    """Where springs and masses begin, and what moves them; lengths in any unit.
+    """Initial state of a chain of springs, and its forces; lengths in any unit.
 
-    Masses are in units of their mean, stiffnesses and damping as they follow from that.
+    Masses, stiffnesses, damping and friction are divided by the mean mass.
     """
 
     lengths: Lengths
@@ -265,25 +264,25 @@ class FreeMotion:
     damping: float
     """c over the mean mass [length^2/s]."""
     angles: Array
-    """At the first frame [rad], shape (N,)."""
+    """Initial angles [rad], shape (N,)."""
     rates: Array
-    """At the first frame [rad/s], shape (N,)."""
+    """Initial rates [rad/s], shape (N,)."""
     friction: float = 0.0
     """Dry friction b of each rotor over the mean mass [length^2/s^2]."""
     gravity: float = 0.0
     """g, in the plane of the chain [length/s^2], 0 for none."""
     tilt: float = 0.0
-    """Of the chain, above 0 where the last rotor is the lower end [rad]."""
+    """Tilt of the chain, above 0 if the last rotor is the lower end [rad]."""
 
     @property
-    def parts(self) -> Parts:
-        """Where its unknowns stand."""
-        return parts_of(len(self.masses))
+    def slices(self) -> UnknownSlices:
+        """Positions of its unknowns."""
+        return unknown_slices(len(self.masses))
 
     @property
     def size(self) -> int:
         """Number of unknowns."""
-        return int(self.parts.rates.stop)
+        return int(self.slices.rates.stop)
 
     @property
     def inertias(self) -> Array:
@@ -292,13 +291,13 @@ class FreeMotion:
 
     @property
     def fastest(self) -> float:
-        """Upper bound of the rates of vibrations and of their decay [rad/s]."""
+        """Upper bound of the rates of vibration and decay [rad/s]."""
         vibrations = 2 * math.sqrt(float(self.stiffnesses.max() / self.masses.min()))
         return vibrations + abs(self.friction) / _SLIDING / float(self.inertias.min())
 
     def changed(self, change: Array) -> FreeMotion:
-        """This with a change of the unknowns."""
-        lengths, springs, masses, forces, angles, rates = (change[part] for part in self.parts)
+        """Return the motion after a change of the unknowns."""
+        lengths, springs, masses, forces, angles, rates = (change[part] for part in self.slices)
         damping, friction, gravity = forces.tolist()
         return replace(
             self,
@@ -312,8 +311,8 @@ class FreeMotion:
             rates=self.rates + rates,
         )
 
-    def in_means(self) -> FreeMotion:
-        """The same motion in units of the mean spacing and the mean mass."""
+    def normalised(self) -> FreeMotion:
+        """Return the motion in units of its mean spacing and mean mass."""
         spacing, mass = float(self.lengths.spacings.mean()), float(self.masses.mean())
         return replace(
             self,
@@ -327,9 +326,9 @@ class FreeMotion:
 
 
 def split_chain(unknowns: Array) -> dict[str, Array]:
-    """Parts of the unknowns of a chain, by the names of `Deviations`, and what has none."""
-    at = parts_of((len(unknowns) + 3 - OF_FORCES) // (OF_A_ROTOR + 2))
-    damping, friction, gravity = np.split(unknowns[at.forces], OF_FORCES)
+    """Return the parts of the unknowns of a chain, named as in `Deviations` if they are there."""
+    at = unknown_slices((len(unknowns) + 3 - FORCE_UNKNOWNS) // (UNKNOWNS_PER_ROTOR + 2))
+    damping, friction, gravity = np.split(unknowns[at.forces], FORCE_UNKNOWNS)
     return {
         **split_lengths(unknowns[at.lengths]),
         'stiffness': unknowns[at.stiffnesses],
@@ -340,31 +339,31 @@ def split_chain(unknowns: Array) -> dict[str, Array]:
     }
 
 
-def frames(motion: FreeMotion, times: Array) -> Array:
-    """Return the angles at each instant [rad], shape (T, N)."""
-    return followed(motion, times)[0]
+def angles_at(motion: FreeMotion, times: Array) -> Array:
+    """Return the angles at each time [rad], shape (T, N)."""
+    return propagate(motion, times)[0]
 
 
-def followed(motion: FreeMotion, times: Array) -> tuple[Array, FreeMotion]:
-    """Return the angles at each instant [rad], shape (T, N), and the motion from the last on."""
-    states = [state for state, _ in _frames(motion, times, np.empty((2, len(motion.masses), 0)))]
+def propagate(motion: FreeMotion, times: Array) -> tuple[Array, FreeMotion]:
+    """Return the angles at each time [rad], (T, N), and the motion from the last time on."""
+    states = [state for state, _ in _states(motion, times, np.empty((2, len(motion.masses), 0)))]
     angles, rates = states[-1]
     return np.array([state[0] for state in states]), replace(motion, angles=angles, rates=rates)
 
 
-def frames_with_changes(motion: FreeMotion, times: Array) -> Iterator[tuple[Array, Array]]:
-    """Yield the angles at each instant [rad], (N,), and their changes with unknowns, (N, Q)."""
-    rotors, at = len(motion.masses), motion.parts
+def angles_with_sensitivities(motion: FreeMotion, times: Array) -> Iterator[tuple[Array, Array]]:
+    """Yield the angles at each time [rad], (N,), and their sensitivities, (N, Q)."""
+    rotors, at = len(motion.masses), motion.slices
     changes = np.zeros((2, rotors, motion.size))
     changes[0, :, at.angles] = changes[1, :, at.rates] = np.eye(rotors)
-    for state, changed in _frames(motion, times, changes):
+    for state, changed in _states(motion, times, changes):
         yield state[0], changed
 
 
-def _frames(motion: FreeMotion, times: Array, changes: Array) -> Iterator[tuple[Array, Array]]:
-    """Yield angles and rates, (2, N), and the changes of angles, (N, Q), at each instant."""
+def _states(motion: FreeMotion, times: Array, changes: Array) -> Iterator[tuple[Array, Array]]:
+    """Yield angles and rates, (2, N), and sensitivities of angles, (N, Q), at each time."""
     state = np.array([motion.angles, motion.rates])
-    chain = _table(motion), _columns(motion), motion.parts.forces.start
+    chain = _table(motion), _columns(motion), motion.slices.forces.start
     along, down = motion.gravity * math.sin(motion.tilt), motion.gravity * math.cos(motion.tilt)
     forces = np.array([motion.damping, motion.friction, _SLIDING, along, down])
     yield state.copy(), changes[0].copy()
@@ -385,9 +384,9 @@ def _table(motion: FreeMotion) -> Array:
     return table
 
 
-def _columns(motion: FreeMotion) -> Places:
-    """Places of r, a, l, log k and log m of each rotor among the unknowns, shape (5, N)."""
-    own, at = np.arange(len(motion.masses)), motion.parts
-    r = OF_A_ROTOR * own
+def _columns(motion: FreeMotion) -> Columns:
+    """Return the positions of r, a, l, log k and log m among the unknowns, shape (5, N)."""
+    own, at = np.arange(len(motion.masses)), motion.slices
+    r = UNKNOWNS_PER_ROTOR * own
     columns = [r, r + 2, r + 3, at.stiffnesses.start + own, at.masses.start + own]
     return np.ascontiguousarray(columns, dtype=np.int64)

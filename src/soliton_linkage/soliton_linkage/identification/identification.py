@@ -1,152 +1,235 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A chain with standard deviations, by the motion of springs or by bonds that close."""
+"""Identification of a chain, with standard deviations, from a recording of a passing soliton."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 
 from soliton_linkage.identification.adjustment import (
     Adjustment,
-    measurable,
-    nearly_stopping,
+    adjust,
+    near_limit_bonds,
+    observable_basis,
     passable,
 )
-from soliton_linkage.identification.bar_motion import BarMotion
-from soliton_linkage.identification.free_motion import split_chain
-from soliton_linkage.identification.lengths import Lengths, split_lengths
-from soliton_linkage.identification.mass_scale import MassScale
-from soliton_linkage.identification.motion_fit import MotionFit
-from soliton_linkage.identification.screening import LEAST_NOISE
+from soliton_linkage.identification.bar_motion import BarMotion, bar_motion
+from soliton_linkage.identification.free_motion import FreeMotion, split_chain
+from soliton_linkage.identification.lengths import Lengths, initial_lengths, split_lengths
+from soliton_linkage.identification.mass_scale import MassScale, mass_scale
+from soliton_linkage.identification.motion_fit import MotionFit, MotionFitter
+from soliton_linkage.identification.readings import Readings, informative_frames
+from soliton_linkage.identification.screening import (
+    LEAST_NOISE,
+    check_jumps,
+    check_motion,
+    check_slips,
+    noise_of,
+)
+from soliton_linkage.identification.windows import initial_windows
 from soliton_linkage.linkage.chain import Array, Chain
 from soliton_linkage.solitons.passage import find_obstacles
+
+_NOT_CLOSED = (
+    'no lengths close the bonds of this recording; check the order of the joints, their signs and '
+    'their zeros, and that no rotor was held'
+)
+_MOST_FITTED = 3000
+"""Largest number of frames to which a motion is fitted [1]: 40 rotors take a minute or two."""
+_STRAINED = 1.1
+"""Noise by misclosures over the noise of readings above which bonds do not close [1]."""
+_WORSE = 1.25
+"""Noise of a bond over the median above which it is reported [1]: chance makes 1.1."""
+_SCALE_PARTS = {'rotor_length', 'spacing', 'rest_length'}
+_MOST_NAMED = 4
+"""Largest number of weakly observable combinations that are named [1]."""
+_NOT_OBSERVABLE = 1e-4
+"""Information below which a combination is not observable [1]: a standard deviation of 100."""
+_WEAK = 0.1
+"""Standard deviation of a combination by the angles alone above which it is weakly observable
+[1]."""
 
 
 @dataclass(frozen=True)
 class Identification:
-    """A chain as the angles of a recording show it."""
+    """An identified chain with its uncertainties."""
 
     chain: Chain
-    """With the mean spacing, mass, stiffness and damping that were given."""
+    """Chain with the given mean spacing, mass, stiffness and damping unless they are estimated."""
     deviations: dict[str, Array]
     """Standard deviation of each length over that length [1], by the names of `Deviations`."""
     offsets: Array
-    """What each encoder reads too much [rad], shape (N,)."""
+    """Readings less angles of each encoder [rad], shape (N,)."""
     offset_deviations: Array
-    """Standard deviations of these [rad], shape (N,)."""
+    """Standard deviations of the offsets [rad], shape (N,)."""
     noise: float
-    """Standard deviation of a reading [rad], as the bonds leave it open."""
+    """Standard deviation of a reading by the residuals [rad]."""
     reading_noise: float
-    """The same from frame to frame, which knows of no chain."""
+    """Standard deviation of a reading by its changes from frame to frame [rad]."""
     bond_noise: Array
-    """The same as `noise` by each bond alone [rad], shape (N - 1,)."""
+    """Standard deviation of a reading by each bond alone [rad], shape (N - 1,)."""
     tolerance: float
-    """Standard deviation by which lengths of one kind differ from each other [1]."""
+    """Standard deviation of the relative differences of lengths of one kind [1]."""
     damping_deviation: float
-    """Standard deviation of the damping [N m s/rad], NaN where it is not told."""
+    """Standard deviation of the damping [N m s/rad], NaN if it was not estimated."""
     friction: float
-    """Dry friction of each rotor, beside the damping [N m], NaN where it is not told."""
+    """Dry friction of each rotor, in addition to the damping [N m], NaN if not estimated."""
     friction_deviation: float
-    """Standard deviation of it [N m]."""
+    """Standard deviation of the dry friction [N m]."""
     spacing_deviation: float
-    """The same of the logarithm of the mean spacing [1], NaN where gravity did not tell that."""
+    """Standard deviation of the logarithm of the mean spacing [1], NaN if not estimated."""
     mass_deviation: float
-    """The same of the logarithm of the mean mass [1], NaN where no push told that."""
+    """Standard deviation of the logarithm of the mean mass [1], NaN if not estimated."""
     rigid: bool
-    """Whether all bonds close to the noise, as bars do: then no stiffness is found."""
+    """Whether all bonds close within the noise, as rigid bars do; then stiffnesses are unknown."""
     unused_frames: int
-    """Frames of the longest recordings by which masses, springs and drag were not found [1]."""
+    """Frames of a long recording that were not used for masses, stiffnesses and drag [1]."""
     weakly_observable: tuple[str, ...]
-    """What the angles alone leave open, in words."""
+    """Combinations that the angles alone hardly determine."""
     warnings: tuple[str, ...]
-    """What a user must know of it, one line each."""
+    """Warnings for the user, one line each."""
 
     @property
     def worst_bonds(self) -> tuple[int, ...]:
-        """Numbers of the bonds that leave most open, the worst first."""
+        """Numbers of the bonds in the order of decreasing noise."""
         return tuple(np.argsort(-self.bond_noise).tolist())
 
 
-_OF_SCALE = {'rotor_length', 'spacing', 'rest_length'}
-_MOST_SAID = 4
-"""Combinations that are named [1]."""
-_LEAST_TOLD = 1e-4
-"""Information below which a combination is not told at all [1]: to 100 times its size."""
-_OPEN = 0.1
-"""Standard deviation of a combination of lengths, by the angles alone, beyond which it is called
-open [1]: more than workshops miss."""
+def identify(
+    readings: Readings,
+    given: Chain,
+    tolerance: float | None = None,
+    spacing_known: bool = True,
+) -> Identification:
+    """Identify a chain from a recording.
 
-
-def weakly_observable_combinations(
-    information: Array, basis: Array, parts: Callable[[Array], dict[str, Array]]
-) -> tuple[str, ...]:
-    """What readings alone tell less well than workshops make it, the least first.
-
-    For what readings say of all unknowns, (P, P), and an orthonormal basis of the changes that
-    they may tell, whose parts have names.
+    Angles do not determine the mean spacing, the scale of masses and stiffnesses, and sometimes
+    the damping. These are taken from the given chain, whose number of rotors and other lengths are
+    ignored. The mean spacing is estimated from gravity if it is not known, and the mean mass from
+    known impulses. The tolerance of lengths [1] is estimated unless it is given. Raises
+    ValueError, with a message in one line, if the recording does not determine a chain.
     """
-    values, vectors = np.linalg.eigh(basis.T @ information @ basis)
-    loose = [
-        _in_words(max(float(value), _LEAST_TOLD) ** -0.5, parts(basis @ vector))
-        for value, vector in zip(values, vectors.T, strict=True)
-        if value < _OPEN**-2
-    ]
-    more = (f'{len(loose) - _MOST_SAID} more',) if len(loose) > _MOST_SAID else ()
-    return (*loose[:_MOST_SAID], *more)
+    times = readings.times
+    _check_passage(readings.recordings)
+    noise = noise_of(readings.unwrapped, readings.relative_deviations)
+    for recording in readings.recordings:
+        check_jumps(recording, noise)
+    start = initial_lengths(readings.filled)
+    try:
+        found = adjust(readings.unwrapped, start, tolerance, readings.relative_deviations)
+    except np.linalg.LinAlgError as error:
+        raise ValueError(_NOT_CLOSED) from error
+    known = spacing_known or not readings.gravity.acceleration
+    impulses = [impulse.time for impulse in readings.impulses]
+    frames = informative_frames(times, readings.unwrapped, impulses, _MOST_FITTED)
+    unused = len(times) - len(frames)
+    some = replace(readings, angles=readings.unwrapped).select(frames)
+    fitted = _fit_springs(some, found.residuals[frames], found, given, noise, tolerance, known)
+    if fitted is not None:
+        check_slips(some, fitted.residuals, fitted.noise)
+        given = _scaled(given, readings, fitted.motion.gravity)
+        scale = mass_scale(fitted, some, given.spacing)
+        return _by_springs(fitted, given, noise, scale, unused)
+    residuals = found.residuals / readings.relative_deviations
+    check_slips(readings, residuals, max(noise, found.noise))
+    if not found.converged:
+        raise ValueError(_NOT_CLOSED)
+    moved = None if found.noise > _STRAINED * noise else _fit_bars(some, found, given, known)
+    if moved is None:
+        return _by_bonds(found, given, noise, None, 0)
+    return _by_bonds(found, _scaled(given, readings, moved.gravity), noise, moved, unused)
 
 
-def _in_words(spread: float, parts: dict[str, Array]) -> str:
-    """Say which rotors and lengths a combination is of, and by how much it is open."""
-    size = max(float(np.abs(part).max()) for part in parts.values())
-    kinds = [name for name, part in parts.items() if np.abs(part).max() > 0.5 * size]
-    sides = [
-        np.concatenate([np.flatnonzero(sign * part > 0.5 * size) for part in parts.values()])
-        for sign in (1, -1)
-    ]
-    large = min((side for side in sides if len(side)), key=np.ptp)
-    what = 'scale' if set(kinds) == _OF_SCALE else ' and '.join(kinds)
-    much = 'not at all' if spread >= _LEAST_TOLD**-0.5 else f'to {spread:.0%}'
-    return f'{what} of rotors {large.min()} to {large.max()} against the others: {much}'
+def _check_passage(recordings: Sequence[Readings]) -> None:
+    """Raise ValueError unless a wall passes all rotors in one of the recordings."""
+    errors = []
+    for each in recordings:
+        try:
+            check_motion(each.times, each.filled, each.joints)
+        except ValueError as error:
+            errors.append(error)
+        else:
+            return
+    raise errors[0]
 
 
-STRAINED = 1.1
-"""Noise that is left over that from frame to frame, beyond which it is more than noise [1]."""
-_WORSE = 1.25
-"""Noise of a bond over that of most, beyond which it is called bad [1]: of 1000 frames chance
-makes 1.1."""
-_NO_FORCES = dict.fromkeys(
-    ('damping_deviation', 'friction', 'friction_deviation', 'spacing_deviation'), math.nan
-)
-"""What is told of a chain that does not move freely."""
+def _scaled(given: Chain, readings: Readings, gravity: float) -> Chain:
+    """Return the given chain with the mean spacing that follows from gravity [1/s^2]."""
+    acceleration = readings.gravity.acceleration
+    return replace(given, spacing=acceleration / gravity) if acceleration else given
 
 
-def of_springs(
+def _fit_springs(
+    some: Readings,
+    residuals: Array,
+    found: Adjustment,
+    given: Chain,
+    noise: float,
+    tolerance: float | None,
+    spacing_known: bool,
+) -> MotionFit | None:
+    """Fit the free motion of springs; None if bars explain the readings as well."""
+    rotors = found.lengths.rotors
+    angles = some.filled - found.lengths.offsets - residuals
+    stiffness = given.stiffness / given.mass
+    zeros, ones = np.zeros(rotors), np.ones(rotors)
+    start = FreeMotion(
+        found.lengths,
+        stiffness * ones[1:],
+        ones,
+        0.0,
+        zeros,
+        zeros,
+        gravity=some.gravity.acceleration / given.spacing,
+    )
+    windows = initial_windows(some.times, angles, start, some.interruptions, some.tilt_at)
+    if not windows:
+        return None
+    inputs = some.times, some.unwrapped, some.relative_deviations, max(noise, LEAST_NOISE)
+    try:
+        return MotionFitter(windows, *inputs, tolerance, spacing_known).fit(found.noise)
+    except np.linalg.LinAlgError:
+        return None
+
+
+def _fit_bars(
+    some: Readings, found: Adjustment, given: Chain, spacing_known: bool
+) -> BarMotion | None:
+    """Fit the free motion of bars; None if they do not move freely."""
+    acceleration = some.gravity.acceleration / given.spacing
+    some = replace(some, gravity=replace(some.gravity, acceleration=acceleration))
+    noise = max(found.noise, LEAST_NOISE)
+    try:
+        return bar_motion(some, found.lengths, found.covariance, noise, spacing_known)
+    except (ValueError, ArithmeticError, np.linalg.LinAlgError):
+        return None
+
+
+def _by_springs(
     fitted: MotionFit,
     given: Chain,
     reading_noise: float,
     scale: MassScale | None,
-    left_out: int = 0,
+    unused_frames: int,
 ) -> Identification:
-    """Chain of springs, whose stiffnesses, masses and damping the motion shows too.
-
-    By all frames but those that were left out.
-    """
+    """Return the chain of springs with its lengths, stiffnesses, masses and drag."""
     motion = fitted.motion
-    parts = split_chain(np.sqrt(np.diag(fitted.covariance)))
-    geometry = motion.parts.lengths
-    lengths = passable(motion.lengths, fitted.covariance[geometry, geometry])
+    deviations = split_chain(np.sqrt(np.diag(fitted.covariance)))
+    geometry = motion.slices.lengths
+    covariance = fitted.covariance[geometry, geometry]
+    lengths = passable(motion.lengths, covariance)
     chain = lengths.scaled(given.spacing).chain(given)
     mass = given.mass if scale is None else scale.mass
-    of_mean = mass / float(motion.masses.mean())
-    of_drag = of_mean * given.spacing**2
+    mass_unit = mass / float(motion.masses.mean())
+    drag_unit = mass_unit * given.spacing**2
     chain = replace(
         chain,
         mass=mass,
-        stiffness=of_mean * float(motion.stiffnesses.mean()),
-        damping=of_drag * max(motion.damping, 0.0),
+        stiffness=mass_unit * float(motion.stiffnesses.mean()),
+        damping=drag_unit * max(motion.damping, 0.0),
         deviations=replace(
             chain.deviations,
             mass=tuple((motion.masses / motion.masses.mean() - 1).tolist()),
@@ -154,142 +237,148 @@ def of_springs(
             damping=(),
         ),
     )
-    offsets = parts.pop('offset')
+    offsets = deviations.pop('offset')
     damping, friction, gravity = (
-        float(parts.pop(name)[0]) for name in ('damping', 'friction', 'gravity')
+        float(deviations.pop(name)[0]) for name in ('damping', 'friction', 'gravity')
     )
-    by_bond = np.sqrt(np.mean(fitted.left**2, axis=0))
+    rotor_noise = np.sqrt(np.mean(fitted.residuals**2, axis=0))
+    excess = fitted.noise / max(reading_noise, LEAST_NOISE)
+    warnings = [*_obstacle_warnings(chain, lengths, covariance)]
+    if excess > _STRAINED:
+        warnings.insert(
+            0,
+            f'the residuals of the motion are {excess:.2g} times the noise of the readings, and '
+            'standard deviations are too small; record a slower soliton, or select a part of the '
+            'recording by --begin and --end',
+        )
     return Identification(
         chain=chain,
-        deviations=parts,
-        damping_deviation=of_drag * damping,
-        friction=of_drag * motion.friction,
-        friction_deviation=of_drag * friction,
+        deviations=deviations,
+        damping_deviation=drag_unit * damping,
+        friction=drag_unit * motion.friction,
+        friction_deviation=drag_unit * friction,
         spacing_deviation=gravity or math.nan,
         mass_deviation=math.nan if scale is None else scale.deviation,
         offsets=motion.lengths.offsets,
         offset_deviations=offsets,
         noise=fitted.noise,
         reading_noise=reading_noise,
-        bond_noise=np.maximum(by_bond[:-1], by_bond[1:]),
-        tolerance=fitted.prior.tolerances.of_lengths,
+        bond_noise=np.maximum(rotor_noise[:-1], rotor_noise[1:]),
+        tolerance=fitted.prior.tolerances.lengths,
         rigid=False,
-        unused_frames=left_out,
-        weakly_observable=weakly_observable_combinations(
-            fitted.information, fitted.basis, split_chain
-        ),
-        warnings=(
-            *_unexplained(fitted.noise, reading_noise),
-            *_obstacles(chain),
-            *_near_obstacles(lengths, fitted.covariance[geometry, geometry]),
-        ),
+        unused_frames=unused_frames,
+        weakly_observable=_weakly_observable(fitted.information, fitted.basis, split_chain),
+        warnings=tuple(warnings),
     )
 
 
-def of_bonds(
+def _by_bonds(
     found: Adjustment,
     given: Chain,
     reading_noise: float,
-    moved: BarMotion | None = None,
-    left_out: int = 0,
+    moved: BarMotion | None,
+    unused_frames: int,
 ) -> Identification:
-    """Chain whose bonds close, as bars do, or springs about slow walls.
-
-    With what the free motion of bars shows, where they move freely, by all frames but those that
-    were left out.
-    """
+    """Return the chain by its bonds, with masses and drag if bars move freely."""
     deviations = split_lengths(found.deviations)
     offsets = deviations.pop('offset')
-    rigid = found.noise <= STRAINED * reading_noise
-    chain, forces = found.lengths.scaled(given.spacing).chain(given), _NO_FORCES
+    chain = found.lengths.scaled(given.spacing).chain(given)
+    forces = [math.nan] * 4
     if moved is not None:
-        chain, forces = _of_bars(chain, moved)
+        unit = chain.mass * chain.spacing**2
+        (damping, friction), (of_damping, of_friction) = moved.drag, moved.drag_deviations
+        masses = tuple((moved.masses - 1).tolist())
+        chain = replace(
+            chain,
+            damping=unit * max(damping, 0.0),
+            deviations=replace(chain.deviations, mass=masses, damping=()),
+        )
+        forces = [unit * each for each in (of_damping, friction, of_friction)]
+        forces.append(moved.gravity_deviation or math.nan)
         deviations['mass'] = moved.mass_deviations
+    rigid = found.noise <= _STRAINED * reading_noise
+    warnings = [*_obstacle_warnings(chain, found.lengths, found.covariance)]
+    if not rigid:
+        excess = found.noise / max(reading_noise, LEAST_NOISE)
+        warnings.append(
+            f'bonds do not close: their misclosures are {excess:.2g} times the noise of the '
+            'readings, and standard deviations are too small. A fast soliton strains springs, and '
+            'pivots may have play; record a slower soliton, with its kick before the first frame'
+        )
+    usual = float(np.median(found.bond_noise))
+    warnings += [
+        f'the misclosure of bond {bond} is {found.bond_noise[bond] / usual:.2g} times that of '
+        'most bonds; check that its encoders do not slip and its pivots have no play'
+        for bond in np.flatnonzero(found.bond_noise > _WORSE * usual).tolist()
+    ]
+    basis = observable_basis(found.lengths)
     return Identification(
         chain=chain,
         deviations=deviations,
-        **forces,
+        damping_deviation=forces[0],
+        friction=forces[1],
+        friction_deviation=forces[2],
+        spacing_deviation=forces[3],
         mass_deviation=math.nan,
         offsets=found.lengths.offsets,
         offset_deviations=offsets,
         noise=found.noise,
         reading_noise=reading_noise,
         bond_noise=found.bond_noise,
-        tolerance=found.tolerances.of_lengths,
+        tolerance=found.tolerances.lengths,
         rigid=rigid,
-        unused_frames=left_out,
-        weakly_observable=weakly_observable_combinations(
-            found.information, measurable(found.lengths), split_lengths
-        ),
-        warnings=(
-            *_obstacles(chain),
-            *_near_obstacles(found.lengths, found.covariance),
-            *(() if rigid else _open_bonds(found, reading_noise)),
-            *_bad_bonds(found.bond_noise),
-        ),
+        unused_frames=unused_frames,
+        weakly_observable=_weakly_observable(found.information, basis, split_lengths),
+        warnings=tuple(warnings),
     )
 
 
-def _of_bars(chain: Chain, moved: BarMotion) -> tuple[Chain, dict[str, float]]:
-    """Chain with the masses and the drag that the motion of bars shows, and how sure these are."""
-    of_drag = chain.mass * chain.spacing**2
-    (damping, friction), (of_damping, of_friction) = moved.drag, moved.drag_deviations
-    masses = tuple((moved.masses - 1).tolist())
-    found = replace(
-        chain,
-        damping=of_drag * max(damping, 0.0),
-        deviations=replace(chain.deviations, mass=masses, damping=()),
-    )
-    return found, {
-        'damping_deviation': of_drag * of_damping,
-        'friction': of_drag * friction,
-        'friction_deviation': of_drag * of_friction,
-        'spacing_deviation': moved.gravity_deviation or math.nan,
-    }
-
-
-def _open_bonds(found: Adjustment, reading_noise: float) -> tuple[str, ...]:
-    more = found.noise / max(reading_noise, LEAST_NOISE)
-    return (
-        f'bonds leave {more:.2g} times the noise of the readings: '
-        'springs give way about a fast soliton, or pivots have play, and standard deviations '
-        'are too small; record a slower soliton, with its kick before the first frame',
-    )
-
-
-def _bad_bonds(bond_noise: Array) -> tuple[str, ...]:
-    usual = float(np.median(bond_noise))
-    return tuple(
-        f'bond {bond} leaves {bond_noise[bond] / usual:.2g} times the noise of most bonds: '
-        'an encoder may slip there, or a pivot have play'
-        for bond in np.flatnonzero(bond_noise > _WORSE * usual).tolist()
-    )
-
-
-def _unexplained(noise: float, reading_noise: float) -> tuple[str, ...]:
-    least = max(reading_noise, LEAST_NOISE)
-    if noise <= STRAINED * least:
-        return ()
-    return (
-        f'the motion of springs leaves {noise / least:.2g} times the noise of the '
-        'readings, and standard deviations are too small; record with a slower soliton, or less '
-        'of it by --begin and --end',
-    )
-
-
-def _obstacles(chain: Chain) -> tuple[str, ...]:
-    return tuple(
-        f'bond {each.bond} may stop a wall: {each.rest_length:.4g} m {each.reason}'
+def _obstacle_warnings(chain: Chain, lengths: Lengths, covariance: Array) -> list[str]:
+    """Return warnings about bonds that stop walls or are close to doing so."""
+    warnings = [
+        f'bond {each.bond} may stop a wall: its spring of {each.rest_length:.4g} m {each.reason}'
         for each in find_obstacles(chain)
-    )
+    ]
+    near = near_limit_bonds(lengths, covariance)
+    if near:
+        bonds = ', '.join(f'{bond} ({chance:.1%})' for bond, chance in near.items())
+        warnings.append(
+            'bonds close to a limit beyond which they may stop walls, and the probability that '
+            f'they are beyond it: {bonds}; record more crossings to reduce the uncertainty, or '
+            'adjust these bonds'
+        )
+    return warnings
 
 
-def _near_obstacles(lengths: Lengths, covariance: Array) -> tuple[str, ...]:
-    near = nearly_stopping(lengths, covariance)
-    if not near:
-        return ()
-    bonds = ', '.join(f'{bond} ({chance:.1%})' for bond, chance in near.items())
-    return (
-        f'bonds that nearly stop walls, and how likely they are to be beyond that limit: {bonds}; '
-        'record more crossings to know their lengths better, or mend them',
-    )
+def _weakly_observable(
+    information: Array, basis: Array, split: Callable[[Array], dict[str, Array]]
+) -> tuple[str, ...]:
+    """Return descriptions of the combinations that the readings hardly determine.
+
+    The information of the readings on all unknowns, (P, P), and an orthonormal basis of observable
+    changes are given. `split` names the parts of the unknowns. The least observable come first.
+    """
+    values, vectors = np.linalg.eigh(basis.T @ information @ basis)
+    weak = [
+        _description(max(float(value), _NOT_OBSERVABLE) ** -0.5, split(basis @ vector))
+        for value, vector in zip(values, vectors.T, strict=True)
+        if value < _WEAK**-2
+    ]
+    more = (f'{len(weak) - _MOST_NAMED} more',) if len(weak) > _MOST_NAMED else ()
+    return (*weak[:_MOST_NAMED], *more)
+
+
+def _description(deviation: float, parts: dict[str, Array]) -> str:
+    """Return the quantities and rotors of a combination, and its standard deviation."""
+    size = max(float(np.abs(part).max()) for part in parts.values())
+    kinds = [name for name, part in parts.items() if np.abs(part).max() > 0.5 * size]
+    sides = [
+        np.concatenate([np.flatnonzero(sign * part > 0.5 * size) for part in parts.values()])
+        for sign in (1, -1)
+    ]
+    large = min((side for side in sides if len(side)), key=np.ptp)
+    what = 'scale' if set(kinds) == _SCALE_PARTS else ', '.join(kinds)
+    observable = deviation < _NOT_OBSERVABLE**-0.5
+    value = f'standard deviation {deviation:.0%}' if observable else 'not observable'
+    rotors = f'rotors {large.min()} to {large.max()}' if np.ptp(large) else f'rotor {large[0]}'
+    return f'{what} of {rotors} relative to the others: {value}'

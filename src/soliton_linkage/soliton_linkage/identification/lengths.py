@@ -1,12 +1,12 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Lengths of a chain and offsets of its encoders: the unknowns, their prior and first values.
+"""Lengths of a chain and offsets of its encoders: the unknowns, their prior and initial values.
 
-The unknowns stand in the order r_0, o_0, a_0, l_0, r_1, o_1, a_1, l_1, ..., r_{N-1}, o_{N-1}, so
-that those of a bond are six in a row: r_n, o_n, a_n, l_n, r_{n+1}, o_{n+1}. Changes of lengths are
-those of their logarithms [1], changes of offsets are in [rad].
+The order of the unknowns is r_0, o_0, a_0, l_0, r_1, o_1, a_1, l_1, ..., r_{N-1}, o_{N-1}, so that
+a bond has six consecutive ones: r_n, o_n, a_n, l_n, r_{n+1}, o_{n+1}. A change of a length is the
+change of its logarithm [1]; a change of an offset is in [rad].
 
-A priori, logarithms of lengths of one kind are normal about their common mean, and offsets about
-0. The standard deviations of these normal distributions, the tolerances, are learnt.
+A priori, logarithms of lengths of one kind have a normal distribution about their common mean, and
+offsets about 0. Its standard deviations, the tolerances, are estimated.
 """
 
 from __future__ import annotations
@@ -19,12 +19,12 @@ import numpy as np
 from soliton_linkage.linkage.chain import Array, Chain
 from soliton_linkage.linkage.deviations import Deviations
 
-OF_A_ROTOR = 4
-"""Unknowns from one rotor to the next: r, o, a and l."""
-OF_A_BOND = 6
-"""Unknowns that the length of a bond depends on."""
+UNKNOWNS_PER_ROTOR = 4
+"""Unknowns from one rotor to the next [1]: r, o, a and l."""
+UNKNOWNS_PER_BOND = 6
+"""Unknowns that determine the length of a bond [1]."""
 _LONGEST_STEP = 0.2
-"""Largest change of a logarithm or offset in one step: a fifth, far beyond what chains deviate."""
+"""Largest change of a logarithm or offset in one step [1], [rad]."""
 
 
 @dataclass(frozen=True)
@@ -32,13 +32,13 @@ class Lengths:
     """Lengths of a chain of N rotors with free ends, and offsets of its encoders."""
 
     rotor_lengths: Array
-    """r, from pivot to mass [m], shape (N,)."""
+    """Lengths r from pivot to mass [m], shape (N,)."""
     spacings: Array
-    """a, from each pivot to the next [m], shape (N - 1,)."""
+    """Distances a from each pivot to the next [m], shape (N - 1,)."""
     rest_lengths: Array
-    """l, of the springs at rest or of the bars [m], shape (N - 1,)."""
+    """Lengths l of the springs at rest or of the bars [m], shape (N - 1,)."""
     offsets: Array
-    """o, what readings are too large by [rad], shape (N,)."""
+    """Readings less angles, o [rad], shape (N,)."""
 
     @property
     def rotors(self) -> int:
@@ -46,7 +46,7 @@ class Lengths:
         return len(self.rotor_lengths)
 
     def changed(self, change: Array) -> Lengths:
-        """These with a change of the unknowns, which is shortened where it is too large."""
+        """Return the lengths after a change of the unknowns, which is limited in size."""
         largest = float(np.abs(change).max(initial=0.0))
         rotor, offset, spacing, rest = split(change * min(1.0, _LONGEST_STEP / max(largest, 1e-9)))
         return Lengths(
@@ -57,7 +57,7 @@ class Lengths:
         )
 
     def scaled(self, spacing: float) -> Lengths:
-        """These with a mean spacing [m]."""
+        """Return the lengths scaled to a mean spacing [m]."""
         scale = spacing / float(self.spacings.mean())
         return Lengths(
             scale * self.rotor_lengths,
@@ -66,24 +66,24 @@ class Lengths:
             self.offsets,
         )
 
-    def chain(self, alike: Chain) -> Chain:
-        """A chain with these lengths, in all else as a given one.
+    def chain(self, template: Chain) -> Chain:
+        """Return a chain with these lengths and all other parameters of a template.
 
-        Its parameters are the means of the lengths, and their deviations fractions of these.
+        Its parameters are the means of the lengths. Deviations are fractions of these means.
         """
         spacing, length = float(self.spacings.mean()), float(self.rotor_lengths.mean())
         rest = float(self.rest_lengths.mean())
         cosine = math.sqrt(max(rest**2 - spacing**2, 0.0)) / (2 * length)
         deviations = Deviations(
-            spacing=_fractions(self.spacings, spacing),
-            rotor_length=_fractions(self.rotor_lengths, length),
-            rest_length=_fractions(self.rest_lengths, rest),
-            mass=alike.deviations.mass,
-            stiffness=alike.deviations.stiffness,
-            damping=alike.deviations.damping,
+            spacing=tuple((self.spacings / spacing - 1).tolist()),
+            rotor_length=tuple((self.rotor_lengths / length - 1).tolist()),
+            rest_length=tuple((self.rest_lengths / rest - 1).tolist()),
+            mass=template.deviations.mass,
+            stiffness=template.deviations.stiffness,
+            damping=template.deviations.damping,
         )
         return replace(
-            alike,
+            template,
             number_of_rotors=self.rotors,
             spacing=spacing,
             rotor_length=length,
@@ -92,64 +92,59 @@ class Lengths:
         )
 
 
-def lengths_of(chain: Chain) -> Lengths:
-    """Lengths of a chain whose encoders have no offsets."""
+def chain_lengths(chain: Chain) -> Lengths:
+    """Return the lengths of a chain whose encoders have no offsets."""
     none = np.zeros(chain.number_of_rotors)
     return Lengths(chain.rotor_lengths, chain.spacings, chain.rest_lengths, none)
 
 
 def split(unknowns: Array) -> tuple[Array, Array, Array, Array]:
-    """Parts of the unknowns on the last axis: of r, o, a and l."""
-    r, o, a, length = (unknowns[..., part::OF_A_ROTOR] for part in range(OF_A_ROTOR))
+    """Return the parts r, o, a and l of the unknowns on the last axis."""
+    r, o, a, length = (unknowns[..., k::UNKNOWNS_PER_ROTOR] for k in range(UNKNOWNS_PER_ROTOR))
     return r, o, a, length
 
 
 def split_lengths(unknowns: Array) -> dict[str, Array]:
-    """The same by the names of `Deviations`, and offset."""
-    return dict(
-        zip(('rotor_length', 'offset', 'spacing', 'rest_length'), split(unknowns), strict=True)
-    )
-
-
-def _fractions(lengths: Array, mean: float) -> tuple[float, ...]:
-    return tuple((lengths / mean - 1).tolist())
+    """Return the parts of the unknowns by the names of `Deviations`, and the offset."""
+    names = 'rotor_length', 'offset', 'spacing', 'rest_length'
+    return dict(zip(names, split(unknowns), strict=True))
 
 
 _PASSING = 0.2
-"""Difference of the sines of neighbours about a wall, over the largest of most bonds [1]."""
+"""Difference of the sines of neighbours near a wall, over the largest of most bonds [1]."""
 
 
-def equal_rotors(angles: Array) -> Lengths:
-    """Return lengths of equal rotors on pivots a distance of 1 apart, for angles [rad] (T, N).
+def initial_lengths(angles: Array) -> Lengths:
+    """Return lengths of equal rotors on pivots a distance of 1 apart, for angles [rad], (T, N).
 
-    The bond of equal rotors closes where
+    The bond of equal rotors closes if
 
         cos(phi_n - phi_{n+1}) = K_0 + K_1 (sin(phi_{n+1}) - sin(phi_n)),
         K_0 = (a^2 + 2 r^2 - l^2) / (2 r^2),    K_1 = a / r,
 
-    which is linear in K_0 and K_1 (after Freudenstein's equation of four-bar linkages).
-    Raises ValueError where no chain has these angles.
+    which is linear in K_0 and K_1 (Freudenstein's equation of four-bar linkages). Raises
+    ValueError if no chain has these angles.
     """
     inner = angles[:, 1:-1] if angles.shape[1] > 4 else angles
-    apart = np.diff(np.sin(inner), axis=1)
-    together = np.cos(np.diff(inner, axis=1))
-    constants = np.nanmedian(together, axis=0)
-    swing = float(np.median(np.nanmax(np.abs(apart - np.nanmedian(apart, axis=0)), axis=0)))
-    across = apart - np.nanmedian(apart, axis=0)
+    differences = np.diff(np.sin(inner), axis=1)
+    cosines = np.cos(np.diff(inner, axis=1))
+    constants = np.nanmedian(cosines, axis=0)
+    across = differences - np.nanmedian(differences, axis=0)
+    swing = float(np.median(np.nanmax(np.abs(across), axis=0)))
     passing = np.abs(across) > _PASSING * swing
-    ratio = float(across[passing] @ (together - constants)[passing])
+    ratio = float(across[passing] @ (cosines - constants)[passing])
     ratio /= float(across[passing] @ across[passing])
     constant = float(np.median(constants))
     if ratio < 0:
         raise ValueError(
-            'the angles are those of a chain seen from behind: name the joints from the first '
-            'rotor to the last, and count angles from upright towards the last'
+            'the angles belong to a chain that is seen from behind: name the joints from the '
+            'first rotor to the last, and measure angles from upright towards the last'
         )
     squared = ratio**2 + 2 * (1 - constant)
     if not squared > ratio**2 > 0:
         raise ValueError(
-            'the angles are those of no chain of rotors on pivots in a row; check that they are '
-            'in radians, counted from upright towards the last rotor, in the order of the rotors'
+            'no chain of rotors with pivots in a row has these angles; check that they are in '
+            'radians, measured from upright towards the last rotor, in the order of the rotors'
         )
     rotors = angles.shape[1]
     length, rest = 1 / float(ratio), math.sqrt(squared) / float(ratio)
@@ -158,48 +153,45 @@ def equal_rotors(angles: Array) -> Lengths:
     )
 
 
-_BEGIN = 0.04
-"""Tolerances to start from [1], [rad]: wider ones let single lengths run away at first."""
-_WIDEST = 0.3
-"""The largest [1], [rad]: beyond a third nothing is alike."""
-_NARROWEST = 1e-4
-"""Smallest tolerance [1], [rad], a tenth of what workshops reach: 0 has no logarithm."""
+_INITIAL = 0.04
+"""Initial tolerances [1], [rad]: with larger ones single lengths diverge at first."""
+_SMALLEST, _LARGEST = 1e-4, 0.3
+"""Limits of the tolerances [1], [rad]; the smallest is a tenth of what workshops achieve."""
 
 
 @dataclass(frozen=True)
 class Tolerances:
     """Standard deviations of lengths of one kind about their mean, and of offsets."""
 
-    of_lengths: float = _BEGIN
-    """Relative [1]."""
-    of_offsets: float = _BEGIN
-    """[rad]."""
+    lengths: float = _INITIAL
+    """Relative standard deviation of lengths [1]."""
+    offsets: float = _INITIAL
+    """Standard deviation of offsets [rad]."""
 
     def information(self, rotors: int) -> Array:
-        """Information on the unknowns of a chain of N rotors, shape (P, P)."""
-        size = OF_A_ROTOR * rotors - 2
+        """Return the information matrix of the unknowns of a chain of N rotors, (P, P)."""
+        size = UNKNOWNS_PER_ROTOR * rotors - 2
         information = np.zeros((size, size))
         for part in (0, 2, 3):
-            places = np.arange(part, size, OF_A_ROTOR)
-            alike = np.eye(len(places)) - 1 / len(places)
-            information[np.ix_(places, places)] = alike / self.of_lengths**2
-        places = np.arange(1, size, OF_A_ROTOR)
-        information[places, places] = self.of_offsets**-2
+            rows = np.arange(part, size, UNKNOWNS_PER_ROTOR)
+            centred = np.eye(len(rows)) - 1 / len(rows)
+            information[np.ix_(rows, rows)] = centred / self.lengths**2
+        rows = np.arange(1, size, UNKNOWNS_PER_ROTOR)
+        information[rows, rows] = self.offsets**-2
         return information
 
-    def close_to(self, other: Tolerances, share: float) -> bool:
-        """Whether they are those of another to a share of it [1]."""
+    def is_close(self, other: Tolerances, fraction: float) -> bool:
+        """Whether both tolerances differ from others by at most a fraction [1]."""
         return (
-            abs(self.of_lengths - other.of_lengths) <= share * other.of_lengths
-            and abs(self.of_offsets - other.of_offsets) <= share * other.of_offsets
+            abs(self.lengths - other.lengths) <= fraction * other.lengths
+            and abs(self.offsets - other.offsets) <= fraction * other.offsets
         )
 
-    def relearnt(
-        self, lengths: Lengths, covariance: Array, of_lengths: float | None = None
-    ) -> Tolerances:
-        """Return the tolerances of lengths, of a given covariance (P, P), and offsets.
+    @staticmethod
+    def estimated(lengths: Lengths, covariance: Array, given: float | None) -> Tolerances:
+        """Return the tolerances of lengths with a covariance (P, P).
 
-        A tolerance of lengths [1] is learnt unless it is given.
+        The tolerance of the lengths [1] may be given.
         """
         rotor, offset, spacing, rest = split(np.diag(covariance))
         squares = [
@@ -207,14 +199,14 @@ class Tolerances:
             _squares(np.log(lengths.spacings), spacing),
             _squares(np.log(lengths.rest_lengths), rest),
         ]
-        learnt = math.sqrt(sum(squares) / (3 * lengths.rotors - 5))
+        of_lengths = math.sqrt(sum(squares) / (3 * lengths.rotors - 5))
         of_offsets = math.sqrt(float(np.mean(lengths.offsets**2 + offset)))
-        return Tolerances(of_lengths or _within(learnt), _within(of_offsets))
+        return Tolerances(given or _limited(of_lengths), _limited(of_offsets))
 
 
-def unknowns_of(lengths: Lengths) -> Array:
-    """Logarithms of lengths and offsets in the order of the unknowns, shape (P,)."""
-    values = np.empty(OF_A_ROTOR * lengths.rotors - 2)
+def to_unknowns(lengths: Lengths) -> Array:
+    """Return logarithms of lengths and offsets in the order of the unknowns, shape (P,)."""
+    values = np.empty(UNKNOWNS_PER_ROTOR * lengths.rotors - 2)
     rotor, offset, spacing, rest = split(values)
     rotor[:], offset[:] = np.log(lengths.rotor_lengths), lengths.offsets
     spacing[:], rest[:] = np.log(lengths.spacings), np.log(lengths.rest_lengths)
@@ -225,5 +217,5 @@ def _squares(logarithms: Array, variances: Array) -> float:
     return float(np.sum((logarithms - logarithms.mean()) ** 2 + variances))
 
 
-def _within(tolerance: float) -> float:
-    return min(max(tolerance, _NARROWEST), _WIDEST)
+def _limited(tolerance: float) -> float:
+    return min(max(tolerance, _SMALLEST), _LARGEST)

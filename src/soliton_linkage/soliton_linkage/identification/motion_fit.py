@@ -1,11 +1,14 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A chain and its forces by the free motion of springs, all frames at once.
+"""Estimation of a chain and its forces from the free motion of springs in all frames.
 
-Springs about a moving wall are strained, in proportion to the square of its speed, so that bonds
-do not close. The motion follows from where it begins: least squares between its angles and the
-readings is the likeliest chain under normal noise. Frames are divided into windows, each of which
-begins anew, so that angles stay nearly linear in all unknowns (multiple shooting, after Bock);
-windows grow as the chain becomes known, and end where the chain is pushed.
+Springs near a moving wall are strained in proportion to the square of its speed, so that bonds do
+not close. The motion follows from its initial state. With normal noise, least squares between its
+angles and the readings gives the most likely chain. Frames are divided into windows, each with its
+own initial state, so that angles are nearly linear in all unknowns (multiple shooting, after
+Bock). Windows grow as the estimate improves, and end at impulses.
+
+Initial states are eliminated before the chain is solved for. `scipy.optimize.least_squares` takes
+the Jacobian of all unknowns instead, which has 10 GB for 3000 frames of 40 rotors.
 """
 
 from __future__ import annotations
@@ -16,297 +19,309 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from soliton_linkage.identification.free_motion import FreeMotion, Parts, frames
-from soliton_linkage.identification.least_squares import covariance_in, damped_change, minimised
+from soliton_linkage.identification.bundle import covariance_in
+from soliton_linkage.identification.free_motion import FreeMotion, UnknownSlices, angles_at
 from soliton_linkage.identification.lengths import Tolerances
-from soliton_linkage.identification.readings import repeats
+from soliton_linkage.identification.readings import repeat_counts
 from soliton_linkage.identification.windows import (
-    MASSES_BEGIN,
+    INITIAL_MASS_DEVIATION,
     FreeWindow,
     MotionPrior,
     WindowEquations,
-    joined,
-    measurable_changes,
+    merge_windows,
+    observable_changes,
     window_equations,
 )
 from soliton_linkage.linkage.chain import Array
 
-_ALIKE = 0.03
-"""Standard deviation of masses and stiffnesses while windows grow [1]: with 0.1 fits of wobbling
-flippers ended in a neighbouring valley twice in ten, where stiffnesses are off by 8 to 10 %."""
+_GROWTH_MASS_DEVIATION = 0.03
+"""Standard deviation of masses and stiffnesses while windows grow [1]: with 0.1 two of ten fits of
+wobbling flippers converged to a local minimum with stiffnesses wrong by 8 to 10 %."""
 _STEPS = 6
-"""Steps with windows of one length, at most [1]; 2 or 3 are usual."""
+"""Largest number of steps with windows of one length [1]; 2 or 3 are usual."""
 _LAST_STEPS = 40
-"""Steps with the longest windows for given tolerances [1]; 2 to 6 are usual, 20 where lengths and
-stiffnesses stand in for each other along bent valleys."""
+"""Largest number of steps with the longest windows for given tolerances [1]. 2 to 6 are usual, 20
+if lengths and stiffnesses compensate each other along curved valleys."""
 _ROUNDS = 4
-"""Times that tolerances are learnt [1]."""
-_SETTLED = 0.1
-"""Gain that a step promises, as twice a logarithm of the likelihood, that ends the last steps [1]:
-a third of the uncertainty of all unknowns together. What it keeps may be less by far where
-valleys are bent, far from their end."""
+"""Largest number of estimates of the tolerances [1]."""
+_CONVERGED = 0.1
+"""Expected gain of -2 log likelihood that ends the last steps [1], a third of the standard
+deviation of all unknowns together. In curved valleys the actual gain may be much smaller than
+expected."""
 _COARSE = 3.0
-"""The same with shorter windows [1]."""
-_STIFFER = (1, 1 / 5, 5)
-"""Stiffnesses over the given one to begin with [1]; steps go a factor of 2 or 3 by themselves.
-Springs that vibrate faster than frames come are none that frames show."""
-_LEARNT = 0.05
-"""Relative change of the tolerances that ends learning them [1]."""
+"""Expected gain that ends the steps with shorter windows [1]."""
+_STIFFNESS_FACTORS = (1, 1 / 5, 5)
+"""Initial stiffnesses over the given one [1], of which steps correct a factor of 2 or 3. Springs
+whose vibrations are faster than the frames are not tried."""
+_TOLERANCE_CHANGE = 0.05
+"""Relative change of the tolerances below which they have converged [1]."""
 _SAMPLES = 4
-"""Of what readings leave open [1]: half of them tell deviations 1.4 times as badly, in half the
-time."""
+"""Samples of the posterior [1]. Sensitivity: at 0.5x, standard deviations are 1.4 times as
+uncertain in half the time."""
 _SAMPLED_STEPS = 20
-"""Of least squares for one of them, at most [1]; 3 to 10 are usual."""
-_NEAR = 0.5
-"""Distance of all angles of a motion from readings at which it follows them [rad]: a third of what
-rotors turn by as a wall goes from one to the next, from where steps of least squares lead back."""
+"""Largest number of steps for a sample [1]; 3 to 10 are usual."""
+_FITTING = 0.5
+"""Root mean square distance of motion and readings of a window that can be merged [rad], a third
+of the rotation of a rotor by a wall; least squares converges from there."""
 _UNEXPLAINED = 3.0
-"""Noise that is left over that of readings, beyond which springs are no model of them [1]: then no
-more is to be learnt of how unsure they are, which takes most of the time."""
-_CHANCE = 3.0
-"""By how many standard deviations bars must leave more than springs [1]."""
+"""Residual noise over that of readings from which springs are no model of them [1]; then the
+posterior is not sampled, which takes most of the time."""
+_SIGNIFICANT = 3.0
+"""Standard deviations by which the residuals of bars must exceed those of springs [1]."""
+_DAMPINGS = 12
+"""Dampings that are tried for one step [1], the last 100."""
+_DAMPED = 1e-3
+"""Damping above which a small expected gain is due to a short step [1]."""
 
 
 @dataclass(frozen=True)
 class MotionFit:
-    """A motion that the readings show, and how well."""
+    """A free motion that fits the readings, with the covariance of the chain."""
 
     windows: tuple[FreeWindow, ...]
     covariance: Array
-    """Of the unknowns of the chain, in their order, shape (Q - 2 N, Q - 2 N)."""
+    """Covariance of the unknowns of the chain, in their order, (Q - 2 N, Q - 2 N)."""
     information: Array
-    """What readings alone say of the same."""
+    """Information of the readings on the same unknowns, without the prior."""
     basis: Array
     """Orthonormal changes of a chain that keep the mean spacing and the mean mass."""
     noise: float
-    """Standard deviation of a reading [rad], by what the motion leaves of all."""
-    times: Array
-    """Of the frames [s], shape (T,)."""
-    left: Array
-    """What is left of readings [rad], over their spreads, 0 where none was read, (T, N)."""
+    """Standard deviation of a reading by the residuals [rad]."""
+    residuals: Array
+    """Residuals over relative deviations of readings [rad], 0 if missing, (T, N)."""
     prior: MotionPrior
 
     @property
     def motion(self) -> FreeMotion:
-        """Of the first window."""
+        """Motion of the first window."""
         return self.windows[0].motion
 
 
-class MotionFitting:
-    """Brings a chain, and where each window begins, ever nearer to readings."""
+class MotionFitter:
+    """Levenberg-Marquardt fit of a chain and the initial states of windows to readings."""
 
     def __init__(
         self,
         windows: Sequence[FreeWindow],
         times: Array,
         readings: Array,
-        spreads: Array,
+        relative_deviations: Array,
         noise: float,
         tolerance: float | None,
         gravity_known: bool = True,
     ) -> None:
-        """Begin with motions, for readings [rad], NaN where missing, (T, N), of times [s], (T,).
+        """Start with motions, for readings [rad], NaN if missing, (T, N), at times [s], (T,).
 
-        The standard deviation of a reading is its spread [1], (T, N), times the noise [rad]. A
-        tolerance of lengths [1] is learnt unless it is given, and gravity where it is not known
-        in lengths of the mean spacing, as that is not.
+        The standard deviation of a reading is its relative deviation [1], (T, N), times the noise
+        [rad]. The tolerance of lengths [1] is estimated unless it is given. Gravity in units of
+        the mean spacing is estimated unless it is known.
         """
         self._times, self._readings = times, readings
-        self._repeats = repeats(readings)
-        self._spreads = spreads * np.sqrt(self._repeats)
+        self._repeats = repeat_counts(readings)
+        self._deviations = relative_deviations * np.sqrt(self._repeats)
         self._noise, self._tolerance = noise, tolerance
         self._windows = tuple(windows)
         motion = self._motion
-        self._prior = MotionPrior(
-            motion.gravity,
-            Tolerances(tolerance or Tolerances.of_lengths),
-            _ALIKE,
-        )
+        tolerances = Tolerances(tolerance or Tolerances.lengths)
+        self._prior = MotionPrior(motion.gravity, tolerances, _GROWTH_MASS_DEVIATION)
         self._rotors = len(motion.masses)
-        self._basis = measurable_changes(motion, gravity_known)
+        self._basis = observable_changes(motion, gravity_known)
 
-    def fit(self, of_bars: float) -> MotionFit | None:
-        """Chain that all readings show, None where bars, which leave a noise [rad], do as well."""
-        if not self._begun(of_bars):
+    def fit(self, bar_noise: float) -> MotionFit | None:
+        """Fit the chain to all readings; None if bars, with a noise [rad], fit as well."""
+        if not self._begin(bar_noise):
             return None
-        while (windows := joined(self._windows, self._follows)) != self._windows:
+        while (windows := merge_windows(self._windows, self._fits)) != self._windows:
             self._windows = windows
             self._improve(_STEPS, _COARSE)
-        self._prior = replace(self._prior, of_masses=MASSES_BEGIN)
+        self._prior = replace(self._prior, mass_deviation=INITIAL_MASS_DEVIATION)
         most = _UNEXPLAINED * self._noise
         for _ in range(_ROUNDS):
-            self._improve(_LAST_STEPS, _SETTLED)
+            self._improve(_LAST_STEPS, _CONVERGED)
             before = self._prior.tolerances
-            covariance, information = self._learn()
-            if self._noise > most or self._prior.tolerances.close_to(before, _LEARNT):
+            covariance, information = self._reestimate()
+            converged = self._prior.tolerances.is_close(before, _TOLERANCE_CHANGE)
+            if self._noise > most or converged:
                 break
-        if self._noise > of_bars:
+        if self._noise > bar_noise:
             return None
         if self._noise <= most:
-            covariance = inflated_covariance(covariance, self._samples(), self._motion.parts)
-        left = np.zeros_like(self._readings)
+            covariance = inflated_covariance(covariance, self._samples(), self._motion.slices)
+        residuals = np.zeros_like(self._readings)
         for window in self._windows:
             repeated = np.sqrt(self._repeats[window.frames])
-            left[window.frames] = np.nan_to_num(self._left(window) * repeated)
+            residuals[window.frames] = np.nan_to_num(self._residuals(window) * repeated)
         return MotionFit(
-            tuple(window._replace(motion=window.motion.in_means()) for window in self._windows),
+            tuple(window._replace(motion=window.motion.normalised()) for window in self._windows),
             covariance,
             information,
             self._basis,
             self._noise,
-            self._times,
-            left,
+            residuals,
             self._prior,
         )
 
     def _samples(self) -> Array:
-        """Changes to chains that readings and their prior allow as well, (S, Q - 2 N).
+        """Return changes to chains that are samples of the posterior, (S, Q - 2 N).
 
-        Least squares with readings and a prior that are drawn about their own are, where motions
-        are linear in all unknowns, as likely as these leave it, and nearly so elsewhere
+        Each sample minimises the cost with readings and a prior mean that are drawn about their
+        own. This samples the posterior exactly if motions are linear in all unknowns
         (randomized maximum likelihood: Oliver, He and Reynolds 1996).
         """
         found, readings, prior = self._windows, self._readings, self._prior
-        random, values = np.random.default_rng(0), prior.about(self._motion)[1]
+        random, values = np.random.default_rng(0), prior.evaluate(self._motion)[1]
         samples = []
         for _ in range(_SAMPLES):
-            noise = self._noise * self._spreads * random.standard_normal(readings.shape)
+            noise = self._noise * self._deviations * random.standard_normal(readings.shape)
             self._readings = readings + noise
-            self._prior = prior.drawn(found[0].motion, random)
-            self._improve(_SAMPLED_STEPS, _SETTLED)
-            samples.append(prior.about(self._motion)[1] - values)
+            self._prior = prior.sampled(found[0].motion, random)
+            self._improve(_SAMPLED_STEPS, _CONVERGED)
+            samples.append(prior.evaluate(self._motion)[1] - values)
             self._windows, self._readings, self._prior = found, readings, prior
         return np.array(samples)
 
-    def _begun(self, of_bars: float) -> bool:
-        """Begin with the stiffness about the given one that leaves least, if less than bars."""
+    def _begin(self, bar_noise: float) -> bool:
+        """Find the best initial stiffness; return whether springs fit better than bars."""
         given, found = self._windows, []
         stiffest = float(np.median(np.diff(self._times))) ** -2
-        for factor in _STIFFER:
-            stiffened = factor * given[0].motion.stiffnesses
+        for factor in _STIFFNESS_FACTORS:
+            stiffnesses = factor * given[0].motion.stiffnesses
             self._windows = tuple(
-                window._replace(motion=replace(window.motion, stiffnesses=stiffened))
+                window._replace(motion=replace(window.motion, stiffnesses=stiffnesses))
                 for window in given
             )
             if factor > 1 and self._motion.stiffnesses.max() > stiffest:
                 continue
             self._improve(_STEPS, _COARSE)
-            if of_bars**2 > self._squared_noise() * (1 + _CHANCE * self._chance()):
-                self._windows = joined(self._windows, self._follows)
+            if bar_noise**2 > self._squared_noise() * (1 + _SIGNIFICANT * self._scatter()):
+                self._windows = merge_windows(self._windows, self._fits)
                 self._improve(_STEPS, _COARSE)
                 found.append((self._cost(self._windows), self._windows))
-                if self._squared_noise() < self._noise**2 * (1 + _CHANCE * self._chance()):
+                limit = self._noise**2 * (1 + _SIGNIFICANT * self._scatter())
+                if self._squared_noise() < limit:
                     break
         if found:
             self._windows = min(found, key=lambda each: each[0])[1]
         return bool(found)
 
     def _squared_noise(self) -> float:
-        """Of readings, by what the windows leave of them [rad^2]."""
-        squares = sum(float(np.nansum(self._left(window) ** 2)) for window in self._windows)
-        return float(squares / max(self._freedom() - self._motion.parts.forces.stop, 1.0))
+        """Return the variance of readings by the residuals [rad^2]."""
+        squares = sum(float(np.nansum(self._residuals(window) ** 2)) for window in self._windows)
+        return float(squares / max(self._freedom() - self._motion.slices.forces.stop, 1.0))
 
     def _freedom(self) -> float:
-        """Number of independent readings beyond those that tell where windows begin.
-
-        What is read of a rotor at rest may be less than that.
-        """
-        seen = (self._counts(window).sum(axis=0) for window in self._windows)
-        return sum(float(np.maximum(each - 2, 0).sum()) for each in seen)
+        """Return the number of independent readings beyond those that determine initial states."""
+        counts = (self._counts(window).sum(axis=0) for window in self._windows)
+        return sum(float(np.maximum(each - 2, 0).sum()) for each in counts)
 
     def _counts(self, window: FreeWindow) -> Array:
-        """How much of an independent reading each is of a window [1], (T, N)."""
+        """Return the number of independent readings that each reading is worth [1], (T, N)."""
         return np.asarray(self._seen(window) / self._repeats[window.frames])
 
-    def _chance(self) -> float:
-        """Standard deviation of what bars leave more of noise squared, over that [1].
+    def _scatter(self) -> float:
+        """Return the relative standard deviation of the variance of bars over springs [1].
 
-        Bars and springs leave the same of a frame but for what springs say more, one number.
+        The two models differ in one independent number of a frame.
         """
-        seen = sum(float(self._counts(window).sum()) for window in self._windows)
-        return math.sqrt(2 / (seen * self._rotors))
+        count = sum(float(self._counts(window).sum()) for window in self._windows)
+        return math.sqrt(2 / (count * self._rotors))
 
     @property
     def _motion(self) -> FreeMotion:
         return self._windows[0].motion
 
-    def _left(self, window: FreeWindow) -> Array:
-        """What a window leaves of its readings [rad], over their spreads, NaN where missing."""
-        angles = frames(window.motion, self._times[window.frames])
-        left = self._readings[window.frames] - window.motion.lengths.offsets - angles
-        return np.asarray(left / self._spreads[window.frames])
+    def _residuals(self, window: FreeWindow) -> Array:
+        """Return the residuals of a window over deviations [rad], NaN if missing."""
+        angles = angles_at(window.motion, self._times[window.frames])
+        residuals = self._readings[window.frames] - window.motion.lengths.offsets - angles
+        return np.asarray(residuals / self._deviations[window.frames])
 
-    def _follows(self, window: FreeWindow, frames: slice) -> bool:
-        """Whether the motion of a window is near the readings of its last frames."""
-        errors = self._left(window)[frames.start - window.frames.start :] * self._spreads[frames]
-        return bool(np.nansum(errors**2) < _NEAR**2 * len(errors))
+    def _fits(self, window: FreeWindow, frames: slice) -> bool:
+        """Whether the motion of a window is close to the readings of its last frames."""
+        errors = self._residuals(window)[frames.start - window.frames.start :]
+        errors = errors * self._deviations[frames]
+        return bool(np.nansum(errors**2) < _FITTING**2 * len(errors))
 
     def _cost(self, windows: Sequence[FreeWindow]) -> float:
-        """Twice the negative logarithm of the likelihood, infinite where a motion runs away."""
-        information, values = self._prior.about(windows[0].motion)
+        """Return -2 log likelihood, infinite if a motion diverges."""
+        information, values = self._prior.evaluate(windows[0].motion)
         cost = float(values @ information @ values)
         for window in windows:
-            left = self._left(window)
-            if not np.isfinite(left[self._seen(window)]).all():
+            residuals = self._residuals(window)
+            if not np.isfinite(residuals[self._seen(window)]).all():
                 return math.inf
-            cost += float(np.nansum(left**2)) / self._noise**2
+            cost += float(np.nansum(residuals**2)) / self._noise**2
         return cost
 
     def _seen(self, window: FreeWindow) -> Array:
         return np.isfinite(self._readings[window.frames])
 
-    def _equations(self, windows: Sequence[FreeWindow]) -> list[WindowEquations]:
-        given = self._times, self._readings, self._spreads
-        return [window_equations(window, *given) for window in windows]
+    def _equations(self) -> list[WindowEquations]:
+        given = self._times, self._readings, self._deviations
+        return [window_equations(window, *given) for window in self._windows]
 
-    def _improve(self, steps: int, settled: float) -> None:
-        """Take some steps of least squares, until one gains little."""
-        self._windows = minimised(self._windows, self._linearised, self._cost, steps, settled)
+    def _improve(self, steps: int, converged: float) -> None:
+        """Take Levenberg-Marquardt steps until one has an expected gain below `converged`."""
+        damping, before = 0.0, self._cost(self._windows)
+        for _ in range(steps):
+            step = self._linearised()
+            for _ in range(_DAMPINGS):
+                changed, expected = step(damping)
+                with np.errstate(all='ignore'):
+                    after = self._cost(changed)
+                if after < before:
+                    break
+                damping = max(4 * damping, 1e-4)
+            else:
+                return
+            self._windows, before = changed, after
+            if expected < converged and damping < _DAMPED:
+                return
+            damping /= 8
 
-    def _linearised(
-        self, windows: tuple[FreeWindow, ...]
-    ) -> Callable[[float], tuple[tuple[FreeWindow, ...], float]]:
-        """Return a function from a damping to the windows after a step and the promised gain."""
-        equations = self._equations(windows)
-        information, values = self._prior.about(windows[0].motion)
+    def _linearised(self) -> Callable[[float], tuple[tuple[FreeWindow, ...], float]]:
+        """Return a function from a damping to the windows after a step and the expected gain."""
+        windows, equations = self._windows, self._equations()
+        information, values = self._prior.evaluate(windows[0].motion)
 
         def step(damping: float) -> tuple[tuple[FreeWindow, ...], float]:
-            told = [each.eliminated(self._rotors, self._noise, damping) for each in equations]
-            matrix = information + np.sum([each.matrix for each in told], axis=0)
-            vector = np.sum([each.vector for each in told], axis=0) - information @ values
-            change = damped_change(matrix, vector, self._basis, damping)
+            parts = [each.eliminated(self._rotors, self._noise, damping) for each in equations]
+            matrix = information + np.sum([each.matrix for each in parts], axis=0)
+            vector = np.sum([each.vector for each in parts], axis=0) - information @ values
+            reduced = self._basis.T @ matrix @ self._basis
+            reduced += damping * np.diag(np.diag(reduced))
+            change = self._basis @ np.linalg.solve(reduced, self._basis.T @ vector)
             changed = tuple(
                 window._replace(motion=window.motion.changed(each.change(change)))
-                for window, each in zip(windows, told, strict=True)
+                for window, each in zip(windows, parts, strict=True)
             )
-            return changed, float(change @ vector) + sum(each.gain for each in told)
+            return changed, float(change @ vector) + sum(each.gain for each in parts)
 
         return step
 
-    def _learn(self) -> tuple[Array, Array]:
-        """Learn noise and tolerances from all frames; covariance of the chain, information."""
-        equations, motion = self._equations(self._windows), self._motion
-        told = [each.eliminated(self._rotors, self._noise, 0.0) for each in equations]
-        information = np.sum([each.matrix for each in told], axis=0)
-        whole = information + self._prior.about(motion)[0]
+    def _reestimate(self) -> tuple[Array, Array]:
+        """Estimate noise and prior from all frames; return the covariance and the information."""
+        equations, motion = self._equations(), self._motion
+        parts = [each.eliminated(self._rotors, self._noise, 0.0) for each in equations]
+        information = np.sum([each.matrix for each in parts], axis=0)
+        whole = information + self._prior.evaluate(motion)[0]
         covariance = covariance_in(self._basis, whole)
-        known = float(np.sum(covariance * information))
+        parameters = float(np.sum(covariance * information))
         squares = sum(each.squares for each in equations)
-        self._noise = math.sqrt(squares / max(self._freedom() - known, 1.0))
-        self._prior = self._prior.relearnt(motion, covariance, self._tolerance)
+        self._noise = math.sqrt(squares / max(self._freedom() - parameters, 1.0))
+        self._prior = self._prior.reestimated(motion, covariance, self._tolerance)
         return covariance, information
 
 
-def inflated_covariance(covariance: Array, samples: Array, at: Parts) -> Array:
-    """Return the covariance of a chain, (P, P), as wide as samples of its changes, (S, P).
+def inflated_covariance(covariance: Array, samples: Array, at: UnknownSlices) -> Array:
+    """Return the covariance of a chain, (P, P), inflated to the spread of samples, (S, P).
 
     Lengths, stiffnesses and masses compensate each other along curved valleys, and samples spread
-    further than to first order: by one factor for lengths and offsets, one for stiffnesses and one
-    for masses, as samples are few, and none below 1: to first order they are the least that there
-    is.
+    further than to first order. Because samples are few, there is one factor for lengths and
+    offsets, one for stiffnesses and one for masses. None is below 1, the limit of first order.
     """
     variances, factors = np.diag(covariance), np.ones(len(covariance))
     for part in (at.lengths, at.stiffnesses, at.masses):
-        over = samples[:, part] ** 2 / variances[part]
-        factors[part] = max(1.0, float(np.sqrt(np.mean(over))))
+        ratios = samples[:, part] ** 2 / variances[part]
+        factors[part] = max(1.0, float(np.sqrt(np.mean(ratios))))
     return np.asarray(factors[:, None] * covariance * factors)

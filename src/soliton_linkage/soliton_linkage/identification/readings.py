@@ -1,9 +1,10 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Readings of a recording: angles with their deviations, impulses and tilts; rounding, thinning.
+"""Readings of a recording: angles with standard deviations, impulses and tilts.
 
-Errors of readings that are rounded by a step q are uniform, of the variance q^2 / 12, and new in
-each frame where angles cross steps, as noise is (B. Widrow, I. Kollar, Quantization Noise,
-Cambridge, 2008). Where a rotor rests they are one error, however often it is read.
+Readings that are rounded to a step q have uniform errors of variance q^2 / 12. If angles cross
+steps from frame to frame, these errors are independent, like noise (B. Widrow, I. Kollar,
+Quantization Noise, Cambridge, 2008). While a rotor is at rest all its readings have the same
+error.
 """
 
 from __future__ import annotations
@@ -22,112 +23,118 @@ from soliton_linkage.linkage.chain import Array
 from soliton_linkage.linkage.gravity import NO_GRAVITY, Gravity
 
 _FEWEST_ROTORS = 4
-"""With fewer the edges' bonds are all there are [1]."""
-_SEEN = 0.5
-"""Least share of the frames that show a rotor [1]."""
+"""Smallest number of rotors [1], because the bonds at the edges give little information."""
+_LEAST_PRESENT = 0.5
+"""Smallest fraction of frames with a reading of a rotor [1]."""
 MOST_NAMED = 4
-"""Rotors that an error message names [1]."""
+"""Largest number of rotors that an error message names [1]."""
 _PAUSE = 1.0
-"""Between recordings that are joined [s]: no motion goes on across it."""
-_LARGEST_SPREAD = 100.0
-"""Standard deviation of a reading over that of most [1], beyond which it tells nothing more."""
+"""Time between joined recordings [s]."""
+_LARGEST_RELATIVE_DEVIATION = 100.0
+"""Limit of the standard deviation of a reading relative to the usual one [1]."""
 
 
 class RecordedImpulse(NamedTuple):
-    """A push by others than springs."""
+    """Angular impulses on the rotors."""
 
     time: float
-    """When it was commanded [s]."""
+    """Time of the command [s]."""
     values: Array | None = None
-    """Angular impulses [N m s], shape (N,), None for a push of which only the time is known."""
+    """Angular impulses [N m s], shape (N,), None if unknown."""
 
 
 class RecordedTilt(NamedTuple):
-    """A tilt of the chain from an instant on."""
+    """Change of the tilt of the chain."""
 
     time: float
-    """[s]."""
+    """Time of the change [s]."""
     tilt: float
-    """Above 0 where the last rotor is the lower end [rad]."""
+    """Tilt after it, above 0 if the last rotor is the lower end [rad]."""
 
 
 @dataclass(frozen=True)
 class Readings:
-    """Angles of T frames of N rotors."""
+    """Readings of T frames of N rotors."""
 
     times: Array
-    """[s], shape (T,)."""
+    """Times of the frames [s], shape (T,)."""
     angles: Array
-    """As they were read [rad], NaN where they are missing, shape (T, N)."""
+    """Readings as they were recorded [rad], NaN if missing, shape (T, N)."""
     deviations: Array | None = None
-    """Standard deviation of each reading, where they are told [rad], NaN elsewhere, (T, N)."""
+    """Reported standard deviation of each reading [rad], NaN if unknown, (T, N)."""
     names: Sequence[str] = ()
-    """Of the joints, for complaints."""
+    """Joint names for error messages."""
     impulses: Sequence[RecordedImpulse] = ()
     gravity: Gravity = NO_GRAVITY
-    """As it is at first."""
+    """Gravity at the begin."""
     tilts: Sequence[RecordedTilt] = ()
-    """Of which each follows the one before."""
-    joined_of: tuple[Readings, ...] = ()
-    """Recordings that these were made of, if of several."""
+    """Changes of the tilt in their order."""
+    parts: tuple[Readings, ...] = ()
+    """Recordings that were joined."""
 
     @cached_property
-    def whole(self) -> Array:
-        """Angles without gaps or turns of 2 pi from frame to frame [rad], shape (T, N).
+    def filled(self) -> Array:
+        """Angles without jumps of 2 pi, interpolated if missing [rad], shape (T, N).
 
-        Raises ValueError where rotors are missing.
+        Raises ValueError if there are too few rotors or readings.
         """
-        return filled(self.times, self.angles, self.joints)
+        return _filled(self.times, self.angles, self.joints)
 
     @cached_property
-    def seen(self) -> Array:
-        """Angles without turns of 2 pi from frame to frame [rad], NaN where missing, (T, N)."""
-        return np.where(np.isfinite(self.angles), self.whole, np.nan)
+    def unwrapped(self) -> Array:
+        """Angles without jumps of 2 pi [rad], NaN if missing, (T, N)."""
+        return np.where(np.isfinite(self.angles), self.filled, np.nan)
 
     @cached_property
-    def spreads(self) -> Array:
-        """Standard deviation of each reading over that of most [1], 1 where it is not told."""
-        told = self.deviations
-        if told is None or not (usual := _usual(told)) > 0:
+    def relative_deviations(self) -> Array:
+        """Standard deviation of each reading over the usual one [1], 1 if unknown, (T, N)."""
+        deviations = self.deviations
+        if deviations is None:
             return np.ones_like(self.angles)
-        spreads = np.where(told > 0, told, usual) / usual
-        return np.clip(spreads, 1 / _LARGEST_SPREAD, _LARGEST_SPREAD)
+        known = deviations[np.isfinite(deviations) & (deviations > 0)]
+        if not known.size:
+            return np.ones_like(self.angles)
+        usual = float(np.median(known))
+        relative = np.where(deviations > 0, deviations, usual) / usual
+        return np.clip(relative, 1 / _LARGEST_RELATIVE_DEVIATION, _LARGEST_RELATIVE_DEVIATION)
 
     @cached_property
     def joints(self) -> tuple[str, ...]:
-        """Names of the joints."""
+        """Names of the joints, rotor 0, 1, ... by default."""
         return tuple(self.names) or tuple(f'rotor {n}' for n in range(self.angles.shape[1]))
 
     @property
     def recordings(self) -> tuple[Readings, ...]:
-        """These, or those of which they were made."""
-        return self.joined_of or (self,)
+        """The recordings that were joined, or this one."""
+        return self.parts or (self,)
 
     @property
-    def breaks(self) -> list[float]:
-        """Times at which free motion ends, by a push or another tilt [s]."""
-        return [*(push.time for push in self.impulses), *(each.time for each in self.tilts)]
+    def interruptions(self) -> list[float]:
+        """Times of impulses and changes of the tilt, at which free motion ends [s]."""
+        return [*(each.time for each in self.impulses), *(each.time for each in self.tilts)]
 
     def tilt_at(self, time: float) -> float:
-        """Tilt of the chain at an instant [rad]."""
+        """Return the tilt of the chain at a time [rad]."""
         before = [each.tilt for each in self.tilts if each.time <= time]
         return before[-1] if before else self.gravity.tilt
 
-    def of_frames(self, some: NDArray[Any]) -> Readings:
-        """Those of some frames, by their numbers or as a mask."""
-        told = None if self.deviations is None else self.deviations[some]
-        return replace(self, times=self.times[some], angles=self.angles[some], deviations=told)
+    def select(self, frames: NDArray[Any]) -> Readings:
+        """Return some frames, given by their numbers or a mask."""
+        deviations = None if self.deviations is None else self.deviations[frames]
+        return replace(
+            self, times=self.times[frames], angles=self.angles[frames], deviations=deviations
+        )
 
 
-def joined(recordings: Sequence[Readings]) -> Readings:
-    """Recordings of one chain in a row, with the same encoders, a pause between each two.
+def join_recordings(recordings: Sequence[Readings]) -> Readings:
+    """Join recordings of one chain with the same encoders, with a pause between each two.
 
-    Raises ValueError where they are not of the same joints.
+    Raises ValueError if they have different joints.
     """
     first, *others = recordings
     if not others:
         return first
-    begin, pushes, tilts, times = 0.0, [*first.impulses], [*first.tilts], [first.times]
+    begin, impulses, tilts, times = 0.0, [*first.impulses], [*first.tilts], [first.times]
     for before, each in pairwise(recordings):
         if each.joints != first.joints:
             raise ValueError(
@@ -138,126 +145,122 @@ def joined(recordings: Sequence[Readings]) -> Readings:
         seam = begin + float(before.times[-1]) + _PAUSE / 2
         begin = seam + _PAUSE / 2 - float(each.times[0])
         times.append(each.times + begin)
-        pushes.append(RecordedImpulse(seam))
-        pushes += [push._replace(time=push.time + begin) for push in each.impulses]
+        impulses.append(RecordedImpulse(seam))
+        impulses += [impulse._replace(time=impulse.time + begin) for impulse in each.impulses]
         tilts.append(RecordedTilt(seam, each.gravity.tilt))
-        tilts += [RecordedTilt(tilt.time + begin, tilt.tilt) for tilt in each.tilts]
-    told = [each.deviations for each in recordings]
-    unknown = [np.full_like(each.angles, np.nan) for each in recordings]
+        tilts += [tilt._replace(time=tilt.time + begin) for tilt in each.tilts]
+    deviations = [
+        np.full_like(each.angles, np.nan) if each.deviations is None else each.deviations
+        for each in recordings
+    ]
     return replace(
         first,
         times=np.concatenate(times),
         angles=np.concatenate([each.angles for each in recordings]),
         deviations=None
-        if all(each is None for each in told)
-        else np.concatenate([b if a is None else a for a, b in zip(told, unknown, strict=True)]),
-        impulses=pushes,
+        if all(each.deviations is None for each in recordings)
+        else np.concatenate(deviations),
+        impulses=impulses,
         tilts=tilts,
-        joined_of=tuple(recordings),
+        parts=tuple(recordings),
     )
 
 
-def filled(times: Array, readings: Array, names: Sequence[str]) -> Array:
-    """Readings without gaps or turns of 2 pi from frame to frame [rad], (T, N).
-
-    Raises ValueError where rotors are missing.
-    """
+def _filled(times: Array, readings: Array, names: Sequence[str]) -> Array:
     if readings.shape[1] < _FEWEST_ROTORS:
         raise ValueError(
-            f'{readings.shape[1]} rotors are too few to identify a chain; it takes '
+            f'{readings.shape[1]} rotors are too few to identify a chain; record '
             f'{_FEWEST_ROTORS} or more'
         )
-    shares = np.isfinite(readings).mean(axis=0)
-    missing = np.flatnonzero(~(shares >= _SEEN))
+    present = np.isfinite(readings).mean(axis=0)
+    missing = np.flatnonzero(~(present >= _LEAST_PRESENT))
     if missing.size:
-        shown = ', '.join(names[n] for n in missing[:MOST_NAMED])
+        named = ', '.join(names[n] for n in missing[:MOST_NAMED])
         more = ', ...' if missing.size > MOST_NAMED else ''
         raise ValueError(
             f'{missing.size} of {len(names)} rotors are missing in half of the frames or more: '
-            f'{shown}{more}; the chain cannot be closed across them, record all rotors'
+            f'{named}{more}; record all rotors, because bonds without readings cannot be closed'
         )
-    whole = np.empty_like(readings)
+    filled = np.empty_like(readings)
     for rotor, values in enumerate(readings.T):
         seen = np.isfinite(values)
-        whole[:, rotor] = np.interp(times, times[seen], np.unwrap(values[seen]))
-    return whole
+        filled[:, rotor] = np.interp(times, times[seen], np.unwrap(values[seen]))
+    return filled
 
 
-def _usual(deviations: Array) -> float:
-    known = deviations[deviations > 0]
-    return float(np.median(known[np.isfinite(known)])) if np.isfinite(known).any() else 0.0
-
-
-_LEAST_STEP = 1e-9
-"""Of readings that are rounded [rad]: less is that of numbers."""
+_SMALLEST_STEP = 1e-9
+"""Smallest step of readings that are rounded [rad]; smaller ones are numerical."""
 
 
 def rounding_noise(readings: Array) -> float:
-    """Standard deviation of rounding to the least step of readings [rad], (T, N), 0 of none."""
-    steps = np.abs(np.diff(readings, axis=0))
-    least = float(steps[steps > _LEAST_STEP].min(initial=np.inf))
-    return least / math.sqrt(12) if math.isfinite(least) else 0.0
+    """Return the standard deviation of rounding to the smallest step of readings, (T, N) [rad].
 
-
-def repeats(readings: Array) -> Array:
-    """How many readings in a row are the same as each [1], (T, N); missing ones count for none.
-
-    All of them together say as much as one does: their variance is so many times that of one.
+    It is 0 if readings do not change.
     """
-    made = np.ones_like(readings)
-    for own, values in zip(made.T, readings.T, strict=True):
+    steps = np.abs(np.diff(readings, axis=0))
+    smallest = float(steps[steps > _SMALLEST_STEP].min(initial=np.inf))
+    return smallest / math.sqrt(12) if math.isfinite(smallest) else 0.0
+
+
+def repeat_counts(readings: Array) -> Array:
+    """Return the length of the run of equal readings of each [1], (T, N); gaps are ignored.
+
+    A run contains as much information as one reading, so that variances are multiplied by it.
+    """
+    counts = np.ones_like(readings)
+    for column, values in zip(counts.T, readings.T, strict=True):
         seen = np.flatnonzero(np.isfinite(values))
-        changed = np.abs(np.diff(values[seen], prepend=np.inf)) > _LEAST_STEP
-        counts = np.diff(np.flatnonzero(changed), append=len(seen))
-        own[seen] = np.repeat(counts, counts)
-    return made
+        changed = np.abs(np.diff(values[seen], prepend=np.inf)) > _SMALLEST_STEP
+        runs = np.diff(np.flatnonzero(changed), append=len(seen))
+        column[seen] = np.repeat(runs, runs)
+    return counts
 
 
 _NEAR = 100
-"""Frames before a push, and after it, all of which stay [1]: as many as a free motion has."""
-_OF_PUSHES = 0.5
-"""Largest part of the frames that stay for being near pushes [1]: the rest shows the chain."""
+"""Frames before an impulse, and after it, that are kept [1]."""
+_NEAR_IMPULSES = 0.5
+"""Largest fraction of the kept frames that are near impulses [1]."""
 _AVERAGED = 8
-"""Frames over which angles are averaged to see rotors turn [1], so that noise is a third."""
+"""Frames of a moving average, by which turning rotors are recognised [1]."""
 _TURNING = 0.05
-"""Change from one average to the next of a rotor that turns [rad]: noise of 0.03 rad, the largest
-that chains were identified with, makes it of 40 rotors once in thirty times."""
+"""Change between averages of a turning rotor [rad]. With a noise of 0.03 rad one of 40 rotors at
+rest exceeds it in one of thirty recordings."""
 _AT_REST = 0.1
-"""Frames of rotors at rest that stay over those that turn [1], in a time: what offsets and bonds
-they tell, a tenth of them tells nearly as well."""
+"""Density of kept frames without a turning rotor relative to others [1]. They determine offsets
+and bonds, for which a tenth of them suffices."""
 _FILLINGS = 5
-"""Times that what single frames have too much of is given to the others [1]."""
+"""Redistributions of densities that exceed one frame [1]."""
 
 
 def informative_frames(
-    times: Array, angles: Array, pushes: Sequence[float], most: int
+    times: Array, angles: Array, impulses: Sequence[float], most: int
 ) -> NDArray[np.intp]:
-    """Return the numbers of the frames that stay, no more than most, shape (K,), in order.
+    """Return the numbers of the most informative frames, at most `most`, shape (K,), in order.
 
-    All frames near pushes stay, which show the rates before and after them, and of the others more
-    in a second where a wall passes than where all rotors are at rest. Of angles [rad], NaN where
-    missing, (T, N), at times [s], (T,), with pushes at instants [s].
+    All frames near impulses are kept, because they show the rates before and after. Of the others,
+    the density in time is larger while a rotor turns. Angles [rad] are NaN if missing, (T, N), at
+    times [s], (T,), with impulses at times [s].
     """
     if len(times) <= most:
         return np.arange(len(times))
-    stays = _near(times, pushes, int(_OF_PUSHES * most))
-    shares = np.where(_turning(angles), 1.0, _AT_REST) * np.gradient(times)
-    shares[stays] = 0.0
-    others = most - int(stays.sum())
+    kept = _near_impulses(times, impulses, int(_NEAR_IMPULSES * most))
+    density = np.where(_turning(angles), 1.0, _AT_REST) * np.gradient(times)
+    density[kept] = 0.0
+    others = most - int(kept.sum())
     for _ in range(_FILLINGS):
-        shares = np.minimum(shares, shares.sum() / others)
-    ranks = np.floor(np.cumsum(shares) * (others / shares.sum()) * (1 - 1e-9))
-    stays[~stays] = np.diff(ranks[~stays], prepend=-1) > 0
-    return np.flatnonzero(stays)
+        density = np.minimum(density, density.sum() / others)
+    ranks = np.floor(np.cumsum(density) * (others / density.sum()) * (1 - 1e-9))
+    kept[~kept] = np.diff(ranks[~kept], prepend=-1) > 0
+    return np.flatnonzero(kept)
 
 
-def _near(times: Array, pushes: Sequence[float], most: int) -> NDArray[np.bool_]:
-    """Frames near the first pushes, no more than most, shape (T,)."""
+def _near_impulses(times: Array, impulses: Sequence[float], most: int) -> NDArray[np.bool_]:
+    """Return which frames are near the first impulses, at most `most`, shape (T,)."""
     near = np.zeros(len(times), dtype=np.bool_)
-    for push in pushes:
-        arrived = int(np.searchsorted(times, push))
+    for impulse in impulses:
+        frame = int(np.searchsorted(times, impulse))
         wider = near.copy()
-        wider[max(arrived - _NEAR, 0) : arrived + _NEAR] = True
+        wider[max(frame - _NEAR, 0) : frame + _NEAR] = True
         if wider.sum() > most:
             break
         near = wider
@@ -265,7 +268,7 @@ def _near(times: Array, pushes: Sequence[float], most: int) -> NDArray[np.bool_]
 
 
 def _turning(angles: Array) -> NDArray[np.bool_]:
-    """Frames in which a rotor turns, whatever whole turns encoders leave out, shape (T,)."""
+    """Return in which frames a rotor turns, independent of whole turns, shape (T,)."""
     pointers = np.nan_to_num(np.exp(1j * angles))
     sums = np.cumsum(np.vstack([np.zeros(angles.shape[1]), pointers]), axis=0)
     means = (sums[_AVERAGED:] - sums[:-_AVERAGED]) / _AVERAGED

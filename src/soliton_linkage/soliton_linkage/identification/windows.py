@@ -1,13 +1,14 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Windows of frames in which nothing but springs moves rotors, their normal equations and prior.
+"""Windows of frames of free motion, their normal equations, and the prior of the chain.
 
-With the normal equations of a window in blocks of the chain q and its begin s,
+The unknowns of a window are those of the chain, q, and its initial state, s. With its normal
+equations in blocks,
 
     (A_qq - A_qs A_ss^-1 A_sq) dq = b_q - A_qs A_ss^-1 b_s
 
-adds up to the information of all windows on the chain, and ds = A_ss^-1 (b_s - A_sq dq).
-A priori, lengths are alike as `Tolerances` state, and so are stiffnesses and masses: their
-logarithms are normal about a mean, with a standard deviation that is learnt.
+is the contribution of a window to the equations of the chain, and ds = A_ss^-1 (b_s - A_sq dq).
+The prior of lengths is `Tolerances`. Logarithms of stiffnesses and of masses have normal
+distributions about a mean, with a standard deviation that is estimated.
 """
 
 from __future__ import annotations
@@ -20,127 +21,129 @@ from typing import NamedTuple
 
 import numpy as np
 
-from soliton_linkage.identification.adjustment import measurable
-from soliton_linkage.identification.free_motion import FreeMotion, frames_with_changes
-from soliton_linkage.identification.lengths import OF_A_ROTOR, Tolerances, unknowns_of
+from soliton_linkage.identification.adjustment import observable_basis
+from soliton_linkage.identification.free_motion import FreeMotion, angles_with_sensitivities
+from soliton_linkage.identification.lengths import UNKNOWNS_PER_ROTOR, Tolerances, to_unknowns
 from soliton_linkage.linkage.chain import Array
 
-_FIRST = 25
-"""Frames of a window to begin with [1]: in half as many rates are unsure, in twice as many walls
-of chains that are 5 % off may be lost."""
-_OF_RATES = 8
-"""Frames by which rates at the begin of a window are told [1]."""
-_FEWEST = 100
-"""Frames between pushes that count, at least [1]: a wall passes some rotors in them."""
+_INITIAL_FRAMES = 25
+"""Frames of an initial window [1]. Sensitivity: at 0.5x, initial rates are uncertain; at 2x, a
+motion with lengths that are wrong by 5 % may lose the wall."""
+_RATE_FRAMES = 8
+"""Frames from which the initial rates of a window are estimated [1]."""
+_FEWEST_FRAMES = 100
+"""Smallest number of frames between impulses [1], in which a wall passes some rotors."""
 _ARRIVAL = 0.05
-"""Time in which a push arrives [s]: commands act when they come, whatever their stamps say."""
-_JOINED = 4
-"""Windows that are made one [1]: 2 take more rounds, 8 may lose a wall."""
-
-
-_IN_A_ROW = 0.05
-"""Share of the frames, at least, that follow each other as they were recorded [1], where most are
-left out for being of rotors at rest."""
+"""Delay of an impulse after its command [s]."""
+_MERGED = 4
+"""Windows that are merged to one [1]: 2 take more rounds, 8 may lose a wall."""
+_DENSE_FRAMES = 0.05
+"""Smallest fraction of the frames that are consecutive in the recording [1]."""
 
 
 class FreeWindow(NamedTuple):
-    """Frames in a row of one free motion."""
+    """Successive frames of one free motion."""
 
     frames: slice
     motion: FreeMotion
-    """Of which all windows share the chain."""
+    """Motion from the first frame; all windows have the same chain."""
 
 
-def free_spans(times: Array, pushes: Sequence[float]) -> list[slice]:
-    """Frames between pushes [s], but for times that are too short to tell anything."""
-    begins = [-math.inf, *(push + _ARRIVAL for push in sorted(pushes))]
-    ends = [*sorted(pushes), math.inf]
-    spans = [
+def free_intervals(times: Array, interruptions: Sequence[float]) -> list[slice]:
+    """Return the frames between interruptions [s], without intervals that are too short."""
+    begins = [-math.inf, *(time + _ARRIVAL for time in sorted(interruptions))]
+    ends = [*sorted(interruptions), math.inf]
+    intervals = [
         slice(int(np.searchsorted(times, begin, 'right')), int(np.searchsorted(times, end)))
         for begin, end in zip(begins, ends, strict=True)
     ]
-    return [span for span in spans if span.stop - span.start >= _FEWEST]
+    return [each for each in intervals if each.stop - each.start >= _FEWEST_FRAMES]
 
 
-def first_windows(
+def initial_windows(
     times: Array,
     angles: Array,
     chain: FreeMotion,
-    pushes: Sequence[float],
+    interruptions: Sequence[float],
     tilt_at: Callable[[float], float] = lambda _: 0.0,
 ) -> list[FreeWindow]:
-    """Short windows between pushes [s], which begin as angles [rad], (T, N), of times [s] do.
+    """Return short windows between interruptions [s], with initial states from the angles.
 
-    None goes on where frames are left out, for so long that they tell no rates. The chain has a
-    tilt [rad] at each instant [s].
+    Angles [rad], (T, N), are at times [s]. The chain has a tilt [rad] at each time [s]. No window
+    extends over a gap that is too long to estimate rates.
     """
-    made = []
-    whole = free_spans(times, pushes)
-    for span in (part for each in whole for part in _without_gaps(times, each)):
-        tilted = replace(chain, tilt=tilt_at(float(times[span.start])))
-        for begin in range(span.start, span.stop - _FIRST + 1, _FIRST):
-            stop = begin + _FIRST
-            own = slice(begin, span.stop if span.stop - stop < _FIRST else stop)
-            few = slice(begin, begin + _OF_RATES)
+    windows = []
+    intervals = free_intervals(times, interruptions)
+    for interval in (part for each in intervals for part in _without_gaps(times, each)):
+        tilted = replace(chain, tilt=tilt_at(float(times[interval.start])))
+        last = interval.stop - _INITIAL_FRAMES
+        for begin in range(interval.start, last + 1, _INITIAL_FRAMES):
+            stop = begin + _INITIAL_FRAMES
+            frames = slice(begin, interval.stop if stop > last else stop)
+            few = slice(begin, begin + _RATE_FRAMES)
             slopes = np.polyfit(times[few] - times[begin], angles[few], 1)
-            made.append(FreeWindow(own, replace(tilted, angles=slopes[1], rates=slopes[0])))
-    return made
+            motion = replace(tilted, angles=slopes[1], rates=slopes[0])
+            windows.append(FreeWindow(frames, motion))
+    return windows
 
 
-def _without_gaps(times: Array, span: slice) -> list[slice]:
-    """Parts of a span between which frames are left out, but for those that tell nothing."""
-    between = np.diff(times)
-    long = between > _OF_RATES * np.quantile(between, _IN_A_ROW)
-    inner = 1 + span.start + np.flatnonzero(long[span.start : span.stop - 1])
-    parts = [slice(*each) for each in pairwise([span.start, *inner.tolist(), span.stop])]
-    return [part for part in parts if part.stop - part.start >= _FEWEST]
+def _without_gaps(times: Array, interval: slice) -> list[slice]:
+    """Return the parts of an interval between gaps, without those that are too short."""
+    periods = np.diff(times)
+    gaps = periods > _RATE_FRAMES * np.quantile(periods, _DENSE_FRAMES)
+    inner = 1 + interval.start + np.flatnonzero(gaps[interval.start : interval.stop - 1])
+    ends = [interval.start, *inner.tolist(), interval.stop]
+    parts = [slice(*each) for each in pairwise(ends)]
+    return [part for part in parts if part.stop - part.start >= _FEWEST_FRAMES]
 
 
-def joined(
-    windows: Sequence[FreeWindow], follows: Callable[[FreeWindow, slice], bool]
+def merge_windows(
+    windows: Sequence[FreeWindow], fits: Callable[[FreeWindow, slice], bool]
 ) -> tuple[FreeWindow, ...]:
-    """Windows of which some that follow each other without a frame between are one.
+    """Merge some adjacent windows.
 
-    As long as the motion of the first, in a window with the frames of both, follows those of the
-    next.
+    Two windows are merged if the motion of the first, in a window with the frames of both, fits
+    the frames of the second.
     """
-    made: list[FreeWindow] = []
+    merged: list[FreeWindow] = []
     count = 0
     for window in windows:
-        if made and count < _JOINED and made[-1].frames.stop == window.frames.start:
-            whole = FreeWindow(slice(made[-1].frames.start, window.frames.stop), made[-1].motion)
-            if follows(whole, window.frames):
-                made[-1] = whole
+        if merged and count < _MERGED and merged[-1].frames.stop == window.frames.start:
+            frames = slice(merged[-1].frames.start, window.frames.stop)
+            whole = FreeWindow(frames, merged[-1].motion)
+            if fits(whole, window.frames):
+                merged[-1] = whole
                 count += 1
                 continue
-        made.append(window)
+        merged.append(window)
         count = 1
-    return tuple(made)
+    return tuple(merged)
 
 
-MASSES_BEGIN = 0.1
-"""Standard deviation of masses and stiffnesses to begin with [1]: 0.3 lets some run away."""
-_NARROWEST, _WIDEST = 1e-3, 0.3
-"""The smallest and the largest that is learnt [1]."""
-_DECAY = 1.0
-"""Standard deviation of damping over a rotor's moment of inertia [1/s]."""
-_STOPPING = 10.0
-"""Standard deviation of what dry friction slows a rotor down by [rad/s^2]: rotors of a wall stop
-in a second."""
-_TOLD = 1e-12
-"""Information on a change of the unknowns over the largest [1], below which it is rounding."""
-_FALLING = 1.0
-"""The same of the logarithm of gravity [1], whose unit is the mean spacing."""
+INITIAL_MASS_DEVIATION = 0.1
+"""Initial standard deviation of masses and stiffnesses [1]: with 0.3 some diverge."""
+_SMALLEST, _LARGEST = 1e-3, 0.3
+"""Limits of the estimated standard deviation [1]."""
+_DAMPING_RATE = 1.0
+"""Prior standard deviation of damping over a rotor's moment of inertia [1/s]."""
+_FRICTION_DECELERATION = 10.0
+"""Prior standard deviation of dry friction over a rotor's moment of inertia [rad/s^2], with which
+the rotors of a wall stop in a second."""
+_LOG_GRAVITY = 1.0
+"""Prior standard deviation of the logarithm of gravity, in units of the mean spacing [1]."""
+_INFORMED = 1e-12
+"""Smallest eigenvalue of the information relative to the largest [1]; smaller ones are
+rounding."""
 
 
-def spreads_of_forces(inertia: float) -> Array:
-    """Standard deviations of damping, friction and log gravity, for the inertia of a rotor."""
-    return np.array([_DECAY * inertia, _STOPPING * inertia, _FALLING])
+def force_deviations(inertia: float) -> Array:
+    """Return prior standard deviations of damping, friction and log gravity, given an inertia."""
+    return np.array([_DAMPING_RATE * inertia, _FRICTION_DECELERATION * inertia, _LOG_GRAVITY])
 
 
-def learnt_spread(squares: float, count: int) -> float:
-    """Standard deviation of so many logarithms of masses [1], by the sum of their squares."""
-    return min(max(math.sqrt(squares / count), _NARROWEST), _WIDEST)
+def estimated_deviation(squares: float, count: int) -> float:
+    """Return the standard deviation of logarithms [1] from the sum of their squares."""
+    return min(max(math.sqrt(squares / count), _SMALLEST), _LARGEST)
 
 
 @dataclass(frozen=True)
@@ -148,139 +151,140 @@ class MotionPrior:
     """Normal distribution of the unknowns of a chain of springs."""
 
     gravity: float
-    """About which the logarithm of gravity is normal [length/s^2], 0 for none."""
+    """Median of gravity [length/s^2], 0 for none."""
     tolerances: Tolerances
-    of_masses: float = MASSES_BEGIN
-    """Standard deviation by which masses and stiffnesses differ from each other [1]."""
+    mass_deviation: float = INITIAL_MASS_DEVIATION
+    """Standard deviation of logarithms of masses and stiffnesses [1]."""
     shift: Array | float = 0.0
-    """Of its mean, in the order of the unknowns, (Q - 2 N,)."""
+    """Shift of its mean, in the order of the unknowns, (Q - 2 N,)."""
 
-    def about(self, motion: FreeMotion) -> tuple[Array, Array]:
-        """Information on a chain, (Q - 2 N, Q - 2 N), and its unknowns, from the mean on."""
-        at, rotors = motion.parts, len(motion.masses)
+    def evaluate(self, motion: FreeMotion) -> tuple[Array, Array]:
+        """Return the information, (Q - 2 N, Q - 2 N), and the unknowns less the mean."""
+        at, rotors = motion.slices, len(motion.masses)
         size = at.forces.stop
         information, values = np.zeros((size, size)), np.zeros(size)
         information[at.lengths, at.lengths] = self.tolerances.information(rotors)
-        alike = np.eye(rotors - 1) - 1 / (rotors - 1)
-        information[at.stiffnesses, at.stiffnesses] = alike / self.of_masses**2
-        information[at.masses, at.masses] = np.eye(rotors) / self.of_masses**2
-        spreads = spreads_of_forces(float(motion.inertias.mean()))
-        information[at.forces, at.forces] = np.diag(spreads**-2)
-        values[at.lengths] = unknowns_of(motion.lengths)
+        centred = np.eye(rotors - 1) - 1 / (rotors - 1)
+        information[at.stiffnesses, at.stiffnesses] = centred / self.mass_deviation**2
+        information[at.masses, at.masses] = np.eye(rotors) / self.mass_deviation**2
+        deviations = force_deviations(float(motion.inertias.mean()))
+        information[at.forces, at.forces] = np.diag(deviations**-2)
+        values[at.lengths] = to_unknowns(motion.lengths)
         values[at.stiffnesses] = np.log(motion.stiffnesses)
         values[at.masses] = np.log(motion.masses)
-        fallen = math.log(motion.gravity / self.gravity) if self.gravity else 0.0
-        values[at.forces] = motion.damping, motion.friction, fallen
+        log_gravity = math.log(motion.gravity / self.gravity) if self.gravity else 0.0
+        values[at.forces] = motion.damping, motion.friction, log_gravity
         return information, values - self.shift
 
-    def drawn(self, motion: FreeMotion, random: np.random.Generator) -> MotionPrior:
-        """Return the prior about a mean that is drawn from it, without what it does not inform.
+    def sampled(self, motion: FreeMotion, random: np.random.Generator) -> MotionPrior:
+        """Return the prior about a mean that is drawn from it, without uninformed combinations.
 
-        The symmetric root of the covariance keeps the draw the same where eigenvalues are equal.
+        The symmetric root of the covariance makes the sample independent of the choice of
+        eigenvectors for equal eigenvalues.
         """
-        values, vectors = np.linalg.eigh(self.about(motion)[0])
-        informed = values > _TOLD * values[-1]
+        values, vectors = np.linalg.eigh(self.evaluate(motion)[0])
+        informed = values > _INFORMED * values[-1]
         values, vectors = values[informed], vectors[:, informed]
         steps = vectors.T @ random.standard_normal(len(vectors)) / np.sqrt(values)
         return replace(self, shift=np.asarray(vectors @ steps))
 
-    def relearnt(
+    def reestimated(
         self, motion: FreeMotion, covariance: Array, tolerance: float | None
     ) -> MotionPrior:
-        """The same as wide as a chain shows it, given what is known of that.
+        """Return the prior with standard deviations estimated from a chain and its covariance.
 
-        A tolerance of lengths [1] is kept where it is given.
+        The tolerance of lengths [1] may be given.
         """
-        at = motion.parts
-        of_lengths = covariance[at.lengths, at.lengths]
-        tolerances = self.tolerances.relearnt(motion.lengths, of_lengths, tolerance)
+        at = motion.slices
+        lengths = covariance[at.lengths, at.lengths]
+        tolerances = Tolerances.estimated(motion.lengths, lengths, tolerance)
         springs, masses = np.log(motion.stiffnesses), np.log(motion.masses)
         squares = np.sum((springs - springs.mean()) ** 2) + np.sum(masses**2)
         squares += np.diag(covariance)[at.stiffnesses.start : at.masses.stop].sum()
-        spread = learnt_spread(float(squares), 2 * len(masses) - 3)
-        return MotionPrior(self.gravity, tolerances, spread)
+        deviation = estimated_deviation(float(squares), 2 * len(masses) - 3)
+        return MotionPrior(self.gravity, tolerances, deviation)
 
 
-def measurable_changes(motion: FreeMotion, gravity_known: bool) -> Array:
-    """Orthonormal changes of a chain that keep the mean spacing and the mean mass.
+def observable_changes(motion: FreeMotion, gravity_known: bool) -> Array:
+    """Return orthonormal changes of a chain that keep the mean spacing and the mean mass.
 
-    And gravity, where that is known, or there is none.
+    They also keep gravity if it is known or 0.
     """
-    at, rotors = motion.parts, len(motion.masses)
+    at, rotors = motion.slices, len(motion.masses)
     basis = np.eye(at.forces.stop)
-    alike = np.linalg.qr(np.ones((rotors, 1)), mode='complete')[0][:, 1:]
-    lengths = measurable(motion.lengths)
+    equal_sum = np.linalg.qr(np.ones((rotors, 1)), mode='complete')[0][:, 1:]
+    lengths = observable_basis(motion.lengths)
     basis[at.lengths, at.lengths] = basis[at.masses, at.masses] = 0
     basis[at.lengths, : lengths.shape[1]] = lengths
-    basis[at.masses, at.masses.start : at.masses.stop - 1] = alike
-    kept = [lengths.shape[1], at.masses.stop - 1]
+    basis[at.masses, at.masses.start : at.masses.stop - 1] = equal_sum
+    removed = [lengths.shape[1], at.masses.stop - 1]
     if gravity_known or not motion.gravity:
-        kept.append(at.forces.stop - 1)
-    return np.delete(basis, kept, axis=1)
+        removed.append(at.forces.stop - 1)
+    return np.delete(basis, removed, axis=1)
 
 
-_UNSURE = 10.0
-"""Standard deviation of a begin that no reading tells [rad], [rad/s]: more than rotors do."""
+_STATE_DEVIATION = 10.0
+"""Prior standard deviation of an initial state [rad], [rad/s]."""
 
 
 class Eliminated(NamedTuple):
-    """What a window says of the chain, and how its begin follows from that."""
+    """Contribution of a window to the equations of the chain, and its initial state."""
 
     matrix: Array
     """(Q - 2 N, Q - 2 N)."""
     vector: Array
     """(Q - 2 N,)."""
-    begin: Array
+    state: Array
     """A_ss^-1 b_s, (2 N,)."""
-    across: Array
+    coupling: Array
     """A_ss^-1 A_sq, (2 N, Q - 2 N)."""
     gain: float
-    """b_s A_ss^-1 b_s: what the squares lose by the begin where the chain keeps still [1]."""
+    """b_s A_ss^-1 b_s: decrease of the squares by the initial state alone [1]."""
 
-    def change(self, of_chain: Array) -> Array:
-        """Change of all unknowns of the window, (Q,), given that of the chain."""
-        return np.concatenate([of_chain, self.begin - self.across @ of_chain])
+    def change(self, chain: Array) -> Array:
+        """Return the change of all unknowns of the window, (Q,), given that of the chain."""
+        return np.concatenate([chain, self.state - self.coupling @ chain])
 
 
 class WindowEquations(NamedTuple):
-    """Normal equations of a window, for readings of unit variance; its begin is at the end."""
+    """Normal equations of a window for readings of unit variance; its initial state comes last."""
 
     matrix: Array
     """(Q, Q)."""
     vector: Array
     """(Q,)."""
     squares: float
-    """Of what is left of the readings [rad^2]."""
+    """Sum of the squared residuals [rad^2]."""
 
     def eliminated(self, rotors: int, noise: float, damping: float) -> Eliminated:
-        """Eliminate the begin, for a noise of readings [rad], with a damped step [1]."""
+        """Eliminate the initial state, with a noise of readings [rad] and a damping [1]."""
         matrix, vector = self.matrix / noise**2, self.vector / noise**2
         size = len(vector) - 2 * rotors
-        begin = matrix[size:, size:] * (1 + damping * np.eye(2 * rotors))
-        begin += np.eye(2 * rotors) / _UNSURE**2
-        across = np.asarray(np.linalg.solve(begin, matrix[size:, :size]))
-        moved = np.asarray(np.linalg.solve(begin, vector[size:]))
+        own = matrix[size:, size:] * (1 + damping * np.eye(2 * rotors))
+        own += np.eye(2 * rotors) / _STATE_DEVIATION**2
+        coupling = np.asarray(np.linalg.solve(own, matrix[size:, :size]))
+        state = np.asarray(np.linalg.solve(own, vector[size:]))
         return Eliminated(
-            matrix[:size, :size] - matrix[:size, size:] @ across,
-            vector[:size] - matrix[:size, size:] @ moved,
-            moved,
-            across,
-            float(vector[size:] @ moved),
+            matrix[:size, :size] - matrix[:size, size:] @ coupling,
+            vector[:size] - matrix[:size, size:] @ state,
+            state,
+            coupling,
+            float(vector[size:] @ state),
         )
 
 
 def window_equations(
-    window: FreeWindow, times: Array, readings: Array, spreads: Array
+    window: FreeWindow, times: Array, readings: Array, relative_deviations: Array
 ) -> WindowEquations:
-    """Normal equations of a window of all readings [rad] and their spreads [1], (T, N)."""
+    """Return the normal equations of a window, given readings of all frames [rad], (T, N)."""
     rotors = np.arange(readings.shape[1])
     rows, angles = [], []
-    for frame, x in frames_with_changes(window.motion, times[window.frames]):
-        x[rotors, OF_A_ROTOR * rotors + 1] += 1
+    for frame, x in angles_with_sensitivities(window.motion, times[window.frames]):
+        x[rotors, UNKNOWNS_PER_ROTOR * rotors + 1] += 1
         rows.append(x)
         angles.append(frame)
-    left = readings[window.frames] - window.motion.lengths.offsets - np.array(angles)
-    seen = np.isfinite(left)
-    weights = 1 / spreads[window.frames][seen]
-    slopes, errors = np.array(rows)[seen] * weights[:, None], left[seen] * weights
+    residuals = readings[window.frames] - window.motion.lengths.offsets - np.array(angles)
+    seen = np.isfinite(residuals)
+    weights = 1 / relative_deviations[window.frames][seen]
+    slopes, errors = np.array(rows)[seen] * weights[:, None], residuals[seen] * weights
     return WindowEquations(slopes.T @ slopes, slopes.T @ errors, float(errors @ errors))

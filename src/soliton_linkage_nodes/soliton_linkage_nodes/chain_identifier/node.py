@@ -15,8 +15,7 @@ from sensor_msgs.msg import JointState
 from std_msgs.msg import Float64
 from std_srvs.srv import Trigger
 
-from soliton_linkage.identification.identification import Identification
-from soliton_linkage.identification.identify import identify
+from soliton_linkage.identification.identification import Identification, identify
 from soliton_linkage.linkage.chain import Chain
 from soliton_linkage.linkage.gravity import Gravity
 from soliton_linkage.linkage.quantities import quantity

@@ -20,9 +20,8 @@ import numpy as np
 from rosbags.rosbag2 import Reader
 
 from soliton_linkage.command_line import PlainParser
-from soliton_linkage.identification.identification import Identification
-from soliton_linkage.identification.identify import identify
-from soliton_linkage.identification.readings import joined
+from soliton_linkage.identification.identification import Identification, identify
+from soliton_linkage.identification.readings import join_recordings
 from soliton_linkage.linkage.chain import Chain
 from soliton_linkage.linkage.gravity import Gravity
 from soliton_linkage.linkage.quantities import Quantity, described_fields
@@ -89,7 +88,7 @@ def identify_bags(
             f'spacing of {chain.spacing:g} m, unless --spacing says otherwise',
             file=sys.stderr,
         )
-    readings = joined(recordings)
+    readings = join_recordings(recordings)
     frames, rotors = readings.angles.shape
     progress = ProgressLine('identifying', 0)
     progress.show(0, f'{frames} frames of {rotors} rotors')
