@@ -49,8 +49,14 @@ def resting() -> Array:
 BAD = {
     'backwards': (changed(4, np.negative), 'rotor_4 is mounted backwards'),
     'mirrored': (changed(5, lambda angles: math.pi - angles), 'rotor_5 is mounted backwards'),
-    'half a turn off': (changed(4, lambda angles: angles + math.pi), 'zero of rotor_4 has an error'),
-    'zero off': (changed(6, lambda angles: angles + 0.8), 'the zero of rotor_6 has an error of about'),
+    'half a turn off': (
+        changed(4, lambda angles: angles + math.pi),
+        'zero of rotor_4 has an error',
+    ),
+    'zero off': (
+        changed(6, lambda angles: angles + 0.8),
+        'the zero of rotor_6 has an error of about',
+    ),
     'zero far off': (changed(6, lambda angles: angles + 1.3), 'rotor_6 does not lean over'),
     'neighbours swapped': (ordered(0, 1, 2, 4, 3, 5, 6, 7, 8, 9), 'not in the order'),
     'next but one swapped': (ordered(0, 1, 2, 5, 4, 3, 6, 7, 8, 9), 'reaches rotor_3 .* rotor_5'),
