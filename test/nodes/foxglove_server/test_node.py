@@ -1,6 +1,4 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The server between a graph and a client of its protocol."""
-
 from __future__ import annotations
 
 import json
@@ -43,10 +41,8 @@ pytest.importorskip('websockets.sync.client', reason='websockets is not installe
 
 from foxglove_client import FoxgloveClient
 
-from soliton_linkage_nodes.foxglove_server import services
-
 TYPES = ('std_msgs/msg/Float64', 'std_msgs/Float64', 'std_msgs/msg/Header', 'os/path', 'a/b/c')
-SAID = (b'{}', b'{"data": 1}', b'{"data": 1e999}', b'{"data": NaN}', 100_000 * b'[', b'\xff')
+MESSAGES = (b'{}', b'{"data": 1}', b'{"data": 1e999}', b'{"data": NaN}', 100_000 * b'[', b'\xff')
 Connect = Callable[[FoxgloveServer], FoxgloveClient]
 
 
@@ -72,14 +68,14 @@ def connect(graph: Graph) -> Iterator[Connect]:
 def until(graph: Graph, client: FoxgloveClient, condition: Callable[[], Any], what: str) -> None:
     """Spin and listen until a condition holds."""
 
-    def heard() -> Any:
-        client.listen()
+    def received() -> Any:
+        client.read()
         return condition()
 
-    graph.until(heard, what)
+    graph.until(received, what)
 
 
-def test_what_an_action_says_to_its_clients_is_hidden(
+def test_topics_of_actions_are_not_offered(
     graph: Graph, served: FoxgloveServer, connect: Connect
 ) -> None:
     feedback = '/move_soliton/_action/feedback'
@@ -92,7 +88,7 @@ def test_what_an_action_says_to_its_clients_is_hidden(
     assert served.diagnostics.rejected == 0
 
 
-def test_topics_come_with_their_definitions(
+def test_topics_are_offered_with_their_definitions(
     graph: Graph, served: FoxgloveServer, connect: Connect
 ) -> None:
     graph.user.create_publisher(Chain, 'lab/chain', interfaces.CHAIN.qos)
@@ -108,7 +104,7 @@ def test_topics_come_with_their_definitions(
     assert {'soliton_linkage_msgs/msg/Chain', 'std_msgs/msg/Header'} <= types.keys()
 
 
-def test_messages_reach_clients_as_they_are_and_can_be_read_by_their_definitions(
+def test_clients_receive_messages_unchanged_and_can_decode_them_by_their_definitions(
     graph: Graph, served: FoxgloveServer, connect: Connect, named: NamedChain
 ) -> None:
     frame = frame_to_msg(
@@ -117,15 +113,15 @@ def test_messages_reach_clients_as_they_are_and_can_be_read_by_their_definitions
     publisher = graph.user.create_publisher(type(frame), 'joint_states', 10)
     client = connect(served)
     until(graph, client, lambda: '/joint_states' in client.channels, 'joint_states')
-    heard = client.subscribe('/joint_states')
+    received = client.subscribe('/joint_states')
     until(graph, client, publisher.get_subscription_count, 'a subscription')
     publisher.publish(frame)
-    until(graph, client, lambda: heard, 'a message')
-    assert [deserialize_message(data, type(frame)) for data in heard] == [frame]
+    until(graph, client, lambda: received, 'a message')
+    assert [deserialize_message(data, type(frame)) for data in received] == [frame]
     channel = client.channels['/joint_states']
     store = get_typestore(Stores.EMPTY)
     store.register(get_types_from_msg(channel['schema'], channel['schemaName']))
-    read: Any = store.deserialize_cdr(heard[0], channel['schemaName'])
+    read: Any = store.deserialize_cdr(received[0], channel['schemaName'])
     assert read.header.stamp.sec == 7
     assert read.name == list(named.joint_names)
     assert read.position.tolist() == frame.position.tolist()
@@ -133,33 +129,33 @@ def test_messages_reach_clients_as_they_are_and_can_be_read_by_their_definitions
     until(graph, client, lambda: not publisher.get_subscription_count(), 'no subscription')
 
 
-def test_each_client_gets_what_is_latched(
+def test_each_client_receives_latched_messages(
     graph: Graph, served: FoxgloveServer, connect: Connect, named: NamedChain
 ) -> None:
     interfaces.CHAIN.publisher(graph.user).publish(chain_to_msg(named, Time()))
     for _ in range(2):
         client = connect(served)
         until(graph, client, lambda c=client: '/chain' in c.channels, 'the chain')
-        heard = client.subscribe('/chain')
-        until(graph, client, lambda h=heard: h, 'what is latched')
-        assert tuple(deserialize_message(heard[0], Chain).joint_names) == named.joint_names
+        received = client.subscribe('/chain')
+        until(graph, client, lambda h=received: h, 'the latched message')
+        assert tuple(deserialize_message(received[0], Chain).joint_names) == named.joint_names
 
 
-def test_a_best_effort_publisher_is_heard(
+def test_messages_of_a_best_effort_publisher_are_received(
     graph: Graph, served: FoxgloveServer, connect: Connect
 ) -> None:
     qos = QoSProfile(depth=5, reliability=ReliabilityPolicy.BEST_EFFORT)
     publisher = graph.user.create_publisher(Float64, 'sensed', qos)
     client = connect(served)
     until(graph, client, lambda: '/sensed' in client.channels, 'a topic')
-    heard = client.subscribe('/sensed')
+    received = client.subscribe('/sensed')
     until(graph, client, publisher.get_subscription_count, 'a subscription')
 
-    def comes() -> bool:
+    def received_one() -> bool:
         publisher.publish(Float64(data=0.5))
-        return bool(heard)
+        return bool(received)
 
-    until(graph, client, comes, 'a message')
+    until(graph, client, received_one, 'a message')
 
 
 @pytest.mark.parametrize('encoding', ['cdr', 'json'])
@@ -182,7 +178,7 @@ def test_a_nudge_from_a_client_kicks_the_chain(
     def is_kicked() -> bool:
         joints.publish(frame)
         client.publish(number, data)
-        client.listen(0.1)
+        client.read(0.1)
         return bool(impulses)
 
     graph.until(is_kicked, 'a kick')
@@ -198,11 +194,13 @@ def test_a_client_calls_services_by_their_definitions(
     until(graph, client, lambda: wanted <= client.services.keys(), 'services')
     offered = client.services['/simulator/reset']
     assert offered['type'] == 'soliton_linkage_msgs/srv/Reset'
-    told = offered['request']
-    assert (told['encoding'], told['schemaEncoding']) == ('cdr', 'ros2msg')
-    assert told['schemaName'] == 'soliton_linkage_msgs/srv/Reset_Request'
+    request_schema = offered['request']
+    assert (request_schema['encoding'], request_schema['schemaEncoding']) == ('cdr', 'ros2msg')
+    assert request_schema['schemaName'] == 'soliton_linkage_msgs/srv/Reset_Request'
     store = get_typestore(Stores.EMPTY)
-    store.register(get_types_from_msg(told['schema'], 'soliton_linkage_msgs/msg/Reset_Request'))
+    store.register(
+        get_types_from_msg(request_schema['schema'], 'soliton_linkage_msgs/msg/Reset_Request')
+    )
     request: Any = store.types['soliton_linkage_msgs/msg/Reset_Request']
     empty = np.zeros(0)
     lean = request(
@@ -225,7 +223,7 @@ def test_a_client_calls_services_by_their_definitions(
 
 
 @pytest.mark.parametrize('data', [b'', b'\0\1\0\0', b'\0\1\0\0\7\0\0\0'])
-def test_a_service_without_fields_takes_what_clients_send_for_nothing(
+def test_a_service_without_fields_accepts_each_encoding_of_an_empty_request(
     graph: Graph, served: FoxgloveServer, connect: Connect, data: bytes
 ) -> None:
     def answer(_: Any, response: Trigger.Response) -> Trigger.Response:
@@ -240,29 +238,29 @@ def test_a_service_without_fields_takes_what_clients_send_for_nothing(
     assert deserialize_message(client.answers[call], Trigger.Response).message == 'done'
 
 
-def test_a_call_that_cannot_be_answered_says_why(
-    graph: Graph, served: FoxgloveServer, connect: Connect, monkeypatch: pytest.MonkeyPatch
+def test_a_failed_call_reports_the_reason(
+    graph: Graph, served: FoxgloveServer, connect: Connect
 ) -> None:
-    monkeypatch.setattr(services, '_LONGEST_ANSWER', 0.3)
     service = graph.user.create_service(SetBool, 'lab/pause', lambda _, response: response)
     client = connect(served)
     until(graph, client, lambda: '/lab/pause' in client.services, 'a service')
     sound = serialize_message(SetBool.Request())
     for data, encoding, complaint in (
-        (b'\0', 'cdr', '1 bytes are no request of std_srvs/srv/SetBool'),
+        (b'\0', 'cdr', '1 bytes are not a request of type std_srvs/srv/SetBool'),
         (sound, 'json', 'Unsupported encoding'),
     ):
         call = client.call('/lab/pause', data, encoding)
         until(graph, client, lambda c=call: c in client.answers, 'a failure')
         assert complaint in str(client.answers[call])
     graph.user.destroy_service(service)
+    served.serving.services.services['/lab/pause'].answer_timeout = 0.3
     call = client.call('/lab/pause', sound)
-    until(graph, client, lambda: call in client.answers, 'no answer')
-    assert str(client.answers[call]).endswith('/lab/pause has not answered in 0.3 s')
+    until(graph, client, lambda: call in client.answers, 'a timeout')
+    assert str(client.answers[call]).endswith('/lab/pause did not respond in 0.3 s')
     until(graph, client, lambda: '/lab/pause' not in client.services, 'an end of the service')
 
 
-def test_what_is_no_message_is_refused(
+def test_an_invalid_message_is_rejected(
     graph: Graph, served: FoxgloveServer, connect: Connect
 ) -> None:
     client = connect(served)
@@ -272,12 +270,12 @@ def test_what_is_no_message_is_refused(
         ('/else', 'no_such_msgs/msg/Thing', 'cdr', b''),
         ('/else', 'std_msgs/msg/Float64', 'xml', b''),
     ):
-        refused = served.diagnostics.rejected
+        rejected = served.diagnostics.rejected
         client.publish(client.advertise(topic, schema, encoding), data)
-        graph.until(lambda n=refused: served.diagnostics.rejected > n, f'{encoding} refused')
-    told = values(graph.next_report('foxglove_server'))
-    assert 'xml' in told['last rejection']
-    assert told['messages from clients'] == '0'
+        graph.until(lambda n=rejected: served.diagnostics.rejected > n, f'{encoding} rejected')
+    figures = values(graph.next_report('foxglove_server'))
+    assert 'xml' in figures['last rejection']
+    assert figures['messages from clients'] == '0'
 
 
 @PATIENT
@@ -287,32 +285,30 @@ def test_what_is_no_message_is_refused(
         st.sampled_from([*TEXTS, *TYPES]),
         st.sampled_from(['cdr', 'json', 'x']),
     ),
-    said=st.lists(st.one_of(st.binary(max_size=40), st.sampled_from(SAID)), max_size=4),
+    messages=st.lists(st.one_of(st.binary(max_size=40), st.sampled_from(MESSAGES)), max_size=4),
 )
-def test_whatever_a_client_advertises_and_says_is_published_or_refused(
-    served: FoxgloveServer, advertised: tuple[str, str, str], said: list[bytes]
+def test_every_message_of_a_client_is_published_or_rejected(
+    served: FoxgloveServer, advertised: tuple[str, str, str], messages: list[bytes]
 ) -> None:
     serving, key = served.serving, (1, 2)
-    refused, published = served.diagnostics.rejected, serving.published
+    rejected, published = served.diagnostics.rejected, serving.published
     serving.advertise(key, *advertised)
-    if served.diagnostics.rejected == refused:
-        for data in said:
+    if served.diagnostics.rejected == rejected:
+        for data in messages:
             serving.publish(key, data)
-        answered = served.diagnostics.rejected - refused + serving.published - published
-        assert answered == len(said)
+        answered = served.diagnostics.rejected - rejected + serving.published - published
+        assert answered == len(messages)
     serving.unadvertise(key)
 
 
-def test_clients_of_a_server_that_is_read_only_publish_nothing(
-    graph: Graph, connect: Connect
-) -> None:
+def test_clients_of_a_read_only_server_publish_nothing(graph: Graph, connect: Connect) -> None:
     server = graph.start(FoxgloveServer, {'port': 0, 'read_only': True})
     client = connect(server)
-    until(graph, client, lambda: client.information, 'an introduction')
+    until(graph, client, lambda: client.information, 'the server information')
     assert not {'clientPublish', 'services'} & set(client.information['capabilities'])
     assert server.serving.services is None
 
 
-def test_a_port_that_is_taken_is_told(graph: Graph, served: FoxgloveServer) -> None:
-    with pytest.raises(OSError, match=f'127.0.0.1:{served.serving.port}.*give another'):
+def test_an_error_names_a_port_that_is_in_use(graph: Graph, served: FoxgloveServer) -> None:
+    with pytest.raises(OSError, match=f'127.0.0.1:{served.serving.port}.*set another'):
         graph.start(FoxgloveServer, {'port': served.serving.port}, namespace='other')

@@ -1,6 +1,4 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Without the Foxglove SDK the server says in one line what to install."""
-
 from __future__ import annotations
 
 import sys
@@ -11,7 +9,9 @@ from graphs import Graph
 from soliton_linkage_nodes.foxglove_server.node import FoxgloveServer
 
 
-def test_the_line_names_the_package(graph: Graph, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_an_error_in_one_line_names_the_missing_package(
+    graph: Graph, monkeypatch: pytest.MonkeyPatch
+) -> None:
     monkeypatch.setitem(sys.modules, 'foxglove', None)
     for name in ('serving', 'outgoing'):
         monkeypatch.delitem(sys.modules, f'soliton_linkage_nodes.foxglove_server.{name}', False)

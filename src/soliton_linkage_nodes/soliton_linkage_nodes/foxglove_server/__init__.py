@@ -1,2 +1,2 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The server for Foxglove and Lichtblick, where there is no foxglove_bridge."""
+"""Node that serves a ROS graph to Foxglove and Lichtblick without foxglove_bridge."""

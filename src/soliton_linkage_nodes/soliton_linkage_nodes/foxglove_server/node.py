@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The server of the graph for Foxglove and Lichtblick."""
+"""Node that serves the ROS graph to Foxglove and Lichtblick."""
 
 from __future__ import annotations
 
@@ -28,15 +28,19 @@ _LOOPBACK = ('127.0.0.1', '::1', 'localhost')
 class FoxgloveServerParameters:
     """Parameters of the server."""
 
-    host: str = quantity('127.0.0.1', 'address to serve at')
-    port: int = quantity(8765, 'port to serve at, 0 for any that is free', '', 0, 65535)
-    read_only: bool = quantity(False, 'whether clients may only look, and publish nothing')
+    host: str = quantity('127.0.0.1', 'address to serve at; 0.0.0.0 for all networks')
+    port: int = quantity(8765, 'port to serve at; 0 for any free port', '', 0, 65535)
+    read_only: bool = quantity(
+        False,
+        'whether clients may only read topics; they then publish nothing and call no services',
+    )
 
 
 class FoxgloveServer(GuardedNode):
-    """Serves the graph to Foxglove and Lichtblick, as foxglove_bridge does in a ROS install.
+    """Node that serves the graph to Foxglove and Lichtblick, as foxglove_bridge does.
 
-    Subscribes to the topics of its clients and publishes their messages and `/diagnostics`.
+    Subscribes to the topics that its clients select, and publishes their messages and
+    `/diagnostics`.
     """
 
     PARAMETERS: ClassVar[dict[type, str]] = {FoxgloveServerParameters: ''}
@@ -54,12 +58,12 @@ class FoxgloveServer(GuardedNode):
                 'run: pip install foxglove-sdk'
             ) from error
         self.diagnostics = Diagnostics(self, 'serving', self._report)
-        self._asked: queue.SimpleQueue[Callable[[], None]] = queue.SimpleQueue()
+        self._queued: queue.SimpleQueue[Callable[[], None]] = queue.SimpleQueue()
         self.serving = Serving(
             self,
             (settings.host, settings.port),
             settings.read_only,
-            self._asked.put,
+            self._queued.put,
             self.diagnostics.reject,
         )
         self._searched = 0.0
@@ -69,7 +73,8 @@ class FoxgloveServer(GuardedNode):
         self.get_logger().info(f'open {self.address} in Foxglove or Lichtblick')
         if settings.host not in _LOOPBACK and not settings.read_only:
             self.get_logger().warning(
-                f'whoever reaches {settings.host} can drive the chain; set read_only to prevent it'
+                f'every client that reaches {settings.host} can drive the chain; set read_only to '
+                'prevent this'
             )
 
     @property
@@ -78,13 +83,13 @@ class FoxgloveServer(GuardedNode):
         return f'ws://{self.settings.host}:{self.serving.port}'
 
     def destroy_node(self) -> None:
-        """End the connections too."""
+        """End the connections and destroy the node."""
         self.serving.close()
         super().destroy_node()
 
     def _tick(self) -> None:
-        while not self._asked.empty():
-            self._asked.get()()
+        while not self._queued.empty():
+            self._queued.get()()
         searching = time.monotonic() - self._searched >= _SEARCH_PERIOD
         if searching:
             self._searched = time.monotonic()
@@ -97,11 +102,11 @@ class FoxgloveServer(GuardedNode):
         self._reported = (now, outgoing.sent)
         wanted = sum(topic.subscribed for topic in outgoing.topics.values())
         return Report(
-            f'{wanted} of {len(outgoing.topics)} topics are looked at',
+            f'{wanted} of {len(outgoing.topics)} topics have clients',
             {
                 'address': self.address,
                 'topics': len(outgoing.topics),
-                'topics looked at': wanted,
+                'topics with clients': wanted,
                 'messages sent [1/s]': (outgoing.sent - sent_before) / (now - before),
                 'messages from clients': self.serving.published,
             },
@@ -109,5 +114,5 @@ class FoxgloveServer(GuardedNode):
 
 
 def main() -> None:
-    """Run the server."""
+    """Run the node until SIGINT or SIGTERM."""
     run(FoxgloveServer)

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Topics of the graph as channels, each subscribed to only for clients."""
+"""Topics of the graph as channels; the node subscribes to each only while a client does."""
 
 from __future__ import annotations
 
@@ -16,14 +16,14 @@ from soliton_linkage_nodes.runtime.interfaces import Topic
 from soliton_linkage_nodes.runtime.subscriptions import AdaptiveSubscription
 
 _DEPTH = 1000
-"""Depth of the queue: a second of a topic at 1000 Hz."""
+"""Depth of the queue: one second at 1000 Hz."""
 
 
 class OutgoingTopic:
-    """A topic for clients: its serialized messages with the definition of their type."""
+    """Channel with the serialized messages of a topic and the definition of their type."""
 
     def __init__(self, node: Node, name: str, type_: str, context: Context) -> None:
-        """Offer it to clients; raise ValueError if its type is not installed."""
+        """Offer the topic; raise ValueError if its type is not installed."""
         self.name, self.type = name, type_
         self.sent = 0
         """Number of messages sent."""
@@ -36,14 +36,14 @@ class OutgoingTopic:
 
     @property
     def subscribed(self) -> bool:
-        """Whether a client subscribes to it."""
+        """Whether a client subscribes to the topic."""
         return self._subscription is not None
 
-    def poll(self, renewed: bool, adapting: bool) -> None:
-        """Subscribe or unsubscribe as clients do.
+    def poll(self, new_client: bool, adapt: bool) -> None:
+        """Subscribe while a client does.
 
-        `renewed` gets latched messages again for another client. `adapting` follows the quality
-        of service of publishers.
+        `new_client` requests latched messages again; `adapt` checks the quality of service that
+        the publishers offer.
         """
         if not self._channel.has_sinks():
             self._unsubscribe()
@@ -52,13 +52,13 @@ class OutgoingTopic:
             self._subscription = AdaptiveSubscription(
                 self._node, self._topic, self._send, raw=True
             )
-        elif renewed or adapting:
+        elif new_client or adapt:
             latched = self._subscription.qos.durability == DurabilityPolicy.TRANSIENT_LOCAL
-            if not self._subscription.adapt() and renewed and latched:
+            if not self._subscription.adapt() and new_client and latched:
                 self._subscription.resubscribe()
 
     def close(self) -> None:
-        """Withdraw it."""
+        """Withdraw the topic."""
         self._unsubscribe()
         self._channel.close()
 
@@ -73,39 +73,38 @@ class OutgoingTopic:
 
 
 class OutgoingTopics:
-    """All topics of the graph."""
+    """Channels of all topics of the graph."""
 
-    def __init__(self, node: Node, context: Context, complain: Callable[[str, str], None]) -> None:
-        """Offer them in a context; report a rejected topic and the reason to `complain`."""
+    def __init__(self, node: Node, context: Context, reject: Callable[[str, str], None]) -> None:
+        """Offer topics in a context; pass the name and reason of a rejected one to `reject`."""
         self.topics: dict[str, OutgoingTopic] = {}
-        self.sent_before = 0
-        self._node, self._context, self._complain = node, context, complain
-        self._refused: dict[str, Sequence[str]] = {}
+        self._sent_by_withdrawn = 0
+        self._node, self._context, self._reject = node, context, reject
+        self._rejected: dict[str, Sequence[str]] = {}
 
     @property
     def sent(self) -> int:
         """Number of messages sent."""
-        return self.sent_before + sum(topic.sent for topic in self.topics.values())
+        return self._sent_by_withdrawn + sum(topic.sent for topic in self.topics.values())
 
     def search(self) -> None:
-        """Offer new topics and withdraw those that are gone."""
+        """Offer new topics and withdraw topics that ended."""
         found: dict[str, list[str]] = dict(self._node.get_topic_names_and_types())
         for name, topic in list(self.topics.items()):
             if topic.type not in found.get(name, ()) or self._is_deserted(name):
-                self.sent_before += topic.sent
+                self._sent_by_withdrawn += topic.sent
                 topic.close()
                 del self.topics[name]
         for name, types in found.items():
             # Hidden topics of actions are not offered.
-            if '/_' in name or name in self.topics or self._refused.get(name) == types:
-                continue
-            if self._is_deserted(name):
+            hidden = '/_' in name or name in self.topics or self._rejected.get(name) == types
+            if hidden or self._is_deserted(name):
                 continue
             try:
                 self.topics[name] = OutgoingTopic(self._node, name, types[0], self._context)
             except ValueError as error:
-                self._refused[name] = types
-                self._complain(name, str(error))
+                self._rejected[name] = types
+                self._reject(name, str(error))
 
     def close(self) -> None:
         """Withdraw all topics."""

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The websocket server and the requests of its clients.
+"""Websocket server of the Foxglove SDK, and the requests of its clients.
 
 The SDK calls back on its own threads, which only queue work for the node's executor.
 """
@@ -19,7 +19,7 @@ from rclpy.serialization import deserialize_message
 from soliton_linkage_nodes.bags.guards import load_json
 from soliton_linkage_nodes.bags.read.reading import message_class
 from soliton_linkage_nodes.foxglove_server.outgoing import OutgoingTopics
-from soliton_linkage_nodes.foxglove_server.services import Ask, CalledServices, Complain
+from soliton_linkage_nodes.foxglove_server.services import OfferedServices, Queue, Reject
 from soliton_linkage_nodes.messages.fields import built
 from soliton_linkage_nodes.runtime.interfaces import command_qos
 
@@ -47,14 +47,14 @@ class IncomingTopic:
             raise ValueError(f'{type_name} cannot be published: {reason}') from error
 
     def publish(self, data: bytes) -> None:
-        """Publish a client's data; raise ValueError if it is no message of the type."""
+        """Publish the data of a client; raise ValueError if they are not a message of the type."""
         if self._encoding == 'json':
             message: Any = built(self._type, load_json(data.decode(errors='replace')))
         else:
             try:
                 message = deserialize_message(data, self._type)
             except Exception as error:  # rclpy's own has no public name
-                raise ValueError(f'{len(data)} bytes are no message of its type') from error
+                raise ValueError(f'{len(data)} bytes are not a message of its type') from error
         self._publisher.publish(message)
 
     def close(self) -> None:
@@ -63,24 +63,24 @@ class IncomingTopic:
 
 
 class Serving:
-    """The server, with the topics and services between its clients and the graph."""
+    """Server with the topics and services between its clients and the graph."""
 
     def __init__(
         self,
         node: Node,
         address: tuple[str, int],
         read_only: bool,
-        ask: Ask,
-        refuse: Complain,
+        queue: Queue,
+        reject: Reject,
     ) -> None:
         """Serve at a host and port; raise OSError if that is not possible."""
         self.published = 0
         """Number of messages published by clients."""
-        self._node, self._refuse = node, refuse
+        self._node, self._reject = node, reject
         self._incoming: dict[Key, IncomingTopic] = {}
-        self._renewed: set[str] = set()
+        self._new_clients: set[str] = set()
         context = foxglove.Context()
-        self.outgoing = OutgoingTopics(node, context, refuse)
+        self.outgoing = OutgoingTopics(node, context, reject)
         host, port = address
         try:
             self._server = foxglove.start_server(
@@ -89,27 +89,27 @@ class Serving:
                 port=port,
                 capabilities=[] if read_only else [Capability.ClientPublish, Capability.Services],
                 supported_encodings=list(_ENCODINGS),
-                server_listener=_Listener(self, ask),
+                server_listener=_Listener(self, queue),
                 context=context,
             )
         except Exception as error:  # the SDK's own has no public name
             raise OSError(
-                f'cannot serve at {host}:{port}: {error}; give another host or port'
+                f'cannot serve at {host}:{port}: {error}; set another host or port'
             ) from error
         self.port = self._server.port
-        self.services = None if read_only else CalledServices(node, self._server, ask, refuse)
+        self.services = None if read_only else OfferedServices(node, self._server, queue, reject)
 
     def poll(self, searching: bool) -> None:
-        """Follow the subscriptions and calls of clients, and with `searching` the graph."""
+        """Process subscriptions and calls of clients; with `searching` also read the graph."""
         if searching:
             self.outgoing.search()
         if self.services is not None:
             if searching:
                 self.services.search()
             self.services.poll()
-        renewed, self._renewed = self._renewed, set()
+        new_clients, self._new_clients = self._new_clients, set()
         for name, topic in self.outgoing.topics.items():
-            topic.poll(name in renewed, searching)
+            topic.poll(name in new_clients, searching)
 
     def close(self) -> None:
         """End all connections."""
@@ -118,16 +118,16 @@ class Serving:
         self._server.stop()
         self.outgoing.close()
 
-    def renew(self, topic: str) -> None:
-        """Note that another client has subscribed to a topic."""
-        self._renewed.add(topic)
+    def note_subscription(self, topic: str) -> None:
+        """Record that another client subscribed to a topic."""
+        self._new_clients.add(topic)
 
     def advertise(self, key: Key, topic: str, type_name: str, encoding: str) -> None:
-        """Prepare a topic on which a client will publish."""
+        """Create the publisher of a client's topic, or reject the topic."""
         try:
             self._incoming[key] = IncomingTopic(self._node, topic, type_name, encoding)
         except ValueError as error:
-            self._refuse(topic, str(error))
+            self._reject(topic, str(error))
 
     def unadvertise(self, key: Key) -> None:
         """End a client's topic."""
@@ -135,7 +135,7 @@ class Serving:
             self._incoming.pop(key).close()
 
     def publish(self, key: Key, data: bytes) -> None:
-        """Publish a client's message."""
+        """Publish or reject a client's message."""
         topic = self._incoming.get(key)
         if topic is None:
             return
@@ -143,26 +143,26 @@ class Serving:
             topic.publish(data)
             self.published += 1
         except ValueError as error:
-            self._refuse(topic.name, str(error))
+            self._reject(topic.name, str(error))
 
 
 class _Listener(ServerListener):
-    """Callbacks of the SDK, forwarded to the executor."""
+    """Callbacks of the SDK, queued for the executor."""
 
-    def __init__(self, serving: Serving, ask: Ask) -> None:
-        self._serving, self._ask = serving, ask
+    def __init__(self, serving: Serving, queue: Queue) -> None:
+        self._serving, self._queue = serving, queue
 
     def on_subscribe(self, client: Client, channel: ChannelView) -> None:
         topic = channel.topic
-        self._ask(lambda: self._serving.renew(topic))
+        self._queue(lambda: self._serving.note_subscription(topic))
 
     def on_client_advertise(self, client: Client, channel: ClientChannel) -> None:
         key, topic = (client.id, channel.id), channel.topic
         type_name, encoding = channel.schema_name, channel.encoding
-        self._ask(lambda: self._serving.advertise(key, topic, type_name, encoding))
+        self._queue(lambda: self._serving.advertise(key, topic, type_name, encoding))
 
     def on_client_unadvertise(self, client: Client, client_channel_id: int) -> None:
-        self._ask(lambda: self._serving.unadvertise((client.id, client_channel_id)))
+        self._queue(lambda: self._serving.unadvertise((client.id, client_channel_id)))
 
     def on_message_data(self, client: Client, client_channel_id: int, data: bytes) -> None:
-        self._ask(lambda: self._serving.publish((client.id, client_channel_id), data))
+        self._queue(lambda: self._serving.publish((client.id, client_channel_id), data))
