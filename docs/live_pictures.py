@@ -87,7 +87,7 @@ def film(page: Any, folder: Path) -> None:
     page.get_by_role('tab', name='Run').click()
     page.locator('label.q-select:visible:has-text("state")').click()
     page.get_by_role('option', name='soliton', exact=True).click()
-    page.locator('.q-tab-panel:visible').get_by_label('place', exact=True).fill(str(FROM))
+    page.locator('.q-tab-panel:visible').get_by_label('position', exact=True).fill(str(FROM))
     page.click('#live-reset')
     page.get_by_role('tab', name='Drive').click()
     page.wait_for_function(f'() => Math.abs(live.shown.rotor - {FROM}) < 0.1')

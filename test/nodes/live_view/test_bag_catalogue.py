@@ -20,7 +20,7 @@ def state(second: float, rotor: float) -> SolitonState:
     return message
 
 
-def test_it_lists_what_its_folders_hold_newest_first(tmp_path: Path, named: NamedChain) -> None:
+def test_readable_bags_are_listed_newest_first(tmp_path: Path, named: NamedChain) -> None:
     for name in ('one', 'two'):
         write_bag(tmp_path / name, run_of(named, 5))
     later = [(topic, stamp + 10**9, message) for topic, stamp, message in run_of(named, 8)]
@@ -37,18 +37,22 @@ def test_it_lists_what_its_folders_hold_newest_first(tmp_path: Path, named: Name
 
 
 @pytest.mark.parametrize('name', ['../secret_0', '/etc', 'secret_0', '', '..', 'link_0'])
-def test_bags_elsewhere_are_not_opened(tmp_path: Path, named: NamedChain, name: str) -> None:
-    shelf = tmp_path / 'shelf'
-    shelf.mkdir()
-    write_bag(shelf / 'own', run_of(named, 3))
+def test_bags_in_other_folders_are_not_opened(
+    tmp_path: Path, named: NamedChain, name: str
+) -> None:
+    folder = tmp_path / 'folder'
+    folder.mkdir()
+    write_bag(folder / 'own', run_of(named, 3))
     secret = write_bag(tmp_path / 'secret', run_of(named, 3))
-    (shelf / 'link_0').symlink_to(secret)
-    with pytest.raises(ValueError, match='is in none of the folders of bag_folders'):
-        BagCatalogue([shelf]).bag(name)
-    assert BagCatalogue([shelf]).bag('own_0').name == 'own_0'
+    (folder / 'link_0').symlink_to(secret)
+    with pytest.raises(ValueError, match=r'no folder of bag_folders .* contains the bag'):
+        BagCatalogue([folder]).bag(name)
+    assert BagCatalogue([folder]).bag('own_0').name == 'own_0'
 
 
-def test_the_track_is_where_the_soliton_was(tmp_path: Path, named: NamedChain) -> None:
+def test_the_track_gives_the_position_of_the_soliton_over_time(
+    tmp_path: Path, named: NamedChain
+) -> None:
     entries = run_of(named, 3)
     entries += [
         (interfaces.SOLITON_STATE, START + n * 10**7, state(0.01 * n, rotor))
@@ -67,5 +71,5 @@ def test_a_bag_without_states_has_no_track(tmp_path: Path, named: NamedChain) ->
 
 def test_without_folders_there_are_no_bags() -> None:
     assert BagCatalogue([]).bags() == []
-    with pytest.raises(ValueError, match='none was named'):
+    with pytest.raises(ValueError, match='none is set'):
         BagCatalogue([]).bag('bag_0')

@@ -18,8 +18,8 @@ from soliton_linkage_nodes.messages.conversions import NamedChain
 from soliton_linkage_nodes.messages.view_conversions import NodeReport
 
 
-class Readers:
-    """A page that is read-only, with a bag."""
+class ReadOnlyCommands:
+    """Commands of a read-only page, which fail the test if they call a service."""
 
     namespace = '/'
 
@@ -31,32 +31,32 @@ class Readers:
 
 
 def finder(*reports: str) -> Any:
-    told = {name: (time.monotonic(), NodeReport(name, 0, 'recording', {})) for name in reports}
-    return SimpleNamespace(reports=told, chains={})
+    received = {name: (time.monotonic(), NodeReport(name, 0, 'recording', {})) for name in reports}
+    return SimpleNamespace(reports=received, chains={})
 
 
 RECORDER: dict[str, Callable[[BagRecording], Any]] = {
     'start': lambda recording: recording.start('/'),
     'stop': lambda recording: recording.stop(),
-    'pause': lambda recording: recording.ask(Readers(), 'pause'),
-    'snapshot': lambda recording: recording.ask(Readers(), 'snapshot'),
+    'pause': lambda recording: recording.request(ReadOnlyCommands(), 'pause'),
+    'snapshot': lambda recording: recording.request(ReadOnlyCommands(), 'snapshot'),
 }
 PLAYER: dict[str, Callable[[BagReplay], Awaitable[str]]] = {
     'play': lambda replay: replay.play('bag_0'),
-    'pause': lambda replay: replay.pause(Readers(), True),
+    'pause': lambda replay: replay.pause(ReadOnlyCommands(), True),
     'loop': lambda replay: replay.set_loop(True),
     'rate': lambda replay: _at_rate(replay),
 }
 
 
 async def _at_rate(replay: BagReplay) -> str:
-    replay.ended = False
-    return await replay.set_rate(Readers(), 2.0)
+    replay.running = True
+    return await replay.set_rate(ReadOnlyCommands(), 2.0)
 
 
-def done(asked: Any) -> None:
+def run(action: Any) -> None:
     async def wait() -> None:
-        await asked
+        await action
 
     asyncio.run(wait())
 
@@ -65,7 +65,7 @@ def done(asked: Any) -> None:
 def test_a_read_only_page_records_nothing(tmp_path: Path, name: str) -> None:
     recording = BagRecording(tmp_path, finder(), read_only=True)
     with pytest.raises(ValueError, match='this page is read-only'):
-        done(RECORDER[name](recording))
+        run(RECORDER[name](recording))
     assert not list(tmp_path.iterdir())
 
 
@@ -74,13 +74,13 @@ def test_a_read_only_page_plays_nothing(tmp_path: Path, named: NamedChain, name:
     write_bag(tmp_path / 'bag', run_of(named, 3))
     replay = BagReplay(BagCatalogue([tmp_path]), tmp_path, finder(), read_only=True)
     with pytest.raises(ValueError, match='this page is read-only'):
-        done(PLAYER[name](replay))
+        run(PLAYER[name](replay))
     assert (replay.bag, replay.rate, replay.loop) == (None, 1.0, False)
 
 
-def test_beside_a_recorder_that_was_started_elsewhere_none_is_started(tmp_path: Path) -> None:
+def test_no_recorder_is_started_beside_one_of_another_program(tmp_path: Path) -> None:
     recording = BagRecording(tmp_path, finder('/bag_recorder'), read_only=False)
-    with pytest.raises(ValueError, match='runs already that was started elsewhere'):
+    with pytest.raises(ValueError, match='another program is recording this chain'):
         recording.start('/')
 
 

@@ -20,7 +20,7 @@ JPEG = b'\xff\xd8\xff\xe0 and so on'
 
 @pytest.fixture
 def camera(graph: Graph) -> Iterator[CameraTopic]:
-    # Nobody spins the node that pictures are taken by.
+    # No executor spins the node that receives pictures.
     node = rclpy.create_node('inbox', context=graph.context)
     made = CameraTopic(node, '/')
     yield made
@@ -28,40 +28,40 @@ def camera(graph: Graph) -> Iterator[CameraTopic]:
     node.destroy_node()
 
 
-def test_it_subscribes_while_somebody_looks_and_keeps_the_newest(
+def test_it_subscribes_while_a_page_shows_the_pictures_and_keeps_the_newest(
     graph: Graph, camera: CameraTopic
 ) -> None:
-    camera.want(True)
-    camera.take()
-    assert camera.reason == 'nothing publishes camera_overlay: start camera_encoders'
+    camera.show(True)
+    camera.update()
+    assert camera.reason == 'no node publishes camera_overlay; start camera_encoders'
     topic = interfaces.CAMERA_OVERLAY
     publisher = graph.user.create_publisher(topic.type, topic.name, topic.qos)
 
-    def looks(wanted: bool) -> bool:
+    def is_subscribed(shown: bool) -> bool:
         camera.adapt()
-        camera.want(wanted)
-        return publisher.get_subscription_count() == wanted and not camera.reason
+        camera.show(shown)
+        return publisher.get_subscription_count() == shown and not camera.reason
 
-    def sees(data: bytes, pictures: int) -> None:
+    def receive(data: bytes, pictures: int) -> None:
         message = CompressedImage(format='jpeg', data=array.array('B', data))
         message.header.stamp = time_to_msg(3 * 10**9)
         publisher.publish(message)
-        graph.until(lambda: camera.take() or camera.pictures == pictures, 'the picture')
+        graph.until(lambda: camera.update() or camera.pictures == pictures, 'the picture')
 
-    graph.until(lambda: looks(True), 'the subscription')
-    sees(JPEG, 1)
-    chain, stamp, age = struct.unpack_from('<3d', camera.picture(4), 8)
+    graph.until(lambda: is_subscribed(True), 'the subscription')
+    receive(JPEG, 1)
+    chain, stamp, age = struct.unpack_from('<3d', camera.packed(4), 8)
     assert (chain, stamp) == (4.0, 3.0)
     assert 0 <= age < 60
-    assert camera.picture(4)[32:] == JPEG
-    sees(JPEG[:-1], 2)
-    assert camera.picture(4)[32:] == JPEG[:-1]
-    graph.until(lambda: looks(False), 'the end of the subscription')
+    assert camera.packed(4)[32:] == JPEG
+    receive(JPEG[:-1], 2)
+    assert camera.packed(4)[32:] == JPEG[:-1]
+    graph.until(lambda: is_subscribed(False), 'the end of the subscription')
     assert camera.pictures == 0
 
 
 @pytest.mark.parametrize(
-    ('data', 'said'),
+    ('data', 'reason'),
     [
         (b'', '0 bytes of format .* are no JPEG; send jpeg'),
         (b'\x89PNG and so on', '14 bytes of format .* are no JPEG; send jpeg'),
@@ -69,7 +69,7 @@ def test_it_subscribes_while_somebody_looks_and_keeps_the_newest(
     ],
     ids=['empty', 'png', 'large'],
 )
-def test_what_no_page_can_show_is_refused(data: bytes, said: str) -> None:
+def test_a_picture_that_no_browser_can_show_is_rejected(data: bytes, reason: str) -> None:
     message = CompressedImage(format='png', data=array.array('B', data))
-    with pytest.raises(ValueError, match=said):
+    with pytest.raises(ValueError, match=reason):
         jpeg_from_msg(message, 4_000_000)

@@ -34,14 +34,14 @@ def joints(names: tuple[str, ...], angles: Array, second: int = 5) -> JointState
 
 
 def shown(model: ChainModel, last: int = 10_000) -> tuple[dict[str, float], dict[str, Array]]:
-    return unpack(model.picture(0, 0, last))
+    return unpack(model.packed(0, 0, last))
 
 
-def test_a_picture_shows_the_chain_as_the_physics_has_it() -> None:
+def test_a_frame_contains_the_quantities_of_the_physics_package() -> None:
     chain, model = named(12), ChainModel()
     angles = chain.chain.uniform_state(-1) + 0.05 * np.sin(np.arange(12))
-    model.learn(chain)
-    model.take_joints(joints(chain.joint_names, angles))
+    model.set_chain(chain)
+    model.update_joints(joints(chain.joint_names, angles))
     numbers, arrays = shown(model)
     assert numbers['rotors'] == 12
     assert numbers['stamp'] == 5.0
@@ -55,81 +55,80 @@ def test_a_picture_shows_the_chain_as_the_physics_has_it() -> None:
     assert numbers['elastic'] == pytest.approx(energy)
 
 
-def test_without_a_chain_it_shows_how_joints_lean_and_nothing_that_it_cannot_know() -> None:
+def test_without_a_chain_a_frame_contains_only_the_lean() -> None:
     model = ChainModel()
-    model.take_joints(joints(('shoulder', 'elbow'), np.array([0.5, -0.5])))
+    model.update_joints(joints(('shoulder', 'elbow'), np.array([0.5, -0.5])))
     numbers, arrays = shown(model)
     np.testing.assert_allclose(arrays['overview'], np.sin([0.5, -0.5]), rtol=1e-6)
     assert not len(arrays['extensions'])
     assert not len(arrays['mode'])
     assert math.isnan(numbers['elastic'])
     assert model.description()['spacing'] is None
-    assert model.description()['joints'] == ['shoulder', 'elbow']
 
 
-def test_a_source_that_stops_grows_old_and_one_that_comes_back_is_young() -> None:
+def test_the_age_grows_until_the_next_message() -> None:
     clock = Clock()
     model, chain = ChainModel(clock), named(4)
-    assert model.age == math.inf
-    model.learn(chain)
-    model.take_joints(joints(chain.joint_names, chain.chain.uniform_state(1)))
+    assert shown(model)[0]['age'] == math.inf
+    model.set_chain(chain)
+    model.update_joints(joints(chain.joint_names, chain.chain.uniform_state(1)))
     clock.now += 1.2
     assert shown(model)[0]['age'] == pytest.approx(1.2)
-    model.take_joints(joints(chain.joint_names, chain.chain.uniform_state(1), 7))
+    model.update_joints(joints(chain.joint_names, chain.chain.uniform_state(1), 7))
     assert shown(model)[0]['age'] == 0.0
 
 
-def test_another_number_of_rotors_begins_anew() -> None:
+def test_another_number_of_rotors_resets_the_history() -> None:
     model = ChainModel()
     for rotors in (6, 9, 3):
         names = default_joint_names(rotors)
         version = model.version
-        model.take_joints(joints(names, np.zeros(rotors)))
+        model.update_joints(joints(names, np.zeros(rotors)))
         assert shown(model)[0]['rotors'] == rotors
         assert model.version > version
         assert len(model.history[-1].overview) == rotors
-    model.learn(named(5))
-    model.take_joints(joints(default_joint_names(5), np.zeros(5)))
+    model.set_chain(named(5))
+    model.update_joints(joints(default_joint_names(5), np.zeros(5)))
     assert shown(model)[0]['rotors'] == 5
 
 
-def test_a_joint_that_is_missing_is_a_gap_and_hides_the_zero_mode() -> None:
+def test_the_angle_of_a_missing_joint_is_nan_and_the_zero_mode_is_hidden() -> None:
     chain, model = named(5), ChainModel()
-    model.learn(chain)
-    model.take_joints(joints(chain.joint_names[1:], chain.chain.uniform_state(1)[1:]))
+    model.set_chain(chain)
+    model.update_joints(joints(chain.joint_names[1:], chain.chain.uniform_state(1)[1:]))
     _, arrays = shown(model)
     assert np.isnan(arrays['angles']).tolist() == [True, False, False, False, False]
     assert not len(arrays['mode'])
-    model.take_joints(joints(chain.joint_names, chain.chain.uniform_state(1)))
+    model.update_joints(joints(chain.joint_names, chain.chain.uniform_state(1)))
     assert len(shown(model)[1]['mode']) == 5
 
 
-def test_joints_of_another_chain_are_complained_of_and_change_nothing() -> None:
+def test_joints_of_another_chain_are_rejected() -> None:
     chain, model = named(5), ChainModel()
-    model.learn(chain)
-    model.take_joints(joints(chain.joint_names, chain.chain.uniform_state(1)))
-    model.take_joints(joints(('wheel',), np.array([1.0])))
-    assert "none of the 5 rotors, whose first is 'rotor_0'" in model.complaint
+    model.set_chain(chain)
+    model.update_joints(joints(chain.joint_names, chain.chain.uniform_state(1)))
+    model.update_joints(joints(('wheel',), np.array([1.0])))
+    assert "none of the 5 rotors, whose first is 'rotor_0'" in model.error
     assert shown(model)[0]['rotors'] == 5
-    model.take_joints(joints(chain.joint_names, chain.chain.uniform_state(-1)))
-    assert model.complaint == ''
+    model.update_joints(joints(chain.joint_names, chain.chain.uniform_state(-1)))
+    assert model.error == ''
 
 
-def test_a_long_chain_is_sent_in_parts_that_fit_a_screen() -> None:
+def test_a_frame_of_a_long_chain_contains_a_limited_number_of_rotors() -> None:
     chain, model = named(10_000), ChainModel()
-    model.learn(chain)
-    model.take_joints(joints(chain.joint_names, chain.chain.uniform_state(1)))
+    model.set_chain(chain)
+    model.update_joints(joints(chain.joint_names, chain.chain.uniform_state(1)))
     assert not len(shown(model)[1]['angles'])
     assert len(shown(model)[1]['overview']) == 2048
-    numbers, arrays = unpack(model.picture(0, 4000, 4100))
+    numbers, arrays = unpack(model.packed(0, 4000, 4100))
     assert numbers['first'] == 4000
     assert len(arrays['angles']) == 101
     for window in ((-50, 20), (9990, 20_000), (500, 2), (2**70, -(2**70))):
-        frame = model.picture(0, *window)
+        frame = model.packed(0, *window)
         assert len(frame) < 4 * (2048 + 3 * MOST_ANGLES) + 1000
 
 
-def test_groups_keep_the_least_and_the_largest_lean() -> None:
+def test_groups_keep_the_smallest_and_the_largest_lean() -> None:
     lean = np.random.default_rng(1).normal(size=7777)
     grouped = overview(lean).reshape(-1, 2)
     assert grouped.min() == pytest.approx(lean.min())
@@ -138,57 +137,57 @@ def test_groups_keep_the_least_and_the_largest_lean() -> None:
     np.testing.assert_allclose(overview(lean[:2048]), lean[:2048], rtol=1e-6)
 
 
-def test_memory_of_the_past_is_bounded_however_long_it_runs() -> None:
+def test_the_history_has_a_limited_size() -> None:
     clock = Clock()
     model, chain = ChainModel(clock), named(3000)
-    model.learn(chain)
+    model.set_chain(chain)
     frame = chain.chain.uniform_state(1)
     for second in range(400):
         clock.now += 1.0
-        model.take_joints(joints(chain.joint_names, frame, second))
+        model.update_joints(joints(chain.joint_names, frame, second))
     assert sum(len(column.overview) for column in model.history) <= 400_000
 
 
-def test_the_rate_is_told_from_the_numbers_of_messages() -> None:
+def test_the_rate_is_measured_from_sequence_numbers() -> None:
     clock = Clock()
     model = ChainModel(clock)
     for second in range(4):
-        model.count(1000 + 500 * second)
+        model.update_rate(1000 + 500 * second)
         clock.now += 1.001
     assert model.rate == pytest.approx(500, rel=0.01)
-    model.count(3)
+    model.update_rate(3)
     clock.now += 2.0
-    model.count(23)
+    model.update_rate(23)
     assert model.rate == pytest.approx(10)
 
 
-def test_what_an_analyser_says_is_shown_while_it_speaks() -> None:
+def test_a_state_is_shown_until_the_analyser_is_silent() -> None:
     clock = Clock()
     model, chain = ChainModel(clock), named(5)
-    model.learn(chain)
-    model.take_state({'rotor': 2.25, 'kinetic': 7.0}, [2.25, 0.01, 1.0])
-    model.take_joints(joints(chain.joint_names, chain.chain.uniform_state(1)))
+    model.set_chain(chain)
+    model.update_state({'rotor': 2.25, 'kinetic': 7.0}, [2.25, 0.01, 1.0])
+    model.update_joints(joints(chain.joint_names, chain.chain.uniform_state(1)))
     numbers, arrays = shown(model)
     assert (numbers['rotor'], numbers['kinetic']) == (2.25, 7.0)
-    np.testing.assert_allclose(arrays['places'], [2.25, 0.01, 1.0])
+    np.testing.assert_allclose(arrays['solitons'], [2.25, 0.01, 1.0])
     clock.now += 5.0
-    model.take_joints(joints(chain.joint_names, chain.chain.uniform_state(1)))
+    model.update_joints(joints(chain.joint_names, chain.chain.uniform_state(1)))
     numbers, arrays = shown(model)
     assert math.isnan(numbers['rotor'])
     assert numbers['kinetic'] == 0.0
-    assert not len(arrays['places'])
+    assert not len(arrays['solitons'])
 
 
-def test_a_state_that_is_older_than_the_angles_is_told_with_its_stamp() -> None:
+def test_the_delay_is_the_age_of_the_state_relative_to_the_angles() -> None:
     clock = Clock()
     model, chain = ChainModel(clock), named(4)
-    model.learn(chain)
+    model.set_chain(chain)
     angles = chain.chain.uniform_state(1)
-    model.take_joints(joints(chain.joint_names, angles, 5))
-    assert math.isnan(model.behind)
+    model.update_joints(joints(chain.joint_names, angles, 5))
+    assert math.isnan(model.delay)
     assert shown(model)[0]['state_stamp'] == 5.0
-    model.take_state({'state_stamp': 4.5, 'rotor': 1.5}, [1.5, 0.0, 1.0])
-    assert model.behind == 0.5
+    model.update_state({'state_stamp': 4.5, 'rotor': 1.5}, [1.5, 0.0, 1.0])
+    assert model.delay == 0.5
     assert shown(model)[0]['state_stamp'] == 4.5
     clock.now += 2.0
-    assert math.isnan(model.behind)
+    assert math.isnan(model.delay)

@@ -19,8 +19,8 @@ ACTIONS: dict[str, Callable[[ChainCommands], Any]] = {
     'step': lambda commands: commands.step(1),
     'reset': lambda commands: commands.reset('initial'),
     'release': lambda commands: commands.release(),
-    'carry': lambda commands: commands.carry(3.0, 0.0, 1.0),
-    'identify': lambda commands: commands.of_identifier('identify'),
+    'move_to': lambda commands: commands.move_to(3.0, 0.0, 1.0),
+    'identify': lambda commands: commands.call_identifier('identify'),
 }
 
 
@@ -34,7 +34,7 @@ def done(action: Callable[[ChainCommands], Any], commands: ChainCommands) -> Non
 
 
 @pytest.mark.parametrize('name', ACTIONS)
-def test_a_read_only_page_does_nothing(graph: Graph, name: str) -> None:
+def test_a_read_only_page_sends_no_command(graph: Graph, name: str) -> None:
     commands = ChainCommands(graph.user, '/', read_only=True)
     with pytest.raises(ValueError, match='this page is read-only'):
         done(ACTIONS[name], commands)
@@ -42,15 +42,17 @@ def test_a_read_only_page_does_nothing(graph: Graph, name: str) -> None:
 
 
 @pytest.mark.parametrize('name', ACTIONS)
-def test_what_nobody_hears_is_said_with_who_would(graph: Graph, name: str) -> None:
+def test_a_command_without_a_receiver_is_rejected_with_a_remedy(graph: Graph, name: str) -> None:
     commands = ChainCommands(graph.user, '/', read_only=False)
-    with pytest.raises(ValueError, match=r'^nothing (subscribes to|serves) '):
+    with pytest.raises(
+        ValueError, match=r'^no node (subscribes to|serves) .*; start|^no node serves '
+    ):
         done(ACTIONS[name], commands)
     commands.close()
 
 
-def test_progress_is_the_share_of_the_way() -> None:
-    move = Move('under way', goal=10.0, begun=4.0)
+def test_progress_is_the_completed_fraction_of_the_distance() -> None:
+    move = Move('under way', goal=10.0, start=4.0)
     assert move.progress == 0.0
     move.rotor = 7.0
     assert move.progress == pytest.approx(0.5)
@@ -59,11 +61,11 @@ def test_progress_is_the_share_of_the_way() -> None:
 
 
 def reported(
-    begun: int, ended: str = '', way: tuple[float, float] | None = None
+    started: int, ended: str = '', ends: tuple[float, float] | None = None
 ) -> dict[str, str]:
-    start, goal = way or (math.nan, math.nan)
-    told = {'moves begun': begun, 'move from rotor': start, 'move to rotor': goal}
-    return {name: str(value) for name, value in told.items()} | {'last move': ended}
+    start, goal = ends or (math.nan, math.nan)
+    figures = {'moves begun': started, 'move from rotor': start, 'move to rotor': goal}
+    return {name: str(value) for name, value in figures.items()} | {'last move': ended}
 
 
 @pytest.fixture
@@ -73,11 +75,11 @@ def commands(graph: Graph) -> Iterator[ChainCommands]:
     made.close()
 
 
-def test_a_move_that_was_asked_for_elsewhere_is_followed(commands: ChainCommands) -> None:
+def test_a_move_of_another_client_is_followed(commands: ChainCommands) -> None:
     commands.follow(1.0, reported(3, 'reached: there'))
     assert commands.move.state == ''
     commands.follow(2.0, reported(4, 'reached: there', (2.0, 10.0)))
-    assert (commands.move.state, commands.move.elsewhere) == ('under way', True)
+    assert (commands.move.state, commands.move.foreign) == ('under way', True)
     commands.move.rotor = 4.0
     assert commands.move.progress == pytest.approx(0.25)
     commands.follow(2.0, reported(9, '', (0.0, 1.0)))
@@ -88,18 +90,18 @@ def test_a_move_that_was_asked_for_elsewhere_is_followed(commands: ChainCommands
     assert (commands.move.state, commands.move.message) == ('reached', 'at rotor 7')
 
 
-def test_a_move_of_this_page_is_not_taken_for_one_of_others(commands: ChainCommands) -> None:
+def test_a_move_of_this_page_is_not_foreign(commands: ChainCommands) -> None:
     commands.follow(1.0, reported(3))
-    commands.move = Move('under way', goal=5.0, begun=1.0)
+    commands.move = Move('under way', goal=5.0, start=1.0)
     commands.follow(2.0, reported(4, '', (1.0, 5.0)))
-    assert not commands.move.elsewhere
+    assert not commands.move.foreign
     commands.move.state = 'reached'
     commands.follow(3.0, reported(4, '', (1.0, 5.0)))
-    assert (commands.move.state, commands.move.elsewhere) == ('reached', False)
+    assert (commands.move.state, commands.move.foreign) == ('reached', False)
 
 
 @pytest.mark.parametrize('text', ['', 'nan', 'inf', 'nonsense'])
-def test_reports_that_say_nothing_change_nothing(commands: ChainCommands, text: str) -> None:
+def test_invalid_reports_are_ignored(commands: ChainCommands, text: str) -> None:
     commands.follow(1.0, {})
     commands.follow(2.0, {'moves begun': text, 'move to rotor': text, 'move from rotor': text})
     assert repr(commands.move) == repr(Move())

@@ -18,33 +18,33 @@ from soliton_linkage_nodes.live_view.frame_layout import (
 )
 
 
-def test_what_is_packed_comes_out_again() -> None:
-    numbers = {name: float(place) for place, name in enumerate(FIELDS)}
-    arrays = {name: np.arange(place, dtype=np.float32) for place, name in enumerate(ARRAYS)}
-    told, drawn = unpack(pack(numbers, arrays))
-    assert told == numbers
-    assert set(drawn) == set(ARRAYS)
+def test_unpacking_inverts_packing() -> None:
+    numbers = {name: float(index) for index, name in enumerate(FIELDS)}
+    arrays = {name: np.arange(index, dtype=np.float32) for index, name in enumerate(ARRAYS)}
+    fields, unpacked = unpack(pack(numbers, arrays))
+    assert fields == numbers
+    assert set(unpacked) == set(ARRAYS)
     for name, values in arrays.items():
-        np.testing.assert_array_equal(drawn[name], values)
+        np.testing.assert_array_equal(unpacked[name], values)
 
 
-def test_what_is_not_told_is_nan_and_what_is_not_drawn_is_empty() -> None:
-    told, drawn = unpack(pack({'rotors': 3.0}, {}))
-    assert told['rotors'] == 3.0
-    assert all(math.isnan(value) for name, value in told.items() if name != 'rotors')
-    assert not any(len(values) for values in drawn.values())
+def test_missing_fields_are_nan_and_missing_arrays_are_empty() -> None:
+    fields, unpacked = unpack(pack({'rotors': 3.0}, {}))
+    assert fields['rotors'] == 3.0
+    assert all(math.isnan(value) for name, value in fields.items() if name != 'rotors')
+    assert not any(len(values) for values in unpacked.values())
 
 
 def test_fields_are_little_endian_doubles_in_their_order() -> None:
     frame = pack({'stamp': 1.5}, {'angles': np.array([0.25])})
-    place = 1 + FIELDS.index('stamp')
-    assert struct.unpack_from('<d', frame, 8 * place) == (1.5,)
+    index = 1 + FIELDS.index('stamp')
+    assert struct.unpack_from('<d', frame, 8 * index) == (1.5,)
     counts = struct.unpack_from(f'<{len(ARRAYS)}d', frame, 8 * (1 + len(FIELDS)))
     assert counts == tuple(float(name == 'angles') for name in ARRAYS)
     assert struct.unpack('<f', frame[-4:]) == (0.25,)
 
 
-def test_a_history_tells_its_chain_and_what_it_holds() -> None:
+def test_a_history_contains_its_chain_and_columns() -> None:
     column = np.array([1.0, 2.0], dtype=np.float32)
     numbers = (
         (10.0, 9.5, 0.5, 1.0, 2.0, 3.0, 4.0),
@@ -59,12 +59,12 @@ def test_a_history_tells_its_chain_and_what_it_holds() -> None:
     assert struct.unpack('<4f', packed[152:]) == (1.0, 2.0, 2.0, 4.0)
 
 
-def test_columns_of_another_height_are_left_out_of_a_history() -> None:
+def test_a_history_omits_columns_of_another_length() -> None:
     columns = [Column((0.0,) * 7, np.zeros(n, dtype=np.float32)) for n in (5, 3)]
     assert struct.unpack_from('<3d', pack_history(0, columns), 8) == (0.0, 1.0, 3.0)
 
 
-def test_a_picture_of_the_camera_is_its_jpeg_behind_its_chain_stamp_and_age() -> None:
+def test_a_camera_picture_contains_chain_stamp_age_and_jpeg() -> None:
     packed = pack_camera(2, 7.5, 0.25, b'jpeg')
     assert kind_of(packed) == 'camera'
     assert struct.unpack_from('<3d', packed, 8) == (2.0, 7.5, 0.25)

@@ -1,6 +1,4 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Whatever comes on topics and from a browser, it is shown or refused, and all goes on."""
-
 from __future__ import annotations
 
 import asyncio
@@ -42,7 +40,7 @@ ACTIONS = st.fixed_dictionaries(
     {'act': st.sampled_from(['move', 'nudge', 'seek', 'pause', 'other'])},
     optional={name: st.one_of(NUMBERS, ANYTHING) for name in KEYS} | {'chain': st.just('/')},
 )
-SAID = st.one_of(
+MESSAGES = st.one_of(
     st.sampled_from(['drawn', '', '{', *DEEP, 'NaN', '1']),
     ACTIONS,
     ANYTHING.map(lambda value: {'watch': value}),
@@ -54,7 +52,7 @@ SAID = st.one_of(
 
 
 SEQUENCES = st.one_of(st.none(), st.integers(0, 2**63 - 1))
-COMING = {
+RECEIVED = {
     topic.type: st.lists(st.tuples(SEQUENCES, messages(topic.type)), max_size=3)
     for topic in (
         interfaces.CHAIN,
@@ -66,15 +64,15 @@ COMING = {
 }
 
 
-class Told:
-    """A topic on which there comes what the test has drawn."""
+class DrawnTopic:
+    """Subscription that returns messages which hypothesis has drawn."""
 
     drawn: dict[Any, list[tuple[int | None, Any]]]
 
     def __init__(self, _node: Any, topic: Any, _name: str, raw: bool = False) -> None:
         self._type, self._raw = topic.type, raw
         self.sequence: int | None = None
-        self.publishers = ['somebody']
+        self.publishers = ['publisher']
 
     def newest(self) -> Any:
         if not self.drawn[self._type]:
@@ -90,10 +88,10 @@ class Told:
 
 
 class Browser:
-    """A browser that says some things, and keeps what it is sent."""
+    """Browser that sends some messages and records what it receives."""
 
-    def __init__(self, said: list[str]) -> None:
-        self._said = said
+    def __init__(self, messages: list[str]) -> None:
+        self._messages = messages
         self.texts: list[str] = []
         self.frames: list[bytes] = []
 
@@ -105,14 +103,14 @@ class Browser:
 
     async def receive_text(self) -> str:
         await asyncio.sleep(0)
-        if not self._said:
+        if not self._messages:
             await asyncio.sleep(0.01)
             raise EOFError
-        return self._said.pop(0)
+        return self._messages.pop(0)
 
 
-class Pictures:
-    """What a live view shows of its chains."""
+class FakeView:
+    """View of some chains."""
 
     read_only = False
 
@@ -137,14 +135,14 @@ class Pictures:
     def descriptions(self) -> dict[str, Any]:
         return {'chains': [chain.model.description() for chain in self.chains.values()]}
 
-    def picture(self, number: int, chain: ChainTopics, first: int, last: int) -> bytes:
-        return chain.model.picture(number, first, last)
+    def packed(self, index: int, chain: ChainTopics, first: int, last: int) -> bytes:
+        return chain.model.packed(index, first, last)
 
     async def wait(self) -> None:
         for chain in self.chains.values():
             chain.camera.adapt()
-            chain.camera.want(True)
-        self._finder.take()
+            chain.camera.show(True)
+        self._finder.update()
         await asyncio.sleep(0.001)
 
 
@@ -155,34 +153,37 @@ def commands(graph: Graph) -> Iterator[ChainCommands]:
     made.close()
 
 
-def refuse(constant: str) -> None:
-    raise AssertionError(f'{constant} is no JSON')
+def reject(constant: str) -> None:
+    raise AssertionError(f'{constant} is not JSON')
 
 
-def test_whatever_comes_a_browser_gets_what_it_can_read(
+def test_a_browser_receives_valid_messages_and_an_answer_to_each_action(
     graph: Graph, commands: ChainCommands, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(chain_topics, 'subscribe_newest', Told)
+    monkeypatch.setattr(chain_topics, 'subscribe_newest', DrawnTopic)
 
     @PATIENT
-    @given(drawn=st.fixed_dictionaries(COMING), said=st.lists(SAID, max_size=12))
-    def survive(drawn: Any, said: list[Any]) -> None:
-        monkeypatch.setattr(Told, 'drawn', drawn, raising=False)
+    @given(drawn=st.fixed_dictionaries(RECEIVED), messages=st.lists(MESSAGES, max_size=12))
+    def survive(drawn: Any, messages: list[Any]) -> None:
+        monkeypatch.setattr(DrawnTopic, 'drawn', drawn, raising=False)
         finder = ChainFinder(graph.user, '/')
         replay = BagReplay(BagCatalogue([tmp_path]), tmp_path, finder, False)
         browser = Browser(
-            [DEEP.get(each, each) if isinstance(each, str) else json.dumps(each) for each in said]
+            [
+                DEEP.get(each, each) if isinstance(each, str) else json.dumps(each)
+                for each in messages
+            ]
         )
-        stream = BrowserStream(browser, Pictures(finder, {'/': commands}, replay))
+        stream = BrowserStream(browser, FakeView(finder, {'/': commands}, replay))
         with pytest.raises(EOFError):
             asyncio.run(stream.run())
         for text in browser.texts:
-            json.loads(text, parse_constant=refuse)
+            json.loads(text, parse_constant=reject)
         for frame in browser.frames:
             if kind_of(frame) == 'frame':
                 unpack(frame)
-        asked = sum(isinstance(each, dict) and 'act' in each for each in said)
-        assert sum('"answer"' in text for text in browser.texts) >= asked
+        actions = sum(isinstance(each, dict) and 'act' in each for each in messages)
+        assert sum('"answer"' in text for text in browser.texts) >= actions
 
     survive()
 
@@ -192,18 +193,18 @@ def test_whatever_comes_a_browser_gets_what_it_can_read(
     kind=st.sampled_from(['bool', 'int', 'float', 'str']),
     value=st.one_of(NUMBERS, ANYTHING),
 )
-def test_a_value_of_a_field_is_that_of_a_parameter_or_refused(kind: str, value: Any) -> None:
+def test_a_field_value_fits_the_parameter_or_is_rejected(kind: str, value: Any) -> None:
     parameter = AdjustableParameter('p', kind, '', '', None, None, ())
     try:
-        told = parameter_value(parameter, value)
+        message = parameter_value(parameter, value)
     except ValueError:
         return
-    serialize_message(told)
+    serialize_message(message)
 
 
 @PATIENT
 @given(data=st.data())
-def test_commands_of_any_numbers_are_sent_or_refused(
+def test_commands_with_invalid_numbers_are_rejected_in_one_line(
     commands: ChainCommands, data: DataObject
 ) -> None:
     value = data.draw(NUMBERS)
@@ -215,7 +216,7 @@ def test_commands_of_any_numbers_are_sent_or_refused(
         lambda: commands.drive('kick', text, 1.0, (0.0, value, 0.0)),
         lambda: asyncio.run(commands.step(value)),
         lambda: asyncio.run(commands.reset(text, value, value, {text: value})),
-        lambda: asyncio.run(commands.carry(value, value, value)),
+        lambda: asyncio.run(commands.move_to(value, value, value)),
     ):
         with pytest.raises(ValueError, match=r'^[^\n]+$'):
             command()

@@ -1,40 +1,122 @@
 # SPDX-License-Identifier: Apache-2.0
-"""How often the thread of the page is busy with pictures."""
-
 from __future__ import annotations
 
-import time
+import asyncio
+from typing import Any
 
 import pytest
 
 pytest.importorskip('nicegui', reason='NiceGUI is not installed')
 
-from fastapi import FastAPI
+from soliton_linkage_nodes.live_view.server import Gate, is_loopback, tick_period
 
-from soliton_linkage_nodes.live_view.server import PageServer, listening_socket
-
-TICKS, BUSY, PERIOD = 20, 0.005, 0.001
-LONGEST_WAIT = 60.0
+TOKEN = 'a-token-of-this-test'
 
 
-@pytest.mark.parametrize('share', [0.2, 0.5])
-def test_ticks_that_take_long_come_so_seldom_that_others_have_the_rest(share: float) -> None:
-    seen: list[tuple[float, float]] = []
+def request(
+    token: str = '',
+    kind: str = 'http',
+    query: str = '',
+    **headers: str,
+) -> tuple[list[dict[str, Any]], bool]:
+    """Return the answer to a request, and whether the request reached the page."""
+    sent: list[dict[str, Any]] = []
+    reached = []
 
-    def tick() -> float:
-        seen.append((time.thread_time(), time.monotonic()))
-        while time.thread_time() < seen[-1][0] + BUSY:
-            pass
-        return PERIOD
+    async def page(_scope: Any, _receive: Any, _send: Any) -> None:
+        reached.append(True)
 
-    server = PageServer(FastAPI(), listening_socket('127.0.0.1', 0), '', tick, share)
-    try:
-        # What it takes to begin is over once it is there.
-        first = len(seen) + 1
-        deadline = time.monotonic() + LONGEST_WAIT
-        while len(seen) <= first + TICKS and time.monotonic() < deadline:
-            time.sleep(BUSY)
-    finally:
-        server.stop()
-    (before, begun), (after, ended) = seen[first], seen[first + TICKS]
-    assert after - before <= 1.05 * share * (ended - begun)
+    async def send(message: dict[str, Any]) -> None:
+        sent.append(message)
+
+    async def receive() -> None: ...
+
+    scope = {
+        'type': kind,
+        'path': '/',
+        'query_string': query.encode(),
+        'headers': [(name.encode(), value.encode()) for name, value in headers.items()],
+    }
+    asyncio.run(Gate(page, token)(scope, receive, send))
+    return sent, bool(reached)
+
+
+@pytest.mark.parametrize('kind', ['http', 'websocket'])
+@pytest.mark.parametrize('host', ['127.0.0.1:8080', 'localhost:8080', '[::1]:8080'])
+def test_requests_of_this_machine_reach_the_page(kind: str, host: str) -> None:
+    assert request(kind=kind, host=host) == ([], True)
+    assert request(kind=kind, host=host, origin=f'http://{host}') == ([], True)
+
+
+@pytest.mark.parametrize('kind', ['http', 'websocket'])
+@pytest.mark.parametrize(
+    'headers',
+    [
+        {'host': 'evil.example:8080'},
+        {'host': ''},
+        {'host': '127.0.0.1:8080', 'origin': 'http://evil.example'},
+        {'host': '127.0.0.1:8080', 'origin': 'http://127.0.0.1:9999'},
+        {'host': '127.0.0.1:8080', 'origin': 'null'},
+        {'host': '127.0.0.1.evil.example', 'origin': 'http://127.0.0.1.evil.example'},
+    ],
+)
+def test_other_hosts_and_other_pages_are_rejected(kind: str, headers: dict[str, str]) -> None:
+    sent, reached = request(kind=kind, **headers)
+    assert not reached
+    if kind == 'websocket':
+        assert [message['type'] for message in sent] == ['websocket.close']
+        assert 'open the address' in sent[0]['reason']
+    else:
+        assert sent[0]['status'] == 403
+        assert b'open the address that live_view printed' in sent[1]['body']
+
+
+@pytest.mark.parametrize('kind', ['http', 'websocket'])
+@pytest.mark.parametrize('query', ['', 'token=', 'token=wrong', f'token={TOKEN}x', 'token=%C3%A9'])
+def test_requests_without_the_token_are_rejected(kind: str, query: str) -> None:
+    host = 'robot.local:8080'
+    assert not request(TOKEN, kind, query, host=host)[1]
+    assert not request(TOKEN, kind, query, host=host, cookie='soliton_linkage_live_view=no')[1]
+
+
+def test_the_token_moves_from_the_address_into_a_cookie() -> None:
+    host = 'robot.local:8080'
+    sent, reached = request(TOKEN, query=f'token={TOKEN}', host=host)
+    assert not reached
+    headers = dict(sent[0]['headers'])
+    assert sent[0]['status'] == 303
+    assert headers[b'location'] == b'/'
+    cookie = headers[b'set-cookie'].decode()
+    assert 'HttpOnly' in cookie
+    assert 'SameSite=Strict' in cookie
+    kept = cookie.partition(';')[0]
+    for kind in ('http', 'websocket'):
+        assert request(TOKEN, kind, host=host, cookie=kept) == ([], True)
+        other = {'host': host, 'cookie': kept, 'origin': 'http://evil.example'}
+        assert not request(TOKEN, kind, **other)[1]
+
+
+@pytest.mark.parametrize(
+    ('host', 'expected'),
+    [
+        ('127.0.0.1', True),
+        ('127.1.2.3', True),
+        ('::1', True),
+        ('localhost', True),
+        ('0.0.0.0', False),
+        ('192.168.0.4', False),
+        ('robot', False),
+    ],
+)
+def test_only_loopback_addresses_are_loopback(host: str, expected: bool) -> None:
+    assert is_loopback(host) is expected
+
+
+@pytest.mark.parametrize(
+    ('wanted', 'spent', 'expected'),
+    [(0.02, 0.001, 0.02), (0.02, 0.01, 0.05), (0.02, 5.0, 0.2), (0.3, 5.0, 0.3)],
+)
+def test_the_time_to_the_next_tick_limits_the_share_of_a_core(
+    wanted: float, spent: float, expected: float
+) -> None:
+    assert tick_period(wanted, spent, share=0.2) == pytest.approx(expected)

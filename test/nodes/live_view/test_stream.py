@@ -19,12 +19,12 @@ NAMES = ('rotor_0', 'rotor_1', 'rotor_2')
 
 
 class Socket:
-    """The browser's side, which the test plays."""
+    """The browser's end of the socket."""
 
     def __init__(self) -> None:
         self.texts: list[dict[str, Any]] = []
         self.frames: list[bytes] = []
-        self.said: asyncio.Queue[str] = asyncio.Queue()
+        self.messages: asyncio.Queue[str] = asyncio.Queue()
 
     async def send_text(self, data: str) -> None:
         self.texts.append(json.loads(data))
@@ -33,20 +33,20 @@ class Socket:
         self.frames.append(data)
 
     async def receive_text(self) -> str:
-        return await self.said.get()
+        return await self.messages.get()
 
 
 class Camera:
-    """Pictures that the test takes."""
+    """Camera whose pictures the test counts."""
 
     pictures = 0
 
-    def picture(self, number: int) -> bytes:
-        return pack_camera(number, self.pictures, 0.0, b'')
+    def packed(self, index: int) -> bytes:
+        return pack_camera(index, self.pictures, 0.0, b'')
 
 
 class Chains:
-    """Two chains of which a frame comes whenever the test says so."""
+    """View of two chains that receive a frame with each tick."""
 
     read_only = False
 
@@ -67,7 +67,7 @@ class Chains:
     def commands(self, _namespace: str) -> Chains:
         return self
 
-    async def carry(self, rotor: float, speed: float, _now: float) -> str:
+    async def move_to(self, rotor: float, speed: float, _now: float) -> str:
         self.moves.append((rotor, speed))
         return 'done'
 
@@ -78,29 +78,31 @@ class Chains:
     def descriptions(self) -> dict[str, Any]:
         return {'chains': [{'name': name} for name in self.models]}
 
-    def picture(self, number: int, chain: Any, first: int, last: int) -> bytes:
-        return bytes(chain.model.picture(number, first, last))
+    def packed(self, index: int, chain: Any, first: int, last: int) -> bytes:
+        return bytes(chain.model.packed(index, first, last))
 
     async def tick(self) -> None:
         self.second += 1
         for model in self.models.values():
             angles = np.full(3, 0.001 * self.second)
-            model.take_joints(JointStates(self.second, 0, '', NAMES, angles, np.zeros(3)))
+            model.update_joints(JointStates(self.second, 0, '', NAMES, angles, np.zeros(3)))
         fresh, self._fresh = self._fresh, asyncio.Event()
         fresh.set()
         for _ in range(10):
             await asyncio.sleep(0)
 
 
-class Meeting:
-    """A stream that runs, its chains and its browser."""
+class Session:
+    """A running stream with its chains and its browser."""
 
     def __init__(self) -> None:
         self.socket, self.chains = Socket(), Chains()
         self.stream = BrowserStream(self.socket, self.chains)
 
-    async def say(self, message: Any) -> None:
-        self.socket.said.put_nowait(message if isinstance(message, str) else json.dumps(message))
+    async def send(self, message: Any) -> None:
+        self.socket.messages.put_nowait(
+            message if isinstance(message, str) else json.dumps(message)
+        )
         for _ in range(10):
             await asyncio.sleep(0)
 
@@ -111,71 +113,71 @@ class Meeting:
         ]
 
 
-def meet(play: Any) -> Meeting:
-    """Let a stream run while a function plays the browser."""
+def run_session(play: Any) -> Session:
+    """Run a stream while a function acts as the browser."""
 
-    async def run() -> Meeting:
-        meeting = Meeting()
-        task = asyncio.ensure_future(meeting.stream.run())
+    async def run() -> Session:
+        session = Session()
+        task = asyncio.ensure_future(session.stream.run())
         await asyncio.sleep(0)
-        await play(meeting)
+        await play(session)
         assert not task.done() or task.exception() is None
         task.cancel()
-        return meeting
+        return session
 
     return asyncio.run(run())
 
 
-def test_a_browser_that_draws_gets_each_frame_once() -> None:
-    async def play(meeting: Meeting) -> None:
+def test_a_browser_that_draws_receives_each_frame_once() -> None:
+    async def play(session: Session) -> None:
         for _ in range(5):
-            await meeting.chains.tick()
-            await meeting.say('drawn')
+            await session.chains.tick()
+            await session.send('drawn')
 
-    stamps = meet(play).stamps
+    stamps = run_session(play).stamps
     assert stamps[-5:] == [1.0, 2.0, 3.0, 4.0, 5.0]
 
 
-def test_a_browser_that_reads_no_more_gets_two_frames_and_then_the_newest() -> None:
-    async def play(meeting: Meeting) -> None:
+def test_a_browser_that_stops_drawing_receives_two_frames_and_later_the_newest() -> None:
+    async def play(session: Session) -> None:
         for _ in range(3):
-            await meeting.say('drawn')
+            await session.send('drawn')
         for _ in range(1000):
-            await meeting.chains.tick()
-        assert meeting.stream.on_the_way == 2
-        waiting = len(meeting.stamps)
-        await meeting.say('drawn')
-        await meeting.chains.tick()
-        assert meeting.stamps[waiting:] == [1001.0]
+            await session.chains.tick()
+        assert session.stream.pending == 2
+        waiting = len(session.stamps)
+        await session.send('drawn')
+        await session.chains.tick()
+        assert session.stamps[waiting:] == [1001.0]
 
-    assert len(meet(play).socket.frames) < 10
+    assert len(run_session(play).socket.frames) < 10
 
 
-def test_it_watches_what_it_asks_for() -> None:
-    async def play(meeting: Meeting) -> None:
-        await meeting.say({'watch': '/other/'})
-        await meeting.say('drawn')
-        await meeting.chains.tick()
-        assert unpack(meeting.socket.frames[-1])[0]['chain'] == 1.0
-        await meeting.say({'watch': '*'})
+def test_a_browser_receives_the_chains_and_rotors_that_it_requests() -> None:
+    async def play(session: Session) -> None:
+        await session.send({'watch': '/other/'})
+        await session.send('drawn')
+        await session.chains.tick()
+        assert unpack(session.socket.frames[-1])[0]['chain'] == 1.0
+        await session.send({'watch': '*'})
         for _ in range(4):
-            await meeting.say('drawn')
-        await meeting.chains.tick()
-        last = [unpack(frame)[0]['chain'] for frame in meeting.socket.frames[-2:]]
+            await session.send('drawn')
+        await session.chains.tick()
+        last = [unpack(frame)[0]['chain'] for frame in session.socket.frames[-2:]]
         assert last == [0.0, 1.0]
-        await meeting.say({'watch': '/', 'window': [1, 1]})
+        await session.send({'watch': '/', 'window': [1, 1]})
         for _ in range(4):
-            await meeting.say('drawn')
-        await meeting.chains.tick()
-        numbers, arrays = unpack(meeting.socket.frames[-1])
+            await session.send('drawn')
+        await session.chains.tick()
+        numbers, arrays = unpack(session.socket.frames[-1])
         assert numbers['first'] == 1.0
         assert len(arrays['angles']) == 1
 
-    meet(play)
+    run_session(play)
 
 
 @pytest.mark.parametrize(
-    'said',
+    'message',
     [
         'no JSON',
         '[1, 2]',
@@ -191,72 +193,72 @@ def test_it_watches_what_it_asks_for() -> None:
         '{"act": "move"}',
     ],
 )
-def test_what_cannot_be_is_refused_in_words_and_the_stream_goes_on(said: str) -> None:
-    async def play(meeting: Meeting) -> None:
-        await meeting.say(said)
-        refused = [text for text in meeting.socket.texts if 'answer' in text]
-        assert [text['good'] for text in refused] == [False]
-        await meeting.say('drawn')
-        await meeting.chains.tick()
-        assert meeting.stamps[-1] == 1.0
+def test_an_invalid_message_is_rejected_and_the_stream_continues(message: str) -> None:
+    async def play(session: Session) -> None:
+        await session.send(message)
+        rejected = [text for text in session.socket.texts if 'answer' in text]
+        assert [text['good'] for text in rejected] == [False]
+        await session.send('drawn')
+        await session.chains.tick()
+        assert session.stamps[-1] == 1.0
 
-    meet(play)
+    run_session(play)
 
 
 def test_an_action_is_carried_out_and_answered() -> None:
-    async def play(meeting: Meeting) -> None:
-        await meeting.say({'act': 'move', 'chain': '/', 'rotor': 3.5})
+    async def play(session: Session) -> None:
+        await session.send({'act': 'move', 'chain': '/', 'rotor': 3.5})
 
-    meeting = meet(play)
-    assert meeting.chains.moves == [(3.5, 0.0)]
-    assert {'answer': 'done', 'good': True} in meeting.socket.texts
+    session = run_session(play)
+    assert session.chains.moves == [(3.5, 0.0)]
+    assert {'answer': 'done', 'good': True} in session.socket.texts
 
 
-def test_words_are_sent_when_they_change_only() -> None:
-    async def play(meeting: Meeting) -> None:
+def test_the_status_is_sent_only_when_it_changes() -> None:
+    async def play(session: Session) -> None:
         for _ in range(20):
-            await meeting.say('drawn')
-            await meeting.chains.tick()
-        meeting.chains.status = '{"status": {"new": 1}}'
-        await meeting.chains.tick()
+            await session.send('drawn')
+            await session.chains.tick()
+        session.chains.status = '{"status": {"new": 1}}'
+        await session.chains.tick()
 
-    texts = meet(play).socket.texts
+    texts = run_session(play).socket.texts
     assert [text['status'] for text in texts if 'status' in text] == [{}, {'new': 1}]
     assert 1 <= sum('chains' in text for text in texts) <= 3
 
 
-def test_a_picture_of_the_camera_is_sent_where_it_is_shown_and_the_one_before_is_seen() -> None:
-    async def play(meeting: Meeting) -> None:
-        cameras = [chain.camera for chain in meeting.chains.chains.values()]
+def test_a_camera_picture_is_sent_while_it_is_shown_and_the_previous_one_was_seen() -> None:
+    async def play(session: Session) -> None:
+        cameras = [chain.camera for chain in session.chains.chains.values()]
 
         async def take(picture: int) -> None:
             for camera in cameras:
                 camera.pictures = picture
-            await meeting.chains.tick()
+            await session.chains.tick()
 
         def sent() -> list[tuple[float, ...]]:
-            frames = [f for f in meeting.socket.frames if kind_of(f) == 'camera']
+            frames = [f for f in session.socket.frames if kind_of(f) == 'camera']
             return [struct.unpack_from('<2d', frame, 8) for frame in frames]
 
         await take(1)
         assert sent() == []
-        await meeting.say({'camera': True})
+        await session.send({'camera': True})
         await take(2)
         await take(3)
         assert sent() == [(0, 2)]
-        await meeting.say('seen')
+        await session.send('seen')
         await take(4)
         assert sent()[1:] == [(0, 4)]
-        await meeting.say('seen')
-        await meeting.chains.tick()
+        await session.send('seen')
+        await session.chains.tick()
         assert len(sent()) == 2
-        await meeting.say({'watch': '/other/'})
-        await meeting.chains.tick()
+        await session.send({'watch': '/other/'})
+        await session.chains.tick()
         assert sent()[2:] == [(1, 4)]
         for unwanted in ({'watch': '*'}, {'watch': '/', 'camera': False}):
-            await meeting.say(unwanted)
-            await meeting.say('seen')
+            await session.send(unwanted)
+            await session.send('seen')
             await take(5)
         assert len(sent()) == 3
 
-    meet(play)
+    run_session(play)

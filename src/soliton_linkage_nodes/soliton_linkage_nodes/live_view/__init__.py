@@ -1,2 +1,2 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The node that shows chains in a browser and takes what is done there, and its page."""
+"""Node that serves a web page, which shows moving chains and sends commands to them."""

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The bags of the configured folders: contents, and track of the soliton."""
+"""Bags of the configured folders: their contents and the track of the soliton in them."""
 
 from __future__ import annotations
 
@@ -22,11 +22,11 @@ PLAYED = (
     interfaces.SOLITON_STATE.name,
     interfaces.LAST_KICK.name,
 )
-"""Topics of a bag that are played. Commands would drive other chains."""
+"""Topics of a bag that are played. Commands are not, because they would drive other chains."""
 _MOST_BAGS = 200
 """Largest number of listed bags, newest first."""
 _TRACK_POINTS = 500
-"""Points of the soliton's track on the time line: about one a pixel."""
+"""Number of points of the soliton's track on the time line [1]: about one per pixel."""
 
 
 @dataclass(frozen=True)
@@ -37,23 +37,23 @@ class CataloguedBag:
     """Name of its folder."""
     path: Path
     start: int
-    """Time of its first message [ns]."""
+    """Time of the first message [ns]."""
     duration: float
-    """From the first message to the last [s]."""
+    """Time from the first message to the last [s]."""
     topics: dict[str, int]
     """Number of messages of each topic."""
     lost: int
-    """Number of messages that were lost while it was recorded."""
+    """Number of messages that were lost during the recording."""
 
     @property
     def played(self) -> list[str]:
-        """Full names of the topics that a page can show."""
+        """Full names of the topics that the page can show."""
         return [name for name in self.topics if name.rpartition('/')[2] in PLAYED]
 
 
 @dataclass(frozen=True)
 class BagTrack:
-    """Track of the soliton of a bag."""
+    """Track of the soliton in a bag."""
 
     points: tuple[tuple[float, float | None], ...]
     """Time since the start of the bag [s] and site coordinate [rotor spacings] or None."""
@@ -62,56 +62,54 @@ class BagTrack:
 
 
 class BagCatalogue:
-    """Bags directly in the configured folders; no others are opened."""
+    """Bags directly in the configured folders; other bags are not opened."""
 
     def __init__(self, folders: Sequence[Path]) -> None:
-        """Use these folders, without their subfolders."""
         self.folders = tuple(folder.resolve() for folder in folders)
 
     def bags(self) -> list[CataloguedBag]:
         """Return all readable bags, newest first."""
-        found = []
-        for folder in self.folders:
-            for metadata in sorted(folder.glob(f'*/{METADATA_FILE}')):
-                bag = _catalogued(metadata.parent)
-                if bag is not None and bag.path.resolve().parent == folder:
-                    found.append(bag)
+        found = [
+            bag
+            for folder in self.folders
+            for metadata in sorted(folder.glob(f'*/{METADATA_FILE}'))
+            if (bag := _catalogued(metadata.parent)) and bag.path.resolve().parent == folder
+        ]
         found.sort(key=lambda bag: bag.start, reverse=True)
         return found[:_MOST_BAGS]
 
     def bag(self, name: str) -> CataloguedBag:
-        """Return the bag of a name; raise ValueError if no folder has it."""
+        """Return the bag of a name; raise ValueError if no folder contains it."""
         for bag in self.bags():
             if bag.name == name:
                 return bag
-        folders = ', '.join(map(str, self.folders)) or 'none was named'
+        folders = ', '.join(map(str, self.folders)) or 'none is set'
         raise ValueError(
-            f'bag {name!r} is in none of the folders of bag_folders ({folders}); name its folder'
+            f'no folder of bag_folders ({folders}) contains the bag {name!r}; add its folder'
         )
 
 
 def track_of(bag: CataloguedBag) -> BagTrack:
     """Read the track of the soliton of a bag; raise ValueError if the bag cannot be read."""
     with open_bag(bag.path) as reader:
-        by_kind = {c.topic.rpartition('/')[2]: c for c in reader.connections}
+        connections = {c.topic.rpartition('/')[2]: c for c in reader.connections}
         delay = 0.0
-        frames = by_kind.get(interfaces.JOINT_STATES.name)
+        frames = connections.get(interfaces.JOINT_STATES.name)
         if frames is not None:
             for _, received, serialized in read_messages(reader, [frames]):
-                delay = (
-                    received - time_from_msg(decoder(frames)(serialized).header.stamp)
-                ) / SECOND
+                stamp = time_from_msg(decoder(frames)(serialized).header.stamp)
+                delay = (received - stamp) / SECOND
                 break
-        states = by_kind.get(interfaces.SOLITON_STATE.name)
+        states = connections.get(interfaces.SOLITON_STATE.name)
         if states is None:
             return BagTrack((), delay)
-        decode, every = decoder(states), max(1, states.msgcount // _TRACK_POINTS)
+        decode, step = decoder(states), max(1, states.msgcount // _TRACK_POINTS)
         points = []
         for number, (_, received, serialized) in enumerate(read_messages(reader, [states])):
-            if number % every == 0:
-                place = state_numbers(decode(serialized))['rotor']
+            if number % step == 0:
+                position = state_numbers(decode(serialized))['rotor']
                 at = round((received - bag.start) / SECOND, 4)
-                points.append((at, None if math.isnan(place) else round(place, 2)))
+                points.append((at, None if math.isnan(position) else round(position, 2)))
     return BagTrack(tuple(points), delay)
 
 

@@ -23,90 +23,90 @@ from soliton_linkage_nodes.runtime import interfaces
 from soliton_linkage_nodes.runtime.stamps import SECOND, time_from_msg
 from soliton_linkage_nodes.runtime.subscriptions import AdaptiveSubscription, subscribe_newest
 
-REPORTS_LAST = 3.5
-"""Age after which a node that reports once a second is silent [s]."""
+REPORT_TIMEOUT = 3.5
+"""Age of a report after which a node counts as silent [s]; nodes report once a second."""
 _SEARCH_INTERVAL = 0.5
-"""Poll interval for chains and services of the graph [s]; a poll takes about a millisecond."""
+"""Poll interval for chains and nodes of the graph [s]; a poll takes about a millisecond."""
 _MOST_REPORTS = 200
-"""Diagnostics taken at a time: those of a second of many nodes."""
+"""Largest number of diagnostics that one call of `update` takes [1]."""
 _MOST_CHAINS = 16
 """Largest number of chains shown."""
 _MOST_BYTES = 4_000_000
-"""Largest camera picture that is passed on: a sharp one of 12 million pixels."""
+"""Largest camera picture that is sent [bytes]: a sharp one of 12 million pixels."""
 
 
 class CameraTopic:
-    """`camera_overlay` of a namespace, subscribed to only while a page shows it."""
+    """Subscription to `camera_overlay` of a namespace while a page shows it."""
 
     def __init__(self, node: Node, namespace: str) -> None:
-        """Subscribe to nothing yet; the namespace ends in a slash."""
         self.pictures = 0
-        """Number of pictures received since it was wanted."""
+        """Number of pictures received since the subscription."""
         self._node = node
         self._name = f'{namespace}{interfaces.CAMERA_OVERLAY.name}'
         self._publishers = 0
-        self._newest: AdaptiveSubscription | None = None
+        self._subscription: AdaptiveSubscription | None = None
         self._jpeg = b''
         self._stamp = math.nan
         self._received_at = -math.inf
-        self._complaint = ''
+        self._error = ''
 
     @property
     def reason(self) -> str:
         """Reason why there is no picture, empty if there may be one."""
-        if self._complaint or self._publishers:
-            return self._complaint
-        return f'nothing publishes {interfaces.CAMERA_OVERLAY.name}: start camera_encoders'
+        if self._error or self._publishers:
+            return self._error
+        return f'no node publishes {interfaces.CAMERA_OVERLAY.name}; start camera_encoders'
 
-    def want(self, wanted: bool) -> None:
+    def show(self, shown: bool) -> None:
         """Subscribe while a page shows the pictures."""
-        if wanted and self._publishers and self._newest is None:
-            self._newest = subscribe_newest(self._node, interfaces.CAMERA_OVERLAY, self._name)
-        elif not wanted and self._newest is not None:
+        if shown and self._publishers and self._subscription is None:
+            self._subscription = subscribe_newest(
+                self._node, interfaces.CAMERA_OVERLAY, self._name
+            )
+        elif not shown and self._subscription is not None:
             self.close()
 
-    def take(self) -> None:
+    def update(self) -> None:
         """Keep the newest picture."""
-        message = self._newest.newest() if self._newest else None
+        message = self._subscription.newest() if self._subscription else None
         if message is None:
             return
         try:
             self._jpeg = jpeg_from_msg(message, _MOST_BYTES)
         except ValueError as error:
-            self._complaint = f'{interfaces.CAMERA_OVERLAY.name}: {error}'
+            self._error = f'{interfaces.CAMERA_OVERLAY.name}: {error}'
             return
-        self._complaint = ''
+        self._error = ''
         self._stamp = time_from_msg(message.header.stamp) / SECOND
         self._received_at = time.monotonic()
         self.pictures += 1
 
     def adapt(self) -> None:
         """Adapt to new publishers."""
-        if self._newest is not None:
-            self._newest.adapt()
-            self._publishers = len(self._newest.publishers)
+        if self._subscription is not None:
+            self._subscription.adapt()
+            self._publishers = len(self._subscription.publishers)
         else:
             self._publishers = self._node.count_publishers(self._name)
         if not self._publishers:
-            self._complaint = ''
+            self._error = ''
 
-    def picture(self, number: int) -> bytes:
-        """Return the newest picture for a page, given the number of the chain in its list."""
+    def packed(self, index: int) -> bytes:
+        """Return the newest picture, given the index of the chain in the status."""
         age = time.monotonic() - self._received_at
-        return pack_camera(number, self._stamp, age, self._jpeg)
+        return pack_camera(index, self._stamp, age, self._jpeg)
 
     def close(self) -> None:
         """Unsubscribe and drop the picture."""
-        if self._newest is not None:
-            self._newest.close()
-        self._newest, self._jpeg, self.pictures = None, b'', 0
+        if self._subscription is not None:
+            self._subscription.close()
+        self._subscription, self._jpeg, self.pictures = None, b'', 0
 
 
 class ChainTopics:
-    """The topics of the chain of one namespace."""
+    """Topics of the chain of one namespace, which ends in a slash."""
 
     def __init__(self, node: Node, namespace: str) -> None:
-        """Subscribe to `chain`, `joint_states` and `soliton_state`; the namespace ends in '/'."""
         self.namespace = namespace
         self.model = ChainModel()
         self.camera = CameraTopic(node, namespace)
@@ -121,25 +121,25 @@ class ChainTopics:
             node, interfaces.SOLITON_STATE, f'{namespace}soliton_state'
         )
 
-    def take(self) -> None:
+    def update(self) -> None:
         """Put the newest messages into the model."""
-        self.camera.take()
+        self.camera.update()
         chain = self._chain.newest()
         if chain is not None:
             try:
-                self.model.learn(chain_from_msg(chain))
+                self.model.set_chain(chain_from_msg(chain))
             except ValueError as error:
-                self.model.complaint = f'chain: {error}'
+                self.model.error = f'chain: {error}'
         state = self._states.newest()
         if state is not None:
-            self.model.take_state(state_numbers(state), soliton_values(state))
+            self.model.update_state(state_numbers(state), soliton_values(state))
         joints = self._joints.newest()
         if joints is not None:
-            self.model.count(self._joints.sequence)
+            self.model.update_rate(self._joints.sequence)
             try:
-                self.model.take_joints(self._decoder.decode(joints))
+                self.model.update_joints(self._decoder.decode(joints))
             except ValueError as error:
-                self.model.complaint = str(error)
+                self.model.error = str(error)
 
     def adapt(self) -> None:
         """Adapt to new publishers."""
@@ -154,24 +154,26 @@ class ChainTopics:
 
 
 class ChainFinder:
-    """All chains that are published, the awaited one, and the reports of nodes."""
+    """All published chains, the expected one, and the reports of nodes.
 
-    def __init__(self, node: Node, awaited: str) -> None:
-        """Use a node that no executor spins; list the chain of the namespace `awaited` first."""
-        self.chains: dict[str, ChainTopics] = {awaited: ChainTopics(node, awaited)}
+    No executor may spin the node. The chain of the expected namespace is listed first.
+    """
+
+    def __init__(self, node: Node, expected: str) -> None:
+        self.chains: dict[str, ChainTopics] = {expected: ChainTopics(node, expected)}
         self.reports: dict[str, tuple[float, NodeReport]] = {}
         """Last report of each node with its monotonic time [s]."""
         self.nodes: list[str] = []
         """Full names of nodes."""
         self._node = node
         self._searched = 0.0
-        self._awaited = awaited
+        self._expected = expected
         self._diagnostics = AdaptiveSubscription(node, interfaces.DIAGNOSTICS)
 
-    def take(self) -> None:
+    def update(self) -> None:
         """Take the newest messages of all chains, and search periodically for more chains."""
         for chain in list(self.chains.values()):
-            chain.take()
+            chain.update()
         for _ in range(_MOST_REPORTS):
             message = self._diagnostics.newest()
             if message is None:
@@ -182,7 +184,7 @@ class ChainFinder:
             self._searched = time.monotonic()
             self._search()
 
-    def forget(self, namespace: str) -> None:
+    def drop(self, namespace: str) -> None:
         """Drop a chain until it is published again."""
         chain = self.chains.pop(namespace, None)
         if chain is not None:
@@ -198,10 +200,10 @@ class ChainFinder:
                     self.chains[namespace] = ChainTopics(self._node, namespace)
         for namespace, chain in list(self.chains.items()):
             chain.adapt()
-            if not (chain.publishers or chain.model.frames or namespace == self._awaited):
-                self.forget(namespace)
+            if not (chain.publishers or chain.model.frames or namespace == self._expected):
+                self.drop(namespace)
         self.nodes = [
-            f'{space.rstrip("/")}/{node}'
-            for node, space in self._node.get_node_names_and_namespaces()
+            f'{namespace.rstrip("/")}/{node}'
+            for node, namespace in self._node.get_node_names_and_namespaces()
             if not node.startswith('_')
         ]

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Commands of a page to the nodes of a chain."""
+"""Commands of the page to the nodes of a chain."""
 
 from __future__ import annotations
 
@@ -24,14 +24,16 @@ from soliton_linkage_nodes.messages.view_conversions import AdjustableParameter
 from soliton_linkage_nodes.runtime import interfaces
 from soliton_linkage_nodes.runtime.guarded import ACTION_QOS, SERVICE_QOS
 
-_LONGEST_ANSWER = 10.0
-"""Longest time for the answer of a service [s]."""
-_LONGEST_PARAMETERS = 3.0
+_ANSWER_TIMEOUT = 10.0
+"""Longest time for the response of a service [s]."""
+_PARAMETERS_TIMEOUT = 3.0
 """Longest time for the parameter services of a node to appear [s]."""
 _POLL_INTERVAL = 0.05
-"""Poll interval for a node [s]."""
-READ_ONLY = 'this page is read-only; start live_view with read_only:=false to act'
+"""Poll interval for a service or goal [s]."""
+READ_ONLY = 'this page is read-only; start live_view with read_only:=false to send commands'
 """Reason of a rejection."""
+UNDER_WAY = 'under way'
+"""State of a move that has not ended."""
 
 _SERVICES = {
     'simulator/pause': SetBool,
@@ -42,51 +44,59 @@ _SERVICES = {
     'chain_identifier/save': Trigger,
     'chain_identifier/forget': Trigger,
 }
+_PARAMETER_SERVICES = {
+    ListParameters: 'list_parameters',
+    DescribeParameters: 'describe_parameters',
+    GetParameters: 'get_parameters',
+    SetParameters: 'set_parameters',
+}
 
 
 @dataclass
 class Move:
-    """The last move, requested by this page or elsewhere."""
+    """The last move of the soliton, requested by this page or by another client."""
 
     state: str = ''
-    """Empty before the first move, then 'under way', or the outcome."""
+    """Empty before the first move, then UNDER_WAY, or the outcome."""
     goal: float = math.nan
     """Goal [rotor spacings]."""
-    begun: float = math.nan
+    start: float = math.nan
     """Initial site coordinate of the soliton [rotor spacings]."""
     rotor: float = math.nan
     """Present site coordinate of the soliton [rotor spacings]."""
     message: str = ''
-    elsewhere: bool = False
-    """Whether another client requested it."""
+    foreign: bool = False
+    """Whether another client requested the move."""
     handle: Any = field(default=None, repr=False)
 
     @property
     def under_way(self) -> bool:
         """Whether the move has not ended."""
-        return self.state == 'under way'
+        return self.state == UNDER_WAY
 
     @property
     def progress(self) -> float:
-        """Share of the way, 0 to 1."""
-        way = self.goal - self.begun
-        if not (math.isfinite(way) and math.isfinite(self.rotor) and way):
+        """Completed fraction of the distance, 0 to 1."""
+        distance = self.goal - self.start
+        if not (math.isfinite(distance) and math.isfinite(self.rotor) and distance):
             return 0.0
-        return min(max((self.rotor - self.begun) / way, 0.0), 1.0)
+        return min(max((self.rotor - self.start) / distance, 0.0), 1.0)
 
 
 class ChainCommands:
-    """Commands to the nodes of one namespace. Each raises ValueError if it is rejected."""
+    """Commands to the nodes of a namespace, which ends in a slash.
+
+    Each command raises ValueError if it is rejected.
+    """
 
     def __init__(self, node: Node, namespace: str, read_only: bool) -> None:
-        """Connect to the nodes of a namespace, which ends in a slash."""
         self.namespace = namespace
-        self.move = Move()
-        self._asked = False
-        self._begun = ''
-        self._followed = 0.0
-        self._node = node
         self.read_only = read_only
+        self.move = Move()
+        self._requested = False
+        self._moves_started = ''
+        self._reported_at = 0.0
+        self._node = node
         self._clients: dict[str, Client] = {}
         self._publishers: dict[str, Any] = {}
         self._mover: ActionClient | None = None
@@ -101,7 +111,7 @@ class ChainCommands:
             for name, service_type in _SERVICES.items():
                 self._client(f'{namespace}{name}', service_type)
 
-    def listeners(self, topic: str) -> int:
+    def subscribers(self, topic: str) -> int:
         """Return the number of subscribers of nudge, edge_command or tilt."""
         publisher = self._publishers.get(topic)
         return publisher.get_subscription_count() if publisher else 0
@@ -121,115 +131,118 @@ class ChainCommands:
     def nudge(self, speed: float) -> str:
         """Nudge the edge [rad/s]."""
         self._publish('nudge', views.number_to_msg(speed), 'edge_actuator')
-        return f'nudged with {speed:g} rad/s'
+        return f'sent a nudge of {speed:g} rad/s'
 
     def drive(self, kind: str, edge: str, value: float, times: tuple[float, float, float]) -> str:
         """Send an edge_command; the times are duration, ramp up and ramp down [s]."""
         command = views.edge_command_of(kind, edge, value, *times)
         self._publish('edge_command', command, 'edge_actuator')
         unit = {'kick': 'rad/s', 'pulse': 'N m', 'pressure': 'Pa'}[kind]
-        return f'{kind} of {value:g} {unit} sent'
+        return f'sent a {kind} of {value:g} {unit}'
 
     def tilt(self, angle: float) -> str:
         """Tilt the chain [rad]."""
         self._publish('tilt', views.number_to_msg(angle), 'simulator')
-        return f'tilted to {angle:.3f} rad'
+        return f'tilted the chain to {angle:.3f} rad'
 
     async def pause(self, paused: bool) -> str:
         """Pause or resume the simulation."""
-        request = SetBool.Request(data=paused)
-        return await self._ask('simulator/pause', SetBool, request)
+        return await self._call_own('simulator/pause', SetBool.Request(data=paused))
 
     async def step(self, periods: float) -> str:
-        """Advance a paused simulation by some periods."""
-        return await self._ask('simulator/step', Step, views.step_request(periods))
+        """Advance a paused simulation by a number of periods."""
+        return await self._call_own('simulator/step', views.step_request(periods))
 
     async def reset(
         self,
         state: str,
-        place: float = 0.0,
+        position: float = 0.0,
         velocity: float = 0.0,
         joints: Mapping[str, float] | None = None,
     ) -> str:
-        """Put the chain into a state."""
-        request = views.reset_request(state, place, velocity, joints)
-        return await self._ask('simulator/reset', Reset, request)
+        """Reset the chain to a state, a soliton at a site [rotor spacings] with a velocity [m/s].
+
+        `joints` gives angles [rad] by joint name.
+        """
+        request = views.reset_request(state, position, velocity, joints)
+        return await self._call_own('simulator/reset', request)
 
     async def release(self) -> str:
         """Release the held soliton."""
-        return await self._ask('soliton_steering/release', Trigger, Trigger.Request())
+        return await self._call_own('soliton_steering/release', Trigger.Request())
 
-    async def of_identifier(self, what: str) -> str:
+    async def call_identifier(self, name: str) -> str:
         """Call a service of the chain identifier: `identify`, `save` or `forget`."""
-        return await self._ask(f'chain_identifier/{what}', Trigger, Trigger.Request())
+        return await self._call_own(f'chain_identifier/{name}', Trigger.Request())
 
-    async def carry(self, rotor: float, speed: float, now: float) -> str:
-        """Move the soliton to a rotor from its present site coordinate [rotor spacings]."""
+    async def move_to(self, rotor: float, speed: float, position: float) -> str:
+        """Move the soliton from its position to a rotor [rotor spacings]; speed 0 is automatic."""
         self.check_writable()
         goal = views.move_goal(rotor, speed)
         if self._mover is None or not self._mover.server_is_ready():
-            raise ValueError('nothing serves move_soliton; start soliton_steering first')
-        move = Move('under way', rotor, now, now, f'on the way to rotor {rotor:.2f}')
+            raise ValueError('no node serves move_soliton; start soliton_steering')
+        move = Move(
+            UNDER_WAY, rotor, position, position, f'moving the soliton to rotor {rotor:.2f}'
+        )
         mover, previous = self._mover, self.move
 
-        def heed(message: Any) -> None:
+        def on_feedback(message: Any) -> None:
             move.rotor = message.feedback.rotor
 
-        def begin() -> Any:
-            sent = mover.send_goal_async(goal, feedback_callback=heed)
-            # On the executor's thread, so that no answer can precede the callback.
-            sent.add_done_callback(lambda taken: _await_end(move, taken.result()))
+        def send() -> Any:
+            sent = mover.send_goal_async(goal, feedback_callback=on_feedback)
+            # Added on the executor's thread, so that no answer can precede the callback.
+            sent.add_done_callback(lambda accepted: _await_end(move, accepted.result()))
             return sent
 
         self.move = move
-        sent = await self._answered(begin)
-        if sent is None or not sent.accepted:
+        handle = await self._result_of(send)
+        if handle is None or not handle.accepted:
             self.move = previous
-            raise ValueError('move_soliton did not take the goal')
-        self._asked = True
+            raise ValueError('move_soliton rejected the goal; see the log of soliton_steering')
+        self._requested = True
         return move.message
 
-    def follow(self, came: float, figures: Mapping[str, str]) -> None:
-        """Show a move of another client, from a report of the steering and its time."""
-        if came <= self._followed or 'moves begun' not in figures:
+    def follow(self, received_at: float, figures: Mapping[str, str]) -> None:
+        """Show a move of another client, from a report of the steering and its reception time."""
+        if received_at <= self._reported_at or 'moves begun' not in figures:
             return
-        self._followed = came
-        goal, start = (views.figure(figures, f'move {way} rotor') for way in ('to', 'from'))
-        own = self._asked or (self.move.under_way and not self.move.elsewhere)
-        before, self._begun = self._begun, figures['moves begun']
-        self._asked = False
-        if not own and before != self._begun and (before or math.isfinite(goal)):
-            self.move = Move('under way', goal, start, start, elsewhere=True)
-        if self.move.elsewhere and self.move.under_way and not math.isfinite(goal):
+        self._reported_at = received_at
+        goal, start = (views.figure(figures, f'move {end} rotor') for end in ('to', 'from'))
+        own = self._requested or (self.move.under_way and not self.move.foreign)
+        before, self._moves_started = self._moves_started, figures['moves begun']
+        self._requested = False
+        if not own and before != self._moves_started and (before or math.isfinite(goal)):
+            self.move = Move(UNDER_WAY, goal, start, start, foreign=True)
+        if self.move.foreign and self.move.under_way and not math.isfinite(goal):
             self.move.state, _, self.move.message = figures.get('last move', '').partition(': ')
 
     async def cancel(self) -> str:
         """Cancel the move that is under way."""
         self.check_writable()
         move = self.move
-        if move.elsewhere and move.under_way:
+        if move.foreign and move.under_way:
             # A request without a goal cancels all goals.
             name = f'{self.namespace}{interfaces.MOVE_SOLITON}/_action/cancel_goal'
             await self.call(name, CancelGoal, CancelGoal.Request())
-            return 'cancelling'
+            return 'cancelling the move'
         while move.handle is None and move.under_way:
-            # The goal waits for acceptance.
+            # The goal is not accepted yet.
             await asyncio.sleep(_POLL_INTERVAL)
         if not move.under_way:
             raise ValueError('no move is under way')
-        await self._answered(move.handle.cancel_goal_async)
-        return 'cancelling'
+        await self._result_of(move.handle.cancel_goal_async)
+        return 'cancelling the move'
 
     async def parameters(self, node: str) -> list[AdjustableParameter]:
         """Return the adjustable parameters of a node, given its full name."""
-        listed = await self._of_node(node, ListParameters, ListParameters.Request())
-        names = sorted(listed.result.names)
-        request = DescribeParameters.Request(names=names)
-        described = (await self._of_node(node, DescribeParameters, request)).descriptors
-        # One parameter without a value makes a node return no value at all.
-        found = [one for one in described if views.is_adjustable(one)]
-        request = GetParameters.Request(names=[one.name for one in found])
-        values = (await self._of_node(node, GetParameters, request)).values
+        listed = await self._call_parameters(node, ListParameters, ListParameters.Request())
+        request = DescribeParameters.Request(names=sorted(listed.result.names))
+        answer = await self._call_parameters(node, DescribeParameters, request)
+        # A node returns no value at all if one of the parameters has none.
+        found = [each for each in answer.descriptors if views.is_adjustable(each)]
+        request = GetParameters.Request(names=[each.name for each in found])
+        values = (await self._call_parameters(node, GetParameters, request)).values
         return views.adjustable_parameters(found, values)
 
     async def set_parameter(self, node: str, parameter: AdjustableParameter, value: Any) -> str:
@@ -237,20 +250,20 @@ class ChainCommands:
         self.check_writable()
         change = Parameter(name=parameter.name, value=views.parameter_value(parameter, value))
         request = SetParameters.Request(parameters=[change])
-        (result,) = (await self._of_node(node, SetParameters, request)).results
+        (result,) = (await self._call_parameters(node, SetParameters, request)).results
         if not result.successful:
-            raise ValueError(result.reason or f'{node} refused {parameter.name} = {value}')
+            raise ValueError(result.reason or f'{node} rejected {parameter.name} = {value}')
         return f'{parameter.name} = {value}'
 
     async def call(self, name: str, service_type: Any, request: Any) -> Any:
-        """Return the answer of a service by its full name; raise ValueError without a server."""
+        """Return the response of a service by its full name; ValueError without a server."""
         client = self._client(name, service_type)
         if not client.service_is_ready():
-            raise ValueError(f'nothing serves {name}')
-        return await self._answered(lambda: client.call_async(request))
+            raise ValueError(f'no node serves {name}')
+        return await self._result_of(lambda: client.call_async(request))
 
     def close(self) -> None:
-        """Disconnect from the nodes."""
+        """Destroy publishers and clients."""
         for publisher in self._publishers.values():
             self._node.destroy_publisher(publisher)
         for client in self._clients.values():
@@ -258,43 +271,37 @@ class ChainCommands:
         if self._mover is not None:
             self._mover.destroy()
 
-    async def _ask(self, name: str, service_type: Any, request: Any) -> str:
+    async def _call_own(self, name: str, request: Any) -> str:
         self.check_writable()
-        answer = await self.call(f'{self.namespace}{name}', service_type, request)
+        answer = await self.call(f'{self.namespace}{name}', _SERVICES[name], request)
         if not answer.success:
             raise ValueError(answer.message)
         return str(answer.message)
 
-    async def _of_node(self, node: str, service_type: Any, request: Any) -> Any:
-        names = {
-            ListParameters: 'list_parameters',
-            DescribeParameters: 'describe_parameters',
-            GetParameters: 'get_parameters',
-            SetParameters: 'set_parameters',
-        }
-        client = self._client(f'{node}/{names[service_type]}', service_type)
-        for _ in range(int(_LONGEST_PARAMETERS / _POLL_INTERVAL)):
+    async def _call_parameters(self, node: str, service_type: Any, request: Any) -> Any:
+        client = self._client(f'{node}/{_PARAMETER_SERVICES[service_type]}', service_type)
+        for _ in range(int(_PARAMETERS_TIMEOUT / _POLL_INTERVAL)):
             if client.service_is_ready():
-                return await self._answered(lambda: client.call_async(request))
+                return await self._result_of(lambda: client.call_async(request))
             await asyncio.sleep(_POLL_INTERVAL)
-        raise ValueError(f'{node} does not tell its parameters')
+        raise ValueError(f'{node} has no parameter services; it may have ended')
 
-    async def _answered(self, ask: Callable[[], Any]) -> Any:
-        """Return the result of a future of ROS that `ask` creates on the executor's thread."""
+    async def _result_of(self, send: Callable[[], Any]) -> Any:
+        """Return the result of the future that `send` creates on the executor's thread."""
         loop = asyncio.get_running_loop()
-        answered: asyncio.Future[Any] = loop.create_future()
+        result: asyncio.Future[Any] = loop.create_future()
 
         def finish(future: Any) -> None:
-            loop.call_soon_threadsafe(_settle, answered, future)
+            loop.call_soon_threadsafe(_set_result, result, future)
 
         executor = self._node.executor
         if executor is None:
-            raise ValueError('live_view is not being spun')
-        executor.create_task(lambda: ask().add_done_callback(finish))
+            raise ValueError('no executor spins live_view')
+        executor.create_task(lambda: send().add_done_callback(finish))
         try:
-            return await asyncio.wait_for(answered, _LONGEST_ANSWER)
+            return await asyncio.wait_for(result, _ANSWER_TIMEOUT)
         except asyncio.TimeoutError as error:
-            raise ValueError(f'no answer came within {_LONGEST_ANSWER:g} s') from error
+            raise ValueError(f'no response within {_ANSWER_TIMEOUT:g} s; try again') from error
 
     def _client(self, name: str, service_type: Any) -> Client:
         if name not in self._clients:
@@ -303,10 +310,10 @@ class ChainCommands:
             )
         return self._clients[name]
 
-    def _publish(self, topic: str, message: Any, listener: str) -> None:
+    def _publish(self, topic: str, message: Any, subscriber: str) -> None:
         self.check_writable()
-        if not self.listeners(topic):
-            raise ValueError(f'nothing subscribes to {topic}; start {listener} first')
+        if not self.subscribers(topic):
+            raise ValueError(f'no node subscribes to {topic}; start {subscriber}')
         self._publishers[topic].publish(message)
 
 
@@ -322,11 +329,11 @@ def _conclude(move: Move, ended: Any) -> None:
     move.message, move.rotor = result.message, result.rotor
 
 
-def _settle(answered: asyncio.Future[Any], future: Any) -> None:
-    if answered.done():
+def _set_result(result: asyncio.Future[Any], future: Any) -> None:
+    if result.done():
         return
     error = future.exception()
     if error is not None:
-        answered.set_exception(ValueError(str(error)))
+        result.set_exception(ValueError(str(error)))
     else:
-        answered.set_result(future.result())
+        result.set_result(future.result())

@@ -20,51 +20,50 @@ from soliton_linkage_nodes.live_view.controls.node_controls import (
     ParameterControls,
 )
 from soliton_linkage_nodes.live_view.status import REPLAY
-from soliton_linkage_nodes.live_view.stream import ALL, View
+from soliton_linkage_nodes.live_view.view import ALL, View
 
 _REFRESH_PERIOD = 0.25
 """Time between two updates of the controls [s]."""
-_LONGEST_BUILD = 60.0
-"""Time to build a page on a busy machine [s]."""
-_LONGEST_ABSENCE = 15.0
+_BUILD_TIMEOUT = 60.0
+"""Longest time to build a page on a busy machine [s]."""
+_RECONNECT_TIMEOUT = 15.0
 """Absence of a browser after which its page is built again [s]."""
 _PLOTS = Path(__file__).with_name('browser') / 'plots.html'
 
 
-def add(made: FastAPI, view: View) -> None:
+def add(served: FastAPI, view: View) -> None:
     """Add the page to an application."""
     plots = _PLOTS.read_text(encoding='utf-8')
 
-    @ui.page('/', response_timeout=_LONGEST_BUILD)
+    @ui.page('/', response_timeout=_BUILD_TIMEOUT)
     async def index() -> None:
         await Page(view).build(plots)
 
     ui.run_with(
-        made,
-        title='Soliton, live',
+        served,
+        title='Soliton chain, live',
         favicon='〰️',
         dark=None,
         language='en-US',
         binding_refresh_interval=None,
         show_welcome_message=False,
-        reconnect_timeout=_LONGEST_ABSENCE,
+        reconnect_timeout=_RECONNECT_TIMEOUT,
         gzip_middleware_factory=None,
     )
 
 
 class Page:
-    """The page of one browser, with the chain that it shows."""
+    """Page of one browser, with the chain that it shows: at first the first one."""
 
     def __init__(self, view: View) -> None:
-        """Show the first chain."""
         self._view = view
-        self.namespace = next(iter(view.finder.chains), '')
+        self.namespace = next(iter(view.chains), '')
         self._options: dict[str, str] = {}
         self._replaying = False
         self._dark = ui.dark_mode(None)
 
     async def build(self, plots: str) -> None:
-        """Build the page in steps, so that other browsers get their pictures meanwhile."""
+        """Build the page in steps, so that other browsers receive frames meanwhile."""
         ui.add_head_html(
             '<link rel="stylesheet" href="/live/live.css">'
             '<script type="module" src="/live/live.js"></script>'
@@ -80,7 +79,7 @@ class Page:
 
     def _header(self) -> None:
         with ui.element('header').classes('live-header'):
-            ui.html('<h1>Soliton, live</h1>', sanitize=False)
+            ui.html('<h1>Soliton chain, live</h1>', sanitize=False)
             self._chooser = ui.select({}, label='chain').props(
                 'dense outlined options-dense id=live-chooser'
             )
@@ -90,11 +89,12 @@ class Page:
             ).classes('live-health-place')
             if self._view.read_only:
                 ui.label('read-only').classes('live-badge')
-            ui.button(icon='contrast', on_click=self._turn_dark).props(
-                'flat dense round aria-label="light or dark" id=live-dark'
+            ui.button(icon='contrast', on_click=self._toggle_dark).props(
+                'flat dense round aria-label="light or dark background" id=live-dark'
             )
 
     async def _controls(self) -> None:
+        view = self._view
         with ui.tabs().props('dense no-caps align=justify inline-label') as tabs:
             for name in ('Drive', 'Run', 'Settings', 'Bags', 'Identify'):
                 ui.tab(name)
@@ -102,27 +102,27 @@ class Page:
             'live-panels'
         ):
             with ui.tab_panel('Drive'):
-                self._drive = DriveControls(self._view, self)
+                self._drive = DriveControls(view, self)
                 await asyncio.sleep(0)
             with ui.tab_panel('Run'):
-                self._run = RunControls(self._view, self)
+                self._run = RunControls(view, self)
                 await asyncio.sleep(0)
             with ui.tab_panel('Settings'):
-                self._parameters = ParameterControls(self._view, self)
+                self._parameters = ParameterControls(view, self)
             with ui.tab_panel('Bags'):
-                self._record = RecordControls(self._view, self)
+                self._record = RecordControls(view, self)
                 await asyncio.sleep(0)
-                self._bags = BagControls(self._view, self)
+                self._bags = BagControls(view, self)
             with ui.tab_panel('Identify'):
-                self._identify = IdentifyControls(self._view, self)
+                self._identify = IdentifyControls(view, self)
         ui.timer(0.1, self._bags.list_bags, once=True)
 
-    def _turn_dark(self) -> None:
+    def _toggle_dark(self) -> None:
         dark = self._dark.value
         self._dark.value = True if dark is None else not dark
 
     def _choose(self, namespace: str) -> None:
-        if namespace != ALL and namespace not in self._view.finder.chains:
+        if namespace != ALL and namespace not in self._view.chains:
             return
         self.namespace = namespace
         if self._chooser.value != namespace:
@@ -130,7 +130,7 @@ class Page:
         ui.run_javascript(f'live.watch({namespace!r})')
 
     def _refresh(self) -> None:
-        chains = self._view.finder.chains
+        chains = self._view.chains
         options = {name: _title(name) for name in chains}
         if len(options) > 1:
             options[ALL] = 'all side by side'
@@ -147,12 +147,10 @@ class Page:
         elif self._chooser.value is None:
             self._chooser.value = self.namespace
         why = reasons_for(self._view, '' if self.namespace == ALL else self.namespace)
-        self._drive.refresh(why)
-        self._run.refresh(why)
-        self._parameters.refresh()
-        self._record.refresh()
-        self._bags.refresh()
-        self._identify.refresh(why)
+        for controls in (self._drive, self._run, self._identify):
+            controls.refresh(why)
+        for others in (self._parameters, self._record, self._bags):
+            others.refresh()
 
 
 def _title(namespace: str) -> str:

@@ -1,33 +1,41 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The server of the page, on a thread of its own."""
+"""Web server of the page on its own thread, with access control."""
 
 from __future__ import annotations
 
 import asyncio
 import contextlib
+import hmac
+import ipaddress
 import socket
 import threading
 import time
-from collections.abc import Awaitable, Callable
+from collections.abc import Awaitable, Callable, Mapping
+from http.cookies import SimpleCookie
 from pathlib import Path
+from typing import TYPE_CHECKING
+from urllib.parse import parse_qs, urlsplit
 
 import uvicorn
 from fastapi import FastAPI, WebSocket, WebSocketDisconnect
 from fastapi.responses import FileResponse, Response
 
-from soliton_linkage_nodes.live_view.gate import Gate
+if TYPE_CHECKING:
+    from starlette.types import ASGIApp, Receive, Scope, Send
 
-SCRIPTS = Path(__file__).with_name('browser')
-_LONGEST_START = 30.0
-"""Time for the server to start [s]: NiceGUI takes seconds on a busy machine."""
+_SCRIPTS = Path(__file__).with_name('browser')
+_START_TIMEOUT = 30.0
+"""Longest time for the server to start [s]: NiceGUI takes seconds on a busy machine."""
 _LONGEST_PERIOD = 0.2
 """Longest time between two ticks, for any number of browsers [s]."""
-_MOST_SAID = 65536
+_LARGEST_MESSAGE = 65536
 """Largest message of a browser [bytes]."""
+_COOKIE = 'soliton_linkage_live_view'
+_REMEDY = 'open the address that live_view printed'
 
 
 def listening_socket(host: str, port: int) -> socket.socket:
-    """Return a socket bound to a host and a port, 0 for any free one."""
+    """Return a socket bound to a host and a port, 0 for any free port."""
     family = socket.AF_INET6 if ':' in host else socket.AF_INET
     bound = socket.socket(family, socket.SOCK_STREAM)
     bound.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
@@ -37,37 +45,37 @@ def listening_socket(host: str, port: int) -> socket.socket:
         bound.close()
         raise ValueError(
             f'parameters host = {host!r} and port = {port} of live_view: {error.strerror}; '
-            'give another port, or 0 for any that is free'
+            'set another port, or 0 for any free port'
         ) from error
     return bound
 
 
 def application(serve: Callable[[WebSocket], Awaitable[None]]) -> FastAPI:
     """Return an application with the page's own files and a stream to each browser."""
-    made = FastAPI(docs_url=None, redoc_url=None, openapi_url=None)
-    files = {path.name: path for path in SCRIPTS.iterdir() if path.suffix in ('.js', '.css')}
+    created = FastAPI(docs_url=None, redoc_url=None, openapi_url=None)
+    files = {path.name: path for path in _SCRIPTS.iterdir() if path.suffix in ('.js', '.css')}
 
-    @made.get('/live/{name}', response_class=Response)
+    @created.get('/live/{name}', response_class=Response)
     async def own_file(name: str) -> Response:
         if name not in files:
             return Response(status_code=404)
         return FileResponse(files[name], headers={'cache-control': 'no-cache'})
 
-    @made.websocket('/stream')
+    @created.websocket('/stream')
     async def stream(websocket: WebSocket) -> None:
         await websocket.accept()
         with contextlib.suppress(WebSocketDisconnect, RuntimeError):
             await serve(websocket)
 
-    return made
+    return created
 
 
 class PageServer:
-    """Server of an application on its own thread, which also calls `tick`."""
+    """Server of an application on its own thread, which also calls `tick` periodically."""
 
     def __init__(
         self,
-        made: FastAPI,
+        served: FastAPI,
         bound: socket.socket,
         token: str,
         tick: Callable[[], float],
@@ -75,14 +83,14 @@ class PageServer:
     ) -> None:
         """Serve on a bound socket; `tick` returns the time to the next call [s].
 
-        Ticks are less frequent if the thread would take more than a share of a core [1].
+        Ticks become less frequent if the thread would use more than a share of a core [1].
         """
         config = uvicorn.Config(
-            Gate(made, token),
+            Gate(served, token),
             log_level='error',
             lifespan='on',
             ws_per_message_deflate=False,
-            ws_max_size=_MOST_SAID,
+            ws_max_size=_LARGEST_MESSAGE,
             timeout_graceful_shutdown=1,
         )
         self.failure: Exception | None = None
@@ -90,19 +98,13 @@ class PageServer:
         self._socket = bound
         self._tick = tick
         self._share = share
-        self._fresh: asyncio.Event | None = None
         self._thread = threading.Thread(target=self._run, name='page')
         self._thread.start()
-        deadline = time.monotonic() + _LONGEST_START
+        deadline = time.monotonic() + _START_TIMEOUT
         while not self._server.started and time.monotonic() < deadline:
             if not self._thread.is_alive():
-                raise ValueError(f'the page could not be served: {self.failure}')
+                raise ValueError(f'live_view could not serve its page: {self.failure}')
             time.sleep(0.01)
-
-    async def wait(self) -> None:
-        """Wait for the end of the next tick."""
-        if self._fresh is not None:
-            await self._fresh.wait()
 
     def stop(self) -> None:
         """End the streams and the server."""
@@ -125,7 +127,6 @@ class PageServer:
 
     async def _tick_loop(self) -> None:
         due, spent = time.monotonic(), time.thread_time()
-        self._fresh = asyncio.Event()
         while True:
             try:
                 period = self._tick()
@@ -133,9 +134,89 @@ class PageServer:
                 self.failure = error
                 return
             before, spent = spent, time.thread_time()
-            due += max(period, min((spent - before) / self._share, _LONGEST_PERIOD))
-            fresh, self._fresh = self._fresh, asyncio.Event()
-            fresh.set()
-            now = time.monotonic()
-            due = max(due, now)
-            await asyncio.sleep(due - now)
+            due = max(time.monotonic(), due + tick_period(period, spent - before, self._share))
+            await asyncio.sleep(due - time.monotonic())
+
+
+def tick_period(wanted: float, spent: float, share: float) -> float:
+    """Return the time to the next tick [s], so that the last tick's time is a share of it [1]."""
+    return max(wanted, min(spent / share, _LONGEST_PERIOD))
+
+
+def is_loopback(host: str) -> bool:
+    """Return whether only this machine can reach a host."""
+    if host == 'localhost':
+        return True
+    try:
+        return ipaddress.ip_address(host).is_loopback
+    except ValueError:
+        return False
+
+
+class Gate:
+    """Middleware that rejects requests and streams of other pages.
+
+    A page of another origin in the same browser could otherwise send commands to the chain, also
+    through a host name that resolves to 127.0.0.1. Without a token, only names of this machine are
+    accepted. A token must be in the address, or in the cookie that the first answer sets.
+    """
+
+    def __init__(self, guarded: ASGIApp, token: str = '') -> None:
+        self._application = guarded
+        self._token = token
+
+    async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
+        """Forward a request, or reject it with the reason in one line."""
+        if scope['type'] not in ('http', 'websocket'):
+            await self._application(scope, receive, send)
+            return
+        headers = {
+            name.decode('latin-1'): value.decode('latin-1') for name, value in scope['headers']
+        }
+        reason = self._rejection(scope, headers)
+        if reason:
+            await _reject(scope, send, reason)
+        elif scope['type'] == 'http' and self._token and self._in_address(scope):
+            await _set_cookie(scope, send, self._token)
+        else:
+            await self._application(scope, receive, send)
+
+    def _rejection(self, scope: Scope, headers: Mapping[str, str]) -> str | None:
+        host = headers.get('host', '')
+        name = urlsplit(f'//{host}').hostname or ''
+        if not self._token and not is_loopback(name):
+            return f'host {name!r} is not this machine; {_REMEDY}'
+        origin = headers.get('origin')
+        if origin is not None and urlsplit(origin).netloc != host:
+            return f'origin {origin!r} is not this page; {_REMEDY}'
+        if self._token and not (self._in_address(scope) or self._in_cookie(headers)):
+            return f'the token is missing or wrong; {_REMEDY}'
+        return None
+
+    def _in_address(self, scope: Scope) -> bool:
+        given = parse_qs(scope.get('query_string', b'').decode('latin-1')).get('token', [''])
+        return self._is_token(given[0])
+
+    def _in_cookie(self, headers: Mapping[str, str]) -> bool:
+        cookie = SimpleCookie(headers.get('cookie', '')).get(_COOKIE)
+        return cookie is not None and self._is_token(cookie.value)
+
+    def _is_token(self, given: str) -> bool:
+        return hmac.compare_digest(given.encode(), self._token.encode())
+
+
+async def _reject(scope: Scope, send: Send, reason: str) -> None:
+    if scope['type'] == 'websocket':
+        await send({'type': 'websocket.close', 'code': 1008, 'reason': reason})
+        return
+    headers = [(b'content-type', b'text/plain; charset=utf-8')]
+    await send({'type': 'http.response.start', 'status': 403, 'headers': headers})
+    await send({'type': 'http.response.body', 'body': f'{reason}\n'.encode()})
+
+
+async def _set_cookie(scope: Scope, send: Send, token: str) -> None:
+    """Move the token from the address into a cookie, which other pages cannot read."""
+    cookie = f'{_COOKIE}={token}; Path=/; HttpOnly; SameSite=Strict'
+    headers = [(b'location', scope['path'].encode()), (b'set-cookie', cookie.encode())]
+    await send({'type': 'http.response.start', 'status': 303, 'headers': headers})
+    await send({'type': 'http.response.body', 'body': b''})

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""All nodes of a chain, a recorder and the page, until Ctrl-C."""
+"""Run the nodes of a simulated chain, a recorder and the live page until Ctrl-C."""
 
 from __future__ import annotations
 
@@ -35,11 +35,11 @@ def main() -> None:
     code = 1
     try:
         _start(processes, arguments)
-        _tell(processes, stopping, not arguments.no_browser)
+        _open_page(processes, stopping, not arguments.no_browser)
         while not stopping.wait(_POLL_INTERVAL):
             processes.check()
         code = INTERRUPTED
-        print('Stopping.', flush=True)
+        print('Stopping all nodes.', flush=True)
     except RuntimeError as error:
         print(f'\nlive: {error}', file=sys.stderr)
     finally:
@@ -61,39 +61,48 @@ def _start(processes: ChildProcesses, arguments: argparse.Namespace) -> None:
         processes.start(node, common, environment)
 
 
-def _tell(processes: ChildProcesses, stopping: threading.Event, show: bool) -> None:
+def _open_page(processes: ChildProcesses, stopping: threading.Event, show: bool) -> None:
     """Print the address of the page, and open it if there is a display."""
     deadline = time.monotonic() + START_LIMIT
     while not stopping.is_set():
         processes.check()
         address = page_address(processes.output(_PAGE))
         if address:
-            print(f'The page is at {address}; Ctrl-C ends all.', flush=True)
+            print(f'The page is at {address}. Press Ctrl-C to stop everything.', flush=True)
             if show and has_display():
                 webbrowser.open(address)
             return
         if time.monotonic() > deadline:
-            raise RuntimeError(f'{_PAGE} did not say where its page is in {START_LIMIT:g} s')
+            raise RuntimeError(f'{_PAGE} printed no address within {START_LIMIT:g} s; see its log')
         stopping.wait(_POLL_INTERVAL)
 
 
 def _arguments() -> argparse.Namespace:
     parser = argparse.ArgumentParser(prog='live', description=__doc__)
-    parser.add_argument('configuration', type=Path, help='parameter file, as config/flipper.yaml')
+    parser.add_argument(
+        'configuration', type=Path, help='parameter file, such as config/flipper.yaml'
+    )
     parser.add_argument(
         '--output', type=Path, default=Path('out/live'), help='folder for recordings (%(default)s)'
     )
     parser.add_argument(
-        '--bags', type=Path, default=Path('bags'), help='folder of bags to list too (%(default)s)'
+        '--bags',
+        type=Path,
+        default=Path('bags'),
+        help='folder of bags that the page also lists (%(default)s)',
     )
-    parser.add_argument('--port', type=int, default=8080, help='of the page (%(default)s)')
-    parser.add_argument('--host', default='127.0.0.1', help='of the page (%(default)s)')
-    parser.add_argument('--no-browser', action='store_true', help='only print the address')
+    parser.add_argument('--port', type=int, default=8080, help='port of the page (%(default)s)')
+    parser.add_argument(
+        '--host', default='127.0.0.1', help='address that serves the page (%(default)s)'
+    )
+    parser.add_argument(
+        '--no-browser', action='store_true', help='print the address and open no browser'
+    )
     arguments = parser.parse_args()
     if not arguments.configuration.is_file():
         parser.exit(
             2,
             f'configuration {str(arguments.configuration)!r} is not a file; '
-            'give a parameter file such as config/flipper.yaml\n',
+            'specify a parameter file such as config/flipper.yaml\n',
         )
     return arguments

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The status of chains and nodes on the page."""
+"""Status of chains and nodes for the page."""
 
 from __future__ import annotations
 
@@ -9,92 +9,87 @@ import time
 from collections.abc import Mapping
 from typing import Any
 
-from soliton_linkage_nodes.live_view.chain_topics import REPORTS_LAST, ChainFinder, ChainTopics
+from soliton_linkage_nodes.live_view.chain_topics import REPORT_TIMEOUT, ChainFinder, ChainTopics
 from soliton_linkage_nodes.live_view.commands import READ_ONLY, ChainCommands
 from soliton_linkage_nodes.messages.view_conversions import NodeReport, figure
 
-_FORGOTTEN = 30.0
+REPLAY = '/replay/'
+"""Namespace in which a bag is played."""
+CONTROLS = ('nudge', 'drive', 'tilt', 'pause', 'step', 'reset', 'move', 'release', 'identify')
+"""Names of controls."""
+_DROP_AGE = 30.0
 """Age after which the report of a silent node is dropped [s]."""
-_LONGEST_LAG = 0.2
-"""Largest delay of soliton_state behind joint_states [s]; a larger one is visible."""
+_LONGEST_DELAY = 0.2
+"""Largest unreported delay of soliton_state behind joint_states [s]; a larger one is visible."""
 _FRAMES_BEHIND = 2
-"""Largest delay in frames [1]; the state of one frame is in transit."""
+"""Largest unreported delay in frames [1]; the state of one frame is in transit."""
 _ACTUATOR = 'start edge_actuator'
-_SIMULATOR = 'only a simulator does that, and none runs here'
-_REPLAY = 'this is a replay'
+_SIMULATOR = 'only a simulator can do this, and none is running here'
 
 
 def reasons(chain: ChainTopics, commands: ChainCommands) -> dict[str, str]:
-    """Return the reason why each control of a chain is inactive, empty if it is active."""
+    """Return the reason why each control of a chain is disabled, empty if it is enabled."""
     if commands.read_only:
         return dict.fromkeys(CONTROLS, READ_ONLY)
     if chain.namespace.startswith(REPLAY):
-        return dict.fromkeys(CONTROLS, _REPLAY)
+        return dict.fromkeys(CONTROLS, 'this chain is a replay of a bag')
 
-    def served(name: str, otherwise: str) -> str:
-        return '' if commands.serves(name) else otherwise
+    def if_served(name: str, remedy: str) -> str:
+        return '' if commands.serves(name) else remedy
 
-    def heard(topic: str, otherwise: str) -> str:
-        return '' if commands.listeners(topic) else f'nothing subscribes to {topic}: {otherwise}'
+    def if_subscribed(topic: str, remedy: str) -> str:
+        subscribed = commands.subscribers(topic)
+        return '' if subscribed else f'no node subscribes to {topic}: {remedy}'
 
+    steering = 'no node serves {}: start soliton_steering'
+    identifier = 'no node serves identify: start chain_identifier'
     return {
-        'nudge': heard('nudge', _ACTUATOR),
-        'drive': heard('edge_command', _ACTUATOR),
-        'tilt': heard('tilt', _SIMULATOR),
-        'pause': served('simulator/pause', _SIMULATOR),
-        'step': served('simulator/step', _SIMULATOR),
-        'reset': served('simulator/reset', _SIMULATOR),
-        'move': served('move_soliton', 'nothing serves move_soliton: start soliton_steering'),
-        'release': served(
-            'soliton_steering/release', 'nothing serves release: start soliton_steering'
-        ),
-        'identify': served(
-            'chain_identifier/identify', 'nothing serves identify: start chain_identifier'
-        ),
+        'nudge': if_subscribed('nudge', _ACTUATOR),
+        'drive': if_subscribed('edge_command', _ACTUATOR),
+        'tilt': if_subscribed('tilt', _SIMULATOR),
+        'pause': if_served('simulator/pause', _SIMULATOR),
+        'step': if_served('simulator/step', _SIMULATOR),
+        'reset': if_served('simulator/reset', _SIMULATOR),
+        'move': if_served('move_soliton', steering.format('move_soliton')),
+        'release': if_served('soliton_steering/release', steering.format('release')),
+        'identify': if_served('chain_identifier/identify', identifier),
     }
-
-
-REPLAY = '/replay/'
-"""Namespace in which a bag is played, beside the chains that move."""
-CONTROLS = ('nudge', 'drive', 'tilt', 'pause', 'step', 'reset', 'move', 'release', 'identify')
-"""Names of controls."""
 
 
 def reports_of(finder: ChainFinder, namespace: str) -> list[tuple[float, NodeReport]]:
     """Return the age [s] and the last report of each node of a namespace."""
     now = time.monotonic()
     return [
-        (now - came, report)
-        for came, report in finder.reports.values()
+        (now - received_at, report)
+        for received_at, report in finder.reports.values()
         if f'/{report.node.lstrip("/")}'.rpartition('/')[0] + '/' == namespace
-        and now - came < _FORGOTTEN
+        and now - received_at < _DROP_AGE
     ]
 
 
 def health(finder: ChainFinder, chain: ChainTopics) -> dict[str, Any]:
     """Return rate, deadlines, losses and warnings of a chain."""
-    told = reports_of(finder, chain.namespace)
     figures: Mapping[str, str] = {}
     lost: int | None = None
     warnings, paused, replay = [], False, ''
-    for age, report in told:
+    for age, report in reports_of(finder, chain.namespace):
         name = report.node.rpartition('/')[2]
         if 'missed deadlines' in report.figures:
             figures = report.figures
-            paused = report.message.startswith('paused') and age < REPORTS_LAST
-        if name == 'bag_player' and age < REPORTS_LAST:
+            paused = report.message.startswith('paused') and age < REPORT_TIMEOUT
+        if name == 'bag_player' and age < REPORT_TIMEOUT:
             replay = report.figures.get('bag', '').rpartition('/')[2]
         losses = figure(report.figures, 'lost messages')
         lost = lost if math.isnan(losses) else (lost or 0) + int(losses)
-        if age > REPORTS_LAST:
+        if age > REPORT_TIMEOUT:
             warnings.append(f'{name} has not reported for {age:.0f} s')
         elif report.level:
             warnings.append(f'{name}: {report.message}')
     if chain.publishers > 1:
-        warnings.append(f'{chain.publishers} nodes publish joint_states of this chain at once')
-    behind, rate = chain.model.behind, chain.model.rate
-    if behind > _LONGEST_LAG and behind * rate > _FRAMES_BEHIND:
-        warnings.append(f'soliton_state is {behind:.1f} s behind joint_states')
+        warnings.append(f'{chain.publishers} nodes publish joint_states; stop all but one')
+    delay, rate = chain.model.delay, chain.model.rate
+    if delay > _LONGEST_DELAY and delay * rate > _FRAMES_BEHIND:
+        warnings.append(f'soliton_state is {delay:.1f} s behind joint_states')
     return {
         'rate': None if math.isnan(rate) else round(rate),
         'factor': figures.get('real-time factor', ''),
@@ -103,7 +98,7 @@ def health(finder: ChainFinder, chain: ChainTopics) -> dict[str, Any]:
         'paused': paused,
         'replay': replay,
         'warnings': warnings,
-        'complaint': chain.model.complaint,
+        'error': chain.model.error,
     }
 
 
@@ -122,7 +117,7 @@ def status(
     why: Mapping[str, Mapping[str, str]],
     more: Mapping[str, Any],
 ) -> str:
-    """Return the status of all chains as JSON; `why` has the `reasons` of each."""
+    """Return the status of all chains as JSON; `why` contains the `reasons` of each."""
     chains = []
     for namespace, chain in finder.chains.items():
         move = commands[namespace].move
@@ -135,15 +130,11 @@ def status(
                 'camera': chain.camera.reason,
                 'move': {
                     'state': move.state,
-                    'elsewhere': move.elsewhere,
+                    'foreign': move.foreign,
                     'message': move.message,
-                    'goal': _number(move.goal),
+                    'goal': move.goal if math.isfinite(move.goal) else None,
                     'progress': round(move.progress, 3),
                 },
             }
         )
     return json.dumps({'status': {'chains': chains, **more}})
-
-
-def _number(value: float) -> float | None:
-    return value if math.isfinite(value) else None

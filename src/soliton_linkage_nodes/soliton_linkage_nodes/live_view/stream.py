@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The stream to a browser: the newest picture, after it has drawn the previous one."""
+"""Stream to a browser: the newest frame after the browser has drawn the previous one."""
 
 from __future__ import annotations
 
@@ -8,14 +8,12 @@ import json
 import math
 import time
 from collections.abc import Mapping
-from typing import TYPE_CHECKING, Any, Protocol
+from typing import TYPE_CHECKING, Any
 
 from soliton_linkage_nodes.bags.guards import load_json
-from soliton_linkage_nodes.live_view.bag_catalogue import BagCatalogue
-from soliton_linkage_nodes.live_view.bag_programs import BagRecording, BagReplay
 from soliton_linkage_nodes.live_view.chain_model import MOST_ANGLES
-from soliton_linkage_nodes.live_view.chain_topics import ChainFinder, ChainTopics
-from soliton_linkage_nodes.live_view.commands import READ_ONLY, ChainCommands
+from soliton_linkage_nodes.live_view.chain_topics import ChainTopics
+from soliton_linkage_nodes.live_view.commands import READ_ONLY
 from soliton_linkage_nodes.live_view.frame_layout import (
     ARRAYS,
     ENERGIES,
@@ -23,71 +21,33 @@ from soliton_linkage_nodes.live_view.frame_layout import (
     KINDS,
     pack_history,
 )
+from soliton_linkage_nodes.live_view.view import ALL, View
 
 if TYPE_CHECKING:
     from fastapi import WebSocket
 
-ALL = '*'
-"""All chains side by side, in place of a namespace."""
-_MOST_ON_THE_WAY = 2
-"""Pictures of a chain that a browser has not drawn yet: one being drawn and one in transit."""
+_MOST_PENDING = 2
+"""Largest number of frames of a chain that are not drawn yet: one drawn now, one in transit."""
 _HEARTBEAT = 0.2
-"""Time after which a picture is sent again with its new age [s]."""
-_SMALL_ANGLES = 200
-"""Largest number of rotors of a chain that is drawn rotor by rotor beside others."""
-
-
-class View(Protocol):
-    """The node behind a page."""
-
-    finder: ChainFinder
-    catalogue: BagCatalogue
-    recording: BagRecording
-    replay: BagReplay
-    reasons: dict[str, dict[str, str]]
-    """Reason why each control of each chain is inactive, empty if it is active."""
-    status: str
-    """Status of all chains as JSON."""
-
-    @property
-    def chains(self) -> Mapping[str, ChainTopics]:
-        """Chains by namespace, in the order of their numbers."""
-
-    @property
-    def read_only(self) -> bool:
-        """Whether the page accepts no action."""
-
-    @property
-    def versions(self) -> list[int]:
-        """Numbers that change with the descriptions."""
-
-    def commands(self, namespace: str) -> ChainCommands:
-        """Return the commands to the nodes of a namespace."""
-
-    def descriptions(self) -> dict[str, Any]:
-        """Return the constants of each chain and the track of the played bag."""
-
-    def picture(self, number: int, chain: ChainTopics, first: int, last: int) -> bytes:
-        """Return a frame of a chain, packed once for all browsers with the same window."""
-
-    async def wait(self) -> None:
-        """Wait for the next tick."""
+"""Time after which a frame is sent again with its new age [s]."""
+_MOST_TILE_ANGLES = 200
+"""Largest number of rotors of a chain that is drawn rotor by rotor beside other chains."""
 
 
 async def carry_out(view: View, name: str, arguments: Mapping[str, Any]) -> str:
-    """Carry out an action on the canvas (move, nudge, seek, pause) and return its result.
+    """Carry out an action on a canvas (move, nudge, seek, pause) and return its result.
 
-    Raises ValueError for an action that is rejected.
+    Raises ValueError for a rejected action.
     """
     if view.read_only:
         raise ValueError(READ_ONLY)
     namespace = str(arguments.get('chain', ''))
     if namespace not in view.chains:
-        raise ValueError(f'chain {namespace!r} is not there')
+        raise ValueError(f'no node publishes joint_states of the chain {namespace!r}')
     commands = view.commands(namespace)
     if name == 'move':
-        now = view.chains[namespace].model.numbers.get('rotor', math.nan)
-        return await commands.carry(arguments['rotor'], arguments.get('speed', 0.0), now)
+        position = view.chains[namespace].model.numbers.get('rotor', math.nan)
+        return await commands.move_to(arguments['rotor'], arguments.get('speed', 0.0), position)
     if name == 'nudge':
         edge = str(arguments.get('edge', 'nearest'))
         return commands.drive('kick', edge, arguments['speed'], (0.0, 0.0, 0.0))
@@ -98,69 +58,64 @@ async def carry_out(view: View, name: str, arguments: Mapping[str, Any]) -> str:
         if namespace == view.replay.namespace:
             return await view.replay.pause(commands, paused)
         return await commands.pause(paused)
-    raise ValueError(f'action {name!r} is not known')
+    raise ValueError(f'action {name!r} is unknown')
 
 
 class BrowserStream:
-    """Stream of pictures to a browser, and of actions from it.
+    """Stream of frames to a browser, and of actions from it.
 
-    No queue grows: a browser that does not read has two pictures in transit. It gets the next,
-    which is the newest, when it reports that it has drawn one.
+    Each browser has at most two frames in transit, so that no queue grows. It receives the newest
+    frame after it has reported that it drew one.
     """
 
     def __init__(self, socket: WebSocket, source: View) -> None:
-        """Watch the first chain."""
+        """Show the first chain."""
         self.watched = next(iter(source.chains), '')
-        self.on_the_way = 0
-        """Pictures sent and not drawn yet."""
+        self.pending = 0
+        """Frames sent and not drawn yet."""
         self.sent = 0
-        """Pictures sent in all."""
+        """Frames sent in all."""
         self.shows_camera = False
         """Whether the browser shows the camera of its chain."""
         self._socket = socket
         self._source = source
         self._window = (0, MOST_ANGLES)
         self._latest: dict[str, tuple[int, float]] = {}
-        self._camera_on_the_way = False
+        self._camera_pending = False
         self._camera_latest = 0
-        self._told: tuple[str, list[int]] = ('', [])
+        self._sent_status: tuple[str, list[int]] = ('', [])
         self._history_wanted = True
-        self._answers: set[asyncio.Task[None]] = set()
+        self._actions: set[asyncio.Task[None]] = set()
 
     async def run(self) -> None:
         """Serve the browser until the socket raises an error."""
         layout = {'kinds': KINDS, 'fields': FIELDS, 'arrays': ARRAYS, 'energies': ENERGIES}
         await self._socket.send_text(json.dumps({'layout': layout}))
-        sending, receiving = (
-            asyncio.ensure_future(task) for task in (self._send(), self._receive())
-        )
+        tasks = [asyncio.ensure_future(task) for task in (self._send(), self._receive())]
         try:
-            done, _ = await asyncio.wait((sending, receiving), return_when=asyncio.FIRST_COMPLETED)
+            done, _ = await asyncio.wait(tasks, return_when=asyncio.FIRST_COMPLETED)
             done.pop().result()
         finally:
-            for task in (sending, receiving, *self._answers):
+            for task in (*tasks, *self._actions):
                 task.cancel()
 
     async def _send(self) -> None:
         while True:
-            await self._tell()
+            await self._send_status()
+            listed = enumerate(self._source.chains.values())
+            shown = [(n, c) for n, c in listed if self.watched in (ALL, c.namespace)]
             if self._history_wanted:
                 self._history_wanted = False
-                await self._send_history()
-            shown = self._shown()
-            if self.on_the_way < _MOST_ON_THE_WAY * max(len(shown), 1):
-                for number, chain in shown:
-                    await self._show(number, chain)
-            if self.shows_camera and not self._camera_on_the_way and len(shown) == 1:
-                await self._show_camera(*shown[0])
+                for index, chain in shown:
+                    await self._socket.send_bytes(pack_history(index, chain.model.history))
+            if self.pending < _MOST_PENDING * max(len(shown), 1):
+                for index, chain in shown:
+                    await self._send_frame(index, chain)
+            if self.shows_camera and not self._camera_pending and len(shown) == 1:
+                await self._send_camera(*shown[0])
             await self._source.wait()
 
-    def _shown(self) -> list[tuple[int, ChainTopics]]:
-        """Return the watched chains with their numbers in the list."""
-        listed = enumerate(self._source.chains.values())
-        return [(n, c) for n, c in listed if self.watched in (ALL, c.namespace)]
-
-    async def _show(self, number: int, chain: ChainTopics) -> None:
+    async def _send_frame(self, index: int, chain: ChainTopics) -> None:
         now = time.monotonic()
         frames, sent_at = self._latest.get(chain.namespace, (-1, 0.0))
         if chain.model.frames == frames and now - sent_at < _HEARTBEAT:
@@ -168,54 +123,50 @@ class BrowserStream:
         self._latest[chain.namespace] = (chain.model.frames, now)
         first, last = self._window
         if self.watched == ALL:
-            few = chain.model.rotors <= _SMALL_ANGLES
+            few = chain.model.rotors <= _MOST_TILE_ANGLES
             first, last = (0, chain.model.rotors - 1 if few else MOST_ANGLES + 1)
-        self.on_the_way += 1
+        self.pending += 1
         self.sent += 1
-        await self._socket.send_bytes(self._source.picture(number, chain, first, last))
+        await self._socket.send_bytes(self._source.packed(index, chain, first, last))
 
-    async def _show_camera(self, number: int, chain: ChainTopics) -> None:
+    async def _send_camera(self, index: int, chain: ChainTopics) -> None:
         if chain.camera.pictures in (0, self._camera_latest):
             return
         self._camera_latest = chain.camera.pictures
-        self._camera_on_the_way = True
-        await self._socket.send_bytes(chain.camera.picture(number))
+        self._camera_pending = True
+        await self._socket.send_bytes(chain.camera.packed(index))
 
-    async def _send_history(self) -> None:
-        for number, chain in self._shown():
-            await self._socket.send_bytes(pack_history(number, chain.model.history))
-
-    async def _tell(self) -> None:
+    async def _send_status(self) -> None:
         """Send the status and the constants of chains if they have changed."""
         status, versions = self._source.status, self._source.versions
-        if versions != self._told[1]:
+        if versions != self._sent_status[1]:
             await self._socket.send_text(json.dumps(self._source.descriptions()))
-        if status != self._told[0]:
+        if status != self._sent_status[0]:
             await self._socket.send_text(status)
-        self._told = (status, versions)
+        self._sent_status = (status, versions)
 
     async def _receive(self) -> None:
         while True:
-            said = await self._socket.receive_text()
+            text = await self._socket.receive_text()
             try:
-                self._take(said)
+                self._process(text)
             except (ValueError, TypeError, ArithmeticError) as error:
-                await self._answer(f'refused: {error}', False)
+                await self._answer(f'rejected: {error}', False)
 
-    def _take(self, said: str) -> None:
-        if said == 'drawn':
-            self.on_the_way = max(self.on_the_way - 1, 0)
+    def _process(self, text: str) -> None:
+        if text == 'drawn':
+            self.pending = max(self.pending - 1, 0)
             return
-        if said == 'seen':
-            self._camera_on_the_way = False
+        if text == 'seen':
+            self._camera_pending = False
             return
-        message = load_json(said)
+        message = load_json(text)
         if not isinstance(message, dict):
-            raise ValueError('what a page says is an object')
+            raise ValueError('the message of the page must be a JSON object')
         if 'watch' in message:
             watched = message['watch']
             if watched != ALL and watched not in self._source.chains:
-                raise ValueError(f'chain {watched!r} is not there')
+                raise ValueError(f'no node publishes joint_states of the chain {watched!r}')
             if watched != self.watched:
                 self.watched, self._history_wanted = watched, True
                 self._camera_latest = 0
@@ -227,15 +178,15 @@ class BrowserStream:
             self._latest.clear()
         if 'act' in message:
             arguments = {k: v for k, v in message.items() if k != 'act'}
-            task = asyncio.ensure_future(self._carry_out(str(message['act']), arguments))
-            self._answers.add(task)
-            task.add_done_callback(self._answers.discard)
+            task = asyncio.ensure_future(self._act(str(message['act']), arguments))
+            self._actions.add(task)
+            task.add_done_callback(self._actions.discard)
 
-    async def _carry_out(self, name: str, arguments: Mapping[str, Any]) -> None:
+    async def _act(self, name: str, arguments: Mapping[str, Any]) -> None:
         try:
             await self._answer(await carry_out(self._source, name, arguments), True)
         except KeyError as error:
-            await self._answer(f'action {name!r} lacks {error}', False)
+            await self._answer(f'action {name!r} needs {error}', False)
         except (ValueError, TypeError, ArithmeticError) as error:
             await self._answer(str(error), False)
 

@@ -1,6 +1,4 @@
 # SPDX-License-Identifier: Apache-2.0
-"""One graph, one browser and one page for all tests of the page."""
-
 from __future__ import annotations
 
 import itertools
@@ -25,6 +23,7 @@ from std_srvs.srv import Trigger
 from soliton_linkage_msgs.srv import Reset
 from soliton_linkage_nodes.edge_actuator.node import EdgeActuator
 from soliton_linkage_nodes.live_view.node import LiveView
+from soliton_linkage_nodes.live_view.view import View
 from soliton_linkage_nodes.runtime import diagnostics, interfaces
 from soliton_linkage_nodes.simulator.node import Simulator
 from soliton_linkage_nodes.soliton_analyser.node import SolitonAnalyser
@@ -67,19 +66,19 @@ def browser() -> Iterator[Browser]:
 
 @pytest.fixture(scope='package')
 def fresh_nicegui(browser: Browser) -> Iterator[None]:
-    """Let a page begin though an earlier one has been served by this process."""
+    """Reset NiceGUI, which may have served an earlier page in this process."""
     from nicegui import Client
     from nicegui.testing.general import nicegui_reset_globals
 
     with nicegui_reset_globals():
         yield
-        # Else it has Python forget the modules of pages, which others have imported.
+        # Otherwise NiceGUI unloads the modules of pages, which other tests have imported.
         Client.page_routes.clear()
 
 
 @pytest.fixture(scope='package')
 def domains() -> Iterator[Callable[[], int]]:
-    """Domains that nobody else is on."""
+    """Return unused domains."""
     with ExitStack() as stack:
         yield lambda: stack.enter_context(domain_coordinator.domain_id(lambda: next(_domains)))
 
@@ -94,7 +93,7 @@ def stage(
 
 
 @pytest.fixture(scope='package')
-def view(stage: Stage) -> Any:
+def live_view(stage: Stage) -> LiveView:
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(diagnostics, '_PERIOD', 0.2)
         stage.start(Simulator, SIMULATED)
@@ -102,22 +101,27 @@ def view(stage: Stage) -> Any:
         for node in (EdgeActuator, SolitonSteering):
             stage.start(node, {'state_timeout': 5.0})
     for topic in (*COMMANDS, interfaces.LAST_KICK):
-        stage.listen(topic)
+        stage.subscribe(topic)
     folders = [str(stage.folder / 'bags'), str(BAGS)]
-    made = stage.start(LiveView, {'port': 0, 'bag_folders': folders, 'frame_rate': 10.0})
-    chain = made.finder.chains['/'].model
+    made: LiveView = stage.start(LiveView, {'port': 0, 'bag_folders': folders, 'frame_rate': 10.0})
+    chain = made.view.chains['/'].model
     until(lambda: chain.numbers.get('walls') == 1, 'the soliton')
-    commands = made.commands('/')
-    until(lambda: all(commands.listeners(t.name) == 2 for t in COMMANDS), 'who hears the page')
+    commands = made.view.commands('/')
+    until(lambda: all(commands.subscribers(t.name) == 2 for t in COMMANDS), 'the subscribers')
     return made
 
 
 @pytest.fixture(scope='package')
-def open_page(browser: Browser, view: Any) -> Iterator[Callable[..., Visit]]:
+def view(live_view: LiveView) -> View:
+    return live_view.view
+
+
+@pytest.fixture(scope='package')
+def open_page(browser: Browser, live_view: LiveView) -> Iterator[Callable[..., Visit]]:
     visits: list[Visit] = []
 
     def visit(address: str = '', **options: Any) -> Visit:
-        visits.append(Visit(browser, address or view.address, **options))
+        visits.append(Visit(browser, address or live_view.address, **options))
         return visits[-1]
 
     yield visit
@@ -138,18 +142,18 @@ def visit(
     monkeypatch: pytest.MonkeyPatch,
     request: pytest.FixtureRequest,
 ) -> Iterator[Visit]:
-    """The page of all tests, which shows all of its chain and says nothing in the console."""
-    # That of the programs which the page starts.
+    """Shared page, which shows its whole chain and logs nothing in the console."""
+    # For the programs that the page starts.
     monkeypatch.setenv('ROS_DOMAIN_ID', str(stage.domain))
     if request.session.stash.get(FAILED, False):
-        # A browser that hangs would fail all other tests.
+        # A browser that hangs would fail all further tests.
         request.session.stash[FAILED] = False
         browser.reopen()
         shared.open(browser)
     shared.page.bring_to_front()
     if shared.js('live.watched') != '/':
-        # What an earlier test left that failed.
-        shared.begin()
+        # An earlier test failed.
+        shared.load()
     shared.js('live.view.all()')
     yield shared
     console, shared.console = shared.console, []
@@ -157,12 +161,12 @@ def visit(
 
 
 @pytest.fixture
-def at_rest(view: Any, visit: Visit, stage: Stage) -> Visit:
-    """The same, with the chain at rest and its soliton in its place."""
+def at_rest(view: View, visit: Visit, stage: Stage) -> Visit:
+    """Shared page, with the chain and its soliton at rest."""
     visit.tab('Drive')
     stage.call('soliton_steering/release', Trigger, Trigger.Request())
     assert stage.call('simulator/reset', Reset, Reset.Request()).success
-    model, reports = view.finder.chains['/'].model, view.finder.reports
+    model, reports = view.chains['/'].model, view.finder.reports
     until(lambda: abs(model.numbers.get('rotor', math.nan) - PLACE) < 0.1, 'the reset')
     reports.pop('/soliton_steering', None)
     until(

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Nodes that run while a test drives a browser, the browser, and a chain that the test plays."""
+"""Nodes, a browser and simulated joints for the tests of the page."""
 
 from __future__ import annotations
 
@@ -40,7 +40,7 @@ SIMULATED = {
 
 
 def until(condition: Callable[[], Any], what: str) -> Any:
-    """Wait until a condition holds and return what it is then."""
+    """Wait until a condition is true and return its value."""
     deadline = time.monotonic() + LONGEST_WAIT
     while not (value := condition()):
         if time.monotonic() > deadline:
@@ -50,7 +50,7 @@ def until(condition: Callable[[], Any], what: str) -> Any:
 
 
 class Stage:
-    """Nodes on a domain of their own, spun by a thread while the test drives a browser."""
+    """Nodes on a separate domain, spun by a thread while the test controls a browser."""
 
     def __init__(self, domain: int, folder: Path) -> None:
         self.folder = folder
@@ -59,7 +59,7 @@ class Stage:
         rclpy.init(context=self.context, domain_id=domain)
         self.executor = EventsExecutor(context=self.context)
         self._nodes: list[Node] = []
-        self._heard: dict[str, list[Any]] = {}
+        self._received: dict[str, list[Any]] = {}
         self._stopping = threading.Event()
         self._thread = threading.Thread(target=self._spin)
         self._thread.start()
@@ -75,21 +75,21 @@ class Stage:
         self.executor.add_node(node)
         return node
 
-    def listen(self, topic: interfaces.Topic, namespace: str = '/') -> Any:
-        """Keep what is published on a topic for `hear`, and return the subscription."""
-        heard: list[Any] = []
-        self._heard[topic.name] = heard
+    def subscribe(self, topic: interfaces.Topic, namespace: str = '/') -> Any:
+        """Subscribe to a topic for `record`, and return the subscription."""
+        received: list[Any] = []
+        self._received[topic.name] = received
         name = f'{namespace}{topic.name}'
-        return self.user.create_subscription(topic.type, name, heard.append, topic.qos)
+        return self.user.create_subscription(topic.type, name, received.append, topic.qos)
 
-    def hear(self, topic: interfaces.Topic) -> list[Any]:
-        """Return a list to which every message of a topic is added from now on."""
-        heard = self._heard[topic.name]
-        heard.clear()
-        return heard
+    def record(self, topic: interfaces.Topic) -> list[Any]:
+        """Return a list to which every further message of a topic is added."""
+        received = self._received[topic.name]
+        received.clear()
+        return received
 
     def call(self, name: str, service_type: Any, request: Any) -> Any:
-        """Answer of a service."""
+        """Return the response of a service."""
         client = self.user.create_client(service_type, name)
         until(client.service_is_ready, name)
         answer = client.call_async(request)
@@ -98,16 +98,16 @@ class Stage:
         return answer.result()
 
     def end(self, timer: Timer, *others: Publisher | Service[Any, Any]) -> None:
-        """Destroy a timer, then what it uses, in turns of the executor.
+        """Destroy a timer, then the publishers and services that it uses, on the executor.
 
         A timer that is due when it is destroyed calls back once more.
         """
-        self._in_turn(lambda: self.user.destroy_timer(timer))
+        self._run_on_executor(lambda: self.user.destroy_timer(timer))
         destroy = (self.user.destroy_publisher, self.user.destroy_service)
-        self._in_turn(lambda: [any(act(each) for act in destroy) for each in others])
+        self._run_on_executor(lambda: [any(act(each) for act in destroy) for each in others])
 
     def close(self) -> None:
-        """End all of it."""
+        """Destroy all nodes."""
         self._stopping.set()
         self._thread.join()
         for node in reversed(self._nodes):
@@ -116,8 +116,8 @@ class Stage:
         self.executor.shutdown()
         rclpy.shutdown(context=self.context)
 
-    def _in_turn(self, act: Callable[[], object]) -> None:
-        until(self.executor.create_task(act).done, 'a turn of the executor')
+    def _run_on_executor(self, act: Callable[[], object]) -> None:
+        until(self.executor.create_task(act).done, 'the executor')
 
     def _spin(self) -> None:
         while not self._stopping.is_set():
@@ -125,7 +125,7 @@ class Stage:
 
 
 class Browser:
-    """A browser that is closed and opened anew where it hangs."""
+    """Browser that can be restarted after it hangs."""
 
     def __init__(self, launch: Callable[[], Any]) -> None:
         self._launch = launch
@@ -143,7 +143,7 @@ class Browser:
 
 
 class Visit:
-    """A person at a browser."""
+    """Page in a browser, with the actions of a user."""
 
     def __init__(self, browser: Browser, address: str, **options: Any) -> None:
         self.address = address
@@ -161,10 +161,10 @@ class Visit:
         self.page.on('console', lambda message: self.console.append(message.text))
         self.page.on('pageerror', lambda error: self.console.append(str(error)))
         self.page.on('request', self._check)
-        self.begin()
+        self.load()
 
-    def begin(self) -> None:
-        """Open the page anew."""
+    def load(self) -> None:
+        """Load the page."""
         self.page.goto(self.address)
         self.wait('window.live && live.drawn > 2 && live.status.chains.length')
 
@@ -187,35 +187,35 @@ class Visit:
         self.field(label).fill(str(value))
         self.field(label).press('Tab')
 
-    def shows(self, label: str, value: str) -> None:
-        """Wait until a field shows what the server has put there."""
+    def has_value(self, label: str, value: str) -> None:
+        """Wait until a field shows a value."""
         field = self.field(label)
         until(lambda: field.input_value() == value, f'{label} to be {value}')
 
     def choose(self, label: str, option: str) -> None:
         select = self.page.locator(f'label.q-select:visible:has-text("{label}")').first
         wanted = self.page.get_by_role('option', name=option, exact=True)
-        # A list closes where the page moves under it.
+        # A list closes if the page moves.
         until(lambda: select.click() or _appears(wanted), f'{option} in the list of {label}')
         wanted.click()
 
-    def panel_says(self, text: str) -> None:
-        """Wait until the controls that are open say something."""
+    def panel_has_text(self, text: str) -> None:
+        """Wait until the open panel contains a text."""
         self.page.locator('.q-tab-panel:visible', has_text=text).first.wait_for()
 
-    def says(self, name: str, text: str) -> None:
-        """Wait until an element has a text."""
+    def has_text(self, name: str, text: str) -> None:
+        """Wait until an element contains a text."""
         self.wait(f'document.getElementById("live-{name}").textContent.includes({text!r})')
 
-    def told(self, text: str) -> None:
-        """Wait until the page tells what became of something."""
+    def notifies(self, text: str) -> None:
+        """Wait until a notification contains a text."""
         self.page.locator('.q-notification', has_text=text).first.wait_for()
 
     def text(self, name: str) -> str:
         return self.page.locator(f'#live-{name}').inner_text()
 
-    def painted(self, name: str) -> int:
-        """How many colours a canvas has."""
+    def colours(self, name: str) -> int:
+        """Return the number of colours of a canvas."""
         plot = 'view' if name == 'chain' else f'plots.{name}'
         return self.js(
             """(() => {
@@ -232,19 +232,19 @@ class Visit:
         self.page.screenshot(path=PICTURES / f'{name}.png', full_page=True)
 
     def mass(self, rotor: int) -> tuple[float, float]:
-        """Pixels of the mass of a rotor."""
+        """Return the pixels of the mass of a rotor."""
         box = self.page.locator('#live-chain').bounding_box()
-        _, x, y, _ = self.js(f'live.view.places()[{rotor}]')
+        _, x, y, _ = self.js(f'live.view.masses()[{rotor}]')
         return box['x'] + x, box['y'] + y
 
     def resize(self, width: int, height: int) -> None:
-        """Give the window another size, and wait until all is drawn for that."""
+        """Resize the window, and wait until the page is drawn in that size."""
         self.page.set_viewport_size({'width': width, 'height': height})
         before = self.js('live.drawn')
         self.wait(f'live.drawn > {before + 4}')
 
     def place(self, rotor: float) -> tuple[float, float]:
-        """Pixels of a place on the chain, well away from all masses."""
+        """Return pixels at a site of the chain, away from all masses."""
         box = self.page.locator('#live-chain').bounding_box()
         share = self.js(f'({rotor} - live.view.first) / (live.view.last - live.view.first)')
         return box['x'] + share * box['width'], box['y'] + box['height'] - 30
@@ -254,7 +254,7 @@ class Visit:
 
     def _check(self, request: Any) -> None:
         if '127.0.0.1' not in request.url and not request.url.startswith(('data:', 'blob:')):
-            self.console.append(f'asked {request.url}')
+            self.console.append(f'requested {request.url}')
 
 
 def _appears(element: Any) -> bool:
@@ -268,7 +268,7 @@ def _appears(element: Any) -> bool:
 
 
 class Rig:
-    """Joints of a chain that the test publishes, in a namespace of their own."""
+    """Publisher of joint_states in a namespace."""
 
     def __init__(self, stage: Stage, namespace: str) -> None:
         self.user = stage.user
@@ -282,11 +282,11 @@ class Rig:
         self._timer = self.user.create_timer(0.1, self._publish)
 
     def go(self, rotors: int) -> None:
-        """Publish so many again and again."""
+        """Publish so many rotors periodically."""
         self._rotors = rotors
 
     def stop(self) -> None:
-        """Publish no more."""
+        """Stop publishing."""
         self._rotors = 0
 
     def close(self) -> None:

@@ -1,41 +1,38 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Recording, and playing what was recorded, by the page."""
-
 from __future__ import annotations
-
-from typing import Any
 
 from live_stage import Visit, until
 
 from soliton_linkage_nodes.bags.read.reading import open_bag, read_topic
+from soliton_linkage_nodes.live_view.view import View
 from soliton_linkage_nodes.runtime.stamps import SECOND
 
 
-def test_a_recording_is_made_split_and_finished(visit: Visit, view: Any) -> None:
+def test_a_bag_is_recorded_split_and_finished(visit: Visit, view: View) -> None:
     visit.tab('Bags')
     visit.click('record')
     until(lambda: view.recording.report, 'the recorder')
-    visit.says('health', '● recorder: recording')
+    visit.has_text('health', '● recorder: recording')
     until(lambda: int(view.recording.report.figures['messages']) > 20, 'messages')
     for name, done in (
         ('pause', 'paused'),
-        ('resume', 'going on'),
-        ('split', 'a new file is begun'),
+        ('resume', 'resumed'),
+        ('split', 'started a new file'),
     ):
         visit.page.locator(f'#live-record-{name}:enabled').click()
-        visit.told(done)
+        visit.notifies(done)
     visit.click('record-snapshot')
-    visit.told('snapshot_duration of bag_recorder = 0')
+    visit.notifies('snapshot_duration of bag_recorder = 0')
     visit.shot('recording')
     visit.click('record-stop')
-    visit.told('the bag is finished')
+    visit.notifies('the bag is complete')
     (bag,) = [bag for bag in view.catalogue.bags() if bag.name.startswith('recording_')]
     assert bag.lost == 0
     assert bag.topics['/joint_states'] > 10
     assert len(list(bag.path.glob('*.mcap*'))) == 2
 
 
-def test_a_snapshot_keeps_the_last_seconds(visit: Visit, view: Any) -> None:
+def test_a_snapshot_keeps_the_last_seconds(visit: Visit, view: View) -> None:
     visit.tab('Bags')
     before = {bag.path for bag in view.catalogue.bags()}
     visit.fill('only keep the last', 2)
@@ -46,14 +43,16 @@ def test_a_snapshot_keeps_the_last_seconds(visit: Visit, view: Any) -> None:
     visit.click('record-stop')
     until(lambda: {bag.path for bag in view.catalogue.bags()} - before, 'the finished bag')
     (path,) = {bag.path for bag in view.catalogue.bags()} - before
-    # What is latched is kept from before.
+    # Latched messages are older.
     with open_bag(path) as reader:
         stamps = [stamp for stamp, _ in read_topic(reader, 'joint_states')]
     assert 0 < max(stamps) - min(stamps) <= 2 * SECOND
     visit.fill('only keep the last', 0)
 
 
-def test_a_bag_is_played_beside_the_chain_and_sought(visit: Visit, view: Any) -> None:
+def test_a_bag_is_played_beside_the_chain_with_seek_rate_and_loop(
+    visit: Visit, view: View
+) -> None:
     visit.tab('Bags')
     visit.click('bags-look')
     bag = visit.page.locator('.live-bag:has-text("flipper_0")')
@@ -64,8 +63,8 @@ def test_a_bag_is_played_beside_the_chain_and_sought(visit: Visit, view: Any) ->
     visit.wait(
         '!document.getElementById("live-time-figure").hidden && live.time.track.length > 50'
     )
-    visit.says('health', 'replay of flipper_0')
-    assert 'of flipper_0' in visit.text('time-note')
+    visit.has_text('health', 'replay of flipper_0')
+    assert 'flipper_0' in visit.text('time-note')
     visit.shot('replay')
     visit.click('replay-pause')
     until(lambda: view.replay.paused, 'the pause')
@@ -76,20 +75,22 @@ def test_a_bag_is_played_beside_the_chain_and_sought(visit: Visit, view: Any) ->
     until(lambda: view.replay.position > 0.85 * whole, 'the end of the bag')
     visit.page.focus('#live-time')
     visit.page.keyboard.press('PageDown')
-    until(lambda: view.replay.position < 0.8 * whole, 'an earlier place')
-    visit.choose('rate', '10 ×')
+    until(lambda: view.replay.position < 0.8 * whole, 'an earlier time')
+    visit.choose('speed', '10 ×')
     until(lambda: view.replay.rate == 10.0, 'the rate')
-    until(lambda: view.replay.ended, 'the end of it')
-    visit.says('stale', 'the replay is at its end')
+    until(lambda: not view.replay.running, 'the end')
+    visit.has_text('stale', 'end of the replay')
     visit.click('replay-loop')
     until(lambda: view.replay.loop, 'the loop')
     visit.click('replay-play')
-    until(lambda: not view.replay.ended and view.replay.position < 0.3 * whole, 'the beginning')
+    until(
+        lambda: view.replay.running and (view.replay.position or 0) < 0.3 * whole, 'the beginning'
+    )
     until(lambda: view.replay.position > 0.7 * whole, 'the end')
     until(lambda: view.replay.position < 0.3 * whole, 'the beginning again')
-    assert not view.replay.ended
+    assert view.replay.running
     visit.tab('Drive')
-    visit.panel_says('this is a replay')
+    visit.panel_has_text('this chain is a replay')
     visit.tab('Bags')
     visit.click('replay-loop')
     visit.click('replay-end')

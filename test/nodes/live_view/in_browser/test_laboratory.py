@@ -1,6 +1,4 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The camera at a chain and the identifier of chains, which the test plays."""
-
 from __future__ import annotations
 
 import array
@@ -26,7 +24,7 @@ PIXEL = """([x, y]) => {
 
 
 class Camera:
-    """A camera that takes pictures of a red and a blue half, while somebody looks."""
+    """Publisher of a picture with a red and a blue half, while it has a subscriber."""
 
     def __init__(self, stage: Stage) -> None:
         topic = interfaces.CAMERA_OVERLAY
@@ -60,52 +58,50 @@ def camera(visit: Visit, stage: Stage) -> Iterator[Camera]:
     made.close()
 
 
-def test_a_chain_without_a_camera_says_so(visit: Visit) -> None:
-    visit.says('camera-figure', 'nothing publishes camera_overlay: start camera_encoders')
+def test_a_chain_without_a_camera_shows_the_reason(visit: Visit) -> None:
+    visit.has_text('camera-figure', 'no node publishes camera_overlay; start camera_encoders')
     assert 'absent' in visit.page.locator('#live-camera-figure').get_attribute('class')
     assert not visit.page.locator('#live-camera').is_visible()
 
 
-def test_the_pictures_of_the_camera_are_shown_while_its_panel_is(
-    visit: Visit, camera: Camera
-) -> None:
-    visit.says('camera-figure', '320 × 180, ')
+def test_camera_pictures_are_shown_while_the_panel_is_open(visit: Visit, camera: Camera) -> None:
+    visit.has_text('camera-figure', '320 × 180, ')
     for place, colour in (((40, 90), RED), ((280, 90), BLUE)):
         assert visit.page.evaluate(PIXEL, place) == pytest.approx(colour, abs=12)
     visit.shot('camera')
     box = visit.page.locator('#live-camera-figure summary')
     box.click()
-    until(lambda: camera.publisher.get_subscription_count() == 0, 'nobody to look')
+    until(lambda: camera.publisher.get_subscription_count() == 0, 'the end of the subscription')
     box.click()
-    until(camera.publisher.get_subscription_count, 'somebody to look')
+    until(camera.publisher.get_subscription_count, 'the subscription')
     visit.wait('live.camera.count > 1')
     camera.data = b''
-    visit.says('camera-figure', 'no picture since 1.')
+    visit.has_text('camera-figure', 'no picture for ')
     assert 'stopped' in visit.page.locator('#live-camera-figure').get_attribute('class')
     visit.shot('camera_stopped')
     camera.data = b'no picture'
-    visit.says('camera-figure', "10 bytes of format 'jpeg' are no JPEG")
+    visit.has_text('camera-figure', "10 bytes of format 'jpeg' are no JPEG")
     camera.data = b'\xff\xd8\xff and so on'
-    visit.says('camera-figure', 'the picture cannot be read')
+    visit.has_text('camera-figure', 'the browser cannot decode the picture')
     camera.data = picture()
-    visit.wait('!live.camera.complaint && live.camera.count > 1')
+    visit.wait('!live.camera.error && live.camera.count > 1')
     visit.wait('!document.getElementById("live-camera-figure").classList.contains("stopped")')
 
 
 class Identifier:
-    """What a chain identifier serves and reports."""
+    """Services and reports of a chain identifier."""
 
     def __init__(self, stage: Stage) -> None:
         topic = interfaces.DIAGNOSTICS
         self._stage = stage
         self._user = stage.user
-        self.asked: list[str] = []
+        self.requested: list[str] = []
         self._reports = self._user.create_publisher(topic.type, topic.name, topic.qos)
         self._services = [
             self._user.create_service(
                 Trigger,
                 f'chain_identifier/{name}',
-                lambda _, answer, n=name: self._heed(n, answer),
+                lambda _, answer, n=name: self._respond(n, answer),
             )
             for name in ('identify', 'save', 'forget')
         ]
@@ -113,16 +109,16 @@ class Identifier:
         self._message = 'waiting for a soliton to pass'
         self._timer = self._user.create_timer(0.2, self._report)
 
-    def tell(self, message: str, **figures: str) -> None:
+    def set_report(self, message: str, **figures: str) -> None:
         self._message = message
         self._figures = {name.replace('_', ' '): value for name, value in figures.items()}
 
     def close(self) -> None:
         self._stage.end(self._timer, self._reports, *self._services)
 
-    def _heed(self, name: str, answer: Trigger.Response) -> Trigger.Response:
-        self.asked.append(name)
-        answer.success, answer.message = name != 'forget', f'{name} heard'
+    def _respond(self, name: str, answer: Trigger.Response) -> Trigger.Response:
+        self.requested.append(name)
+        answer.success, answer.message = name != 'forget', f'{name} received'
         return answer
 
     def _report(self) -> None:
@@ -136,29 +132,29 @@ class Identifier:
         self._reports.publish(DiagnosticArray(status=[status]))
 
 
-def test_the_chain_is_identified_and_saved_by_buttons(visit: Visit, stage: Stage) -> None:
+def test_the_buttons_identify_and_save_the_chain(visit: Visit, stage: Stage) -> None:
     visit.tab('Identify')
-    visit.panel_says('nothing serves identify: start chain_identifier')
+    visit.panel_has_text('no node serves identify: start chain_identifier')
     assert visit.page.locator('#live-identifier-identify').is_disabled()
     identifier = Identifier(stage)
     visit.page.locator('#live-identifier-identify:enabled').click()
-    visit.told('identify heard')
-    identifier.tell('waiting', frames='900', identifying='True')
-    visit.says('identified', '900 frames, identifying for ')
+    visit.notifies('identify received')
+    identifier.set_report('waiting', frames='900', identifying='True')
+    visit.has_text('identified', '900 frames, identifying for ')
     assert visit.page.locator('#live-identifying').is_visible()
     found = {'noise [rad]': '0.0101', 'tolerance': '0.05', 'worst_bonds': '3, 7, 1'}
-    identifier.tell('a flipper of 12 rotors; bond 7 will stop a wall', frames='950', **found)
-    visit.says('identified', 'a flipper of 12 rotors\nbond 7 will stop a wall')
-    visit.says('identified', 'worst bonds: 3, 7, 1')
-    visit.says('identified', 'noise of the angles: 0.01 rad')
-    visit.says('identified', 'lengths of one kind differ by 5 %')
+    identifier.set_report('a flipper of 12 rotors; bond 7 will stop a wall', frames='950', **found)
+    visit.has_text('identified', 'a flipper of 12 rotors\nbond 7 will stop a wall')
+    visit.has_text('identified', 'least accurate springs or bars: 3, 7, 1')
+    visit.has_text('identified', 'noise of the angles: 0.01 rad')
+    visit.has_text('identified', 'standard deviation of lengths of one kind: 5 %')
     visit.page.locator('#live-identifying').wait_for(state='hidden')
     visit.shot('identified')
     visit.click('identifier-save')
-    visit.told('save heard')
+    visit.notifies('save received')
     visit.click('identifier-forget')
-    visit.told('forget heard')
-    assert identifier.asked == ['identify', 'save', 'forget']
+    visit.notifies('forget received')
+    assert identifier.requested == ['identify', 'save', 'forget']
     identifier.close()
-    visit.panel_says('nothing serves identify: start chain_identifier')
+    visit.panel_has_text('no node serves identify: start chain_identifier')
     visit.tab('Drive')

@@ -1,17 +1,14 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Moves of the soliton that the page asks for, and those that it only shows."""
-
 from __future__ import annotations
-
-from typing import Any
 
 from live_stage import Stage, Visit, until
 from rclpy.action import ActionClient
 
 from soliton_linkage_msgs.action import MoveSoliton
+from soliton_linkage_nodes.live_view.view import View
 
 
-def test_a_click_carries_the_soliton_there_and_it_is_let_go(at_rest: Visit, view: Any) -> None:
+def test_a_click_moves_the_soliton_and_release_ends_the_hold(at_rest: Visit, view: View) -> None:
     visit = at_rest
     visit.page.mouse.click(*visit.place(7.0))
     visit.page.locator('#live-move progress').wait_for()
@@ -22,18 +19,18 @@ def test_a_click_carries_the_soliton_there_and_it_is_let_go(at_rest: Visit, view
     energies = visit.js('live.track(0).energies.map((s) => s.filter(Number.isFinite).length)')
     assert min(energies) > 10
     move = view.commands('/').move
-    # On a busy machine it may have ended before the page is there again.
+    # The move may end before the page is loaded again.
     shown = 'document.getElementById("live-move").textContent'
     visit.wait(f'{shown}.includes("rotor 7.0") || {shown}.includes("reached")')
     until(lambda: not move.under_way, 'the end of the move')
     assert move.state == 'reached'
-    visit.says('move', 'reached')
+    visit.has_text('move', 'reached')
     visit.click('release')
-    visit.told('let go')
+    visit.notifies('let go')
 
 
-def test_a_move_is_cancelled_and_one_out_of_the_chain_is_told_in_words(
-    at_rest: Visit, view: Any
+def test_a_move_is_cancelled_and_a_goal_outside_the_chain_is_rejected(
+    at_rest: Visit, view: View
 ) -> None:
     visit = at_rest
     visit.page.focus('#live-chain')
@@ -43,28 +40,28 @@ def test_a_move_is_cancelled_and_one_out_of_the_chain_is_told_in_words(
     until(lambda: view.commands('/').move.under_way, 'the move')
     visit.click('cancel')
     until(lambda: view.commands('/').move.state == 'cancelled', 'the cancellation')
-    visit.says('move', 'cancelled')
+    visit.has_text('move', 'cancelled')
     visit.fill('to rotor', 40)
     visit.click('carry')
-    visit.says('move', 'out of the chain')
+    visit.has_text('move', 'out of the chain')
     visit.click('release')
     visit.page.focus('#live-chain')
     visit.page.keyboard.press('Escape')
 
 
-def test_a_move_that_was_asked_for_elsewhere_is_shown_and_cancelled(
-    at_rest: Visit, view: Any, stage: Stage
+def test_a_move_of_another_client_is_shown_and_cancelled(
+    at_rest: Visit, view: View, stage: Stage
 ) -> None:
     visit = at_rest
     client = ActionClient(stage.user, MoveSoliton, 'move_soliton')
     until(client.server_is_ready, 'the steering')
     goal = MoveSoliton.Goal(rotor=9.0, speed=0.5)
     sent = client.send_goal_async(goal)
-    visit.says('move', 'carrying to rotor 9.00, as asked for elsewhere')
+    visit.has_text('move', 'moving the soliton to rotor 9.00, requested by another program')
     visit.wait('live.shown.goal === 9')
     visit.wait('document.querySelector("#live-move progress").value > 0.05')
     visit.click('cancel')
-    visit.says('move', 'stopped: ')
+    visit.has_text('move', 'stopped: ')
     until(sent.done, 'the answer')
     ended = sent.result().get_result_async()
     until(ended.done, 'the result')

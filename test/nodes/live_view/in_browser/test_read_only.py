@@ -1,6 +1,4 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A page for others: who is let in, and that they can change nothing."""
-
 from __future__ import annotations
 
 import os
@@ -24,7 +22,7 @@ PARAMETERS = ('host:=0.0.0.0', 'port:=0', 'read_only:=true', f'bag_folders:=[{BA
 
 
 class Served:
-    """The page as a process."""
+    """Page in a process of its own."""
 
     def __init__(self, domain: int, log: Path) -> None:
         self._log = log
@@ -39,13 +37,13 @@ class Served:
             )
 
     @property
-    def said(self) -> str:
+    def output(self) -> str:
         return self._log.read_text()
 
     @property
     def address(self) -> str:
-        """Of the page as this machine reaches it."""
-        found = until(lambda: re.search(r'open http://.*:(\d+)/(.*)', self.said), 'the address')
+        """Return the address by which this machine reaches the page."""
+        found = until(lambda: re.search(r'open http://.*:(\d+)/(.*)', self.output), 'the address')
         return f'http://127.0.0.1:{found[1]}/{found[2]}'
 
 
@@ -60,39 +58,39 @@ def served(domain: int, tmp_path_factory: pytest.TempPathFactory) -> Iterator[Se
     yield made
     made.process.send_signal(signal.SIGINT)
     try:
-        assert made.process.wait(20) == 0
+        assert made.process.wait(60) == 0
     finally:
         made.process.kill()
-    assert 'Traceback' not in made.said
+    assert 'Traceback' not in made.output
 
 
-def ask(address: str, **headers: str) -> tuple[int, str]:
-    request = urllib.request.Request(address, headers=headers)
+def request(address: str, **headers: str) -> tuple[int, str]:
+    wanted = urllib.request.Request(address, headers=headers)
     opener = urllib.request.build_opener(urllib.request.HTTPCookieProcessor())
     try:
-        with opener.open(request, timeout=30) as answer:
+        with opener.open(wanted, timeout=60) as answer:
             return int(answer.status), answer.read().decode()
     except urllib.error.HTTPError as error:
         return error.code, error.read().decode()
 
 
-def test_a_host_that_others_reach_needs_the_token_that_it_prints(served: Served) -> None:
+def test_a_page_for_other_machines_requires_the_printed_token(served: Served) -> None:
     here, _, token = served.address.partition('?token=')
     assert len(token) >= 32
-    status, page = ask(f'{here}?token={token}')
+    status, page = request(f'{here}?token={token}')
     assert status == 200
-    assert 'Soliton, live' in page
+    assert 'Soliton chain, live' in page
     for path in ('', 'live/live.js', f'?token={token[:-1]}', '_nicegui_ws/socket.io/?EIO=4'):
-        status, said = ask(f'{here}{path}')
+        status, reason = request(f'{here}{path}')
         assert status == 403, path
-        assert 'the token is missing or wrong' in said
-    status, said = ask(f'{here}?token={token}', Origin='http://evil.example')
+        assert 'the token is missing or wrong' in reason
+    status, reason = request(f'{here}?token={token}', Origin='http://evil.example')
     assert status == 403
-    assert 'is not this page' in said
-    assert served.said.count(token) == 1
+    assert 'is not this page' in reason
+    assert served.output.count(token) == 1
 
 
-def test_a_page_that_is_read_only_shows_and_changes_nothing(
+def test_a_read_only_page_sends_no_commands(
     served: Served, browser: Browser, domain: int, tmp_path: Path
 ) -> None:
     stage = Stage(domain, tmp_path)
@@ -104,7 +102,7 @@ def test_a_page_that_is_read_only_shows_and_changes_nothing(
     assert visit.page.locator('.live-badge').inner_text() == 'read-only'
     for tab in ('Drive', 'Run', 'Bags'):
         visit.tab(tab)
-        visit.panel_says('this page is read-only')
+        visit.panel_has_text('this page is read-only')
         buttons = visit.page.locator('.q-tab-panel:visible fieldset button')
         assert buttons.count() > 2
         assert all(button.is_disabled() for button in buttons.all())
@@ -119,8 +117,8 @@ def test_a_page_that_is_read_only_shows_and_changes_nothing(
     )
     for number, act in enumerate(acts, 1):
         visit.js(f'live.act({act})')
-        visit.wait(f'live.said.length === {number}')
-    assert all('read-only' in said for said in visit.js('live.said'))
+        visit.wait(f'live.answers.length === {number}')
+    assert all('read-only' in answer for answer in visit.js('live.answers'))
     for topic in ('/nudge', '/edge_command', '/tilt'):
         assert not stage.user.count_publishers(topic)
     visit.close()

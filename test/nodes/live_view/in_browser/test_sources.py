@@ -1,6 +1,4 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Other sources than the simulator of the suite, and several of them."""
-
 from __future__ import annotations
 
 from collections.abc import Iterator
@@ -11,6 +9,8 @@ from live_stage import Rig, Stage, Visit, until
 
 from soliton_linkage.linkage.chain import Chain
 from soliton_linkage_nodes.edge_actuator.node import EdgeActuator
+from soliton_linkage_nodes.live_view.node import LiveView
+from soliton_linkage_nodes.live_view.view import View
 from soliton_linkage_nodes.messages.conversions import (
     NamedChain,
     chain_to_msg,
@@ -21,34 +21,34 @@ from soliton_linkage_nodes.runtime.stamps import time_to_msg
 
 
 @pytest.fixture(scope='module')
-def rig(stage: Stage, view: Any) -> Iterator[Rig]:
-    """Joints without a chain, which do not move and stop when they are told to."""
+def rig(stage: Stage, view: View) -> Iterator[Rig]:
+    """Joints without the topic chain."""
     made = Rig(stage, '/rig/')
     made.go(6)
-    until(lambda: '/rig/' in view.finder.chains, 'the chain to be found')
+    until(lambda: '/rig/' in view.chains, 'the chain to be found')
     yield made
     made.close()
 
 
-def test_a_source_that_stops_comes_back_and_changes_its_rotors(
-    visit: Visit, view: Any, rig: Rig
+def test_a_source_stops_and_returns_with_another_number_of_rotors(
+    visit: Visit, view: View, rig: Rig
 ) -> None:
     visit.choose('chain', 'rig')
     visit.wait('live.watched === "/rig/" && live.shown && live.shown.rotors === 6')
-    assert 'no chain' in visit.js('live.view.note()')
+    assert 'no topic chain' in visit.js('live.view.note()')
     rig.stop()
     visit.wait(
-        '/^no joint_states since [1-9]/.test(document.getElementById("live-stale").textContent)'
+        '/^no joint_states for [1-9]/.test(document.getElementById("live-stale").textContent)'
     )
     stale = visit.page.locator('#live-stale')
     assert stale.evaluate('e => getComputedStyle(e).backgroundColor') == 'rgb(176, 0, 32)'
     assert 'paused' not in (stale.get_attribute('class') or '')
     visit.shot('stopped')
     visit.tab('Run')
-    visit.panel_says('only a simulator does that')
+    visit.panel_has_text('only a simulator can do this')
     assert visit.page.locator('#live-pause').is_disabled()
     visit.tab('Drive')
-    visit.panel_says('nothing subscribes to nudge')
+    visit.panel_has_text('no node subscribes to nudge')
     rig.go(9)
     visit.wait('live.shown.rotors === 9')
     visit.wait('document.getElementById("live-stale").hidden')
@@ -60,7 +60,7 @@ def test_a_source_that_stops_comes_back_and_changes_its_rotors(
     visit.wait('live.watched === "/" && live.shown.rotors === 12')
 
 
-def test_encoders_with_a_chain_and_an_actuator_are_driven_as_a_simulator_is(
+def test_encoders_with_an_actuator_are_driven_like_a_simulator(
     visit: Visit, rig: Rig, stage: Stage
 ) -> None:
     named = NamedChain(Chain(number_of_rotors=9), default_joint_names(9))
@@ -68,23 +68,23 @@ def test_encoders_with_a_chain_and_an_actuator_are_driven_as_a_simulator_is(
     publisher = stage.user.create_publisher(topic.type, '/rig/chain', topic.qos)
     publisher.publish(chain_to_msg(named, time_to_msg(0)))
     stage.start(EdgeActuator, namespace='rig')
-    listening = stage.listen(interfaces.ROTOR_IMPULSES, '/rig/')
-    heard = stage.hear(interfaces.ROTOR_IMPULSES)
+    subscription = stage.subscribe(interfaces.ROTOR_IMPULSES, '/rig/')
+    received = stage.record(interfaces.ROTOR_IMPULSES)
     rig.go(9)
     visit.choose('chain', 'rig')
     visit.wait('live.watched === "/rig/" && live.shown.extensions.length === 8')
-    assert 'no chain' not in visit.js('live.view.note()')
+    assert 'no topic chain' not in visit.js('live.view.note()')
     visit.tab('Run')
-    visit.panel_says('only a simulator does that')
+    visit.panel_has_text('only a simulator can do this')
     visit.tab('Drive')
     nudge = visit.page.locator('#live-nudge:enabled')
-    until(lambda: nudge.click() or heard, 'the impulses')
-    stage.user.destroy_subscription(listening)
+    until(lambda: nudge.click() or received, 'the impulses')
+    stage.user.destroy_subscription(subscription)
     visit.choose('chain', 'chain')
     visit.wait('live.watched === "/" && live.shown.rotors === 12')
 
 
-def test_a_page_that_looks_elsewhere_in_the_middle_of_a_picture_gets_the_next(
+def test_a_page_that_changes_the_chain_while_a_frame_is_pending_continues(
     visit: Visit, rig: Rig
 ) -> None:
     for name in ('*', '/rig/', '*', '/', '*', '/'):
@@ -98,11 +98,11 @@ def test_a_page_that_looks_elsewhere_in_the_middle_of_a_picture_gets_the_next(
     visit.wait(f'live.drawn > {before + 5}')
 
 
-def test_a_source_that_goes_before_it_was_heard_is_not_a_chain(view: Any, stage: Stage) -> None:
+def test_a_source_without_messages_is_dropped_when_it_ends(view: View, stage: Stage) -> None:
     ghost = Rig(stage, '/ghost/')
-    until(lambda: '/ghost/' in view.finder.chains, 'the chain to be found')
+    until(lambda: '/ghost/' in view.chains, 'the chain to be found')
     ghost.close()
-    until(lambda: '/ghost/' not in view.finder.chains, 'it to be forgotten')
+    until(lambda: '/ghost/' not in view.chains, 'the chain to be dropped')
 
 
 def test_ten_thousand_rotors_are_shown_in_groups(visit: Visit, stage: Stage) -> None:
@@ -111,7 +111,7 @@ def test_ten_thousand_rotors_are_shown_in_groups(visit: Visit, stage: Stage) -> 
     visit.choose('chain', 'long')
     visit.wait('live.shown.rotors === 10000 && live.shown.overview.length === 2048')
     visit.shot('ten_thousand')
-    assert visit.painted('chain') > 3
+    assert visit.colours('chain') > 3
     visit.js('live.view.move(5000, 5050)')
     visit.wait('live.shown.angles.length > 40 && live.shown.angles.length < 70')
     rig.close()
@@ -119,7 +119,9 @@ def test_ten_thousand_rotors_are_shown_in_groups(visit: Visit, stage: Stage) -> 
     visit.wait('live.shown.rotors === 12')
 
 
-def test_what_nodes_report_cannot_end_the_page(visit: Visit, view: Any, stage: Stage) -> None:
+def test_invalid_reports_do_not_end_the_page(
+    visit: Visit, view: View, live_view: LiveView, stage: Stage
+) -> None:
     topic = interfaces.DIAGNOSTICS
     publisher = stage.user.create_publisher(topic.type, topic.name, topic.qos)
     figures = ('moves begun', 'move to rotor', 'lost messages', 'gravity [m/s^2]', 'tilt [rad]')
@@ -133,7 +135,7 @@ def test_what_nodes_report_cannot_end_the_page(visit: Visit, view: Any, stage: S
     )
     before = visit.js('live.drawn')
     visit.wait(f'live.drawn > {before + 5}')
-    assert view.failure is None
+    assert live_view.server.failure is None
     stage.user.destroy_publisher(publisher)
 
 

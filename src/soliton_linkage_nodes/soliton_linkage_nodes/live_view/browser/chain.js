@@ -1,28 +1,25 @@
 // SPDX-License-Identifier: Apache-2.0
-// The chain to scale, and what is done to it with the mouse, a finger or the keys.
+// The chain to scale, and its control by mouse, finger or keys.
 
 import { Canvas, finite, leanColour, scaled, theme, ticks } from './drawing.js';
+import { solitonsOf } from './frames.js';
 
-const NEAR = 22; // pixels within which an edge rotor is grabbed
-const STILL = 5; // pixels that a click may move
+const NEAR = 22; // distance [pixels] within which an edge rotor is grabbed
+const STILL = 5; // distance [pixels] that a click may move
 
 export class ChainView {
-  // act(name, arguments) sends an action; window(first, last) asks for rotors of a part.
-  constructor(element, { act, window: ask, strength }) {
+  // act(name, arguments) sends an action; window(first, last) requests a range of rotors.
+  constructor(element, { act, window: requestWindow, nudgeSpeed }) {
     this.canvas = new Canvas(element);
-    this.act = act;
-    this.ask = ask;
-    this.strength = strength;
+    Object.assign(this, { act, requestWindow, nudgeSpeed });
     this.first = 0;
     this.last = NaN;
-    this.mark = NaN; // rotor that the keys have chosen
+    this.mark = NaN; // rotor that the keys selected
     this.pull = null; // drag of an edge rotor
-    this.stretch = 1e-9; // extension at the ends of the colours
+    this.stretch = 1e-9; // extension at the ends of the colours [m]
     this.pointers = new Map();
     this.listen(element);
   }
-
-  get rotors() { return this.frame ? this.frame.rotors : 0; }
 
   show(frame, chain) {
     const margin = Math.max(0.9, (chain.rotor_length || 0.5) / (chain.spacing || 1) + 0.5);
@@ -37,84 +34,74 @@ export class ChainView {
   all() {
     this.first = -this.margin;
     this.last = this.known - 1 + this.margin;
-    this.tell();
+    this.sendWindow();
   }
 
-  tell() {
-    this.ask(Math.floor(this.first) - 2, Math.ceil(this.last) + 2);
-  }
+  sendWindow() { this.requestWindow(Math.floor(this.first) - 2, Math.ceil(this.last) + 2); }
 
   zoom(factor, at) {
     const centre = Number.isFinite(at) ? at : (this.first + this.last) / 2;
     const span = this.last - this.first;
     const wanted = Math.max(3, Math.min(this.known - 1 + 2 * this.margin, span * factor));
-    const share = (centre - this.first) / span;
-    this.move(centre - share * wanted, centre + (1 - share) * wanted);
+    const before = (centre - this.first) / span;
+    this.move(centre - before * wanted, centre + (1 - before) * wanted);
   }
 
   move(first, last) {
     const span = last - first;
     this.first = Math.max(-this.margin, Math.min(first, this.known - 1 + this.margin - span));
     this.last = this.first + span;
-    this.tell();
+    this.sendWindow();
   }
 
-  // Pixels to metres along the chain and back.
-  scale() {
-    const { chain, canvas } = this;
-    const spacing = chain.spacing || 1;
-    const perMetre = canvas.width / ((this.last - this.first) * spacing);
-    return { perMetre, spacing, middle: canvas.height / 2 - 8 };
-  }
+  get spacing() { return this.chain.spacing || 1; }
 
-  rotorAt(x) {
-    return this.first + (x / this.canvas.width) * (this.last - this.first);
-  }
+  get perMetre() { return this.canvas.width / ((this.last - this.first) * this.spacing); }
+
+  get middle() { return this.canvas.height / 2 - 8; }
+
+  rotorAt(x) { return this.first + (x / this.canvas.width) * (this.last - this.first); }
+
+  toX(rotor) { return ((rotor - this.first) / (this.last - this.first)) * this.canvas.width; }
 
   pivot(n) {
     const { pivots } = this.chain;
-    return pivots && pivots.length ? pivots[Math.max(0, Math.min(n, pivots.length - 1))]
-      : n * (this.chain.spacing || 1);
+    return pivots && pivots.length ? pivots[Math.max(0, Math.min(n, pivots.length - 1))] : n * this.spacing;
   }
 
-  // Pixels of pivots and masses of the rotors that came with the frame.
-  places() {
-    const { frame, chain } = this;
-    const { perMetre, spacing, middle } = this.scale();
-    const points = [];
+  // Returns [x of the pivot, x and y of the mass, length] of each rotor of the frame, in pixels.
+  masses() {
+    const { frame, chain, perMetre, middle } = this;
     const lengths = chain.rotor_lengths && chain.rotor_lengths.length ? chain.rotor_lengths : null;
-    for (let i = 0; i < frame.angles.length; i += 1) {
+    return Array.from(frame.angles, (angle, i) => {
       const n = frame.first + i;
-      const length = lengths ? lengths[n] : chain.rotor_length || 0.5;
-      const x = (this.pivot(n) - this.first * spacing) * perMetre;
-      points.push([x, x + length * Math.sin(frame.angles[i]) * perMetre,
-        middle - length * Math.cos(frame.angles[i]) * perMetre, length * perMetre]);
-    }
-    return points;
+      const length = (lengths ? lengths[n] : chain.rotor_length || 0.5) * perMetre;
+      const x = (this.pivot(n) - this.first * this.spacing) * perMetre;
+      return [x, x + length * Math.sin(angle), middle - length * Math.cos(angle), length];
+    });
   }
 
   draw() {
     const look = theme();
     const { canvas, frame } = this;
     if (!frame || !this.chain) return;
-    if (!frame.rotors) { canvas.absent(look, this.chain.complaint || 'no joint_states yet'); return; }
+    if (!frame.rotors) { canvas.showReason(look, this.chain.error || 'waiting for joint_states'); return; }
     const c = canvas.begin();
-    const { middle } = this.scale();
-    this.drawWalls(c, look);
-    if (frame.angles.length) this.drawRotors(c, look, this.places(), middle);
-    else this.drawBand(c, look, middle);
-    this.drawMarks(c, look);
+    this.drawSolitons(c, look);
+    if (frame.angles.length) this.drawRotors(c, look, this.masses());
+    else this.drawGroups(c, look);
+    this.drawEdges(c, look);
     this.drawScale(c, look);
   }
 
-  drawRotors(c, look, points, middle) {
-    const { frame } = this;
+  drawRotors(c, look, points) {
+    const { frame, middle } = this;
     const spacing = points.length > 1 ? points[1][0] - points[0][0] : 30;
     const overlapping = points.length > 0 && points[0][3] > spacing;
     const width = Math.max(0.8, Math.min(6, spacing / 6));
     this.drawSprings(c, look, points, Math.max(1, 0.7 * width));
     c.lineCap = 'round';
-    // Where rotors reach over their neighbours every other one is grey, as in the figures.
+    // If rotors overlap their neighbours, every other one is grey, as in the figures.
     [1, 0].forEach((odd) => {
       const bars = new Path2D();
       points.forEach(([px, mx, my], i) => {
@@ -143,25 +130,21 @@ export class ChainView {
       c.fill();
     }
     if (frame.mode.length) this.drawMode(c, look, points, width);
-    if (frame.angles.some(Number.isNaN)) {
-      c.fillStyle = look.soft;
-      points.forEach(([px, mx]) => { if (Number.isNaN(mx)) c.fillText('?', px - 4, middle); });
-    }
+    c.fillStyle = look.soft;
+    points.forEach(([px, mx]) => { if (Number.isNaN(mx)) c.fillText('?', px - 4, middle); });
   }
 
   drawSprings(c, look, points, width) {
     const { extensions } = this.frame;
-    let largest = 0;
-    extensions.forEach((e) => { if (Math.abs(e) > largest) largest = Math.abs(e); });
-    // Below a ten-thousandth of their length springs are at rest to the eye.
+    const largest = extensions.reduce((most, e) => (Math.abs(e) > most ? Math.abs(e) : most), 0);
+    // Smaller extensions are invisible.
     const least = 1e-4 * (this.chain.rest_length || 1e-5);
     this.stretch = Math.max(largest, 0.98 * this.stretch, least);
     const groups = new Map();
     for (let i = 0; i + 1 < points.length; i += 1) {
       const e = extensions[i];
       const level = Number.isFinite(e) ? Math.round((e / this.stretch) * 4) : 0;
-      if (!groups.has(level)) groups.set(level, []);
-      groups.get(level).push(i);
+      groups.set(level, [...(groups.get(level) || []), i]);
     }
     groups.forEach((members, level) => {
       c.strokeStyle = level > 0 ? look.red : level < 0 ? look.blue : look.soft;
@@ -180,107 +163,88 @@ export class ChainView {
 
   drawMode(c, look, points, width) {
     const { frame, chain } = this;
-    const { perMetre } = this.scale();
-    const longest = 1.2 * Math.max(chain.rotor_length || 0, chain.spacing || 0) * perMetre;
+    const longest = 1.2 * Math.max(chain.rotor_length || 0, chain.spacing || 0) * this.perMetre;
     c.strokeStyle = look.green;
     c.fillStyle = look.green;
     c.lineWidth = Math.max(1.5, 0.8 * width);
     points.forEach(([, mx, my], i) => {
       const size = frame.mode[i] * longest;
       if (Math.abs(size) < 3 || !Number.isFinite(mx)) return;
-      const dx = size * Math.cos(frame.angles[i]);
-      const dy = size * Math.sin(frame.angles[i]);
-      arrow(c, mx, my, mx + dx, my + dy);
+      arrow(c, mx, my, mx + size * Math.cos(frame.angles[i]), my + size * Math.sin(frame.angles[i]));
     });
   }
 
-  // Of a chain too long to be drawn rotor by rotor: how far its rotors lean.
-  drawBand(c, look, middle) {
-    const { frame, chain, canvas } = this;
-    const values = frame.overview;
-    const groups = values.length / 2;
-    const high = 0.35 * canvas.height;
-    const largest = chain.longest_rotor || 1;
+  // Draws the lean of groups of rotors, for a chain too long to be drawn rotor by rotor.
+  drawGroups(c, look) {
+    const { frame, chain, canvas, middle } = this;
+    const groups = frame.overview.length / 2;
+    const high = (0.35 * canvas.height) / (chain.longest_rotor || 1);
     for (let x = 0; x < canvas.width; x += 2) {
       const g = Math.floor((this.rotorAt(x) / frame.rotors) * groups);
       if (g < 0 || g >= groups) continue;
-      const [low, top] = values.subarray(2 * g, 2 * g + 2);
+      const [low, top] = frame.overview.subarray(2 * g, 2 * g + 2);
       c.fillStyle = leanColour(chain.lean((low + top) / 2));
-      c.fillRect(x, middle - (top / largest) * high, 2, Math.max(2, ((top - low) / largest) * high));
+      c.fillRect(x, middle - top * high, 2, Math.max(2, (top - low) * high));
     }
     c.fillStyle = look.soft;
     c.textAlign = 'center';
-    c.fillText('lean of groups of rotors; zoom in to see each', canvas.width / 2, 14);
+    c.fillText('lean of groups of rotors; zoom in to see each rotor', canvas.width / 2, 14);
   }
 
-  drawWalls(c, look) {
+  drawSolitons(c, look) {
     const { frame, canvas, chain } = this;
-    const toX = (rotor) => ((rotor - this.first) / (this.last - this.first)) * canvas.width;
-    for (let i = 0; i + 2 < frame.places.length; i += 3) {
-      const [rotor, deviation, charge] = frame.places.subarray(i, i + 3);
-      const x = toX(rotor);
-      const half = chain.spacing ? toX(rotor + (2 * deviation) / chain.spacing) - x : 0;
+    solitonsOf(frame).forEach(([rotor, deviation, charge]) => {
+      const x = this.toX(rotor);
+      const half = Math.max(chain.spacing ? this.toX(rotor + (2 * deviation) / chain.spacing) - x : 0, 3);
       c.fillStyle = look.red;
       c.globalAlpha = 0.25;
-      c.fillRect(x - Math.max(half, 3), 18, 2 * Math.max(half, 3), canvas.height - 44);
+      c.fillRect(x - half, 18, 2 * half, canvas.height - 44);
       c.globalAlpha = 1;
-      c.beginPath();
-      c.moveTo(x - 7, 4);
-      c.lineTo(x + 7, 4);
-      c.lineTo(x, 17);
-      c.fill();
-      c.fillText(charge > 0 ? 'soliton' : 'anti-soliton', clampText(c, x + 11, canvas, 90), 10);
-    }
-    const goal = frame.goal;
-    if (Number.isFinite(goal)) {
-      c.strokeStyle = look.purple;
-      c.lineWidth = 3;
-      c.setLineDash([7, 5]);
-      c.beginPath();
-      c.moveTo(toX(goal), 18);
-      c.lineTo(toX(goal), canvas.height - 26);
-      c.stroke();
-      c.setLineDash([]);
-    }
-    if (Number.isFinite(this.mark)) {
-      c.strokeStyle = look.ink;
-      c.lineWidth = 2;
-      c.beginPath();
-      c.moveTo(toX(this.mark), 18);
-      c.lineTo(toX(this.mark), canvas.height - 26);
-      c.stroke();
-    }
+      triangle(c, x, 17, -7, -13);
+      c.fillText(charge > 0 ? 'soliton' : 'anti-soliton', clampText(x + 11, canvas, 90), 10);
+    });
+    this.drawLine(c, frame.goal, look.purple, 3, [7, 5]);
+    this.drawLine(c, this.mark, look.ink, 2, []);
   }
 
-  // Edges with their actuators, and the pull on one of them.
-  drawMarks(c, look) {
-    const { canvas, frame } = this;
-    const { middle } = this.scale();
-    const toX = (rotor) => ((rotor - this.first) / (this.last - this.first)) * canvas.width;
+  drawLine(c, rotor, colour, width, dash) {
+    if (!Number.isFinite(rotor)) return;
+    c.strokeStyle = colour;
+    c.lineWidth = width;
+    c.setLineDash(dash);
+    c.beginPath();
+    c.moveTo(this.toX(rotor), 18);
+    c.lineTo(this.toX(rotor), this.canvas.height - 26);
+    c.stroke();
+    c.setLineDash([]);
+  }
+
+  // Draws the edges, green where the actuator acts, and the pull on an edge rotor.
+  drawEdges(c, look) {
+    const { canvas, frame, middle } = this;
     const able = this.chain.able !== false;
     [0, this.known - 1].forEach((rotor, last) => {
-      const near = frame.mode.length && Number.isFinite(frame.zero_mode_rotor)
+      const near = able && frame.mode.length && Number.isFinite(frame.zero_mode_rotor)
         && (frame.zero_mode_rotor > (this.known - 1) / 2) === Boolean(last);
-      c.strokeStyle = near && able ? look.green : look.soft;
-      c.lineWidth = near && able ? 3 : 1.5;
-      const x = toX(rotor + (last ? 1 : -1) * (this.margin - 0.35));
+      c.strokeStyle = near ? look.green : look.soft;
+      c.lineWidth = near ? 3 : 1.5;
+      const x = this.toX(rotor + (last ? 1 : -1) * (this.margin - 0.35));
+      const foot = x + (last ? -7 : 7);
       c.beginPath();
-      c.moveTo(x, middle - 26);
+      c.moveTo(foot, middle - 26);
+      c.lineTo(x, middle - 26);
       c.lineTo(x, middle + 26);
-      c.moveTo(x, middle - 26);
-      c.lineTo(x + (last ? -7 : 7), middle - 26);
-      c.moveTo(x, middle + 26);
-      c.lineTo(x + (last ? -7 : 7), middle + 26);
+      c.lineTo(foot, middle + 26);
       c.stroke();
     });
     if (this.pull) {
+      const { x, y, toX, toY, speed } = this.pull;
       c.strokeStyle = look.purple;
       c.fillStyle = look.purple;
       c.lineWidth = 4;
-      arrow(c, this.pull.x, this.pull.y, this.pull.toX, this.pull.toY);
+      arrow(c, x, y, toX, toY);
       c.font = 'bold 16px system-ui, sans-serif';
-      c.fillText(`${finite(this.pull.speed, 1)} rad/s`,
-        clampText(c, this.pull.toX + 12, canvas, 100), this.pull.toY - 14);
+      c.fillText(`${finite(speed, 1)} rad/s`, clampText(toX + 12, canvas, 100), toY - 14);
     }
   }
 
@@ -292,25 +256,24 @@ export class ChainView {
     ticks(Math.max(0, this.first), Math.min(this.known - 1, this.last), canvas.width / 90)
       .filter(Number.isInteger)
       .forEach((n) => {
-        const x = ((n - this.first) / (this.last - this.first)) * canvas.width;
         const half = c.measureText(n).width / 2 + 1;
-        c.fillText(n, Math.max(half, Math.min(canvas.width - half, x)), canvas.height - 9);
+        c.fillText(n, Math.max(half, Math.min(canvas.width - half, this.toX(n))), canvas.height - 9);
       });
     c.textAlign = 'left';
   }
 
   note() {
-    const { frame } = this;
+    const { frame, chain } = this;
     if (!frame || !frame.rotors) return '';
     const parts = [`${frame.rotors} rotors`];
-    if (this.chain.motion) parts.unshift(this.chain.motion);
+    if (chain.motion) parts.unshift(chain.motion);
     if (Number.isFinite(frame.rotor)) {
-      const deviation = frame.position_deviation / (this.chain.spacing || 1);
+      const deviation = frame.position_deviation / this.spacing;
       parts.push(`soliton at rotor ${finite(frame.rotor)} ± ${finite(deviation, 3)}`);
-      parts.push(`${finite(frame.velocity / (this.chain.spacing || 1), 1)} rotors/s`);
+      parts.push(`${finite(frame.velocity / this.spacing, 1)} rotors/s`);
     }
-    if (frame.extensions.length) parts.push(`springs ±${scaled(this.stretch, 'm')}`);
-    if (!this.chain.spacing) parts.push('no chain: its scale, springs and zero mode are unknown');
+    if (frame.extensions.length) parts.push(`spring extensions up to ±${scaled(this.stretch, 'm')}`);
+    if (!chain.spacing) parts.push('no topic chain: lengths, springs and zero mode are unknown');
     return parts.join(' · ');
   }
 
@@ -328,24 +291,17 @@ export class ChainView {
       if (!this.frame || !this.frame.rotors) return;
       element.setPointerCapture(event.pointerId);
       const [x, y] = at(event);
-      this.pointers.set(event.pointerId, { x, y, from: [x, y] });
+      this.pointers.set(event.pointerId, x);
       this.began = { x, first: this.first, last: this.last, moved: 0 };
       if (this.pointers.size === 1) this.pull = this.grab(x, y);
     });
     element.addEventListener('pointermove', (event) => {
-      const pointer = this.pointers.get(event.pointerId);
-      if (!pointer) return;
+      if (!this.pointers.has(event.pointerId)) return;
       const [x, y] = at(event);
       if (this.pointers.size === 2) this.pinch(event.pointerId, x);
-      else if (this.pull) this.stretchPull(x, y);
-      else {
-        this.began.moved = Math.max(this.began.moved, Math.abs(x - this.began.x));
-        if (this.began.moved > STILL) {
-          const shift = ((this.began.x - x) / this.canvas.width) * (this.began.last - this.began.first);
-          this.move(this.began.first + shift, this.began.last + shift);
-        }
-      }
-      Object.assign(pointer, { x, y });
+      else if (this.pull) this.dragPull(x, y);
+      else this.pan(x);
+      this.pointers.set(event.pointerId, x);
     });
     const end = (event) => {
       const alone = this.pointers.size === 1;
@@ -355,7 +311,7 @@ export class ChainView {
       if (event.type === 'pointercancel' || !alone) return;
       if (pull && pull.far > STILL) {
         if (pull.speed) this.act('nudge', { speed: pull.speed, edge: pull.edge });
-      } else if (this.began.moved <= STILL) this.carry(this.rotorAt(at(event)[0]));
+      } else if (this.began.moved <= STILL) this.moveSoliton(this.rotorAt(at(event)[0]));
     };
     element.addEventListener('pointerup', end);
     element.addEventListener('pointercancel', end);
@@ -363,9 +319,9 @@ export class ChainView {
     element.addEventListener('keydown', (event) => this.key(event));
   }
 
-  carry(rotor) {
-    const place = Math.max(0, Math.min(this.known - 1, rotor));
-    this.act('move', { rotor: Math.round(place * 100) / 100 });
+  moveSoliton(rotor) {
+    const goal = Math.max(0, Math.min(this.known - 1, rotor));
+    this.act('move', { rotor: Math.round(goal * 100) / 100 });
   }
 
   key(event) {
@@ -375,7 +331,7 @@ export class ChainView {
     const keys = {
       ArrowLeft: () => { this.mark = Math.max(0, from - step); },
       ArrowRight: () => { this.mark = Math.min(this.known - 1, from + step); },
-      Enter: () => { if (Number.isFinite(this.mark)) this.carry(this.mark); },
+      Enter: () => { if (Number.isFinite(this.mark)) this.moveSoliton(this.mark); },
       Escape: () => { this.mark = NaN; },
       '+': () => this.zoom(1 / 1.3, this.mark),
       '-': () => this.zoom(1.3, this.mark),
@@ -383,7 +339,7 @@ export class ChainView {
       PageUp: () => this.move(this.first - span / 2, this.last - span / 2),
       PageDown: () => this.move(this.first + span / 2, this.last + span / 2),
       ' ': () => this.act('pause', { paused: !this.chain.paused }),
-      n: () => this.act('nudge', { speed: this.strength(), edge: 'nearest' }),
+      n: () => this.act('nudge', { speed: this.nudgeSpeed(), edge: 'nearest' }),
     };
     if (keys[event.key] && this.frame) {
       event.preventDefault();
@@ -391,45 +347,47 @@ export class ChainView {
     }
   }
 
-  // The edge rotor under the pointer, where its mass can be pulled.
+  // Returns the pull on the edge rotor whose mass is nearest to the pointer, null if none is near.
   grab(x, y) {
     const { frame } = this;
     if (!frame.mode.length) return null;
-    const points = this.places();
-    let best = null;
-    [0, this.known - 1].forEach((rotor) => {
-      const point = points[rotor - frame.first];
-      if (!point || !Number.isFinite(point[1])) return;
-      const far = Math.hypot(point[1] - x, point[2] - y);
-      if (far < NEAR && (!best || far < best.near)) {
-        const i = rotor - frame.first;
-        best = {
-          near: far, edge: rotor ? 'last' : 'first', x: point[1], y: point[2], toX: x, toY: y,
-          length: point[3], angle: frame.angles[i], sign: Math.sign(frame.mode[i]) || 1, speed: 0,
-          far: 0,
-        };
-      }
-    });
-    return best;
+    const points = this.masses();
+    const [best] = [0, this.known - 1]
+      .map((rotor) => [rotor, rotor - frame.first])
+      .filter(([, i]) => points[i] && Number.isFinite(points[i][1]))
+      .map(([rotor, i]) => ({
+        near: Math.hypot(points[i][1] - x, points[i][2] - y), edge: rotor ? 'last' : 'first',
+        x: points[i][1], y: points[i][2], toX: x, toY: y, length: points[i][3],
+        angle: frame.angles[i], sign: Math.sign(frame.mode[i]) || 1, speed: 0, far: 0,
+      }))
+      .filter(({ near }) => near < NEAR)
+      .sort((a, b) => a.near - b.near);
+    return best || null;
   }
 
-  // The speed grows with the pull along the way that the mass can go.
-  stretchPull(x, y) {
+  // Sets the speed in proportion to the pull along the circle of the mass.
+  dragPull(x, y) {
     const { pull } = this;
     const along = (x - pull.x) * Math.cos(pull.angle) + (y - pull.y) * Math.sin(pull.angle);
-    const share = along / Math.max(pull.length, 20);
+    const factor = Math.max(-5, Math.min(5, along / Math.max(pull.length, 20)));
     Object.assign(pull, { toX: x, toY: y });
     pull.far = Math.max(pull.far, Math.hypot(x - pull.x, y - pull.y));
-    const speed = Math.abs(this.strength()) * Math.max(-5, Math.min(5, share)) * pull.sign;
-    pull.speed = Math.round(10 * speed) / 10;
+    pull.speed = Math.round(10 * Math.abs(this.nudgeSpeed()) * factor * pull.sign) / 10;
+  }
+
+  pan(x) {
+    const { began } = this;
+    began.moved = Math.max(began.moved, Math.abs(x - began.x));
+    if (began.moved <= STILL) return;
+    const shift = ((began.x - x) / this.canvas.width) * (began.last - began.first);
+    this.move(began.first + shift, began.last + shift);
   }
 
   pinch(moving, x) {
-    const pair = [...this.pointers.entries()];
-    const other = pair.find(([id]) => id !== moving)[1];
-    const before = Math.abs(this.pointers.get(moving).x - other.x);
-    const now = Math.abs(x - other.x);
-    if (before > 8 && now > 8) this.zoom(before / now, this.rotorAt((x + other.x) / 2));
+    const [, other] = [...this.pointers.entries()].find(([id]) => id !== moving);
+    const before = Math.abs(this.pointers.get(moving) - other);
+    const now = Math.abs(x - other);
+    if (before > 8 && now > 8) this.zoom(before / now, this.rotorAt((x + other) / 2));
     this.pull = null;
     this.began.moved = Infinity;
   }
@@ -449,6 +407,15 @@ function arrow(c, fromX, fromY, toX, toY) {
   c.fill();
 }
 
-function clampText(c, x, canvas, width) {
+// Fills a triangle with its tip at a point.
+export function triangle(c, x, y, half, height) {
+  c.beginPath();
+  c.moveTo(x, y);
+  c.lineTo(x - half, y + height);
+  c.lineTo(x + half, y + height);
+  c.fill();
+}
+
+function clampText(x, canvas, width) {
   return x + width > canvas.width ? x - width - 22 : x;
 }

@@ -1,11 +1,11 @@
 // SPDX-License-Identifier: Apache-2.0
-// What all plots share: a canvas as sharp as the screen, the colours of the figures, axes.
+// Canvas at the resolution of the screen, the colours of the figures, and axes.
 
-// The colours of the figures, palette.py.
+// Colours of the figures (palette.py).
 export const COLOURS = {
   grey: '#7f7f7f', blue: '#0072b2', sky: '#56b4e9', red: '#d55e00', green: '#009e73', purple: '#cc79a7',
 };
-// The colour map PuOr of the figures: orange where rotors lean left, purple where right.
+// Colour map PuOr of the figures: orange for rotors that lean left, purple for right.
 const LEAN = ['#7f3b08', '#b35806', '#e08214', '#fdb863', '#fee0b6', '#f7f7f7', '#d8daeb',
   '#b2abd2', '#8073ac', '#542788', '#2d004b']
   .map((hex) => [1, 3, 5].map((at) => parseInt(hex.slice(at, at + 2), 16)));
@@ -21,22 +21,17 @@ function level(share) {
   return Math.max(0, Math.min(LEVELS - 1, Math.round((share + 1) * 0.5 * (LEVELS - 1))));
 }
 
-// Colour of a lean over the largest, -1 to 1, as the bytes of a pixel.
-export function leanPixel(share) {
-  return Number.isNaN(share) ? 0 : PACKED[level(share)];
-}
+// Colour of a relative lean, -1 to 1, as the bytes of a pixel and for a canvas.
+export const leanPixel = (share) => (Number.isNaN(share) ? 0 : PACKED[level(share)]);
+export const leanColour = (share) => `rgb(${TABLE[level(share)].join(',')})`;
 
-export function leanColour(share) {
-  return `rgb(${TABLE[level(share)].join(',')})`;
-}
-
-// Leans over that at rest, and how far from the middle of the colours they are, as palette.py has
-// them: a uniform state has the same colours in all chains, and swings about it are stretched.
+// Lean relative to the lean at rest, and its relative colour (palette.py). A uniform state has the
+// same colour in all chains; small oscillations about it are stretched.
 export const REST = 0.6;
 const NEAR_REST = [[0.95, 0.48], [1.0, REST], [1.02, 0.72], [1.05, 0.82], [1.2, 0.92]];
 
-// The function from a lean [m] to its share of the colours, -1 to 1, for a chain whose rotors lean
-// so far at rest and at most.
+// Returns the function from a lean [m] to its relative colour, -1 to 1, given the lean at rest and
+// the largest lean.
 export function leanScale(rest, largest) {
   const near = NEAR_REST.filter(([lean]) => lean * rest < 0.99 * largest)
     .map(([lean, share]) => [lean * rest, share]);
@@ -57,7 +52,7 @@ export function theme() {
   return {
     dark, ink: get('--ink'), soft: get('--soft'), line: get('--line'), panel: get('--panel'),
     ...COLOURS,
-    // The others stand out from black as they do from white.
+    // Only the dark blue has too little contrast on black.
     blue: dark ? COLOURS.sky : COLOURS.blue,
   };
 }
@@ -67,12 +62,12 @@ export function finite(value, digits = 2, unit = '') {
   return `${value.toFixed(digits).replace(/^-(0\.?0*)$/, '$1').replace('-', '−')}${unit}`;
 }
 
-// A number with a prefix of its unit, as 1.20 mJ.
+// Returns a number with a prefix of its unit, such as 1.20 mJ.
 export function scaled(value, unit) {
   if (!Number.isFinite(value)) return '–';
   const size = Math.abs(value);
   const steps = [[1, ''], [1e-3, 'm'], [1e-6, 'µ'], [1e-9, 'n'], [1e-12, 'p']];
-  // Less than that is what rounding leaves of nothing.
+  // Smaller values are rounding errors.
   if (size < 1e-12) return `0 ${unit}`;
   const [factor, prefix] = steps.find(([f]) => size >= f);
   return `${(value / factor).toPrecision(3)} ${prefix}${unit}`;
@@ -112,14 +107,13 @@ export class Canvas {
     return c;
   }
 
-  // Says why there is nothing to see.
-  absent(look, reason) {
+  // Shows the reason for an empty plot.
+  showReason(look, reason) {
     const c = this.begin();
     c.fillStyle = look.soft;
     c.textAlign = 'center';
-    const words = reason.split(' ');
     const lines = [''];
-    words.forEach((word) => {
+    reason.split(' ').forEach((word) => {
       const longer = `${lines[lines.length - 1]} ${word}`.trim();
       if (c.measureText(longer).width > this.width - 24) lines.push(word);
       else lines[lines.length - 1] = longer;
@@ -130,7 +124,7 @@ export class Canvas {
   }
 }
 
-// Round numbers between two ends, about as many as asked for.
+// Returns round numbers between two ends, about as many as wanted.
 export function ticks(low, high, wanted) {
   const rough = (high - low) / Math.max(wanted, 1);
   if (!(rough > 0) || !Number.isFinite(rough)) return [];
@@ -143,7 +137,7 @@ export function ticks(low, high, wanted) {
   return found;
 }
 
-// A frame with ticks; returns the functions from values to pixels.
+// Draws a frame with ticks; returns the functions from values to pixels.
 export function axes(canvas, look, { x, y, left = 52, bottom = 26, xLabel = '',
   yFormat = String, xFormat = String, right = 10, top = 8 }) {
   const c = canvas.context;
@@ -170,6 +164,10 @@ export function axes(canvas, look, { x, y, left = 52, bottom = 26, xLabel = '',
   c.fillText(xLabel, left + w, top + h + 15);
   c.strokeRect(left, top, w, h);
   return { toX, toY, left, top, w, h };
+}
+
+export function setText(element, text) {
+  if (element.textContent !== text) element.textContent = text;
 }
 
 export function line(c, points, colour, width = 2) {

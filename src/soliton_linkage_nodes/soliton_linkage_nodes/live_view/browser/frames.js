@@ -1,21 +1,17 @@
 // SPDX-License-Identifier: Apache-2.0
-// What comes as frame_layout.py packs it, and what is kept of the frames that were shown.
+// Messages as frame_layout.py packs them, and the recent past of each chain.
 
 export const SPAN = 20; // seconds that the kymograph and the energies show
 const COLUMNS = 600;
 const STEP = SPAN / COLUMNS;
-const LEFT_OUT = 24; // columns that are filled by what comes after them: 0.8 s
+const LONGEST_GAP = 24; // columns that the next value fills: 0.8 s
 
 export class Layout {
-  constructor({ kinds, fields, arrays, energies }) {
-    Object.assign(this, { kinds, fields, arrays, energies });
-  }
+  constructor(layout) { Object.assign(this, layout); }
 
-  kind(buffer) {
-    return this.kinds[new Float64Array(buffer, 0, 1)[0]];
-  }
+  kind(buffer) { return this.kinds[new Float64Array(buffer, 0, 1)[0]]; }
 
-  // A frame as an object of its fields and arrays.
+  // Returns a frame as an object of its fields and arrays.
   read(buffer) {
     const names = this.fields.length;
     const values = new Float64Array(buffer, 8, names + this.arrays.length);
@@ -30,6 +26,12 @@ export class Layout {
   }
 }
 
+// Returns position [rotor spacings], standard deviation [m] and charge of each soliton.
+export function solitonsOf(frame) {
+  return Array.from({ length: Math.floor(frame.solitons.length / 3) }, (_, i) => (
+    frame.solitons.subarray(3 * i, 3 * i + 3)));
+}
+
 export function readHistory(buffer) {
   const [chain, columns, height, count] = new Float64Array(buffer, 8, 4);
   const numbers = new Float64Array(buffer, 40, count * columns);
@@ -38,17 +40,17 @@ export function readHistory(buffer) {
 }
 
 export function readCamera(buffer) {
-  const [chain, stamp, age] = new Float64Array(buffer, 8, 3);
-  return { chain, stamp, age, jpeg: new Uint8Array(buffer, 32) };
+  const [, , age] = new Float64Array(buffer, 8, 3);
+  return { age, jpeg: new Uint8Array(buffer, 32) };
 }
 
-// The first column that a new one fills: those that were left out on the way to it look like it.
-function after(before, number) {
-  const gap = number - before;
-  return gap > 0 && gap <= LEFT_OUT ? before + 1 : number;
+// Returns the first column that a new value fills; it also fills a short gap before it.
+function firstFilled(newest, number) {
+  const gap = number - newest;
+  return gap > 0 && gap <= LONGEST_GAP ? newest + 1 : number;
 }
 
-// The last seconds of a chain by the stamps of its frames: one column a thirtieth of a second.
+// Ring of columns by the stamps of frames: one column is a thirtieth of a second.
 export class Track {
   constructor(series) {
     this.series = series;
@@ -58,28 +60,34 @@ export class Track {
   reset(height) {
     this.height = height;
     this.newest = -Infinity; // number of the newest column since the epoch
-    this.told = -Infinity; // number of the newest column of which a place is known
+    this.newestState = -Infinity; // number of the newest column with a state
     this.image = new Float32Array(COLUMNS * height).fill(NaN);
-    this.places = new Float32Array(COLUMNS).fill(NaN);
+    this.positions = new Float32Array(COLUMNS).fill(NaN);
     this.energies = this.series.map(() => new Float32Array(COLUMNS).fill(NaN));
-    this.written = []; // columns that were written since they were last drawn
+    this.written = []; // columns that changed since they were last drawn
     this.whole = true;
   }
 
   static get columns() { return COLUMNS; }
 
-  // Place of a column in the rings.
-  at(column) {
-    return ((column % COLUMNS) + COLUMNS) % COLUMNS;
+  // Returns the index of a column in the ring.
+  at(column) { return ((column % COLUMNS) + COLUMNS) % COLUMNS; }
+
+  // Returns the pixels of a series.
+  points(series, toX, toY) {
+    return Array.from(series, (_, i) => {
+      const n = COLUMNS - 1 - i;
+      return [toX((-n * SPAN) / COLUMNS), toY(series[this.at(this.newest - n)])];
+    });
   }
 
   add(frame) {
     if (!(frame.age < Infinity) || !frame.overview.length) return;
-    this.put(frame.stamp, frame.overview);
-    this.tell(frame.state_stamp, frame.rotor, this.series.map((name) => frame[name]));
+    this.addAngles(frame.stamp, frame.overview);
+    this.addState(frame.state_stamp, frame.rotor, this.series.map((name) => frame[name]));
   }
 
-  put(stamp, column) {
+  addAngles(stamp, column) {
     const number = Math.floor(stamp / STEP);
     let gap = number - this.newest;
     if (column.length !== this.height || gap < -1 || gap > COLUMNS) {
@@ -88,38 +96,38 @@ export class Track {
     }
     if (gap < 0) return;
     for (let n = Math.max(this.newest + 1, number - COLUMNS + 1); n <= number; n += 1) this.clear(n);
-    for (let n = after(this.newest, number); n <= number; n += 1) {
+    for (let n = firstFilled(this.newest, number); n <= number; n += 1) {
       this.image.set(column, this.at(n) * this.height);
       this.written.push(n);
     }
     this.newest = number;
   }
 
-  // What the analyser tells stands where it belongs, which is a little before the newest column.
-  tell(stamp, place, energies) {
+  // Puts a state at its own stamp, which is slightly before the newest column.
+  addState(stamp, position, energies) {
     const number = Math.min(Math.floor(stamp / STEP), this.newest);
     if (!(number > this.newest - COLUMNS)) return;
-    for (let n = after(this.told, number); n <= number; n += 1) {
-      this.places[this.at(n)] = place;
+    for (let n = firstFilled(this.newestState, number); n <= number; n += 1) {
+      this.positions[this.at(n)] = position;
       this.energies.forEach((series, i) => { series[this.at(n)] = energies[i]; });
     }
-    this.told = number;
+    this.newestState = number;
   }
 
   clear(number) {
     const at = this.at(number);
     this.image.fill(NaN, at * this.height, (at + 1) * this.height);
-    this.places[at] = NaN;
+    this.positions[at] = NaN;
     this.energies.forEach((series) => { series[at] = NaN; });
     this.written.push(number);
   }
 
-  recall({ columns, height, count, numbers, data }) {
+  load({ columns, height, count, numbers, data }) {
     this.reset(height);
     for (let n = 0; n < columns; n += 1) {
-      const [stamp, told, place, ...energies] = numbers.subarray(n * count, (n + 1) * count);
-      this.put(stamp, data.subarray(n * height, (n + 1) * height));
-      this.tell(told, place, energies);
+      const [stamp, stateStamp, position, ...energies] = numbers.subarray(n * count, (n + 1) * count);
+      this.addAngles(stamp, data.subarray(n * height, (n + 1) * height));
+      this.addState(stateStamp, position, energies);
     }
   }
 }

@@ -1,34 +1,34 @@
 // SPDX-License-Identifier: Apache-2.0
-// The stream of the page: draws what comes, and tells how it is.
+// Receives the stream of the page, draws each frame and reports how old it is.
 
 import { CameraPanel } from './camera.js';
 import { ChainView } from './chain.js';
-import { leanScale } from './drawing.js';
+import { leanScale, setText } from './drawing.js';
 import { Layout, Track, readCamera, readHistory } from './frames.js';
 import { Dial, EnergyPlot, Kymograph, LeanPlot, TimeLine, TopologyPlot } from './plots.js';
 
-const SILENCE = 1; // seconds without joint_states, or pictures of the camera, that are said
+const SILENCE = 1; // seconds without a message after which the page warns
 const ALL = '*';
 const element = (id) => document.getElementById(`live-${id}`);
 
 class Live {
   constructor() {
     this.chains = [];
-    this.status = { chains: [], complaints: [], replay: null };
+    this.status = { chains: [], failures: [], replay: null };
     this.watched = null;
     this.tracks = new Map();
-    this.frames = new Map(); // newest frame of each chain by its number, and when it came
+    this.frames = new Map(); // newest frame of each chain by its index, and its time of arrival
     this.pending = new Map();
-    this.strength = 10;
+    this.nudgeSpeed = 10;
     this.drawn = 0;
-    this.owed = 0; // pictures that came and are not drawn yet
-    this.cost = 0; // milliseconds that the last picture took
-    this.costs = [];
-    this.connected = 0;
-    this.said = [];
-    const act = (name, more) => this.act(name, more);
+    this.unacknowledged = 0; // frames that arrived and are not drawn yet
+    this.costs = []; // milliseconds to draw each of the last frames
+    this.received = 0; // time of the last message
+    this.answers = [];
     this.view = new ChainView(element('chain'), {
-      act, window: (first, last) => this.send({ window: [first, last] }), strength: () => this.strength,
+      act: (name, more) => this.act(name, more),
+      window: (first, last) => this.send({ window: [first, last] }),
+      nudgeSpeed: () => this.nudgeSpeed,
     });
     this.plots = {
       lean: new LeanPlot(element('lean')),
@@ -39,14 +39,14 @@ class Live {
     };
     this.time = new TimeLine(element('time'), (at) => this.act('seek', { at }));
     this.camera = new CameraPanel(element('camera-figure'), {
-      ask: (camera) => this.send({ camera }), drawn: () => this.send('seen'), silence: SILENCE,
+      request: (camera) => this.send({ camera }), shown: () => this.send('seen'), silence: SILENCE,
     });
     this.tiles = new Map();
     this.turn = 0;
     this.connect();
     const loop = () => { this.paint(); requestAnimationFrame(loop); };
     requestAnimationFrame(loop);
-    setInterval(() => this.tell(), 100);
+    setInterval(() => this.refresh(), 100);
   }
 
   connect() {
@@ -56,10 +56,14 @@ class Live {
     socket.binaryType = 'arraybuffer';
     socket.onopen = () => {
       if (this.watched) this.send({ watch: this.watched });
-      if (this.view.known) this.view.tell();
+      if (this.view.known) this.view.sendWindow();
       this.send({ camera: this.camera.wanted });
     };
-    socket.onmessage = ({ data }) => (typeof data === 'string' ? this.hear(JSON.parse(data)) : this.take(data));
+    socket.onmessage = ({ data }) => {
+      this.received = performance.now();
+      if (typeof data === 'string') this.readText(JSON.parse(data));
+      else this.readBinary(data);
+    };
     socket.onclose = () => setTimeout(() => this.connect(), 500);
     this.socket = socket;
   }
@@ -70,41 +74,38 @@ class Live {
     }
   }
 
-  hear(message) {
-    this.connected = performance.now();
+  readText(message) {
     if (message.layout) this.layout = new Layout(message.layout);
-    if (message.chains) this.chains = message.chains.map(scaleOf);
+    if (message.chains) this.chains = message.chains.map(withScale);
     if (message.track) this.time.track = message.track;
     if (message.status) this.status = message.status;
-    if ('answer' in message) this.answer(message.answer, message.good);
+    if ('answer' in message) this.notify(message.answer, message.good);
     if (!this.watched && this.chains.length) this.watch(this.chains[0].name);
   }
 
-  answer(text, good) {
-    this.said.push(text);
-    this.said = this.said.slice(-20);
+  notify(text, good) {
+    this.answers = [...this.answers, text].slice(-20);
     if (text && window.Quasar) {
       window.Quasar.Notify.create({ message: text, type: good ? 'positive' : 'negative', position: 'bottom-right', timeout: good ? 2000 : 6000 });
     }
   }
 
-  take(buffer) {
-    this.connected = performance.now();
+  readBinary(buffer) {
     const kind = this.layout.kind(buffer);
     if (kind === 'history') {
       const history = readHistory(buffer);
-      this.track(history.chain).recall(history);
+      this.track(history.chain).load(history);
     } else if (kind === 'camera') {
-      this.camera.take(readCamera(buffer));
+      this.camera.show(readCamera(buffer));
     } else {
       const frame = this.layout.read(buffer);
-      this.owed += 1;
+      this.unacknowledged += 1;
       this.pending.set(frame.chain, frame);
     }
   }
 
-  track(number) {
-    const name = this.chains[number] ? this.chains[number].name : String(number);
+  track(index) {
+    const name = this.chains[index] ? this.chains[index].name : String(index);
     if (!this.tracks.has(name)) this.tracks.set(name, new Track(this.layout.energies));
     return this.tracks.get(name);
   }
@@ -114,58 +115,58 @@ class Live {
     this.watched = name;
     this.frames.clear();
     this.pending.clear();
-    this.camera.forget();
+    this.camera.clear();
     this.acknowledge();
     this.send({ watch: name });
     document.querySelector('.live-plots').classList.toggle('several', name === ALL);
     element('small').hidden = name !== ALL;
   }
 
-  act(name, more) {
-    this.send({ act: name, chain: this.watched, ...more });
-  }
+  act(name, more) { this.send({ act: name, chain: this.watched, ...more }); }
 
-  // What is known of a chain by its number: how it is made and how it is doing.
-  known(number) {
-    const chain = this.chains[number] || scaleOf({ name: '' });
-    const status = this.status.chains.find((s) => s.name === chain.name) || {};
+  statusOf(name) { return this.status.chains.find((s) => s.name === name) || {}; }
+
+  // Returns the constants and the status of a chain by its index.
+  known(index) {
+    const chain = this.chains[index] || withScale({ name: '' });
+    const status = this.statusOf(chain.name);
     const able = status.reasons ? !status.reasons.drive : true;
-    return { ...chain, status, able, paused: this.status.replay && status.replay ? this.status.replay.paused : status.health && status.health.paused };
+    const paused = this.status.replay && status.replay ? this.status.replay.paused : status.health && status.health.paused;
+    return { ...chain, status, able, paused };
   }
 
   paint() {
     if (!this.pending.size) return;
     const begun = performance.now();
-    this.pending.forEach((frame, number) => {
-      this.frames.set(number, { frame, came: begun });
-      this.track(number).add(frame);
-      if (this.watched === ALL) this.tile(number, frame);
-      else if (this.known(number).name === this.watched) this.single(number, frame);
+    this.pending.forEach((frame, index) => {
+      this.frames.set(index, { frame, arrival: begun });
+      this.track(index).add(frame);
+      if (this.watched === ALL) this.drawTile(index, frame);
+      else if (this.known(index).name === this.watched) this.drawChain(index, frame);
     });
     this.pending.clear();
     this.acknowledge();
     this.drawn += 1;
-    this.cost = performance.now() - begun;
-    this.costs.push(this.cost);
+    this.costs.push(performance.now() - begun);
     if (this.costs.length > 600) this.costs.shift();
   }
 
-  // The next pictures come when those before are dealt with.
+  // Requests the next frames.
   acknowledge() {
-    for (; this.owed; this.owed -= 1) this.send('drawn');
+    for (; this.unacknowledged; this.unacknowledged -= 1) this.send('drawn');
   }
 
-  // The chain with each picture; what is slower to read, in turn.
-  single(number, frame) {
-    const chain = this.known(number);
-    const track = this.track(number);
+  // Draws the chain and its lean with each frame, and the slower plots in turn.
+  drawChain(index, frame) {
+    const chain = this.known(index);
+    const track = this.track(index);
     this.shown = frame;
     this.view.show(frame, chain);
     this.view.draw();
     this.plots.lean.draw(frame, chain);
     this.turn = (this.turn + 1) % 3;
-    const all = this.seen !== chain.name || frame.age > 0.15;
-    this.seen = chain.name;
+    const all = this.shownName !== chain.name || frame.age > 0.15;
+    this.shownName = chain.name;
     const due = { kymograph: this.turn !== 2, dial: this.turn === 0, topology: this.turn === 1, energy: this.turn === 2 };
     Object.entries(due).forEach(([name, turn]) => {
       const plot = this.plots[name];
@@ -173,142 +174,123 @@ class Live {
     });
   }
 
-  tile(number, frame) {
-    const chain = this.known(number);
-    if (!this.tiles.has(chain.name)) {
-      const tile = document.createElement('button');
-      tile.className = 'live-figure live-tile';
-      tile.innerHTML = '<figcaption><b></b><span></span></figcaption><canvas></canvas>';
-      tile.addEventListener('click', () => window.emitEvent('live-chosen', chain.name));
-      element('small').append(tile);
-      const view = new ChainView(tile.querySelector('canvas'), { act: () => {}, window: () => {}, strength: () => 0 });
-      view.listen = () => {};
-      view.canvas.element.style.pointerEvents = 'none';
-      this.tiles.set(chain.name, { tile, view });
-    }
+  drawTile(index, frame) {
+    const chain = this.known(index);
+    if (!this.tiles.has(chain.name)) this.tiles.set(chain.name, this.createTile(chain.name));
     const { tile, view } = this.tiles.get(chain.name);
     view.show(frame, chain);
     view.draw();
-    tile.dataset.chain = chain.name;
-    setText(tile.querySelector('b'), chain.name.replaceAll('/', ' ').trim() || 'chain');
-    const stale = frame.age > SILENCE;
-    tile.classList.toggle('stopped', stale);
-    const stopped = `no joint_states since ${frame.age.toFixed(1)} s`;
-    setText(tile.querySelector('span'), stale ? stopped : view.note());
+    const silent = frame.age > SILENCE;
+    tile.classList.toggle('stopped', silent);
+    setText(tile.querySelector('span'), silent ? `no joint_states for ${frame.age.toFixed(1)} s` : view.note());
   }
 
-  // Ten times a second: words, and whether what is seen is still alive.
-  tell() {
-    this.tellHealth();
-    this.tellStale();
-    const watched = this.status.chains.find((s) => s.name === this.watched);
-    this.camera.tell(watched ? watched.camera : '');
-    const number = this.chains.findIndex((chain) => chain.name === this.watched);
-    const newest = this.frames.get(number);
+  createTile(name) {
+    const tile = document.createElement('button');
+    tile.className = 'live-figure live-tile';
+    tile.innerHTML = '<figcaption><b></b><span></span></figcaption><canvas></canvas>';
+    tile.addEventListener('click', () => window.emitEvent('live-chosen', name));
+    tile.dataset.chain = name;
+    setText(tile.querySelector('b'), name.replaceAll('/', ' ').trim() || 'chain');
+    element('small').append(tile);
+    const view = new ChainView(tile.querySelector('canvas'), { act: () => {}, window: () => {}, nudgeSpeed: () => 0 });
+    view.canvas.element.style.pointerEvents = 'none';
+    return { tile, view };
+  }
+
+  // Updates texts and warnings ten times a second.
+  refresh() {
+    this.refreshHealth();
+    const index = this.chains.findIndex((chain) => chain.name === this.watched);
+    const newest = this.frames.get(index);
+    this.refreshWarning(index, newest);
+    this.camera.refresh(this.statusOf(this.watched).camera || '');
     if (!newest) return;
-    const chain = this.known(number);
+    const chain = this.known(index);
     const { frame } = newest;
     setText(element('chain-note'), this.view.note());
-    ['lean', 'kymograph', 'dial', 'energy', 'topology'].forEach((name) => {
-      setText(element(`${name}-note`), this.plots[name].note(frame, chain));
+    Object.entries(this.plots).forEach(([name, plot]) => {
+      setText(element(`${name}-note`), plot.note(frame, chain));
+      if (plot.title) setText(element(`${name}-title`), plot.title(chain));
     });
-    ['lean', 'energy'].forEach((name) => setText(element(`${name}-title`), this.plots[name].title(chain)));
-    this.tellMove(chain);
-    this.tellReplay(chain, frame);
+    this.refreshMove(chain);
+    this.refreshReplay(chain, frame);
   }
 
-  tellHealth() {
-    const status = this.status.chains.find((s) => s.name === this.watched);
+  refreshHealth() {
+    const { health, replay } = this.statusOf(this.watched);
     const parts = [];
     const add = (text, kind = '') => parts.push([text, kind]);
-    const health = status && status.health;
     if (health) {
-      if (status.replay) add(`replay of ${this.status.replay ? this.status.replay.bag : 'a bag'}`, 'badge');
+      if (replay) add(`replay of ${this.status.replay ? this.status.replay.bag : 'a bag'}`, 'badge');
       else if (health.replay) add(`replay of ${health.replay}`, 'badge');
-      if (health.rate) add(`${health.rate} Hz`);
+      if (health.rate) add(`${health.rate} frames/s`);
       if (health.factor) add(`${Number(health.factor).toFixed(2)} × real time`);
-      if (health.missed !== '') add(`${health.missed} deadlines missed`);
-      if (health.lost !== null) add(`${health.lost} messages lost`, health.lost ? 'warning' : '');
-      if (health.complaint) add(health.complaint, 'warning');
-      health.warnings.forEach((warning) => add(warning, 'warning'));
+      if (health.missed !== '') add(`${health.missed} missed deadlines`);
+      if (health.lost !== null) add(`${health.lost} lost messages`, health.lost ? 'warning' : '');
+      [health.error, ...health.warnings].filter(Boolean).forEach((warning) => add(warning, 'warning'));
     }
-    const { recorder, complaints } = this.status;
-    if (recorder) add(`● recorder: ${recorder.message}`);
-    (complaints || []).forEach((complaint) => add(complaint, 'warning'));
+    if (this.status.recorder) add(`● recorder: ${this.status.recorder.message}`);
+    this.status.failures.forEach((failure) => add(failure, 'warning'));
     const key = JSON.stringify(parts);
     if (key === this.healthKey) return;
     this.healthKey = key;
-    element('health').replaceChildren(...parts.map(([text, kind]) => {
-      const span = document.createElement('span');
-      span.textContent = text;
-      span.className = kind;
-      return span;
-    }));
+    element('health').replaceChildren(...parts.map(([textContent, className]) => (
+      Object.assign(document.createElement('span'), { textContent, className }))));
   }
 
-  tellStale() {
-    const place = element('stale');
-    const silent = (performance.now() - this.connected) / 1000;
+  // Warns if the shown frame is old, so that a still picture does not look alive.
+  refreshWarning(index, newest) {
+    const banner = element('stale');
+    const silence = (performance.now() - this.received) / 1000;
     let text = '';
-    let paused = false;
-    const number = this.chains.findIndex((chain) => chain.name === this.watched);
-    const newest = this.frames.get(number);
-    if (silent > SILENCE) text = `no answer from live_view since ${silent.toFixed(1)} s`;
+    let expected = false;
+    if (silence > SILENCE) text = `live_view has not answered for ${silence.toFixed(1)} s`;
     else if (this.watched !== ALL && newest) {
-      const age = newest.frame.age + (performance.now() - newest.came) / 1000;
-      const chain = this.known(number);
-      if (age === Infinity) text = 'no joint_states yet';
+      const age = newest.frame.age + (performance.now() - newest.arrival) / 1000;
+      const { paused, status } = this.known(index);
+      const ended = status.replay && this.status.replay && this.status.replay.ended;
+      if (age === Infinity) text = 'waiting for joint_states';
       else if (age > SILENCE) {
-        paused = Boolean(chain.paused);
-        const ended = chain.status.replay && this.status.replay && this.status.replay.ended;
-        text = ended ? 'the replay is at its end' : `no joint_states since ${age.toFixed(1)} s`;
-        paused = paused || ended;
-        if (chain.paused) text = `paused, ${text}`;
+        expected = Boolean(paused || ended);
+        text = ended ? 'end of the replay' : `no joint_states for ${age.toFixed(1)} s`;
+        if (paused) text = `paused, ${text}`;
       }
     }
-    place.hidden = !text;
-    place.classList.toggle('paused', paused);
-    setText(place, text);
+    banner.hidden = !text;
+    banner.classList.toggle('paused', expected);
+    setText(banner, text);
   }
 
-  tellMove(chain) {
-    const { move } = chain.status;
+  refreshMove({ status: { move } }) {
     const place = element('move');
-    if (!move || !move.state) { setText(place, ''); return; }
-    const under = move.state === 'under way';
-    const key = `${move.state}|${move.message}|${move.progress}`;
+    const key = move ? `${move.state}|${move.message}|${move.progress}` : '';
     if (place.dataset.key === key) return;
     place.dataset.key = key;
-    place.replaceChildren();
-    const whose = move.elsewhere ? ', as asked for elsewhere ' : ' ';
-    place.append(under ? `carrying to rotor ${Number(move.goal).toFixed(2)}${whose}` : `${move.state}: ${move.message}`);
-    if (under) {
-      const bar = document.createElement('progress');
-      bar.value = move.progress;
-      bar.setAttribute('aria-label', 'way done');
-      place.append(bar, ` ${Math.round(100 * move.progress)} %`);
-    }
+    if (!move || !move.state) { place.replaceChildren(); return; }
+    if (move.state !== 'under way') { place.replaceChildren(`${move.state}: ${move.message}`); return; }
+    const bar = Object.assign(document.createElement('progress'), { value: move.progress });
+    bar.setAttribute('aria-label', 'completed fraction of the move');
+    const client = move.foreign ? ', requested by another program ' : ' ';
+    const goal = Number(move.goal).toFixed(2);
+    place.replaceChildren(`moving the soliton to rotor ${goal}${client}`, bar, ` ${Math.round(100 * move.progress)} %`);
   }
 
-  tellReplay(chain, frame) {
+  refreshReplay(chain, frame) {
     const { replay } = this.status;
     const here = Boolean(replay && chain.status.replay);
     element('time-figure').hidden = !here;
     if (!here) return;
     this.time.canvas.fit();
     this.time.draw(replay, frame.rotors);
-    const state = replay.ended ? 'at its end' : replay.paused ? 'paused' : `${replay.rate} × as fast as recorded`;
-    setText(element('time-note'), `of ${replay.bag}, ${(replay.position || 0).toFixed(1)} s of ${replay.duration.toFixed(1)} s, ${state}`);
+    const state = replay.ended ? 'ended' : replay.paused ? 'paused' : `${replay.rate} × recorded speed`;
+    setText(element('time-note'), `${replay.bag}, ${(replay.position || 0).toFixed(1)} s of ${replay.duration.toFixed(1)} s, ${state}`);
   }
 }
 
-// A chain with the function that gives the leans of its rotors their colours.
-function scaleOf(chain) {
+// Adds the function from the lean of a rotor to its relative colour.
+function withScale(chain) {
   return { ...chain, lean: leanScale(chain.rest_lean || NaN, chain.longest_rotor || 1) };
-}
-
-function setText(place, text) {
-  if (place.textContent !== text) place.textContent = text;
 }
 
 function begin() {

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Controls of the recorder and of the player, and the list of bags."""
+"""Controls of the recorder and the player, and the list of bags."""
 
 from __future__ import annotations
 
@@ -19,98 +19,95 @@ from soliton_linkage_nodes.live_view.controls.drive_controls import (
     value_of,
 )
 from soliton_linkage_nodes.live_view.status import REPLAY
-from soliton_linkage_nodes.live_view.stream import View
+from soliton_linkage_nodes.live_view.view import View
 
 _RATES = (0.1, 0.25, 0.5, 1.0, 2.0, 5.0, 10.0)
-"""Rates of a replay over that of the recording [1]."""
+"""Rates of a replay relative to the recording [1]."""
+_REQUESTS = (
+    ('Pause', 'pause', 'pause', 'live-record-pause'),
+    ('Resume', 'resume', 'play_arrow', 'live-record-resume'),
+    ('New file', 'split_bagfile', 'call_split', 'live-record-split'),
+    ('Snapshot', 'snapshot', 'photo_camera', 'live-record-snapshot'),
+)
+"""Text, request, icon and id of each button of a running recorder."""
 
 
 class RecordControls:
-    """Start, pause, split, snapshot and stop."""
+    """Start, pause, split, snapshot and stop, for the chain that the page shows."""
 
     def __init__(self, view: View, page: Shown) -> None:
-        """Record the chain that the page shows."""
         self._view, self._page = view, page
-        self._start = ControlGroup('Record', 'start')
+        self._start = ControlGroup('Record this chain to a bag', 'start')
         with self._start.body:
             kept = number('only keep the last', 0.0, 's', min=0, max=3600)
-            kept.tooltip('0 records all; with some seconds, a snapshot writes what came in them')
-            button(
-                'Start',
-                lambda: self._begin(value_of(kept, 'seconds')),
-                'fiber_manual_record',
-                'live-record',
-            )
-        self._going = ControlGroup('Recording', 'ask')
-        with self._going.body:
-            button('Pause', partial(self._ask, 'pause'), 'pause', 'live-record-pause')
-            button('Go on', partial(self._ask, 'resume'), 'play_arrow', 'live-record-resume')
-            button('Split', partial(self._ask, 'split_bagfile'), 'call_split', 'live-record-split')
-            button(
-                'Snapshot', partial(self._ask, 'snapshot'), 'photo_camera', 'live-record-snapshot'
-            )
-        self._end = ControlGroup('Finish', 'stop')
-        with self._end.body:
+            kept.tooltip('0 records everything; otherwise Snapshot writes the last seconds')
+            start = partial(self._start_recorder, kept)
+            button('Start', start, 'fiber_manual_record', 'live-record')
+        self._requests = ControlGroup('Running recorder', 'request')
+        with self._requests.body:
+            for text, name, icon, marker in _REQUESTS:
+                button(text, partial(self._request, name), icon, marker)
+        self._stop = ControlGroup('Finish the bag', 'stop')
+        with self._stop.body:
             button('Stop', view.recording.stop, 'stop', 'live-record-stop')
-        self._told = ui.label().classes('live-hint').props('id=live-recording')
+        self._summary = ui.label().classes('live-hint').props('id=live-recording')
 
-    def _begin(self, kept: float) -> str:
+    def _start_recorder(self, kept: ui.number) -> str:
         if self._view.read_only:
             raise ValueError(READ_ONLY)
-        if self._page.namespace not in self._view.finder.chains:
-            raise ValueError('choose a chain to record')
-        return self._view.recording.start(self._page.namespace, kept)
+        if self._page.namespace not in self._view.chains:
+            raise ValueError('select the chain to record')
+        return self._view.recording.start(self._page.namespace, value_of(kept))
 
-    async def _ask(self, what: str) -> str:
+    async def _request(self, name: str) -> str:
         recording = self._view.recording
-        return await recording.ask(self._view.commands(recording.namespace), what)
+        return await recording.request(self._view.commands(recording.namespace), name)
 
     def refresh(self) -> None:
-        """Disable inactive controls and show the state of the recording."""
+        """Disable unusable controls and show the state of the recording."""
         recording = self._view.recording
-        if not recording.running and self._page.namespace in self._view.finder.chains:
+        if not recording.running and self._page.namespace in self._view.chains:
             recording.namespace = self._page.namespace
         read_only = READ_ONLY if self._view.read_only else ''
         report = recording.report
-        going = '' if report else 'nothing is being recorded'
-        foreign = 'it was started elsewhere: end it there' if report else going
-        running = 'it is recording' if recording.running else ''
-        self._start.disable_for(read_only or recording.refusal or running)
-        self._going.disable_for(read_only or going)
-        self._end.disable_for(read_only or ('' if recording.running else foreign))
-        told = ''
+        silent = '' if report else 'no recorder is running'
+        foreign = 'another program started this recorder; stop it there' if report else silent
+        running = 'a recording is running' if recording.running else ''
+        self._start.disable_for(read_only or recording.rejection or running)
+        self._requests.disable_for(read_only or silent)
+        self._stop.disable_for(read_only or ('' if recording.running else foreign))
+        text = ''
         if report:
             figures = report.figures
             name = figures.get('bag', '').rpartition('/')[2]
-            told = (
+            text = (
                 f'{name}: {report.message}; {figures.get("messages", "?")} messages, '
                 f'{figures.get("lost messages", "?")} lost'
             )
-        if self._told.text != told:
-            self._told.text = told
+        if self._summary.text != text:
+            self._summary.text = text
 
 
 class BagControls:
-    """The list of bags and the controls of the replay."""
+    """List of bags and controls of the replay."""
 
     def __init__(self, view: View, page: Shown) -> None:
-        """Build an empty list."""
         self._view, self._page = view, page
         self._listings = 0
         self._rows: dict[str, tuple[CataloguedBag | None, ui.element]] = {}
         with ui.element('div').classes('live-row'):
-            ui.label('Bags').classes('live-title')
-            ui.button('Look again', icon='refresh', on_click=self.list_bags).props(
+            ui.label('Recorded bags').classes('live-title')
+            ui.button('Refresh', icon='refresh', on_click=self.list_bags).props(
                 'flat dense no-caps id=live-bags-look'
             )
         self._list = ui.element('div').classes('live-bags').props('id=live-bags')
-        self._transport = ControlGroup('Replay', 'replay')
+        self._transport = ControlGroup('Replay of a bag', 'replay')
         with self._transport.body:
             button('Pause', lambda: self._pause(True), 'pause', 'live-replay-pause')
             button('Play', lambda: self._pause(False), 'play_arrow', 'live-replay-play')
-            rate = ui.select({r: f'{r:g} ×' for r in _RATES}, value=1.0, label='rate')
+            rate = ui.select({r: f'{r:g} ×' for r in _RATES}, value=1.0, label='speed')
             rate.props('dense outlined id=live-replay-rate')
-            loop = ui.switch('loop', value=False).props('id=live-replay-loop')
+            loop = ui.switch('repeat', value=False).props('id=live-replay-loop')
             button('End', view.replay.stop, 'close', 'live-replay-end')
 
             async def change_rate() -> None:
@@ -124,54 +121,49 @@ class BagControls:
             loop.on_value_change(change_loop)
 
     def refresh(self) -> None:
-        """Disable the controls of the replay while no bag is played."""
+        """Disable the controls of the replay while no bag is open."""
         read_only = READ_ONLY if self._view.read_only else ''
-        none = '' if self._view.replay.bag else 'no bag is being played'
-        self._transport.disable_for(read_only or none)
+        closed = '' if self._view.replay.bag else 'no bag is open; press Play beside a bag'
+        self._transport.disable_for(read_only or closed)
 
     async def list_bags(self) -> None:
         """List the bags of the folders."""
         self._listings += 1
         listing = self._listings
         bags = {bag.name: bag for bag in await asyncio.to_thread(self._view.catalogue.bags)}
-        # Rows of the same bags stay, because a user may be about to press their buttons.
+        # Rows of unchanged bags stay, because a user may be about to press their buttons.
         for name, (shown, row) in list(self._rows.items()):
             if shown is None or shown != bags.get(name):
                 row.delete()
                 del self._rows[name]
         with self._list:
-            for place, (name, bag) in enumerate(bags.items()):
+            for index, (name, bag) in enumerate(bags.items()):
                 if name in self._rows:
                     continue
                 row = self._row(bag)
-                row.move(target_index=place)
+                row.move(target_index=index)
                 self._rows[name] = bag, row
-                # Let the server send pictures.
+                # Let the server send frames.
                 await asyncio.sleep(0)
                 if listing != self._listings:
                     return
             if not bags:
-                self._rows[''] = None, self._none()
-
-    def _none(self) -> ui.element:
-        folders = ', '.join(map(str, self._view.catalogue.folders))
-        return ui.label(
-            f'No bags in {folders}.'
-            if folders
-            else 'No folder was named: start live_view with bag_folders.'
-        ).classes('live-hint')
+                folders = ', '.join(map(str, self._view.catalogue.folders))
+                text = f'No bags in {folders}.' if folders else 'No folder for bags is set.'
+                remedy = '' if folders else ' Start live_view with bag_folders.'
+                self._rows[''] = None, ui.label(text + remedy).classes('live-hint')
 
     def _row(self, bag: CataloguedBag) -> ui.element:
         with ui.element('div').classes('live-bag') as row:
             with ui.element('div'):
                 ui.label(bag.name).classes('live-bag-name')
                 topics = sorted((name.lstrip('/'), n) for name, n in bag.topics.items() if n)
-                held = ', '.join(f'{count} {name}' for name, count in topics)
-                lost = f', {bag.lost} lost' if bag.lost else ''
-                told = f'{bag.duration:.1f} s{lost}: {held}' if held else f'holds nothing{lost}'
-                ui.label(told).classes('live-hint')
+                contents = ', '.join(f'{count} {name}' for name, count in topics)
+                lost = f', {bag.lost} messages lost' if bag.lost else ''
+                text = f'{bag.duration:.1f} s{lost}: {contents}' if contents else f'empty{lost}'
+                ui.label(text).classes('live-hint')
             play = button('Play', partial(self._view.replay.play, bag.name), 'play_arrow')
-            play.set_enabled(bool(bag.played and held) and not self._view.read_only)
+            play.set_enabled(bool(bag.played and contents) and not self._view.read_only)
         return row
 
     async def _pause(self, paused: bool) -> str:

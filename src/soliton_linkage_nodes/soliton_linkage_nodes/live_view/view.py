@@ -1,0 +1,128 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Chains, commands, recorder and player behind the page."""
+
+from __future__ import annotations
+
+import asyncio
+import math
+import time
+from collections.abc import Collection, Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+from rclpy.node import Node
+
+from soliton_linkage_nodes.live_view.bag_catalogue import BagCatalogue
+from soliton_linkage_nodes.live_view.bag_programs import BagRecording, BagReplay
+from soliton_linkage_nodes.live_view.chain_topics import ChainFinder, ChainTopics
+from soliton_linkage_nodes.live_view.commands import ChainCommands
+from soliton_linkage_nodes.live_view.status import reasons, status
+
+ALL = '*'
+"""All chains side by side, in place of a namespace."""
+_STATUS_PERIOD = 0.25
+"""Time between two updates of the status [s]; nodes report once a second."""
+_MOST_FAILURES = 3
+"""Number of failures of the recorder and the player that are shown."""
+
+
+class View:
+    """Present state of all chains, shared by the pages of all browsers."""
+
+    def __init__(
+        self, node: Node, finder: ChainFinder, folders: Sequence[Path], logs: Path, read_only: bool
+    ) -> None:
+        """Send commands by a node, list bags of folders, and write the player's log to `logs`."""
+        self.finder = finder
+        self.read_only = read_only
+        self.catalogue = BagCatalogue(folders)
+        self.recording = BagRecording(folders[0] if folders else None, finder, read_only)
+        self.replay = BagReplay(self.catalogue, logs, finder, read_only)
+        self.status = ''
+        """Status of all chains as JSON."""
+        self.reasons: dict[str, dict[str, str]] = {}
+        """Reason why each control of each chain is disabled, empty if it is enabled."""
+        self._node = node
+        self._failures: list[str] = []
+        self._packed: dict[tuple[int, int, int], bytes] = {}
+        self._commands: dict[str, ChainCommands] = {}
+        self._updated_at = 0.0
+        self._updated = asyncio.Event()
+
+    @property
+    def chains(self) -> Mapping[str, ChainTopics]:
+        """Chains by namespace, in the order of their indices."""
+        return self.finder.chains
+
+    def commands(self, namespace: str) -> ChainCommands:
+        """Return the commands to the nodes of a namespace."""
+        if namespace not in self._commands:
+            self._commands[namespace] = ChainCommands(self._node, namespace, self.read_only)
+        return self._commands[namespace]
+
+    @property
+    def versions(self) -> list[int]:
+        """Numbers that change with the descriptions."""
+        return [self.replay.played, *(c.model.version for c in self.chains.values())]
+
+    def descriptions(self) -> dict[str, Any]:
+        """Return the constants of each chain and the track of the played bag."""
+        chains = [
+            {'name': namespace, **chain.model.description()}
+            for namespace, chain in self.chains.items()
+        ]
+        return {'chains': chains, 'track': self.replay.track.points}
+
+    def packed(self, index: int, chain: ChainTopics, first: int, last: int) -> bytes:
+        """Return a frame of a chain, packed once for all browsers with the same window."""
+        window = index, first, last
+        if window not in self._packed:
+            self._packed[window] = chain.model.packed(*window)
+        return self._packed[window]
+
+    async def wait(self) -> None:
+        """Wait for the next update."""
+        await self._updated.wait()
+
+    def update(self, cameras: Collection[str]) -> None:
+        """Take the newest messages; `cameras` contains namespaces whose camera is shown."""
+        self._packed.clear()
+        self.finder.update()
+        for namespace, chain in self.chains.items():
+            chain.camera.show(namespace in cameras)
+            commands = self.commands(namespace)
+            report = self.finder.reports.get(f'{namespace}soliton_steering')
+            if report is not None:
+                commands.follow(report[0], report[1].figures)
+            move = commands.move
+            if move.foreign:
+                move.rotor = chain.model.numbers.get('rotor', math.nan)
+            chain.model.goal = move.goal if move.under_way else math.nan
+        now = time.monotonic()
+        if now - self._updated_at >= _STATUS_PERIOD:
+            self._updated_at = now
+            self._update_status()
+        updated, self._updated = self._updated, asyncio.Event()
+        updated.set()
+
+    def close(self) -> None:
+        """End the recorder and the player, and destroy the clients."""
+        self.recording.close()
+        self.replay.close()
+        for commands in self._commands.values():
+            commands.close()
+
+    def _update_status(self) -> None:
+        self._failures += filter(None, (self.recording.poll(), self.replay.poll()))
+        del self._failures[:-_MOST_FAILURES]
+        more = {
+            'replay': self.replay.status(),
+            'recorder': self.recording.status(),
+            'failures': self._failures,
+        }
+        commands = {namespace: self.commands(namespace) for namespace in self.chains}
+        self.reasons = {
+            namespace: reasons(chain, commands[namespace])
+            for namespace, chain in self.chains.items()
+        }
+        self.status = status(self.finder, commands, self.reasons, more)
