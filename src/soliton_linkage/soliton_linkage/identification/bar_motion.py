@@ -7,8 +7,8 @@ Rigid bars leave one degree of freedom, the arc s of the orbit. With phi(s) and 
     sqrt(I) du/dt = sum_n m_n r_n g sin(phi_n + tilt) t_n - c ds/dt
                     - b tanh(ds/dt / w) sum_n |t_n|.
 
-Without gravity and drag u is constant: a wall is slow at heavy rotors. Least squares between the
-arcs of the motion and those of the frames gives the masses relative to their mean. Errors of
+Without gravity and drag u is constant: a wall is slow at heavy rotors. Least squares between
+the arcs of the motion and of the frames gives the masses relative to their mean. Errors of
 lengths and offsets move the arcs of all frames. Independent combinations of these errors, each of
 unit variance, are therefore unknowns too. If lengths and offsets have errors dp, the point of the
 true orbit nearest to the configuration of the assumed chain at an arc differs by
@@ -53,7 +53,7 @@ _ROUNDS = 2
 _KNOWN = 1e-6
 """Standard deviation of the logarithm of known gravity [1]."""
 _LARGEST_EXCESS = 1.5
-"""Residual noise of arcs over that of readings [1] above which the motion is not free."""
+"""Residual noise of arcs over the noise of readings [1] above which the motion is not free."""
 _MOST_STEPS = 15
 """Largest number of evaluations of a fit [1]; 4 to 6 are usual."""
 _CONVERGED = 1e-4
@@ -236,7 +236,7 @@ def bar_motion(
     """Estimate masses and forces from free motions of bars; None if other forces act.
 
     Lengths in units of the mean spacing have a covariance (P, P); gravity is in the same units.
-    The noise is that of a reading [rad].
+    The noise of a reading is in [rad].
     """
     orbit = orbit_of(lengths.chain(Chain()))
     intervals = free_intervals(readings.times, readings.interruptions)
@@ -268,11 +268,11 @@ def _combinations(covariance: Array) -> Array:
 
 
 class _Fit:
-    """Least squares between the arcs of motions and those of frames.
+    """Least squares between the arcs of motions and the arcs of frames.
 
     The unknowns are logarithms of masses, forces, the initial state of each interval, and
-    combinations of lengths and offsets. The excess is the residual noise of arcs over that of
-    readings [1].
+    combinations of lengths and offsets. The excess is the residual noise of arcs over the noise
+    of readings [1].
     """
 
     def __init__(

@@ -5,8 +5,8 @@
                         - c phi_n' - b tanh(phi_n' / w),
 
 with the extension f of a spring, and dry friction b, which is nearly constant at rates above w.
-The unknowns q are those of `Lengths`, then log k of each spring, log m of each rotor, c, b, log g,
-the initial angles and the initial rates. The sensitivities X = dphi/dq and V = X' solve
+The unknowns q are the unknowns of `Lengths`, then log k of each spring, log m of each rotor, c, b,
+log g, the initial angles and the initial rates. The sensitivities X = dphi/dq and V = X' solve
 
     X' = V,    V' = (dphi''/dphi) X + (dphi''/dphi') V + dphi''/dq,
 
@@ -183,7 +183,8 @@ def advance(
 ) -> None:
     """Integrate some steps [s] in place by the classical Runge-Kutta method.
 
-    The rows of `state`, (2, N), are angles and rates; those of `changes`, (2, N, Q), are x and v.
+    The rows of `state`, (2, N), are angles and rates; the rows of `changes`, (2, N, Q), are x and
+    v.
     """
     rotors, size = changes.shape[1:]
     work, rate_changes = np.empty((16, rotors)), np.empty((rotors, size))

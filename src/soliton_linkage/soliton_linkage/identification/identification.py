@@ -307,8 +307,8 @@ def _by_bonds(
         )
     usual = float(np.median(found.bond_noise))
     warnings += [
-        f'the misclosure of bond {bond} is {found.bond_noise[bond] / usual:.2g} times that of '
-        'most bonds; check that its encoders do not slip and its pivots have no play'
+        f'the misclosure of bond {bond} is {found.bond_noise[bond] / usual:.2g} times the '
+        'median; check that its encoders do not slip and its pivots have no play'
         for bond in np.flatnonzero(found.bond_noise > _WORSE * usual).tolist()
     ]
     basis = observable_basis(found.lengths)

@@ -51,7 +51,7 @@ expected."""
 _COARSE = 3.0
 """Expected gain that ends the steps with shorter windows [1]."""
 _STIFFNESS_FACTORS = (1, 1 / 5, 5)
-"""Initial stiffnesses over the given one [1], of which steps correct a factor of 2 or 3. Springs
+"""Initial stiffnesses over the given one [1]; steps can correct a factor of 2 or 3. Springs
 whose vibrations are faster than the frames are not tried."""
 _TOLERANCE_CHANGE = 0.05
 """Relative change of the tolerances below which they have converged [1]."""
@@ -64,10 +64,10 @@ _FITTING = 0.5
 """Root mean square distance of motion and readings of a window that can be merged [rad], a third
 of the rotation of a rotor by a wall; least squares converges from there."""
 _UNEXPLAINED = 3.0
-"""Residual noise over that of readings from which springs are no model of them [1]; then the
+"""Residual noise over reading noise from which springs are no model of the readings [1]; then the
 posterior is not sampled, which takes most of the time."""
 _SIGNIFICANT = 3.0
-"""Standard deviations by which the residuals of bars must exceed those of springs [1]."""
+"""Excess of the residuals of bars over springs that is significant, in standard deviations [1]."""
 _DAMPINGS = 12
 """Dampings that are tried for one step [1], the last 100."""
 _DAMPED = 1e-3

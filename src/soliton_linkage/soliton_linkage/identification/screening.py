@@ -232,7 +232,7 @@ def check_slips(recording: Readings, residuals: Array, noise: float) -> None:
     """Raise ValueError for an encoder whose residuals have a step.
 
     Residuals [rad], (T, N), are divided by the relative deviations of the readings. The noise
-    [rad] is that of one reading.
+    [rad] belongs to one reading.
     """
     single = residuals / np.sqrt(repeat_counts(recording.unwrapped))
     sums = np.cumsum(single - single.mean(axis=0), axis=0) / (noise * math.sqrt(len(residuals)))

@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Windows of frames of free motion, their normal equations, and the prior of the chain.
 
-The unknowns of a window are those of the chain, q, and its initial state, s. With its normal
+The unknowns of a window are the chain, q, and its initial state, s. With its normal
 equations in blocks,
 
     (A_qq - A_qs A_ss^-1 A_sq) dq = b_q - A_qs A_ss^-1 b_s
@@ -242,7 +242,7 @@ class Eliminated(NamedTuple):
     """b_s A_ss^-1 b_s: decrease of the squares by the initial state alone [1]."""
 
     def change(self, chain: Array) -> Array:
-        """Return the change of all unknowns of the window, (Q,), given that of the chain."""
+        """Return the change of all unknowns of the window, (Q,), given the chain's."""
         return np.concatenate([chain, self.state - self.coupling @ chain])
 
 
