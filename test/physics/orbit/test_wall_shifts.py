@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Shifts of walls by deviations, against chains that have one after the other."""
+"""Errors of walls by deviations, compared with chains that have one deviation each."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ def chain_of(rest_angle: float, lean_ratio: float) -> Chain:
 
 
 def deviating(chain: Chain) -> list[Chain]:
-    """Chains of which one spacing, one rotor's length or its mass is larger by a small share."""
+    """Chains with one spacing, one rotor length or one mass larger by a small fraction."""
     single = SMALL * np.eye(3 * ROTORS - 1)
     parts = (np.split(row, [ROTORS - 1, 2 * ROTORS - 1]) for row in single)
     return [
@@ -38,24 +38,24 @@ def deviating(chain: Chain) -> list[Chain]:
     ]
 
 
-def left_share(chain: Chain, near: Array, bond: int) -> float:
-    """Share of |t|^2 on the left of a bond, where all bars fit next to given angles."""
+def left_part(chain: Chain, near: Array, bond: int) -> float:
+    """Part of |t|^2 on the left of a bond, in the closed configuration next to given angles."""
     return float(np.sum(zero_mode(chain, unstretched(chain, near))[: bond + 1] ** 2))
 
 
 def arc_at(chain: Chain, orbit: UniformOrbit, bond: int, leg: int) -> float:
-    """Arc of an orbit whose nearest chain has as much of its mode on the left of a bond."""
+    """Arc of an orbit at which the chain next to it has the same part of its mode on the left."""
     arc = orbit.arc_at(bond + 0.5, leg)
-    share = float(np.sum(orbit.tangent(arc)[: bond + 1] ** 2))
+    part = float(np.sum(orbit.tangent(arc)[: bond + 1] ** 2))
 
     def beyond(at: float) -> float:
-        return left_share(chain, orbit.configuration(at), bond) - share
+        return left_part(chain, orbit.configuration(at), bond) - part
 
     return float(brentq(beyond, arc - 0.01, arc + 0.01, xtol=1e-9))
 
 
 def passage(chain: Chain, orbit: UniformOrbit, bond: int, leg: int) -> float:
-    """Time from one bond to the next in free motion, in units of its own."""
+    """Time from one bond to the next in free motion, in arbitrary units."""
     ends = [arc_at(chain, orbit, each, leg) for each in (bond, bond + 1)]
     way = [unstretched(chain, orbit.configuration(arc)) for arc in np.linspace(*ends, 20)]
     steps = np.diff(np.unwrap(way, axis=0), axis=0)
@@ -65,7 +65,7 @@ def passage(chain: Chain, orbit: UniformOrbit, bond: int, leg: int) -> float:
 @pytest.mark.parametrize(
     ('example', 'bond', 'leg'), [(FLIPPER, 1, 3), (WOBBLER, 4, 1), (SPINNER, 3, 0)]
 )
-def test_walls_are_shifted_and_slowed_as_chains_with_single_deviations_tell(
+def test_errors_of_arc_and_rate_agree_with_chains_with_single_deviations(
     example: tuple[float, float], bond: int, leg: int
 ) -> None:
     chain = chain_of(*example)
