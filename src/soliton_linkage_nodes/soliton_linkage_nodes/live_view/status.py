@@ -15,8 +15,6 @@ from soliton_linkage_nodes.messages.view_conversions import NodeReport, figure
 
 REPLAY = '/replay/'
 """Namespace in which a bag is played."""
-CONTROLS = ('nudge', 'drive', 'tilt', 'pause', 'step', 'reset', 'move', 'release', 'identify')
-"""Names of controls."""
 _DROP_AGE = 30.0
 """Age after which the report of a silent node is dropped [s]."""
 _LONGEST_DELAY = 0.2
@@ -25,6 +23,27 @@ _FRAMES_BEHIND = 2
 """Largest unreported delay in frames [1]; the state of one frame is in transit."""
 _ACTUATOR = 'start edge_actuator'
 _SIMULATOR = 'only a simulator can do this, and none is running here'
+_STEERING = 'no node serves {}; start soliton_steering'
+_TOPICS = {
+    'nudge': ('nudge', _ACTUATOR),
+    'drive': ('edge_command', _ACTUATOR),
+    'tilt': ('tilt', _SIMULATOR),
+}
+"""Topic of each control that publishes, and the remedy if there is no subscriber."""
+_SERVICES = {
+    'pause': ('simulator/pause', _SIMULATOR),
+    'step': ('simulator/step', _SIMULATOR),
+    'reset': ('simulator/reset', _SIMULATOR),
+    'move': ('move_soliton', _STEERING.format('move_soliton')),
+    'release': ('soliton_steering/release', _STEERING.format('release')),
+    'identify': (
+        'chain_identifier/identify',
+        'no node serves identify; start chain_identifier',
+    ),
+}
+"""Service or action of each other control, and the remedy if there is no server."""
+CONTROLS = (*_TOPICS, *_SERVICES)
+"""Names of controls."""
 
 
 def reasons(chain: ChainTopics, commands: ChainCommands) -> dict[str, str]:
@@ -33,26 +52,15 @@ def reasons(chain: ChainTopics, commands: ChainCommands) -> dict[str, str]:
         return dict.fromkeys(CONTROLS, READ_ONLY)
     if chain.namespace.startswith(REPLAY):
         return dict.fromkeys(CONTROLS, 'this chain is a replay of a bag')
-
-    def if_served(name: str, remedy: str) -> str:
-        return '' if commands.serves(name) else remedy
-
-    def if_subscribed(topic: str, remedy: str) -> str:
-        subscribed = commands.subscribers(topic)
-        return '' if subscribed else f'no node subscribes to {topic}: {remedy}'
-
-    steering = 'no node serves {}: start soliton_steering'
-    identifier = 'no node serves identify: start chain_identifier'
     return {
-        'nudge': if_subscribed('nudge', _ACTUATOR),
-        'drive': if_subscribed('edge_command', _ACTUATOR),
-        'tilt': if_subscribed('tilt', _SIMULATOR),
-        'pause': if_served('simulator/pause', _SIMULATOR),
-        'step': if_served('simulator/step', _SIMULATOR),
-        'reset': if_served('simulator/reset', _SIMULATOR),
-        'move': if_served('move_soliton', steering.format('move_soliton')),
-        'release': if_served('soliton_steering/release', steering.format('release')),
-        'identify': if_served('chain_identifier/identify', identifier),
+        **{
+            name: '' if commands.subscribers(topic) else f'no node subscribes to {topic}; {remedy}'
+            for name, (topic, remedy) in _TOPICS.items()
+        },
+        **{
+            name: '' if commands.serves(service) else remedy
+            for name, (service, remedy) in _SERVICES.items()
+        },
     }
 
 

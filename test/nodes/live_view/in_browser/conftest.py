@@ -164,8 +164,8 @@ def visit(
 def at_rest(view: View, visit: Visit, stage: Stage) -> Visit:
     """Shared page, with the chain and its soliton at rest."""
     visit.tab('Drive')
-    stage.call('soliton_steering/release', Trigger, Trigger.Request())
-    assert stage.call('simulator/reset', Reset, Reset.Request()).success
+    stage.call(Trigger, 'soliton_steering/release')
+    assert stage.call(Reset, 'simulator/reset').success
     model, reports = view.chains['/'].model, view.finder.reports
     until(lambda: abs(model.numbers.get('rotor', math.nan) - PLACE) < 0.1, 'the reset')
     reports.pop('/soliton_steering', None)

@@ -5,15 +5,12 @@ from __future__ import annotations
 
 import threading
 import time
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
 import pytest
-import rclpy
-from rclpy.experimental import EventsExecutor
-from rclpy.node import Node
-from rclpy.parameter import Parameter
+from graphs import Graph
 from rclpy.publisher import Publisher
 from rclpy.service import Service
 from rclpy.timer import Timer
@@ -49,31 +46,20 @@ def until(condition: Callable[[], Any], what: str) -> Any:
     return value
 
 
-class Stage:
+class Stage(Graph):
     """Nodes on a separate domain, spun by a thread while the test controls a browser."""
 
     def __init__(self, domain: int, folder: Path) -> None:
+        super().__init__(domain)
         self.folder = folder
-        self.domain = domain
-        self.context = rclpy.Context()
-        rclpy.init(context=self.context, domain_id=domain)
-        self.executor = EventsExecutor(context=self.context)
-        self._nodes: list[Node] = []
         self._received: dict[str, list[Any]] = {}
         self._stopping = threading.Event()
         self._thread = threading.Thread(target=self._spin)
         self._thread.start()
-        self.user = self.start(lambda **kwargs: Node('user', **kwargs))
 
-    def start(
-        self, create: Callable[..., Node], parameters: Mapping[str, Any] | None = None, **more: Any
-    ) -> Any:
-        """Create a node with parameters and spin it."""
-        overrides = [Parameter(name, value=value) for name, value in (parameters or {}).items()]
-        node = create(context=self.context, parameter_overrides=overrides, **more)
-        self._nodes.append(node)
-        self.executor.add_node(node)
-        return node
+    def until(self, condition: Callable[[], Any], what: str, _: Any = None) -> None:
+        """Wait until a condition is true, while the thread spins."""
+        until(condition, what)
 
     def subscribe(self, topic: interfaces.Topic, namespace: str = '/') -> Any:
         """Subscribe to a topic for `record`, and return the subscription."""
@@ -88,15 +74,6 @@ class Stage:
         received.clear()
         return received
 
-    def call(self, name: str, service_type: Any, request: Any) -> Any:
-        """Return the response of a service."""
-        client = self.user.create_client(service_type, name)
-        until(client.service_is_ready, name)
-        answer = client.call_async(request)
-        until(answer.done, f'the answer of {name}')
-        self.user.destroy_client(client)
-        return answer.result()
-
     def end(self, timer: Timer, *others: Publisher | Service[Any, Any]) -> None:
         """Destroy a timer, then the publishers and services that it uses, on the executor.
 
@@ -107,21 +84,17 @@ class Stage:
         self._run_on_executor(lambda: [any(act(each) for act in destroy) for each in others])
 
     def close(self) -> None:
-        """Destroy all nodes."""
+        """Stop the thread and destroy all nodes."""
         self._stopping.set()
         self._thread.join()
-        for node in reversed(self._nodes):
-            self.executor.remove_node(node)
-            node.destroy_node()
-        self.executor.shutdown()
-        rclpy.shutdown(context=self.context)
+        super().close()
 
     def _run_on_executor(self, act: Callable[[], object]) -> None:
-        until(self.executor.create_task(act).done, 'the executor')
+        until(self._executor.create_task(act).done, 'the executor')
 
     def _spin(self) -> None:
         while not self._stopping.is_set():
-            self.executor.spin_once(timeout_sec=0.05)
+            self._executor.spin_once(timeout_sec=0.05)
 
 
 class Browser:

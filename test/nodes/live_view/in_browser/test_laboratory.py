@@ -134,7 +134,7 @@ class Identifier:
 
 def test_the_buttons_identify_and_save_the_chain(visit: Visit, stage: Stage) -> None:
     visit.tab('Identify')
-    visit.panel_has_text('no node serves identify: start chain_identifier')
+    visit.panel_has_text('no node serves identify; start chain_identifier')
     assert visit.page.locator('#live-identifier-identify').is_disabled()
     identifier = Identifier(stage)
     visit.page.locator('#live-identifier-identify:enabled').click()
@@ -156,5 +156,5 @@ def test_the_buttons_identify_and_save_the_chain(visit: Visit, stage: Stage) -> 
     visit.notifies('forget received')
     assert identifier.requested == ['identify', 'save', 'forget']
     identifier.close()
-    visit.panel_has_text('no node serves identify: start chain_identifier')
+    visit.panel_has_text('no node serves identify; start chain_identifier')
     visit.tab('Drive')

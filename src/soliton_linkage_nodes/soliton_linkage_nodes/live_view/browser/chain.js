@@ -140,23 +140,20 @@ export class ChainView {
     // Smaller extensions are invisible.
     const least = 1e-4 * (this.chain.rest_length || 1e-5);
     this.stretch = Math.max(largest, 0.98 * this.stretch, least);
-    const groups = new Map();
+    const paths = new Map(); // springs of about equal extension are drawn together
     for (let i = 0; i + 1 < points.length; i += 1) {
-      const e = extensions[i];
-      const level = Number.isFinite(e) ? Math.round((e / this.stretch) * 4) : 0;
-      groups.set(level, [...(groups.get(level) || []), i]);
+      const [[, fromX, fromY], [, toX, toY]] = [points[i], points[i + 1]];
+      if (!Number.isFinite(fromX) || !Number.isFinite(toX)) continue;
+      const level = Math.round((extensions[i] / this.stretch) * 4) || 0;
+      if (!paths.has(level)) paths.set(level, new Path2D());
+      paths.get(level).moveTo(fromX, fromY);
+      paths.get(level).lineTo(toX, toY);
     }
-    groups.forEach((members, level) => {
+    paths.forEach((path, level) => {
       c.strokeStyle = level > 0 ? look.red : level < 0 ? look.blue : look.soft;
       c.globalAlpha = level ? 0.35 + 0.65 * Math.abs(level) / 4 : 0.55;
       c.lineWidth = width * (0.8 + 0.3 * Math.abs(level));
-      c.beginPath();
-      members.forEach((i) => {
-        if (!Number.isFinite(points[i][1]) || !Number.isFinite(points[i + 1][1])) return;
-        c.moveTo(points[i][1], points[i][2]);
-        c.lineTo(points[i + 1][1], points[i + 1][2]);
-      });
-      c.stroke();
+      c.stroke(path);
     });
     c.globalAlpha = 1;
   }

@@ -119,7 +119,7 @@ export class Kymograph extends Plot {
 
   note(frame, chain) {
     const largest = chain.longest_rotor ? `${(1e3 * chain.longest_rotor).toFixed(0)} mm` : '1';
-    return `orange: left, purple: right, up to ±${largest}; line: soliton`;
+    return `orange left, purple right, ±${largest}`;
   }
 }
 
@@ -292,7 +292,7 @@ export class TopologyPlot extends Plot {
 
   note(frame) {
     if (!analysed(frame)) return '';
-    return `charge ${finite(frame.charge, 0)}, zero mode at rotor ${finite(frame.zero_mode_rotor, 1)}`;
+    return `charge ${finite(frame.charge, 0)}, zero mode at ${finite(frame.zero_mode_rotor, 1)}`;
   }
 }
 

@@ -72,7 +72,7 @@ class RecordControls:
         report = recording.report
         silent = '' if report else 'no recorder is running'
         foreign = 'another program started this recorder; stop it there' if report else silent
-        running = 'a recording is running' if recording.running else ''
+        running = 'a recorder is already running' if recording.running else ''
         self._start.disable_for(read_only or recording.rejection or running)
         self._requests.disable_for(read_only or silent)
         self._stop.disable_for(read_only or ('' if recording.running else foreign))

@@ -18,7 +18,7 @@ _KINDS = {'kick': 'kick [rad/s]', 'pulse': 'pulse [N m]', 'pressure': 'pressure 
 _DEFAULT_VALUES = {'kick': 10.0, 'pulse': 0.002, 'pressure': 20_000.0}
 """Default value of an edge command [rad/s, N m, Pa]: each starts a soliton."""
 _DEFAULT_NUDGE = 10.0
-"""Default speed of a nudge [rad/s]: that of the experiments."""
+"""Default speed of a nudge [rad/s], as in the experiments."""
 _FASTEST_NUDGE = 50.0
 """Speed at the end of the slider [rad/s]."""
 _LARGEST_TILT = 0.5
