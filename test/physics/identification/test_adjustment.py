@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Adjusted lengths reach their bound, and let walls pass where one has passed."""
+"""Estimated lengths reach the Cramer-Rao bound, and walls pass with them."""
 
 from __future__ import annotations
 
@@ -29,10 +29,10 @@ from soliton_linkage.solitons.passage import blocked_bonds
 
 DRAWS = 3
 NEARLY_STOPPING = 6041
-"""Seed of a chain whose first two bonds nearly stop walls."""
+"""Seed of a chain whose first two bonds are close to a limit."""
 
 
-def test_slopes_of_misclosures_are_their_changes() -> None:
+def test_slopes_of_misclosures_agree_with_differences() -> None:
     chain = unequal(WOBBLER, 3)
     angles = np.random.default_rng(1).uniform(-3, 3, (10, 4))
     lengths = chain_lengths(chain)
@@ -55,8 +55,8 @@ def test_slopes_of_misclosures_are_their_changes() -> None:
         np.testing.assert_allclose(change, expected, atol=1e-8)
 
 
-def test_the_information_is_that_of_all_bonds_of_a_frame_together() -> None:
-    """The naive twin: J^T (R R^T)^-1 J with full matrices."""
+def test_the_information_agrees_with_full_matrices() -> None:
+    """Compare with J^T (R R^T)^-1 J."""
     chain = unequal(FLIPPER, 5)
     angles = passage(chain, 7)
     lengths = chain_lengths(chain)
@@ -72,7 +72,7 @@ def test_the_information_is_that_of_all_bonds_of_a_frame_together() -> None:
     np.testing.assert_allclose(found, matrix, atol=1e-9 * np.abs(matrix).max())
 
 
-def test_angles_do_not_tell_the_scale() -> None:
+def test_the_scale_is_not_observable() -> None:
     chain = unequal(SPINNER, 2)
     matrix = Bundle(chain_lengths(chain), passage(chain, 50)).normal_equations().matrix
     scale = np.ones(38)
@@ -83,8 +83,8 @@ def test_angles_do_not_tell_the_scale() -> None:
 @pytest.mark.parametrize(
     'chain', [FLIPPER, WOBBLER, SPINNER], ids=['flipper', 'wobbler', 'spinner']
 )
-def test_lengths_are_as_near_as_the_bound_allows_and_deviations_true(chain: Chain) -> None:
-    """Over chains and noise; `benchmark/identification.py` measures long ones, more often."""
+def test_errors_reach_the_bound_and_agree_with_stated_deviations(chain: Chain) -> None:
+    """Use short chains; `benchmark/identification.py` measures long ones, with more draws."""
     over_bound, over_stated, noises = [], [], []
     for seed in range(DRAWS):
         made = unequal(chain, 10 * seed)
@@ -98,15 +98,15 @@ def test_lengths_are_as_near_as_the_bound_allows_and_deviations_true(chain: Chai
         over_bound.append(errors / least)
         over_stated.append(errors / found.deviations)
         noises.append(found.noise)
-    # Of 3 times 38 errors, of which neighbours go together.
+    # 3 times 38 errors, which are correlated between neighbours.
     assert np.sqrt(np.mean(np.square(over_bound))) == pytest.approx(1, abs=0.3)
     assert np.sqrt(np.mean(np.square(over_stated))) == pytest.approx(1, abs=0.3)
     assert np.mean(noises) == pytest.approx(0.01, rel=0.02)
 
 
 @pytest.mark.parametrize('seed', [0, 2])
-def test_lengths_of_bonds_that_nearly_stop_walls_are_found(seed: int) -> None:
-    """Frames in which a bond is in line with a rotor close on either side of that."""
+def test_lengths_of_bonds_close_to_a_limit_are_found(seed: int) -> None:
+    """A frame whose bond is in line with a rotor can close on either side of it."""
     many = chain_lengths(unequal(replace(FLIPPER, number_of_rotors=40), NEARLY_STOPPING))
     few = many.rotor_lengths[:6], many.spacings[:5], many.rest_lengths[:5]
     made = Lengths(*few, np.zeros(6)).chain(FLIPPER)
@@ -130,7 +130,7 @@ def blocked(lengths: Lengths) -> Array:
 
 
 @pytest.mark.parametrize('chain', [FLIPPER, SPINNER], ids=['flipper', 'spinner'])
-def test_a_bond_that_chance_shortened_lets_walls_pass_again(chain: Chain) -> None:
+def test_a_bond_beyond_its_limit_by_noise_is_corrected(chain: Chain) -> None:
     true = chain_lengths(unequal(chain, 2))
     assert passable(true, COVARIANCE) is true
     limit = true.spacings[4] + abs(true.rotor_lengths[4] - true.rotor_lengths[5])
@@ -144,20 +144,19 @@ def test_a_bond_that_chance_shortened_lets_walls_pass_again(chain: Chain) -> Non
     np.testing.assert_array_equal(found.rest_lengths[6:], rest[6:])
 
 
-def test_a_bond_that_is_surely_too_short_stays_so() -> None:
+def test_a_bond_far_beyond_its_limit_is_neither_corrected_nor_near_it() -> None:
     true = chain_lengths(unequal(FLIPPER, 2))
     rest = true.rest_lengths.copy()
     rest[4] = 0.8 * true.spacings[4]
     wrong = replace(true, rest_lengths=rest)
     assert passable(wrong, COVARIANCE) is wrong
+    assert 4 not in near_limit_bonds(wrong, COVARIANCE)
 
 
 @pytest.mark.parametrize(
     ('chain', 'spread'), [(FLIPPER, 0.02), (SPINNER, 0.05)], ids=['flipper', 'spinner']
 )
-def test_bonds_are_as_likely_to_stop_walls_as_lengths_that_are_drawn(
-    chain: Chain, spread: float
-) -> None:
+def test_probabilities_of_bonds_near_a_limit_agree_with_draws(chain: Chain, spread: float) -> None:
     lengths = chain_lengths(unequal(chain, 2))
     random = np.random.default_rng(1)
 
@@ -167,15 +166,8 @@ def test_bonds_are_as_likely_to_stop_walls_as_lengths_that_are_drawn(
     r, a, rest = map(drawn, (lengths.rotor_lengths, lengths.spacings, lengths.rest_lengths))
     spins = r[:, :-1] + r[:, 1:] > a + rest
     stopped = (rest < a + np.abs(np.diff(r))) | (spins != (chain is SPINNER))
-    shares = stopped.mean(axis=0)
-    told = near_limit_bonds(lengths, spread**2 * np.eye(len(COVARIANCE)))
-    assert 0 < len(told) < len(shares)
-    for bond, share in enumerate(shares.tolist()):
-        assert told.get(bond, 0.0) == pytest.approx(share, abs=0.02)
-
-
-def test_a_bond_that_surely_stops_walls_is_not_among_those_that_may() -> None:
-    lengths = chain_lengths(unequal(FLIPPER, 2))
-    rest = lengths.rest_lengths.copy()
-    rest[4] = 0.8 * lengths.spacings[4]
-    assert 4 not in near_limit_bonds(replace(lengths, rest_lengths=rest), COVARIANCE)
+    fractions = stopped.mean(axis=0)
+    found = near_limit_bonds(lengths, spread**2 * np.eye(len(COVARIANCE)))
+    assert 0 < len(found) < len(fractions)
+    for bond, fraction in enumerate(fractions.tolist()):
+        assert found.get(bond, 0.0) == pytest.approx(fraction, abs=0.02)

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A wall of bars is slow where rotors are heavy, and gravity tells how long they are."""
+"""Masses of bars follow from the speed of a wall, and their scale from gravity."""
 
 from __future__ import annotations
 
@@ -32,10 +32,10 @@ EXACT = np.zeros((38, 38))
 NOISE = 0.005
 
 
-def recorded(gravity: Gravity, place: float, speed: float, frames: int = 400) -> Readings:
-    """Angles of bars whose wall begins at a place with a speed of its arc [rad/s]."""
+def recorded(gravity: Gravity, site: float, speed: float, frames: int = 400) -> Readings:
+    """Angles of bars whose wall begins at a site with an arc rate [rad/s]."""
     orbit = orbit_of(CHAIN)
-    arc = orbit.arc_at(place, 0)
+    arc = orbit.arc_at(site, 0)
     rates = speed * orbit.tangent(arc)
     start = orbit.configuration(arc)
     simulation = RigidSimulation(CHAIN, start, rates, PERIOD, 1e-9, gravity)
@@ -47,7 +47,7 @@ def recorded(gravity: Gravity, place: float, speed: float, frames: int = 400) ->
 
 
 def noisy(exact: Readings) -> Readings:
-    """The same as encoders read it."""
+    """The same with noise."""
     return replace(exact, angles=read(exact.angles, 1, NOISE, 0.0)[0], parts=())
 
 
@@ -64,16 +64,16 @@ def test_masses_and_damping_follow_from_the_speed_of_a_wall() -> None:
     assert abs(off) < 3 * found.damping_deviation
 
 
-def test_gravity_at_two_tilts_tells_the_scale_of_all_lengths() -> None:
-    """As well as it says, where lengths and offsets are known to a hundredth."""
+def test_gravity_at_two_tilts_determines_the_scale_of_all_lengths() -> None:
+    """Lengths and offsets are known to 1 %."""
     both = noisy(
         join_recordings([recorded(Gravity(0.5, tilt), 0.6, 14.0, 250) for tilt in (0.3, -0.3)])
     )
     falling = replace(both, gravity=Gravity(0.5 / (1.5 * SPACING), 0.3))
     keeping = observable_basis(LENGTHS)
-    unsure = 0.01 * keeping @ keeping.T
-    known = LENGTHS.changed(unsure @ np.random.default_rng(3).standard_normal(len(unsure)))
-    found = bar_motion(falling, known, unsure @ unsure.T, NOISE, gravity_known=False)
+    root = 0.01 * keeping @ keeping.T
+    known = LENGTHS.changed(root @ np.random.default_rng(3).standard_normal(len(root)))
+    found = bar_motion(falling, known, root @ root.T, NOISE, gravity_known=False)
     assert found is not None
     off = math.log(found.gravity * SPACING / 0.5)
     assert abs(off) < 3 * found.gravity_deviation < 0.1
@@ -82,14 +82,14 @@ def test_gravity_at_two_tilts_tells_the_scale_of_all_lengths() -> None:
     assert np.sqrt(np.mean(over**2)) < 1.6
 
 
-def test_a_wall_that_a_hand_moves_tells_no_masses() -> None:
+def test_a_wall_that_is_moved_by_hand_determines_no_masses() -> None:
     angles = passage(CHAIN, 250)
     frames = (250 * np.linspace(0, 0.999, 125) ** 2).astype(int)
     moved = noisy(Readings(PERIOD * np.arange(125), angles[frames]))
     assert bar_motion(moved, LENGTHS, EXACT, NOISE, gravity_known=True) is None
 
 
-def test_recordings_of_other_joints_are_not_joined() -> None:
+def test_recordings_of_different_joints_are_rejected() -> None:
     one = Readings(np.arange(3.0), np.zeros((3, 2)), names=('a', 'b'))
     other = Readings(np.arange(3.0), np.zeros((3, 2)), names=('a', 'c'))
     with pytest.raises(ValueError, match="'a' to 'c', is not of the chain of 2 joints"):

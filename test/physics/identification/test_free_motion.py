@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Free motion is that of the simulation, and its changes with the unknowns are true."""
+"""Free motion agrees with the simulation, and its sensitivities with differences."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ DAMPING, FRICTION = 5e-4, 4e-3
 
 
 def kicked(rotors: int, speed: float, duration: float) -> tuple[Chain, Array, Array, FreeMotion]:
-    """Chain of springs that all differ, times and angles after a kick, and that as a motion."""
+    """Chain with different springs, times and angles after a kick, and the same motion."""
     chain = unequal(replace(FLIPPER, number_of_rotors=rotors), 7)
     drawn = drawn_deviations(rotors, 5, mass=0.05, stiffness=0.05)
     chain = replace(chain, deviations=chain.deviations.joined(drawn))
@@ -48,7 +48,7 @@ def kicked(rotors: int, speed: float, duration: float) -> tuple[Chain, Array, Ar
 
 
 def pulled(chain: Chain, motion: FreeMotion, times: Array) -> Array:
-    """Angles of a motion under gravity and drag, by its equation as it stands."""
+    """Angles of a motion under gravity and drag, integrated by scipy."""
     mass = chain.masses.mean()
 
     def derivative(_: float, state: Array) -> Array:
@@ -62,19 +62,19 @@ def pulled(chain: Chain, motion: FreeMotion, times: Array) -> Array:
     return np.asarray(motion.y[: len(chain.masses)].T)
 
 
-def test_motion_is_that_of_the_simulation() -> None:
+def test_free_motion_agrees_with_the_simulation() -> None:
     _, times, angles, motion = kicked(6, 10.0, 0.5)
     assert np.abs(angles_at(motion, times) - angles).max() < 1e-4
 
 
-def test_gravity_and_drag_act_as_their_equation_says() -> None:
+def test_gravity_and_drag_agree_with_their_equation() -> None:
     chain, times, _, motion = kicked(5, 10.0, 0.3)
     drag = {'damping': DAMPING, 'friction': FRICTION}
     falling = replace(motion, gravity=GRAVITY.acceleration, tilt=GRAVITY.tilt, **drag)
     assert np.abs(angles_at(falling, times) - pulled(chain, motion, times)).max() < 1e-4
 
 
-def test_motion_is_the_same_in_units_of_its_means() -> None:
+def test_motion_is_the_same_in_normalised_units() -> None:
     _, times, _, motion = kicked(6, 12.0, 0.1)
     drag = {'damping': 1.3 * DAMPING, 'friction': 1.3 * FRICTION}
     others = {'gravity': GRAVITY.acceleration, 'tilt': GRAVITY.tilt, 'masses': 1.3 * motion.masses}
@@ -85,7 +85,7 @@ def test_motion_is_the_same_in_units_of_its_means() -> None:
     np.testing.assert_allclose(angles_at(same, times), angles_at(motion, times), atol=1e-10)
 
 
-def test_changes_are_those_of_the_motion() -> None:
+def test_sensitivities_agree_with_differences() -> None:
     _, times, _, motion = kicked(5, 10.0, 0.12)
     motion = replace(motion, damping=1e-3, friction=5e-3, gravity=5.0, tilt=0.3)
     changes = list(angles_with_sensitivities(motion, times))[-1][1]
@@ -98,7 +98,7 @@ def test_changes_are_those_of_the_motion() -> None:
         np.testing.assert_allclose(numeric, changes[:, unknown], atol=0.02)
 
 
-def test_strained_springs_show_all_that_moves_them() -> None:
+def test_masses_stiffnesses_and_drag_of_strained_springs_are_identified() -> None:
     chain, times, _, motion = kicked(8, 10.0, 1.0)
     readings, _ = read(pulled(chain, motion, times), 2)
     recorded = Readings(times, readings, gravity=GRAVITY)

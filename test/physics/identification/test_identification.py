@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Recordings show their chain, or it is said in one line why they do not."""
+"""Chains are identified from readings, and unsuitable recordings are rejected in one line."""
 
 from __future__ import annotations
 
@@ -69,13 +69,13 @@ BAD = {
 
 
 @pytest.mark.parametrize(('readings', 'words'), BAD.values(), ids=BAD)
-def test_bad_recordings_are_recognised(readings: Array, words: str) -> None:
+def test_unsuitable_recordings_are_rejected(readings: Array, words: str) -> None:
     with pytest.raises(ValueError, match=words) as error:
         identify(Readings(TIMES, readings, names=NAMES), Chain())
     assert '\n' not in str(error.value)
 
 
-def test_a_spinner_is_found_with_wrapped_angles_and_gaps_and_scaled() -> None:
+def test_a_spinner_is_identified_from_wrapped_angles_with_gaps() -> None:
     made = unequal(SPINNER, 4)
     readings, offsets = read(passage(made), 4)
     readings[np.random.default_rng(5).random(readings.shape) < 0.05] = np.nan
@@ -91,8 +91,8 @@ def test_a_spinner_is_found_with_wrapped_angles_and_gaps_and_scaled() -> None:
     assert found.rigid
 
 
-def test_readings_count_by_their_deviations() -> None:
-    """A tenth of them are ten times as unsure, and say so."""
+def test_readings_are_weighted_by_their_deviations() -> None:
+    """A tenth of them have ten times the noise."""
     made = unequal(SPINNER, 4)
     random = np.random.default_rng(6)
     angles = passage(made)

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A push of known impulses tells the mean mass, whatever was thought of it."""
+"""Known impulses determine the mean mass, for any given value."""
 
 from __future__ import annotations
 
@@ -18,13 +18,13 @@ from soliton_linkage.linear.rigidity import Edge, edge_mode
 from soliton_linkage.linkage.chain import Array, Chain
 
 PERIOD = 0.004
-PUSHED = 110
-"""Frame after which the push comes."""
+FIRST = 110
+"""Frame of the first impulse."""
 CHAIN = unequal(replace(FLIPPER, number_of_rotors=8), 7)
 
 
-def pushed(after: int = PUSHED, parts: int = 1, every: int = 1) -> tuple[Array, Array, Array]:
-    """Times, angles, and the impulses that came in parts every few frames from one on."""
+def kicked(after: int = FIRST, parts: int = 1, every: int = 1) -> tuple[Array, Array, Array]:
+    """Times, angles, and impulses, which act in parts every few frames."""
     start = leaning(CHAIN, -1).angles
     impulses = 10.0 * edge_mode(CHAIN, start, Edge.FIRST) * CHAIN.moments_of_inertia
     simulation = ElasticSimulation(CHAIN, start, period=PERIOD, tolerance=1e-8)
@@ -41,13 +41,13 @@ def pushed(after: int = PUSHED, parts: int = 1, every: int = 1) -> tuple[Array, 
 @pytest.mark.parametrize(
     ('parts', 'every', 'noise'), [(8, 1, 0.01), (38, 5, 0.0005)], ids=['at once', 'for long']
 )
-def test_the_mean_mass_follows_from_impulses_in_a_row(
+def test_the_mean_mass_follows_from_a_sequence_of_impulses(
     parts: int, every: int, noise: float
 ) -> None:
-    times, angles, impulses = pushed(parts=parts, every=every)
+    times, angles, impulses = kicked(parts=parts, every=every)
     readings, _ = read(angles, 2, noise)
     given = Chain(spacing=float(CHAIN.spacings.mean()), mass=5 * CHAIN.mass)
-    commanded = PERIOD * (PUSHED + every * np.arange(parts)) - 0.006
+    commanded = PERIOD * (FIRST + every * np.arange(parts)) - 0.006
     pushes = [RecordedImpulse(time, impulses / parts) for time in commanded.tolist()]
     found = identify(Readings(times, readings, impulses=pushes), given)
     off = math.log(found.chain.masses.mean() / CHAIN.masses.mean())
@@ -55,8 +55,8 @@ def test_the_mean_mass_follows_from_impulses_in_a_row(
     assert found.chain.stiffness == pytest.approx(CHAIN.stiffness, rel=0.2)
 
 
-def test_a_push_that_nobody_told_of_does_no_harm_between_windows() -> None:
-    times, angles, _ = pushed(100)
+def test_an_unknown_impulse_between_windows_has_no_effect() -> None:
+    times, angles, _ = kicked(100)
     found = identify(Readings(times, read(angles, 2)[0]), Chain())
     assert found.noise == pytest.approx(0.01, rel=0.02)
     true = CHAIN.stiffnesses / CHAIN.masses.mean()

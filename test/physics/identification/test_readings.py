@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Rounding is noise of a known size, and frames that are informative stay."""
+"""Rounding noise, repeated readings, and the selection of informative frames."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ from soliton_linkage.identification.readings import (
 STEP = 2 * np.pi / 4096
 
 
-def test_readings_repeat_as_long_as_they_are_the_same() -> None:
+def test_repeat_counts_are_lengths_of_runs() -> None:
     rests = np.array([[1.0, 1.0, np.nan, 1.0, 2.0, 1.0, 1.0], np.arange(7.0)]).T
     expected = np.array([[3.0, 3.0, 1.0, 3.0, 1.0, 2.0, 2.0], np.ones(7)]).T
     np.testing.assert_array_equal(repeat_counts(rests), expected)
@@ -29,7 +29,7 @@ def test_readings_repeat_as_long_as_they_are_the_same() -> None:
     assert rounding_noise(np.ones((3, 2))) == 0
 
 
-def test_frames_that_repeat_tell_as_much_as_one() -> None:
+def test_repeated_frames_have_the_information_of_one() -> None:
     chain = unequal(FLIPPER, 5)
     lengths, angles = chain_lengths(chain), passage(chain, 20)
     repeated = np.repeat(angles, 7, axis=0)
@@ -39,8 +39,8 @@ def test_frames_that_repeat_tell_as_much_as_one() -> None:
     assert often.conditions == pytest.approx(once.conditions)
 
 
-def test_what_is_stated_of_rounded_readings_is_true_however_long_rotors_rest() -> None:
-    """Errors over what is stated are 5 where each reading counts as new."""
+def test_stated_deviations_are_correct_for_rounded_readings_of_rotors_at_rest() -> None:
+    """Without repeat counts errors are 5 stated deviations."""
     over = []
     for seed in range(50, 58):
         chain = unequal(FLIPPER, seed)
@@ -63,27 +63,27 @@ READINGS = read(ANGLES, 1)[0]
 TIMES = PERIOD * np.arange(len(READINGS))
 
 
-def test_frames_of_a_wall_and_near_a_push_stay_rather_than_others() -> None:
-    pushed = 300
+def test_frames_with_a_moving_wall_or_near_an_impulse_are_kept() -> None:
+    impulse = 300
     for wrapped in (READINGS, np.where(READINGS > 1, READINGS - 2 * np.pi, READINGS)):
-        stay = informative_frames(TIMES, wrapped, [PERIOD * pushed], 900)
-        assert 800 < len(stay) <= 900
-        assert set(range(pushed - 100, pushed + 100)) <= set(stay.tolist())
-        assert np.sum((stay >= PASSING.start) & (stay < PASSING.stop)) > 350
-        assert np.diff(stay).max() < 15
+        kept = informative_frames(TIMES, wrapped, [PERIOD * impulse], 900)
+        assert 800 < len(kept) <= 900
+        assert set(range(impulse - 100, impulse + 100)) <= set(kept.tolist())
+        assert np.sum((kept >= PASSING.start) & (kept < PASSING.stop)) > 350
+        assert np.diff(kept).max() < 15
 
 
-def test_frames_are_as_dense_in_time_whenever_they_are_thinned_out() -> None:
+def test_repeated_selection_keeps_a_uniform_density() -> None:
     early = informative_frames(TIMES[:1200], READINGS[:1200], [], 200)
-    stay = np.concatenate([early, np.arange(1200, len(TIMES))])
-    times = TIMES[stay][informative_frames(TIMES[stay], READINGS[stay], [], 250)]
+    kept = np.concatenate([early, np.arange(1200, len(TIMES))])
+    times = TIMES[kept][informative_frames(TIMES[kept], READINGS[kept], [], 250)]
     halves = [np.sum((times > begin) & (times < begin + 0.7)) for begin in (4.05, 4.85)]
     assert halves[0] == pytest.approx(halves[1], rel=0.2)
 
 
-def test_all_stay_where_they_are_few_and_pushes_without_end_leave_room() -> None:
+def test_few_frames_are_all_kept_and_many_impulses_leave_room_for_others() -> None:
     assert len(informative_frames(TIMES, READINGS, [], len(TIMES))) == len(TIMES)
-    stay = informative_frames(TIMES, READINGS, TIMES[200:].tolist(), 600)
-    assert np.sum(stay < 450) < 400
-    assert len(stay) <= 600
-    assert stay[-1] > len(TIMES) - 100
+    kept = informative_frames(TIMES, READINGS, TIMES[200:].tolist(), 600)
+    assert np.sum(kept < 450) < 400
+    assert len(kept) <= 600
+    assert kept[-1] > len(TIMES) - 100

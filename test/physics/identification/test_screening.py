@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The noise of readings, while a soliton passes a few of the rotors at a time."""
+"""Noise of readings while a soliton passes some rotors, and slips of encoders."""
 
 from __future__ import annotations
 
@@ -19,19 +19,19 @@ def passing() -> Array:
     return np.asarray(0.97 * np.tanh((TIMES - 80 * np.arange(12)) / 10))
 
 
-def test_noise_is_told_though_rotors_turn() -> None:
+def test_turning_rotors_do_not_bias_the_noise() -> None:
     noise = 0.01 * np.random.default_rng(0).standard_normal(SPREADS.shape)
     assert noise_of(passing() + noise, SPREADS) == pytest.approx(0.01 / 2, rel=0.03)
 
 
 @pytest.mark.parametrize('step', [2 * np.pi / 4096, 0.01])
-def test_of_rounded_readings_it_is_that_of_rounding_though_rotors_rest(step: float) -> None:
+def test_the_noise_is_at_least_the_rounding_noise(step: float) -> None:
     rounded = step * np.rint(passing() / step)
     assert noise_of(rounded, SPREADS) == pytest.approx(step / np.sqrt(12) / 2, rel=1e-9)
     assert noise_of(rounded[:40, 6:], SPREADS[:40, 6:]) == 0
 
 
-def test_what_is_left_of_a_rotor_that_rests_is_no_slip_but_a_step_of_one_that_turns_is() -> None:
+def test_a_step_of_the_residuals_is_a_slip_only_if_the_rotor_turns() -> None:
     random = np.random.default_rng(1)
     angles = np.concatenate([np.zeros((400, 4)), 0.1 * random.standard_normal((400, 4))])
     some = Readings(0.004 * np.arange(800), angles)

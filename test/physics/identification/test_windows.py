@@ -22,7 +22,7 @@ NOTHING = np.zeros(10)
 MOTION = FreeMotion(chain_lengths(FLIPPER), np.ones(9), np.ones(10), 0.0, NOTHING, NOTHING)
 
 
-def test_springs_move_freely_between_pushes_once_these_have_arrived() -> None:
+def test_free_intervals_begin_after_the_arrival_of_impulses() -> None:
     first, second = free_intervals(TIMES, [2.0, 1.8, 1.9])
     assert first.stop == 450
     assert TIMES[second.start] > 2.0
@@ -30,7 +30,7 @@ def test_springs_move_freely_between_pushes_once_these_have_arrived() -> None:
     assert free_intervals(TIMES, []) == [slice(0, 1000)]
 
 
-def test_windows_grow_until_pushes_part_them() -> None:
+def test_windows_grow_until_impulses_separate_them() -> None:
     slopes = np.arange(10.0)
     windows = initial_windows(TIMES, TIMES[:, None] * slopes, MOTION, [2.0])
     np.testing.assert_allclose(windows[7].motion.rates, slopes, atol=1e-9)
@@ -42,15 +42,15 @@ def test_windows_grow_until_pushes_part_them() -> None:
     assert len(windows) == 2
 
 
-def test_windows_are_of_frames_that_follow_each_other_where_rest_was_left_out() -> None:
+def test_windows_do_not_extend_over_gaps() -> None:
     some = np.concatenate([np.arange(0, 40_000, 20), np.arange(40_000, 40_400)])
     windows = initial_windows(some / 250, np.zeros((len(some), 10)), MOTION, [])
     assert windows[0].frames.start >= 2000
     assert windows[-1].frames.stop == len(some)
     assert len(windows) > 10
-    pushed = np.concatenate([some, np.arange(40_400, 40_800)])
-    push = 40_100 / 250
-    parts = initial_windows(pushed / 250, np.zeros((len(pushed), 10)), MOTION, [push])
+    kicked = np.concatenate([some, np.arange(40_400, 40_800)])
+    impulse = 40_100 / 250
+    parts = initial_windows(kicked / 250, np.zeros((len(kicked), 10)), MOTION, [impulse])
     assert parts[0].frames.start == 2000
     lost = np.delete(TIMES, slice(500, 503))
     windows = initial_windows(lost, np.zeros((len(lost), 10)), MOTION, [])
@@ -61,7 +61,7 @@ AT = unknown_slices(10)
 SIZE = AT.forces.stop
 
 
-def test_what_samples_spread_further_is_stated_larger_by_that() -> None:
+def test_the_covariance_is_inflated_to_the_spread_of_samples() -> None:
     random = np.random.default_rng(1)
     mixed = random.standard_normal((SIZE, SIZE)) / 10 + np.eye(SIZE)
     covariance = mixed @ mixed.T
@@ -75,7 +75,7 @@ def test_what_samples_spread_further_is_stated_larger_by_that() -> None:
     assert over[AT.forces].tolist() == [1.0] * 3
 
 
-def test_means_that_are_drawn_have_the_information_of_the_prior() -> None:
+def test_sampled_means_have_the_covariance_of_the_prior() -> None:
     chain, alike = unequal(WOBBLER, 1), np.ones(10)
     lengths = chain_lengths(chain).scaled(1.0)
     motion = FreeMotion(lengths, 2500 * alike[1:], alike, 0.0, 0 * alike, 0 * alike)

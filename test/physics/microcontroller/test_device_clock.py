@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Instants of measurements by the host's clock, from arrivals that are late by chance."""
+"""Times of measurements by the host's clock, from arrivals with random delays."""
 
 from __future__ import annotations
 
@@ -39,7 +39,7 @@ class Line:
         self.times = (begin + np.round(device * 1e6).astype(np.int64)) % CLOCK_RANGE
 
     def stamps(self, clock: DeviceClock) -> Array:
-        """Stamps less the instants of measurements and the least delay [s]."""
+        """Stamps less the times of measurements and the least delay [s]."""
         stamps = [
             clock.stamp(int(time), int(arrival))
             for time, arrival in zip(self.times, self.arrivals, strict=True)
@@ -51,22 +51,22 @@ class Line:
 
 @pytest.mark.parametrize('kind', DELAYS)
 @pytest.mark.parametrize('drift', [100e-6, -5e-3])
-def test_offset_and_drift_are_found_to_what_is_stated(kind: str, drift: float) -> None:
+def test_errors_of_offset_and_drift_stay_below_the_stated_scatter(kind: str, drift: float) -> None:
     clock = DeviceClock()
     errors = Line(20.0, drift, DELAYS[kind]).stamps(clock)
     assert clock.drift == pytest.approx(drift, abs=5e-6)
     assert clock.restarts == 0
     assert np.abs(errors[-500:]).max() < clock.scatter < 2e-4
-    # Of what a stamp of the arrival would be late by.
+    # The delay of arrivals.
     assert np.abs(errors[100:]).mean() < 0.05 * DELAYS[kind](np.random.default_rng(0), 999).mean()
 
 
-def test_a_clock_of_32_bits_goes_on_past_its_end() -> None:
+def test_a_32_bit_clock_may_wrap_repeatedly() -> None:
     clock = DeviceClock()
     errors = Line(2.0, 0.0, DELAYS['exponential'], CLOCK_RANGE - 10**6).stamps(clock)
     assert np.abs(errors[100:]).max() < 1e-3
     last = Line(2.0, 0.0, DELAYS['exponential'], CLOCK_RANGE - 10**6)
-    # Silent for two hours and a half, while the clock has wrapped twice.
+    # No message for two hours and a half, in which the clock wraps twice.
     silence = 9 * 10**9
     time = (int(last.times[-1]) + silence) % CLOCK_RANGE
     arrival = int(last.arrivals[-1]) + 1000 * silence
@@ -74,7 +74,7 @@ def test_a_clock_of_32_bits_goes_on_past_its_end() -> None:
     assert clock.restarts == 0
 
 
-def test_a_controller_that_begins_anew_is_noticed_and_stamps_go_on() -> None:
+def test_a_restart_is_detected_and_stamps_continue() -> None:
     clock = DeviceClock()
     line = Line(5.0, 100e-6, DELAYS['exponential'], 10**7)
     line.stamps(clock)
@@ -85,7 +85,7 @@ def test_a_controller_that_begins_anew_is_noticed_and_stamps_go_on() -> None:
     assert 0 <= arrival + SECOND - stamps[0] < 1000
 
 
-def test_a_clock_that_stood_still_or_counts_something_else_begins_anew() -> None:
+def test_a_stopped_clock_and_one_in_milliseconds_are_restarted() -> None:
     clock = DeviceClock()
     line = Line(5.0, 0.0, DELAYS['exponential'])
     line.stamps(clock)
@@ -98,13 +98,13 @@ def test_a_clock_that_stood_still_or_counts_something_else_begins_anew() -> None
     assert milliseconds.delay == pytest.approx(0.98, abs=0.01)
 
 
-def test_a_time_that_comes_twice_is_refused() -> None:
+def test_a_repeated_time_is_rejected() -> None:
     clock = DeviceClock()
     clock.stamp(10, BOOT)
-    with pytest.raises(ValueError, match='time = 10 us is that of the frame before'):
+    with pytest.raises(ValueError, match='time = 10 us repeats the frame before'):
         clock.stamp(10, BOOT + SECOND)
 
 
-def test_without_times_stamps_are_arrivals_that_grow() -> None:
+def test_stamps_without_times_are_increasing_arrivals() -> None:
     clock = DeviceClock()
     assert [clock.stamp_of_arrival(BOOT), clock.stamp_of_arrival(BOOT)] == [BOOT, BOOT + 1]

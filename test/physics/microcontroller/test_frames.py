@@ -37,7 +37,7 @@ PIECES = st.sampled_from(
         ),
         b'counts 1 2 3\n',
         b'counts 1 2 x\n',
-        b'# said for people\n',
+        b'# comment\n',
         b'\0',
         b'\n',
         b'noise',
@@ -56,18 +56,15 @@ PIECES = st.sampled_from(
         (bytes([1] * 255), b'\xff' + bytes([1] * 254) + b'\x02\x01'),
     ],
 )
-def test_stuffing_is_that_of_cheshire_and_baker(data: bytes, stuffed: bytes) -> None:
+def test_stuffing_agrees_with_cheshire_and_baker(data: bytes, stuffed: bytes) -> None:
     assert stuff(data) == stuffed
 
 
 @given(st.lists(st.sampled_from([b'', b'\0', b'\0\0', b'\x01', bytes([7] * 253)]), max_size=6))
-def test_stuffed_bytes_have_no_zero_and_come_back(parts: list[bytes]) -> None:
+def test_stuffed_bytes_have_no_zero_and_are_restored(parts: list[bytes]) -> None:
     data = b'\0'.join(parts)
     assert 0 not in stuff(data)
     assert unstuff(stuff(data)) == data
-
-
-def test_a_run_may_end_with_the_code_of_nothing_or_without() -> None:
     run = bytes([1] * 254)
     assert unstuff(b'\xff' + run) == unstuff(b'\xff' + run + b'\x01') == run
 
@@ -83,7 +80,7 @@ def test_a_run_may_end_with_the_code_of_nothing_or_without() -> None:
         (FrameKind.HELLO, [], 0),
     ],
 )
-def test_values_come_back_in_the_shortest_form_that_holds_them(
+def test_values_are_encoded_in_the_shortest_form_and_restored(
     kind: FrameKind, values: list[float], size: int
 ) -> None:
     written = encode_binary(SerialFrame(kind, 65535, 2**32 - 1, np.array(values)))
@@ -93,8 +90,8 @@ def test_values_come_back_in_the_shortest_form_that_holds_them(
     assert len(unstuff(written[:-1])) == 8 + size * len(values) + 4
 
 
-def test_every_pattern_of_up_to_four_flipped_bits_has_a_checksum_of_its_own() -> None:
-    # CRCs are linear: a pattern goes unnoticed where the syndromes of its bits add up to zero.
+def test_up_to_four_flipped_bits_are_detected() -> None:
+    # CRCs are linear: a pattern is undetected if the syndromes of its bits add up to zero.
     size = 8 + 4 * ROTORS
     nothing = zlib.crc32(bytes(size))
     of_bits = [
@@ -108,7 +105,7 @@ def test_every_pattern_of_up_to_four_flipped_bits_has_a_checksum_of_its_own() ->
 
 
 @pytest.mark.parametrize('protocol', Protocol)
-def test_no_bit_of_a_frame_on_the_line_can_be_flipped_unnoticed(protocol: Protocol) -> None:
+def test_a_flipped_bit_on_the_line_is_detected(protocol: Protocol) -> None:
     counts = np.random.default_rng(0).integers(-(10**6), 10**6, ROTORS).astype(float)
     counts[3] = np.nan
     written = encode(SerialFrame(FrameKind.COUNTS, 12, 3456, counts), protocol)
@@ -134,7 +131,7 @@ def test_no_bit_of_a_frame_on_the_line_can_be_flipped_unnoticed(protocol: Protoc
         (b'r\x01\0\0\0\0\0\0\0\0\x80\x7f', 'infinite'),
     ],
 )
-def test_a_whole_frame_of_something_else_is_refused(content: bytes, complaint: str) -> None:
+def test_valid_frames_of_unknown_content_are_rejected(content: bytes, complaint: str) -> None:
     checksum = zlib.crc32(content).to_bytes(4, 'little')
     with pytest.raises(ValueError, match=complaint):
         decode_binary(stuff(content + checksum))
@@ -150,7 +147,7 @@ def test_a_whole_frame_of_something_else_is_refused(content: bytes, complaint: s
         (b'torques 1 100000 0.01', 1, 100000, [0.01]),
     ],
 )
-def test_lines_as_they_are_typed(
+def test_lines_of_text_are_decoded(
     line: bytes, sequence: int | None, time: int | None, values: list[float]
 ) -> None:
     frame, checked = decode_text(line)
@@ -175,7 +172,7 @@ def test_lines_as_they_are_typed(
         b'\xff\xfe',
     ],
 )
-def test_what_cannot_be_meant_is_refused_in_one_line(line: bytes) -> None:
+def test_invalid_lines_are_rejected_in_one_line(line: bytes) -> None:
     with pytest.raises(ValueError, match=r'.') as raised:
         decode_text(line)
     assert '\n' not in str(raised.value)
@@ -193,14 +190,12 @@ def seen(chunks: list[bytes]) -> tuple[list[bytes], int, Protocol | None]:
 
 
 @given(st.binary(max_size=300))
-def test_any_bytes_are_taken_and_none_of_them_is_a_frame(noise: bytes) -> None:
+def test_random_bytes_contain_no_frame(noise: bytes) -> None:
     assert seen([noise])[0] == []
 
 
 @given(st.lists(PIECES | st.binary(max_size=20), max_size=8), st.randoms(use_true_random=False))
-def test_it_does_not_matter_how_a_stream_is_cut(
-    pieces: list[bytes], chance: random.Random
-) -> None:
+def test_decoding_does_not_depend_on_chunks(pieces: list[bytes], chance: random.Random) -> None:
     stream = b''.join(pieces)
     cuts = sorted(chance.randrange(len(stream) + 1) for _ in range(5))
     chunks = [stream[a:b] for a, b in itertools.pairwise([0, *cuts, len(stream)])]
@@ -208,7 +203,7 @@ def test_it_does_not_matter_how_a_stream_is_cut(
 
 
 @pytest.mark.parametrize('protocol', Protocol)
-def test_the_protocol_is_recognised_in_the_middle_of_a_frame(protocol: Protocol) -> None:
+def test_the_protocol_is_recognised_from_the_middle_of_a_frame(protocol: Protocol) -> None:
     frames = [SerialFrame(FrameKind.COUNTS, n, n, np.full(10, 10.0 * n)) for n in range(20)]
     stream = b''.join(encode(frame, protocol) for frame in frames)
     whole = written(frames)
@@ -216,7 +211,7 @@ def test_the_protocol_is_recognised_in_the_middle_of_a_frame(protocol: Protocol)
         assert seen([stream[begin:]]) == (whole[1:], 0, protocol)
 
 
-def test_frames_that_are_broken_are_counted_and_never_given() -> None:
+def test_corrupted_frames_are_counted_and_not_returned() -> None:
     frames = [SerialFrame(FrameKind.COUNTS, n, n, np.full(40, 1000.0 * n)) for n in range(200)]
     chance = np.random.default_rng(0)
     for protocol in Protocol:
@@ -231,7 +226,7 @@ def test_frames_that_are_broken_are_counted_and_never_given() -> None:
         assert corrupted >= len(hit)
 
 
-def test_once_lines_had_checksums_all_must() -> None:
+def test_lines_without_checksum_are_rejected_after_one_with_checksum() -> None:
     checked = encode_text(SerialFrame(FrameKind.COUNTS, 1, 2, np.array([3.0, np.nan])))
     assert checked.startswith(b'counts 1 2 3 -*')
     decoder = FrameDecoder()
@@ -244,7 +239,7 @@ def test_once_lines_had_checksums_all_must() -> None:
     assert len(decoder.feed(b'counts 2 3 4\n')) == 1
 
 
-def test_noise_without_an_end_does_not_fill_the_memory() -> None:
+def test_input_without_an_end_is_discarded() -> None:
     decoder = FrameDecoder()
     decoder.feed(b'counts 0 1 2\n')
     for _ in range(5):

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Readings are angles that go on, whatever encoders count and however they sit."""
+"""Readings become continuous angles, for any counts, signs and offsets of encoders."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ def counts(*values: float) -> SerialFrame:
     return SerialFrame(FrameKind.COUNTS, values=np.array(values))
 
 
-def test_rotors_that_turn_and_turn_are_followed_past_missing_frames() -> None:
+def test_turns_are_counted_across_missing_readings() -> None:
     reader = AngleReader(RotaryEncoders(), 3)
     rates = np.array([2.5, -2.0, 0.1])
     for frame in range(50):
@@ -34,20 +34,20 @@ def test_rotors_that_turn_and_turn_are_followed_past_missing_frames() -> None:
         np.testing.assert_allclose(found, seen, atol=math.tau / 4096)
 
 
-def test_signs_offsets_and_counts_are_those_of_each_encoder() -> None:
+def test_each_encoder_has_its_sign_offset_and_counts() -> None:
     encoders = RotaryEncoders((4000.0, 1000.0), (1.0, -1.0), (0.25, -0.5))
     (first, second) = AngleReader(encoders, 2).read(counts(1000, 250))
     assert first == pytest.approx(math.pi / 2 - 0.25)
     assert second == pytest.approx(-math.pi / 2 + 0.5)
 
 
-def test_angles_in_radians_have_signs_and_offsets_too() -> None:
+def test_readings_in_radians_have_signs_and_offsets() -> None:
     reader = AngleReader(RotaryEncoders(signs=(-1.0,), offsets=(0.1,)), 1)
     frame = SerialFrame(FrameKind.RADIANS, values=np.array([1.0]))
     assert reader.read(frame) == pytest.approx([-1.1])
 
 
-def test_what_counts_its_turns_is_taken_at_its_word() -> None:
+def test_readings_that_do_not_wrap_are_not_unwrapped() -> None:
     reader = AngleReader(RotaryEncoders(wrapped=False), 1)
     assert reader.read(counts(10 * 4096)) == pytest.approx([10 * math.tau])
     assert reader.read(counts(0)) == pytest.approx([0.0])
@@ -61,12 +61,12 @@ def test_what_counts_its_turns_is_taken_at_its_word() -> None:
         ({'offsets': (math.inf,)}, 'offset of an encoder = inf rad'),
     ],
 )
-def test_values_that_cannot_be_are_refused(given: dict[str, tuple[float]], complaint: str) -> None:
+def test_values_out_of_range_are_rejected(given: dict[str, tuple[float]], complaint: str) -> None:
     with pytest.raises(ValueError, match=complaint):
         RotaryEncoders(**given)
 
 
-def test_what_does_not_fit_the_chain_is_refused() -> None:
+def test_wrong_numbers_of_values_are_rejected() -> None:
     with pytest.raises(ValueError, match='signs has 2 values for a chain of 3 rotors; give none'):
         AngleReader(RotaryEncoders(signs=(1.0, 1.0)), 3)
     with pytest.raises(ValueError, match='it has 2 readings for a chain of 3 rotors'):
@@ -89,7 +89,7 @@ def reading(number: int | None, time: int | None = None) -> SerialFrame:
         ([41, 42, 0, 1], 0),  # a controller without a clock that has restarted
     ],
 )
-def test_missing_numbers_are_lost_frames(numbers: list[int | None], lost: int) -> None:
+def test_missing_frame_numbers_are_lost_frames(numbers: list[int | None], lost: int) -> None:
     taking = stream()
     for count, number in enumerate(numbers):
         assert taking.take(reading(number), count * MILLISECOND) is not None
@@ -97,7 +97,7 @@ def test_missing_numbers_are_lost_frames(numbers: list[int | None], lost: int) -
 
 
 @pytest.mark.parametrize('greeted', [True, False])
-def test_what_a_new_beginning_skips_is_not_lost(greeted: bool) -> None:
+def test_frame_numbers_skipped_by_a_restart_are_not_lost(greeted: bool) -> None:
     taking = stream()
     for number in (40, 41, 42):
         taking.take(reading(number, 1000 * number), number * MILLISECOND)
@@ -107,6 +107,6 @@ def test_what_a_new_beginning_skips_is_not_lost(greeted: bool) -> None:
     assert (taking.lost, taking.clock.restarts) == (0, 1)
 
 
-def test_commands_are_no_readings() -> None:
+def test_commands_are_rejected_as_readings() -> None:
     with pytest.raises(ValueError, match='torques are commands to a controller'):
         stream().take(SerialFrame(FrameKind.TORQUES, 0, 0, np.zeros(1)), 0)

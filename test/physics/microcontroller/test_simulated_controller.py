@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What a controller says is understood, and what it is told it does for as long as that holds."""
+"""Readings of the simulated controller are decoded, and its commands hold for their time."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ ENCODERS = RotaryEncoders((4096.0,), (1.0, -1.0, 1.0), (0.1, 0.2, -0.3))
 
 
 @pytest.mark.parametrize('protocol', Protocol)
-def test_angles_go_through_it_to_half_a_count(protocol: Protocol) -> None:
+def test_decoded_angles_are_accurate_to_half_a_count(protocol: Protocol) -> None:
     controller = SimulatedController(3, ENCODERS, ControllerSettings(protocol.value))
     decoder, stream = FrameDecoder(), AngleStream(AngleReader(ENCODERS, 3))
     decoder.feed(controller.start(0.0))
@@ -44,7 +44,7 @@ def test_angles_go_through_it_to_half_a_count(protocol: Protocol) -> None:
     assert stream.lost == 0
 
 
-def test_a_command_holds_for_its_time_and_no_longer() -> None:
+def test_a_command_holds_for_its_time() -> None:
     controller = SimulatedController(2)
     command = SerialFrame(FrameKind.TORQUES, 0, 100_000, np.array([0.5, np.nan]))
     controller.receive(1.0, encode(command, Protocol.BINARY))
@@ -52,7 +52,7 @@ def test_a_command_holds_for_its_time_and_no_longer() -> None:
     assert controller.torques(1.1).tolist() == [0.0, 0.0]
 
 
-def test_pressures_give_torques_and_what_does_not_fit_gives_none() -> None:
+def test_pressures_become_torques_and_other_frames_are_ignored() -> None:
     controller = SimulatedController(1, settings=ControllerSettings(torque_per_pressure=1e-6))
     controller.receive(0.0, b'pressures 0 1000000 5e4\ntorques 1 1000000 1 2\ncounts 0 0 1\n')
     assert controller.torques(0.5) == pytest.approx([0.05])

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Continuum walls: stationary, of the energy of their densities."""
+"""Laws of the continuum theories: stationary action, and energies as integrals of densities."""
 
 from __future__ import annotations
 
@@ -136,9 +136,7 @@ def test_energies_are_the_integrals_of_their_densities(
 
 
 @given(any_theory(), st.floats(-12, -1e-4), SIGNS)
-def test_energies_are_those_of_thirty_digits_at_any_speed(
-    theory: Theory, exponent: float, charge: int
-) -> None:
+def test_energies_are_accurate_at_any_speed(theory: Theory, exponent: float, charge: int) -> None:
     velocity = theory.speed_of_sound * 10**exponent
     with mpmath.workdps(30):
         ratio = mpmath.mpf(velocity) / mpmath.mpf(theory.speed_of_sound)
@@ -155,7 +153,7 @@ def test_energies_are_those_of_thirty_digits_at_any_speed(
 
 
 @given(any_theory(exact_sound=True), st.floats(1e-6, 0.99))
-def test_springs_and_motion_share_the_energy(theory: Theory, share: float) -> None:
+def test_the_energy_is_divided_between_springs_and_motion(theory: Theory, share: float) -> None:
     velocity = share * theory.speed_of_sound
     gamma = theory.lorentz_factor(velocity)
     springs, motion = theory.elastic_energy(velocity), theory.kinetic_energy(velocity)
@@ -169,7 +167,7 @@ def test_springs_and_motion_share_the_energy(theory: Theory, share: float) -> No
 
 
 @given(any_theory())
-def test_mass_scale_of_energy_and_limiting_speed_agree(theory: Theory) -> None:
+def test_mass_energy_scale_and_limiting_speed_are_consistent(theory: Theory) -> None:
     assert theory.energy_scale == pytest.approx(
         theory.effective_mass * theory.limiting_speed_of_sound**2, rel=32 * EPS
     )
@@ -179,7 +177,7 @@ def test_mass_scale_of_energy_and_limiting_speed_agree(theory: Theory) -> None:
 
 
 @given(any_theory())
-def test_the_exact_speed_of_sound_is_the_curvature_of_the_band_at_its_bottom(
+def test_the_exact_speed_of_sound_is_the_curvature_at_the_bottom_of_the_band(
     theory: Theory,
 ) -> None:
     chain = theory.chain
@@ -218,7 +216,7 @@ def test_a_kick_has_the_energy_of_the_wall(
 
 
 @given(any_theory(exact_sound=True))
-def test_slow_walls_take_the_speed_of_the_kick_over_the_arc(theory: Theory) -> None:
+def test_slow_walls_have_the_speed_of_the_kick_over_the_arc(theory: Theory) -> None:
     arc = 2.5
     kick = 1e-5 * arc * theory.speed_of_sound
     assert theory.speed_after_kick(kick, arc) == pytest.approx(kick / arc, rel=1e-9)
@@ -226,7 +224,7 @@ def test_slow_walls_take_the_speed_of_the_kick_over_the_arc(theory: Theory) -> N
     assert theory.speed_after_kick(-1e200) == -theory.speed_of_sound
 
 
-def test_walls_at_rest_have_a_theory_where_the_speed_of_sound_vanishes() -> None:
+def test_walls_at_rest_have_a_theory_at_zero_speed_of_sound() -> None:
     # A lean ratio of 1 to the last digit.
     chain = Chain(3, spacing=1.0, rotor_length=1.0, rest_angle=math.asin(0.5))
     factor = chain.lean_ratio
@@ -283,7 +281,7 @@ def test_both_sublattices_of_a_spinner_solve_their_equation(
         (lambda f, s: f.speed_after_kick(1.0, math.inf), 'arc per site = inf must be'),
     ],
 )
-def test_what_has_no_meaning_is_refused(
+def test_invalid_arguments_are_rejected(
     call: Callable[[FlipperTheory, SpinnerTheory], object], message: str
 ) -> None:
     with pytest.raises(ValueError, match=message):

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The walls of the continuum beside those of the chain, at rest, in balance and simulated."""
+"""Walls of the continuum theories compared with the chain: at rest, in equilibrium, simulated."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ from soliton_linkage.solitons.tanh_fit import (
 
 @pytest.mark.parametrize('sense', [-1, 1])
 @pytest.mark.parametrize('charge', [-1, 1])
-def test_flippers_lean_right_before_a_wall_of_charge_1_and_left_behind_it(
+def test_flippers_lean_right_before_a_wall_of_charge_1_and_left_after_it(
     charge: int, sense: int
 ) -> None:
     chain = chain_of(WIDEST_FLIPPER, 200)
@@ -78,7 +78,7 @@ def test_spinners_turn_by_half_a_turn_across_a_wall(
 
 
 @pytest.mark.parametrize(('charge', 'share'), [(-1, 0.0), (-1, 0.6), (1, 0.6)])
-def test_springs_of_a_flippers_wall_stretch_as_the_chain_says(charge: int, share: float) -> None:
+def test_extensions_of_a_flipper_wall_agree_with_the_chain(charge: int, share: float) -> None:
     errors = []
     for rest_angle in (0.1, 0.05):
         chain = chain_of((0.5, rest_angle), 401)
@@ -97,7 +97,7 @@ def test_springs_of_a_flippers_wall_stretch_as_the_chain_says(charge: int, share
 
 @pytest.mark.parametrize('turn', [-1, 1])
 @pytest.mark.parametrize('family', [-1, 1])
-def test_springs_of_a_spinners_wall_stretch_in_turn(turn: int, family: int) -> None:
+def test_extensions_of_a_spinner_wall_agree_with_the_chain(turn: int, family: int) -> None:
     errors = []
     for ratio in (10.0, 20.0):
         chain = chain_of((ratio, 0.9), 401)
@@ -126,7 +126,7 @@ def pair_on_a_ring(rest_angle: float, rotors: int) -> tuple[FlipperTheory, Array
     return theory, equilibrium(chain, angles)
 
 
-def test_its_cost_tends_to_that_of_the_continuum_with_the_square_of_d() -> None:
+def test_the_energy_of_an_anti_kink_converges_to_the_theory_with_the_square_of_d() -> None:
     deficits = []
     for sine, rotors in ((0.025, 1200), (0.05, 600), (0.1, 300)):
         theory, angles = pair_on_a_ring(math.asin(sine), rotors)
@@ -146,7 +146,7 @@ def arc_of(example: tuple[float, float]) -> float:
     ('examples', 'order'),
     [([(0.5, 0.2), (0.5, 0.1)], 2), ([(4.0, 0.9), (8.0, 0.9)], 2)],
 )
-def test_the_arc_of_a_site_tends_to_that_of_the_continuum(
+def test_the_arc_per_site_converges_to_the_theory(
     examples: list[tuple[float, float]], order: int
 ) -> None:
     shares = [
@@ -208,7 +208,7 @@ def test_the_exact_speed_of_sound_fits_a_fast_flipper_better_than_its_limit() ->
     whole = springs + motion
     errors = [abs(candidate.energy(speed) / whole - 1) for candidate in (theory, limiting)]
     assert errors[0] < errors[1] / 3
-    # A boosted wall that is let go keeps the width of the theory.
+    # A boosted wall that moves freely keeps the width of the theory.
     angles, rates = theory.state(45 * theory.chain.spacing, speed)
     later = simulate(theory.chain, angles, rates, 100 * theory.chain.time_unit, 1.0, 1e-9)
     (wall,) = find_solitons(theory.chain, later.angles[-1], later.rates[-1])
@@ -236,7 +236,7 @@ def test_a_kicked_spinner_is_a_boosted_wall(kick: float, since: float, until: fl
 
 @pytest.mark.parametrize('family', [-1, 1])
 @pytest.mark.parametrize('turn', [-1, 1])
-def test_an_exact_wall_half_way_between_spinners_tends_to_the_continuum(
+def test_the_exact_wall_between_two_spinners_converges_to_the_theory(
     family: int, turn: int
 ) -> None:
     errors = []

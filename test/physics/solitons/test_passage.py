@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Walls pass where every bond is of one class, and turn back only where one is not."""
+"""Walls pass if every bond is of one class, and return only at a bond of another class."""
 
 from __future__ import annotations
 
@@ -48,7 +48,7 @@ def with_odd_bond(chain: Chain, bond: int, rest_length: float) -> Chain:
 
 @lru_cache(maxsize=64)
 def passes(chain: Chain) -> bool:
-    """Whether the wall crosses the chain of bars and returns; a chain that jams lets none by."""
+    """Whether the wall crosses the chain of bars and returns."""
     try:
         return all(leg.crossed for leg in follow_wall(chain))
     except (ArithmeticError, ValueError):
@@ -56,10 +56,10 @@ def passes(chain: Chain) -> bool:
 
 
 def travels(spacing: float, first: float, second: float, bar: float) -> tuple[bool, bool]:
-    """Whether each of two rotors can turn all the way round, by trying every angle.
+    """Whether each of two rotors can turn by a full turn, found by trying every angle.
 
-    The other rotor must reach the bar's other end: the distance from its pivot to the mass lies
-    between |bar - length| and bar + length.
+    The distance from the pivot of the other rotor to the mass must lie between |bar - length| and
+    bar + length.
     """
     angles = np.linspace(0, 2 * np.pi, 20001)
     turning = []
@@ -99,7 +99,7 @@ def test_a_bond_without_obstacle_is_a_double_crank_or_a_triple_rocker(
 
 
 @given(any_chain())
-def test_bonds_without_deviations_are_of_the_class_of_their_chain(chain: Chain) -> None:
+def test_bonds_without_deviations_have_the_class_of_their_chain(chain: Chain) -> None:
     rounding = 16 * EPS * (chain.spacing + chain.rotor_length)
     assume(chain.rest_length - chain.spacing > rounding)
     reach = float(length_excesses(chain)[0])
@@ -137,7 +137,7 @@ def test_without_deviations_the_wall_crosses_and_returns_from_either_edge(
 
 
 @pytest.mark.parametrize(('example', 'seeds'), [(FLIPPER, 8), (WOBBLER, 4), (SPINNER, 4)])
-def test_deviations_of_a_tenth_stop_no_wall_but_where_there_is_an_obstacle(
+def test_a_chain_with_deviations_of_ten_percent_stops_a_wall_only_at_an_obstacle(
     example: tuple[float, float], seeds: int
 ) -> None:
     outcomes = set()
@@ -161,7 +161,7 @@ def test_any_chain_without_obstacles_lets_the_wall_pass(
 ) -> None:
     chain = deviating(chain_of((math.exp(logarithm), rest_angle), rotors), seed, fraction)
     excess = length_excesses(chain) - chain.spacings
-    # At the border the bars lie in line, where the motion takes ever longer.
+    # At the limit the bars are in line, and the motion takes longer and longer.
     assume(float(np.abs(excess).min()) > 0.02 * chain.spacing)
     assume(not blocked_bonds(chain).any())
     assert passes(chain)
@@ -179,7 +179,7 @@ def levers_along(chain: Chain, turns: float) -> Array:
 
 @pytest.mark.parametrize('seed', [1, 2])
 @pytest.mark.parametrize('example', CLASSES)
-def test_rotors_come_into_line_with_bars_in_flippers_and_never_in_spinners(
+def test_rotors_line_up_with_bars_in_flippers_and_never_in_spinners(
     example: tuple[float, float], seed: int
 ) -> None:
     chain = deviating(chain_of(example, 5), seed, 0.03)
@@ -191,7 +191,7 @@ def test_rotors_come_into_line_with_bars_in_flippers_and_never_in_spinners(
 @pytest.mark.parametrize(
     ('example', 'fraction', 'relation'), [(FLIPPER, -0.2, 'longer'), (SPINNER, 1.0, 'shorter')]
 )
-def test_a_bond_of_another_class_is_named_with_its_lengths(
+def test_an_obstacle_has_the_number_and_the_lengths_of_its_bond(
     example: tuple[float, float], fraction: float, relation: str
 ) -> None:
     chain = with_odd_bond(chain_of(example, ROTORS), 4, fraction)
@@ -204,7 +204,7 @@ def test_a_bond_of_another_class_is_named_with_its_lengths(
     assert motion_of_bonds(chain) is None
 
 
-def test_only_a_wall_that_turns_back_is_refused_with_its_bond_and_the_limit() -> None:
+def test_a_chain_whose_wall_reverses_is_rejected_with_the_bond_and_its_limit() -> None:
     refused = 0
     for seed in range(6):
         chain = deviating(chain_of(FLIPPER, ROTORS), seed, 0.08)
@@ -224,38 +224,8 @@ def test_only_a_wall_that_turns_back_is_refused_with_its_bond_and_the_limit() ->
     assert refused
 
 
-def test_the_frames_of_a_way_are_as_many_as_its_arc_however_little_rotors_lean(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
-    frames, advance = 0, RigidSimulation.advance
-
-    def counted(simulation: RigidSimulation) -> None:
-        nonlocal frames
-        frames += 1
-        advance(simulation)
-
-    monkeypatch.setattr(RigidSimulation, 'advance', counted)
-    arcs = []
-    for rest_angle in (0.03, 0.01, 0.003):
-        frames = 0
-        legs = follow_wall(chain_of((0.5, rest_angle), 10))
-        assert [leg.crossed for leg in legs] == [True, True]
-        arcs.append(sum(leg.arc for leg in legs))
-        # 40 frames a radian, and as many for the way to the edge, which is shorter than a leg.
-        assert frames <= 40 * 1.5 * arcs[-1] + 3
-    # The rotors between the edges turn by 2 theta_bar in a leg, whose arc is that of the edges.
-    for arc, rest_angle in zip(arcs, (0.03, 0.01), strict=False):
-        assert arc == pytest.approx(arcs[-1], abs=2 * 2 * rest_angle * math.sqrt(10) + 0.1)
-
-
-@pytest.mark.parametrize('legs', [0, -1])
-def test_a_way_of_no_legs_is_refused(legs: int) -> None:
-    with pytest.raises(ValueError, match=f'legs = {legs} must be 1 or more; give 2'):
-        follow_wall(chain_of(FLIPPER, 5), legs=legs)
-
-
 @pytest.mark.parametrize('example', CLASSES)
-def test_a_ring_is_refused_for_want_of_edges(example: tuple[float, float]) -> None:
+def test_rings_are_rejected_because_they_have_no_edges(example: tuple[float, float]) -> None:
     ring = dataclasses.replace(chain_of(example, 8), periodic=True)
     complaint = 'Chain.periodic = True joins rotor 7 to rotor 0, .*; free the ends of the chain'
     with pytest.raises(ValueError, match=complaint):

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Walls at rest: relaxed, symmetric, exactly placed by the arc of their way, with exact tails."""
+"""Walls at rest: relaxed, symmetric, at the site of the arc of the orbit, with exact tails."""
 
 from __future__ import annotations
 
@@ -24,10 +24,10 @@ from soliton_linkage.linkage.deviations import drawn_deviations
 from soliton_linkage.solitons.static_wall import angles_from_seed, site_arc, static_wall
 from soliton_linkage.solitons.tanh_fit import find_solitons
 
-# How far the angles of a wall may be off by the error of following its way [rad].
+# Error of the angles of a wall by following the orbit [rad].
 FOLLOWED = 1e-9
 BOTH = (False, True)
-Sides = tuple[Array, Array]
+Branches = tuple[Array, Array]
 
 
 def legs_of(chain: Chain) -> range:
@@ -35,18 +35,18 @@ def legs_of(chain: Chain) -> range:
 
 
 def mirrored_leg(chain: Chain, leg: int) -> int:
-    """Leg of the mirror image: toggled is meant against the left-leaning state at both ends.
+    """Return the leg of the mirror image.
 
-    Mirrored, the left-leaning edge leans right. For d < 1 first and last rotor change places;
-    for d > 1, where that has the opposite coupling A_0, what was toggled also becomes what was
-    not, and 0 changes places with 2.
+    An edge rotor has toggled relative to the left-leaning state at both ends, and the mirror image
+    of that state leans right. For d < 1 the first and the last rotor are exchanged. For d > 1 the
+    coupling A_0 has the opposite sign there, so that legs 0 and 2 are exchanged.
     """
     if chain.motion is Motion.SPINNER:
         return leg
     return (-leg if chain.lean_ratio <= 1 else 2 - leg) % 4
 
 
-def sides_of(chain: Chain, angles: Array) -> Sides:
+def branches_of(chain: Chain, angles: Array) -> Branches:
     first, second = rigidity_bands(chain, angles)
     return np.sign(first), np.sign(second)
 
@@ -55,84 +55,88 @@ def sides_of(chain: Chain, angles: Array) -> Sides:
 def any_wall(
     draw: st.DrawFn, fewest: int = 3, most: int = 30, apart: float = 1e-8, narrowest: float = 0.05
 ) -> tuple[Chain, float, int, bool]:
-    """Draw a chain, and the place, the leg and the side of a wall in it."""
+    """Draw a chain, and the site, the leg and the inversion of a wall in it."""
     chain = draw(any_chain(fewest, most))
     assume(chain.lean_ratio > narrowest)
     assume(abs(chain.lean_ratio / chain.critical_lean_ratio - 1) > apart)
-    place = draw(st.floats(0.5, chain.number_of_rotors - 1.5))
-    return chain, place, draw(st.sampled_from(legs_of(chain))), draw(st.booleans())
+    site = draw(st.floats(0.5, chain.number_of_rotors - 1.5))
+    return chain, site, draw(st.sampled_from(legs_of(chain))), draw(st.booleans())
 
 
 @settings(deadline=None, max_examples=40)
 @given(any_wall())
-def test_a_wall_is_relaxed_wherever_it_is(wall: tuple[Chain, float, int, bool]) -> None:
-    chain, place, leg, turned = wall
-    angles = static_wall(chain, place, leg, turned)
+def test_a_wall_is_relaxed_at_any_site(wall: tuple[Chain, float, int, bool]) -> None:
+    chain, site, leg, inverted = wall
+    angles = static_wall(chain, site, leg, inverted)
     rounding = length_rounding(chain)
     assert np.abs(chain.spring_extensions(angles)).max() <= rounding
     springs = chain.number_of_springs
     assert chain.elastic_energy(angles) <= springs * chain.stiffness * rounding**2 / 2
 
 
-@pytest.mark.parametrize(('turned', 'rotor'), [(False, 9), (True, 10)])
+@pytest.mark.parametrize(('inverted', 'rotor'), [(False, 9), (True, 10)])
 @pytest.mark.parametrize('example', EXAMPLES)
-def test_a_wall_half_way_is_that_of_its_symmetry(
-    example: tuple[float, float], rotor: int, turned: bool
+def test_a_wall_between_two_rotors_is_symmetric(
+    example: tuple[float, float], rotor: int, inverted: bool
 ) -> None:
     chain = chain_of(example, 21)
     spinner = chain.motion is Motion.SPINNER
     for leg in legs_of(chain):
-        crossed = spinner and (leg + rotor + turned) % 2 == 1
-        twin = wall_between(chain, rotor, turned != spinner, crossed)
-        angles = static_wall(chain, rotor + 0.5, leg, turned)
+        crossed = spinner and (leg + rotor + inverted) % 2 == 1
+        twin = wall_between(chain, rotor, inverted != spinner, crossed)
+        angles = static_wall(chain, rotor + 0.5, leg, inverted)
         inner = slice(None) if spinner else slice(1, -1)
         assert distance(angles[inner], twin[inner]) < 1e-11
 
 
 @settings(deadline=None, max_examples=15)
 @given(any_wall(apart=1e-4))
-def test_turned_is_the_image_at_the_horizontal(wall: tuple[Chain, float, int, bool]) -> None:
-    chain, place, leg, turned = wall
+def test_an_inverted_wall_is_the_image_at_the_horizontal(
+    wall: tuple[Chain, float, int, bool],
+) -> None:
+    chain, site, leg, inverted = wall
     image_leg = 1 - leg if chain.motion is Motion.SPINNER else leg
-    image = static_wall(chain, place, image_leg, not turned)
-    assert distance(static_wall(chain, place, leg, turned), np.pi - image) < FOLLOWED
+    image = static_wall(chain, site, image_leg, not inverted)
+    assert distance(static_wall(chain, site, leg, inverted), np.pi - image) < FOLLOWED
 
 
 @settings(deadline=None, max_examples=15)
 @given(any_wall(apart=1e-4))
-def test_the_mirror_image_of_a_wall_is_a_wall_at_the_mirrored_place(
+def test_the_mirror_image_of_a_wall_is_the_wall_at_the_mirrored_site(
     wall: tuple[Chain, float, int, bool],
 ) -> None:
-    chain, place, leg, turned = wall
+    chain, site, leg, inverted = wall
     # In staggered angles the image is -theta, or theta - pi for spinners, wherever even rotors
     # become odd ones.
     odd_changes = chain.number_of_rotors % 2 == 0
-    image_turned = turned != odd_changes
+    image_turned = inverted != odd_changes
     if chain.motion is Motion.SPINNER:
         image_turned = not image_turned
-    mirrored = chain.number_of_rotors - 1 - place
+    mirrored = chain.number_of_rotors - 1 - site
     image = static_wall(chain, mirrored, mirrored_leg(chain, leg), image_turned)
-    assert distance(static_wall(chain, place, leg, turned), -image[::-1]) < FOLLOWED
+    assert distance(static_wall(chain, site, leg, inverted), -image[::-1]) < FOLLOWED
 
 
 @settings(deadline=None, max_examples=15)
 @given(any_wall(fewest=6, apart=1e-4))
-def test_a_wall_two_rotors_further_is_the_same_and_one_further_its_image(
+def test_walls_repeat_after_two_rotors_and_are_inverted_after_one(
     wall: tuple[Chain, float, int, bool],
 ) -> None:
-    chain, place, leg, turned = wall
-    place = 0.5 + (place - 0.5) * (chain.number_of_rotors - 4) / (chain.number_of_rotors - 2)
-    angles = static_wall(chain, place, leg, turned)
-    further = static_wall(chain, place + 2, leg, turned)
+    chain, site, leg, inverted = wall
+    site = 0.5 + (site - 0.5) * (chain.number_of_rotors - 4) / (chain.number_of_rotors - 2)
+    angles = static_wall(chain, site, leg, inverted)
+    further = static_wall(chain, site + 2, leg, inverted)
     # Edge rotors may be on different sides; all others see the same bars. Places are rounded.
     assert distance(further[3:-1], angles[1:-3]) < FOLLOWED
     following_leg = 1 - leg if chain.motion is Motion.SPINNER else leg
-    following = static_wall(chain, place + 1, following_leg, turned)
+    following = static_wall(chain, site + 1, following_leg, inverted)
     assert distance(following[2:-1], np.pi - angles[1:-2]) < FOLLOWED
 
 
 @pytest.mark.parametrize('example', EXAMPLES)
-def test_place_is_the_arc_length_of_the_motion(example: tuple[float, float]) -> None:
+def test_the_site_is_proportional_to_the_arc_length_of_the_motion(
+    example: tuple[float, float],
+) -> None:
     chain = chain_of(example, 170)
     arc = site_arc(chain)
     for leg, spacings in product(legs_of(chain), (0.3, 1.0, -2.7)):
@@ -176,7 +180,7 @@ class Decimals:
         return mp.sqrt(total)
 
     def gear(self, angle: mpf, following: mpf, step: int) -> mpf:
-        """How far a rotor turns with its neighbour that is a step before it."""
+        """Ratio of the motions of a rotor and its neighbour a step before it."""
         across = step + self.r * (mp.sin(following) - mp.sin(angle))
         up = self.r * (mp.cos(following) - mp.cos(angle))
         drawn = mp.cos(angle) * across - mp.sin(angle) * up
@@ -184,7 +188,7 @@ class Decimals:
 
 
 @pytest.mark.parametrize(('example', 'beside'), [(FLIPPER, 14), ((1.2, 1.5), 30)])
-def test_arcs_and_places_are_exact_to_eleven_digits(
+def test_arcs_and_sites_are_exact_to_eleven_digits(
     example: tuple[float, float], beside: int
 ) -> None:
     chain = chain_of(example, 41)
@@ -214,7 +218,7 @@ def arc_of_wide_spinner(chain: Chain) -> float:
 
 
 @pytest.mark.parametrize('rest_angle', [0.1, 0.77, 1.3])
-def test_the_arc_tends_to_that_of_phi_4_theory_as_d_squared(rest_angle: float) -> None:
+def test_the_arc_converges_to_phi_4_theory_as_d_squared(rest_angle: float) -> None:
     errors = []
     for lean_ratio in (0.2, 0.1, 0.05):
         chain = chain_of((lean_ratio / 2 / math.sin(rest_angle), rest_angle), 3)
@@ -224,7 +228,7 @@ def test_the_arc_tends_to_that_of_phi_4_theory_as_d_squared(rest_angle: float) -
 
 
 @pytest.mark.parametrize('rest_angle', [0.6, 0.9, 1.4])
-def test_the_arc_tends_to_that_of_sine_gordon_theory_as_1_over_d_squared(
+def test_the_arc_converges_to_sine_gordon_theory_as_1_over_d_squared(
     rest_angle: float,
 ) -> None:
     errors = []
@@ -236,12 +240,12 @@ def test_the_arc_tends_to_that_of_sine_gordon_theory_as_1_over_d_squared(
 
 
 @pytest.mark.parametrize('example', [(0.1, 0.2), *EXAMPLES, (1.45, 0.5), (20.0, 1.2)])
-@pytest.mark.parametrize('place', [0.0, 0.3])
-def test_tails_fall_by_the_same_factor_from_rotor_to_rotor(
-    example: tuple[float, float], place: float
+@pytest.mark.parametrize('site', [0.0, 0.3])
+def test_tails_decay_by_a_constant_factor_per_rotor(
+    example: tuple[float, float], site: float
 ) -> None:
     chain = chain_of(example, 1201)
-    theta = staggered(static_wall(chain, 600 + place))
+    theta = staggered(static_wall(chain, 600 + site))
     factor = -(chain.lean_ratio - 1) / (chain.lean_ratio + 1)
     beyond = chain.rest_angle + math.pi if chain.motion is Motion.SPINNER else -chain.rest_angle
     before = np.remainder(theta[599:0:-1] - chain.rest_angle + 1, 2 * math.pi) - 1
@@ -255,22 +259,6 @@ def test_tails_fall_by_the_same_factor_from_rotor_to_rotor(
         assert (np.abs(tail[far + 1] / tail[far] - factor) < limit).all()
         signs = np.sign(tail[far[0] : far[-1]])
         assert (signs[1:] == math.copysign(1, factor) * signs[:-1]).all()
-
-
-@settings(deadline=None, max_examples=20)
-@given(any_wall(fewest=6))
-def test_beside_the_middle_between_two_rotors_flippers_lean_by_a_closed_form(
-    wall: tuple[Chain, float, int, bool],
-) -> None:
-    chain, place, leg, turned = wall
-    assume(chain.motion is not Motion.SPINNER)
-    rotor = min(max(int(place), 1), chain.number_of_rotors - 3)
-    angles = static_wall(chain, rotor + 0.5, leg, turned)[rotor : rotor + 2]
-    lean = chain.rotor_length * math.sin(chain.rest_angle)
-    # The rotor is placed by the arc, so that it is right to the error of following it.
-    assert chain.rotor_length * np.sin(angles) == pytest.approx(
-        np.array([1, -1]) * lean**2 / chain.spacing, rel=0, abs=1e-8 * chain.rotor_length
-    )
 
 
 def largest_lean(chain: Chain) -> float:
@@ -307,42 +295,42 @@ def test_a_wall_deviates_from_a_tanh_as_d_cubed(lean_ratio: float, rest_angle: f
     rotors = np.arange(1, 100)
     worst = 0.0
     for k in range(16):
-        place = 50 + k / 16
-        leaning = np.sin(static_wall(chain, place)[1:-1]) * chain.rotor_length / chain.spacing
-        tanh = -lean_ratio / 2 * np.tanh((rotors - place) * lean_ratio)
+        site = 50 + k / 16
+        leaning = np.sin(static_wall(chain, site)[1:-1]) * chain.rotor_length / chain.spacing
+        tanh = -lean_ratio / 2 * np.tanh((rotors - site) * lean_ratio)
         worst = max(worst, float(np.abs(leaning - tanh).max()))
     # Measured for d from 0.1 to 3: largest for small rest angles and d of 2.
     assert 0.026 < worst / lean_ratio**3 < 0.040
 
 
-def shown_leg(chain: Chain, angles: Array, place: float, turned: bool) -> int:
+def shown_leg(chain: Chain, angles: Array, site: float, inverted: bool) -> int:
     """Leg by the edge rotors that have toggled or the side on which a wall's rotors turn over."""
     if chain.motion is not Motion.SPINNER:
-        toggled = StateReporter(chain).report(angles, place).edge_rotors.toggled
+        toggled = StateReporter(chain).report(angles, site).edge_rotors.toggled
         return [(False, False), (False, True), (True, True), (True, False)].index(toggled)
-    lean, rotor = -1 if turned else 1, round(place)
+    lean, rotor = -1 if inverted else 1, round(site)
     sine = math.sin(float(staggered(angles)[rotor]) - lean * chain.rest_angle)
     return int(sine * lean * (-1) ** rotor > 0)
 
 
-@pytest.mark.parametrize(('rotors', 'turned'), [(40, False), (41, True)])
+@pytest.mark.parametrize(('rotors', 'inverted'), [(40, False), (41, True)])
 @pytest.mark.parametrize('example', EXAMPLES)
 def test_a_wall_is_found_on_its_leg(
-    example: tuple[float, float], turned: bool, rotors: int
+    example: tuple[float, float], inverted: bool, rotors: int
 ) -> None:
     chain = chain_of(example, rotors)
     legs = legs_of(chain)
-    for leg, place in product(legs, (13.3, 20.0, 24.8)):
-        angles = static_wall(chain, place, leg, turned)
+    for leg, site in product(legs, (13.3, 20.0, 24.8)):
+        angles = static_wall(chain, site, leg, inverted)
         (soliton,) = find_solitons(chain, angles)
-        assert shown_leg(chain, angles, place, turned) == leg
-        assert soliton.rotor == pytest.approx(place, abs=0.1)
+        assert shown_leg(chain, angles, site, inverted) == leg
+        assert soliton.rotor == pytest.approx(site, abs=0.1)
         assert soliton.charge == 1
 
 
 @pytest.mark.parametrize('rest_angle', [0.3, 0.77, 1.5])
 @pytest.mark.parametrize('beyond', [-1e-8, 1e-8])
-def test_walls_near_the_transition_to_spinners_are_still_symmetric(
+def test_walls_near_the_transition_to_spinners_are_symmetric(
     beyond: float, rest_angle: float
 ) -> None:
     chain = chain_of(((1 + beyond) / math.sin(rest_angle) ** 2, rest_angle), 20)
@@ -354,7 +342,7 @@ def test_walls_near_the_transition_to_spinners_are_still_symmetric(
 
 
 @pytest.mark.parametrize('example', EXAMPLES)
-def test_a_bar_that_is_wrong_moves_the_rotors_beyond_it_as_the_zero_mode_does(
+def test_a_wrong_bar_moves_the_rotors_beyond_it_along_the_zero_mode(
     example: tuple[float, float],
 ) -> None:
     chain = chain_of(example, 24)
@@ -365,7 +353,7 @@ def test_a_bar_that_is_wrong_moves_the_rotors_beyond_it_as_the_zero_mode_does(
         wrong[bar] = 1e-8
         deviations = dataclasses.replace(chain.deviations, rest_length=tuple(wrong.tolist()))
         other = dataclasses.replace(chain, deviations=deviations)
-        moved = angles_from_seed(other, 12, angles[12], *sides_of(chain, angles)) - angles
+        moved = angles_from_seed(other, 12, angles[12], *branches_of(chain, angles)) - angles
         beyond = np.arange(13, 24) if bar == 12 else np.arange(11, -1, -1)
         still = np.setdiff1d(np.arange(24), beyond)
         assert np.abs(moved[still]).max() < 1e-12
@@ -385,11 +373,12 @@ def test_in_a_chain_with_deviations_each_bar_has_its_own_length(
         assert np.abs(chain.spring_extensions(angles)).max() <= length_rounding(chain)
         assert angles[14] == static_wall(even, 14.3, leg)[14]
         assert (
-            np.asarray(sides_of(chain, angles)) == sides_of(even, static_wall(even, 14.3, leg))
+            np.asarray(branches_of(chain, angles))
+            == branches_of(even, static_wall(even, 14.3, leg))
         ).all()
 
 
-def test_a_bar_that_does_not_reach_is_refused() -> None:
+def test_a_bar_that_does_not_reach_is_rejected() -> None:
     chain = chain_of(FLIPPER, 9)
     lengths = np.zeros(8)
     lengths[6] = 2.0
@@ -399,33 +388,37 @@ def test_a_bar_that_does_not_reach_is_refused() -> None:
         static_wall(other, 3.0)
 
 
-@pytest.mark.parametrize('place', [0.49, 7.51, -3.0, math.nan, math.inf])
-def test_a_place_too_near_to_an_end_is_refused(place: float) -> None:
-    with pytest.raises(ValueError, match=r'site = .* must lie from 0.5 to .* = 7.5'):
-        static_wall(chain_of(FLIPPER, 9), place)
-
-
-@pytest.mark.parametrize(('example', 'leg'), [(FLIPPER, 4), (WOBBLER, -1), (WIDE_SPINNER, 2)])
-def test_a_leg_that_there_is_not_is_refused(example: tuple[float, float], leg: int) -> None:
-    with pytest.raises(ValueError, match=f'leg = {leg} must be one of 0 to'):
-        static_wall(chain_of(example, 9), 4.0, leg)
-
-
-def test_a_chain_without_room_for_a_wall_is_refused() -> None:
-    with pytest.raises(ValueError, match='2 rotors with free ends; give it 3'):
-        static_wall(chain_of(SPINNER, 2), 0.5)
-    ring = dataclasses.replace(chain_of(FLIPPER, 8), periodic=True)
-    with pytest.raises(ValueError, match=r'periodic ends; .* free ends'):
-        static_wall(ring, 3.0)
-
-
 @pytest.mark.parametrize('beyond', [0.0, 5e-10, -5e-10])
-def test_a_chain_at_the_transition_to_spinners_is_refused(beyond: float) -> None:
+def test_a_chain_at_the_transition_to_spinners_is_rejected(beyond: float) -> None:
     chain = chain_of(((1 + beyond) / math.sin(0.77) ** 2, 0.77), 9)
     with pytest.raises(ValueError, match=r'd = 2\.873.* too near to d_c = 2\.873.*; take d'):
         static_wall(chain, 4.0)
 
 
-def test_a_wall_too_wide_to_follow_is_refused() -> None:
+def test_a_too_wide_wall_is_rejected() -> None:
     with pytest.raises(ValueError, match=r'd = 4e-05 makes a wall extend over .* rotors'):
         site_arc(chain_of((0.02, 0.001), 3))
+
+
+RING = dataclasses.replace(chain_of(FLIPPER, 8), periodic=True)
+
+
+@pytest.mark.parametrize(
+    ('chain', 'site', 'leg', 'message'),
+    [
+        *(
+            (chain_of(FLIPPER, 9), site, 0, r'site = .* must lie from 0.5 to .* = 7.5')
+            for site in (0.49, 7.51, -3.0, math.nan, math.inf)
+        ),
+        (chain_of(FLIPPER, 9), 4.0, 4, 'leg = 4 must be one of 0 to'),
+        (chain_of(WOBBLER, 9), 4.0, -1, 'leg = -1 must be one of 0 to'),
+        (chain_of(WIDE_SPINNER, 9), 4.0, 2, 'leg = 2 must be one of 0 to'),
+        (chain_of(SPINNER, 2), 0.5, 0, '2 rotors with free ends; give it 3'),
+        (RING, 3.0, 0, r'periodic ends; .* free ends'),
+    ],
+)
+def test_sites_legs_and_chains_without_a_wall_are_rejected(
+    chain: Chain, site: float, leg: int, message: str
+) -> None:
+    with pytest.raises(ValueError, match=message):
+        static_wall(chain, site, leg)

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Laws of the walls: found where they are, mirrored, turned, charged, followed round the orbit."""
+"""Fitted walls: accuracy of position, velocity and width, symmetry, and charge."""
 
 from __future__ import annotations
 
@@ -96,13 +96,13 @@ def walls(example: tuple[float, float], rotors: int = 40) -> list[tuple[Chain, f
 @pytest.mark.parametrize(('rotors', 'turned'), [(20, False), (21, True)])
 @pytest.mark.parametrize('crossed', BOTH)
 @pytest.mark.parametrize('example', EXAMPLES)
-def test_a_wall_at_rest_costs_no_energy_and_is_found_half_way_between_two_rotors(
+def test_a_symmetric_wall_has_zero_energy_and_is_found_between_two_rotors(
     example: tuple[float, float], crossed: bool, turned: bool, rotors: int
 ) -> None:
     chain = chain_of(example, 2 * rotors)
     for rotor in (rotors - 1, rotors):
         angles = wall_between(chain, rotor, turned, crossed)
-        # Angles are built from inverse functions, rounded by EPS over the sine of what they give.
+        # Angles are built from inverse functions, rounded by EPS over their sine.
         limit = 100 * EPS * chain.rotor_length
         assert chain.elastic_energy(angles) <= chain.stiffness * rotors * limit**2
         soliton = only(find_solitons(chain, angles, 0 * angles))
@@ -114,7 +114,7 @@ def test_a_wall_at_rest_costs_no_energy_and_is_found_half_way_between_two_rotors
 
 
 @pytest.mark.parametrize('example', EXAMPLES)
-def test_a_wall_is_found_within_the_bias_at_every_place_between_two_rotors(
+def test_the_bias_is_limited_at_every_site_between_two_rotors(
     example: tuple[float, float],
 ) -> None:
     for chain, truth, angles in walls(example):
@@ -125,7 +125,7 @@ def test_a_wall_is_found_within_the_bias_at_every_place_between_two_rotors(
 
 
 @pytest.mark.parametrize('example', ERROR)
-def test_noise_moves_a_wall_no_more_than_an_independent_program_says(
+def test_errors_by_noise_agree_with_an_independent_program(
     example: tuple[float, float],
 ) -> None:
     random = np.random.default_rng(11)
@@ -138,14 +138,16 @@ def test_noise_moves_a_wall_no_more_than_an_independent_program_says(
             errors.append(soliton.rotor - truth)
             deviations.append(soliton.position_deviation / chain.spacing)
     error = float(np.sqrt(np.mean(np.square(errors))))
-    # 432 frames tell a deviation to 3.4 %; allowed is three times that. No estimate without
-    # bias is better than sigma / (Lambda / r), the bound of Cramer and Rao.
+    # The standard deviation of 432 errors scatters by 3.4 %; three times that is allowed. The
+    # Cramer-Rao bound is sigma / (Lambda / r).
     assert 0.9 * noise / arc <= error <= 1.1 * ERROR[example]
     assert np.sqrt(np.mean(np.square(deviations))) >= 0.9 * error
 
 
 @pytest.mark.parametrize('example', EXAMPLES)
-def test_images_of_a_frame_have_the_images_of_its_soliton(example: tuple[float, float]) -> None:
+def test_symmetric_images_of_a_frame_have_the_images_of_its_soliton(
+    example: tuple[float, float],
+) -> None:
     random = np.random.default_rng(2)
     for rotors in (40, 41):
         for chain, _, angles in walls(example, rotors)[::3]:
@@ -202,7 +204,7 @@ def test_several_walls_are_found_in_order_with_alternating_charges(
 
 
 @given(any_configuration(most=8), st.data())
-def test_whatever_the_configuration_walls_stand_in_order_and_alternate(
+def test_walls_of_any_configuration_are_in_order_and_alternate(
     configuration: tuple[Chain, Array], data: st.DataObject
 ) -> None:
     chain, angles = configuration
@@ -218,7 +220,7 @@ def test_whatever_the_configuration_walls_stand_in_order_and_alternate(
 
 
 @given(any_configuration())
-def test_the_polarisation_tells_on_which_side_the_zero_mode_grows(
+def test_the_polarisation_has_the_sign_of_the_growth_of_the_zero_mode(
     configuration: tuple[Chain, Array],
 ) -> None:
     chain, angles = configuration
@@ -269,7 +271,7 @@ def test_the_velocity_is_the_rate_of_change_of_the_position(
 
 
 @pytest.mark.parametrize('narrow', [True, False])
-def test_the_width_of_a_wall_at_rest_tends_to_the_theorys_with_its_square(narrow: bool) -> None:
+def test_the_width_at_rest_converges_quadratically_to_the_theory(narrow: bool) -> None:
     deficits = []
     for factor in (1, 2):
         if narrow:
@@ -286,9 +288,7 @@ def test_the_width_of_a_wall_at_rest_tends_to_the_theorys_with_its_square(narrow
     ('kick', 'speed', 'contraction'),
     [(0.002, 0.1086, 0.988), (0.006, 0.3041, 0.901), (0.010, 0.4509, 0.766)],
 )
-def test_a_fast_wall_is_contracted_as_lorentz_says(
-    kick: float, speed: float, contraction: float
-) -> None:
+def test_a_fast_wall_is_lorentz_contracted(kick: float, speed: float, contraction: float) -> None:
     chain = chain_of((0.5, 0.1), 150)
     start = chain.uniform_state(-1)
     rate = kick * chain.spacing / chain.rotor_length / chain.time_unit
@@ -309,7 +309,7 @@ def test_a_fast_wall_is_contracted_as_lorentz_says(
     )
 
 
-def test_a_width_that_cannot_be_told_is_nan() -> None:
+def test_an_undetermined_width_is_nan() -> None:
     near_an_edge = chain_of(FLIPPER, 40)
     width = only(find_solitons(near_an_edge, wall_between(near_an_edge, 1))).width
     assert math.isnan(width)
@@ -330,7 +330,7 @@ def test_a_width_that_cannot_be_told_is_nan() -> None:
 
 @pytest.mark.parametrize('rotors', [12, 13])
 @pytest.mark.parametrize('example', [FLIPPER, WOBBLER, STRONG_WOBBLER])
-def test_an_edge_rotor_that_toggles_moves_no_wall(
+def test_a_toggled_edge_rotor_does_not_move_the_wall(
     example: tuple[float, float], rotors: int
 ) -> None:
     chain = chain_of(example, rotors)
@@ -346,7 +346,7 @@ def test_an_edge_rotor_that_toggles_moves_no_wall(
     assert after.rotor == pytest.approx(before.rotor, abs=1e-12)
 
 
-def test_what_is_no_frame_is_refused_by_name_and_value() -> None:
+def test_invalid_frames_are_rejected() -> None:
     chain = chain_of(FLIPPER, 4)
     angles = chain.uniform_state(1)
     with pytest.raises(ValueError, match='angle of rotor 1 = nan must be a finite number'):
@@ -367,7 +367,9 @@ def pair_on_a_ring(chain: Chain) -> Array:
 
 
 @pytest.mark.parametrize('example', [FLIPPER, WOBBLER, SPINNER])
-def test_walls_on_a_ring_are_found_wherever_its_joint_is(example: tuple[float, float]) -> None:
+def test_walls_on_a_ring_are_found_independent_of_the_numbering(
+    example: tuple[float, float],
+) -> None:
     ring = dataclasses.replace(chain_of(example, 60), periodic=True)
     angles = pair_on_a_ring(ring)
     for shift in range(0, 60, 2):
@@ -393,7 +395,7 @@ def test_uniform_states_have_no_charge_and_exact_walls_have_charge_1(
             assert half_turns(chain, chain.uniform_state(1)) == 0
 
 
-def test_what_has_no_charge_is_refused() -> None:
+def test_charges_of_invalid_arguments_are_rejected() -> None:
     chain = chain_of(FLIPPER, 3)
     with pytest.raises(ValueError, match=r'lean = 0\.0 m must be a finite'):
         charge_of_field([0, 1], 0.0)

@@ -34,7 +34,7 @@ _LONGEST_INTERVAL = 2.0
 """Duration of the last intervals [s], together two minutes. Sensitivity: at 0.5x, the line follows
 a clock that warms up more closely; at 2x, a steady clock is known better."""
 LARGEST_DRIFT = 0.01
-"""Largest drift of a clock [1]: twice that of the ceramic resonator of an Arduino Uno."""
+"""Largest drift of a clock [1], twice the drift of an Arduino Uno's ceramic resonator."""
 _FROM_THE_FUTURE = 0.25
 """Largest time by which a measurement may be later than now [s]: a drift of 1 % in 25 s without a
 frame. If it is later, the clock has restarted."""
@@ -149,7 +149,7 @@ class DeviceClock:
     def stamp(self, time: int, arrival: int) -> int:
         """Return the stamp [ns] of a measurement at a controller time [us], arrived at [ns].
 
-        Raises ValueError if the time is that of the measurement before.
+        Raises ValueError if the time repeats the measurement before.
         """
         if self._last is not None:
             self._advance(time, arrival)
@@ -173,9 +173,7 @@ class DeviceClock:
         assert self._last is not None
         gone = (time - self._last) % CLOCK_RANGE
         if not gone:
-            raise ValueError(
-                f'time = {time} us is that of the frame before; measure each frame once'
-            )
+            raise ValueError(f'time = {time} us repeats the frame before; measure each frame once')
         here = (arrival - self._begun) // _MICROSECOND
         latest = round((here / 1e6 + _FROM_THE_FUTURE - self._envelope.offset) * 1e6)
         latest = round(latest / (1 + self._envelope.drift))

@@ -234,7 +234,7 @@ def unstuff(stuffed: bytes) -> bytes:
 class FrameDecoder:
     """Decoder of a stream of either protocol, cut into chunks anywhere.
 
-    The protocol is that of the last valid frame. Input before the first one is ignored, because it
+    The last valid frame determines the protocol. Input before the first one is ignored, because it
     is the rest of a frame or comes from another program. After a line of text with a checksum,
     lines without one are rejected.
     """

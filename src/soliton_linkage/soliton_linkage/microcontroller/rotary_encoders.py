@@ -17,7 +17,7 @@ from soliton_linkage.microcontroller.frames import READINGS, SEQUENCES, FrameKin
 
 @dataclass(frozen=True)
 class RotaryEncoders:
-    """How encoders sit on rotors; raises ValueError for values out of their range.
+    """Mounting of encoders on rotors; raises ValueError for values out of their range.
 
     With the reading q, in turns, the angle is
 
@@ -25,17 +25,17 @@ class RotaryEncoders:
     """
 
     counts_per_turn: tuple[float, ...] = quantity(
-        (4096.0,), 'counts of a whole turn, one for all encoders or one a rotor [1]'
+        (4096.0,), 'counts per turn, one value for all encoders or one for each rotor [1]'
     )
     signs: tuple[float, ...] = quantity(
-        (), '1 where readings grow from +z towards +x, else -1, one a rotor; empty for 1 [1]'
+        (), '1 if readings increase from +z towards +x, else -1, for each rotor; empty for 1 [1]'
     )
     offsets: tuple[float, ...] = quantity(
-        (), 'what angles are constantly too large by, one a rotor; empty for nothing [rad]'
+        (), 'readings less angles for each rotor; empty for 0 [rad]'
     )
     wrapped: bool = quantity(
         True,
-        'whether readings begin anew after a turn, which rotors take more than two frames for',
+        'whether readings wrap after a turn; then a turn must take more than two frames',
     )
 
     def __post_init__(self) -> None:
@@ -87,13 +87,13 @@ class AngleReader:
     def read(self, frame: SerialFrame) -> Array:
         """Return the angle of each rotor [rad], shape (N,), NaN if it is missing.
 
-        Readings that wrap continue those of the last frame with the rotor by less than half a
-        turn. Raises ValueError unless there is a reading for each rotor.
+        Readings that wrap change by less than half a turn from the last frame with the rotor.
+        Raises ValueError unless there is a reading for each rotor.
         """
         if len(frame.values) != self.rotors:
             raise ValueError(
                 f'it has {len(frame.values)} readings for a chain of {self.rotors} rotors; send '
-                'one a rotor, - or NaN for a missing one, or set chain.number_of_rotors'
+                'one for each rotor, - or NaN if missing, or set chain.number_of_rotors'
             )
         angles = frame.values * self._radians[frame.kind] - self._offsets
         if self._wrapped:

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Simulated microcontroller, which sends readings of encoders and obeys commands to valves."""
+"""Simulated microcontroller, which sends encoder readings and executes commands to valves."""
 
 from __future__ import annotations
 
@@ -25,16 +25,16 @@ from soliton_linkage.microcontroller.rotary_encoders import RotaryEncoders
 
 @dataclass(frozen=True)
 class ControllerSettings:
-    """What a controller is like; raises ValueError for values out of their range."""
+    """Properties of a controller; raises ValueError for values out of their range."""
 
     protocol: str = quantity(
-        'binary', 'how it writes', choices=tuple(each.value for each in Protocol)
+        'binary', 'encoding of its frames', choices=tuple(each.value for each in Protocol)
     )
     drift: float = quantity(
-        0.0, 'by how much its clock is fast', '', -LARGEST_DRIFT, LARGEST_DRIFT
+        0.0, 'relative error of its clock, above 0 if fast', '', -LARGEST_DRIFT, LARGEST_DRIFT
     )
     torque_per_pressure: float = quantity(
-        5e-8, 'torque on a rotor that a pressure of its valve gives', 'N m/Pa', 0.0, 1.0
+        5e-8, 'torque on a rotor per pressure of its valve', 'N m/Pa', 0.0, 1.0
     )
 
     def __post_init__(self) -> None:

@@ -48,8 +48,8 @@ class Crossing:
     """Slope of a straight line through the passage [rotor spacings / s], positive."""
 
 
-class MovingWall(Protocol):
-    """A wall of known site and velocity."""
+class MeasuredWall(Protocol):
+    """A wall with standard deviations."""
 
     @property
     def rotor(self) -> float:
@@ -58,10 +58,6 @@ class MovingWall(Protocol):
     @property
     def velocity(self) -> float:
         """Velocity of the centre [m/s]."""
-
-
-class MeasuredWall(MovingWall, Protocol):
-    """A wall with standard deviations."""
 
     @property
     def position_deviation(self) -> float:
@@ -72,35 +68,26 @@ class MeasuredWall(MovingWall, Protocol):
         """Standard deviation of the velocity [m/s]."""
 
 
-def track_point(chain: Chain, solitons: Sequence[MovingWall]) -> tuple[float, float]:
-    """Return site [rotor spacings] and rate [rotor spacings / s] of the first soliton, or NaN."""
-    if not solitons:
-        return np.nan, np.nan
-    return solitons[0].rotor, solitons[0].velocity / chain.spacing
-
-
 def measured_track(chain: Chain, times: Array, walls: Sequence[Sequence[MeasuredWall]]) -> Track:
     """Return the track of the first wall of each frame with its uncertainties; times [s], (T,)."""
-    spacing = chain.spacing
-    deviations = [
-        (found[0].position_deviation / spacing, found[0].velocity_deviation / spacing)
-        if found
-        else (np.nan, np.nan)
-        for found in walls
-    ]
-    points = [track_point(chain, found) for found in walls]
-    columns = np.hstack([np.reshape(points, (-1, 2)), np.reshape(deviations, (-1, 2))])
-    return Track(times, *columns.T)
+    rows = np.full((len(walls), 4), np.nan)
+    for row, found in zip(rows, walls, strict=True):
+        if found:
+            wall = found[0]
+            row[:] = wall.rotor, wall.velocity, wall.position_deviation, wall.velocity_deviation
+    rows[:, 1:] /= chain.spacing
+    return Track(times, *rows.T)
 
 
 def follow(chain: Chain, recording: Recording) -> Track:
     """Find the soliton in every frame of a recording."""
     rates = recording.rates if len(recording.rates) else [None] * len(recording.times)
-    points = [
-        track_point(chain, find_solitons(chain, angles, rate))
+    found = [
+        find_solitons(chain, angles, rate)
         for angles, rate in zip(recording.angles, rates, strict=True)
     ]
-    return Track(recording.times, *np.array(points, dtype=np.float64).reshape(-1, 2).T)
+    track = measured_track(chain, recording.times, found)
+    return Track(track.times, track.sites, track.site_rates)
 
 
 def find_crossings(chain: Chain, track: Track) -> tuple[Crossing, ...]:
