@@ -39,12 +39,8 @@ def test_each_encoder_has_its_sign_offset_and_counts() -> None:
     (first, second) = AngleReader(encoders, 2).read(counts(1000, 250))
     assert first == pytest.approx(math.pi / 2 - 0.25)
     assert second == pytest.approx(-math.pi / 2 + 0.5)
-
-
-def test_readings_in_radians_have_signs_and_offsets() -> None:
-    reader = AngleReader(RotaryEncoders(signs=(-1.0,), offsets=(0.1,)), 1)
-    frame = SerialFrame(FrameKind.RADIANS, values=np.array([1.0]))
-    assert reader.read(frame) == pytest.approx([-1.1])
+    frame = SerialFrame(FrameKind.RADIANS, values=np.array([1.0, 1.0]))
+    assert AngleReader(encoders, 2).read(frame) == pytest.approx([0.75, -0.5])
 
 
 def test_readings_that_do_not_wrap_are_not_unwrapped() -> None:

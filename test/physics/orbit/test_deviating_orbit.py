@@ -23,8 +23,7 @@ from soliton_linkage.dynamics.elastic import ElasticSimulation
 from soliton_linkage.dynamics.rigid import RigidSimulation
 from soliton_linkage.estimation.orbit_filter import OrbitFilter
 from soliton_linkage.estimation.relocalisation import fit_anywhere, fit_near
-from soliton_linkage.linear.rigidity import Edge
-from soliton_linkage.linear.statics import toggled_angle, unstretched
+from soliton_linkage.linear.statics import unstretched
 from soliton_linkage.linkage.chain import Array, Motion
 from soliton_linkage.linkage.deviations import Deviations
 from soliton_linkage.orbit.deviating_orbit import DeviatingOrbit
@@ -61,7 +60,7 @@ def test_free_motion_has_the_free_rate(example: Example) -> None:
     assert np.ptp(rates) > 0.01
 
 
-@pytest.mark.parametrize('rotors', [5, 20])
+@pytest.mark.parametrize('rotors', [3, 6, 9, 20])
 @pytest.mark.parametrize('example', [*CLASSES, WIDE_FLIPPER, WIDE_SPINNER])
 def test_without_deviations_the_orbit_equals_the_uniform_orbit(
     example: Example, rotors: int
@@ -76,14 +75,6 @@ def test_without_deviations_the_orbit_equals_the_uniform_orbit(
         assert orbit.site_arc_at(arc) == pytest.approx(uniform.site_arc, rel=1e-4)
         assert orbit.free_rate(arc) == pytest.approx(1, abs=1e-12)
         assert uniform.free_rate(arc) == pytest.approx(1, abs=10 * accurate)
-
-
-@pytest.mark.parametrize('example', [*CLASSES, WIDE_FLIPPER])
-def test_the_reflections_of_chains_without_deviations_are_found(example: Example) -> None:
-    # Each reflection is symmetric, so that pieces begin there except for rounding.
-    for rotors in range(3, 16, 3):
-        orbit = DeviatingOrbit(chain_of(example, rotors))
-        assert len(set(map(orbit.leg, np.linspace(0, orbit.length, 50)))) == orbit.number_of_legs
 
 
 @pytest.mark.parametrize('example', CLASSES)
@@ -129,18 +120,6 @@ def test_the_mirrored_chain_has_the_mirrored_orbit(example: Example, rotors: int
         assert distance(other.configuration(there), mirrored) < ACCURATE
         place = rotors - 1 - orbit.site(arc)
         assert other.site(there) == pytest.approx(place, rel=0, abs=1e-5)
-
-
-@pytest.mark.parametrize('example', [FLIPPER, WOBBLER])
-def test_legs_of_flippers_end_with_the_edge_rotor_in_line_with_its_bar(
-    example: Example,
-) -> None:
-    orbit = deviating_orbit(example)
-    for leg in range(4):
-        angles = orbit.configuration(orbit.leg_arcs(leg)[1])
-        edge, rotor = (Edge.LAST, -1) if leg % 2 == 0 else (Edge.FIRST, 0)
-        apart = math.remainder(toggled_angle(orbit.chain, angles, edge) - angles[rotor], math.tau)
-        assert abs(apart) < ACCURATE
 
 
 @pytest.mark.parametrize('example', CLASSES)

@@ -14,13 +14,14 @@ from chains import (
     chain_of,
 )
 from continuum_theories import WIDEST_FLIPPER, Theory, theory_of
-from linkage_motion import distance, site, wall_between
+from linkage_motion import distance, wall_between
 
 from soliton_linkage.dynamics.elastic import simulate
 from soliton_linkage.linear.rigidity import mode_towards_last
 from soliton_linkage.linear.statics import equilibrium
 from soliton_linkage.linkage.chain import Array, displacement, staggered
 from soliton_linkage.solitons.continuum import FlipperTheory, SpinnerTheory
+from soliton_linkage.solitons.static_wall import site_arc
 from soliton_linkage.solitons.tanh_fit import (
     charge_of_field,
     find_solitons,
@@ -138,22 +139,7 @@ def test_the_energy_of_an_anti_kink_converges_to_the_theory_with_the_square_of_d
 
 def arc_of(example: tuple[float, float]) -> float:
     """Length of the exact motion by one site over a, Lambda [1]."""
-    rotors = max(40, 2 * round(14 * theory_of(chain_of(example, 3)).width() / 0.1))
-    return site(chain_of(example, rotors), rotors // 2 - 1, False, False, 3)[1] * example[0]
-
-
-@pytest.mark.parametrize(
-    ('examples', 'order'),
-    [([(0.5, 0.2), (0.5, 0.1)], 2), ([(4.0, 0.9), (8.0, 0.9)], 2)],
-)
-def test_the_arc_per_site_converges_to_the_theory(
-    examples: list[tuple[float, float]], order: int
-) -> None:
-    shares = [
-        theory_of(chain_of(example, 3)).arc_per_site / arc_of(example) for example in examples
-    ]
-    assert abs(1 - shares[0]) < 0.02
-    assert (1 - shares[1]) == pytest.approx((1 - shares[0]) / 2**order, rel=0.1)
+    return site_arc(chain_of(example, 3)) * example[0]
 
 
 def kicked(

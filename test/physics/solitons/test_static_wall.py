@@ -13,7 +13,6 @@ from chains import EPS, EXAMPLES, FLIPPER, SPINNER, WIDE_SPINNER, WOBBLER, any_c
 from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 from linkage_motion import distance, wall_between
-from mpmath import mp, mpf
 
 from soliton_linkage.dynamics.rigid import RigidSimulation
 from soliton_linkage.estimation.state_report import StateReporter
@@ -145,61 +144,6 @@ def test_the_site_is_proportional_to_the_arc_length_of_the_motion(
         motion = RigidSimulation(chain, start, onwards, period=abs(spacings) * arc)
         motion.advance()
         assert distance(motion.angles, static_wall(chain, 84.2 + spacings, leg)) < FOLLOWED
-
-
-class Decimals:
-    """A wall to twenty digits by bars from its rotor 0, in units of the spacing."""
-
-    def __init__(self, chain: Chain, beside: int) -> None:
-        mp.dps = 22
-        self.r = mpf(chain.rotor_length / chain.spacing)
-        self.bar = mp.sqrt(1 + 4 * self.r**2 * mp.cos(mpf(chain.rest_angle)) ** 2)
-        self.spinner = chain.motion is Motion.SPINNER
-        self.beside = beside
-        self.sine = self.r * mp.sin(mpf(chain.rest_angle))
-
-    def hung(self, angle: mpf, rotor: int, step: int) -> mpf:
-        """Angle of the rotor on a bar to the rotor a step before."""
-        h, v = self.r * mp.sin(angle) - step, self.r * mp.cos(angle)
-        reach = mp.hypot(h, v)
-        cosine = (reach**2 + self.r**2 - self.bar**2) / (2 * reach * self.r)
-        # A spinner's right-hand rotors hang on the other side than a flipper's.
-        side = (-1) ** rotor * (1 if step > 0 and not self.spinner else -1)
-        return mp.atan2(h, v) + side * mp.acos(cosine)
-
-    def rate(self, angle: mpf) -> mpf:
-        """Arc per angle of rotor 0, sqrt(sum_n t_n^2) / t_0."""
-        total = mpf(1)
-        for step in (1, -1):
-            before, mode = angle, mpf(1)
-            for rotor in range(step, (self.beside + 1) * step, step):
-                following = self.hung(before, rotor, step)
-                mode *= self.gear(before, following, step)
-                total += mode**2
-                before = following
-        return mp.sqrt(total)
-
-    def gear(self, angle: mpf, following: mpf, step: int) -> mpf:
-        """Ratio of the motions of a rotor and its neighbour a step before it."""
-        across = step + self.r * (mp.sin(following) - mp.sin(angle))
-        up = self.r * (mp.cos(following) - mp.cos(angle))
-        drawn = mp.cos(angle) * across - mp.sin(angle) * up
-        return drawn / (mp.cos(following) * across - mp.sin(following) * up)
-
-
-@pytest.mark.parametrize(('example', 'beside'), [(FLIPPER, 14), ((1.2, 1.5), 30)])
-def test_arcs_and_sites_are_exact_to_eleven_digits(
-    example: tuple[float, float], beside: int
-) -> None:
-    chain = chain_of(example, 41)
-    exact = Decimals(chain, beside)
-    before, near, beyond = (
-        mpf(float(static_wall(chain, 20 + step)[20])) for step in (-0.5, 0.17, 0.5 - 1e-14)
-    )
-    part = abs(mp.quad(exact.rate, [before, near], maxdegree=4))
-    rest = abs(mp.quad(exact.rate, [near, beyond], maxdegree=4))
-    assert site_arc(chain) == pytest.approx(float(part + rest), rel=1e-12)
-    assert float(part / (part + rest)) == pytest.approx(0.67, abs=1e-11)
 
 
 def arc_of_wide_flipper(chain: Chain) -> float:

@@ -284,31 +284,6 @@ def test_the_width_at_rest_converges_quadratically_to_the_theory(narrow: bool) -
     assert deficits[0] / deficits[1] == pytest.approx(4, rel=0.1)
 
 
-@pytest.mark.parametrize(
-    ('kick', 'speed', 'contraction'),
-    [(0.002, 0.1086, 0.988), (0.006, 0.3041, 0.901), (0.010, 0.4509, 0.766)],
-)
-def test_a_fast_wall_is_lorentz_contracted(kick: float, speed: float, contraction: float) -> None:
-    chain = chain_of((0.5, 0.1), 150)
-    start = chain.uniform_state(-1)
-    rate = kick * chain.spacing / chain.rotor_length / chain.time_unit
-    duration = 60 / speed * chain.time_unit
-    recording = simulate(
-        chain, start, rate * mode_towards_last(chain, start), duration, duration / 40, 1e-8
-    )
-    found = [
-        only(find_solitons(chain, angles, rates))
-        for angles, rates in zip(recording.angles[-10:], recording.rates[-10:], strict=True)
-    ]
-    unit = chain.spacing / chain.time_unit
-    assert np.mean([soliton.velocity for soliton in found]) == pytest.approx(
-        speed * unit, rel=0.02
-    )
-    assert np.mean([soliton.width for soliton in found]) / chain.wall_width == pytest.approx(
-        contraction, rel=0.02
-    )
-
-
 def test_an_undetermined_width_is_nan() -> None:
     near_an_edge = chain_of(FLIPPER, 40)
     width = only(find_solitons(near_an_edge, wall_between(near_an_edge, 1))).width
