@@ -65,8 +65,13 @@ def connect(graph: Graph) -> Iterator[Connect]:
         client.close()
 
 
+@pytest.fixture
+def client(served: FoxgloveServer, connect: Connect) -> FoxgloveClient:
+    return connect(served)
+
+
 def until(graph: Graph, client: FoxgloveClient, condition: Callable[[], Any], what: str) -> None:
-    """Spin and listen until a condition holds."""
+    """Spin and receive until a condition is true."""
 
     def received() -> Any:
         client.read()
@@ -76,24 +81,20 @@ def until(graph: Graph, client: FoxgloveClient, condition: Callable[[], Any], wh
 
 
 def test_topics_of_actions_are_not_offered(
-    graph: Graph, served: FoxgloveServer, connect: Connect
+    graph: Graph, served: FoxgloveServer, client: FoxgloveClient
 ) -> None:
     feedback = '/move_soliton/_action/feedback'
     graph.user.create_publisher(MoveSoliton.Impl.FeedbackMessage, feedback, 10)
     graph.user.create_publisher(Float64, '/seen', 10)
-    client = connect(served)
     until(graph, client, lambda: '/seen' in client.channels, 'a topic')
     assert feedback in dict(served.get_topic_names_and_types())
     assert feedback not in client.channels
     assert served.diagnostics.rejected == 0
 
 
-def test_topics_are_offered_with_their_definitions(
-    graph: Graph, served: FoxgloveServer, connect: Connect
-) -> None:
+def test_topics_are_offered_with_their_definitions(graph: Graph, client: FoxgloveClient) -> None:
     graph.user.create_publisher(Chain, 'lab/chain', interfaces.CHAIN.qos)
     graph.user.create_subscription(EdgeCommand, 'edge_command', [].append, 10)
-    client = connect(served)
     wanted = {'/lab/chain', '/edge_command'}
     until(graph, client, lambda: wanted <= client.channels.keys(), 'topics')
     assert client.information['supportedEncodings'] == ['cdr', 'json']
@@ -105,13 +106,12 @@ def test_topics_are_offered_with_their_definitions(
 
 
 def test_clients_receive_messages_unchanged_and_can_decode_them_by_their_definitions(
-    graph: Graph, served: FoxgloveServer, connect: Connect, named: NamedChain
+    graph: Graph, client: FoxgloveClient, named: NamedChain
 ) -> None:
     frame = frame_to_msg(
         named, Frame(named.chain.uniform_state(1), None), np.arange(8.0), Time(sec=7)
     )
     publisher = graph.user.create_publisher(type(frame), 'joint_states', 10)
-    client = connect(served)
     until(graph, client, lambda: '/joint_states' in client.channels, 'joint_states')
     received = client.subscribe('/joint_states')
     until(graph, client, publisher.get_subscription_count, 'a subscription')
@@ -142,11 +142,10 @@ def test_each_client_receives_latched_messages(
 
 
 def test_messages_of_a_best_effort_publisher_are_received(
-    graph: Graph, served: FoxgloveServer, connect: Connect
+    graph: Graph, client: FoxgloveClient
 ) -> None:
     qos = QoSProfile(depth=5, reliability=ReliabilityPolicy.BEST_EFFORT)
     publisher = graph.user.create_publisher(Float64, 'sensed', qos)
-    client = connect(served)
     until(graph, client, lambda: '/sensed' in client.channels, 'a topic')
     received = client.subscribe('/sensed')
     until(graph, client, publisher.get_subscription_count, 'a subscription')
@@ -160,7 +159,7 @@ def test_messages_of_a_best_effort_publisher_are_received(
 
 @pytest.mark.parametrize('encoding', ['cdr', 'json'])
 def test_a_nudge_from_a_client_kicks_the_chain(
-    graph: Graph, served: FoxgloveServer, connect: Connect, named: NamedChain, encoding: str
+    graph: Graph, client: FoxgloveClient, named: NamedChain, encoding: str
 ) -> None:
     graph.start(EdgeActuator, {'state_timeout': 60.0})
     impulses = graph.hear(interfaces.ROTOR_IMPULSES)
@@ -168,7 +167,6 @@ def test_a_nudge_from_a_client_kicks_the_chain(
     chain.publish(chain_to_msg(named, Time()))
     angles = named.chain.uniform_state(-1)
     frame = frame_to_msg(named, Frame(angles, 0 * angles), 0 * angles, Time(sec=1))
-    client = connect(served)
     nudge = Float64(data=2.0)
     data = serialize_message(nudge) if encoding == 'cdr' else json.dumps({'data': 2.0}).encode()
     number = client.advertise('/nudge', 'std_msgs/msg/Float64', encoding)
@@ -186,10 +184,9 @@ def test_a_nudge_from_a_client_kicks_the_chain(
 
 
 def test_a_client_calls_services_by_their_definitions(
-    graph: Graph, served: FoxgloveServer, connect: Connect
+    graph: Graph, client: FoxgloveClient
 ) -> None:
     graph.start(Simulator, {'chain.number_of_rotors': 3})
-    client = connect(served)
     wanted = {'/simulator/pause', '/simulator/step', '/simulator/reset'}
     until(graph, client, lambda: wanted <= client.services.keys(), 'services')
     offered = client.services['/simulator/reset']
@@ -224,14 +221,13 @@ def test_a_client_calls_services_by_their_definitions(
 
 @pytest.mark.parametrize('data', [b'', b'\0\1\0\0', b'\0\1\0\0\7\0\0\0'])
 def test_a_service_without_fields_accepts_each_encoding_of_an_empty_request(
-    graph: Graph, served: FoxgloveServer, connect: Connect, data: bytes
+    graph: Graph, client: FoxgloveClient, data: bytes
 ) -> None:
     def answer(_: Any, response: Trigger.Response) -> Trigger.Response:
         response.message = 'done'
         return response
 
     graph.user.create_service(Trigger, 'lab/act', answer)
-    client = connect(served)
     until(graph, client, lambda: '/lab/act' in client.services, 'a service')
     call = client.call('/lab/act', data)
     until(graph, client, lambda: call in client.answers, 'an answer')
@@ -239,10 +235,9 @@ def test_a_service_without_fields_accepts_each_encoding_of_an_empty_request(
 
 
 def test_a_failed_call_reports_the_reason(
-    graph: Graph, served: FoxgloveServer, connect: Connect
+    graph: Graph, served: FoxgloveServer, client: FoxgloveClient
 ) -> None:
     service = graph.user.create_service(SetBool, 'lab/pause', lambda _, response: response)
-    client = connect(served)
     until(graph, client, lambda: '/lab/pause' in client.services, 'a service')
     sound = serialize_message(SetBool.Request())
     for data, encoding, complaint in (
@@ -261,9 +256,8 @@ def test_a_failed_call_reports_the_reason(
 
 
 def test_an_invalid_message_is_rejected(
-    graph: Graph, served: FoxgloveServer, connect: Connect
+    graph: Graph, served: FoxgloveServer, client: FoxgloveClient
 ) -> None:
-    client = connect(served)
     for topic, schema, encoding, data in (
         ('/nudge', 'std_msgs/msg/Float64', 'cdr', b'\x00'),
         ('/nudge', 'std_msgs/msg/Float64', 'json', b'{"data": "fast"}'),

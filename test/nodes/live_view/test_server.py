@@ -88,7 +88,7 @@ def test_the_token_moves_from_the_address_into_a_cookie() -> None:
     assert headers[b'location'] == b'/'
     cookie = headers[b'set-cookie'].decode()
     assert 'HttpOnly' in cookie
-    assert 'SameSite=Strict' in cookie
+    assert 'SameSite=strict' in cookie
     kept = cookie.partition(';')[0]
     for kind in ('http', 'websocket'):
         assert request(TOKEN, kind, host=host, cookie=kept) == ([], True)

@@ -47,8 +47,7 @@ class ChainIdentifierParameters:
 
     interval: float = quantity(
         10.0,
-        'time between two identifications, each from all kept frames; 0 to identify only when '
-        '~/identify is called',
+        'time between two identifications; 0 to identify only when ~/identify is called',
         's',
         0.0,
         3600.0,
@@ -63,8 +62,7 @@ class ChainIdentifierParameters:
     )
     tolerance: float = quantity(
         0.0,
-        'relative standard deviation of lengths of one kind about their mean; 0 to estimate it '
-        'from the angles',
+        'relative standard deviation of lengths of one kind; 0 to estimate it from the angles',
         '',
         0.0,
         1.0,

@@ -10,15 +10,15 @@ import ipaddress
 import socket
 import threading
 import time
-from collections.abc import Awaitable, Callable, Mapping
-from http.cookies import SimpleCookie
+from collections.abc import Awaitable, Callable
 from pathlib import Path
 from typing import TYPE_CHECKING
-from urllib.parse import parse_qs, urlsplit
+from urllib.parse import urlsplit
 
 import uvicorn
 from fastapi import FastAPI, WebSocket, WebSocketDisconnect
-from fastapi.responses import FileResponse, Response
+from fastapi.responses import FileResponse, PlainTextResponse, RedirectResponse, Response
+from starlette.requests import HTTPConnection
 
 if TYPE_CHECKING:
     from starlette.types import ASGIApp, Receive, Scope, Send
@@ -167,56 +167,33 @@ class Gate:
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
         """Forward a request, or reject it with the reason in one line."""
-        if scope['type'] not in ('http', 'websocket'):
-            await self._application(scope, receive, send)
-            return
-        headers = {
-            name.decode('latin-1'): value.decode('latin-1') for name, value in scope['headers']
-        }
-        reason = self._rejection(scope, headers)
-        if reason:
-            await _reject(scope, send, reason)
-        elif scope['type'] == 'http' and self._token and self._in_address(scope):
-            await _set_cookie(scope, send, self._token)
-        else:
-            await self._application(scope, receive, send)
+        answer: ASGIApp = self._application
+        if scope['type'] in ('http', 'websocket'):
+            connection = HTTPConnection(scope)
+            in_address = self._is_token(connection.query_params.get('token', ''))
+            reason = self._rejection(connection, in_address)
+            if reason and scope['type'] == 'websocket':
+                await send({'type': 'websocket.close', 'code': 1008, 'reason': reason})
+                return
+            if reason:
+                answer = PlainTextResponse(f'{reason}\n', 403)
+            elif scope['type'] == 'http' and self._token and in_address:
+                # The cookie hides the token from other pages and from the history.
+                answer = redirection = RedirectResponse(scope['path'], 303)
+                redirection.set_cookie(_COOKIE, self._token, httponly=True, samesite='strict')
+        await answer(scope, receive, send)
 
-    def _rejection(self, scope: Scope, headers: Mapping[str, str]) -> str | None:
-        host = headers.get('host', '')
+    def _rejection(self, connection: HTTPConnection, in_address: bool) -> str:
+        host = connection.headers.get('host', '')
         name = urlsplit(f'//{host}').hostname or ''
+        origin = connection.headers.get('origin')
         if not self._token and not is_loopback(name):
             return f'host {name!r} is not this machine; {_REMEDY}'
-        origin = headers.get('origin')
         if origin is not None and urlsplit(origin).netloc != host:
             return f'origin {origin!r} is not this page; {_REMEDY}'
-        if self._token and not (self._in_address(scope) or self._in_cookie(headers)):
+        if self._token and not (in_address or self._is_token(connection.cookies.get(_COOKIE, ''))):
             return f'the token is missing or wrong; {_REMEDY}'
-        return None
-
-    def _in_address(self, scope: Scope) -> bool:
-        given = parse_qs(scope.get('query_string', b'').decode('latin-1')).get('token', [''])
-        return self._is_token(given[0])
-
-    def _in_cookie(self, headers: Mapping[str, str]) -> bool:
-        cookie = SimpleCookie(headers.get('cookie', '')).get(_COOKIE)
-        return cookie is not None and self._is_token(cookie.value)
+        return ''
 
     def _is_token(self, given: str) -> bool:
         return hmac.compare_digest(given.encode(), self._token.encode())
-
-
-async def _reject(scope: Scope, send: Send, reason: str) -> None:
-    if scope['type'] == 'websocket':
-        await send({'type': 'websocket.close', 'code': 1008, 'reason': reason})
-        return
-    headers = [(b'content-type', b'text/plain; charset=utf-8')]
-    await send({'type': 'http.response.start', 'status': 403, 'headers': headers})
-    await send({'type': 'http.response.body', 'body': f'{reason}\n'.encode()})
-
-
-async def _set_cookie(scope: Scope, send: Send, token: str) -> None:
-    """Move the token from the address into a cookie, which other pages cannot read."""
-    cookie = f'{_COOKIE}={token}; Path=/; HttpOnly; SameSite=Strict'
-    headers = [(b'location', scope['path'].encode()), (b'set-cookie', cookie.encode())]
-    await send({'type': 'http.response.start', 'status': 303, 'headers': headers})
-    await send({'type': 'http.response.body', 'body': b''})

@@ -32,24 +32,22 @@ class ValveParameters:
     )
     stamp_tolerance: float = quantity(
         10.0,
-        'largest difference between the stamp of torques and the clock, 0 for no limit; a smaller '
-        'value rejects torques that were delayed',
+        'largest difference between the stamp of torques and the clock; 0 for no limit',
         's',
         0.0,
         86_400.0,
     )
     command_rate: float = quantity(
         100.0,
-        'rate of commands while torques act; a lower rate leaves more of the serial line to '
-        'readings, a higher one follows torques more closely',
+        'rate of commands while torques act; a lower rate leaves more of the line to readings',
         'Hz',
         1.0,
         1000.0,
     )
     hold: float = quantity(
         0.1,
-        'time after which the controller closes the valves if no other command arrives; the '
-        'default is ten periods of commands, so that one corrupted command has no effect',
+        'time after which the controller closes the valves without another command; several '
+        'periods of command_rate, so that one corrupted command has no effect',
         's',
         1e-3,
         60.0,

@@ -167,9 +167,6 @@ export class Dial extends Plot {
   }
 }
 
-const LEGEND = '13px system-ui, "DejaVu Sans", sans-serif';
-const NAMES = ['kinetic', 'elastic', 'at soliton', 'in wake'];
-
 export class EnergyPlot extends Plot {
   draw(frame, chain, track) {
     const { canvas } = this;
@@ -181,12 +178,11 @@ export class EnergyPlot extends Plot {
     largest *= 1.15;
     const power = Math.min(0, 3 * Math.floor(Math.log10(largest) / 3));
     this.unit = { 0: 'J', '-3': 'mJ', '-6': 'µJ', '-9': 'nJ', '-12': 'pJ' }[power] || 'J';
-    const rows = this.rows(c);
     const { toX, toY, left, top, w, h } = axes(canvas, look, {
-      x: [-SPAN, 0], y: [0, largest / 10 ** power], xLabel: 'time [s]', bottom: 28 + 20 * rows.length,
+      x: [-SPAN, 0], y: [0, largest / 10 ** power], xLabel: 'time [s]',
     });
     const colours = [look.blue, look.red, look.ink, look.purple];
-    // Noise can make estimates of small energies negative.
+    // Noise can make estimates of small energies negative. The legend is in plots.html.
     c.save();
     c.beginPath();
     c.rect(left, top, w, h + 2);
@@ -196,34 +192,6 @@ export class EnergyPlot extends Plot {
       line(c, track.points(series, toX, (value) => toY(value / 10 ** power)), colours[i], 2);
     });
     c.restore();
-    this.legend(c, look, colours, rows);
-  }
-
-  // Returns the names of the legend with their widths, in one row or two.
-  rows(c) {
-    c.save();
-    c.font = LEGEND;
-    const names = NAMES.map((name, i) => [name, i, c.measureText(name).width + 28]);
-    c.restore();
-    return rowWidth(names) <= this.canvas.width ? [names] : [names.slice(0, 2), names.slice(2)];
-  }
-
-  legend(c, look, colours, rows) {
-    const { canvas } = this;
-    c.font = LEGEND;
-    c.textAlign = 'left';
-    rows.forEach((row, number) => {
-      const y = canvas.height - 10 - 20 * (rows.length - 1 - number);
-      let x = Math.max(4, (canvas.width - rowWidth(row)) / 2);
-      row.forEach(([name, i, width]) => {
-        c.setLineDash(i > 1 ? [6, 3] : []);
-        line(c, [[x, y], [x + 16, y]], colours[i], 3);
-        c.fillStyle = look.ink;
-        c.fillText(name, x + 20, y + 1);
-        x += width;
-      });
-    });
-    c.setLineDash([]);
   }
 
   title(chain) { return this.unit && chain.spacing ? `Energy [${this.unit}]` : 'Energy'; }
@@ -234,8 +202,6 @@ export class EnergyPlot extends Plot {
     return Number.isFinite(sum) ? `total ${scaled(sum, 'J')}` : '';
   }
 }
-
-function rowWidth(row) { return row.reduce((sum, [, , width]) => sum + width, 0); }
 
 export class TopologyPlot extends Plot {
   draw(frame) {
