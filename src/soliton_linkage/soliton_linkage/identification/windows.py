@@ -228,18 +228,16 @@ _STATE_DEVIATION = 10.0
 
 
 class Eliminated(NamedTuple):
-    """Contribution of a window to the equations of the chain, and its initial state."""
+    """Matrix and vector of the equations of the chain, A_ss^-1 (b_s, A_sq), and b_s A_ss^-1 b_s.
+
+    The gain, b_s A_ss^-1 b_s, is the decrease of the squares by the initial state alone [1].
+    """
 
     matrix: Array
-    """(Q - 2 N, Q - 2 N)."""
     vector: Array
-    """(Q - 2 N,)."""
     state: Array
-    """A_ss^-1 b_s, (2 N,)."""
     coupling: Array
-    """A_ss^-1 A_sq, (2 N, Q - 2 N)."""
     gain: float
-    """b_s A_ss^-1 b_s: decrease of the squares by the initial state alone [1]."""
 
     def change(self, chain: Array) -> Array:
         """Return the change of all unknowns of the window, (Q,), given the chain's."""
@@ -247,14 +245,14 @@ class Eliminated(NamedTuple):
 
 
 class WindowEquations(NamedTuple):
-    """Normal equations of a window for readings of unit variance; its initial state comes last."""
+    """Normal equations of a window for readings of unit variance, and the squares [rad^2].
+
+    The initial state is the last part of the unknowns: shapes are (Q, Q) and (Q,).
+    """
 
     matrix: Array
-    """(Q, Q)."""
     vector: Array
-    """(Q,)."""
     squares: float
-    """Sum of the squared residuals [rad^2]."""
 
     def eliminated(self, rotors: int, noise: float, damping: float) -> Eliminated:
         """Eliminate the initial state, with a noise of readings [rad] and a damping [1]."""

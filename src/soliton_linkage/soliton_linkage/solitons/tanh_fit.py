@@ -100,27 +100,24 @@ def find_solitons(chain: Chain, angles: Array, rates: Array | None = None) -> tu
     polarised = polarisation(chain, checked)
     if chain.periodic:
         return _walls_of_ring(chain, polarised, field, slope, moving)
-    walls = _walls(chain, _polarisation_crossings(polarised), field, slope)
-    return tuple(_soliton(chain, wall, moving) for wall in walls)
+    return _fitted(chain, _polarisation_crossings(polarised), field, slope, moving)
 
 
-def _walls(
-    chain: Chain, crossings: list[tuple[float, int]], field: Array, slope: Array
-) -> list[_TanhFit]:
+def _fitted(
+    chain: Chain,
+    crossings: list[tuple[float, int]],
+    field: Array,
+    slope: Array,
+    rates: Array | None,
+) -> tuple[Soliton, ...]:
     sites = [crossing for crossing, _ in crossings]
     between = [(site + following) / 2 for site, following in pairwise(sites)]
     borders = pairwise([-math.inf, *between, math.inf])
-    return [
-        _TanhFit(
-            chain,
-            field,
-            slope,
-            crossing,
-            charge,
-            (max(low, crossing - 1), min(high, crossing + 1)),
-        )
-        for (crossing, charge), (low, high) in zip(crossings, borders, strict=False)
-    ]
+    found = []
+    for (crossing, charge), (low, high) in zip(crossings, borders, strict=False):
+        bounds = max(low, crossing - 1), min(high, crossing + 1)
+        found.append(_TanhFit(chain, field, slope, crossing, charge, bounds).soliton(rates))
+    return tuple(found)
 
 
 def _walls_of_ring(
@@ -137,31 +134,11 @@ def _walls_of_ring(
     cut = int(np.argmax(clear)) + 1
     opened = [np.roll(values, -cut) for values in (polarised, field, slope)]
     moving = None if rates is None else np.roll(rates, -cut)
-    found = [
-        _soliton(chain, wall, moving)
-        for wall in _walls(chain, _polarisation_crossings(opened[0][:-1]), opened[1], opened[2])
-    ]
     shifted = []
-    for soliton in found:
+    for soliton in _fitted(chain, _polarisation_crossings(opened[0][:-1]), *opened[1:], moving):
         site = (soliton.rotor + cut) % rotors
         shifted.append(replace(soliton, rotor=site, position=site * chain.spacing))
     return tuple(sorted(shifted, key=lambda soliton: soliton.rotor))
-
-
-def _soliton(chain: Chain, wall: _TanhFit, rates: Array | None) -> Soliton:
-    velocity, velocity_deviation = wall.velocity(rates)
-    width, width_deviation = wall.width()
-    spacing = chain.spacing
-    return Soliton(
-        rotor=wall.centre,
-        position=wall.centre * spacing,
-        velocity=velocity * spacing,
-        width=width * spacing,
-        charge=wall.charge,
-        position_deviation=wall.deviation * spacing,
-        velocity_deviation=velocity_deviation * spacing,
-        width_deviation=width_deviation * spacing,
-    )
 
 
 class _TanhFit:
@@ -177,7 +154,7 @@ class _TanhFit:
         bounds: tuple[float, float],
     ) -> None:
         self._chain = chain
-        self.charge = charge
+        self._charge = charge
         self._width = chain.wall_width / chain.spacing
         reach = _FIT_REACH * self._width + 1
         first, last = 0, chain.number_of_rotors - 1
@@ -189,10 +166,28 @@ class _TanhFit:
         self._rotors = np.arange(first, last + 1, dtype=np.float64)
         self._field = field[first : last + 1]
         self._slope = slope[first : last + 1]
-        self.centre = self._fit_centre(crossing, bounds)
-        self.deviation = self._centre_deviation()
+        self._centre = self._fit_centre(crossing, bounds)
 
-    def velocity(self, rates: Array | None) -> tuple[float, float]:
+    def soliton(self, rates: Array | None) -> Soliton:
+        """Return the wall, given the rates of all rotors [rad/s]."""
+        gradient, _ = self._gradient_and_curvature(self._centre)
+        residual = self._field - self._model(self._centre)
+        deviation = _deviation(residual, 1, float(gradient @ gradient))
+        velocity, velocity_deviation = self._velocity(rates)
+        width, width_deviation = self._fit_width()
+        spacing = self._chain.spacing
+        return Soliton(
+            rotor=self._centre,
+            position=self._centre * spacing,
+            velocity=velocity * spacing,
+            width=width * spacing,
+            charge=self._charge,
+            position_deviation=deviation * spacing,
+            velocity_deviation=velocity_deviation * spacing,
+            width_deviation=width_deviation * spacing,
+        )
+
+    def _velocity(self, rates: Array | None) -> tuple[float, float]:
         """Return the rate of the centre and its standard deviation [rotor spacings / s].
 
         The centre solves sum_n (m_n - f_n) df_n/dX = 0; the time derivative gives dX/dt.
@@ -201,28 +196,30 @@ class _TanhFit:
             return math.nan, math.nan
         first = int(self._rotors[0])
         change = self._slope * rates[first : first + len(self._rotors)]
-        gradient, curvature = self._gradient_and_curvature(self.centre)
-        stiffness = float(gradient @ gradient - (self._field - self._model()) @ curvature)
+        gradient, curvature = self._gradient_and_curvature(self._centre)
+        stiffness = float(
+            gradient @ gradient - (self._field - self._model(self._centre)) @ curvature
+        )
         if stiffness <= 0:
             return math.nan, math.nan
         velocity = float(gradient @ change) / stiffness
         residual = change - velocity * gradient
         return velocity, _deviation(residual, 1, float(gradient @ gradient))
 
-    def width(self) -> tuple[float, float]:
+    def _fit_width(self) -> tuple[float, float]:
         """Fit X and w; return the width and its standard deviation [rotor spacings]."""
         chain = self._chain
-        edge = min(self.centre, chain.number_of_rotors - 1 - self.centre)
+        edge = min(self._centre, chain.number_of_rotors - 1 - self._centre)
         wobbling = chain.motion is not Motion.SPINNER
         undefined = wobbling and chain.lean_ratio >= _WIDEST_LEAN_RATIO_WITH_A_WIDTH
         if undefined or edge < 2 * self._width or len(self._rotors) < 4:
             return math.nan, math.nan
-        centre, width = self.centre, self._width
+        centre, width = self._centre, self._width
         for _ in range(_FIT_ITERATIONS):
             argument = (self._rotors - centre) / width
-            by_centre = self.charge / width * _sech_squared(argument)
+            by_centre = self._charge / width * _sech_squared(argument)
             jacobian = np.stack([by_centre, by_centre * argument], axis=1)
-            residual = self._field + self.charge * np.tanh(argument)
+            residual = self._field + self._charge * np.tanh(argument)
             normal = jacobian.T @ jacobian
             if np.linalg.det(normal) <= 0:
                 return math.nan, math.nan
@@ -250,18 +247,13 @@ class _TanhFit:
                 break
         return centre
 
-    def _centre_deviation(self) -> float:
-        gradient, _ = self._gradient_and_curvature(self.centre)
-        return _deviation(self._field - self._model(), 1, float(gradient @ gradient))
-
-    def _model(self, centre: float | None = None) -> Array:
-        at = self.centre if centre is None else centre
-        return np.asarray(-self.charge * np.tanh((self._rotors - at) / self._width))
+    def _model(self, centre: float) -> Array:
+        return np.asarray(-self._charge * np.tanh((self._rotors - centre) / self._width))
 
     def _gradient_and_curvature(self, centre: float) -> tuple[Array, Array]:
         """Return the first and second derivative of the model by the centre."""
         argument = (self._rotors - centre) / self._width
-        gradient = self.charge / self._width * _sech_squared(argument)
+        gradient = self._charge / self._width * _sech_squared(argument)
         return gradient, 2 * gradient * np.tanh(argument) / self._width
 
 
