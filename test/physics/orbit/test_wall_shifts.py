@@ -44,7 +44,7 @@ def left_part(chain: Chain, near: Array, bond: int) -> float:
 
 
 def arc_at(chain: Chain, orbit: UniformOrbit, bond: int, leg: int) -> float:
-    """Arc of an orbit at which the chain next to it has the same part of its mode on the left."""
+    """Arc at which a chain next to the orbit has the same part of its mode on the left."""
     arc = orbit.arc_at(bond + 0.5, leg)
     part = float(np.sum(orbit.tangent(arc)[: bond + 1] ** 2))
 

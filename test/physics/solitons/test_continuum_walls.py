@@ -115,7 +115,7 @@ def test_extensions_of_a_spinner_wall_agree_with_the_chain(turn: int, family: in
 
 
 def pair_on_a_ring(rest_angle: float, rotors: int) -> tuple[FlipperTheory, Array]:
-    """Angles of a wall of each charge at rest, half a ring of r / a = 0.5 apart, in balance."""
+    """Equilibrium of a wall and an anti-kink at opposite sites of a ring with r / a = 0.5."""
     chain = dataclasses.replace(chain_of((0.5, rest_angle), rotors), periodic=True)
     theory = FlipperTheory(chain)
     places = chain.spacing * np.arange(rotors)

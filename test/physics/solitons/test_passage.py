@@ -131,8 +131,8 @@ def test_without_deviations_the_wall_crosses_and_returns_from_either_edge(
     assert all(leg.crossed for leg in legs)
     for leg in legs:
         assert (leg.furthest if leg.direction > 0 else 5 - leg.furthest) > 2.5
-    # Two legs later a spinner is where it was and a flipper is its own image; each end is seen
-    # within a frame, in which the wall goes less than its width and rotors turn by 2 theta_bar.
+    # After two legs a spinner has returned, and a flipper is its own mirror image. The end of a leg
+    # is known to one frame, in which rotors turn by less than 2 theta_bar.
     assert legs[3].arc == pytest.approx(legs[1].arc, rel=0, abs=chain.rest_angle)
 
 

@@ -206,7 +206,7 @@ def test_tails_decay_by_a_constant_factor_per_rotor(
 
 
 def largest_lean(chain: Chain) -> float:
-    """Largest u over the places of a wall [a]."""
+    """Largest u for all sites of a wall, in spacings [1]."""
     middle = chain.number_of_rotors // 2
     leans = [np.sin(static_wall(chain, middle + k / 16)[1:-1]).max() for k in range(16)]
     return float(max(leans)) * chain.rotor_length / chain.spacing

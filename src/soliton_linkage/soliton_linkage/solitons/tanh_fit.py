@@ -132,10 +132,10 @@ def _walls_of_ring(
     reach = math.ceil(_FIT_REACH * chain.wall_width / chain.spacing) + 2
     clear = minimum_filter1d(np.abs(polarised), min(2 * reach + 1, rotors), mode='wrap')
     cut = int(np.argmax(clear)) + 1
-    opened = [np.roll(values, -cut) for values in (polarised, field, slope)]
-    moving = None if rates is None else np.roll(rates, -cut)
+    polarised, field, slope = (np.roll(values, -cut) for values in (polarised, field, slope))
+    rates = None if rates is None else np.roll(rates, -cut)
     shifted = []
-    for soliton in _fitted(chain, _polarisation_crossings(opened[0][:-1]), *opened[1:], moving):
+    for soliton in _fitted(chain, _polarisation_crossings(polarised[:-1]), field, slope, rates):
         site = (soliton.rotor + cut) % rotors
         shifted.append(replace(soliton, rotor=site, position=site * chain.spacing))
     return tuple(sorted(shifted, key=lambda soliton: soliton.rotor))
