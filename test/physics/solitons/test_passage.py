@@ -131,7 +131,7 @@ def test_without_deviations_the_wall_crosses_and_returns_from_either_edge(
     assert all(leg.crossed for leg in legs)
     for leg in legs:
         assert (leg.furthest if leg.direction > 0 else 5 - leg.furthest) > 2.5
-    # After two legs a spinner has returned, and a flipper is its own mirror image. The end of a leg
+    # After two legs a spinner has returned, and a flipper is its mirror image. The end of a leg
     # is known to one frame, in which rotors turn by less than 2 theta_bar.
     assert legs[3].arc == pytest.approx(legs[1].arc, rel=0, abs=chain.rest_angle)
 
