@@ -46,7 +46,7 @@ def test_a_push_or_a_pull_at_an_edge_sends_the_wall_across_the_chain(
     recording = simulate(
         chain, start, rate * edge_mode(chain, start, Edge.NEAREST), duration, duration / 40, 1e-6
     )
-    places = follow(chain, recording).rotors
+    places = follow(chain, recording).sites
     seen = places[np.isfinite(places)]
     from_edge = seen if lean < 0 else rotors - 1 - seen
     assert from_edge[0] < rotors / 3
