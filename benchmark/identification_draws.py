@@ -138,5 +138,5 @@ def place_error(true: Orbit, used: Orbit, offsets: Array, random: np.random.Gene
         noise = NOISE * random.standard_normal(rotors)
         found = fit_near(used, true.configuration(arc) + offsets + noise, used.arc_at(place, 0))
         least = NOISE / true.site_arc_at(arc)
-        squares.append(((used.place(found.arc) - place) / least) ** 2)
+        squares.append(((used.site(found.arc) - place) / least) ** 2)
     return math.sqrt(float(np.mean(squares)))

@@ -22,7 +22,7 @@ def crossing_speed(chain: sl.Chain, kick: float) -> float:
     duration = 2 * chain.number_of_rotors * sl.site_arc(chain) / kick
     recording = sl.simulate(chain, start.angles, rates, duration, period=duration / 200)
     crossings = sl.find_crossings(chain, sl.follow(chain, recording))
-    return crossings[0].place_rate * chain.spacing if crossings else np.nan
+    return crossings[0].site_rate * chain.spacing if crossings else np.nan
 
 
 def main(rest_angles: tuple[float, ...] = REST_ANGLES) -> dict[float, tuple[float, float]]:
