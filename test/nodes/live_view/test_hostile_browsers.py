@@ -3,7 +3,7 @@ from __future__ import annotations
 
 import asyncio
 import json
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
@@ -16,13 +16,11 @@ from hypothesis.strategies import DataObject
 from rclpy.serialization import serialize_message
 
 from soliton_linkage_nodes.live_view import chain_topics
-from soliton_linkage_nodes.live_view.bag_catalogue import BagCatalogue
-from soliton_linkage_nodes.live_view.bag_programs import BagReplay
-from soliton_linkage_nodes.live_view.chain_topics import ChainFinder, ChainTopics
+from soliton_linkage_nodes.live_view.chain_topics import ChainFinder
 from soliton_linkage_nodes.live_view.commands import ChainCommands
 from soliton_linkage_nodes.live_view.frame_layout import kind_of, unpack
-from soliton_linkage_nodes.live_view.status import reasons, status
 from soliton_linkage_nodes.live_view.stream import BrowserStream
+from soliton_linkage_nodes.live_view.view import View
 from soliton_linkage_nodes.messages.view_conversions import AdjustableParameter, parameter_value
 from soliton_linkage_nodes.runtime import interfaces
 
@@ -109,40 +107,13 @@ class Browser:
         return self._messages.pop(0)
 
 
-class FakeView:
-    """View of some chains."""
-
-    read_only = False
-
-    def __init__(
-        self, finder: ChainFinder, commands: Mapping[str, ChainCommands], replay: BagReplay
-    ) -> None:
-        self._finder, self._commands, self.replay = finder, commands, replay
-        self.chains = finder.chains
-
-    def commands(self, namespace: str) -> ChainCommands:
-        return self._commands[namespace]
-
-    @property
-    def status(self) -> str:
-        why = {name: reasons(self.chains[name], made) for name, made in self._commands.items()}
-        return status(self._finder, self._commands, why, {})
-
-    @property
-    def versions(self) -> list[int]:
-        return [chain.model.version for chain in self.chains.values()]
-
-    def descriptions(self) -> dict[str, Any]:
-        return {'chains': [chain.model.description() for chain in self.chains.values()]}
-
-    def packed(self, index: int, chain: ChainTopics, first: int, last: int) -> bytes:
-        return chain.model.packed(index, first, last)
+class SteppedView(View):
+    """View that takes messages whenever a stream waits for them."""
 
     async def wait(self) -> None:
         for chain in self.chains.values():
             chain.camera.adapt()
-            chain.camera.show(True)
-        self._finder.update()
+        self.update(set(self.chains))
         await asyncio.sleep(0.001)
 
 
@@ -158,23 +129,22 @@ def reject(constant: str) -> None:
 
 
 def test_a_browser_receives_valid_messages_and_an_answer_to_each_action(
-    graph: Graph, commands: ChainCommands, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    graph: Graph, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(chain_topics, 'subscribe_newest', DrawnTopic)
+    view = SteppedView(graph.user, ChainFinder(graph.user, '/'), [tmp_path], tmp_path, False)
 
     @PATIENT
     @given(drawn=st.fixed_dictionaries(RECEIVED), messages=st.lists(MESSAGES, max_size=12))
     def survive(drawn: Any, messages: list[Any]) -> None:
         monkeypatch.setattr(DrawnTopic, 'drawn', drawn, raising=False)
-        finder = ChainFinder(graph.user, '/')
-        replay = BagReplay(BagCatalogue([tmp_path]), tmp_path, finder, False)
         browser = Browser(
             [
                 DEEP.get(each, each) if isinstance(each, str) else json.dumps(each)
                 for each in messages
             ]
         )
-        stream = BrowserStream(browser, FakeView(finder, {'/': commands}, replay))
+        stream = BrowserStream(browser, view)
         with pytest.raises(EOFError):
             asyncio.run(stream.run())
         for text in browser.texts:
@@ -186,6 +156,7 @@ def test_a_browser_receives_valid_messages_and_an_answer_to_each_action(
         assert sum('"answer"' in text for text in browser.texts) >= actions
 
     survive()
+    view.close()
 
 
 @PATIENT
