@@ -55,13 +55,13 @@ def test_a_filter_without_a_share_may_be_the_likeliest_by_any_amount() -> None:
     made['state'][:, filter_bank.ARC] = [0.0, 0.0, 1.0, 1.0]
     variance = 1e-12
     made['covariance'][:, filter_bank.ARC, filter_bank.ARC] = variance
-    made['share'][1] = 1.0
+    made['probability'][1] = 1.0
     made['weight'][:2] = 0.5
     made['likelihood'][2] = -2000.0
     against, largest = filter_bank.update(made, 3, 1.0, variance, math.inf)
     assert against == pytest.approx(0.0, abs=1e-9)
     assert largest == made['odds'][3] == pytest.approx(1 / (4 * variance))
-    assert made['share'][1:3] == pytest.approx([0.0, 1.0])
+    assert made['probability'][1:3] == pytest.approx([0.0, 1.0])
 
 
 @pytest.mark.parametrize('periodic', [False, True])

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 from scipy import stats
 
+from soliton_linkage.estimation.filter_bank import LEAST_ODDS
 from soliton_linkage.estimation.multiple_model_filter import MultipleModelFilter
 from soliton_linkage.estimation.settings import FilterSettings
 from soliton_linkage.linkage.chain import Array
@@ -26,7 +27,7 @@ def followed(arcs: Array, noise: float, at_edge: bool = False) -> tuple[Multiple
     for arc in arcs[1:].tolist():
         motion.predict(PERIOD, at_edge)
         motion.update(arc, noise**2)
-    return motion, motion.kicks
+    return motion, motion.impulses
 
 
 class Twin:
@@ -73,8 +74,6 @@ def test_filters_are_those_of_kalman(at_edge: bool, disturbance: float) -> None:
         rate_changes=(0.02,),
         biases=(0.01,),
         odds_of_doubt=600.0,
-        least_odds=-600.0,
-        least_odds_at_edges=-600.0,
         disturbance=disturbance / 2500.0,
     )
     acceleration, bandwidth = 3.0 * disturbance, 4.0 * disturbance
@@ -118,7 +117,7 @@ def test_a_wall_that_waves_disturb_is_not_taken_for_steady(calm: float) -> None:
     for arc in arcs[1:].tolist():
         motion.predict(PERIOD, False)
         motion.update(arc, noise**2, calm=calm)
-    most = 1 / (1 + math.exp(calm * settings.least_odds))
+    most = 1 / (1 + math.exp(calm * LEAST_ODDS))
     assert 0.4 < steadiness(motion) <= most * (1 + 1e-9)
 
 
@@ -166,7 +165,7 @@ def test_no_single_frame_hides_for_long_that_the_wall_was_kicked() -> None:
             motion.update(arc, noise**2)
             scores.append((motion.arc - true[frame]) / motion.arc_deviation)
         assert np.abs(scores[599 + rotor :]).max() < 6
-        assert motion.kicks == 1
+        assert motion.impulses == 1
 
 
 def test_the_steady_wall_is_known_to_the_bound_for_nearly_all_of_the_time() -> None:
@@ -179,7 +178,7 @@ def test_the_steady_wall_is_known_to_the_bound_for_nearly_all_of_the_time() -> N
             motion.update(arc, noise**2)
             if frame > 100:
                 ratios.append(motion.arc_deviation / (2 * noise / math.sqrt(frame + 1)))
-        assert motion.kicks == 0
+        assert motion.impulses == 0
     assert np.median(ratios) == pytest.approx(1, abs=0.02)
     assert np.quantile(ratios, 0.97) < 1.1
 

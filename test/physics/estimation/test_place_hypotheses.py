@@ -22,7 +22,7 @@ def hypotheses(*arcs: float) -> Hypotheses:
     made = Hypotheses(ORBIT, DEFAULTS)
     for arc in arcs:
         about = ORBIT.segment(arc)
-        view = FrameLikelihood(2.0, DEFAULTS.likelihood).view(
+        view = FrameLikelihood(2.0, DEFAULTS.likelihood).linearise(
             arc, about.first, about.tangent, np.zeros(20), 1e-4
         )
         motion = MultipleModelFilter(arc, 1e-4, 50.0, ORBIT.site_arc)
@@ -36,7 +36,7 @@ def test_weights_follow_the_evidence_and_the_mean_follows_the_weights() -> None:
     odds = 2.0
     made.weigh([0.0, odds])
     share = 1 / (1 + math.exp(-odds))
-    wall = made.wall(0.0, 0.0)
+    wall = made.mixture(0.0, 0.0)
     assert wall.site == pytest.approx(8.0 + 0.5 * share)
     spread = 0.25 * share * (1 - share) + 1e-4 / ORBIT.site_arc**2
     assert wall.site_deviation == pytest.approx(math.sqrt(spread))
@@ -61,11 +61,11 @@ def test_the_leg_is_known_once_all_others_are_out() -> None:
 
 def test_an_edge_rotor_that_is_elsewhere_lets_another_leg_compete() -> None:
     made = hypotheses(ORBIT.arc_at(9.0, 0))
-    made.suppose_toggled()
+    made.add_toggled()
     assert len(made.all) == 1
     made.leader.view.weights[-1] = 0.0
     made.leader.view = made.leader.view._replace(unbelieved=1)
-    made.suppose_toggled()
+    made.add_toggled()
     other = made.all[1]
     assert ORBIT.leg(other.motion.arc) == 1
     assert ORBIT.site(other.motion.arc) == pytest.approx(9.0)

@@ -75,23 +75,23 @@ def test_equal_deviations_and_those_that_are_not_known_change_nothing() -> None:
 
 def test_a_usual_deviation_is_that_with_which_readings_would_tell_as_much() -> None:
     scales = ReadingScales()
-    scales.take(np.array([0.01, 0.02, np.nan]))
+    scales.set_deviations(np.array([0.01, 0.02, np.nan]))
     scaled = scales.of_frame(1e-4, 1e-4)
     assert scaled is not None
     assert np.mean(scaled[:2] ** -2) == pytest.approx(1.0)
     assert scaled[2] == 1.0
-    scales.take(np.array([0.1, np.nan, np.nan]))
+    scales.set_deviations(np.array([0.1, np.nan, np.nan]))
     later = scales.of_frame(1e-4, 1e-4)
     assert later is not None
     assert later[0] == pytest.approx(10 * scaled[0])
     for none in (np.full(3, np.nan), None):
-        scales.take(none)
+        scales.set_deviations(none)
         assert scales.of_frame(1e-4, 1e-4) is None
 
 
 def test_what_is_beside_the_orbit_makes_readings_alike() -> None:
     scales = ReadingScales(0.01)
-    scales.take(np.array([0.01, 0.1]))
+    scales.set_deviations(np.array([0.01, 0.1]))
     noise, beside = 0.01**2, 0.2**2
     scaled = scales.of_frame(noise, noise + beside)
     assert scaled is not None

@@ -11,14 +11,14 @@ from chains import FLIPPER, SPINNER, WOBBLER, chain_of
 
 from soliton_linkage.estimation import relocalisation
 from soliton_linkage.estimation.relocalisation import Relocaliser, ScanBudget
-from soliton_linkage.estimation.settings import DEFAULTS, ScanSettings
+from soliton_linkage.estimation.settings import DEFAULTS, TrackingSettings
 from soliton_linkage.orbit.uniform_orbit import UniformOrbit
 
 EXAMPLES = [FLIPPER, WOBBLER, SPINNER]
 
 
-def search_of(orbit: UniformOrbit, scan: ScanSettings = DEFAULTS.scan) -> Relocaliser:
-    return Relocaliser(orbit, DEFAULTS.likelihood, scan)
+def search_of(orbit: UniformOrbit) -> Relocaliser:
+    return Relocaliser(orbit, DEFAULTS.likelihood)
 
 
 @pytest.mark.parametrize('example', EXAMPLES)
@@ -61,7 +61,7 @@ def test_nothing_is_told_of_what_tells_nothing(example: tuple[float, float]) -> 
     assert not search.find(np.full(24, np.nan), 0.01).candidates
     for _ in range(10):
         found = search.find(random.uniform(-math.pi, math.pi, 24), 0.0)
-        assert all(each.view.likelihood < each.view.nothing for each in found.candidates[:1])
+        assert all(each.view.likelihood < each.view.random for each in found.candidates[:1])
 
 
 @pytest.mark.parametrize('example', EXAMPLES)
@@ -88,7 +88,7 @@ def test_rotors_far_from_a_wall_do_not_make_it_less_sure() -> None:
 
 
 def test_a_budget_is_of_scans_in_a_second_of_stamps() -> None:
-    budget = ScanBudget(ScanSettings(rate=10.0, burst=3.0))
+    budget = ScanBudget(TrackingSettings(scan_rate=10.0, scan_burst=3.0))
     spent = [budget.spend(0.002 * frame) for frame in range(1000)]
     assert spent[:4] == [True, True, True, False]
     assert sum(spent) == pytest.approx(10 * 2 + 3, abs=1)

@@ -24,7 +24,7 @@ def beside(wave: float) -> ResidualVariance:
     standing = wave * math.sqrt(2) * np.sin(2.4 * np.arange(ROTORS))
     for _ in range(200):
         off = standing + NOISE * random.standard_normal(ROTORS)
-        variance.learn(likelihood.view(2.0, 0, tangent, off, NOISE**2 + wave**2), 0.004)
+        variance.learn(likelihood.linearise(2.0, 0, tangent, off, NOISE**2 + wave**2))
     return variance
 
 

@@ -46,7 +46,7 @@ def test_each_number_is_described_and_is_that_of_the_record(part: MotionSettings
 
 def test_evidence_of_motion_follows_its_settings() -> None:
     angles = noisy_wall()
-    weak = MotionSettings(strongest_frame=2.0, strongest=3.0, sure=1.1)
+    weak = MotionSettings(strongest_frame=2.0, strongest=3.0, least_probability=1.1)
     for settings, flipping in ((MotionSettings(), 10.0), (weak, 2.0)):
         observer = MotionObserver(settings)
         observer.observe(angles)
@@ -62,14 +62,14 @@ def test_evidence_of_motion_follows_its_settings() -> None:
 
 @pytest.mark.parametrize(
     ('settings', 'kicks'),
-    [(FilterSettings(), 1), (FilterSettings(kick_beyond_chance=1e9), 0)],
+    [(FilterSettings(), 1), (FilterSettings(impulse_odds=1e9), 0)],
 )
 def test_kicks_are_believed_by_their_settings(settings: FilterSettings, kicks: int) -> None:
     tracker = MultipleModelFilter(0.0, 1e-4, 50.0, 0.99, settings)
     for number in range(1, 600):
         tracker.predict(1e-3, False)
         tracker.update(9.6e-3 * number + 9.6e-3 * max(number - 400, 0), 1e-4)
-    assert tracker.kicks == kicks
+    assert tracker.impulses == kicks
 
 
 def test_the_analyser_hands_its_settings_on() -> None:

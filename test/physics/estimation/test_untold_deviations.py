@@ -12,18 +12,12 @@ from chains import FLIPPER, SPINNER, WOBBLER, chain_of
 from scipy import stats
 from scipy.optimize import brentq
 
-from soliton_linkage.estimation.lattice import LatticeCoordinates
 from soliton_linkage.estimation.orbit_filter import OrbitFilter
-from soliton_linkage.estimation.settings import DEFAULTS
-from soliton_linkage.estimation.shape_model import ShapeMeasurementModel
-from soliton_linkage.estimation.state_report import FrameState
-from soliton_linkage.estimation.wall_shapes import WallShapes
 from soliton_linkage.linear.rigidity import zero_mode
 from soliton_linkage.linear.statics import unstretched
 from soliton_linkage.linkage.chain import Array
 from soliton_linkage.linkage.deviations import drawn_deviations
 from soliton_linkage.orbit.uniform_orbit import UniformOrbit
-from soliton_linkage.orbit.wall_shifts import WallShifts
 
 ROTORS, NOISE, BOND = 20, 0.005, 9
 DRAWS, FRAMES = 25, 18
@@ -63,31 +57,12 @@ def test_what_is_stated_of_the_place_is_true_from_the_first_frame_on(
     assert low < squares[-1]
 
 
-@pytest.mark.parametrize('example', [FLIPPER, WOBBLER, SPINNER])
-def test_deviations_are_stated_of_a_wall_that_is_placed_by_its_shape(
-    example: tuple[float, float],
-) -> None:
-    orbit = UniformOrbit(chain_of(example, ROTORS))
-    chain, shapes, shifts = orbit.chain, WallShapes(orbit.chain), WallShifts(orbit)
-    scores = []
-    for seed in range(DRAWS):
-        random, angles = np.random.default_rng(seed), resting(orbit, seed, 0.03)
-        line = LatticeCoordinates(chain, DEFAULTS.walls, DEFAULTS.report)
-        placer = ShapeMeasurementModel(shapes, line, DEFAULTS, shifts)
-        for _ in range(FRAMES):
-            seen = angles + NOISE * random.standard_normal(ROTORS)
-            (wall,) = placer.placed(FrameState(chain, seen), seen, [(BOND + 0.5, 1)])
-        scores.append((wall.rotor - BOND - 0.5) / np.sqrt(wall.untold))
-    assert 0.4 < np.sqrt(np.mean(np.square(scores))) < 1.2
-
-
-@pytest.mark.parametrize('share', [0.0, 0.03])
-def test_where_rotors_deviate_one_that_stays_off_is_no_wrong_reading(share: float) -> None:
+def test_a_rotor_that_stays_off_in_an_even_chain_is_a_wrong_reading() -> None:
     orbit, off = UniformOrbit(chain_of(WOBBLER, ROTORS)), 1.2
-    angles, random = resting(orbit, 0, share), np.random.default_rng(0)
+    angles, random = resting(orbit, 0, 0.0), np.random.default_rng(0)
     angles[BOND + 2] += off
     tracker = OrbitFilter(orbit)
     for frame in range(40):
         said = tracker.update(0.004 * frame, angles + NOISE * random.standard_normal(ROTORS))
     stated = said.site_deviation * orbit.site_arc
-    assert stated > 0.9 * off if share else stated < 0.1 * off
+    assert stated < 0.1 * off

@@ -13,7 +13,7 @@ from soliton_linkage.estimation.shape_model import domain_borders
 from soliton_linkage.estimation.wall_loops import domains
 from soliton_linkage.linkage.chain import Array
 
-OPPOSITE = DEFAULTS.walls.opposite
+OPPOSITE = DEFAULTS.walls.domain_bonds
 
 
 def value(polarised: Array, leans: Array, cost: float) -> float:

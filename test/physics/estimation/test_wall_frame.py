@@ -7,8 +7,7 @@ import numpy as np
 import pytest
 
 from soliton_linkage.estimation.lattice import LatticeCoordinates, WallFrame
-from soliton_linkage.estimation.settings import DEFAULTS
-from soliton_linkage.estimation.state_report import EXACT, FrameState, StateReporter
+from soliton_linkage.estimation.state_report import EXACT, FrameState, StateReporter, energy_reach
 from soliton_linkage.linkage.chain import Array, Chain
 from soliton_linkage.solitons.static_wall import static_wall
 
@@ -17,7 +16,7 @@ SPINNER = Chain(80, rotor_length=0.2, rest_angle=1.18)
 
 
 def frame_of(chain: Chain, angles: Array, rates: Array | None) -> WallFrame:
-    line = LatticeCoordinates(chain, DEFAULTS.walls, DEFAULTS.report)
+    line = LatticeCoordinates(chain)
     return WallFrame(StateReporter(chain), line, angles, rates, EXACT)
 
 
@@ -35,7 +34,7 @@ def test_the_energy_of_walls_is_that_of_all_within_reach() -> None:
     frame = frame_of(RING, angles, rates)
     kinetic = 0.5 * RING.moments_of_inertia * rates**2
     elastic = 0.5 * RING.stiffnesses * FrameState(RING, angles).springs[0] ** 2
-    reach = LatticeCoordinates(RING, DEFAULTS.walls, DEFAULTS.report).reach
+    reach = energy_reach(RING)
     for places in ([58.3], [2.0, 30.7], [5.0 * n for n in range(12)]):
         whole = sum(
             energy[near(np.arange(60) + beyond, places, reach)].sum()

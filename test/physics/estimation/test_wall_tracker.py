@@ -42,7 +42,7 @@ class Story:
     """Frames shown to a tracker one after the other, and what it made of them."""
 
     def __init__(self, chain: Chain = CHAIN) -> None:
-        line = LatticeCoordinates(chain, DEFAULTS.walls, DEFAULTS.report)
+        line = LatticeCoordinates(chain)
         self.tracker = WallTracker(line, 1 / chain.time_unit, site_arc(chain), 3.0, DEFAULTS)
         self.time = 0.0
         self.events: list[SolitonEvent] = []
@@ -54,13 +54,16 @@ class Story:
             WallMeasurement(site, 0.01, charge, (math.nan, math.nan)) for site, charge in walls
         ]
         self.time += PERIOD
-        shown, events = self.tracker.take(self.time, seen, scene or Scene())
+        shown, events = self.tracker.update(self.time, seen, scene or Scene(), 3)
         self._note(shown, events)
 
     def follow(self, wall: tuple[float, float] | None) -> None:
         self.time += PERIOD
-        there = lost(self.time)._replace(site=wall[0], site_rate=wall[1]) if wall else None
-        self._note(*self.tracker.follow(self.time, there, Scene()))
+        seen = []
+        if wall:
+            estimate = lost(self.time)._replace(site=wall[0], site_rate=wall[1])
+            seen = [WallMeasurement(wall[0], math.nan, 1, estimate=estimate)]
+        self._note(*self.tracker.update(self.time, seen, Scene(), 1))
 
     def _note(self, shown: list[WallTrack], events: list[SolitonEvent]) -> None:
         self.events += events
@@ -78,7 +81,7 @@ class Story:
 
     def wait(self, periods: float, swing: float) -> None:
         """Neither is seen for some periods of the slowest phonon, while rotors swing or do not."""
-        line = LatticeCoordinates(CHAIN, DEFAULTS.walls, DEFAULTS.report)
+        line = LatticeCoordinates(CHAIN)
         for _ in range(math.ceil(periods * line.period / PERIOD)):
             self.show([], Scene(swing))
 

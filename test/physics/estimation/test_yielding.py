@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from soliton_linkage.dynamics.elastic import simulate
-from soliton_linkage.estimation.orbit_model import ComplianceCorrection, pushed_rate
+from soliton_linkage.estimation.orbit_model import ComplianceCorrection, rate_after_impulse
 from soliton_linkage.linear.rigidity import dynamical_matrix
 from soliton_linkage.linkage.chain import Array, Chain
 from soliton_linkage.linkage.deviations import drawn_deviations
@@ -69,7 +69,7 @@ def test_a_slow_wall_keeps_its_energy_from_rotor_to_rotor() -> None:
     for frame in run.angles[1:]:
         arcs.append(nearest_arc(orbit, frame, arcs[-1]))
     went = np.gradient(arcs, period)[20:-20]
-    said = [yielding.change(arc, slow, begin) for arc in arcs[20:-20]]
+    said = [yielding.rate_ratio(arc, slow, begin) for arc in arcs[20:-20]]
     assert np.std(went / said) < 0.3 * np.std(went)
 
 
@@ -81,14 +81,14 @@ def test_a_fast_wall_and_one_that_yields_much_are_not_told_to_vary(
     length = share / math.sin(0.77) ** 2 * WOBBLER.spacing
     orbit = orbit_of(Chain(17, rotor_length=length, rest_angle=0.77))
     one, other = orbit.arc_at(5.0, 0), orbit.arc_at(5.5, 0)
-    assert ComplianceCorrection(orbit).change(other, rate, one) == 1.0
-    assert ComplianceCorrection(orbit).change(other, 1e-3 * rate, one) != 1.0
+    assert ComplianceCorrection(orbit).rate_ratio(other, rate, one) == 1.0
+    assert ComplianceCorrection(orbit).rate_ratio(other, 1e-3 * rate, one) != 1.0
 
 
 @pytest.mark.parametrize('rate', [-3.0, 0.0, 0.5])
 @pytest.mark.parametrize('added', [-2.0, 0.0, 7.0])
 def test_momentum_adds_up(rate: float, added: float) -> None:
     mu = 0.03
-    pushed = pushed_rate(rate, added, mu)
+    pushed = rate_after_impulse(rate, added, mu)
     before, after = (each + 2 * mu * each**3 for each in (rate, pushed))
     assert after == pytest.approx(before + added)

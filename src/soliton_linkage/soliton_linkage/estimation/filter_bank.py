@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Compiled Kalman filters of a `MultipleModelFilter`, by matrices of its state (s, w, b, d)."""
+"""Compiled bank of Kalman filters of a `MultipleModelFilter`, with the state (s, w, b, d)."""
 
 from __future__ import annotations
 
@@ -22,6 +22,13 @@ from soliton_linkage.linkage.chain import Array
 
 Records = NDArray[np.void]
 
+LEAST_ODDS, _LEAST_ODDS_AT_EDGES = -9.0, -2.0
+"""Limits of the log odds against the steady filter [1]. At edges, where springs exchange energy
+with the wall, the steady filter keeps less credit."""
+_LEAST_EVIDENCE = 0.5
+"""Log odds of an impulse below which its filter has no weight [1]. Sensitivity: without a limit,
+the stated deviations of a steady wall grow by 3 %."""
+
 ARC, RATE, BIAS, DISTURBANCE = range(4)
 FILTER = np.dtype(
     [
@@ -30,39 +37,36 @@ FILTER = np.dtype(
         *(
             (name, np.float64)
             for name in (
-                *('bias_variance', 'wander', 'wander_at_edges'),
-                *('weight', 'share', 'likelihood', 'odds'),
+                *('bias_variance', 'rate_noise', 'edge_rate_noise'),
+                *('weight', 'probability', 'likelihood', 'odds'),
             )
         ),
     ]
 )
-"""A filter: mean (s, w, b, d), covariance, model and evidence.
-
-Variance m^2 that the bias returns to [rad^2] and e^2 [1], inside and at edges. Weight in the
-mixture [1]; share [1] and log likelihood among the filters that are neither steady nor of an
-impulse; log odds of an impulse. The steady filter is the first; those of an impulse are the last,
-the youngest first.
-"""
+"""Filter: mean and covariance of (s, w, b, d), stationary variance m^2 of the bias [rad^2],
+process noise e^2 of the rate inside and at edges [1], weight in the mixture [1], probability [1]
+and log likelihood among the filters that are neither steady nor of an impulse, and log odds of an
+impulse. The steady filter is the first; filters of an impulse are the last, with ascending age."""
 STATUS = np.dtype(
     [
         (name, np.float64)
         for name in (
-            *('base', 'site_arc', 'least_kick', 'variance', 'elapsed', 'at_edge', 'rate'),
-            *('against', 'frames', 'kicks'),
+            *('base', 'site_arc', 'least_impulse', 'variance', 'elapsed', 'at_edge', 'rate'),
+            *('log_odds', 'frames', 'impulses'),
         )
     ]
 )
-"""What all filters share: how many have no impulse, arc of a site [rad], least variance of an
-impulse [rad^2/s^2], variance of the last measurement [rad^2], time step [s], whether the wall is
-at an edge, rate of the mixture [rad/s], log odds against the steady filter, frames since all
-restarted from an impulse, and how often they did."""
+"""State of the whole bank: number of filters without impulse, arc of a site [rad], least variance
+of an impulse [rad^2/s^2], variance of the last measurement [rad^2], time step [s], whether the
+wall is at an edge, rate of the mixture [rad/s], log odds against the steady filter, frames since
+all filters restarted from an impulse, and the number of these restarts."""
 _FILTERS = records(FILTER, writable=True)
 _STATUS = records(STATUS, writable=True)
 _NUMBERS = records(record_dtype(FilterSettings))
 
 
 def _transform(transition: Array, covariance: Array, product: Array) -> None:
-    """Set a covariance P to F P F^T, by way of the product F P; shape (4, 4) each."""
+    """Set a covariance P to F P F^T, using storage for the product F P; shape (4, 4) each."""
     for i in range(4):
         for j in range(4):
             total = 0.0
@@ -78,7 +82,7 @@ def _transform(transition: Array, covariance: Array, product: Array) -> None:
 
 
 def _correct(covariance: Array, cross: Array, whole: float) -> None:
-    """Subtract the outer product of a cross covariance, shape (4,), over the whole variance."""
+    """Subtract the outer product of a cross covariance, shape (4,), over a variance."""
     for i in range(4):
         for j in range(4):
             covariance[i, j] -= cross[i] * cross[j] / whole
@@ -90,7 +94,7 @@ correct = compile_loop(_correct, inlined=True)
 
 @compiled(_FILTERS)
 def expected_measurement(filters: Records) -> tuple[float, float]:
-    """Return the measurement s + b that the mixture expects [rad], and its variance [rad^2]."""
+    """Return the predicted measurement s + b of the mixture [rad] and its variance [rad^2]."""
     arc, variance = 0.0, 0.0
     for n in range(filters.size):
         state = filters[n]['state']
@@ -122,7 +126,7 @@ def predict(
     speed, site = abs(status[0]['rate']), status[0]['site_arc']
     way = speed * elapsed / site
     kept = math.exp(-way / settings[0]['bias_way'])
-    remembered = math.exp(-way / settings[0]['way_remembered'])
+    remembered = math.exp(-way / settings[0]['memory_way'])
     unknown = (bandwidth * elapsed) ** 2 * status[0]['variance']
     transition, product = np.zeros((4, 4)), np.empty((4, 4))
     transition[ARC, ARC], transition[ARC, RATE] = 1.0, elapsed
@@ -141,8 +145,8 @@ def predict(
         state[BIAS] *= kept
         each['likelihood'] *= remembered
         transform(transition, covariance, product)
-        wander = each['wander_at_edges'] if at_edge else each['wander']
-        added = speed**3 / site * elapsed * wander
+        noise = each['edge_rate_noise'] if at_edge else each['rate_noise']
+        added = speed**3 / site * elapsed * noise
         covariance[ARC, ARC] += elapsed**2 / 3 * added
         covariance[ARC, RATE] += ratio * elapsed / 2 * added
         covariance[RATE, ARC] = covariance[ARC, RATE]
@@ -172,18 +176,18 @@ def _update_filters(filters: Records, arc: float, variance: float, freedoms: flo
 
 
 @compiled(const_f8_1d, const_f8_1d)
-def _together(shares: Array, likelihoods: Array) -> float:
-    """Logarithm of the mean of likelihoods [logarithm] by their shares."""
-    # A filter without a share may be likelier than all others by more than exponentials hold.
+def _log_mean(probabilities: Array, likelihoods: Array) -> float:
+    """Return the logarithm of the mean likelihood, given weights and log likelihoods."""
+    # A filter without weight may be likelier than all others by more than exp can represent.
     top = -math.inf
-    for n in range(shares.size):
-        if shares[n] > 0:
+    for n in range(probabilities.size):
+        if probabilities[n] > 0:
             top = max(top, likelihoods[n])
     mean, whole = 0.0, 0.0
-    for n in range(shares.size):
-        if shares[n] > 0:
-            mean += shares[n] * math.exp(likelihoods[n] - top)
-            whole += shares[n]
+    for n in range(probabilities.size):
+        if probabilities[n] > 0:
+            mean += probabilities[n] * math.exp(likelihoods[n] - top)
+            whole += probabilities[n]
     return float(top + math.log(mean / whole))
 
 
@@ -191,19 +195,19 @@ def _together(shares: Array, likelihoods: Array) -> float:
 def update(
     filters: Records, base: int, arc: float, variance: float, freedoms: float
 ) -> tuple[float, float]:
-    """Update all filters with their shares, likelihoods and odds, by the weights of before.
+    """Update all filters and their probabilities; return two log odds.
 
-    Returns how much less likely [logarithm] the steady filter makes the measurement than the
-    other base - 1 do, and the largest of the log odds of an impulse.
+    These are the log likelihood ratio of the other base - 1 filters against the steady one for
+    this measurement, and the largest log odds of an impulse.
     """
     likely = _update_filters(filters, arc, variance, freedoms)
-    shares, weights = np.empty(base - 1), np.empty(base)
+    probabilities, weights = np.empty(base - 1), np.empty(base)
     for n in range(base):
         weights[n] = filters[n]['weight']
         if n > 0:
-            shares[n - 1] = filters[n]['share']
-    against = _together(shares, likely[1:base]) - likely[0] if base > 1 else 0.0
-    together = _together(weights, likely[:base])
+            probabilities[n - 1] = filters[n]['probability']
+    ratio = _log_mean(probabilities, likely[1:base]) - likely[0] if base > 1 else 0.0
+    together = _log_mean(weights, likely[:base])
     most = -math.inf
     for n in range(base, filters.size):
         filters[n]['odds'] += likely[n] - together
@@ -214,30 +218,29 @@ def update(
         top = max(top, filters[n]['likelihood'])
     for n in range(1, base):
         filters[n]['likelihood'] -= top
-        filters[n]['share'] = math.exp(filters[n]['likelihood'])
-        whole += filters[n]['share']
+        filters[n]['probability'] = math.exp(filters[n]['likelihood'])
+        whole += filters[n]['probability']
     for n in range(1, base):
-        filters[n]['share'] /= whole
-    return against, most
+        filters[n]['probability'] /= whole
+    return ratio, most
 
 
 @compiled(_FILTERS, _NUMBERS, i8, f8)
-def set_weights(filters: Records, settings: Records, base: int, against: float) -> None:
-    """Set all weights, with the log odds against the steady filter.
+def set_weights(filters: Records, settings: Records, base: int, log_odds: float) -> None:
+    """Set all weights, given the log odds against the steady filter.
 
-    Filters of an impulse count from some odds on, but for the youngest: noise can explain any
-    single measurement.
+    The youngest filter of an impulse has no weight, because noise can explain any single
+    measurement.
     """
-    rarity, evidence = settings[0]['kick_rarity'], settings[0]['kick_evidence']
-    doubted = 1 / (1 + math.exp(-against))
+    doubted = 1 / (1 + math.exp(-log_odds))
     filters[0]['weight'] = 1 - doubted
     for n in range(1, base):
-        filters[n]['weight'] = doubted * filters[n]['share']
+        filters[n]['weight'] = doubted * filters[n]['probability']
     if base < filters.size:
         filters[base]['weight'] = 0.0
     for n in range(base + 1, filters.size):
-        beyond = max(math.exp(filters[n]['odds']) - math.exp(evidence), 0.0)
-        filters[n]['weight'] = math.exp(-rarity) * beyond
+        beyond = math.exp(filters[n]['odds']) - math.exp(_LEAST_EVIDENCE)
+        filters[n]['weight'] = math.exp(-settings[0]['impulse_rarity']) * max(beyond, 0.0)
     whole = 0.0
     for n in range(filters.size):
         whole += filters[n]['weight']
@@ -247,7 +250,7 @@ def set_weights(filters: Records, settings: Records, base: int, against: float) 
 
 @compiled(_FILTERS, i8)
 def mixture(filters: Records, count: int) -> tuple[float, float, float, float, float]:
-    """Return means s and w of the first filters, variance of s, covariance, variance of w."""
+    """Return mean s and w, variance of s, covariance, variance of w of the first filters."""
     whole, arc, rate = 0.0, 0.0, 0.0
     of_arc, both, of_rate = 0.0, 0.0, 0.0
     for n in range(count):
@@ -277,12 +280,12 @@ def _copy_state(filters: Records, source: int, target: int) -> None:
 
 
 @compiled(_FILTERS, i8, i8, f8, f8)
-def suppose_impulse(
-    filters: Records, base: int, older: int, elapsed: float, least_kick: float
+def assume_impulse(
+    filters: Records, base: int, older: int, elapsed: float, least_impulse: float
 ) -> None:
-    """Assume an impulse in this frame, and shift the filters up to an age by one place.
+    """Assume an impulse in this frame, and shift younger filters by one position up to an index.
 
-    The rate is unknown by its own size and the least kick [rad^2/s^2].
+    The variance of the change of the rate is its square plus the least variance [rad^2/s^2].
     """
     likeliest = 0
     for n in range(1, base):
@@ -292,9 +295,9 @@ def suppose_impulse(
         _copy_state(filters, base + age - 1, base + age)
         filters[base + age]['odds'] = filters[base + age - 1]['odds']
     _copy_state(filters, likeliest, base)
-    kick = filters[base]['state'][RATE] ** 2 + least_kick
-    filters[base]['covariance'][ARC, ARC] += kick * elapsed**2 / 4
-    filters[base]['covariance'][RATE, RATE] += kick
+    change = filters[base]['state'][RATE] ** 2 + least_impulse
+    filters[base]['covariance'][ARC, ARC] += change * elapsed**2 / 4
+    filters[base]['covariance'][RATE, RATE] += change
     filters[base]['odds'] = 0.0
 
 
@@ -304,7 +307,7 @@ def restart_steady(filters: Records, base: int) -> None:
     filters[0]['weight'] = 0.0
     disturbance, of_disturbance = 0.0, 0.0
     for n in range(1, base):
-        weight = filters[n]['share']
+        weight = filters[n]['probability']
         filters[n]['weight'] = weight
         disturbance += weight * filters[n]['state'][DISTURBANCE]
         of_disturbance += weight * filters[n]['covariance'][DISTURBANCE, DISTURBANCE]
@@ -319,7 +322,7 @@ def restart_steady(filters: Records, base: int) -> None:
 
 @compiled(_FILTERS, i8)
 def restart_from_impulse(filters: Records, base: int) -> None:
-    """Restart all filters from the likeliest impulse, each with a bias of its own model."""
+    """Restart all filters from the likeliest impulse, each with the bias of its own model."""
     likeliest = base
     for n in range(base, filters.size):
         if filters[n]['odds'] > filters[likeliest]['odds']:
@@ -346,32 +349,32 @@ def measure(
     freedoms: float,
     calm: float,
 ) -> tuple[float, float, float, float, float]:
-    """Take a measurement after a prediction; return the mixture.
+    """Update with a measurement after a prediction; return the mixture.
 
-    Filters of an impulse in the last 2^k frames and more shift when the count of frames is a
-    multiple of 2^(k + 1). See `MultipleModelFilter.update`.
+    Filters of an impulse at least 2^k frames ago shift in frames whose count is a multiple of 2^(k
+    + 1). See `MultipleModelFilter.update`.
     """
     given, now = settings[0], status[0]
     base, frames = int(now['base']), int(now['frames'])
     more, most = update(filters, base, arc, variance, freedoms)
-    least = given['least_odds_at_edges'] if now['at_edge'] else given['least_odds']
-    against = max(now['against'] + more, least * calm)
-    if against >= given['odds_of_doubt']:
+    least = _LEAST_ODDS_AT_EDGES if now['at_edge'] else LEAST_ODDS
+    log_odds = max(now['log_odds'] + more, least * calm)
+    if log_odds >= given['odds_of_doubt']:
         restart_steady(filters, base)
-        against = given['odds_of_doubt'] - 1
-    if most > given['kick_beyond_chance']:
+        log_odds = given['odds_of_doubt'] - 1
+    if most > given['impulse_odds']:
         restart_from_impulse(filters, base)
-        against = max(against, given['odds_of_doubt'] - 1)
+        log_odds = max(log_odds, given['odds_of_doubt'] - 1)
         frames = 0
-        now['kicks'] += 1
+        now['impulses'] += 1
     frames += 1
     older, ages = 0, filters.size - base
     while older < ages - 1 and frames % (2 << older) == 0:
         older += 1
-    set_weights(filters, settings, base, against)
+    set_weights(filters, settings, base, log_odds)
     if ages > 0:
-        suppose_impulse(filters, base, older, now['elapsed'], now['least_kick'])
-    now['against'], now['frames'], now['variance'] = against, frames, variance
+        assume_impulse(filters, base, older, now['elapsed'], now['least_impulse'])
+    now['log_odds'], now['frames'], now['variance'] = log_odds, frames, variance
     mixed = mixture(filters, filters.size)
     now['rate'] = mixed[1]
     return mixed

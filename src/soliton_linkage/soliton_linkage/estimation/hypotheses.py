@@ -1,9 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Places that compete over time, until frames decide: the mixture of which a wall is told.
+"""Competing positions of a chain on its orbit, and the mixture of them that is reported.
 
-Each place is followed by filters of its own, and counts by the logarithm of the likelihood of all
-frames so far. Two legs that differ in an edge rotor which is not seen, or the wrong turn of a
-spinner, are such places; what is told of the wall is their mean and their covariance.
+Each hypothesis has its own bank of filters and is weighted by the likelihood of all frames.
+Examples are two legs that differ in an unseen edge rotor, and the turning sense of a spinner.
 """
 
 from __future__ import annotations
@@ -20,48 +19,49 @@ from soliton_linkage.estimation.settings import EstimationSettings
 from soliton_linkage.orbit.orbit import Orbit
 
 _LEAD = 3.0
-"""Log odds at which another hypothesis leads [1]: 95 %, so that the reported leg is steady."""
+"""Log odds at which another hypothesis leads [1]: 95 %, so that the reported leg is stable."""
+_NEAR = 0.5
+"""Distance below which two hypotheses are the same [rotor spacings]."""
 
 
 @dataclass
 class Hypothesis:
-    """One of the places that compete: where the chain may be, and how it goes round."""
+    """Hypothesis of the position and the motion of a chain on its orbit."""
 
     motion: MultipleModelFilter
     upside_down: bool
     view: LinearisedMeasurement
     evidence: float
-    """Logarithm of the likelihood of all frames so far, over that of the likeliest place."""
+    """Log likelihood of all frames, relative to the likeliest hypothesis."""
 
 
 class MixtureMoments(NamedTuple):
-    """Place and rate of a wall, over all places that compete."""
+    """Site and rate of a wall, averaged over all hypotheses."""
 
     site: float
-    """Mean place [rotor spacings]."""
+    """Mean site [rotor spacings]."""
     site_deviation: float
-    """Standard deviation of the place [rotor spacings]."""
+    """Standard deviation of the site [rotor spacings]."""
     site_rate: float
     """Mean rate [rotor spacings / s]."""
     site_rate_deviation: float
-    """Standard deviation of that rate [rotor spacings / s]."""
+    """Standard deviation of the rate [rotor spacings / s]."""
 
 
 class Hypotheses:
-    """The places that compete, of which the first leads: arc, rate and leg are told of it."""
+    """Competing hypotheses; the first one leads and determines the reported arc, rate and leg."""
 
     def __init__(self, orbit: Orbit, settings: EstimationSettings) -> None:
-        """Begin without any."""
-        self._orbit, self._settings, self._tracking = orbit, settings, settings.tracking
+        self._orbit, self._settings = orbit, settings
         self.all: list[Hypothesis] = []
 
     @property
     def leader(self) -> Hypothesis:
-        """The one that is told."""
+        """Leading hypothesis."""
         return self.all[0]
 
     def weigh(self, likelihoods: list[float]) -> None:
-        """Count a frame of which each makes so much likely [log]; forget those that are out."""
+        """Add the log likelihood of a frame to each hypothesis, and remove refuted ones."""
         if len(self.all) == 1:
             return
         for each, likelihood in zip(self.all, likelihoods, strict=True):
@@ -72,15 +72,15 @@ class Hypotheses:
             leader = ranked[0]
         kept = [leader]
         for each in ranked:
-            out = each is leader or each.evidence < top - self._tracking.decisive_odds
-            if not out and not any(self._same(each, other) for other in kept):
+            refuted = each.evidence < top - self._settings.tracking.decisive_odds
+            if not (refuted or any(self._same(each, other) for other in kept)):
                 kept.append(each)
         for each in kept:
             each.evidence -= top
         self.all = kept
 
-    def suppose_toggled(self) -> None:
-        """Let another leg compete where an edge rotor is not where the leading one has it."""
+    def add_toggled(self) -> None:
+        """Add hypotheses with another leg if an edge rotor disagrees with the leading one."""
         orbit, leader = self._orbit, self.leader
         view = leader.view
         if orbit.number_of_legs < 4 or not view.unbelieved:
@@ -89,44 +89,40 @@ class Hypotheses:
         leg, last = orbit.leg(arc), len(view.residuals) - 1
         turn = math.floor(arc / orbit.length) * orbit.length
         for rotor, other in ((0, 3 - leg), (last, leg ^ 1)):
-            seen = view.weights[rotor] > 0.5 or not math.isfinite(view.residuals[rotor])
-            if seen or any(orbit.leg(each.motion.arc) == other for each in self.all):
+            agrees = view.weights[rotor] > 0.5 or not math.isfinite(view.residuals[rotor])
+            if agrees or any(orbit.leg(each.motion.arc) == other for each in self.all):
                 continue
             motion = leader.motion.mirrored(orbit.arc_at(orbit.site(arc), other) + turn)
-            rarity = self._settings.filter.kick_rarity
-            self.all.append(Hypothesis(motion, leader.upside_down, view, leader.evidence - rarity))
+            evidence = leader.evidence - self._settings.filter.impulse_rarity
+            self.all.append(Hypothesis(motion, leader.upside_down, view, evidence))
 
     def leg_is_known(self) -> bool:
-        """Whether it can hardly be on another leg than that of the leading one."""
+        """Return whether the frames exclude other legs than the leading one."""
         if len(self.all) == 1:
             return True
-        leg = self._orbit.leg(self.leader.motion.arc)
-        shares = [math.exp(each.evidence) for each in self.all]
-        legs = [self._orbit.leg(each.motion.arc) for each in self.all]
-        others = sum(share for share, each in zip(shares, legs, strict=True) if each != leg)
-        return others < self._settings.likelihood.false_alarms * sum(shares)
+        legs = np.array([self._orbit.leg(each.motion.arc) for each in self.all])
+        weights = np.exp([each.evidence for each in self.all])
+        others = weights[legs != legs[0]].sum()
+        return bool(others < self._settings.likelihood.false_alarms * weights.sum())
 
-    def wall(self, arc_beside: float, rate_beside: float) -> MixtureMoments:
-        """Place and rate of the wall, with variances that are beside those of the filters.
-
-        They are of the arc [rad^2] and of its rate [rad^2/s^2].
-        """
+    def mixture(self, arc_variance: float, rate_variance: float) -> MixtureMoments:
+        """Return the mixture, with additional variances of arc [rad^2] and rate [rad^2/s^2]."""
         if len(self.all) == 1:
-            site, site_information, rate, of_rate = self._row(self.all[0], arc_beside, rate_beside)
-            return MixtureMoments(site, math.sqrt(site_information), rate, math.sqrt(of_rate))
-        rows = [self._row(each, arc_beside, rate_beside) for each in self.all]
-        shares = np.exp([each.evidence for each in self.all])
-        shares /= shares.sum()
-        places, place_variances, rates, rate_variances = np.array(rows).T
-        site, rate = float(shares @ places), float(shares @ rates)
-        site_information = float(shares @ (place_variances + (places - site) ** 2))
-        of_rate = float(shares @ (rate_variances + (rates - rate) ** 2))
-        return MixtureMoments(site, math.sqrt(site_information), rate, math.sqrt(of_rate))
+            site, site_var, rate, rate_var = self._row(self.all[0], arc_variance, rate_variance)
+            return MixtureMoments(site, math.sqrt(site_var), rate, math.sqrt(rate_var))
+        rows = [self._row(each, arc_variance, rate_variance) for each in self.all]
+        weights = np.exp([each.evidence for each in self.all])
+        weights /= weights.sum()
+        sites, site_variances, rates, rate_variances = np.array(rows).T
+        site, rate = float(weights @ sites), float(weights @ rates)
+        site_var = float(weights @ (site_variances + (sites - site) ** 2))
+        rate_var = float(weights @ (rate_variances + (rates - rate) ** 2))
+        return MixtureMoments(site, math.sqrt(site_var), rate, math.sqrt(rate_var))
 
     def _row(
-        self, each: Hypothesis, arc_beside: float, rate_beside: float
+        self, each: Hypothesis, arc_variance: float, rate_variance: float
     ) -> tuple[float, float, float, float]:
-        """Place, its variance, rate of the place, 0 while it waits at an edge, its variance."""
+        """Return site, variance, rate (0 while the wall waits at an edge), and variance."""
         orbit = self._orbit
         arc, rate, of_arc, _, of_rate = each.motion.summary
         site, scale = orbit.site(arc), orbit.site_arc_at(arc)
@@ -135,22 +131,17 @@ class Hypotheses:
         squared = scale * scale
         return (
             site,
-            (of_arc + arc_beside) / squared,
+            (of_arc + arc_variance) / squared,
             direction * rate / scale,
-            (of_rate + rate_beside) / squared,
+            (of_rate + rate_variance) / squared,
         )
 
     def _same(self, one: Hypothesis, other: Hypothesis) -> bool:
-        """Whether two have come to be of the same place, at the same rate."""
-        gate, motion = self._tracking.gate, one.motion
+        gate, motion = self._settings.tracking.gate, one.motion
         apart = abs(math.remainder(motion.arc - other.motion.arc, self._orbit.length))
         faster = abs(motion.rate - other.motion.rate)
-        close = min(
-            gate * motion.arc_deviation,
-            self._settings.scan.near * self._orbit.site_arc,
-        )
         return (
             one.upside_down == other.upside_down
-            and apart < close
+            and apart < min(gate * motion.arc_deviation, _NEAR * self._orbit.site_arc)
             and faster < gate * motion.rate_deviation
         )

@@ -1,15 +1,14 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Loops over the rotors of a frame: how likely an arc of the orbit makes it.
+"""Compiled loops over the rotors of a frame: its likelihood at an arc of the orbit.
 
-The difference d of a rotor's angle from the orbit's, in its deviations r = d / sqrt(V), has the
-density
+The difference d of a rotor from the orbit, in standard deviations r = d / sqrt(V), has the density
 
     p(d) = (1 - e) C / sqrt(V) exp(-rho(r)) + e / 2 pi,
     rho = r^2 / 2 up to k, k^2 (1/2 + log(r / k)) beyond,
 
-of which the share e is of readings that tell nothing. Its logarithm has the slope -w d / V with
-the weight w = min(1, k^2 / r^2) P, where P is the probability that the reading tells anything:
-sqrt(w) r <= k, so that no reading alone moves an arc by more than k of its deviations.
+where the share e of the readings carries no information. Its logarithm has the slope -w d / V with
+the weight w = min(1, k^2 / r^2) P and the probability P that a reading carries information. Since
+sqrt(w) r <= k, no single reading moves an arc by more than k of its standard deviations.
 """
 
 from __future__ import annotations
@@ -52,10 +51,10 @@ def compare(
     first: int,
     differences: Array,
 ) -> None:
-    """Set differences of angles less corrections from those of a wall, -pi to pi [rad], (N,).
+    """Set the differences of corrected angles from those of a wall, from -pi to pi [rad], (N,).
 
-    The wall has angles about it from the first of its rotors on, and before and beyond them
-    those of a background, shape (N,) each.
+    The wall has angles about it from a first rotor on; the background has angles before and beyond
+    the wall, shape (N,) each.
     """
     end = first + about.size
     for n in range(angles.size):
@@ -68,13 +67,12 @@ def compare(
 
 @compiled(f8, f8)
 def _core(square: float, inner: float) -> float:
-    """Minus rho of a square r^2, by that of the bound k [1]."""
     return -0.5 * (square if square <= inner else inner * (1 + math.log(square / inner)))
 
 
 @compiled(f8, f8, f8)
 def _log_likelihood(square: float, bound: float, floor: float) -> float:
-    """Logarithm of p(d) over (1 - e) C / sqrt(V), of a square r^2 in variances [1]."""
+    """Return the logarithm of p(d) over (1 - e) C / sqrt(V) for a square r^2 [1]."""
     core = _core(square, bound * bound)
     if square <= bound * bound:
         return core
@@ -83,7 +81,7 @@ def _log_likelihood(square: float, bound: float, floor: float) -> float:
 
 @compiled(f8, f8, f8, f8)
 def _of_rotor(apart: float, variance: float, bound: float, floor: float) -> float:
-    """The same of a difference [rad] and a variance [rad^2], 0 where it is not known."""
+    """Return the same for a difference [rad] and a variance [rad^2], 0 if it is unknown."""
     if not math.isfinite(apart):
         return 0.0
     return _log_likelihood(apart * apart / variance, bound, floor)
@@ -91,7 +89,7 @@ def _of_rotor(apart: float, variance: float, bound: float, floor: float) -> floa
 
 @compiled(f8, f8, f8)
 def _weight(square: float, bound: float, floor: float) -> float:
-    """Weight w of a rotor with a square r^2 in variances [1]."""
+    """Return the weight w of a rotor with a square r^2 [1]."""
     inner = bound * bound
     if square <= inner:
         return 1.0
@@ -99,17 +97,11 @@ def _weight(square: float, bound: float, floor: float) -> float:
 
 
 DENSITY = np.dtype(
-    [
-        (name, np.float64)
-        for name in ('variance', 'spread', 'bound', 'floor', 'gross', 'least_share')
-    ]
+    [(name, np.float64) for name in ('variance', 'spread', 'bound', 'floor', 'gross')]
 )
-"""Density of the difference of a rotor from the orbit, one record.
-
-Variance V of a rotor and that of the arc [rad^2], bound k [1], logarithm of the density of
-readings that carry no information, over the core's top [1], difference that springs cannot make
-[rad], and the share of the information below which doubtful rotors count as well [1].
-"""
+"""Density of the difference of a rotor from the orbit, one record: variance V of a rotor and
+variance of the arc [rad^2], bound k [1], log density of readings without information relative to
+the core [1], and least gross difference [rad]."""
 _DENSITY = records(DENSITY)
 
 
@@ -121,30 +113,27 @@ def _weigh(
     density: Records,
     doubtful: Flags,
     weights: Array,
-) -> tuple[float, float, float, float]:
-    """Set the weights w of all rotors [1], shape (N,), 0 of the unknown and the doubtful.
+) -> tuple[float, float, float]:
+    """Set the weights w of all rotors [1], shape (N,), 0 for unknown and doubtful ones.
 
-    Returns the information on the arc, sum w t^2 [1], the step to the likeliest arc [rad], the
-    information with all weights 1, and the same with the doubtful.
+    Returns the information on the arc, sum w t^2 [1], the step to the likeliest arc [rad], and the
+    information with all weights 1.
     """
     end = first + tangent.size
-    information, ahead, whole, known = 0.0, 0.0, 0.0, 0.0
+    information, ahead, whole = 0.0, 0.0, 0.0
     for n in range(differences.size):
         apart = differences[n]
         weights[n] = 0.0
-        if not math.isfinite(apart):
+        if not math.isfinite(apart) or (doubtful.size > 0 and doubtful[n]):
             continue
         moves = tangent[n - first] if first <= n < end else 0.0
-        known += moves * moves
-        if doubtful.size > 0 and doubtful[n]:
-            continue
         whole += moves * moves
         square = apart * apart / (density[0]['variance'] + density[0]['spread'] * moves * moves)
         weights[n] = _weight(square, density[0]['bound'], density[0]['floor'])
         information += weights[n] * moves * moves
         ahead += weights[n] * moves * apart
     ahead = ahead / information if information > 0 else 0.0
-    return information, ahead, whole, known
+    return information, ahead, whole
 
 
 @compiled(f8_1d, i8, const_f8_1d, _DENSITY, const_b1_1d, f8_2d)
@@ -156,26 +145,19 @@ def weigh_frame(
     doubtful: Flags,
     rows: Array,
 ) -> tuple[tuple[float, float, float], tuple[int, int, int, int, int], tuple[float, float, float]]:
-    """Weigh rotors, and subtract from differences [rad] what a step of the arc explains.
+    """Weigh rotors, and subtract the effect of a step of the arc from the differences [rad].
 
-    Differences, shape (N,), are NaN where unknown; the tangent is that of rotors from a first one
-    on; doubtful flags are of shape (N,) or (0,). Sets rows, shape (2, N): weights [1], and the
-    residuals of rotors about the wall with half a weight or more, else 0 [rad].
+    Differences, shape (N,), are NaN where unknown; the tangent starts at a first rotor; doubtful
+    flags have shape (N,) or (0,). Sets rows, shape (2, N): weights [1], and the residuals of
+    rotors about the wall with a weight of at least a half, else 0 [rad].
 
-    Returns information, step and information of all as `_weigh` does; counts of rotors: about the
-    wall with half a weight, known, off (less than half a weight and a gross difference), the
-    longest run of those, less than half a weight; the sum of squares of the residuals [rad^2],
-    the log likelihood of the frame [1], and the largest difference [rad], infinite with unknown
-    rotors.
+    Returns the results of `_weigh`; numbers of rotors: about the wall with half a weight, known,
+    gross (half a weight not reached and a gross difference), longest run of these, half a weight
+    not reached; sum of squared residuals [rad^2], log likelihood of the frame [1], and largest
+    difference [rad], infinite with unknown rotors.
     """
     weights, left = rows[0], rows[1]
-    information, ahead, whole, known = _weigh(
-        differences, first, tangent, density, doubtful, weights
-    )
-    if whole < density[0]['least_share'] * known:
-        information, ahead, whole, _ = _weigh(
-            differences, first, tangent, density, doubtful[:0], weights
-        )
+    information, ahead, whole = _weigh(differences, first, tangent, density, doubtful, weights)
     variance, bound, floor = density[0]['variance'], density[0]['bound'], density[0]['floor']
     end = first + tangent.size
     used, read, off, running, run, unbelieved = 0, 0, 0, 0, 0, 0
@@ -212,9 +194,9 @@ def weigh_frame(
 def sum_likelihoods(
     angles: Array, states: Array, variance: float, bound: float, floor: float, sums: Array
 ) -> None:
-    """Set the running sums of the logarithms of the likelihoods of the rotors, shape (S, N + 1).
+    """Set the running sums of the log likelihoods of the rotors, shape (S, N + 1).
 
-    Each row is of a state of the chain [rad], shape (S, N).
+    Each row belongs to one state of the chain [rad], shape (S, N).
     """
     for row in range(states.shape[0]):
         sums[row, 0] = 0.0
@@ -226,7 +208,7 @@ def sum_likelihoods(
 
 @compiled(f8, f8, f8, f8_1d)
 def tabulate(variance: float, bound: float, floor: float, table: Array) -> None:
-    """Set the logarithms of the likelihoods of even differences from 0 to pi, both ends."""
+    """Set the log likelihoods of evenly spaced differences from 0 to pi, including both ends."""
     for n in range(table.size):
         apart = math.pi * n / (table.size - 1)
         table[n] = _of_rotor(apart, variance, bound, floor)
@@ -234,7 +216,6 @@ def tabulate(variance: float, bound: float, floor: float, table: Array) -> None:
 
 @compiled(f8, const_f8_1d)
 def _looked_up(apart: float, table: Array) -> float:
-    """Logarithm of the likelihood of a difference from -pi to pi [rad], 0 where not known."""
     if not math.isfinite(apart):
         return 0.0
     at = abs(apart) * ((table.size - 1) / math.pi)
@@ -243,14 +224,14 @@ def _looked_up(apart: float, table: Array) -> float:
 
 
 class SampledWalls(NamedTuple):
-    """Walls of an orbit at samples, with the rotors about them one after the other."""
+    """Samples of the walls of an orbit, with concatenated angles."""
 
     legs: Counts
-    """Legs of the orbit, shape (S,)."""
+    """Leg of each sample, shape (S,)."""
     firsts: Counts
     """First rotor about each wall, shape (S,)."""
     begins: Counts
-    """Where each wall begins in the angles, and where the last one ends, shape (S + 1,)."""
+    """Start of each wall in the angles, and the end of the last one, shape (S + 1,)."""
     angles: Array
     """Angles of the rotors about the walls [rad]."""
 
@@ -269,8 +250,8 @@ def scan(
 ) -> None:
     """Set the log likelihood of a frame at samples of the orbit, shape (S,).
 
-    Before and beyond are running sums by the backgrounds of each leg, shape (legs, N + 1); the
-    table is of `tabulate`.
+    Before and beyond are running sums over the backgrounds of each leg, shape (legs, N + 1); the
+    table comes from `tabulate`.
     """
     for sample in range(likelihoods.size):
         leg, first, begin = walls.legs[sample], walls.firsts[sample], walls.begins[sample]
@@ -285,7 +266,7 @@ def scan(
 
 @compiled(const_f8_1d, f8, f8, f8)
 def frame_likelihood(differences: Array, variance: float, bound: float, floor: float) -> float:
-    """Logarithm of the likelihood of a frame by its differences [rad], shape (N,)."""
+    """Return the log likelihood of a frame from its differences [rad], shape (N,)."""
     likelihood = 0.0
     for n in range(differences.size):
         likelihood += _of_rotor(differences[n], variance, bound, floor)

@@ -1,9 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What a frame looks like from a point of the orbit: how likely it is there, and where to go.
-
-The term of the likelihood that this file computes is that of the noise, a sum over rotors of the
-logarithm of p(d); `likelihood_loops` has its density.
-"""
+"""Linearised measurement of the arc by one frame, its likelihood, and the innovation gate."""
 
 from __future__ import annotations
 
@@ -19,70 +15,70 @@ from soliton_linkage.estimation.settings import EstimationSettings, LikelihoodSe
 from soliton_linkage.linkage.chain import Array
 
 NO_FLAGS: Flags = np.zeros(0, dtype=np.bool_)
-"""Of a chain of which no rotor is doubtful."""
-
-
+"""Flags of a chain without doubtful rotors."""
 LEAST_INFORMATION = 1e-6
 """Information below which a frame does not determine the arc [1]."""
 LONGEST_STEP = 0.5
 """Longest Gauss-Newton step of the arc [rad]; the linearisation holds over less than a rotor."""
 _MOST_STEPS = 20
 """Largest number of Gauss-Newton steps [1]."""
+_LONGEST_RUN = 2
+"""Most adjacent rotors that may have gross errors in one frame [1]."""
 
 
 class LinearisedMeasurement(NamedTuple):
-    """A frame from a point of the orbit, in the orientation of the orbit."""
+    """Measurement of the arc by a frame, linearised at a point of the orbit."""
 
     arc: float
     """Arc of the likeliest point of the orbit, to first order in the residuals [rad]."""
     first: int
-    """Number of the first rotor about the wall."""
+    """Index of the first rotor about the wall."""
     tangent: Array
-    """Change of the angles of the rotors about the wall with the arc, over scales [1], (n,)."""
+    """Derivative of the angles about the wall by the arc, over their scales [1], shape (n,)."""
     residuals: Array
-    """Angles less those of that point [rad], shape (N,), NaN where unknown."""
+    """Angles minus those of that point [rad], shape (N,), NaN if unknown."""
     weights: Array
-    """How much each rotor is believed, 0 to 1, shape (N,)."""
-    left: Array
-    """Residuals of rotors about the wall that are believed, over scales, else 0 [rad], (N,)."""
+    """Weight of each rotor, 0 to 1, shape (N,)."""
+    inlying: Array
+    """Residuals of inliers about the wall over their scales, else 0 [rad], shape (N,)."""
     information: float
-    """Information on the arc in units of that of a noise of 1 rad [1]."""
-    information_of_all: float
-    """The same if all rotors that are known and not doubtful were believed [1]."""
+    """Information on the arc for a noise of 1 rad [1]."""
+    full_information: float
+    """The same if all known rotors had full weight, without doubtful ones [1]."""
     squares: float
-    """Sum of squares of what is left [rad^2]."""
+    """Sum of the squares of the inlying residuals [rad^2]."""
     degrees_of_freedom: int
-    """Number of rotors of which it is left, but one."""
+    """Number of inliers about the wall minus one, at least 1."""
     likelihood: float
-    """Logarithm of the likelihood of the frame [1]."""
+    """Log likelihood of the frame [1]."""
     known: int
-    """Number of rotors that are known."""
-    nothing: float
-    """The same logarithm if every angle were anything [1]."""
-    off: int
-    """Number of rotors that are not believed and further off than springs could be."""
+    """Number of known rotors."""
+    random: float
+    """Log likelihood of random angles [1]."""
+    gross: int
+    """Number of outliers with gross differences."""
     run: int
-    """How many of these are side by side at most."""
+    """Largest number of adjacent rotors with gross differences."""
     unbelieved: int
-    """Number of rotors that are not believed."""
+    """Number of rotors with less than half a weight."""
     largest: float
-    """Largest residual of all rotors [rad], infinite where one is not known."""
-    untold: float = 1.0
-    """Share of the variance by rotors that are not known that springs leave [1]."""
+    """Largest residual [rad], infinite with unknown rotors."""
+    unseen_share: float = 1.0
+    """Share of the variance from unseen rotors that springs leave [1]."""
 
     @property
     def mean_square(self) -> float:
-        """Mean square of what the arc leaves of the rotors about the wall [rad^2]."""
+        """Mean square of the inlying residuals [rad^2]."""
         return self.squares / self.degrees_of_freedom
 
     @property
     def outlying(self) -> Flags:
-        """Rotors that are known but not believed, shape (N,)."""
+        """Flags of known rotors with less than half a weight, shape (N,)."""
         return np.asarray((self.weights < 0.5) & np.isfinite(self.residuals))
 
 
 def search_arc(arc: float, target: Callable[[float], float], close: float) -> float:
-    """Return the arc [rad] at which Gauss-Newton steps to their target end, or a step is close.
+    """Return the arc [rad] at which Gauss-Newton steps towards a target become close to 0.
 
     The target is the likeliest arc by a frame that is linearised at an arc.
     """
@@ -95,36 +91,32 @@ def search_arc(arc: float, target: Callable[[float], float], close: float) -> fl
 
 
 class FrameLikelihood:
-    """The density of a difference, of a deviation that changes with the frames."""
+    """Likelihood of frames, with a robust density of the difference of a rotor from the orbit."""
 
     def __init__(self, swing: float, settings: LikelihoodSettings) -> None:
-        """Begin with the swing that a rotor makes as a wall passes [rad]."""
+        """Compute the density for the swing of a rotor during the passage of a wall [rad]."""
         self._settings = settings
         self.gross = settings.gross_share * swing
-        """Difference that no springs make [rad]."""
+        """Difference that springs cannot cause [rad]."""
         self._density = np.zeros(1, DENSITY)
-        self._limits = self.gross, settings.least_share
         bound, wrong = settings.bound, settings.wrong
         core = math.sqrt(2 * math.pi) * math.erf(bound / math.sqrt(2))
         tails = 2 * bound / (bound**2 - 1) * math.exp(-0.5 * bound**2)
         self._log_wrong = math.log(wrong)
         self._floor = math.log(wrong / (1 - wrong) * (core + tails) / (2 * math.pi))
         self.scales: Array | None = None
-        """Deviations of the readings of the frame that is seen, in usual ones [1], shape (N,);
-        None where all are 1."""
+        """Relative standard deviations of the readings of this frame [1], shape (N,); None if all
+        are 1."""
 
     def floor(self, variance: float) -> float:
-        """Logarithm of the density of what tells nothing, over that of the core's top [1].
-
-        Of e / 2 pi over (1 - e) C / sqrt(V), where C is one over the integral of exp(-rho).
-        """
+        """Return the log density of a reading without information, relative to the core [1]."""
         return self._floor + 0.5 * math.log(variance)
 
-    def nothing(self, known: int, variance: float) -> float:
-        """Logarithm of the likelihood of so many angles at random, as floors are [1]."""
+    def random(self, known: int, variance: float) -> float:
+        """Return the log likelihood of a number of random angles [1]."""
         return known * (self.floor(variance) - self._log_wrong)
 
-    def view(
+    def linearise(
         self,
         arc: float,
         first: int,
@@ -134,32 +126,25 @@ class FrameLikelihood:
         spread: float = 0.0,
         doubtful: Flags = NO_FLAGS,
     ) -> LinearisedMeasurement:
-        """View of differences from the orbit at an arc [rad], shape (N,), which it takes over.
+        """Linearise at an arc [rad], given differences [rad], shape (N,), which are overwritten.
 
-        The variance [rad^2] is that of a rotor, the spread [rad^2] that of the arc.
+        The variance is that of a rotor, the spread that of the arc [rad^2].
         """
-        rows = np.empty((2, len(differences)))
-        self._density[0] = (
-            variance,
-            spread,
-            self._settings.bound,
-            self.floor(variance),
-            self.gross,
-            self._settings.least_share,
-        )
+        rows, floor = np.empty((2, len(differences))), self.floor(variance)
+        self._density[0] = variance, spread, self._settings.bound, floor, self.gross
         if self.scales is not None:
             tangent = tangent / self.scales[first : first + len(tangent)]
             differences /= self.scales
-        (information, ahead, whole), counts, sums = weigh_frame(
+        (information, ahead, full), counts, sums = weigh_frame(
             differences, first, tangent, self._density, doubtful, rows
         )
-        used, known, off, run, unbelieved = counts
+        used, known, gross, run, unbelieved = counts
         squares, likelihood, largest = sums
-        nothing = self.nothing(known, variance)
+        random = self.random(known, variance)
         if self.scales is not None:
             differences *= self.scales
             largest = float(np.abs(differences).max()) if math.isfinite(largest) else largest
-            nothing += self._log_scales(differences)
+            random += self._log_scales(differences)
         return LinearisedMeasurement(
             arc + ahead,
             first,
@@ -168,64 +153,61 @@ class FrameLikelihood:
             rows[0],
             rows[1],
             information,
-            whole,
+            full,
             squares,
             max(used - 1, 1),
             likelihood,
             known,
-            nothing,
-            off,
+            random,
+            gross,
             run,
             unbelieved,
             largest,
         )
 
-    def over_nothing(self, residuals: Array, variance: float) -> float:
-        """Logarithm of the likelihood of residuals [rad], shape (n,), over that of any angles.
+    def over_random(self, residuals: Array, variance: float) -> float:
+        """Return the log likelihood ratio of residuals [rad], shape (n,), against random angles.
 
-        With a variance of a rotor [rad^2]; NaN tells nothing. Of angles at random it is above x
-        with a probability of no more than exp(-x) (Markov's inequality).
+        The variance is that of a rotor [rad^2]; NaN has no effect. For random angles the ratio
+        exceeds x with a probability of at most exp(-x) (Markov's inequality).
         """
-        likelihood = frame_likelihood(
-            residuals, variance, self._settings.bound, self.floor(variance)
-        )
-        return likelihood - self.nothing(int(np.isfinite(residuals).sum()), variance)
+        bound, floor = self._settings.bound, self.floor(variance)
+        likelihood = frame_likelihood(residuals, variance, bound, floor)
+        return likelihood - self.random(int(np.isfinite(residuals).sum()), variance)
 
     def explains(self, view: LinearisedMeasurement, largest: float) -> bool:
-        """Whether what it does not believe of a frame may be readings that are wrong.
+        """Return whether the outliers of a frame may be wrong readings.
 
-        The frame must be likelier than random angles, with the largest variance of a rotor that
-        is possible [rad^2].
+        Few adjacent readings may be wrong, and the frame must be likelier than random angles with
+        the largest possible variance of a rotor [rad^2].
         """
-        if view.run > self._settings.longest_run:
+        if view.run > _LONGEST_RUN:
             return False
-        if view.likelihood < view.nothing:
+        if view.likelihood < view.random:
             residuals = view.residuals if self.scales is None else view.residuals / self.scales
-            if self.over_nothing(residuals, largest) < self._log_scales(view.residuals):
-                return False
+            return self.over_random(residuals, largest) >= self._log_scales(view.residuals)
         return True
 
     def _log_scales(self, residuals: Array) -> float:
-        """Logarithm of the product of the scales of what is known: densities are over these."""
         if self.scales is None:
             return 0.0
         return float(np.log(self.scales[np.isfinite(residuals)]).sum())
 
 
 class ReadingScales:
-    """Deviations of the readings of a frame from the orbit, in units of a usual one."""
+    """Standard deviations of the readings of a frame relative to a usual reading."""
 
     def __init__(self, usual: float | None = None) -> None:
-        """Take this for the usual deviation [rad], or that of the first frame that tells any.
+        """Start with the usual standard deviation [rad], or take that of the first frame.
 
-        Of a frame it is that with which all of its readings would tell as much, by the mean of
+        For a frame it is the value that gives the same total information, by the mean of
         1 / sigma^2.
         """
         self._usual = usual
         self._squares: Array | None = None
 
-    def take(self, deviations: Array | None) -> None:
-        """Take the deviations of a frame [rad], shape (N,), NaN of usual readings, None of all."""
+    def set_deviations(self, deviations: Array | None) -> None:
+        """Set the standard deviations of a frame [rad], shape (N,), NaN or None if usual."""
         self._squares = None
         if deviations is None:
             return
@@ -237,10 +219,9 @@ class ReadingScales:
         self._squares = np.where(known, (deviations / self._usual) ** 2, 1.0)
 
     def of_frame(self, noise: float, variance: float) -> Array | None:
-        """Scale of each reading [1], shape (N,), None where all are 1.
+        """Return the scale of each reading [1], shape (N,), None if all are 1.
 
-        The variance of a usual one from the orbit [rad^2] is that of its noise and of what is
-        beside the orbit, which does not change with the reading.
+        Only the noise in the variance of a rotor [rad^2] scales with the reading.
         """
         if self._squares is None:
             return None
@@ -248,48 +229,48 @@ class ReadingScales:
 
 
 class InnovationGate:
-    """Tells frames of a wall from others, by how rotors were off before."""
+    """Gate that accepts frames of a wall, given the outliers of the preceding frame."""
 
     def __init__(
         self, rotors: int, likelihood: FrameLikelihood, settings: EstimationSettings
     ) -> None:
-        """Begin with none off."""
-        self._likelihood = likelihood
-        self._settings, self._frames = settings.likelihood, settings.tracking.confirming_frames
-        self._none_off = np.zeros(rotors, dtype=np.bool_)
-        self._never = np.zeros(rotors, dtype=np.int64)
-        self.forget()
+        self._likelihood, self._settings = likelihood, settings.likelihood
+        self._frames = settings.tracking.confirming_frames
+        self._no_outliers = np.zeros(rotors, dtype=np.bool_)
+        self.restart()
 
-    def forget(self) -> None:
-        """Begin anew."""
-        self._off, self._strained = self._none_off, self._never
+    def restart(self) -> None:
+        """Discard the preceding frame."""
+        self._outliers, self._strained = self._no_outliers, 0 * self._no_outliers
 
     def is_believed(self, view: LinearisedMeasurement) -> bool:
-        """Whether most of what the rotors about the wall tell is believed."""
-        return view.information >= self._settings.believed * view.information_of_all
+        """Return whether most of the information about the wall has full weight."""
+        return view.information >= self._settings.believed * view.full_information
 
     def is_strained(self, view: LinearisedMeasurement) -> bool:
-        """Whether a wall is off as by a push: several rotors side by side, or one for a while.
+        """Return whether the prediction is wrong, for example after an unmodelled impulse.
 
-        They are no further off than springs could have them, and most of the wall is seen.
+        Three adjacent rotors are outliers, or one is in several successive frames, without gross
+        differences and with most of the wall seen.
         """
-        if self.is_believed(view) or not view.information_of_all > self._settings.believed:
-            self._strained = self._never
+        if self.is_believed(view) or not view.full_information > self._settings.believed:
+            self._strained = 0 * self._no_outliers
             return False
         off = view.outlying & (np.abs(view.residuals) < self._likelihood.gross)
         self._strained = np.where(off, self._strained + 1, 0)
-        run = off[:-2] & off[1:-1] & off[2:]
-        return bool(run.any() or (self._strained >= self._frames).any())
+        adjacent = off[:-2] & off[1:-1] & off[2:]
+        return bool(adjacent.any() or (self._strained >= self._frames).any())
 
-    def is_explained(self, view: LinearisedMeasurement, largest: float, doubtful: Flags) -> bool:
-        """Whether a frame is that of a wall, with the largest variance of a rotor [rad^2].
+    def accepts(self, view: LinearisedMeasurement, largest: float, doubtful: Flags) -> bool:
+        """Return whether a frame shows the wall, given the largest variance of a rotor [rad^2].
 
-        Readings that are wrong at random are so in one frame; rotors that are far off in two
-        running are elsewhere, unless they are doubtful.
+        Random gross errors occur in single frames; at most one rotor may be grossly wrong in two
+        successive frames, unless it is doubtful.
         """
-        off, staying = self._none_off, 0
-        if view.off:
-            off = view.outlying & (np.abs(view.residuals) > self._likelihood.gross) & ~doubtful
-            staying = int(np.count_nonzero(off & self._off))
-        self._off = off
-        return staying <= 1 and self._likelihood.explains(view, largest)
+        outliers, repeated = self._no_outliers, 0
+        if view.gross:
+            outliers = view.outlying & (np.abs(view.residuals) > self._likelihood.gross)
+            outliers &= ~doubtful
+            repeated = int(np.count_nonzero(outliers & self._outliers))
+        self._outliers = outliers
+        return repeated <= 1 and self._likelihood.explains(view, largest)

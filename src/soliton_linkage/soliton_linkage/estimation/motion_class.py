@@ -41,6 +41,18 @@ from soliton_linkage.linkage.chain import Array, Motion
 Records = NDArray[np.void]
 
 _NUMBERS = records(record_dtype(MotionSettings))
+_LEAST_NOISE = 1e-6
+"""Lower limit of the noise of a frame [rad]."""
+_LEANING = 3.0
+"""Standard deviations by which either side must lean [1]."""
+_FLAT, _FLAT_IN_NOISE, _NOISIEST = 0.02, 2.0, 0.15
+"""Least deviations in a tail, in rest angles and in noise, and the noise, in rest angles, above
+which tails carry no information [1]."""
+_BEND, _NEGLECTED = 0.1, 0.01
+"""Prior deviation of the term in e^2, times the rest angle [rad], and error of the ratio of tails
+from springs in motion [1]."""
+_SPREAD = 1.2
+"""Variance of e' - F(e) over that of the noise [1]."""
 _LEAST_LEVER = 1e-9
 """Replacement for a zero lever of a bar in line with its outer rotor [1], which has an infinite
 slope."""
@@ -162,9 +174,8 @@ def _steepness(mean: float) -> float:
     return abs(math.asin(math.cos(mean)))
 
 
-@compiled(_NUMBERS, const_f8_1d, i8, i8, _PART, f8, f8_2d)
+@compiled(const_f8_1d, i8, i8, _PART, f8, f8_2d)
 def tail_products(
-    settings: Records,
     angles: Array,
     nearest: int,
     edge: int,
@@ -180,16 +191,16 @@ def tail_products(
     """
     mean, handed = part.mean, _handed(part.sine, part.cosine)
     rest_angle = math.pi / 2 - _steepness(mean)
-    if noise > settings[0]['noisiest'] * rest_angle:
+    if noise > _NOISIEST * rest_angle:
         return
-    flat = max(settings[0]['flat_in_noise'] * noise, settings[0]['flat'] * rest_angle)
+    flat = max(_FLAT_IN_NOISE * noise, _FLAT * rest_angle)
     way, half = 1 if edge > nearest else -1, abs(edge - nearest) // 2
     deviations = np.empty(half + 1)
     for n in range(half + 1):
         deviations[n] = handed * wrapped(_staggered(angles, nearest + way * n) - mean)
     begin, end = tail_of_side(deviations, rest_angle, flat)
     k = 2 * math.sin(rest_angle)
-    variance = noise * noise * (settings[0]['spread'] + 1 / part.known)
+    variance = noise * noise * (_SPREAD + 1 / part.known)
     for n in range(begin, min(end, half)):
         e, outer = deviations[n], deviations[n + 1]
         if math.isfinite(outer):
@@ -233,14 +244,14 @@ def evidence(
     if min(left.known, right.known) < 2:
         return _NO_EVIDENCE
     spread = math.sqrt((left.scatter + right.scatter) / (left.known + right.known - 2))
-    noise = max(noise, spread, settings[0]['least_noise'])
+    noise = max(noise, spread, _LEAST_NOISE)
     lefts = math.sin(left.mean) * math.sqrt(left.known) / noise
     rights = math.sin(right.mean) * math.sqrt(right.known) / noise
-    if not (lefts * rights < 0 and min(abs(lefts), abs(rights)) > settings[0]['leaning']):
+    if not (lefts * rights < 0 and min(abs(lefts), abs(rights)) > _LEANING):
         return _NO_EVIDENCE
     inner = bond - 1
-    tail_products(settings, angles, inner, 0, left, noise, tails)
-    tail_products(settings, angles, bond, rotors - 1, right, noise, tails)
+    tail_products(angles, inner, 0, left, noise, tails)
+    tail_products(angles, bond, rotors - 1, right, noise, tails)
     lean = math.pi / 2 - (_steepness(left.mean) + _steepness(right.mean)) / 2
     crossing = inner + (before / (before - beyond) if before * beyond < 0 else 0.5)
     variance = noise * noise * (1 / left.known + 1 / right.known)
@@ -248,8 +259,8 @@ def evidence(
     return crossing, flipping, lean
 
 
-@compiled(_NUMBERS, const_f8_2d, f8)
-def tail_ratio(settings: Records, tails: Array, rest_angle: float) -> tuple[float, float]:
+@compiled(const_f8_2d, f8)
+def tail_ratio(tails: Array, rest_angle: float) -> tuple[float, float]:
     """Return the ratio lambda of the tails and its standard deviation [1].
 
     They are NaN and infinity if unknown. The prior of the term in e^2 has a standard deviation of
@@ -258,10 +269,10 @@ def tail_ratio(settings: Records, tails: Array, rest_angle: float) -> tuple[floa
     if tails[0, 0] <= 0:
         return math.nan, math.inf
     first, both = tails[0, 0] + 1, tails[0, 1]
-    second = tails[1, 1] + (rest_angle / settings[0]['bend']) ** 2
+    second = tails[1, 1] + (rest_angle / _BEND) ** 2
     determinant = first * second - both * both
     ratio = (second * tails[0, 2] - both * tails[1, 2]) / determinant
-    return ratio, math.sqrt(second / determinant + settings[0]['neglected'] ** 2)
+    return ratio, math.sqrt(second / determinant + _NEGLECTED**2)
 
 
 @compiled(_NUMBERS, const_f8_1d, f8, f8, f8, f8_2d)
@@ -290,7 +301,7 @@ def observe(
         rest_angle += added / (known + added) * (lean - rest_angle)
     elif math.isfinite(lean):
         rest_angle = lean
-    return (site, flipping, rest_angle), tail_ratio(settings, tails, rest_angle)
+    return (site, flipping, rest_angle), tail_ratio(tails, rest_angle)
 
 
 class MotionClass(NamedTuple):
@@ -337,7 +348,7 @@ class MotionEvidence(NamedTuple):
             share, motion = (1 - spinning) * wobbling, Motion.WOBBLING_FLIPPER
         if spinning > share:
             share, motion = spinning, Motion.SPINNER
-        known = motion if share >= settings.sure else None
+        known = motion if share >= settings.least_probability else None
         return MotionClass(known, share, spinning)
 
 

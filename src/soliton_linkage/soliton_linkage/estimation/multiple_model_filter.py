@@ -1,31 +1,32 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Motion of a chain along its orbit: Kalman filters of the arc s and its rate w, many at once.
+"""Motion of a chain along its orbit by a bank of Kalman filters of the arc s and its rate w.
 
-Models that differ in their process noise run side by side (multiple-model filter, Blom and
-Bar-Shalom). The state is (s, w, b, d): arc [rad], rate [rad/s], bias of the measurement [rad] and
-disturbance [rad/s^2]. A measurement z = s + b + noise has a bias that lasts while the wall moves
-on by about a rotor:
+Models with different process noise run in parallel (multiple-model filter, Blom and Bar-Shalom).
+The state is (s, w, b, d): arc [rad], rate [rad/s], bias of the measurement [rad] and disturbance
+[rad/s^2]. A measurement z = s + b + noise has a bias that persists while the wall moves by about a
+rotor:
 
     ds = w dt,   dw = sqrt(q) dB,   b' = a b + noise of variance m^2 (1 - a^2),
 
-with a = exp(-|w| dt / (Lambda / 2)) and q = e^2 |w|^3 / Lambda, which changes the rate by the
-share e from rotor to rotor. Filters with many e and m run side by side; the estimate is their
-mean, weighted by the likelihood of the recent measurements. One more filter, the steady one, has
-e = m = 0, so that the whole record counts. Its weight is high until the likelihood of all
-measurements contradicts it; then it restarts from the others with the odds against it.
+with a = exp(-|w| dt / (Lambda / 2)) and q = e^2 |w|^3 / Lambda, a relative change e of the rate
+per rotor. Filters with several e and m run in parallel; the estimate is their mean, weighted by
+the likelihood of recent measurements. The steady filter has e = m = 0 and uses the whole record.
+Its weight is high until the likelihood of all measurements contradicts it; it then restarts from
+the others with the odds against it. At edges, where springs exchange energy with the wall, e is
+larger in all other filters and the credit of the steady one is limited, and likewise in waves that
+are as strong as the motion of the wall.
 
-Springs exchange energy with a wall at the edges, where e is larger in all filters but the steady
-one, which has to earn its weight again; so it has among waves as strong as the wall's own motion.
+An impulse changes the rate instantly. For frames at ages of 1, 2, 4, ... one filter each assumes
+an impulse there, to an almost unknown rate. Its weight is the likelihood ratio of all later
+measurements times the prior probability of an impulse. If the odds become decisive, all filters
+restart from it.
 
-An impulse changes the rate at once. For each recent frame, at ages of 1, 2, 4, ... frames, one
-filter assumes an impulse there, to a rate about which little is known. It counts by the odds of
-all measurements since, against those for an impulse. Beyond chance, all filters restart from it.
-
-With a disturbance, all three wander with the variance r of a measurement times the time step,
+With a disturbance, all three states have process noise in proportion to the variance r of a
+measurement times the time step,
 
     ds = w dt + sqrt(3 r) W dB_1,   dw = (u + d) dt + sqrt(3 r) W^2 dB_2,   dd = sqrt(r) W^3 dB_3,
 
-so that the steady filter has three poles at -W whatever r is (Riccati equation).
+so that the steady filter has three poles at -W for any r (Riccati equation).
 """
 
 from __future__ import annotations
@@ -52,10 +53,12 @@ from soliton_linkage.estimation.filter_bank import (
 from soliton_linkage.estimation.settings import DEFAULTS, FilterSettings
 
 _Summary = tuple[float, float, float, float, float]
+_LEAST_IMPULSE = 0.1
+"""Least standard deviation of the change of rate by an impulse, over the scale of rates [1]."""
 
 
 class MultipleModelFilter:
-    """Arc, rate, bias and disturbance by many Kalman filters."""
+    """Arc, rate, bias and disturbance by a bank of Kalman filters."""
 
     def __init__(
         self,
@@ -65,13 +68,12 @@ class MultipleModelFilter:
         site_arc: float,
         settings: FilterSettings = DEFAULTS.filter,
     ) -> None:
-        """Start at an arc [rad] of a variance [rad^2], with rates of the scale [rad/s].
+        """Start at an arc [rad] with a variance [rad^2] and a typical rate `scale` [rad/s].
 
-        The site arc [rad] is that from one rotor to the next.
+        The site arc [rad] is the arc from one rotor to the next.
         """
         self._settings = settings
         self.site_arc = site_arc
-        """Arc from one rotor to the next [rad]."""
         self._base = 1 + len(settings.rate_changes) * len(settings.biases)
         self.filters = self._models()
         """Records of `FILTER`, shape (F,)."""
@@ -82,37 +84,37 @@ class MultipleModelFilter:
         covariances[:, BIAS, BIAS] = self.filters['bias_variance']
         covariances[:, DISTURBANCE, DISTURBANCE] = (settings.disturbance * scale**2) ** 2
         self._status = np.zeros(1, STATUS)
-        against, least_kick = -settings.odds_of_doubt, (settings.least_kick * scale) ** 2
-        self._status[0] = self._base, site_arc, least_kick, variance, 0, 0, 0, against, 0, 0
+        odds, least_impulse = -settings.odds_of_doubt, (_LEAST_IMPULSE * scale) ** 2
+        self._status[0] = self._base, site_arc, least_impulse, variance, 0, 0, 0, odds, 0, 0
         self._known: _Summary | None = None
-        set_weights(self.filters, settings.record, self._base, against)
-        self._look_ahead()
+        set_weights(self.filters, settings.record, self._base, odds)
+        self._refresh()
         self.expected_rate = 0.0
         """Predicted rate of the arc length [rad/s]."""
 
     def _models(self) -> Records:
         settings, base = self._settings, self._base
-        models = np.zeros(base + settings.kick_ages, FILTER)
+        models = np.zeros(base + settings.impulse_ages, FILTER)
         changes, biases = np.meshgrid(settings.rate_changes, settings.biases, indexing='ij')
-        models['wander'][1:base] = changes.ravel() ** 2
-        models['wander_at_edges'][1:base] = (changes.ravel() + settings.change_at_edges) ** 2
+        models['rate_noise'][1:base] = changes.ravel() ** 2
+        models['edge_rate_noise'][1:base] = (changes.ravel() + settings.change_at_edges) ** 2
         models['bias_variance'][1:base] = (self.site_arc * biases.ravel()) ** 2
-        if settings.kick_ages:
+        if settings.impulse_ages:
             # After an impulse the rate changes as in the middle model.
             middle = settings.rate_changes[len(settings.rate_changes) // 2]
-            models['wander'][base:] = models['wander_at_edges'][base:] = middle**2
-        models['share'][1:base] = 1 / max(base - 1, 1)
+            models['rate_noise'][base:] = models['edge_rate_noise'][base:] = middle**2
+        models['probability'][1:base] = 1 / max(base - 1, 1)
         models['odds'][base:] = -np.inf
         return models
 
     def mirrored(self, arc: float) -> MultipleModelFilter:
-        """Return the same motion in the opposite direction, which is at an arc [rad] now."""
+        """Return the same motion in the opposite direction, at another current arc [rad]."""
         other = copy.copy(self)
         other.filters, other._status = self.filters.copy(), self._status.copy()
         other.filters['state'] *= -1
         other.filters['state'][:, ARC] += arc + self.arc
         other.expected_rate = -self.expected_rate
-        other._look_ahead()
+        other._refresh()
         return other
 
     @property
@@ -137,7 +139,7 @@ class MultipleModelFilter:
 
     @property
     def disturbance(self) -> float:
-        """Acceleration that no torque explains [rad/s^2], 0 without a model of it."""
+        """Unmodelled acceleration [rad/s^2], 0 unless the settings include one."""
         if not self._settings.disturbance:
             return 0.0
         return float(self.filters['weight'] @ self.filters['state'][:, DISTURBANCE])
@@ -152,8 +154,8 @@ class MultipleModelFilter:
     ) -> None:
         """Predict over a time [s], with the wall at an edge of the chain or inside.
 
-        The ratio is the factor by which the orbit changes the rate [1]; torques give an
-        acceleration [rad/s^2]; a disturbance is followed with a bandwidth [rad/s].
+        The ratio is the factor by which the orbit changes the rate [1]; torques cause the
+        acceleration [rad/s^2]; the bandwidth of the disturbance is in rad/s.
         """
         rate, gained = self.rate, (acceleration + self.disturbance) * elapsed
         self._known = None
@@ -169,16 +171,15 @@ class MultipleModelFilter:
         )
         self.expected_rate = ratio * (rate + gained)
 
-    def apply_impulse(self, change: float, of_rate: float = 0.0, of_arc: float = 0.0) -> None:
-        """Apply an impulse: a change of the rate [rad/s], and what it adds to the variances.
-
-        They are those of the rate [rad^2/s^2] and of the arc [rad^2].
-        """
+    def apply_impulse(
+        self, change: float, rate_variance: float = 0.0, arc_variance: float = 0.0
+    ) -> None:
+        """Add a change to the rate [rad/s], and variances to rate [rad^2/s^2] and arc [rad^2]."""
         self.filters['state'][:, RATE] += change
-        self.filters['covariance'][:, RATE, RATE] += of_rate
-        self.filters['covariance'][:, ARC, ARC] += of_arc
+        self.filters['covariance'][:, RATE, RATE] += rate_variance
+        self.filters['covariance'][:, ARC, ARC] += arc_variance
         self.expected_rate += change
-        self._look_ahead()
+        self._refresh()
 
     def update(
         self,
@@ -189,9 +190,9 @@ class MultipleModelFilter:
     ) -> None:
         """Update with a measurement of the arc [rad] and its variance [rad^2].
 
-        With a variance from f degrees of freedom a normalised innovation x counts as
-        sqrt((f + 1) log(1 + x^2 / f)), by Student's distribution. The odds for the steady filter
-        are limited in proportion to the calm of the chain, from 0 to 1.
+        If the variance has f degrees of freedom, a normalised innovation x counts as sqrt((f + 1)
+        log(1 + x^2 / f)), by Student's distribution. The calm of the chain, from 0 to 1, limits
+        the credit of the steady filter.
         """
         self._known = measure(
             self.filters,
@@ -204,19 +205,19 @@ class MultipleModelFilter:
         )
 
     @property
-    def kicks(self) -> int:
-        """Number of impulses that were detected."""
-        return int(self._status['kicks'][0])
+    def impulses(self) -> int:
+        """Number of detected impulses."""
+        return int(self._status['impulses'][0])
 
     @property
     def summary(self) -> _Summary:
-        """Arc, rate, variance of the arc, covariance, variance of the rate; units as of each."""
+        """Arc, rate, variance of the arc, covariance, variance of the rate; units as above."""
         if self._known is None:
             self._known = mixture(self.filters, len(self.filters))
         return self._known
 
-    def _look_ahead(self) -> None:
-        """Set the measurement that is expected, s + b [rad], and its variance [rad^2]."""
+    def _refresh(self) -> None:
+        """Update the predicted measurement, s + b [rad], and its variance [rad^2]."""
         self._known = None
         self._status['rate'] = self.rate
         self.expected, self.expected_variance = expected_measurement(self.filters)

@@ -1,10 +1,10 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Where on its orbit a chain is and how fast it goes round, from all frames so far.
+"""Recursive estimate of the position of a chain on its orbit, and of its rate.
 
-A frame measures the arc s at the predicted point of the orbit, phi = Phi(s) + noise, so that with
-t = dPhi/ds the measurement is z = s + t . (phi - Phi(s)) / t^2, with variance sigma^2 / t^2: near
-the truth it is linear in the noise. It updates a `MultipleModelFilter`; `FrameNoise` tells sigma
-and what else there is beside the orbit, and `EncoderOffsets` what encoders add to their angles.
+A frame measures the arc s at the predicted point of the orbit, phi = Phi(s) + noise. With
+t = dPhi/ds the measurement is z = s + t . (phi - Phi(s)) / t^2 with the variance sigma^2 / t^2,
+linear in the noise near the truth. It updates a `MultipleModelFilter`. `FrameNoise` estimates
+sigma and the residuals beside the orbit, and `EncoderOffsets` the offsets of the encoders.
 """
 
 from __future__ import annotations
@@ -34,13 +34,21 @@ from soliton_linkage.linkage.chain import Array, check_shape
 from soliton_linkage.linkage.deviations import NO_DEVIATIONS
 from soliton_linkage.orbit.orbit import Orbit
 
+_EDGE_ROTORS = 2.0
+"""Range of an edge beyond the penetration depth [rotor spacings]."""
+_FIELD_SHARE = 0.08
+"""Error of the arc relative to the persistent residuals of the wall [1]: without it, errors
+beside waves exceed their stated deviations by 2 %."""
+_LEAST_PROBABILITY = 0.9
+"""Least probability that a frame shows one of its candidates [1]."""
+
 
 class OrbitFilter:
-    """Recursive estimate of a chain's arc and rate, from frames as they come.
+    """Recursive estimate of a chain's arc and rate.
 
-    Frames that repeat a stamp or come late are ignored; a stamp that goes back by more than the
-    clock limit of the settings starts anew, and so do frames that cannot be where the chain is
-    expected. The offsets of encoders are learnt on the way, and outlive a new start.
+    Frames with a repeated or late stamp are ignored. The filter restarts if a stamp goes back by
+    more than the clock limit of the settings, and if another position explains the frames better.
+    Estimated offsets of encoders survive a restart.
     """
 
     def __init__(
@@ -49,7 +57,7 @@ class OrbitFilter:
         noise: float | None = None,
         settings: EstimationSettings = DEFAULTS,
     ) -> None:
-        """Wait for the first frame; with the noise of the angles [rad], where it is known.
+        """Start without frames, with the noise of the angles [rad] if it is known.
 
         Raises ValueError for a noise that is not above 0.
         """
@@ -60,51 +68,39 @@ class OrbitFilter:
             )
         chain = orbit.chain
         self.orbit = orbit
-        self.ignored = 0
-        self.rejected = 0
-        self.starts = 0
+        self.ignored = self.rejected = self.starts = 0
+        """Numbers of ignored frames, of rejected frames, and of acquisitions."""
+        self.bandwidth = 0.0
+        """Bandwidth of the disturbance [rad/s]."""
         self._given_noise = noise
-        self._settings = settings
-        self._tracking = settings.tracking
-        self._search = Relocaliser(orbit, settings.likelihood, settings.scan)
-        self._budget = ScanBudget(settings.scan)
-        self._yielding = ComplianceCorrection(orbit)
-        self._depth = penetration_depth(chain) / chain.spacing
-        self._deviates = chain.deviations != NO_DEVIATIONS
+        self._settings, self._tracking = settings, settings.tracking
         swing = rotor_swing(chain)
+        self._relocaliser = Relocaliser(orbit, settings.likelihood)
+        self._budget = ScanBudget(settings.tracking)
+        self._compliance = ComplianceCorrection(orbit)
+        self._edge = _EDGE_ROTORS + penetration_depth(chain) / chain.spacing
+        self._deviates = chain.deviations != NO_DEVIATIONS
         self._likelihood = FrameLikelihood(swing, settings.likelihood)
         self._scales = ReadingScales(noise)
         self._variance = ResidualVariance(swing, noise, settings)
-        self._beside = OrbitMeasurementModel(
+        self._model = OrbitMeasurementModel(
             orbit, self._likelihood, self._variance.elastic, settings
         )
-        self._trust = InnovationGate(chain.number_of_rotors, self._likelihood, settings)
-        self.bandwidth = 0.0
-        """With which the disturbance is followed [rad/s]."""
-        self._forget(math.nan)
+        self._gate = InnovationGate(chain.number_of_rotors, self._likelihood, settings)
+        self._lose(math.nan)
 
     @property
     def offsets(self) -> EncoderOffsets:
-        """Offsets of the encoders as far as they are known."""
-        return self._beside.offsets
-
-    @property
-    def estimate(self) -> OrbitEstimate:
-        """The latest estimate."""
-        return self._estimate
+        """Estimated offsets of the encoders."""
+        return self._model.offsets
 
     @property
     def disturbance(self) -> float:
-        """Acceleration of the arc that no torque explains [rad/s^2].
+        """Unmodelled acceleration of the arc [rad/s^2].
 
-        It is 0 where the settings look for none, NaN while the chain is lost.
+        It is 0 if the settings do not include it, and NaN while the chain is lost.
         """
         return self._hypotheses.leader.motion.disturbance if self._hypotheses.all else math.nan
-
-    @property
-    def view(self) -> LinearisedMeasurement | None:
-        """The latest frame beside the orbit; None while lost, and for an empty frame."""
-        return self._seen_as
 
     def update(
         self,
@@ -113,78 +109,78 @@ class OrbitFilter:
         deviations: Array | None = None,
         torques: Array | None = None,
     ) -> OrbitEstimate:
-        """Estimate at an instant [s] from its angles [rad], shape (N,), NaN where unknown.
+        """Update at an instant [s] with angles [rad], shape (N,), NaN if unknown.
 
-        Readings count by their standard deviations [rad], shape (N,), above 0, where these are
-        told and not NaN. Torques [N m], shape (N,), are those that acted since the last frame.
-        Raises ValueError for angles that are not one a rotor; all else it takes as it comes.
+        Standard deviations of the readings [rad], shape (N,), above 0, NaN if unknown, set their
+        weights. Torques [N m], shape (N,), acted since the last frame. Raises ValueError for
+        angles of another shape.
         """
         check_shape(angles, self.orbit.chain.number_of_rotors)
-        elapsed = time - self._estimate.time
+        elapsed = time - self.estimate.time
         if not math.isfinite(time) or -self._tracking.clock_limit <= elapsed <= 0:
             self.ignored += 1
-            return self._estimate
+            return self.estimate
         if elapsed < 0:
-            self._forget(time)
+            self._lose(time)
             self._budget.restart()
         seen = np.ascontiguousarray(angles, dtype=np.float64)
-        self._scales.take(deviations)
+        self._scales.set_deviations(deviations)
         if self._hypotheses.all:
-            self._follow(time, elapsed, seen, torques)
+            self._track(time, elapsed, seen, torques)
         elif not self._acquire(time, seen):
-            self._forget(time)
-        return self._estimate
+            self._lose(time)
+        return self.estimate
 
     def apply_impulse(self, impulse: FrameImpulse) -> None:
-        """Take in a push that acts from the latest frame on.
+        """Apply an impulse that acts from the latest frame on.
 
-        How far a wall went on since the push is left to that frame to tell, and unsure by it.
+        The variances include the uncertain compliance of the springs and the displacement since
+        the impulse.
         """
         for each in self._hypotheses.all:
-            rigid, rate = self._pushed_by(impulse.impulses, each), each.motion.rate
-            change = self._yielding.pushed_rate(rate, rigid) - rate
-            doubt = rigid - change
-            each.motion.apply_impulse(change, doubt**2, (change * impulse.ago) ** 2)
+            rigid, rate = self._rate_change(impulse.impulses, each), each.motion.rate
+            change = self._compliance.rate_after_impulse(rate, rigid) - rate
+            each.motion.apply_impulse(change, (rigid - change) ** 2, (change * impulse.ago) ** 2)
         if self._hypotheses.all:
-            self._report(self._estimate.time, self._estimate.status)
+            self._report(self.estimate.time, self.estimate.status)
 
-    def forget(self) -> None:
-        """Know of no frame, as at first, but for the offsets of encoders."""
-        self._forget(math.nan)
+    def restart(self) -> None:
+        """Discard all frames but keep the offsets of the encoders."""
+        self._lose(math.nan)
         self._budget.restart()
 
-    def _pushed_by(self, impulses: Array, hypothesis: Hypothesis) -> float:
-        """Change of the rate by impulses, were bars rigid, t . J / sum(I t^2) [rad/s]."""
+    def _rate_change(self, impulses: Array, hypothesis: Hypothesis) -> float:
+        """Return the change of the rate for rigid bars, t . J / sum(I t^2) [rad/s]."""
         about = self.orbit.segment(hypothesis.motion.arc)
         within = slice(about.first, about.first + len(about.tangent))
         inertia = self.orbit.chain.moments_of_inertia[within] @ about.tangent**2
         change = float(about.tangent @ impulses[within] / inertia)
         return -change if hypothesis.upside_down else change
 
-    def _forget(self, time: float) -> None:
+    def _lose(self, time: float) -> None:
         self._hypotheses = Hypotheses(self.orbit, self._settings)
-        self._seen_as: LinearisedMeasurement | None = None
-        self._unexplained_since = math.nan
-        self._unexplained = 0
-        self._variance.forget()
-        self._trust.forget()
-        self._estimate = lost(time, self._given_noise or math.nan)
+        self.view: LinearisedMeasurement | None = None
+        """Measurement by the latest frame; None while lost, and for an empty frame."""
+        self._unexplained, self._unexplained_since = 0, math.nan
+        self._variance.restart()
+        self._gate.restart()
+        self.estimate: OrbitEstimate = lost(time, self._given_noise or math.nan)
+        """Latest estimate."""
 
     def _acquire(self, time: float, seen: Array) -> bool:
-        """Search a frame for the chain; say whether it is there."""
+        """Search the orbit for a frame; return whether it was located."""
         if not np.isfinite(seen).any() or not self._budget.spend(time):
             return False
-        candidates = self._found(seen)
-        if not candidates:
-            return False
-        self._start_at(candidates, time, seen)
-        return True
+        candidates = self._find(seen)
+        if candidates:
+            self._start_at(candidates, time, seen)
+        return bool(candidates)
 
-    def _found(self, seen: Array) -> list[Candidate]:
-        """Places of a frame that compete, none where it does not tell any."""
+    def _find(self, seen: Array) -> list[Candidate]:
+        """Return the competing candidates of a frame, none if it does not determine them."""
         angles = seen - self.offsets.corrections
-        found = self._search.find(angles, self._given_noise or 0.0)
-        if found.probability < self._settings.scan.told:
+        found = self._relocaliser.find(angles, self._given_noise or 0.0)
+        if found.probability < _LEAST_PROBABILITY:
             return []
         best = found.candidates[0]
         if not self._likelihood.explains(best.view, best.variance):
@@ -196,192 +192,177 @@ class OrbitFilter:
         self.starts += 1
         self._unexplained, self._unexplained_since = 0, math.nan
         best = candidates[0]
-        self._variance.begin(best.view)
-        self._beside.far.forget()
+        self._variance.start(best.view)
+        self._model.far.restart()
         scale = 1 / self.orbit.chain.time_unit
         self._hypotheses = Hypotheses(self.orbit, self._settings)
-        for candidate in candidates:
+        for each in candidates:
             motion = MultipleModelFilter(
-                candidate.arc,
-                self._variance.noise.variance / candidate.view.information,
+                each.arc,
+                self._variance.noise.variance / each.view.information,
                 scale,
                 self.orbit.site_arc,
                 self._settings.filter,
             )
-            evidence = candidate.evidence - best.evidence
-            self._hypotheses.all.append(
-                Hypothesis(motion, candidate.upside_down, candidate.view, evidence)
-            )
-        self._seen_as = best.view
-        self._beside.learn(seen, best.view, 0.0, self._variance.noise, best.upside_down)
-        self._beside.look_for_deformation(best.view, best.view)
+            evidence = each.evidence - best.evidence
+            self._hypotheses.all.append(Hypothesis(motion, each.upside_down, each.view, evidence))
+        self.view = best.view
+        self._model.learn(seen, best.view, 0.0, self._variance.noise, best.upside_down)
         self._report(time, TrackingStatus.ACQUIRED)
 
-    def _follow(self, time: float, elapsed: float, seen: Array, torques: Array | None) -> None:
+    def _track(self, time: float, elapsed: float, seen: Array, torques: Array | None) -> None:
         self._variance.at_edge = self._at_edge()
         for each in self._hypotheses.all:
-            acceleration = 0.0 if torques is None else self._pushed_by(torques, each)
+            acceleration = 0.0 if torques is None else self._rate_change(torques, each)
             self._predict(each.motion, elapsed, acceleration)
         best = self._hypotheses.leader.motion
         if self._tracking.gate * math.sqrt(best.expected_variance) > self.orbit.length:
-            self._forget(time)
+            self._lose(time)
             self._acquire(time, seen)
             return
         self._variance.way = abs(best.expected_rate) * elapsed / self.orbit.site_arc
-        variance = self._looked_at(seen, elapsed)
+        variance, noise = self._measure(seen, elapsed), self._variance.noise
         self._hypotheses.weigh([each.view.likelihood for each in self._hypotheses.all])
         view = self._hypotheses.leader.view
         if not view.known:
-            self._seen_as = None
+            self.view = None
             self._report(time, TrackingStatus.COASTING)
             return
-        self._beside.look_for_deformation(view, self._seen_as or view)
-        self._seen_as = view
+        self.view = view
         largest = variance + self._variance.largest_field
-        explained = self._trust.is_explained(view, largest, self._beside.far.doubtful)
-        if not explained and self._doubted(time, seen):
-            return
-        self._unexplained_since = math.nan if explained else self._unexplained_since
+        explained = self._gate.accepts(view, largest, self._model.far.doubtful)
         if explained:
-            self._unexplained = 0
-        untold = view.information < LEAST_INFORMATION
-        if untold or not (explained or self._trust.is_believed(view)):
+            self._unexplained, self._unexplained_since = 0, math.nan
+        elif self._relocated(time, seen):
+            return
+        informative = view.information >= LEAST_INFORMATION
+        if not (informative and (explained or self._gate.is_believed(view))):
             self.rejected += not explained
             self._report(time, TrackingStatus.COASTING)
             return
         for each in self._hypotheses.all:
-            self._update_by(each, elapsed)
-        self._learn(seen, view, elapsed)
-        self._hypotheses.suppose_toggled()
+            self._update_hypothesis(each)
+        self._variance.learn(view)
+        turned = self._hypotheses.leader.upside_down
+        if self._model.learn(seen, view, elapsed, noise, turned):
+            noise.discard_persistence()
+        self._hypotheses.add_toggled()
         self._report(time, TrackingStatus.TRACKING if explained else TrackingStatus.COASTING)
 
-    def _looked_at(self, seen: Array, elapsed: float) -> float:
-        """See a frame from each place; return the variance of a rotor that it was seen with.
+    def _measure(self, seen: Array, elapsed: float) -> float:
+        """Measure a frame for each hypothesis; return the variance of a rotor [rad^2].
 
-        A wall that was pushed is on before where it is expected, and what springs do to it is not
-        that of before: it is looked for as one that was found now.
+        If the prediction is wrong after an unmodelled impulse, the frame is measured again with
+        the uncertainty of a new wall. That is kept if it explains most of the frame.
         """
-        variance = self._see(seen, 0.0)
-        if not self._trust.is_strained(self._hypotheses.leader.view):
+        variance = self._linearise(seen, 0.0)
+        if not self._gate.is_strained(self._hypotheses.leader.view):
             return variance
         views, frames = [each.view for each in self._hypotheses.all], self._variance.frames
         self._variance.frames = 0
-        widened = self._see(seen, (elapsed / self.orbit.chain.time_unit) ** 2)
-        if self._trust.is_believed(self._hypotheses.leader.view):
+        widened = self._linearise(seen, (elapsed / self.orbit.chain.time_unit) ** 2)
+        if self._gate.is_believed(self._hypotheses.leader.view):
             return widened
         self._variance.frames = frames
         for each, view in zip(self._hypotheses.all, views, strict=True):
             each.view = view
         return variance
 
-    def _see(self, seen: Array, pushed: float) -> float:
-        """See a frame from places that pushes may have moved by a variance [rad^2]."""
-        variance = self._variance.of_rotor()
-        noise = self._variance.noise.variance
+    def _linearise(self, seen: Array, impulse_variance: float) -> float:
+        variance, noise = self._variance.of_rotor(), self._variance.noise.variance
         self._likelihood.scales = self._scales.of_frame(noise, variance)
-        self._beside.noise = noise
+        self._model.noise = noise
         for each in self._hypotheses.all:
-            each.view = self._beside.recognised(
-                each.motion, seen, variance, pushed, each.upside_down
+            each.view = self._model.measure(
+                each.motion, seen, variance, impulse_variance, each.upside_down
             )
         return variance
 
-    def _doubted(self, time: float, seen: Array) -> bool:
-        """Start anew where a frame that is not explained is by another place; say whether.
+    def _relocated(self, time: float, seen: Array) -> bool:
+        """Restart if another position explains the frame; return whether the filter restarted.
 
-        Where it is by none for long, the chain is lost.
+        If no position does for longer than the doubted time, the chain is lost.
         """
+        tracking, view = self._tracking, self._hypotheses.leader.view
         if self._unexplained == 0:
             self._unexplained_since = time
         self._unexplained += 1
-        if self._unexplained >= self._tracking.confirming_frames and self._budget.spend(time):
-            candidates = self._found(seen)
-            view = self._hypotheses.leader.view
-            if candidates and self._gain(candidates[0], view, seen) > self._tracking.decisive_odds:
-                self._start_at([self._on_this_turn(each) for each in candidates], time, seen)
+        if self._unexplained >= tracking.confirming_frames and self._budget.spend(time):
+            candidates = self._find(seen)
+            if candidates and self._log_odds(candidates[0], view, seen) > tracking.decisive_odds:
+                self._start_at([self._on_this_cycle(each) for each in candidates], time, seen)
                 return True
-        tracking = self._tracking
-        long = time - self._unexplained_since > tracking.doubted_time
-        view = self._hypotheses.leader.view
-        hopeless = not self._trust.is_believed(view)
-        if long and self._unexplained > tracking.confirming_frames and hopeless:
-            self._forget(time)
+        late = time - self._unexplained_since > tracking.doubted_time
+        enough = self._unexplained > tracking.confirming_frames
+        if late and enough and not self._gate.is_believed(view):
+            self._lose(time)
             return True
         return False
 
-    def _gain(self, candidate: Candidate, view: LinearisedMeasurement, seen: Array) -> float:
-        """How much likelier a frame is at another place than where it was expected [log]."""
+    def _log_odds(self, candidate: Candidate, view: LinearisedMeasurement, seen: Array) -> float:
+        """Return the log likelihood ratio of a candidate against the predicted position."""
         leader = self._hypotheses.leader
         expected = max(
-            self._beside.view(seen, arc, candidate.variance, 0.0, leader.upside_down).likelihood
+            self._model.linearise(
+                seen, arc, candidate.variance, 0.0, leader.upside_down
+            ).likelihood
             for arc in (leader.motion.expected, view.arc)
         )
         return candidate.view.likelihood - expected
 
     def _predict(self, motion: MultipleModelFilter, elapsed: float, acceleration: float) -> None:
-        """Go on by a time [s] under torques [rad/s^2], as springs yield and rotors deviate."""
+        """Predict over a time [s] under torques [rad/s^2], with springs and deviations."""
         arc, rate, *_ = motion.summary
         ahead = arc + rate * elapsed
-        ratio = self._yielding.change(ahead, rate, arc)
+        ratio = self._compliance.rate_ratio(ahead, rate, arc)
         if self._deviates:
             ratio *= self.orbit.free_rate(ahead) / self.orbit.free_rate(arc)
         motion.predict(elapsed, self._variance.at_edge, ratio, acceleration, self.bandwidth)
 
     def _at_edge(self) -> bool:
-        """Whether the wall was so near to an edge that springs take up or give back energy."""
+        """Return whether springs exchange energy with the wall at an edge."""
         last = self.orbit.chain.number_of_rotors - 1
-        to_edge = min(self._estimate.site, last - self._estimate.site)
-        return bool(to_edge < self._tracking.edge_rotors + self._depth)
+        return min(self.estimate.site, last - self.estimate.site) < self._edge
 
-    def _on_this_turn(self, candidate: Candidate) -> Candidate:
-        """The same point of the orbit, with as many cycles gone round as the wall has."""
+    def _on_this_cycle(self, candidate: Candidate) -> Candidate:
+        """Return the same point of the orbit, with the cycle count of the estimate."""
         length = self.orbit.length
-        turns = round((self._estimate.arc - candidate.arc) / length)
+        turns = round((self.estimate.arc - candidate.arc) / length)
         return candidate._replace(arc=candidate.arc + turns * length)
 
-    def _update_by(self, hypothesis: Hypothesis, elapsed: float) -> None:
-        """Update a filter by its view of a frame, a time [s] after the last."""
-        view, motion = hypothesis.view, hypothesis.motion
+    def _update_hypothesis(self, hypothesis: Hypothesis) -> None:
+        view, motion, noise = hypothesis.view, hypothesis.motion, self._variance.noise
         if view.information > LEAST_INFORMATION:
-            variance = self._variance.of_arc(motion, view, elapsed)
+            variance = self._variance.of_arc(view)
             calm = self._variance.calm(motion.expected_rate * self.orbit.chain.time_unit)
-            motion.update(view.arc, variance, self._variance.noise.degrees_of_freedom, calm)
-
-    def _learn(self, seen: Array, view: LinearisedMeasurement, elapsed: float) -> None:
-        """Learn noise, field and offsets from what the likeliest place leaves of a frame."""
-        self._variance.learn(view, elapsed)
-        noise, turned = self._variance.noise, self._hypotheses.leader.upside_down
-        if self._beside.learn(seen, view, elapsed, noise, turned):
-            noise.forget_what_lasted()
+            motion.update(view.arc, variance, noise.degrees_of_freedom, calm)
 
     def _report(self, time: float, status: TrackingStatus) -> None:
         orbit, noise = self.orbit, self._variance.noise
         leader = self._hypotheses.leader
         arc, rate, arc_variance, covariance, rate_variance = leader.motion.summary
         completed, within = divmod(arc, orbit.length)
-        # The nearest point of the orbit is not to be told better than the frame is on it, nor
-        # than the chain is that of the orbit: what rotors are off by, the arc is too.
-        leg = orbit.leg(arc)
-        of_arc, of_rates = self._beside.shifts(arc)
-        off = self._tracking.beside_share**2 * noise.excess + self._beside.deformation
-        beside = off + of_arc**2
-        changed = of_rates**2 + off / (self._settings.filter.bias_way * orbit.site_arc) ** 2
-        of_rate = changed * rate**2
-        wall = self._hypotheses.wall(beside, of_rate)
-        seen = self._seen_as if status is not TrackingStatus.COASTING else None
-        self._estimate = OrbitEstimate(
+        # Residuals beside the orbit and unknown disorder move the nearest point of the orbit.
+        by_disorder, rate_disorder = self._model.disorder_deviations(arc)
+        field = _FIELD_SHARE**2 * noise.excess
+        added = field + by_disorder**2
+        correlation = self._settings.filter.bias_way * orbit.site_arc
+        rate_added = (rate_disorder**2 + field / correlation**2) * rate**2
+        wall = self._hypotheses.mixture(added, rate_added)
+        seen = self.view if status is not TrackingStatus.COASTING else None
+        self.estimate = OrbitEstimate(
             time=time,
             status=status,
             arc=arc,
             rate=rate,
-            arc_deviation=math.sqrt(arc_variance + beside),
-            rate_deviation=math.sqrt(rate_variance + of_rate),
+            arc_deviation=math.sqrt(arc_variance + added),
+            rate_deviation=math.sqrt(rate_variance + rate_added),
             covariance=covariance,
             site=wall.site,
             site_rate=wall.site_rate,
             site_deviation=wall.site_deviation,
             site_rate_deviation=wall.site_rate_deviation,
-            leg=leg,
+            leg=orbit.leg(arc),
             leg_known=self._hypotheses.leg_is_known(),
             phase=2 * math.pi * within / orbit.length,
             completed_cycles=int(completed),

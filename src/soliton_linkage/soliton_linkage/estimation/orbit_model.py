@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Frames beside an orbit: what encoders add is taken off, and the likeliest arc is found."""
+"""Measurement model of a wall on the orbit, with corrections for encoders and springs."""
 
 from __future__ import annotations
 
@@ -31,11 +31,13 @@ from soliton_linkage.orbit.uniform_orbit import UniformOrbit
 from soliton_linkage.orbit.wall_shifts import WallShifts
 
 _CLOSE = 0.01
-"""Step of the arc that is not worth another linearisation [rad]."""
+"""Step of the arc below which a measurement is not linearised again [rad]."""
+_LARGE_SCALE = 1.5
+"""Scale of a reading above which it is not used to estimate offsets [1]."""
 
 
 class OrbitMeasurementModel:
-    """Compares frames with an orbit, and learns offsets of encoders from them."""
+    """Measurement of the arc from a frame; it estimates the offsets of the encoders."""
 
     def __init__(
         self,
@@ -44,10 +46,9 @@ class OrbitMeasurementModel:
         elastic: float,
         settings: EstimationSettings,
     ) -> None:
-        """Begin without offsets; waves of a mean square [rad^2] tell nothing of encoders."""
+        """Start without offsets; mean square residuals above `elastic` [rad^2] are waves."""
         chain = orbit.chain
         self._orbit, self._likelihood = orbit, likelihood
-        self._tracking = settings.tracking
         self._backgrounds = [
             orbit.background(orbit.arc_at(orbit.middle, leg))
             for leg in range(orbit.number_of_legs)
@@ -57,13 +58,10 @@ class OrbitMeasurementModel:
         self._shifts = WallShifts(orbit)
         self._unseen = UnseenRotorCorrection(orbit)
         self.noise = 0.0
-        """Variance of a reading, of that of a rotor from the orbit [rad^2]."""
-        self._doubts = False
-        self._bound, self._elastic = settings.likelihood.bound, elastic
-        self.deformation = 0.0
-        """Variance of the arc by rotors that stay off, in a chain that is not even [rad^2]."""
+        """Noise in the variance of a rotor [rad^2]."""
+        self._any_doubtful = False
 
-    def view(
+    def linearise(
         self,
         seen: Array,
         arc: float,
@@ -72,13 +70,14 @@ class OrbitMeasurementModel:
         upside_down: bool,
         rate: float = 0.0,
     ) -> LinearisedMeasurement:
-        """View from an arc that is unsure by a spread [rad^2], of rotors of a variance [rad^2].
+        """Linearise a frame at an arc [rad] with a variance `spread` [rad^2].
 
-        The rate of the arc [rad/s] tells where springs have rotors that are not seen.
+        The variance is that of a rotor [rad^2]. The rate of the arc [rad/s] determines the
+        inertial forces on unseen rotors.
         """
         about = self._orbit.segment(arc)
         before, beyond = self._backgrounds[self._orbit.leg(arc)]
-        left = np.empty(len(before))
+        residuals = np.empty(len(before))
         compare(
             seen,
             self.offsets.corrections,
@@ -87,14 +86,14 @@ class OrbitMeasurementModel:
             about.angles,
             beyond,
             about.first,
-            left,
+            residuals,
         )
         doubtful = NO_FLAGS
-        if self._doubts:
+        if self._any_doubtful:
             doubtful = self.far.doubtful
-            left[self.far.stuck] = np.nan
-        view = self._likelihood.view(
-            arc, about.first, about.tangent, left, variance, spread, doubtful
+            residuals[self.far.stuck] = np.nan
+        view = self._likelihood.linearise(
+            arc, about.first, about.tangent, residuals, variance, spread, doubtful
         )
         if math.isfinite(view.largest) or not view.known:
             return view
@@ -102,61 +101,47 @@ class OrbitMeasurementModel:
         shift = self._unseen.shift(arc, rate, view.residuals, field, self.noise)
         if not shift:
             return view
-        return view._replace(arc=view.arc + shift, untold=self._unseen.left)
+        return view._replace(arc=view.arc + shift, unseen_share=self._unseen.remaining)
 
-    def recognised(
+    def measure(
         self,
         motion: MultipleModelFilter,
         seen: Array,
         variance: float,
-        pushed: float,
+        impulse_variance: float,
         upside_down: bool,
     ) -> LinearisedMeasurement:
-        """View of a frame from the likeliest arc, by the frame and by what went before.
+        """Linearise a frame at its likeliest arc, given the prediction of the filters.
 
-        Pushes may have moved the arc by a variance [rad^2].
+        The variances belong to a rotor, and to the arc after unmodelled impulses [rad^2].
         """
-        expected, spread = motion.expected, motion.expected_variance + pushed
+        expected, spread = motion.expected, motion.expected_variance + impulse_variance
         views: list[LinearisedMeasurement] = []
 
         def likeliest(arc: float) -> float:
-            unsure = spread
+            uncertain = spread
             if views:
                 of_frame = variance / views[-1].information
-                unsure *= of_frame / (spread + of_frame)
-            view = self.view(seen, arc, variance, unsure, upside_down, motion.expected_rate)
+                uncertain *= of_frame / (spread + of_frame)
+            view = self.linearise(
+                seen, arc, variance, uncertain, upside_down, motion.expected_rate
+            )
             views.append(view)
             if view.information == 0:
                 return arc
-            share = spread / (spread + variance / view.information)
-            return expected + share * (view.arc - expected)
+            gain = spread / (spread + variance / view.information)
+            return expected + gain * (view.arc - expected)
 
         search_arc(expected, likeliest, _CLOSE)
         return views[-1]
 
-    def shifts(self, arc: float) -> tuple[float, float]:
-        """Deviations of an arc [rad] and of its rate, relative, by rotors that nobody told."""
-        uneven = self.far.unevenness
-        if not uneven:
+    def disorder_deviations(self, arc: float) -> tuple[float, float]:
+        """Return deviations of an arc [rad] and, relative, of its rate from unknown disorder."""
+        disorder = self.far.disorder
+        if not disorder:
             return 0.0, 0.0
         shifts = self._shifts.at(self._orbit.site(arc), self._orbit.leg(arc))
-        return uneven * shifts.arc, uneven * shifts.rate
-
-    def look_for_deformation(
-        self, view: LinearisedMeasurement, before: LinearisedMeasurement
-    ) -> None:
-        """Find rotors about the wall that are far off in a frame and in the one before.
-
-        Where deviations may be, what they and springs do not explain is no wrong reading, but of a
-        wall that is not that of the orbit, and as unsure as these rotors are off.
-        """
-        self.deformation = 0.0
-        if self.far.unevenness:
-            field = (1 + self._tracking.field_ratio) * self.far.unevenness**2 + self._elastic
-            left = np.minimum(np.abs(view.residuals), np.abs(before.residuals))
-            off = self.far.is_near(self._orbit.site(view.arc)) & ~self.far.doubtful
-            off &= left > self._bound * math.sqrt(field)
-            self.deformation = float(left[off] @ left[off])
+        return disorder * shifts.arc, disorder * shifts.rate
 
     def learn(
         self,
@@ -166,72 +151,68 @@ class OrbitMeasurementModel:
         noise: FrameNoise,
         upside_down: bool,
     ) -> bool:
-        """Learn offsets from what a view leaves; whether others are known than before.
+        """Update the offsets with a frame; return whether the set of known offsets changed.
 
-        The frame is a time [s] after the last.
+        The frame is an elapsed time [s] after the last one.
         """
         outlying = view.outlying if view.unbelieved else None
-        site = self._orbit.site(view.arc)
         residuals = view.residuals
         if self._likelihood.scales is not None:
-            unsure = self._likelihood.scales > 1.5
-            residuals = np.where(unsure, np.nan, residuals)
+            residuals = np.where(self._likelihood.scales > _LARGE_SCALE, np.nan, residuals)
+        site = self._orbit.site(view.arc)
         if not self.far.add(residuals, outlying, site, elapsed, noise.least):
             return False
         known = np.count_nonzero(self.offsets.corrections)
         self.far.learn(-1 if upside_down else 1, noise.variance)
-        self.far.look_for_doubtful(seen, view.outlying)
-        self._doubts = bool(self.far.doubtful.any())
+        self.far.find_doubtful(seen, view.outlying)
+        self._any_doubtful = bool(self.far.doubtful.any())
         return bool(np.count_nonzero(self.offsets.corrections) != known)
 
 
 _NEGLIGIBLE = 0.01
-"""Of the variance by noise, below which unseen rotors make no difference [1]."""
-_UNTOLD = 1e-6
-"""Share of the arc that the others have, below which they tell nothing of it [1]."""
+"""Share of the noise variance below which unseen rotors are neglected [1]."""
+_LEAST_SEEN = 1e-6
+"""Share of t^2 of the seen rotors below which they do not determine the arc [1]."""
 
 
 class UnseenRotorCorrection:
-    """Tells what unseen rotors do to the nearest point of an orbit."""
+    """Correction of the nearest point on the orbit for unseen rotors, held by their springs."""
 
     def __init__(self, orbit: Orbit) -> None:
-        """Work out how well slow waves leave springs in balance."""
         self._orbit = orbit
         lower, upper = (edge**2 for edge in band_edges(orbit.chain))
-        self.left = (2 * lower / (lower + upper)) ** 2
-        """Share of the variance by unseen rotors that springs leave [1]."""
+        self.remaining = (2 * lower / (lower + upper)) ** 2
+        """Share of the variance from unseen rotors that remains after the correction [1]."""
 
     def shift(
         self, arc: float, rate: float, residuals: Array, field: float, noise: float
     ) -> float:
-        """Shift of the nearest point to residuals from it [rad], shape (N,), NaN of unseen rotors.
+        """Return the shift of the arc from residuals [rad], shape (N,), NaN for unseen rotors.
 
-        It is 0 where noise hides it. The rate is that of the arc [rad/s], the variances are those
-        of a rotor by what is beside the orbit and by noise [rad^2].
+        It is 0 if noise hides it. The rate of the arc is in rad/s; a rotor has the variances
+        `field` from waves and springs, and `noise` [rad^2].
         """
         unseen = np.isnan(residuals)
         tangent = self._orbit.tangent(arc)
-        untold = float(tangent[unseen] @ tangent[unseen])
-        told = 1 - untold
-        if untold * field <= _NEGLIGIBLE * noise or told <= _UNTOLD:
+        hidden = float(tangent[unseen] @ tangent[unseen])
+        shown = 1 - hidden
+        if hidden * field <= _NEGLIGIBLE * noise or shown <= _LEAST_SEEN:
             return 0.0
         held, pull = self._balanced(arc, unseen, tangent)
-        shown = told * pull[~unseen] + untold * tangent[~unseen]
-        if untold * field * told**2 < float(shown @ shown) * noise:
+        amplified = shown * pull[~unseen] + hidden * tangent[~unseen]
+        if hidden * field * shown**2 < float(amplified @ amplified) * noise:
             return 0.0
         turning = self._orbit.chain.moments_of_inertia * self._orbit.curvature(arc) * rate**2
         return -float(held @ turning + pull[~unseen] @ residuals[~unseen])
 
     def _balanced(self, arc: float, unseen: Flags, tangent: Array) -> tuple[Array, Array]:
-        """V, which is 0 of seen rotors, and K V, which is t of unseen ones, shape (N,) each."""
+        """Return V, 0 for seen rotors, and K V, t for unseen rotors, shape (N,) each."""
         chain = self._orbit.chain
         first, second = rigidity_bands(chain, self._orbit.configuration(arc))
         rotors = np.flatnonzero(unseen)
         pulled = np.zeros((len(rotors), len(unseen)))
-        for row, rotor in enumerate(rotors):
-            pulled[row, rotor] = 1.0
-        extensions = first * pulled[:, :-1] + second * pulled[:, 1:]
-        tensions = chain.stiffnesses * extensions
+        pulled[np.arange(len(rotors)), rotors] = 1.0
+        tensions = chain.stiffnesses * (first * pulled[:, :-1] + second * pulled[:, 1:])
         stiffness = chain.gathered(first * tensions, second * tensions)
         held = np.zeros_like(tangent)
         held[rotors] = np.linalg.solve(stiffness[:, rotors], tangent[rotors])
@@ -239,47 +220,46 @@ class UnseenRotorCorrection:
 
 
 _SAMPLES = 32
-"""Places in a rotor spacing [1]: a straight line between two is right to 2 % in wobblers."""
+"""Samples per spacing [1]; linear interpolation is accurate to 2 % in wobbling flippers."""
 _LOWEST_ORDER = 0.2
-"""Share 3 mu w^2 of the energy that springs may take for the lowest order to hold [1]."""
-_ALIKE = 2
-"""Rotor spacings after which the chain about a wall is the same [1], as rotors stagger."""
+"""Largest share 3 mu w^2 of the energy in the springs for the lowest order to hold [1]."""
+_PERIOD = 2
+"""Period of the chain about a wall [rotor spacings], because rotors alternate."""
 _SLOW = 0.25
-"""Rotors that a slow wall passes in a period of the slowest phonon, at most [1]: the third of its
-harmonics is below it."""
+"""Most rotors that a slow wall passes per period of the slowest phonon [1]; the third harmonic
+then stays below the band."""
 
 
 class ComplianceCorrection:
-    """How much springs yield to a wall of a chain, by its place between two rotors."""
+    """Correction of the rate of a wall for the compliance of the springs, by the site."""
 
     def __init__(self, orbit: Orbit) -> None:
-        """Work it out in the middle of an orbit; deviations of the rotors count for nothing."""
+        """Sample the compliance in the middle of an orbit, without deviations of the rotors."""
         self._orbit = even = orbit
         chain = replace(orbit.chain, deviations=NO_DEVIATIONS)
         if orbit.chain != chain:
             even = UniformOrbit(chain)
-        begin = _ALIKE * math.floor(even.middle / _ALIKE)
-        places = begin + np.arange(_ALIKE * _SAMPLES) / _SAMPLES
-        places = np.minimum(places, chain.number_of_rotors - 1.0)
-        self._mu = [[_mu(even, even.arc_at(site, leg)) for site in places] for leg in (0, 1)]
+        begin = _PERIOD * math.floor(even.middle / _PERIOD)
+        sites = begin + np.arange(_PERIOD * _SAMPLES) / _SAMPLES
+        sites = np.minimum(sites, chain.number_of_rotors - 1.0)
+        self._mu = [[_mu(even, even.arc_at(site, leg)) for site in sites] for leg in (0, 1)]
         self._mean = float(np.mean(self._mu))
         adiabatic = _SLOW * gap(chain) * orbit.site_arc / (2 * math.pi)
         self._fastest = min(adiabatic, math.sqrt(_LOWEST_ORDER / (3 * np.max(self._mu))))
 
     def mu(self, arc: float) -> float:
-        """Mu at an arc of the orbit [s^2]."""
+        """Return the compliance mu at an arc of the orbit [s^2]."""
         samples = self._mu[self._orbit.leg(arc) % 2]
         whole, beyond = divmod(self._orbit.site(arc) * _SAMPLES, 1.0)
-        number = int(whole)
-        here, there = (samples[each % len(samples)] for each in (number, number + 1))
+        here, there = (samples[(int(whole) + step) % len(samples)] for step in (0, 1))
         return here + beyond * (there - here)
 
-    def pushed_rate(self, rate: float, momentum: float) -> float:
-        """Rate after a momentum p / I [rad/s] was added, of a wall between any two rotors."""
-        return pushed_rate(rate, momentum, self._mean)
+    def rate_after_impulse(self, rate: float, momentum: float) -> float:
+        """Return the rate after adding a momentum p / I [rad/s], for an average site."""
+        return rate_after_impulse(rate, momentum, self._mean)
 
-    def change(self, arc: float, rate: float, before: float) -> float:
-        """What springs make of the rate of a slow wall on its way to an arc, from one before."""
+    def rate_ratio(self, arc: float, rate: float, before: float) -> float:
+        """Return the factor by which springs change the rate of a slow wall between two arcs."""
         if abs(rate) > self._fastest:
             return 1.0
         square = 3 * rate * rate
@@ -287,7 +267,6 @@ class ComplianceCorrection:
 
 
 def _mu(orbit: Orbit, arc: float) -> float:
-    """Mu at an arc of the orbit of a chain without deviations [s^2]."""
     chain = orbit.chain
     bend = orbit.curvature(arc)
     first, second = rigidity_bands(chain, orbit.configuration(arc))
@@ -296,8 +275,8 @@ def _mu(orbit: Orbit, arc: float) -> float:
     return float(tensions @ tensions) * chain.moment_of_inertia / chain.stiffness
 
 
-def pushed_rate(rate: float, momentum: float, mu: float) -> float:
-    """Rate after a momentum p / I [rad/s] was added, of a wall that yields by mu [s^2]."""
-    whole = rate + 2 * mu * rate**3 + momentum
+def rate_after_impulse(rate: float, momentum: float, mu: float) -> float:
+    """Return the rate after adding a momentum p / I [rad/s], for a compliance mu [s^2]."""
+    total = rate + 2 * mu * rate**3 + momentum
     scale = math.sqrt(6 * mu)
-    return 2 / scale * math.sinh(math.asinh(1.5 * scale * whole) / 3)
+    return 2 / scale * math.sinh(math.asinh(1.5 * scale * total) / 3)

@@ -1,13 +1,14 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Where on its orbit a chain may be, from one frame alone: all the places that compete.
+"""Relocalisation: all positions of a chain on its orbit that one frame allows.
 
-The logarithm of the likelihood is scanned along the orbit with a deviation several times that of
-the noise, so that no place is between two samples. Each local maximum is refined with the noise
-itself, by reweighted Gauss and Newton steps, and counts by its share of the whole likelihood,
+The log likelihood is scanned along the orbit with a standard deviation several times the noise, so
+that no position is missed between two samples. Each local maximum is refined with the noise itself
+by reweighted Gauss-Newton steps, and weighted by its share of the total likelihood,
 
-    exp(L) sqrt(2 pi V / I)    against    integral of exp(L) ds wherever none of them is near,
+    exp(L) sqrt(2 pi V / I)    against    integral of exp(L) ds away from all of them,
 
-which is that of the frames that do not tell a place, as where no rotor near the wall is seen.
+which dominates if the frame does not determine a position, for example without a visible rotor
+near the wall.
 """
 
 from __future__ import annotations
@@ -34,7 +35,7 @@ from soliton_linkage.estimation.settings import (
     DEFAULTS,
     EstimationSettings,
     LikelihoodSettings,
-    ScanSettings,
+    TrackingSettings,
 )
 from soliton_linkage.linear.bands import penetration_depth
 from soliton_linkage.linkage.chain import Array, check_shape
@@ -42,45 +43,50 @@ from soliton_linkage.orbit.orbit import Orbit, OrbitSegment
 
 _CLOSE = 1e-5
 """Last step of a maximum of the likelihood [rad]."""
+SCAN_DEVIATION, _SCAN_STEP = 0.1, 0.05
+"""Standard deviation of a rotor in a scan, and its step along the orbit, over the swing of a
+rotor [1]."""
+_NEAR = 0.5
+"""Distance below which a sample belongs to a candidate [rotor spacings]."""
 _EXACT = 1e-8
 """Last step of the nearest point [rad]."""
 _SAME_ARC = 0.01
-"""Distance within which two maxima are the same [rad]."""
+"""Distance below which two maxima are the same [rad]."""
 _MOST_PLACES = 12
 """Largest number of maxima that are refined [1]."""
 _STEPS_OF_TABLE = 32
-"""Steps of the table of the likelihood in a deviation [1], exact to 1e-4."""
+"""Steps of the table of the likelihood per standard deviation [1], accurate to 1e-4."""
 _MOST_NUMBERS = 2_000_000
-"""Angles of a sampled orbit that are kept [1]: 16 MB."""
+"""Most angles of a sampled orbit that are stored [1]: 16 MB."""
 _MOST_SAMPLES = 500
-"""Samples of a leg of a longer orbit [1]."""
+"""Samples per leg of a longer orbit [1]."""
 
 
 class Candidate(NamedTuple):
-    """A local maximum of the likelihood along the orbit."""
+    """Local maximum of the likelihood along the orbit."""
 
     arc: float
     """Arc length [rad]."""
     upside_down: bool
     """Whether the chain is the image phi -> pi - phi of the orbit's."""
     view: LinearisedMeasurement
-    """The frame from there."""
+    """Measurement linearised there."""
     variance: float
-    """Variance of a rotor that it was seen with [rad^2]."""
+    """Variance of a rotor in that measurement [rad^2]."""
     evidence: float
-    """Logarithm of the integral of the likelihood about it [1]."""
+    """Log integral of the likelihood around the maximum [1]."""
 
 
 class CandidateSet(NamedTuple):
-    """Places of a frame, the likeliest first, and how much they leave to all others."""
+    """Candidates of a frame, the likeliest first, and the likelihood of all other positions."""
 
     candidates: list[Candidate]
     elsewhere: float
-    """Logarithm of the likelihood's integral over the arcs near none of them [1]."""
+    """Log integral of the likelihood over arcs that are near none of them [1]."""
 
     @property
     def probability(self) -> float:
-        """Probability that it is one of the places [1]."""
+        """Probability that the chain is at one of the candidates [1]."""
         if not self.candidates:
             return 0.0
         top = max(self.candidates[0].evidence, self.elsewhere)
@@ -95,7 +101,7 @@ class OrbitSamples:
     arcs: Array
     """Arc lengths [rad], shape (S,)."""
     sites: Array
-    """Places of the walls [rotor spacings], shape (S,)."""
+    """Sites of the walls [rotor spacings], shape (S,)."""
     walls: likelihood.SampledWalls
 
 
@@ -114,11 +120,11 @@ def samples_of(orbit: Orbit, arcs: Array) -> OrbitSamples:
 
 
 class Relocaliser:
-    """Searches frames for the walls of an orbit, or of its image upside down."""
+    """Search for the walls of an orbit, or of its image upside down, in single frames."""
 
-    def __init__(self, orbit: Orbit, likelihood: LikelihoodSettings, scan: ScanSettings) -> None:
-        """Sample the orbit, where it is short enough for that."""
-        self._orbit, self._settings, self._given = orbit, scan, likelihood
+    def __init__(self, orbit: Orbit, likelihood: LikelihoodSettings) -> None:
+        """Sample the orbit if it is short enough."""
+        self._orbit, self._given = orbit, likelihood
         chain = orbit.chain
         legs = range(orbit.number_of_legs)
         states = [orbit.background(orbit.arc_at(orbit.middle, leg)) for leg in legs]
@@ -128,10 +134,10 @@ class Relocaliser:
         swing = rotor_swing(chain)
         self._likelihood = FrameLikelihood(swing, likelihood)
         self._elastic = (likelihood.elastic_share * swing) ** 2
-        self._coarse = (scan.deviation * swing) ** 2
+        self._coarse = (SCAN_DEVIATION * swing) ** 2
         self._largest = min(likelihood.field_share * swing, likelihood.largest_noise) ** 2
         depth = penetration_depth(chain) / chain.spacing
-        self._step = min(scan.step * swing, max(depth, 1.0) * orbit.site_arc)
+        self._step = min(_SCAN_STEP * swing, max(depth, 1.0) * orbit.site_arc)
         self._core = math.ceil(2 + 2 * max(chain.wall_width / chain.spacing, depth))
         count = orbit.length / self._step
         self._all = None
@@ -141,9 +147,9 @@ class Relocaliser:
     def find(
         self, angles: Array, noise: float, upside_down: tuple[bool, ...] = (False, True)
     ) -> CandidateSet:
-        """Places of a frame of angles [rad], shape (N,), NaN where unknown.
+        """Return the candidates of a frame of angles [rad], shape (N,), NaN if unknown.
 
-        The noise is its standard deviation [rad] where it is known, else 0.
+        The noise is their standard deviation [rad], 0 if it is unknown.
         """
         images = {each: math.pi - angles if each else angles for each in upside_down}
         wide = max(self._coarse, (4.0 * noise) ** 2)
@@ -178,7 +184,7 @@ class Relocaliser:
         return CandidateSet(candidates, self._elsewhere(images, scans, candidates, variance))
 
     def _variance(self, image: Array, arc: float, wide: float, noise: float) -> float:
-        """Variance of a rotor [rad^2], by the median of what a place leaves of all of them."""
+        """Return the variance of a rotor [rad^2] from its median residual."""
         candidate = self._refined(image, arc, False, wide, max(wide / 4, noise**2))
         left = np.abs(candidate.view.residuals[np.isfinite(candidate.view.residuals)])
         seen = robust_deviation(left) ** 2 if len(left) > 3 else noise**2
@@ -189,7 +195,7 @@ class Relocaliser:
     def _refined(
         self, image: Array, arc: float, turned: bool, wide: float, variance: float
     ) -> Candidate:
-        """The local maximum near an arc, with a variance that comes down to that of a rotor."""
+        """Return the local maximum near an arc, with a variance that shrinks to the given one."""
         seen_with = max(wide, variance) / 2
         while seen_with > variance:
             ahead = self._view(image, arc, seen_with).arc - arc
@@ -214,7 +220,7 @@ class Relocaliser:
             about.first,
             differences,
         )
-        return self._likelihood.view(arc, about.first, about.tangent, differences, variance)
+        return self._likelihood.linearise(arc, about.first, about.tangent, differences, variance)
 
     def _elsewhere(
         self,
@@ -223,7 +229,7 @@ class Relocaliser:
         candidates: list[Candidate],
         variance: float,
     ) -> float:
-        """Logarithm of the integral of the likelihood over the arcs that are near no place."""
+        """Return the log integral of the likelihood over arcs that are near no candidate."""
         between = (self._step / 4) ** 2
         terms = []
         for turned, samples in scans:
@@ -231,7 +237,7 @@ class Relocaliser:
             for candidate in candidates:
                 if candidate.upside_down == turned:
                     apart = np.abs(samples.sites - self._orbit.site(candidate.arc))
-                    found[apart < self._settings.near] = -math.inf
+                    found[apart < _NEAR] = -math.inf
             terms.append(found)
         joined = np.concatenate(terms)
         top = float(joined.max())
@@ -242,9 +248,10 @@ class Relocaliser:
     def _scanned(
         self, image: Array, samples: OrbitSamples, variance: float, between: float = 0.0
     ) -> Array:
-        """Logarithm of the likelihood at samples, shape (S,).
+        """Return the log likelihood at samples, shape (S,).
 
-        Rotors about the wall may be off by a variance [rad^2] more, as between two samples.
+        Rotors about the wall have an additional variance [rad^2] from the distance between
+        samples.
         """
         sums, found = self._sums(image, variance), np.empty(len(samples.arcs))
         variance += between
@@ -256,7 +263,7 @@ class Relocaliser:
         return found
 
     def _sums(self, image: Array, variance: float) -> Array:
-        """Running sums of log likelihoods before the wall and beyond it, (2, legs, N + 1)."""
+        """Return running sums of log likelihoods before and beyond the wall, (2, legs, N + 1)."""
         bound, floor = self._given.bound, self._likelihood.floor(variance)
         sums = np.empty((2, len(self._before), len(image) + 1))
         for states, row in ((self._before, sums[0]), (self._beyond, sums[1])):
@@ -264,7 +271,7 @@ class Relocaliser:
         return sums
 
     def _samples(self, image: Array, variance: float) -> OrbitSamples:
-        """Samples of the whole orbit, or of where uniform parts let the wall be in a long one."""
+        """Return samples of the whole orbit or, for a long one, of its plausible part."""
         if self._all is not None:
             return self._all
         orbit, sums = self._orbit, self._sums(image, variance)
@@ -285,22 +292,21 @@ class Relocaliser:
 
 
 class ScanBudget:
-    """How many scans may be made in a second of stamps, so that no stream falls behind."""
+    """Limit of the searches per second of stamps, so that no stream falls behind."""
 
-    def __init__(self, settings: ScanSettings) -> None:
-        """Begin with as many as may be made at once."""
+    def __init__(self, settings: TrackingSettings) -> None:
         self._settings = settings
         self.restart()
 
     def restart(self) -> None:
-        """Begin anew, as where the clock was set."""
-        self._left, self._last = self._settings.burst, math.nan
+        """Refill the budget, for example after the clock was set."""
+        self._left, self._last = self._settings.scan_burst, math.nan
 
     def spend(self, time: float) -> bool:
-        """Take one at an instant [s]; say whether there was any."""
+        """Take one search at an instant [s]; return whether the budget allows it."""
         if not math.isnan(self._last):
-            gained = (time - self._last) * self._settings.rate
-            self._left = min(self._left + gained, self._settings.burst)
+            gained = (time - self._last) * self._settings.scan_rate
+            self._left = min(self._left + gained, self._settings.scan_burst)
         self._last = time
         if self._left < 1:
             return False
@@ -310,15 +316,14 @@ class ScanBudget:
 
 @dataclass(frozen=True)
 class NearestPoint:
-    """The nearest point of the orbit to a frame.
+    """Nearest point of the orbit to a frame.
 
-    arc: arc length from the start of the orbit [rad]; NaN where no rotor at all is known.
-    information: information on the arc in units of that of a noise of 1 rad [1]: 1 if all rotors
-        are seen. The standard deviation of the arc is sigma / sqrt(information) [rad]. Below 1e-6
-        the arc is not fitted, but is where it was looked for.
-    misfit: root mean square of what is left of the rotors about the wall [rad], NaN for one or
-        none. It estimates sigma: the sum of squares is divided by one less than the number of
-        rotors.
+    arc: arc length from the start of the orbit [rad]; NaN without any known rotor.
+    information: information on the arc for a noise of 1 rad [1], 1 if all rotors are seen. The
+        standard deviation of the arc is sigma / sqrt(information) [rad]. Below 1e-6 the arc is the
+        starting point of the search.
+    misfit: root mean square residual of the rotors about the wall [rad], NaN for fewer than two.
+        It estimates sigma: the divisor is the number of rotors minus one.
     """
 
     arc: float
@@ -327,12 +332,12 @@ class NearestPoint:
 
 
 def fit_near(orbit: Orbit, angles: Array, arc: float) -> NearestPoint:
-    """Nearest point of the orbit to angles [rad], shape (N,), NaN where unknown, near an arc.
+    """Return the nearest point of the orbit to angles [rad], shape (N,), near an arc.
 
-    Gauss and Newton's method, arc += t . (phi - Phi) / (t . t) over the rotors that are known,
-    with differences counted from -pi to pi. The arc may leave the range of one round, so that a
-    series of fits counts cycles. Raises ValueError for angles of another shape or infinite ones,
-    and for an arc that is not finite.
+    Unknown angles are NaN. Gauss-Newton steps arc += t . (phi - Phi) / (t . t) use known rotors,
+    with differences from -pi to pi. The arc may leave the range of one cycle, so that a series of
+    fits counts cycles. Raises ValueError for angles of another shape or infinite ones, and for an
+    arc that is not finite.
     """
     if not math.isfinite(arc):
         raise ValueError(f'arc = {arc} rad must be a finite number; start with fit_anywhere')
@@ -342,11 +347,11 @@ def fit_near(orbit: Orbit, angles: Array, arc: float) -> NearestPoint:
 def fit_anywhere(
     orbit: Orbit, angles: Array, settings: EstimationSettings = DEFAULTS
 ) -> NearestPoint:
-    """Nearest point of the orbit to angles [rad], shape (N,), NaN where unknown.
+    """Return the nearest point of the orbit to angles [rad], shape (N,), NaN if unknown.
 
-    It is near the likeliest of all candidates of `Relocaliser`. The arc is from 0 to that
-    of the whole orbit; of frames without any known angle it is NaN, and the information 0. Raises
-    ValueError for angles of another shape or infinite ones.
+    It is near the likeliest candidate of `Relocaliser`, with an arc in the range of the orbit.
+    Without any known angle the arc is NaN and the information 0. Raises ValueError for angles of
+    another shape or infinite ones.
     """
     frame = _checked(orbit, angles)
     found = _search(orbit, settings).find(frame, 0.0, (False,)).candidates
@@ -358,8 +363,8 @@ def fit_anywhere(
 
 @lru_cache(maxsize=1)
 def _search(orbit: Orbit, settings: EstimationSettings) -> Relocaliser:
-    """Search of an orbit, of which sampling it is the most: frames come from one at a time."""
-    return Relocaliser(orbit, settings.likelihood, settings.scan)
+    """Return the search of an orbit; the latest one is cached because sampling is slow."""
+    return Relocaliser(orbit, settings.likelihood)
 
 
 def _fit_near(orbit: Orbit, frame: Array, arc: float) -> NearestPoint:
@@ -382,10 +387,7 @@ def _fit_near(orbit: Orbit, frame: Array, arc: float) -> NearestPoint:
 
 
 def _compared(frame: Array, about: OrbitSegment) -> tuple[Array, Array]:
-    """Differences from the orbit [rad], -pi to pi, and tangent [1] of the rotors that are known.
-
-    Only those about the wall, shape (known,) each.
-    """
+    """Return differences [rad], -pi to pi, and tangent [1] of the known rotors about the wall."""
     difference = frame[about.first : about.first + len(about.angles)] - about.angles
     difference -= 2 * math.pi * np.rint(difference * (0.5 / math.pi))
     if math.isfinite(difference @ difference):
@@ -395,7 +397,6 @@ def _compared(frame: Array, about: OrbitSegment) -> tuple[Array, Array]:
 
 
 def _checked(orbit: Orbit, angles: Array) -> Array:
-    """Angles as an array; ValueError where they are infinite or not one a rotor."""
     frame = np.asarray(angles, dtype=np.float64)
     check_shape(frame, orbit.chain.number_of_rotors)
     infinite = np.isinf(frame)

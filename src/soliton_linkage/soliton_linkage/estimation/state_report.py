@@ -15,7 +15,6 @@ from numpy.typing import ArrayLike
 
 from soliton_linkage.estimation import state_loops
 from soliton_linkage.estimation.frames import Flags
-from soliton_linkage.estimation.settings import DEFAULTS, ReportSettings
 from soliton_linkage.linear.bands import couplings, penetration_depth, winding_number
 from soliton_linkage.linkage.chain import Array, Chain, Motion, check_shape
 
@@ -122,6 +121,8 @@ class ArcRate(NamedTuple):
     deviation: float = 0.0
 
 
+_DOMAIN = 0.5
+"""Least polarisation of a bond in a domain, over the uniform one [1]."""
 EXACT = FrameErrors()
 _NO_TURNS = (math.nan, math.nan)
 
@@ -153,14 +154,14 @@ class FrameState:
         return np.asarray(self.springs[2])
 
 
-def energy_reach(chain: Chain, settings: ReportSettings = DEFAULTS.report) -> float:
+def energy_reach(chain: Chain) -> float:
     """Return the distance from a wall beyond which energy counts as wake [rotor spacings].
 
     The energy of a moving wall falls as e^(-2 x / ell) or faster, so that at most e^-16 of it is
     beyond 8 ell / a. Three spacings hold the core near d = 1, where ell vanishes.
     """
     depth = penetration_depth(chain) / chain.spacing
-    return settings.reach_in_depths * depth + settings.reach_beside
+    return 8 * depth + 3
 
 
 class StateReporter:
@@ -169,10 +170,10 @@ class StateReporter:
     Sites of walls are in rotor spacings, shape () or (W,), NaN or empty without a wall.
     """
 
-    def __init__(self, chain: Chain, settings: ReportSettings = DEFAULTS.report) -> None:
+    def __init__(self, chain: Chain) -> None:
         self.chain = chain
-        self._reach = energy_reach(chain, settings)
-        self._domain = settings.domain
+        self._reach = energy_reach(chain)
+
         self._springs = np.tile(0.5 * chain.stiffnesses, (3, 1))
         self._rotors = np.tile(0.5 * chain.moments_of_inertia, (3, 1))
         self._rotors[2] = 0.0
@@ -220,7 +221,7 @@ class StateReporter:
             check_shape(rates, chain.number_of_rotors, 'rate')
             rotors[2] = rates
         before, beyond = self._bonds_beside(walls)
-        domain = self._domain * self._uniform
+        domain = _DOMAIN * self._uniform
         self._scope[0] = errors.noise, noise, self._reach, before, beyond, domain
         shape, sides, elastic, kinetic = state_loops.report(
             state,

@@ -1,152 +1,238 @@
 # SPDX-License-Identifier: Apache-2.0
-"""One wall that is followed: where it is, how fast it goes, and who it is."""
+"""Track of one wall with either measurement model, and the encounter of two tracks."""
 
 from __future__ import annotations
 
 import math
 from typing import NamedTuple
 
-from soliton_linkage.estimation.estimates import OrbitEstimate, TrackingStatus
+from soliton_linkage.estimation.estimates import EventKind, OrbitEstimate, TrackingStatus
 from soliton_linkage.estimation.lattice import LatticeCoordinates
 from soliton_linkage.estimation.multiple_model_filter import MultipleModelFilter
-from soliton_linkage.estimation.settings import FilterSettings
+from soliton_linkage.estimation.settings import EstimationSettings, WallSettings
 
-_MEMORY = 100
-"""Frames over which what lasts is averaged [1]."""
-_SETTLED = 10.0
-"""Frames in which it is known what springs do to a wall [1]."""
-_SIGNIFICANCE = 3.0
-"""Deviations of chance from which on it is believed [1]."""
+_MEMORY, _SIGNIFICANCE = 100, 3.0
+"""Frames in the average of persistent residuals, and the standard deviations of noise at which
+they are accepted [1]."""
+_AVERAGED = 20
+"""Frames in the average of the variance of a fit [1]; few rotors determine it badly."""
 
 
 class WallMeasurement(NamedTuple):
-    """A wall as one frame shows it."""
+    """Measurement of a wall by one frame: a fitted shape, or the estimate on the orbit."""
 
     rotor: float
     """Centre [rotor spacings]."""
     deviation: float
-    """Standard deviation of the centre [rotor spacings], NaN where it is not known."""
+    """Standard deviation of the centre [rotor spacings], NaN if unknown."""
     charge: int
-    """+1 or -1."""
-    of_width: tuple[float, float]
-    """Width and its standard deviation [m], NaN where they cannot be told."""
+    """Charge, +1 or -1."""
+    width: tuple[float, float] = (math.nan, math.nan)
+    """Width and its standard deviation [m], NaN if unknown."""
     lasting: float = 0.0
-    """Variance of the centre by what lasts, or by chance [rotor spacings^2]."""
-    chance: float = 0.0
-    """Square of what chance makes of it [rotor spacings^4]."""
-    unknown: float = 0.0
-    """Variance of the centre by what springs may do to a wall [rotor spacings^2]."""
-    untold: float = 0.0
-    """Variance of the centre by deviations that nobody told [rotor spacings^2]."""
+    """Variance of the centre from persistent residuals, with noise [rotor spacings^2]."""
+    noise: float = 0.0
+    """Variance of that quantity from noise [rotor spacings^4]."""
+    elastic: float = 0.0
+    """Prior variance of the centre from the deformation by springs [rotor spacings^2]."""
+    estimate: OrbitEstimate | None = None
+    """Filtered estimate on the orbit, which replaces the filter of the track."""
 
 
 class WallTrack:
-    """A wall, of which frames show the place, or a filter elsewhere does."""
+    """Track of a wall; its filter is its own, or the `OrbitFilter` of a wall on the orbit."""
 
     def __init__(
-        self, line: LatticeCoordinates, charge: int, scale: float, site_arc: float
+        self,
+        line: LatticeCoordinates,
+        charge: int,
+        scale: float,
+        site_arc: float,
+        settings: EstimationSettings,
     ) -> None:
-        """Begin without a place; the scale is that of rates [rad/s], the arc that of a site."""
-        self._line, self._scale, self._arc = line, scale, site_arc
+        """Start without a measurement; rates are of the scale [rad/s], a site has an arc [rad]."""
+        self._line, self._scale, self._arc, self._settings = line, scale, site_arc, settings
         self.charge = charge
         self.id = 0
-        """Its name from 1 on, 0 until it is sure that there is one."""
-        self.rotor = self.site_rate = math.nan
-        self.deviation = self.rate_deviation = math.nan
-        self.frames = 0
-        """Frames that showed it."""
-        self.missed = 0
-        """Frames running that did not."""
+        """Identifier from 1 on, 0 until the wall is confirmed."""
+        self.rotor = self.rate = self.deviation = self.rate_deviation = math.nan
+        self.frames = self.missed = 0
+        """Number of frames with this wall, and number of missed frames since the last one."""
         self.last_seen = math.nan
-        """Instant of the last frame that showed it [s]."""
-        self.seen: WallMeasurement | None = None
-        """As the last frame showed it."""
+        """Instant of the last frame with this wall [s]."""
+        self.width = math.nan, math.nan
+        """Width and its standard deviation [m], NaN if unknown."""
         self.energy = math.nan
-        """When it was last free of edges and others, where that was looked at [J]."""
+        """Energy while it was last free of edges and other walls [J]."""
         self.was_free = False
-        """Whether it was so in the frame before."""
+        """Whether it was free in the preceding frame."""
         self._motion: MultipleModelFilter | None = None
-        self._variance = self._lasting = self._chance = 0.0
+        self._variance = self._lasting = self._noise = 0.0
 
     @property
     def is_seen(self) -> bool:
-        """Whether the last frame showed it."""
+        """Whether the last frame showed this wall."""
         return self.missed == 0 and self.frames > 0
 
     @property
     def status(self) -> TrackingStatus:
-        """What it rests on."""
+        """Basis of the track."""
         if not self.is_seen:
             return TrackingStatus.COASTING
         return TrackingStatus.TRACKING if self.frames > 1 else TrackingStatus.ACQUIRED
 
-    @property
-    def deviation_squared(self) -> float:
-        """Variance of a place as one frame shows it [rotor spacings^2], 0 before any."""
-        return self._variance
-
-    def predicted(self, elapsed: float) -> tuple[float, float]:
-        """Place a time [s] after the last frame [rotor spacings], and its variance."""
+    def predict(self, elapsed: float) -> tuple[float, float]:
+        """Predict the site after a time [s]; return it and its variance, with one measurement."""
         if self._motion is None:
-            rate = self.site_rate if math.isfinite(self.site_rate) else 0.0
-            unsure = 0.0 if rate else self._scale / self._arc * elapsed
-            return self._line.on_it(self.rotor + rate * elapsed), unsure**2
-        self._motion.predict(elapsed, self._line.edge_distance(self.rotor) < self._line.edge)
+            rate = self.rate if math.isfinite(self.rate) else 0.0
+            spread = 0.0 if rate else self._scale / self._arc * elapsed
+            return self._line.wrap(self.rotor + rate * elapsed), spread**2 + self._variance
+        self._motion.predict(elapsed, self._line.edge_distance(self.rotor) < self._line.near)
         site, variance = self._motion.expected / self._arc, self._motion.expected_variance
-        return self._line.on_it(site), variance / self._arc**2
+        return self._line.wrap(site), variance / self._arc**2 + self._variance
 
-    def take(self, seen: WallMeasurement, time: float, settings: FilterSettings) -> None:
-        """Take in what a frame shows, after `predicted`."""
-        self._note(time)
-        self.seen = seen
-        one = seen.deviation**2 if math.isfinite(seen.deviation) else self._line.width**2
-        # By few rotors a deviation is told badly: that of several frames is better.
-        share = 1 / min(self.frames, 20)
-        self._variance += share * (one - self._variance)
+    def update(self, measured: WallMeasurement, time: float) -> None:
+        """Update with a measurement of an instant [s], after `predict`."""
+        self.frames += 1
+        self.missed, self.last_seen, self.width = 0, time, measured.width
+        wall = measured.estimate
+        if wall is not None:
+            self.rotor, self.rate = wall.site, wall.site_rate
+            self.deviation, self.rate_deviation = wall.site_deviation, wall.site_rate_deviation
+            self._motion, self._variance = None, 0.0
+            return
+        one = measured.deviation**2 if math.isfinite(measured.deviation) else self._line.width**2
+        self._variance += (one - self._variance) / min(self.frames, _AVERAGED)
         variance = max(self._variance, 1e-12) * self._arc**2
         if self._motion is None:
-            self._motion = MultipleModelFilter(
-                seen.rotor * self._arc, variance, self._scale, self._arc, settings
-            )
+            arc, given = measured.rotor * self._arc, self._settings.filter
+            self._motion = MultipleModelFilter(arc, variance, self._scale, self._arc, given)
         else:
             expected = self._motion.expected / self._arc
-            site = expected + self._line.apart(seen.rotor, self._line.on_it(expected))
-            self._motion.update(site * self._arc, variance)
+            apart = self._line.separation(measured.rotor, self._line.wrap(expected))
+            self._motion.update((expected + apart) * self._arc, variance)
         arc, rate, of_arc, _, of_rate = self._motion.summary
-        self.rotor = self._line.on_it(arc / self._arc)
-        self.site_rate = rate / self._arc
-        # What lasts shifts the wall until it has moved on, however many frames show it.
-        beside = self._seen_to_last(seen) + seen.untold
-        of_rate += beside * (rate / settings.bias_way) ** 2
-        self.deviation = math.sqrt(of_arc / self._arc**2 + beside)
+        self.rotor, self.rate = self._line.wrap(arc / self._arc), rate / self._arc
+        # Persistent residuals shift the wall until it has moved on, in any number of frames.
+        lasting = self._lasting_variance(measured)
+        of_rate += lasting * (rate / self._settings.filter.bias_way) ** 2
+        self.deviation = math.sqrt(of_arc / self._arc**2 + lasting)
         self.rate_deviation = math.sqrt(of_rate) / self._arc
 
-    def _seen_to_last(self, seen: WallMeasurement) -> float:
-        """Variance of the place by what shapes leave of frame after frame [rotor spacings^2]."""
-        share = 1 / min(self.frames, _MEMORY)
-        self._lasting += share * (seen.lasting - self._lasting)
-        self._chance += share * (seen.chance - self._chance)
-        sure = self._lasting > _SIGNIFICANCE * math.sqrt(share * self._chance)
-        unknown = seen.unknown * math.exp(-self.frames / _SETTLED)
-        return unknown + (self._lasting if sure else 0.0)
-
-    def follow(self, wall: OrbitEstimate, time: float) -> None:
-        """Be where the filter of the orbit has it."""
-        self._note(time)
-        self.rotor, self.site_rate = wall.site, wall.site_rate
-        self.deviation, self.rate_deviation = wall.site_deviation, wall.site_rate_deviation
-        self._motion, self._variance, self.seen = None, 0.0, None
-
-    def miss(self) -> None:
-        """Not be shown by a frame."""
-        self.missed += 1
+    def _lasting_variance(self, measured: WallMeasurement) -> float:
+        """Return the variance of the site from persistent residuals [rotor spacings^2]."""
+        gain = 1 / min(self.frames, _MEMORY)
+        self._lasting += gain * (measured.lasting - self._lasting)
+        self._noise += gain * (measured.noise - self._noise)
+        significant = self._lasting > _SIGNIFICANCE * math.sqrt(gain * self._noise)
+        elastic = measured.elastic * math.exp(-self.frames / self._settings.tracking.settled)
+        return elastic + (self._lasting if significant else 0.0)
 
     def stop(self) -> None:
-        """Forget how it moved, as it has met another."""
-        self._motion, self._variance, self.frames = None, 0.0, 0
-        self._lasting = self._chance = 0.0
-        self.site_rate = math.nan
+        """Discard the motion, for example after a collision."""
+        self._motion, self.frames = None, 0
+        self._variance = self._lasting = self._noise = 0.0
+        self.rate = math.nan
 
-    def _note(self, time: float) -> None:
-        self.frames += 1
-        self.missed, self.last_seen = 0, time
+
+class Encounter:
+    """Encounter of two neighbouring walls, from their approach until they separate."""
+
+    def __init__(
+        self,
+        line: LatticeCoordinates,
+        settings: WallSettings,
+        left: WallTrack,
+        right: WallTrack,
+        time: float,
+        energy: float,
+    ) -> None:
+        """Start at an instant [s] with the energy [J] within reach of both walls."""
+        self._line, self._settings = line, settings
+        self.left, self.right = left, right
+        self.energy = energy
+        """Energy within reach of both before, or of the breather when it formed [J]."""
+        self.collisions = 0
+        """Number of overlaps."""
+        self.breather = 0
+        """Identifier of the breather, 0 without one."""
+        self.overlaps = False
+        """Whether the last frame showed neither wall."""
+        self.when = self._moved = time
+        """Instant of the smallest distance, or of the first overlap [s]."""
+        self.site = line.midpoint(left.rotor, right.rotor)
+        """Midpoint at that instant [rotor spacings]."""
+        self.passed = False
+        """Whether they have passed through each other an odd number of times."""
+        self._turn = 0
+        self._distance = abs(line.separation(right.rotor, left.rotor))
+        self._initial = self._closest = self._distance
+        self._onset = self._peak = 0.0
+        self._overlapped_since = math.nan
+
+    @property
+    def both_seen(self) -> bool:
+        """Whether the last frame showed both walls."""
+        return self.left.is_seen and self.right.is_seen
+
+    @property
+    def ids_before(self) -> tuple[int, ...]:
+        """Identifiers from left to right before the encounter, or that of the breather."""
+        ids = self.left.id, self.right.id
+        return (self.breather,) if self.breather else ids[::-1] if self.passed else ids
+
+    def add_seen(self, time: float, turn: int) -> None:
+        """Add a frame with both walls, given the turning sense of the rotors between them.
+
+        The sense is +1 or -1 for spinners, and 0 if it is unknown.
+        """
+        self.overlaps, self._moved = False, time
+        self._distance = abs(self._line.separation(self.right.rotor, self.left.rotor))
+        self._peak = max(self._peak, self._distance)
+        if not self.collisions and self._distance < self._closest:
+            self._closest, self.when = self._distance, time
+            self.site = self._line.midpoint(self.left.rotor, self.right.rotor)
+        if turn and self._turn and turn != self._turn:
+            self.passed = not self.passed
+            self.left.id, self.right.id = self.right.id, self.left.id
+        self._turn = turn or self._turn
+
+    def add_overlap(self, time: float, swing: float) -> None:
+        """Add a frame without both walls, given the largest swing of a rotor about the site.
+
+        The swing is relative to the swing between the uniform states [1]. A small separation may
+        be noise and continues the same collision.
+        """
+        if not self.overlaps:
+            if not self.collisions or self._peak > self._onset + self._line.width / 4:
+                self.collisions += 1
+            if self.collisions == 1:
+                self.when = time
+            self._onset, self._peak = self._distance, 0.0
+            self._overlapped_since = time
+        self.overlaps = True
+        if swing > self._settings.lump_share:
+            self._moved = time
+
+    def is_over(self) -> bool:
+        """Return whether the walls have separated."""
+        return self.both_seen and self._distance > self._line.parted
+
+    def outcome(self, time: float) -> EventKind | None:
+        """Return the outcome by now, None while it is open and if there is none."""
+        if self.is_over():
+            nearer = self._initial - self._closest
+            if self.breather:
+                return EventKind.BREATHER_DECAYED
+            if self.collisions or nearer > max(0.2 * self._initial, self._line.width / 2):
+                return EventKind.PASSING if self.passed else EventKind.BOUNCE
+            return None
+        quiet = self._settings.quiet_periods * self._line.period
+        if self.overlaps and time - self._moved > quiet:
+            return EventKind.BREATHER_DECAYED if self.breather else EventKind.ANNIHILATION
+        lasting = self.overlaps and time - self._overlapped_since > 4 * quiet
+        if not self.breather and (
+            lasting or self.collisions >= self._settings.breather_collisions
+        ):
+            return EventKind.BREATHER_FORMED
+        return None

@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Follows all walls of a chain: each keeps its name from when it comes until it goes.
+"""Tracker of all walls of a chain, which keep their identifiers, and detector of events.
 
-Each has a filter of its own, by which it is expected in the next frame; what that shows is paired
-with what was expected. What is left over on either side has come or gone: at an edge, where it
-may come back, as two that overlap or part, or unseen.
+Each wall has a track that predicts it in the next frame; measurements are assigned to predictions.
+An unassigned track or measurement belongs to a wall that left or came: at an edge, where it may
+return, in an encounter with another wall, or unseen.
 """
 
 from __future__ import annotations
@@ -16,90 +16,53 @@ from typing import NamedTuple
 import numpy as np
 from scipy.optimize import linear_sum_assignment
 
-from soliton_linkage.estimation.encounter import Encounter
-from soliton_linkage.estimation.estimates import EventKind, OrbitEstimate, SolitonEvent
+from soliton_linkage.estimation.estimates import EventKind, SolitonEvent
 from soliton_linkage.estimation.lattice import LatticeCoordinates, WallFrame
-from soliton_linkage.estimation.settings import EstimationSettings, WallSettings
-from soliton_linkage.estimation.wall_track import WallMeasurement, WallTrack
+from soliton_linkage.estimation.settings import EstimationSettings
+from soliton_linkage.estimation.wall_track import Encounter, WallMeasurement, WallTrack
 
 _LONGEST_DELAY = 2.0
-"""Time within which a wall that left an edge is reported, far from it or not [s]."""
+"""Longest delay of the event of a wall that came from an edge [s]."""
 _FORBIDDEN = 1e9
-"""Square of deviations [1] between walls that cannot be the same."""
+"""Cost of a forbidden assignment, above any square of a gate [1]."""
 
 
 class PredictedWall(NamedTuple):
-    """Where a wall is expected."""
+    """Prediction of a wall."""
 
     rotor: float
     """Centre [rotor spacings]."""
     variance: float
-    """Of the centre [rotor spacings^2]."""
+    """Variance of the centre [rotor spacings^2]."""
     charge: int
-    """+1 or -1."""
+    """Charge, +1 or -1."""
 
 
-def assigned(
+def assign(
     line: LatticeCoordinates,
-    expected: Sequence[PredictedWall],
+    predicted: Sequence[PredictedWall],
     seen: Sequence[WallMeasurement],
     gate: float,
 ) -> dict[int, int]:
-    """Index of the wall that is seen, by that of the one expected; both without those left over.
+    """Return the index of the measurement assigned to each prediction.
 
-    Of all ways to pair walls of the same charge that are no more than a gate [deviations] apart
-    it takes that with the most pairs, and of these that with the least sum of squares.
+    Pairs have equal charges and differ by less than a gate in standard deviations. The result has
+    the most pairs and, among these, the least sum of squares.
     """
-    if not expected or not seen:
+    if not predicted or not seen:
         return {}
-    costs = np.full((len(expected), len(seen)), _FORBIDDEN)
-    for row, wall in enumerate(expected):
+    costs = np.full((len(predicted), len(seen)), _FORBIDDEN)
+    for row, wall in enumerate(predicted):
         for column, other in enumerate(seen):
-            square = line.apart(other.rotor, wall.rotor) ** 2 / wall.variance
+            square = line.separation(other.rotor, wall.rotor) ** 2 / wall.variance
             if wall.charge == other.charge and square < gate**2:
                 costs[row, column] = square
     pairs = zip(*linear_sum_assignment(costs), strict=True)
     return {int(row): int(column) for row, column in pairs if costs[row, column] < _FORBIDDEN}
 
 
-class EdgeWalls:
-    """The walls that are at the edges of a chain."""
-
-    def __init__(self, line: LatticeCoordinates, settings: WallSettings, swing: float) -> None:
-        """Begin without any; the swing at an edge takes as long as so many rotor spacings."""
-        self._line, self._settings = line, settings
-        self._way = swing + 2 * line.edge
-        self._waiting: list[tuple[float, WallTrack]] = []
-        """When each has been there too long to come back [s]."""
-
-    def __len__(self) -> int:
-        """How many there are."""
-        return len(self._waiting)
-
-    def add(self, track: WallTrack) -> None:
-        """A wall is seen no more that was near an edge."""
-        speed = abs(track.site_rate) if math.isfinite(track.site_rate) else 0.0
-        patience = self._settings.edge_patience * self._way / max(speed, 1e-9)
-        until = track.last_seen + min(patience, self._settings.longest_wait)
-        self._waiting.append((until, track))
-
-    def taken(self, rotor: float, charge: int) -> WallTrack | None:
-        """The wall that comes back from the edge nearest to a place, None where it is another."""
-        edge = self._line.edge_of(rotor)
-        for index, (_, track) in enumerate(self._waiting):
-            if self._line.edge_of(track.rotor) == edge and track.charge == charge:
-                return self._waiting.pop(index)[1]
-        return None
-
-    def too_long(self, time: float) -> list[WallTrack]:
-        """Walls that will not come back any more, which are forgotten."""
-        gone = [track for until, track in self._waiting if time > until]
-        self._waiting = [each for each in self._waiting if time <= each[0]]
-        return gone
-
-
 class WallTracker:
-    """Names the walls of frames, as they come, and tells what happens to them."""
+    """Tracker that identifies the walls of successive frames and reports events."""
 
     def __init__(
         self,
@@ -109,172 +72,145 @@ class WallTracker:
         swing: float,
         settings: EstimationSettings,
     ) -> None:
-        """Begin without walls.
+        """Start without walls.
 
-        Rates are of the scale [rad/s] and the arc from one rotor to the next is the site arc
-        [rad]; the swing at an edge takes as long as a way of so many rotor spacings.
+        Rates are of the scale [rad/s]; the arc from one rotor to the next is the site arc [rad].
+        The swing is the length of the motion at an edge [rotor spacings].
         """
-        self._line, self._scale, self._arc, self._swing = line, scale, site_arc, swing
-        self._settings, self._walls = settings, settings.walls
+        self._line, self._scale, self._arc = line, scale, site_arc
+        self._edge_way = swing + 2 * line.near
+        self._settings, self._gate = settings, settings.tracking.gate
         self._next = 1
         self.restart()
 
     def restart(self) -> None:
-        """Forget all walls, as where a new record begins; names are not given again."""
+        """Discard all walls, for example at a new record; identifiers are not reused."""
         self._tracks: list[WallTrack] = []
         self._encounters: list[Encounter] = []
-        self._waits = EdgeWalls(self._line, self._walls, self._swing)
-        self._untold: list[tuple[SolitonEvent, WallTrack]] = []
+        self._at_edges: list[tuple[float, WallTrack]] = []
+        self._pending: list[tuple[SolitonEvent, WallTrack]] = []
         self._events: list[SolitonEvent] = []
         self._time, self._frames = math.nan, 0
 
-    def follow(
-        self, time: float, wall: OrbitEstimate | None, frame: WallFrame
+    def update(
+        self, time: float, seen: Sequence[WallMeasurement], frame: WallFrame, confirming: int
     ) -> tuple[list[WallTrack], list[SolitonEvent]]:
-        """Take a frame [s] that shows one kink, where the orbit has it, or no wall at all.
+        """Update with the walls of a frame [s]; a number of frames confirms a change.
 
-        Returns the walls with a name that it shows, from rotor 0 on, and what happened.
+        Returns the identified walls of the frame, from rotor 0 on, and the new events.
         """
-        if wall is not None and self._goes_on(wall):
-            self._time = time
-            self._frames += 1
-            self._tracks[0].follow(wall, time)
+        elapsed = time - self._time if self._frames else 0.0
+        self._time, self._events = time, []
+        self._frames += 1
+        if self._is_undisturbed(seen):
+            self._tracks[0].update(seen[0], time)
             return list(self._tracks), []
-        self._begin(time)
-        if wall is not None:
-            kinks = [each for each in self._tracks if each.charge > 0 and not self._overlap(each)]
-            same = min(kinks, key=lambda each: self._way(each, wall.site), default=None)
-            if same is None or self._way(same, wall.site) > self._line.near:
-                same = self._new(1)
-            same.follow(wall, time)
-        for track in self._tracks:
-            if track.last_seen != time:
-                track.miss()
-        return self._resolved(time, frame, 1)
-
-    def _goes_on(self, wall: OrbitEstimate) -> bool:
-        """Whether it is the only wall that there was, far from the edges: nothing can happen."""
-        if len(self._tracks) != 1 or self._encounters or self._untold or self._waits:
-            return False
-        track = self._tracks[0]
-        free = track.was_free and self._line.edge_distance(wall.site) > self._line.free
-        return free and track.id > 0 and self._way(track, wall.site) < self._line.near
-
-    def take(
-        self, time: float, seen: Sequence[WallMeasurement], frame: WallFrame
-    ) -> tuple[list[WallTrack], list[SolitonEvent]]:
-        """Take the walls that a frame [s] shows; returns what `follow` does."""
-        elapsed = self._begin(time)
-        followed = list(self._tracks)
-        expected = [self._expected(track, elapsed) for track in followed]
-        pairs = assigned(self._line, expected, seen, self._settings.tracking.gate)
+        tracks, line = list(self._tracks), self._line
+        predicted = [self._predict(track, elapsed) for track in tracks]
+        pairs = assign(line, predicted, seen, self._gate)
         for row, column in pairs.items():
-            followed[row].take(seen[column], time, self._settings.filter)
-        left = [track for row, track in enumerate(followed) if row not in pairs]
+            tracks[row].update(seen[column], time)
+        # The others may have moved unexpectedly, if they are near each other.
+        left = [track for row, track in enumerate(tracks) if row not in pairs]
         others = [wall for column, wall in enumerate(seen) if column not in pairs.values()]
-        self._pair_the_rest(left, others, time)
-        return self._resolved(time, frame, int(self._settings.tracking.confirming_frames))
-
-    def _pair_the_rest(
-        self, left: list[WallTrack], others: list[WallMeasurement], time: float
-    ) -> None:
-        """Pair walls that are not where they were expected: there is no other that they may be."""
-        reach = (self._line.parted / self._settings.tracking.gate) ** 2
-        expected = [PredictedWall(each.rotor, reach, each.charge) for each in left]
-        pairs = assigned(self._line, expected, others, self._settings.tracking.gate)
+        variance = (line.parted / self._gate) ** 2
+        predicted = [PredictedWall(each.rotor, variance, each.charge) for each in left]
+        pairs = assign(line, predicted, others, self._gate)
         for row, track in enumerate(left):
             if row in pairs:
                 track.stop()
-                track.take(others[pairs[row]], time, self._settings.filter)
+                track.update(others[pairs[row]], time)
             else:
-                track.miss()
+                track.missed += 1
         for column, wall in enumerate(others):
             if column not in pairs.values():
-                self._new(wall.charge).take(wall, time, self._settings.filter)
+                track = WallTrack(line, wall.charge, self._scale, self._arc, self._settings)
+                track.update(wall, time)
+                self._tracks.append(track)
+        return self._resolve(time, frame, confirming)
 
-    def _begin(self, time: float) -> float:
-        elapsed = time - self._time if self._frames else 0.0
-        self._time = time
-        self._frames += 1
-        self._events = []
-        return elapsed
+    def _is_undisturbed(self, seen: Sequence[WallMeasurement]) -> bool:
+        """Return whether the only wall is on the orbit, far from the edges, so no event occurs."""
+        if len(self._tracks) != 1 or len(seen) != 1 or seen[0].estimate is None:
+            return False
+        if self._encounters or self._pending or self._at_edges:
+            return False
+        track, site = self._tracks[0], seen[0].rotor
+        free = track.was_free and self._line.edge_distance(site) > self._line.near
+        same = track.charge == seen[0].charge and self._distance(track, site) < self._line.near
+        return free and same and track.id > 0
 
-    def _new(self, charge: int) -> WallTrack:
-        track = WallTrack(self._line, charge, self._scale, self._arc)
-        self._tracks.append(track)
-        return track
-
-    def _way(self, track: WallTrack, rotor: float) -> float:
-        return abs(self._line.apart(track.rotor, rotor))
+    def _distance(self, track: WallTrack, rotor: float) -> float:
+        return abs(self._line.separation(track.rotor, rotor))
 
     def _overlap(self, track: WallTrack) -> Encounter | None:
-        """The encounter in which a wall is not seen as it overlaps with another."""
+        """Return the encounter in which a wall is unseen because it overlaps another one."""
         for each in self._encounters:
             if each.overlaps and track in (each.left, each.right):
                 return each
         return None
 
-    def _expected(self, track: WallTrack, elapsed: float) -> PredictedWall:
+    def _predict(self, track: WallTrack, elapsed: float) -> PredictedWall:
         encounter = self._overlap(track)
-        gate = self._settings.tracking.gate
         if encounter is not None:
-            variance = (self._line.parted / gate) ** 2
+            variance = (self._line.parted / self._gate) ** 2
             return PredictedWall(encounter.site, variance, track.charge)
-        site, variance = track.predicted(elapsed)
-        unsure = (0.5 * max(self._line.width, 1.0)) ** 2 / gate
-        return PredictedWall(site, variance + track.deviation_squared + unsure, track.charge)
+        site, variance = track.predict(elapsed)
+        margin = (0.5 * max(self._line.width, 1.0)) ** 2 / self._gate
+        return PredictedWall(site, variance + margin, track.charge)
 
-    def _resolved(
-        self, time: float, frame: WallFrame, needed: int
+    def _resolve(
+        self, time: float, frame: WallFrame, confirming: int
     ) -> tuple[list[WallTrack], list[SolitonEvent]]:
-        """Find out who came and who went, of walls that so many frames have to show or not."""
+        """Identify new walls, and find out what became of unseen ones."""
         self._tracks = [each for each in self._tracks if each.id or each.is_seen]
-        self._name_new_ones(time, frame, needed)
-        self._look_at_encounters(time, frame)
-        self._let_go(time, frame, needed)
-        for track in self._waits.too_long(time):
-            edge, ids = self._line.edge_of(track.rotor), ((track.id,), ())
-            charges, energies = (track.charge, 0), (track.energy, 0.0)
-            self._tell(EventKind.DEATH_AT_EDGE, track.last_seen, edge, ids, charges, energies)
+        self._identify_new(time, frame, confirming)
+        self._update_encounters(time, frame)
+        self._resolve_missing(time, frame, confirming)
+        for until, track in self._at_edges:
+            if time > until:
+                edge, ids = self._line.nearest_edge(track.rotor), ((track.id,), ())
+                charges, energies = (track.charge, 0), (track.energy, 0.0)
+                self._add(EventKind.DEATH_AT_EDGE, track.last_seen, edge, ids, charges, energies)
+        self._at_edges = [each for each in self._at_edges if time <= each[0]]
         shown = sorted(
             (each for each in self._tracks if each.id and each.is_seen),
             key=lambda each: each.rotor,
         )
-        self._note_energies(shown, frame)
+        self._record_energies(shown, frame)
         self._find_encounters(time, shown, frame)
-        self._tell_those_that_left(time, frame)
+        self._report_pending(time, frame)
         return shown, self._events
 
-    def _name_new_ones(self, time: float, frame: WallFrame, needed: int) -> None:
-        """Give names to walls that are sure."""
-        new = [each for each in self._tracks if not each.id and self._is_sure(each, needed)]
+    def _identify_new(self, time: float, frame: WallFrame, confirming: int) -> None:
+        new = [each for each in self._tracks if not each.id and self._confirmed(each, confirming)]
         for track in sorted(new, key=lambda each: each.rotor):
             if track.id:
                 continue
-            if self._frames <= needed:
-                self._found(track, time, frame)
+            if self._frames <= confirming:
+                self._add_found(track, time, frame)
             elif self._is_at_edge(track):
-                self._came_from_edge(track, time)
+                self._add_from_edge(track, time)
             else:
-                self._came_inside(track, new, time, frame)
+                self._add_inside(track, new, time, frame)
 
-    def _is_sure(self, track: WallTrack, needed: int) -> bool:
-        """What is read wrongly makes two walls side by side; a wall alone is one."""
-        if track.frames >= min(needed, self._frames) or self._is_at_edge(track):
+    def _confirmed(self, track: WallTrack, confirming: int) -> bool:
+        """Return whether a new wall is real: wrong readings appear as a pair of walls."""
+        if track.frames >= min(confirming, self._frames) or self._is_at_edge(track):
             return True
         return not any(
             each.is_seen and not each.id and each.charge == -track.charge for each in self._tracks
         )
 
     def _is_at_edge(self, track: WallTrack) -> bool:
-        return self._line.edge_distance(track.rotor) < self._line.edge
+        return self._line.edge_distance(track.rotor) < self._line.near
 
     def _name(self, track: WallTrack) -> int:
         track.id = self._next
         self._next += 1
         return track.id
 
-    def _tell(
+    def _add(
         self,
         kind: EventKind,
         time: float,
@@ -284,153 +220,157 @@ class WallTracker:
         energies: tuple[float, float] = (0.0, 0.0),
         collisions: int = 0,
     ) -> None:
-        """Tell of an event now, of pairs of what there was before and afterwards."""
+        """Add an event, given identifiers, charges and energies before and afterwards."""
         self._events.append(SolitonEvent(kind, time, rotor, *ids, *charges, *energies, collisions))
 
-    def _found(self, track: WallTrack, time: float, frame: WallFrame) -> None:
+    def _add_found(self, track: WallTrack, time: float, frame: WallFrame) -> None:
         energy, ids = frame.energy([track.rotor]), ((), (self._name(track),))
         charges = track.charge, track.charge
-        self._tell(EventKind.FOUND, time, track.rotor, ids, charges, (energy, energy))
+        self._add(EventKind.FOUND, time, track.rotor, ids, charges, (energy, energy))
 
-    def _came_from_edge(self, track: WallTrack, time: float) -> None:
-        """A wall that came back, or a new one; it is told of once it is sure to have left."""
-        edge, charge = self._line.edge_of(track.rotor), track.charge
-        before = self._waits.taken(track.rotor, charge)
-        if before is None:
+    def _add_from_edge(self, track: WallTrack, time: float) -> None:
+        """Identify a wall that returned or is new; its event is pending until it is free."""
+        edge, charge = self._line.nearest_edge(track.rotor), track.charge
+        for index, (_, before) in enumerate(self._at_edges):
+            if self._line.nearest_edge(before.rotor) == edge and before.charge == charge:
+                del self._at_edges[index]
+                track.id, ids = before.id, (before.id,)
+                kind, middle = EventKind.REFLECTION, (before.last_seen + time) / 2
+                event = SolitonEvent(kind, middle, edge, ids, ids, charge, charge, before.energy)
+                break
+        else:
             ids = (self._name(track),)
             event = SolitonEvent(EventKind.BIRTH_AT_EDGE, time, edge, (), ids, 0, charge)
-        else:
-            track.id, ids = before.id, (before.id,)
-            kind, middle = EventKind.REFLECTION, (before.last_seen + time) / 2
-            event = SolitonEvent(kind, middle, edge, ids, ids, charge, charge, before.energy)
-        self._untold.append((event, track))
+        self._pending.append((event, track))
 
-    def _came_inside(
+    def _add_inside(
         self, track: WallTrack, new: list[WallTrack], time: float, frame: WallFrame
     ) -> None:
-        """A wall that nobody saw come, unless another of the opposite charge came beside it."""
+        """Identify a wall away from the edges, alone or as a pair with a new neighbour."""
         other = self._partner(track, [each for each in new if not each.id])
         if other is None:
-            self._found(track, time, frame)
+            self._add_found(track, time, frame)
             return
         left, right = self._in_order(track, other)
         ids = (), (self._name(left), self._name(right))
-        site = self._line.between(left.rotor, right.rotor)
+        site = self._line.midpoint(left.rotor, right.rotor)
         energies = 0.0, frame.energy([left.rotor, right.rotor])
-        self._tell(EventKind.BIRTH_OF_PAIR, time, site, ids, energies=energies)
+        self._add(EventKind.BIRTH_OF_PAIR, time, site, ids, energies=energies)
 
     def _partner(self, track: WallTrack, others: Sequence[WallTrack]) -> WallTrack | None:
-        """The nearest wall of the opposite charge that is not parted from one."""
+        """Return the nearest wall of opposite charge that has not separated from a wall."""
         near = [
             each
             for each in others
-            if each.charge == -track.charge and self._way(each, track.rotor) < self._line.parted
+            if each.charge == -track.charge
+            and self._distance(each, track.rotor) < self._line.parted
         ]
-        return min(near, key=lambda each: self._way(each, track.rotor), default=None)
+        return min(near, key=lambda each: self._distance(each, track.rotor), default=None)
 
     def _in_order(self, one: WallTrack, other: WallTrack) -> tuple[WallTrack, WallTrack]:
-        """The left one and the right one."""
-        return (one, other) if self._line.apart(other.rotor, one.rotor) > 0 else (other, one)
+        return (one, other) if self._line.separation(other.rotor, one.rotor) > 0 else (other, one)
 
-    def _note_energies(self, shown: list[WallTrack], frame: WallFrame) -> None:
-        """Note what a wall that was free had, as it comes near an edge or another wall."""
+    def _record_energies(self, shown: list[WallTrack], frame: WallFrame) -> None:
+        """Record the energy of a free wall when it approaches an edge or another wall."""
         for track in shown:
             alone = all(
-                self._way(each, track.rotor) > self._line.near
+                self._distance(each, track.rotor) > self._line.near
                 for each in shown
                 if each is not track
             )
-            free = alone and self._line.edge_distance(track.rotor) > self._line.free
+            free = alone and self._line.edge_distance(track.rotor) > self._line.near
             if not free and (track.was_free or math.isnan(track.energy)):
                 track.energy = frame.energy([track.rotor])
             track.was_free = free
 
     def _find_encounters(self, time: float, shown: list[WallTrack], frame: WallFrame) -> None:
-        """Neighbours of opposite charges that have come near each other."""
+        """Start an encounter for near neighbours with opposite charges."""
         after = [*shown[1:], *shown[:1]] if self._line.periodic else shown[1:]
         for left, right in zip(shown, after, strict=False):
             known = any({left, right} == {each.left, each.right} for each in self._encounters)
-            near = 0 < self._line.apart(right.rotor, left.rotor) < self._line.near
+            near = 0 < self._line.separation(right.rotor, left.rotor) < self._line.near
             if near and left.charge == -right.charge and not known:
                 self._meet(left, right, time, frame)
 
     def _meet(self, left: WallTrack, right: WallTrack, time: float, frame: WallFrame) -> Encounter:
         energy = frame.energy([left.rotor, right.rotor])
-        met = Encounter(self._line, self._walls, left, right, time, energy)
+        met = Encounter(self._line, self._settings.walls, left, right, time, energy)
         self._encounters.append(met)
         return met
 
-    def _look_at_encounters(self, time: float, frame: WallFrame) -> None:
+    def _update_encounters(self, time: float, frame: WallFrame) -> None:
         for each in list(self._encounters):
             left, right = each.left, each.right
             if left not in self._tracks or right not in self._tracks:
                 self._encounters.remove(each)
                 continue
             if each.both_seen:
-                each.see(time, frame.turn(left.rotor, right.rotor))
+                each.add_seen(time, frame.turn(left.rotor, right.rotor))
             elif left.missed and right.missed:
                 if not each.overlaps:
                     left.stop()
                     right.stop()
-                each.overlap(time, frame.swing(each.site, left.charge))
+                each.add_overlap(time, frame.swing(each.site, left.charge))
             self._conclude(each, time, frame)
 
     def _conclude(self, met: Encounter, time: float, frame: WallFrame) -> None:
-        """Tell what has become of two that met, if anything has by now."""
+        """Report the outcome of an encounter, if there is one by now."""
         kind = met.outcome(time)
         if kind is EventKind.BREATHER_FORMED:
-            self._tell_breather(met, frame)
+            formed = met.ids_before, (self._next,)
+            met.breather, self._next = self._next, self._next + 1
+            energies = met.energy, frame.energy([met.site])
+            met.energy = energies[1]
+            self._add(kind, met.when, met.site, formed, (0, 0), energies, met.collisions)
         elif kind is not None:
             parted = [met.left, met.right] if met.both_seen else []
             ids = met.ids_before, tuple(each.id for each in parted)
             after = frame.energy([each.rotor for each in parted]) if parted else 0.0
             when, energies = time if met.breather else met.when, (met.energy, after)
-            self._tell(kind, when, met.site, ids, (0, 0), energies, met.collisions)
+            self._add(kind, when, met.site, ids, (0, 0), energies, met.collisions)
         if met.is_over():
             self._encounters.remove(met)
         elif kind in (EventKind.ANNIHILATION, EventKind.BREATHER_DECAYED):
             self._encounters.remove(met)
             self._tracks = [each for each in self._tracks if each not in (met.left, met.right)]
 
-    def _tell_breather(self, met: Encounter, frame: WallFrame) -> None:
-        kind, ids = EventKind.BREATHER_FORMED, (met.ids_before, (self._next,))
-        met.breather, self._next = self._next, self._next + 1
-        energies = met.energy, frame.energy([met.site])
-        met.energy = energies[1]
-        self._tell(kind, met.when, met.site, ids, (0, 0), energies, met.collisions)
-
-    def _let_go(self, time: float, frame: WallFrame, needed: int) -> None:
-        """Find out where walls are that were not seen for long enough."""
+    def _resolve_missing(self, time: float, frame: WallFrame, confirming: int) -> None:
+        """Find out what became of walls that were not seen for several frames."""
         gone = [
             each
             for each in self._tracks
-            if each.id and each.missed >= needed and not self._overlap(each)
+            if each.id and each.missed >= confirming and not self._overlap(each)
         ]
         for track in gone:
             if self._overlap(track):
                 continue
             if self._is_at_edge(track):
-                self._waits.add(track)
+                speed = abs(track.rate) if math.isfinite(track.rate) else 0.0
+                walls = self._settings.walls
+                patience = walls.edge_patience * self._edge_way / max(speed, 1e-9)
+                until = track.last_seen + min(patience, walls.longest_wait)
+                self._at_edges.append((until, track))
                 self._tracks.remove(track)
                 continue
             others = [each for each in gone if each in self._tracks and not self._overlap(each)]
             other = self._partner(track, others)
             if other is not None:
-                self._meet(*self._in_order(track, other), time, frame).overlap(time, 1.0)
+                met = self._meet(*self._in_order(track, other), time, frame)
+                met.add_overlap(time, 1.0)
                 continue
             self._tracks.remove(track)
             charges, ids = (track.charge, track.charge), ((track.id,), ())
             energies = math.nan, math.nan
-            self._tell(EventKind.LOST, track.last_seen, track.rotor, ids, charges, energies)
+            self._add(EventKind.LOST, track.last_seen, track.rotor, ids, charges, energies)
 
-    def _tell_those_that_left(self, time: float, frame: WallFrame) -> None:
-        """Tell of walls that came from an edge once they are free of it, or after a while.
+    def _report_pending(self, time: float, frame: WallFrame) -> None:
+        """Report walls that came from an edge once they are free of it, or after a delay.
 
-        One that is at the edge again has not turned back.
+        A wall that is at the edge again was not reflected.
         """
         waiting = []
-        for event, track in self._untold:
-            free = self._line.edge_distance(track.rotor) > self._line.free
+        for event, track in self._pending:
+            free = self._line.edge_distance(track.rotor) > self._line.near
             late = time - event.time > _LONGEST_DELAY
             if event.kind is EventKind.REFLECTION and track.missed and not free:
                 continue
@@ -439,4 +379,4 @@ class WallTracker:
                 self._events.append(replace(event, energy_after=track.energy))
             else:
                 waiting.append((event, track))
-        self._untold = waiting
+        self._pending = waiting

@@ -26,6 +26,23 @@ from soliton_linkage.linear.bands import penetration_depth
 from soliton_linkage.linkage.chain import Array, Chain, Motion
 from soliton_linkage.solitons.continuum import wall_theory
 
+_CLEAR = 2
+"""Least distance from an edge, in widths or penetration depths [1]."""
+_CLOSE, _CLOSEST = 0.02, 1e-5
+"""Last step of a fit, in standard deviations, and for exact angles [1]."""
+_DEGENERATE = 1e-12
+"""Least determinant over that of independent derivatives [1]."""
+_COARSEST = math.log(1.5)
+"""Largest standard deviation of a reported ln(gamma) [1]."""
+_LEAST_DEVIATION = 3e-4
+"""Error of the shapes in ln(gamma) [1]."""
+_PASSAGES, _FEWEST_PASSAGES = 30, 4
+"""Most and fewest passages that determine the scatter [1]."""
+_SIGNIFICANCE = 2.5
+"""Standard deviations at which scatter is significant [1]."""
+_WIDEST_LEAN_RATIO = 2.0
+"""Lean ratio d above which only spinners have a tanh profile [1]."""
+
 
 class Contraction(NamedTuple):
     """Contraction of a wall relative to rest; NaN if it is unknown.
@@ -56,7 +73,7 @@ class WallFamily:
         self._scale = max(depth, 1.0)
         self._span = settings.span * self._scale + 2
         self._last = chain.number_of_rotors - 1
-        self._clear = settings.clear * max(depth, chain.wall_width / chain.spacing)
+        self._clear = _CLEAR * max(depth, chain.wall_width / chain.spacing)
 
     def fit(
         self, angles: Array, site: float, leg: int, noise: float, logarithm: float = 0.0
@@ -68,7 +85,6 @@ class WallFamily:
         edge than twice the width or the decay length, and if its standard deviation exceeds a
         factor of 1.5.
         """
-        settings = self.settings
         if not self._clear <= site <= self._last - self._clear:
             return UNKNOWN
         centre, stretch, sums = wall_loops.fit_about(
@@ -81,13 +97,13 @@ class WallFamily:
         )
         places, stretches, both, ahead, wider = sums
         determinant = places * stretches - both * both
-        if not determinant > settings.degenerate * places * stretches:
+        if not determinant > _DEGENERATE * places * stretches:
             return UNKNOWN
         left = (both * ahead - places * wider) / (determinant * stretch)
         deviation = noise * math.sqrt(places / determinant) / stretch
         near = abs(centre - site) < 1 + self._scale
-        ends = abs(left) < max(settings.close * deviation, settings.closest)
-        if near and ends and deviation < settings.coarsest:
+        ends = abs(left) < max(_CLOSE * deviation, _CLOSEST)
+        if near and ends and deviation < _COARSEST:
             return Contraction(left - math.log(stretch), deviation)
         return UNKNOWN
 
@@ -113,7 +129,7 @@ class ContractionMean:
         self._discard_passages()
 
     def _discard_passages(self) -> None:
-        self._passages: deque[tuple[float, float]] = deque(maxlen=self._settings.passages)
+        self._passages: deque[tuple[float, float]] = deque(maxlen=_PASSAGES)
         self._before, self._passage = (0.0, 0.0, 0.0, 0.0), (0.0, 0.0, 0.0)
 
     def update(self, angles: Array, site: float, leg: int, noise: float) -> Contraction:
@@ -149,8 +165,7 @@ class ContractionMean:
         if not weights:
             return UNKNOWN
         variance = (noises + squares * self._scatter) / weights**2
-        least = self._settings.least_deviation
-        return Contraction(whole / weights, math.sqrt(variance + least**2))
+        return Contraction(whole / weights, math.sqrt(variance + _LEAST_DEVIATION**2))
 
     def _pass(self) -> None:
         """Close the current passage, and restart the mean if the passage contradicts it."""
@@ -165,22 +180,20 @@ class ContractionMean:
             self._discard_passages()
             sums = weight * value, weight, noise, weight**2
         self._passages.append((value, variance))
-        if len(self._passages) >= settings.fewest_passages:
+        if len(self._passages) >= _FEWEST_PASSAGES:
             values, variances = np.array(self._passages).T
-            self._scatter = passage_scatter(values, variances, settings)
+            self._scatter = passage_scatter(values, variances)
         fade = self._fade
         self._before = fade * sums[0], fade * sums[1], fade**2 * sums[2], fade**2 * sums[3]
 
 
-def passage_scatter(
-    values: Array, variances: Array, settings: WidthSettings = DEFAULTS.width
-) -> float:
+def passage_scatter(values: Array, variances: Array) -> float:
     """Return the variance of passages beyond their noise, 0 if it is not significant.
 
     Values and the variances of their noise have shape (M,).
     """
     apart, freedoms = values - np.average(values, weights=1 / variances), len(values) - 1
-    by_chance = freedoms + settings.significance * math.sqrt(2 * freedoms)
+    by_chance = freedoms + _SIGNIFICANCE * math.sqrt(2 * freedoms)
     if np.sum(apart**2 / variances) < by_chance:
         return 0.0
     return max(float(apart @ apart) / freedoms - float(np.mean(variances)), 0.0)
@@ -191,7 +204,7 @@ class WidthReporter:
 
     def __init__(self, shapes: WallShapes, settings: WidthSettings = DEFAULTS.width) -> None:
         self._mean = ContractionMean(WallFamily(shapes, settings))
-        self._at_rest = TheoryWidth(shapes.chain, settings)(0.0)
+        self._at_rest = TheoryWidth(shapes.chain)(0.0)
 
     def update(self, angles: Array, site: float, leg: int, noise: float) -> tuple[float, float]:
         """Return the width and its standard deviation [m] with one more frame, NaN if unknown.
@@ -206,10 +219,10 @@ class WidthReporter:
 class TheoryWidth:
     """Width of the walls of a chain by continuum theory; NaN from d = 2 to d_c."""
 
-    def __init__(self, chain: Chain, settings: WidthSettings = DEFAULTS.width) -> None:
+    def __init__(self, chain: Chain) -> None:
         theory = wall_theory(chain)
         self._speed_of_sound = theory.speed_of_sound
-        defined = chain.motion is Motion.SPINNER or chain.lean_ratio < settings.widest_lean_ratio
+        defined = chain.motion is Motion.SPINNER or chain.lean_ratio < _WIDEST_LEAN_RATIO
         self._at_rest = theory.width() if defined else math.nan
 
     def __call__(self, velocity: float) -> float:

@@ -16,7 +16,6 @@ from numpy.typing import NDArray
 from soliton_linkage.compiling import b1, compiled, const_f8_1d, f8, f8_2d, i8, records
 from soliton_linkage.estimation.frames import wrapped
 from soliton_linkage.estimation.motion_class import next_deviation, tail_of_side
-from soliton_linkage.estimation.settings import DEFAULTS, WobbleSettings, record_dtype
 from soliton_linkage.linear.bands import exact_tail
 from soliton_linkage.linkage.chain import Array, Chain, Motion
 
@@ -32,7 +31,17 @@ BARS = np.dtype(
 )
 """Parameters of a chain that the wobble depends on: lengths [m], rest angle [rad], d, spinner
 flag."""
-_NUMBERS, _BARS = records(record_dtype(WobbleSettings)), records(BARS)
+_BARS = records(BARS)
+_LEAST_NOISE = 1e-12
+"""Lower limit of the noise [rad], at the size of rounding errors."""
+_CALM, _LARGEST, _ABOVE_NOISE = 1e-3, 0.5, 4.0
+"""Least deviation at rest and largest deviation in a tail, in rest angles; smallest deviation in a
+tail, in noise [1]."""
+_BEND = 0.3
+"""Shift of a zero by a deviation in rest angles [rotor spacings]."""
+_CERTAIN, _COARSEST = 3.0, 0.2
+"""Standard deviations of a ratio from 0, and relative deviation, that determine a decay
+length [1]."""
 _NO_OVERSHOOT = (math.nan, math.nan, math.nan)
 """The overshoot of a spinner, or of no rotor [m]."""
 
@@ -168,9 +177,9 @@ def _overshoot(
     )
 
 
-@compiled(_NUMBERS, f8, f8, f8, f8)
+@compiled(f8, f8, f8, f8)
 def _decay_length(
-    settings: Records, ratio: float, deviation: float, exact: float, spacing: float
+    ratio: float, deviation: float, exact: float, spacing: float
 ) -> tuple[float, float]:
     """Return the decay length -a / ln|lambda| and its deviation [m], NaN if unknown.
 
@@ -178,17 +187,16 @@ def _decay_length(
     influence on the selection.
     """
     known = abs(exact)
-    if not (known > settings[0]['certain'] * deviation and 0 < abs(ratio) < 1):
+    if not (known > _CERTAIN * deviation and 0 < abs(ratio) < 1):
         return math.nan, math.nan
-    if deviation > settings[0]['coarsest'] * known * abs(math.log(known)):
+    if deviation > _COARSEST * known * abs(math.log(known)):
         return math.nan, math.nan
     length = -spacing / math.log(abs(ratio))
     return length, length * length * deviation / (spacing * abs(ratio))
 
 
-@compiled(_NUMBERS, _BARS, const_f8_1d, const_f8_1d, i8, f8, f8, f8)
+@compiled(_BARS, const_f8_1d, const_f8_1d, i8, f8, f8, f8)
 def wobble(
-    settings: Records,
     bars: Records,
     angles: Array,
     at_rest: Array,
@@ -204,12 +212,12 @@ def wobble(
     without rotors. Lengths are the ratio of the tails [1], the decay length [m] and the wavelength
     [m], each with its deviation, NaN if unknown.
     """
-    numbers, bar, rotors = settings[0], bars[0], angles.size
+    bar, rotors = bars[0], angles.size
     rest_angle, length, spacing = bar['rest_angle'], bar['rotor_length'], bar['spacing']
     wobbling, spins, k = bar['lean_ratio'] > 1, bar['spins'] > 0, spacing / length
-    noise = max(noise, numbers['least_noise'])
+    noise = max(noise, _LEAST_NOISE)
     error = math.hypot(noise, lasting)
-    calm = 0.0 if wobbling else max(noise, numbers['calm'] * rest_angle)
+    calm = 0.0 if wobbling else max(noise, _CALM * rest_angle)
     low, high = max(first, 1), min(first + at_rest.size, rotors - 1)
     middle = min(max(math.floor(site) + 1, low), high)
     split, count = middle - low, high - low
@@ -225,13 +233,13 @@ def wobble(
             found = _overshoot(there, seen, rest_angle, length, calm, error)
             if math.isnan(overshoot[2]) or found[2] > overshoot[2]:
                 overshoot = found
-        large, small = numbers['largest'] * rest_angle, numbers['above_noise'] * noise
+        large, small = _LARGEST * rest_angle, _ABOVE_NOISE * noise
         begin, end = tail_of_side(there, large, small)
         sums = tail_sums(seen, begin, min(end, seen.size - 1), rest_angle, k)
         square += sums[0]
         product += sums[1] + sums[2] * noise * noise
         variance += sums[0] + sums[3] - 2 * sums[4]
-        half, of_half = half_wavelength(seen, begin, end, rest_angle, error, numbers['bend'])
+        half, of_half = half_wavelength(seen, begin, end, rest_angle, error, _BEND)
         if math.isfinite(half):
             weight += 1 / of_half
             distance += half / of_half
@@ -241,7 +249,7 @@ def wobble(
         ratio, of_ratio = exact + product / square, error * math.sqrt(max(variance, 0.0)) / square
     if weight > 0:
         wave, of_wave = 2 * spacing * distance / weight, 2 * spacing / math.sqrt(weight)
-    decay, of_decay = _decay_length(settings, ratio, of_ratio, exact, spacing)
+    decay, of_decay = _decay_length(ratio, of_ratio, exact, spacing)
     return overshoot, (ratio, of_ratio, decay, of_decay, wave, of_wave)
 
 
@@ -290,8 +298,7 @@ class RestingWall(NamedTuple):
 class WobbleReporter:
     """Reporter of the wobble of one chain."""
 
-    def __init__(self, chain: Chain, settings: WobbleSettings = DEFAULTS.wobble) -> None:
-        self._settings = settings
+    def __init__(self, chain: Chain) -> None:
         tail = exact_tail(chain)
         wavelength = 2 * math.pi / tail.wave_number if tail.wave_number else math.inf
         self._exact = tail.decay_length, wavelength
@@ -312,7 +319,6 @@ class WobbleReporter:
         noise.
         """
         overshoot, lengths = wobble(
-            self._settings.record,
             self._bars,
             angles,
             wall.angles,

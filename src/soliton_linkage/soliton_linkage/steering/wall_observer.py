@@ -72,14 +72,14 @@ class WallObserver:
         self._seen = -math.inf
         estimation = EstimationSettings(
             noise=NoiseSettings(least_noise=settings.least_noise),
-            filter=FilterSettings(rate_changes=(), biases=(), kick_ages=0, disturbance=1.0),
+            filter=FilterSettings(rate_changes=(), biases=(), impulse_ages=0, disturbance=1.0),
         )
         self._filter = OrbitFilter(orbit, settings=estimation)
 
     def forget(self) -> None:
         """Know of no frame, as at first, but for the offsets of encoders."""
         self.estimate, self._seen = None, -math.inf
-        self._filter.forget()
+        self._filter.restart()
 
     def update(
         self, time: float, angles: Array, torques: Array | None = None
