@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What frames of noisy angles show: where the chain is on its orbit, and all that follows."""
+"""Estimation of walls and their motion from frames of noisy angles."""
 
 from soliton_linkage.exports import public_names
 

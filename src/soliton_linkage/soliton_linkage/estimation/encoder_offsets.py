@@ -166,7 +166,7 @@ class FarFieldResiduals:
         """Update the offsets with the block and start a new one.
 
         Residuals refer to corrected angles, with a sign of -1 if the chain is upside down; the
-        variance is that of the noise of an angle [rad^2].
+        variance belongs to the noise of an angle [rad^2].
         """
         offsets, given = self._offsets, self._settings
         sides = self._sides()

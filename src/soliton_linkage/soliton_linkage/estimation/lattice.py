@@ -21,7 +21,7 @@ from soliton_linkage.solitons.tanh_fit import order_field
 
 
 class LatticeCoordinates:
-    """Coordinates of sites [rotor spacings]; those of a ring are periodic from 0 to N."""
+    """Coordinates of sites [rotor spacings]; a ring has periodic sites from 0 to N."""
 
     def __init__(self, chain: Chain) -> None:
         self.rotors, self.periodic = chain.number_of_rotors, chain.periodic

@@ -51,7 +51,7 @@ def compare(
     first: int,
     differences: Array,
 ) -> None:
-    """Set the differences of corrected angles from those of a wall, from -pi to pi [rad], (N,).
+    """Set the differences of corrected angles from a wall, from -pi to pi [rad], shape (N,).
 
     The wall has angles about it from a first rotor on; the background has angles before and beyond
     the wall, shape (N,) each.

@@ -36,7 +36,7 @@ class LinearisedMeasurement(NamedTuple):
     tangent: Array
     """Derivative of the angles about the wall by the arc, over their scales [1], shape (n,)."""
     residuals: Array
-    """Angles minus those of that point [rad], shape (N,), NaN if unknown."""
+    """Angles minus the angles there [rad], shape (N,), NaN if unknown."""
     weights: Array
     """Weight of each rotor, 0 to 1, shape (N,)."""
     inlying: Array
@@ -128,7 +128,7 @@ class FrameLikelihood:
     ) -> LinearisedMeasurement:
         """Linearise at an arc [rad], given differences [rad], shape (N,), which are overwritten.
 
-        The variance is that of a rotor, the spread that of the arc [rad^2].
+        The variance belongs to a rotor, the spread to the arc [rad^2].
         """
         rows, floor = np.empty((2, len(differences))), self.floor(variance)
         self._density[0] = variance, spread, self._settings.bound, floor, self.gross
@@ -168,7 +168,7 @@ class FrameLikelihood:
     def over_random(self, residuals: Array, variance: float) -> float:
         """Return the log likelihood ratio of residuals [rad], shape (n,), against random angles.
 
-        The variance is that of a rotor [rad^2]; NaN has no effect. For random angles the ratio
+        The variance belongs to a rotor [rad^2]; NaN has no effect. For random angles the ratio
         exceeds x with a probability of at most exp(-x) (Markov's inequality).
         """
         bound, floor = self._settings.bound, self.floor(variance)
@@ -198,7 +198,7 @@ class ReadingScales:
     """Standard deviations of the readings of a frame relative to a usual reading."""
 
     def __init__(self, usual: float | None = None) -> None:
-        """Start with the usual standard deviation [rad], or take that of the first frame.
+        """Start with the usual standard deviation [rad], or derive it from the first frame.
 
         For a frame it is the value that gives the same total information, by the mean of
         1 / sigma^2.

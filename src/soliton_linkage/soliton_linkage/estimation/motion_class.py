@@ -52,7 +52,7 @@ _BEND, _NEGLECTED = 0.1, 0.01
 """Prior deviation of the term in e^2, times the rest angle [rad], and error of the ratio of tails
 from springs in motion [1]."""
 _SPREAD = 1.2
-"""Variance of e' - F(e) over that of the noise [1]."""
+"""Variance of e' - F(e) over the variance of the noise [1]."""
 _LEAST_LEVER = 1e-9
 """Replacement for a zero lever of a bar in line with its outer rotor [1], which has an infinite
 slope."""

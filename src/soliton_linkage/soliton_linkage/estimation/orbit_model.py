@@ -72,7 +72,7 @@ class OrbitMeasurementModel:
     ) -> LinearisedMeasurement:
         """Linearise a frame at an arc [rad] with a variance `spread` [rad^2].
 
-        The variance is that of a rotor [rad^2]. The rate of the arc [rad/s] determines the
+        The variance belongs to a rotor [rad^2]. The rate of the arc [rad/s] determines the
         inertial forces on unseen rotors.
         """
         about = self._orbit.segment(arc)

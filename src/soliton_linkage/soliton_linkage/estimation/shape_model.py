@@ -36,7 +36,7 @@ _CORE = 2.5
 """Range of the rotors that a wall must explain [rotor spacings]."""
 
 
-class _Fit(NamedTuple):
+class _ShapeFit(NamedTuple):
     shape: WallShape
     charge: int
     site: float
@@ -81,7 +81,7 @@ class ShapeMeasurementModel:
         turned = (state.twists if spinner else state.upright) < 0
         theta = staggered(math.pi - seen if turned else seen)
         walls = [
-            _Fit(self._of_charge[charge][0], charge, site, 1.0, 0.0, 0.0)
+            _ShapeFit(self._of_charge[charge][0], charge, site, 1.0, 0.0, 0.0)
             for site, charge in borders
         ]
         walls = self._fitted(theta, walls, scanned=True)
@@ -113,7 +113,7 @@ class ShapeMeasurementModel:
         find = ring_borders if self._line.periodic else domain_borders
         return find(polarised, self._domain)
 
-    def _explains(self, wall: _Fit, first: int, residuals: Array) -> bool:
+    def _explains(self, wall: _ShapeFit, first: int, residuals: Array) -> bool:
         """Return whether a wall explains rotors from a first one on better than random angles.
 
         The residuals [rad] are tested for all rotors, and for the core with the largest variance.
@@ -124,7 +124,9 @@ class ShapeMeasurementModel:
         beside = np.abs(np.arange(first, first + len(residuals)) - wall.site)
         return self._likelihood.over_random(residuals[beside < _CORE], self._largest) >= 0
 
-    def _isolated(self, theta: Array, walls: Sequence[_Fit], wall: _Fit) -> tuple[int, Array]:
+    def _isolated(
+        self, theta: Array, walls: Sequence[_ShapeFit], wall: _ShapeFit
+    ) -> tuple[int, Array]:
         """Return the first rotor nearest to a wall, and angles without the tails of others."""
         reach = self._shapes.reach
         ways = [(self._line.separation(each.site, wall.site), each) for each in walls]
@@ -140,12 +142,12 @@ class ShapeMeasurementModel:
                 own = own + self._residuals(far, first, other, wall.site + way)
         return first, own
 
-    def _residuals(self, theta: Array, first: int, wall: _Fit, site: float) -> Array:
+    def _residuals(self, theta: Array, first: int, wall: _ShapeFit, site: float) -> Array:
         residuals = np.empty_like(theta)
         wall_loops.set_residuals(theta, first, wall.shape.table, site, wall.stretch, residuals)
         return residuals
 
-    def _fitted(self, theta: Array, walls: list[_Fit], scanned: bool) -> list[_Fit]:
+    def _fitted(self, theta: Array, walls: list[_ShapeFit], scanned: bool) -> list[_ShapeFit]:
         found = []
         for wall in walls:
             first, own = self._isolated(theta, walls, wall)
@@ -167,7 +169,7 @@ class ShapeMeasurementModel:
                 self._bound,
                 self._shapes.stretches,
             )
-            found.append(_Fit(shape, wall.charge, *fit))
+            found.append(_ShapeFit(shape, wall.charge, *fit))
         return found
 
     def _learn(self, residuals: Array, walls: int) -> None:
@@ -182,7 +184,7 @@ class ShapeMeasurementModel:
         self._variance = max(self._variance, self._noise.least_noise**2)
 
     def _measurement(
-        self, wall: _Fit, first: int, residuals: Array, before: Array
+        self, wall: _ShapeFit, first: int, residuals: Array, before: Array
     ) -> WallMeasurement:
         """Return the measurement of a wall with its residuals from a first rotor on [rad].
 

@@ -31,7 +31,7 @@ _CLEAR = 2
 _CLOSE, _CLOSEST = 0.02, 1e-5
 """Last step of a fit, in standard deviations, and for exact angles [1]."""
 _DEGENERATE = 1e-12
-"""Least determinant over that of independent derivatives [1]."""
+"""Least determinant relative to independent derivatives [1]."""
 _COARSEST = math.log(1.5)
 """Largest standard deviation of a reported ln(gamma) [1]."""
 _LEAST_DEVIATION = 3e-4
