@@ -103,7 +103,7 @@ def turned_into_range(differences: Array) -> Array:
 
 
 @lru_cache(maxsize=32)
-def site(
+def walls_over_a_site(
     chain: Chain, rotor: int, turned: bool, crossed: bool, samples: int
 ) -> tuple[Array, float]:
     """Return evenly spaced walls from between a rotor and the next to one further, and the arc.

@@ -9,7 +9,7 @@ import math
 import numpy as np
 import pytest
 from chains import EXAMPLES, FLIPPER, SPINNER, chain_of
-from linkage_motion import site
+from linkage_motion import walls_over_a_site
 
 from soliton_linkage.linkage.chain import Chain
 from soliton_linkage.linkage.deviations import Deviations, drawn_deviations
@@ -48,7 +48,7 @@ def test_slow_walls_have_the_speed_of_rigid_bars(
 ) -> None:
     chain = chain_of(example, 14)
     # v = v0 / Lambda, where Lambda / r is the arc of the motion of bars over one spacing.
-    _, arc = site(chain, 7, False, False, 3)
+    _, arc = walls_over_a_site(chain, 7, False, False, 3)
     taken = measure_speed(chain, SweepTrial(kick=kick, **QUICK))
     assert taken['outcome'] == 'returns'
     slow = kick / (arc * chain.rotor_length / chain.spacing)

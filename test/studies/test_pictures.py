@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 import pytest
 from chains import EXAMPLES, FLIPPER, SPINNER, chain_of
-from linkage_motion import site
+from linkage_motion import walls_over_a_site
 from matplotlib.figure import Figure
 from matplotlib.image import imread
 
@@ -35,7 +35,7 @@ def new_axes() -> Any:
 
 @pytest.fixture
 def recording() -> Recording:
-    walls, _ = site(CHAIN, 9, False, False, 9)
+    walls, _ = walls_over_a_site(CHAIN, 9, False, False, 9)
     return Recording(0.5 * np.arange(9) + 2, walls, np.zeros_like(walls))
 
 

@@ -60,8 +60,8 @@ def test_masses_and_damping_follow_from_the_speed_of_a_wall() -> None:
     over = errors / found.deviations['mass']
     assert np.sqrt(np.mean(over**2)) < 1.6
     assert np.median(found.deviations['mass']) < 0.05
-    off = found.chain.damping * CHAIN.masses.mean() / found.chain.mass - CHAIN.damping
-    assert abs(off) < 3 * found.damping_deviation
+    error = found.chain.damping * CHAIN.masses.mean() / found.chain.mass - CHAIN.damping
+    assert abs(error) < 3 * found.damping_deviation
 
 
 def test_gravity_at_two_tilts_determines_the_scale_of_all_lengths() -> None:
@@ -75,8 +75,8 @@ def test_gravity_at_two_tilts_determines_the_scale_of_all_lengths() -> None:
     known = LENGTHS.changed(root @ np.random.default_rng(3).standard_normal(len(root)))
     found = bar_motion(falling, known, root @ root.T, NOISE, gravity_known=False)
     assert found is not None
-    off = math.log(found.gravity * SPACING / 0.5)
-    assert abs(off) < 3 * found.gravity_deviation < 0.1
+    error = math.log(found.gravity * SPACING / 0.5)
+    assert abs(error) < 3 * found.gravity_deviation < 0.1
     errors = found.masses * CHAIN.masses.mean() / CHAIN.masses - 1
     over = errors / found.mass_deviations
     assert np.sqrt(np.mean(over**2)) < 1.6

@@ -86,8 +86,8 @@ def test_a_spinner_is_identified_from_wrapped_angles_with_gaps() -> None:
     for name in ('rotor_length', 'spacing', 'rest_length'):
         errors = getattr(found.chain, f'{name}s') / (scale * getattr(made, f'{name}s')) - 1
         assert np.sqrt(np.mean((errors / found.deviations[name]) ** 2)) < 1.6, name
-    off = np.angle(np.exp(1j * (found.offsets - offsets)))
-    assert np.sqrt(np.mean((off / found.offset_deviations) ** 2)) < 1.6
+    error = np.angle(np.exp(1j * (found.offsets - offsets)))
+    assert np.sqrt(np.mean((error / found.offset_deviations) ** 2)) < 1.6
     assert found.rigid
 
 

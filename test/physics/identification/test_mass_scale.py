@@ -48,10 +48,10 @@ def test_the_mean_mass_follows_from_a_sequence_of_impulses(
     readings, _ = read(angles, 2, noise)
     given = Chain(spacing=float(CHAIN.spacings.mean()), mass=5 * CHAIN.mass)
     commanded = PERIOD * (FIRST + every * np.arange(parts)) - 0.006
-    pushes = [RecordedImpulse(time, impulses / parts) for time in commanded.tolist()]
-    found = identify(Readings(times, readings, impulses=pushes), given)
-    off = math.log(found.chain.masses.mean() / CHAIN.masses.mean())
-    assert abs(off) < 3 * found.mass_deviation < 0.2
+    sequence = [RecordedImpulse(time, impulses / parts) for time in commanded.tolist()]
+    found = identify(Readings(times, readings, impulses=sequence), given)
+    error = math.log(found.chain.masses.mean() / CHAIN.masses.mean())
+    assert abs(error) < 3 * found.mass_deviation < 0.2
     assert found.chain.stiffness == pytest.approx(CHAIN.stiffness, rel=0.2)
 
 

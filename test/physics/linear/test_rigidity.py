@@ -30,7 +30,7 @@ from deviating_chains import (
 )
 from hypothesis import assume, given
 from hypothesis import strategies as st
-from linkage_motion import closed_orbit, site
+from linkage_motion import closed_orbit, walls_over_a_site
 
 from soliton_linkage.linear import rigidity
 from soliton_linkage.linear.bands import couplings, winding_number
@@ -311,7 +311,7 @@ def test_walls_move_on_by_a_spacing_towards_the_last_rotor_and_keep_every_length
     example: tuple[float, float], crossed: bool, turned: bool, rotors: int
 ) -> None:
     chain = chain_of(example, rotors)
-    walls, arc = site(chain, rotors // 2, turned, crossed, samples=5)
+    walls, arc = walls_over_a_site(chain, rotors // 2, turned, crossed, samples=5)
     assert np.abs(chain.spring_extensions(walls)).max() < 1e-8 * chain.rotor_length
     modes = np.array([mode_towards_last(chain, angles) for angles in walls[:-1]])
     chords = np.diff(walls, axis=0)

@@ -206,9 +206,9 @@ def test_decoding_does_not_depend_on_chunks(pieces: list[bytes], chance: random.
 def test_the_protocol_is_recognised_from_the_middle_of_a_frame(protocol: Protocol) -> None:
     frames = [SerialFrame(FrameKind.COUNTS, n, n, np.full(10, 10.0 * n)) for n in range(20)]
     stream = b''.join(encode(frame, protocol) for frame in frames)
-    whole = written(frames)
+    encoded = written(frames)
     for begin in range(1, len(encode(frames[0], protocol))):
-        assert seen([stream[begin:]]) == (whole[1:], 0, protocol)
+        assert seen([stream[begin:]]) == (encoded[1:], 0, protocol)
 
 
 def test_corrupted_frames_are_counted_and_not_returned() -> None:
@@ -219,8 +219,8 @@ def test_corrupted_frames_are_counted_and_not_returned() -> None:
         broken = [bytearray(piece) for piece in pieces]
         hit = set(chance.choice(np.arange(1, 200), 50, replace=False).tolist())
         for number in hit:
-            place = int(chance.integers(len(broken[number]) - 1))
-            broken[number][place] ^= 1 << int(chance.integers(8))
+            index = int(chance.integers(len(broken[number]) - 1))
+            broken[number][index] ^= 1 << int(chance.integers(8))
         found, corrupted, _ = seen([b''.join(map(bytes, broken))])
         assert found == written([f for n, f in enumerate(frames) if n not in hit])
         assert corrupted >= len(hit)

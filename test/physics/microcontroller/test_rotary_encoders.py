@@ -86,21 +86,21 @@ def reading(number: int | None, time: int | None = None) -> SerialFrame:
     ],
 )
 def test_missing_frame_numbers_are_lost_frames(numbers: list[int | None], lost: int) -> None:
-    taking = stream()
+    angles = stream()
     for count, number in enumerate(numbers):
-        assert taking.take(reading(number), count * MILLISECOND) is not None
-    assert taking.lost == lost
+        assert angles.take(reading(number), count * MILLISECOND) is not None
+    assert angles.lost == lost
 
 
 @pytest.mark.parametrize('greeted', [True, False])
 def test_frame_numbers_skipped_by_a_restart_are_not_lost(greeted: bool) -> None:
-    taking = stream()
+    angles = stream()
     for number in (40, 41, 42):
-        taking.take(reading(number, 1000 * number), number * MILLISECOND)
+        angles.take(reading(number, 1000 * number), number * MILLISECOND)
     if greeted:
-        assert taking.take(SerialFrame(FrameKind.HELLO), 43 * MILLISECOND) is None
-    assert taking.take(reading(60, 1), 1000 * MILLISECOND) is not None
-    assert (taking.lost, taking.clock.restarts) == (0, 1)
+        assert angles.take(SerialFrame(FrameKind.HELLO), 43 * MILLISECOND) is None
+    assert angles.take(reading(60, 1), 1000 * MILLISECOND) is not None
+    assert (angles.lost, angles.clock.restarts) == (0, 1)
 
 
 def test_commands_are_rejected_as_readings() -> None:

@@ -80,17 +80,17 @@ def test_without_deviations_the_orbit_equals_the_uniform_orbit(
 @pytest.mark.parametrize('example', CLASSES)
 def test_small_deviations_change_the_orbit_to_first_order(example: Example) -> None:
     uniform = uniform_orbit(example)
-    places = np.linspace(2, 17, 11).tolist()
+    sites = np.linspace(2, 17, 11).tolist()
     changes = []
     for fraction in (1e-3, 1e-4):
         orbit = deviating_orbit(example, 20, fraction)
         change = [orbit.length - uniform.length]
         for leg in range(uniform.number_of_legs):
-            for place in places:
-                arc, other = orbit.arc_at(place, leg), uniform.arc_at(place, leg)
+            for site in sites:
+                arc, other = orbit.arc_at(site, leg), uniform.arc_at(site, leg)
                 there, was = orbit.configuration(arc), uniform.configuration(other)
                 change += [float(distance(there, was)), arc - other]
-                change.append(orbit.site(other) - place)
+                change.append(orbit.site(other) - site)
                 change.append(orbit.site_arc_at(arc) - uniform.site_arc)
                 change.append(orbit.free_rate(arc) - 1)
         changes.append(np.array(change))
@@ -118,8 +118,8 @@ def test_the_mirrored_chain_has_the_mirrored_orbit(example: Example, rotors: int
         mirrored = math.pi + angles if turned else -angles
         there = fit_anywhere(other, mirrored).arc
         assert distance(other.configuration(there), mirrored) < ACCURATE
-        place = rotors - 1 - orbit.site(arc)
-        assert other.site(there) == pytest.approx(place, rel=0, abs=1e-5)
+        site = rotors - 1 - orbit.site(arc)
+        assert other.site(there) == pytest.approx(site, rel=0, abs=1e-5)
 
 
 @pytest.mark.parametrize('example', CLASSES)
@@ -145,12 +145,12 @@ def test_measured_arcs_reach_the_cramer_rao_bound_with_the_deviations_only(
     orbit, uniform = deviating_orbit(example, 40, seed=5), uniform_orbit(example, 40)
     sigma, frames = 0.01, 300
     errors, without = [], []
-    for place, leg in ((12.3, 0), (20.0, 1), (27.8, 0)):
-        arc = orbit.arc_at(place, leg)
+    for site, leg in ((12.3, 0), (20.0, 1), (27.8, 0)):
+        arc = orbit.arc_at(site, leg)
         made = noisy(orbit, arc, sigma, frames)
         errors += [fit_near(orbit, frame, arc).arc - arc for frame in made]
-        beside = uniform.arc_at(place, leg)
-        found = [uniform.site(fit_near(uniform, frame, beside).arc) - place for frame in made]
+        beside = uniform.arc_at(site, leg)
+        found = [uniform.site(fit_near(uniform, frame, beside).arc) - site for frame in made]
         without += (np.array(found) * orbit.site_arc).tolist()
     # The standard deviation of 900 errors scatters by 2.4 %, their mean by 1/30 of it.
     assert np.std(errors) == pytest.approx(sigma, rel=0.08)

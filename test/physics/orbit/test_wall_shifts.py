@@ -57,8 +57,8 @@ def arc_at(chain: Chain, orbit: UniformOrbit, bond: int, leg: int) -> float:
 def passage(chain: Chain, orbit: UniformOrbit, bond: int, leg: int) -> float:
     """Time from one bond to the next in free motion, in arbitrary units."""
     ends = [arc_at(chain, orbit, each, leg) for each in (bond, bond + 1)]
-    way = [unstretched(chain, orbit.configuration(arc)) for arc in np.linspace(*ends, 20)]
-    steps = np.diff(np.unwrap(way, axis=0), axis=0)
+    path = [unstretched(chain, orbit.configuration(arc)) for arc in np.linspace(*ends, 20)]
+    steps = np.diff(np.unwrap(path, axis=0), axis=0)
     return float(np.sqrt(steps**2 @ chain.moments_of_inertia).sum())
 
 

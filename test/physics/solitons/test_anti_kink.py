@@ -57,11 +57,11 @@ def test_no_other_state_with_the_same_field_sum_has_less_energy() -> None:
 
 def test_the_path_repeats_after_two_rotors_with_uniform_arc_steps() -> None:
     chain = chain_of(FLIPPER, ROTORS)
-    places, states = anti_kink_path(chain, BEGIN)
-    assert (places[0], places[-1]) == (BEGIN, BEGIN + 2)
+    sites, states = anti_kink_path(chain, BEGIN)
+    assert (sites[0], sites[-1]) == (BEGIN, BEGIN + 2)
     assert states[-1][4:] == pytest.approx(states[0][2:-2], abs=1e-6)
     arcs = np.linalg.norm(np.diff(states, axis=0), axis=1)
-    assert arcs / np.diff(places) == pytest.approx(arcs.sum() / 2)
+    assert arcs / np.diff(sites) == pytest.approx(arcs.sum() / 2)
 
 
 def test_a_pinned_anti_kink_is_rejected() -> None:
@@ -72,8 +72,8 @@ def test_a_pinned_anti_kink_is_rejected() -> None:
 def test_an_anti_kink_of_spinners_has_a_stable_equilibrium() -> None:
     chain = chain_of(SPINNER, ROTORS)
     scale = chain.stiffness * chain.spacing**2
-    place, angles = resting_anti_kink(chain, BEGIN + 0.5)
-    assert BEGIN < place < BEGIN + 1
+    site, angles = resting_anti_kink(chain, BEGIN + 0.5)
+    assert BEGIN < site < BEGIN + 1
     assert np.abs(chain.spring_torques(angles)[1:-1]).max() < 1e-6 * scale
     inner = stiffness_matrix(chain, angles).toarray()[1:-1, 1:-1]
     assert np.linalg.eigvalsh(inner)[0] > 0

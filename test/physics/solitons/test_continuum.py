@@ -27,7 +27,7 @@ from soliton_linkage.linkage.chain import Array, Chain
 from soliton_linkage.solitons.continuum import FlipperTheory, SpinnerTheory
 
 SIGNS = st.sampled_from([-1, 1])
-SHARES = st.floats(-0.99, 0.99)
+FRACTIONS = st.floats(-0.99, 0.99)
 # Five-point differences over a thousandth of a width: to the fourth order of it, and EPS over it.
 DIFFERENCE = 1e-3
 DIFFERENTIATED = 1e-10
@@ -46,44 +46,44 @@ def any_theory(draw: st.DrawFn, exact_sound: bool = False) -> Theory:
 def any_spinner(draw: st.DrawFn) -> SpinnerTheory:
     """Draw a theory of any spinner with r / a up to 20."""
     rest_angle = draw(st.floats(0.23, 1.56))
-    share = draw(st.floats(1e-6, 1))
+    fraction = draw(st.floats(1e-6, 1))
     least = 1 / math.sin(rest_angle) ** 2
-    chain = chain_of((least + share * (20 - least), rest_angle), 3)
+    chain = chain_of((least + fraction * (20 - least), rest_angle), 3)
     return SpinnerTheory(chain, family=draw(SIGNS))
 
 
-def field(theory: Theory, places: Array, velocity: float, charge: int) -> Array:
+def field(theory: Theory, positions: Array, velocity: float, charge: int) -> Array:
     if isinstance(theory, FlipperTheory):
-        return theory.displacements(places, 0.0, velocity, charge)
-    return theory.turned(places, 0.0, velocity, charge)
+        return theory.displacements(positions, 0.0, velocity, charge)
+    return theory.rotation(positions, 0.0, velocity, charge)
 
 
 def scale_of(theory: Theory) -> float:
     return theory.lean if isinstance(theory, FlipperTheory) else 1.0
 
 
-def slope(theory: Theory, places: Array, velocity: float, charge: int) -> Array:
+def slope(theory: Theory, positions: Array, velocity: float, charge: int) -> Array:
     """Slope of the field by five-point differences."""
     step = DIFFERENCE * theory.width(velocity)
-    values = [field(theory, places + n * step, velocity, charge) for n in (-2, -1, 1, 2)]
+    values = [field(theory, positions + n * step, velocity, charge) for n in (-2, -1, 1, 2)]
     return np.asarray((values[0] - 8 * values[1] + 8 * values[2] - values[3]) / (12 * step))
 
 
 @given(any_theory(), SIGNS)
 def test_a_wall_at_rest_solves_the_equation_of_first_order(theory: Theory, charge: int) -> None:
     width = theory.width()
-    places = width * np.linspace(-6, 6, 41)
-    values = field(theory, places, 0.0, charge)
+    positions = width * np.linspace(-6, 6, 41)
+    values = field(theory, positions, 0.0, charge)
     limit = DIFFERENTIATED * scale_of(theory) / width
     expected = charge * theory.static_slope(values)
-    assert slope(theory, places, 0.0, charge) == pytest.approx(expected, rel=0, abs=limit)
+    assert slope(theory, positions, 0.0, charge) == pytest.approx(expected, rel=0, abs=limit)
 
 
-@given(any_theory(), SHARES, SIGNS, st.floats(-3, 3), st.floats(0.3, 2))
+@given(any_theory(), FRACTIONS, SIGNS, st.floats(-3, 3), st.floats(0.3, 2))
 def test_a_boosted_wall_makes_the_action_stationary(
-    theory: Theory, share: float, charge: int, centre: float, breadth: float
+    theory: Theory, fraction: float, charge: int, centre: float, breadth: float
 ) -> None:
-    velocity = share * theory.speed_of_sound
+    velocity = fraction * theory.speed_of_sound
     width = theory.width(velocity)
     x = np.linspace(-20, 20, 4001)
     values = field(theory, x * width, velocity, charge)
@@ -91,8 +91,8 @@ def test_a_boosted_wall_makes_the_action_stationary(
     bump = scale_of(theory) * np.exp(-(((x - centre) / breadth) ** 2))
     bump_slopes = -2 * (x - centre) / breadth**2 * bump / width
 
-    def terms(share: float) -> tuple[float, float]:
-        moved, steeper = values + share * bump, slopes + share * bump_slopes
+    def terms(fraction: float) -> tuple[float, float]:
+        moved, steeper = values + fraction * bump, slopes + fraction * bump_slopes
         kinetic = theory.kinetic_density(-velocity * steeper)
         elastic = theory.elastic_density(moved, steeper)
         return float(kinetic.sum()), float(elastic.sum())
@@ -106,11 +106,11 @@ def test_a_boosted_wall_makes_the_action_stationary(
 
 
 @settings(max_examples=25)
-@given(any_theory(), SHARES, SIGNS)
+@given(any_theory(), FRACTIONS, SIGNS)
 def test_energies_are_the_integrals_of_their_densities(
-    theory: Theory, share: float, charge: int
+    theory: Theory, fraction: float, charge: int
 ) -> None:
-    velocity = share * theory.speed_of_sound
+    velocity = fraction * theory.speed_of_sound
     width = theory.width(velocity)
 
     def kinetic(x: float) -> float:
@@ -118,9 +118,9 @@ def test_energies_are_the_integrals_of_their_densities(
         return float(theory.kinetic_density(velocity * slopes)) * width
 
     def elastic(x: float) -> float:
-        place = np.array(x * width)
-        slopes = slope(theory, place, velocity, charge)
-        values = field(theory, place, velocity, charge)
+        position = np.array(x * width)
+        slopes = slope(theory, position, velocity, charge)
+        values = field(theory, position, velocity, charge)
         return float(theory.elastic_density(values, slopes)) * width
 
     limit = 1e-8 * theory.energy_scale
@@ -153,8 +153,8 @@ def test_energies_are_accurate_at_any_speed(theory: Theory, exponent: float, cha
 
 
 @given(any_theory(exact_sound=True), st.floats(1e-6, 0.99))
-def test_the_energy_is_divided_between_springs_and_motion(theory: Theory, share: float) -> None:
-    velocity = share * theory.speed_of_sound
+def test_the_energy_is_divided_between_springs_and_motion(theory: Theory, fraction: float) -> None:
+    velocity = fraction * theory.speed_of_sound
     gamma = theory.lorentz_factor(velocity)
     springs, motion = theory.elastic_energy(velocity), theory.kinetic_energy(velocity)
     assert springs + motion == pytest.approx(theory.energy(velocity), rel=1e-12)
@@ -190,9 +190,13 @@ def test_the_exact_speed_of_sound_is_the_curvature_at_the_bottom_of_the_band(
     top = float(dispersion(chain, (math.pi - bottom) / chain.spacing))
     rounding = 32 * EPS * (top * chain.spacing / step) ** 2
     assert exact**2 == pytest.approx(curvature, rel=step**2, abs=rounding)
-    share = math.sqrt(abs((1 - d) * (1 + d)))
-    share = share / d if isinstance(theory, SpinnerTheory) else share * math.cos(chain.rest_angle)
-    assert exact == pytest.approx(theory.limiting_speed_of_sound * share, rel=1e-9)
+    fraction = math.sqrt(abs((1 - d) * (1 + d)))
+    fraction = (
+        fraction / d
+        if isinstance(theory, SpinnerTheory)
+        else fraction * math.cos(chain.rest_angle)
+    )
+    assert exact == pytest.approx(theory.limiting_speed_of_sound * fraction, rel=1e-9)
     assert theory.speed_of_sound == theory.limiting_speed_of_sound
 
 
@@ -231,18 +235,18 @@ def test_walls_at_rest_have_a_theory_at_zero_speed_of_sound() -> None:
         theory.width(1e-9)
 
 
-@given(any_spinner(), SIGNS, SIGNS, st.sampled_from([0, 1]), SHARES)
+@given(any_spinner(), SIGNS, SIGNS, st.sampled_from([0, 1]), FRACTIONS)
 def test_both_sublattices_of_a_spinner_solve_their_equation(
-    theory: SpinnerTheory, charge: int, turn: int, sublattice: int, share: float
+    theory: SpinnerTheory, charge: int, turn: int, sublattice: int, fraction: float
 ) -> None:
-    family, velocity = theory.family, share * theory.speed_of_sound
+    family, velocity = theory.family, fraction * theory.speed_of_sound
     rest = family * theory.chain.rest_angle
     width = theory.width(velocity)
     scaled = np.linspace(-8, 8, 33)
 
     def theta(shift: float) -> Array:
-        places = (scaled + shift) * width
-        return theory.staggered_angles(places, sublattice, 0.0, velocity, charge, turn)
+        positions = (scaled + shift) * width
+        return theory.staggered_angles(positions, sublattice, 0.0, velocity, charge, turn)
 
     sign = family * charge
     assert np.cos(theta(0) - rest) == pytest.approx(-sign * np.tanh(scaled), abs=8 * EPS)

@@ -65,10 +65,10 @@ def test_spinners_turn_by_half_a_turn_across_a_wall(
     angles, rates = theory.state(30 * chain.spacing, velocity, charge, turn)
     later, _ = theory.state(30 * chain.spacing + velocity * 1e-6, velocity, charge, turn)
     assert (later - angles) / 1e-6 == pytest.approx(rates, rel=0, abs=1e-4 * abs(rates).max())
-    places = chain.spacing * np.arange(60)
+    positions = chain.spacing * np.arange(60)
     for sublattice in (0, 1):
         expected = theory.staggered_angles(
-            places, sublattice, 30 * chain.spacing, velocity, charge, turn
+            positions, sublattice, 30 * chain.spacing, velocity, charge, turn
         )
         assert staggered(angles)[sublattice::2] == pytest.approx(expected[sublattice::2])
     for image in (angles, -angles[::-1], angles + 4 * np.pi):
@@ -78,13 +78,13 @@ def test_spinners_turn_by_half_a_turn_across_a_wall(
     assert math.copysign(1, find_solitons(chain, angles, rates)[0].velocity) == sense
 
 
-@pytest.mark.parametrize(('charge', 'share'), [(-1, 0.0), (-1, 0.6), (1, 0.6)])
-def test_extensions_of_a_flipper_wall_agree_with_the_chain(charge: int, share: float) -> None:
+@pytest.mark.parametrize(('charge', 'fraction'), [(-1, 0.0), (-1, 0.6), (1, 0.6)])
+def test_extensions_of_a_flipper_wall_agree_with_the_chain(charge: int, fraction: float) -> None:
     errors = []
     for rest_angle in (0.1, 0.05):
         chain = chain_of((0.5, rest_angle), 401)
         theory = FlipperTheory(chain, exact_sound=False)
-        velocity = share * theory.speed_of_sound
+        velocity = fraction * theory.speed_of_sound
         angles, _ = theory.state(200.3 * chain.spacing, velocity, charge)
         between = chain.spacing * (np.arange(400) + 0.5)
         expected = theory.extensions(between, 200.3 * chain.spacing, velocity, charge)
@@ -118,10 +118,10 @@ def pair_on_a_ring(rest_angle: float, rotors: int) -> tuple[FlipperTheory, Array
     """Equilibrium of a wall and an anti-kink at opposite sites of a ring with r / a = 0.5."""
     chain = dataclasses.replace(chain_of((0.5, rest_angle), rotors), periodic=True)
     theory = FlipperTheory(chain)
-    places = chain.spacing * np.arange(rotors)
+    positions = chain.spacing * np.arange(rotors)
     centres = chain.spacing * (rotors / 4 * np.array([1, 3]) - 0.5)
-    first = theory.displacements(places, centres[0])
-    second = theory.displacements(places, centres[1], charge=-1)
+    first = theory.displacements(positions, centres[0])
+    second = theory.displacements(positions, centres[1], charge=-1)
     displacements = np.where(np.arange(rotors) < rotors / 2, first, second)
     angles = staggered(np.arcsin(displacements / chain.rotor_length))
     return theory, equilibrium(chain, angles)

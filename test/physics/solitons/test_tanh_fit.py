@@ -23,7 +23,7 @@ from chains import (
 )
 from hypothesis import assume, given
 from hypothesis import strategies as st
-from linkage_motion import site, wall_between
+from linkage_motion import wall_between, walls_over_a_site
 
 from soliton_linkage.dynamics.elastic import simulate
 from soliton_linkage.linear.rigidity import mode_towards_last, zero_mode
@@ -60,13 +60,13 @@ FITTED_AWAY = 1e-9
 BOTH = (False, True)
 
 
-def tanh_walls(chain: Chain, places: list[float], charge: int) -> Array:
+def tanh_walls(chain: Chain, sites: list[float], charge: int) -> Array:
     """Angles of walls of alternating charge, the first as given, of the width of the theory."""
     rotors = np.arange(chain.number_of_rotors)
     width = chain.wall_width / chain.spacing
     field = np.full(chain.number_of_rotors, float(charge))
-    for place in places:
-        field *= -np.tanh((rotors - place) / width)
+    for site in sites:
+        field *= -np.tanh((rotors - site) / width)
     if chain.motion is Motion.SPINNER:
         turn = np.where(rotors % 2, -1.0, 1.0)
         return staggered(chain.rest_angle + turn * np.arccos(field))
@@ -74,7 +74,7 @@ def tanh_walls(chain: Chain, places: list[float], charge: int) -> Array:
 
 
 def only(found: tuple[Soliton, ...]) -> Soliton:
-    assert len(found) == 1, f'{len(found)} walls in place of one'
+    assert len(found) == 1, f'{len(found)} walls instead of one'
     return found[0]
 
 
@@ -85,7 +85,7 @@ def walls(example: tuple[float, float], rotors: int = 40) -> list[tuple[Chain, f
     result = []
     for turned in BOTH:
         for crossed in BOTH:
-            frames, _ = site(chain, rotor, turned, crossed, 9)
+            frames, _ = walls_over_a_site(chain, rotor, turned, crossed, 9)
             truths = rotor + 0.5 + np.linspace(0, 1, 9)
             result += [
                 (chain, float(truth), frame) for truth, frame in zip(truths, frames, strict=True)
@@ -130,7 +130,7 @@ def test_errors_by_noise_agree_with_an_independent_program(
 ) -> None:
     random = np.random.default_rng(11)
     noise = 0.01
-    _, arc = site(chain_of(example, 40), 19, False, False, 9)
+    _, arc = walls_over_a_site(chain_of(example, 40), 19, False, False, 9)
     errors, deviations = [], []
     for chain, truth, angles in walls(example):
         for _ in range(12):
@@ -174,13 +174,13 @@ def test_symmetric_images_of_a_frame_have_the_images_of_its_soliton(
 
 
 @pytest.mark.parametrize('example', [FLIPPER, WIDE_FLIPPER, WOBBLER, WIDE_SPINNER])
-@pytest.mark.parametrize('place', [19.5, 19.8, 20.0, 20.3])
-def test_an_anti_kink_has_charge_minus_1(example: tuple[float, float], place: float) -> None:
+@pytest.mark.parametrize('site', [19.5, 19.8, 20.0, 20.3])
+def test_an_anti_kink_has_charge_minus_1(example: tuple[float, float], site: float) -> None:
     chain = chain_of(example, 40)
-    angles = tanh_walls(chain, [place], charge=-1)
+    angles = tanh_walls(chain, [site], charge=-1)
     soliton = only(find_solitons(chain, angles, 0 * angles))
     assert soliton.charge == -1
-    assert soliton.rotor == pytest.approx(place, abs=1e-6)
+    assert soliton.rotor == pytest.approx(site, abs=1e-6)
     assert (
         chain.elastic_energy(angles)
         > 0.01
@@ -197,10 +197,10 @@ def test_several_walls_are_found_in_order_with_alternating_charges(
     example: tuple[float, float], charge: int
 ) -> None:
     chain = chain_of(example, 100)
-    places = [20.2, 47.5, 80.9]
-    found = find_solitons(chain, tanh_walls(chain, places, charge))
+    sites = [20.2, 47.5, 80.9]
+    found = find_solitons(chain, tanh_walls(chain, sites, charge))
     assert [soliton.charge for soliton in found] == [charge, -charge, charge]
-    assert [soliton.rotor for soliton in found] == pytest.approx(places, abs=0.01)
+    assert [soliton.rotor for soliton in found] == pytest.approx(sites, abs=0.01)
 
 
 @given(any_configuration(most=8), st.data())
@@ -259,13 +259,13 @@ def test_the_velocity_is_the_rate_of_change_of_the_position(
         only(find_solitons(chain, angles, rates))
         for angles, rates in zip(recording.angles, recording.rates, strict=True)
     ]
-    places = np.array([soliton.position for soliton in found])
+    sites = np.array([soliton.position for soliton in found])
     velocities = np.array([soliton.velocity for soliton in found])
-    slopes = (8 * (places[3:-1] - places[1:-3]) - (places[4:] - places[:-4])) / (12 * period)
+    slopes = (8 * (sites[3:-1] - sites[1:-3]) - (sites[4:] - sites[:-4])) / (12 * period)
     # The window of the fit takes in a rotor and leaves one behind each spacing, and the wall
     # jumps by its tail; four slopes see each jump.
     jumps = np.abs(slopes - velocities[2:-2]) > 1e-6 * velocities.max()
-    travelled = (places[-1] - places[0]) / chain.spacing
+    travelled = (sites[-1] - sites[0]) / chain.spacing
     assert jumps.sum() <= 8 * math.ceil(travelled)
     assert velocities.max() > 0
 
@@ -350,8 +350,8 @@ def test_walls_on_a_ring_are_found_independent_of_the_numbering(
     for shift in range(0, 60, 2):
         found = find_solitons(ring, np.roll(angles, shift), np.zeros(60))
         assert [soliton.rotor for soliton in found] == sorted(soliton.rotor for soliton in found)
-        places = {soliton.charge: (soliton.rotor - shift) % 60 for soliton in found}
-        assert places == {1: pytest.approx(14.5, abs=0.02), -1: pytest.approx(44.5, abs=0.02)}
+        sites = {soliton.charge: (soliton.rotor - shift) % 60 for soliton in found}
+        assert sites == {1: pytest.approx(14.5, abs=0.02), -1: pytest.approx(44.5, abs=0.02)}
         assert all(soliton.position == soliton.rotor * ring.spacing for soliton in found)
 
 

@@ -13,7 +13,7 @@ from chains import (
     WOBBLER,
     chain_of,
 )
-from linkage_motion import site
+from linkage_motion import walls_over_a_site
 
 from soliton_linkage.dynamics.elastic import simulate
 from soliton_linkage.linear.rigidity import mode_towards_last
@@ -96,13 +96,13 @@ def test_a_slow_wall_has_the_speed_of_the_rigid_linkage(
     example: tuple[float, float],
 ) -> None:
     chain = chain_of(example, 40)
-    walls, arc = site(chain, 12, False, False, 9)
+    walls, arc = walls_over_a_site(chain, 12, False, False, 9)
     rate = 0.02 * chain.spacing / chain.rotor_length / chain.time_unit * arc
     start = walls[0]
     duration = 8 * arc / rate
     recording = simulate(
         chain, start, rate * mode_towards_last(chain, start), duration, duration / 50, 1e-8
     )
-    places = follow(chain, recording).sites
+    sites = follow(chain, recording).sites
     # Elastic corrections are of the order of (v / c)^2 with c about 1 spacing per time unit.
-    assert places[-1] - places[0] == pytest.approx(8, rel=0.01)
+    assert sites[-1] - sites[0] == pytest.approx(8, rel=0.01)

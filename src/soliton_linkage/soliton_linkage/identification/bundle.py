@@ -168,13 +168,13 @@ class Bundle:
 
     def closed(self, lengths: Lengths) -> Bundle:
         """Return a bundle with other lengths and with angles at which all bonds close."""
-        made = copy(self)
-        made.lengths, made.angles = lengths, self.angles.copy()
+        moved = copy(self)
+        moved.lengths, moved.angles = lengths, self.angles.copy()
         for _ in range(_CLOSINGS):
-            if made.close() < _CLOSED:
+            if moved.close() < _CLOSED:
                 break
-        made.normal = made.normal_equations()
-        return made
+        moved.normal = moved.normal_equations()
+        return moved
 
     @property
     def conditions(self) -> float:

@@ -158,8 +158,8 @@ class DeviceClock:
         self._last = time
         x = self._elapsed * _MICROSECOND / _SECOND
         self._envelope.add(x, (arrival - self._begun) / _SECOND - x)
-        ran = self._elapsed * _MICROSECOND + round(self._envelope.at(x) * _SECOND)
-        self._stamp = max(self._begun + ran, self._stamp + 1)
+        running = self._elapsed * _MICROSECOND + round(self._envelope.at(x) * _SECOND)
+        self._stamp = max(self._begun + running, self._stamp + 1)
         self.delay = (arrival - self._stamp) / _SECOND
         return self._stamp
 
@@ -171,13 +171,13 @@ class DeviceClock:
     def _advance(self, time: int, arrival: int) -> None:
         """Advance to a time, or restart if that would be in the future or too late."""
         assert self._last is not None
-        gone = (time - self._last) % CLOCK_RANGE
-        if not gone:
+        passed = (time - self._last) % CLOCK_RANGE
+        if not passed:
             raise ValueError(f'time = {time} us repeats the frame before; measure each frame once')
         here = (arrival - self._begun) // _MICROSECOND
         latest = round((here / 1e6 + _FROM_THE_FUTURE - self._envelope.offset) * 1e6)
         latest = round(latest / (1 + self._envelope.drift))
-        elapsed = self._elapsed + gone
+        elapsed = self._elapsed + passed
         elapsed += max((latest - elapsed) // CLOCK_RANGE, 0) * CLOCK_RANGE
         earliest = latest - round(1e6 * (_FROM_THE_FUTURE + _FROM_THE_PAST))
         if earliest <= elapsed <= latest:

@@ -62,8 +62,8 @@ class DeviatingOrbit(Orbit):
         self._check()
         self._uniform_arc = _ArcMap(self, self._uniform)
         inner = chain.number_of_rotors - 2
-        ways = [self.arc_at(inner + 0.5, leg) - self.arc_at(0.5, leg) for leg in legs]
-        self.site_arc = sum(map(abs, ways)) / (inner * len(ways))
+        spans = [self.arc_at(inner + 0.5, leg) - self.arc_at(0.5, leg) for leg in legs]
+        self.site_arc = sum(map(abs, spans)) / (inner * len(spans))
 
     @property
     def wall_extent(self) -> float:

@@ -294,7 +294,7 @@ class SpinnerTheory(WallTheory):
         """K = k_e r^4 a^2 sin(2 theta_bar)^2 / lbar^2 [N m^3]."""
         return self.chain.stiffness * self._lever**2
 
-    def turned(
+    def rotation(
         self, x: ArrayLike, position: float = 0.0, velocity: float = 0.0, charge: int = 1
     ) -> Array:
         """Return psi from 0 to pi at positions x [m], cos(psi) = -Q tanh((x - X) / w), (...)."""
@@ -319,16 +319,16 @@ class SpinnerTheory(WallTheory):
         if sublattice not in (0, 1):
             raise ValueError(f'sublattice = {sublattice!r} must be 0 (even rotors) or 1 (odd)')
         sign = _checked_sign('turn', turn) * (-1) ** sublattice
-        turned = self.turned(x, position, velocity, charge) + self._assembled
-        return np.asarray(self.family * self.chain.rest_angle + sign * turned)
+        rotation = self.rotation(x, position, velocity, charge) + self._assembled
+        return np.asarray(self.family * self.chain.rest_angle + sign * rotation)
 
-    def static_slope(self, turned: ArrayLike) -> Array:
+    def static_slope(self, rotation: ArrayLike) -> Array:
         """Return the slope of a wall at rest, psi' = sin(psi) / (r sin(theta_bar)) [rad/m]."""
-        return np.asarray(np.sin(turned) / self.chain.wall_width)
+        return np.asarray(np.sin(rotation) / self.chain.wall_width)
 
-    def elastic_density(self, turned: ArrayLike, slopes: ArrayLike) -> Array:
+    def elastic_density(self, rotation: ArrayLike, slopes: ArrayLike) -> Array:
         """Return the elastic energy per length [J/m], (K / 2 a) [psi' - sin(psi) / ub]^2."""
-        misfit = np.asarray(slopes) - self.static_slope(turned)
+        misfit = np.asarray(slopes) - self.static_slope(rotation)
         return np.asarray(self.effective_stiffness * misfit**2 / (2 * self.chain.spacing))
 
     def kinetic_density(self, rates: ArrayLike) -> Array:
@@ -351,7 +351,7 @@ class SpinnerTheory(WallTheory):
         """
         sign = _checked_sign('turn', turn) * self.family
         factor = sign * self._lever * self._misfit(velocity, charge)
-        slope = self.static_slope(self.turned(x, position, velocity, charge))
+        slope = self.static_slope(self.rotation(x, position, velocity, charge))
         return np.asarray(factor * slope)
 
     def state(
@@ -362,10 +362,10 @@ class SpinnerTheory(WallTheory):
         phi = phi_uniform + turn psi on all rotors, and psi_t = -v psi'.
         """
         pivots = self._pivots()
-        turned = self.turned(pivots, position, velocity, charge)
-        slopes = charge * np.sin(turned) / self.width(velocity)
+        rotation = self.rotation(pivots, position, velocity, charge)
+        slopes = charge * np.sin(rotation) / self.width(velocity)
         sign = _checked_sign('turn', turn)
-        angles = self.chain.uniform_state(self.family) + sign * (turned + self._assembled)
+        angles = self.chain.uniform_state(self.family) + sign * (rotation + self._assembled)
         return angles, -velocity * sign * slopes
 
     @property
