@@ -217,7 +217,7 @@ def passable(lengths: Lengths, covariance: Array) -> Lengths:
 
 
 def near_limit_bonds(lengths: Lengths, covariance: Array) -> dict[int, float]:
-    """Return the bonds within their limits by less than the noise explains.
+    """Return the bonds that are within their limits but close to them, compared with the noise.
 
     The values are probabilities [1], to first order and for a covariance (P, P), that the bond is
     beyond the nearer one of its limits; the keys are its numbers.

@@ -303,7 +303,7 @@ class _Fit:
         return self._unknowns[: self._rotors]
 
     def _begin(self, interval: slice) -> Array:
-        """Return arc and speed u at the begin of an interval."""
+        """Return arc and speed u at the start of an interval."""
         few = slice(interval.start, interval.start + _RATE_FRAMES)
         rate, arc = np.polyfit(self._times[few] - self._times[interval.start], self._arcs[few], 1)
         row, _ = self._table.locate(np.array(arc))

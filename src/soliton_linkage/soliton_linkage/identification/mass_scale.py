@@ -42,15 +42,6 @@ _LONGEST = 500
 does not determine the motion after them."""
 
 
-class RateStep(NamedTuple):
-    """Effect of impulses."""
-
-    time: float
-    """Time [s]."""
-    change: Array
-    """Change of the rates [rad/s], shape (N,)."""
-
-
 class MassScale(NamedTuple):
     """Estimated mean mass."""
 
@@ -111,9 +102,9 @@ def _by_impulses(
     motion = propagate(before.motion, times[before.frames.start : begin + 1])[1]
     some = slice(begin, min(last + _AFTER, after.frames.stop))
     inertias = motion.masses * (spacing * motion.lengths.rotor_lengths) ** 2
-    steps = [RateStep(time, values / inertias) for time, values in impulses]
+    steps = [(time, values / inertias) for time, values in impulses]
     ahead = propagate(motion, times[begin : last + 1])[1]
-    kick = np.sum([step.change for step in steps], axis=0)
+    kick = np.sum([change for _, change in steps], axis=0)
     by_momentum = float((after.motion.rates - ahead.rates) @ kick / (kick @ kick))
     gained = inertias @ (after.motion.rates**2 - motion.rates**2) / 2
     by_energy = float(gained) / _work(times[some], readings.filled[some], impulses)
@@ -133,7 +124,7 @@ def _by_impulses(
             rates=motion.rates + unknowns[rotors:-2],
         )
         delay, factor = unknowns[-2], math.exp(unknowns[-1])
-        late = [RateStep(step.time + delay, factor * step.change) for step in steps]
+        late = [(time + delay, factor * change) for time, change in steps]
         return np.asarray(((read - _kicked(moved, times[some], late)) / deviations)[seen])
 
     starts = np.zeros((len(initial), 2 * rotors + 2))
@@ -162,14 +153,14 @@ def _work(times: Array, angles: Array, impulses: Sequence[tuple[float, Array]]) 
     return work or math.inf
 
 
-def _kicked(motion: FreeMotion, times: Array, steps: Sequence[RateStep]) -> Array:
-    """Return angles at each time [rad], (T, N), of a motion with steps of its rates."""
+def _kicked(motion: FreeMotion, times: Array, steps: Sequence[tuple[float, Array]]) -> Array:
+    """Return angles at each time [rad], (T, N), given times [s] and steps of the rates."""
     parts, now, passed = [], float(times[0]), 0
-    for step in steps:
-        arrival = min(max(step.time, now), float(times[-1]))
+    for time, change in steps:
+        arrival = min(max(time, now), float(times[-1]))
         following = passed + int(np.searchsorted(times[passed:], arrival))
         angles, there = propagate(motion, np.array([now, *times[passed:following], arrival]))
         parts.append(angles[1:-1])
-        motion = replace(there, rates=there.rates + step.change)
+        motion = replace(there, rates=there.rates + change)
         now, passed = arrival, following
     return np.concatenate([*parts, angles_at(motion, np.array([now, *times[passed:]]))[1:]])

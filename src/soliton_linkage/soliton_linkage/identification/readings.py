@@ -66,7 +66,7 @@ class Readings:
     """Joint names for error messages."""
     impulses: Sequence[RecordedImpulse] = ()
     gravity: Gravity = NO_GRAVITY
-    """Gravity at the begin."""
+    """Gravity at the start."""
     tilts: Sequence[RecordedTilt] = ()
     """Changes of the tilt in their order."""
     parts: tuple[Readings, ...] = ()
@@ -237,9 +237,9 @@ def informative_frames(
 ) -> NDArray[np.intp]:
     """Return the numbers of the most informative frames, at most `most`, shape (K,), in order.
 
-    All frames near impulses are kept, because they show the rates before and after. Of the others,
-    the density in time is larger while a rotor turns. Angles [rad] are NaN if missing, (T, N), at
-    times [s], (T,), with impulses at times [s].
+    All frames near impulses are kept, because they show the rates before and after. Other frames
+    are kept with a larger density in time while a rotor turns. Angles [rad] are NaN if missing,
+    (T, N), at times [s], (T,), with impulses at times [s].
     """
     if len(times) <= most:
         return np.arange(len(times))

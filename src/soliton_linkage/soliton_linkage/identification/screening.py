@@ -34,7 +34,7 @@ _TRIMMINGS = 6
 _SHARPNESS = 20.0
 """Sharpness of its weights, 1 / (0.22 rad)^2 [1/rad^2]."""
 _FRAMES = 5
-"""Frames at the begin and at the end whose median is used [1]."""
+"""Frames at the start and at the end whose median is used [1]."""
 _LATE = 0.5
 """Delay of a rotor that is out of order, over the time from one rotor to the next but one [1]."""
 

@@ -54,10 +54,9 @@ class DelayEnvelope:
         self.scatter = math.nan
         """Mean height of the earliest messages above the line [s], NaN if unknown.
 
-        It is the median over ln 2, as for exponential times, because a machine that stalls has a
-        few messages far above. The line is nearer than that to the line of the least delay: by the
-        number of intervals if delays are exponential, less if few messages are nearly as quick as
-        the quickest.
+        It is the median over ln 2, which is the mean of exponential times, because a machine that
+        stalls has a few very late messages. With exponential delays the error of the line is this
+        number divided by the number of intervals.
         """
         self._points: list[tuple[float, float]] = []
         self._interval = _FIRST_INTERVAL

@@ -102,10 +102,10 @@ class DeviatingOrbit(Orbit):
         return left.copy(), right.copy()
 
     def _reflections(self) -> list[float]:
-        """Return the arc lengths from the begin of the first piece at which the legs end [rad].
+        """Return the arc lengths from the start of the first piece at which the legs end [rad].
 
         At the end of a leg a flipper's edge rotor is in line with its bar, so that the rotor
-        beside it reverses; a spinner's sum of sin(phi_n) does.
+        beside it reverses. For a spinner the sum of sin(phi_n) reverses.
         """
         last = self.chain.number_of_rotors - 1
         spinner = self.chain.motion is Motion.SPINNER

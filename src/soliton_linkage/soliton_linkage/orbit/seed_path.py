@@ -51,7 +51,7 @@ class SeedPath(NamedTuple):
 
     seeds: Numbers
     begins: Array
-    """Angle of the seed at the begin of the piece [rad]."""
+    """Angle of the seed at the start of the piece [rad]."""
     ends: Array
     """Angle of the seed at the end of the piece [rad], without jumps."""
     left_branches: Branches
