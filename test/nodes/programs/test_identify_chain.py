@@ -57,7 +57,7 @@ def test_a_bag_becomes_a_file_that_nodes_take(
     for name in ('lengths.csv', 'identification.png', 'identification.pdf', 'identification.txt'):
         assert (folder / name).stat().st_size > 100, name
     said = capsys.readouterr()
-    assert 'worst bonds' in said.out
+    assert 'bonds with the largest' in said.out
 
 
 def test_of_a_long_bag_all_frames_of_the_time_that_is_chosen_stay(

@@ -277,15 +277,16 @@ def read_joints(reader: Reader, told: NamedChain | None, span: tuple[float, floa
         )
     if left_out := record.frames - len(record):
         print(
-            f'identify_chain: of {record.frames} frames {left_out} are left out, rather of rotors '
-            'at rest, and none near pushes; --begin and --end choose a time of which more stay',
+            f'identify_chain: {left_out} of {record.frames} frames are not used, mostly with all '
+            'rotors at rest and none near impulses; select a part of the recording by --begin and '
+            '--end to use more of its frames',
             file=sys.stderr,
         )
     return record
 
 
 _WORST = 3
-"""Bonds that are named [1]."""
+"""Number of bonds that are named [1]."""
 
 
 def write_lengths(found: Identification, path: Path) -> None:
@@ -309,38 +310,39 @@ def write_lengths(found: Identification, path: Path) -> None:
 
 
 def summary(found: Identification) -> str:
-    """What was found, in a few lines."""
-    spreads = ', '.join(
+    """Return the results in a few lines."""
+    deviations = ', '.join(
         f'{name} {np.median(values):.2%}' for name, values in found.deviations.items()
     )
     bonds = ', '.join(f'{n} ({found.bond_noise[n]:.2g} rad)' for n in found.worst_bonds[:_WORST])
     lines = [
-        f'lengths of one kind differ by {found.tolerance:.2%}; known to (median) {spreads}',
-        f'noise {found.noise:.3g} rad, from frame to frame {found.reading_noise:.3g} rad; '
-        f'worst bonds: {bonds}',
-        '; '.join(_of_forces(found)),
+        f'standard deviations (median): {deviations}',
+        f'lengths of one kind have a standard deviation of {found.tolerance:.2%}',
+        f'noise of the readings: {found.noise:.3g} rad by the residuals, '
+        f'{found.reading_noise:.3g} rad from frame to frame; bonds with the largest: {bonds}',
+        '; '.join(_forces(found)),
     ]
     if found.unused_frames:
         lines.append(
-            f'masses, springs and drag without {found.unused_frames} of the frames, rather of '
-            'rotors at rest'
+            f'{found.unused_frames} frames, mostly with all rotors at rest, were not used for '
+            'masses, springs and drag'
         )
     if found.weakly_observable:
         lines.append(
-            f'told by angles to no better than 10 % without the {found.tolerance:.2%}: '
-            f'{"; ".join(found.weakly_observable)}'
+            'weakly observable from the angles alone, and therefore determined by the assumption '
+            f'that lengths differ by {found.tolerance:.2%}: {"; ".join(found.weakly_observable)}'
         )
     return '\n'.join([*lines, *(f'warning: {line}' for line in found.warnings)])
 
 
-def _of_forces(found: Identification) -> Iterator[str]:
-    """What is known of masses, springs and drag, and what is not."""
+def _forces(found: Identification) -> Iterator[str]:
+    """Yield the results for springs, drag and masses, and what was not determined."""
     chain = found.chain
     springs, masses = ('stiffness' in found.deviations, 'mass' in found.deviations)
     if springs:
-        yield 'springs give way'
+        yield 'the soliton strains the springs'
     elif found.rigid:
-        yield 'bonds close as those of rigid bars do'
+        yield 'all bonds close, as with rigid bars'
     else:
         yield 'bonds do not close'
     if masses:
@@ -348,16 +350,16 @@ def _of_forces(found: Identification) -> Iterator[str]:
         yield f'dry friction {found.friction:.2g} +- {found.friction_deviation:.1g} N m'
     missing = []
     if math.isnan(found.spacing_deviation):
-        missing.append('the scale of all lengths')
+        missing.append('scale of lengths')
     else:
-        yield f'mean spacing {chain.spacing:.4g} m to {found.spacing_deviation:.1%} by gravity'
+        yield f'mean spacing {chain.spacing:.4g} m +- {found.spacing_deviation:.1%}, from gravity'
     if not masses:
         missing.append('masses')
     elif math.isnan(found.mass_deviation):
-        missing.append('the scale of all masses')
+        missing.append('scale of masses')
     else:
-        yield f'mean mass {chain.mass:.4g} kg to {found.mass_deviation:.1%} by pushes'
+        yield f'mean mass {chain.mass:.4g} kg +- {found.mass_deviation:.1%}, from impulses'
     if not springs:
         missing.append('stiffnesses')
     if missing:
-        yield f'not told: {", ".join(missing)}'
+        yield f'not determined by this recording: {", ".join(missing)}; given values are kept'
