@@ -24,7 +24,7 @@ from soliton_linkage_msgs.srv import Reset
 from soliton_linkage_nodes.edge_actuator.node import EdgeActuator
 from soliton_linkage_nodes.live_view.node import LiveView
 from soliton_linkage_nodes.live_view.view import View
-from soliton_linkage_nodes.runtime import diagnostics, interfaces
+from soliton_linkage_nodes.runtime import interfaces
 from soliton_linkage_nodes.simulator.node import Simulator
 from soliton_linkage_nodes.soliton_analyser.node import SolitonAnalyser
 from soliton_linkage_nodes.soliton_steering.node import SolitonSteering
@@ -94,12 +94,10 @@ def stage(
 
 @pytest.fixture(scope='package')
 def live_view(stage: Stage) -> LiveView:
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(diagnostics, '_PERIOD', 0.2)
-        stage.start(Simulator, SIMULATED)
-        stage.start(SolitonAnalyser)
-        for node in (EdgeActuator, SolitonSteering):
-            stage.start(node, {'state_timeout': 5.0})
+    stage.start(Simulator, SIMULATED)
+    stage.start(SolitonAnalyser)
+    for node in (EdgeActuator, SolitonSteering):
+        stage.start(node, {'state_timeout': 60.0})
     for topic in (*COMMANDS, interfaces.LAST_KICK):
         stage.subscribe(topic)
     folders = [str(stage.folder / 'bags'), str(BAGS)]
