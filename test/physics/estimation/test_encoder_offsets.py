@@ -1,22 +1,32 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Offsets of encoders against a naive least squares fit and by Monte Carlo."""
+"""Encoder offsets and unmodelled deviations against least squares and by Monte Carlo."""
 
 from __future__ import annotations
 
 import math
+from copy import deepcopy
+from dataclasses import replace
 
 import numpy as np
 import pytest
+from chains import FLIPPER, SPINNER, WOBBLER, chain_of
 from scipy import stats
+from scipy.optimize import brentq
 
 from soliton_linkage.estimation.encoder_offsets import EncoderOffsets
+from soliton_linkage.estimation.orbit_filter import OrbitFilter
 from soliton_linkage.estimation.settings import OffsetSettings
+from soliton_linkage.linear.rigidity import zero_mode
+from soliton_linkage.linear.statics import unstretched
+from soliton_linkage.linkage.chain import Array
+from soliton_linkage.linkage.deviations import drawn_deviations
+from soliton_linkage.orbit.uniform_orbit import UniformOrbit
 
 NOISE, REST = 0.05, 0.03
 SETTINGS = OffsetSettings(rest_angle_deviation=REST)
 
 
-def test_offsets_are_those_of_a_least_squares_fit_with_priors() -> None:
+def test_offsets_agree_with_a_least_squares_fit_with_priors() -> None:
     random = np.random.default_rng(1)
     residuals = random.normal(0.2, NOISE, (30, 1))
     sides = random.choice([-1, 0, 1], (30, 1))
@@ -33,7 +43,7 @@ def test_offsets_are_those_of_a_least_squares_fit_with_priors() -> None:
 
 
 @pytest.mark.parametrize('passed', [False, True])
-def test_an_offset_is_told_from_a_rest_angle_once_the_wall_has_passed(passed: bool) -> None:
+def test_an_offset_is_separated_from_a_rest_angle_after_the_wall_has_passed(passed: bool) -> None:
     random, rotors, frames = np.random.default_rng(2), 400, 100
     true, rest = random.normal(0, 0.3, rotors), random.normal(0, REST, rotors)
     offsets = EncoderOffsets(rotors, SETTINGS)
@@ -49,7 +59,7 @@ def test_an_offset_is_told_from_a_rest_angle_once_the_wall_has_passed(passed: bo
     assert low < scores @ scores < high
 
 
-def test_unknown_angles_and_rotors_about_the_wall_teach_nothing() -> None:
+def test_unknown_angles_and_rotors_about_the_wall_have_no_information() -> None:
     offsets = EncoderOffsets(3)
     before = offsets.deviations.copy()
     offsets.update(np.array([np.nan, 1.0, 1.0]), np.array([1, 0, -1]), NOISE**2)
@@ -57,7 +67,7 @@ def test_unknown_angles_and_rotors_about_the_wall_teach_nothing() -> None:
     assert offsets.deviations[2] < 0.1
 
 
-def test_only_sure_offsets_are_corrected() -> None:
+def test_only_significant_offsets_are_corrected() -> None:
     random, offsets = np.random.default_rng(3), EncoderOffsets(50, SETTINGS)
     true = np.zeros(50)
     true[7] = 0.5
@@ -66,3 +76,52 @@ def test_only_sure_offsets_are_corrected() -> None:
         offsets.update(true + random.normal(0, NOISE, 50), side, NOISE**2)
     assert np.flatnonzero(offsets.corrections).tolist() == [7]
     assert offsets.corrections[7] == offsets.values[7]
+
+
+ROTORS, SMALL_NOISE, BOND = 20, 0.005, 9
+DRAWS, FRAMES = 25, 18
+
+
+def resting(orbit: UniformOrbit, seed: int, share: float) -> Array:
+    """Return angles of a deviating chain with half of its zero mode left of the bond."""
+    drawn = drawn_deviations(ROTORS, seed, spacing=share, rotor_length=share)
+    chain = replace(orbit.chain, deviations=drawn)
+
+    def angles(arc: float) -> Array:
+        return unstretched(chain, orbit.configuration(arc))
+
+    def beyond_half(arc: float) -> float:
+        return float(np.sum(zero_mode(chain, angles(arc))[: BOND + 1] ** 2)) - 0.5
+
+    low, high = (orbit.arc_at(site, 0) for site in (BOND - 0.5, BOND + 1.5))
+    return angles(float(brentq(beyond_half, low, high, xtol=1e-4)))
+
+
+@pytest.mark.parametrize(('example', 'share'), [(FLIPPER, 0.03), (WOBBLER, 0.03), (SPINNER, 0.03)])
+def test_stated_deviations_include_unmodelled_deviations_from_the_first_frame(
+    example: tuple[float, float], share: float
+) -> None:
+    orbit = UniformOrbit(chain_of(example, ROTORS))
+    scores, fresh = np.empty((DRAWS, FRAMES)), OrbitFilter(orbit)
+    for seed in range(DRAWS):
+        random, angles = np.random.default_rng(seed), resting(orbit, seed, share)
+        tracker = deepcopy(fresh)
+        for frame in range(FRAMES):
+            noisy = angles + SMALL_NOISE * random.standard_normal(ROTORS)
+            reported = tracker.update(0.004 * frame, noisy)
+            scores[seed, frame] = (reported.site - BOND - 0.5) / reported.site_deviation
+    squares = np.sum(scores**2, axis=0)
+    low, high = stats.chi2.ppf([1e-4, 1 - 1e-4], DRAWS)
+    assert squares.max() < high
+    assert low < squares[-1]
+
+
+def test_a_persistent_outlier_in_an_even_chain_is_a_wrong_reading() -> None:
+    orbit, off = UniformOrbit(chain_of(WOBBLER, ROTORS)), 1.2
+    angles, random = resting(orbit, 0, 0.0), np.random.default_rng(0)
+    angles[BOND + 2] += off
+    tracker = OrbitFilter(orbit)
+    for frame in range(40):
+        reported = tracker.update(0.004 * frame, angles + SMALL_NOISE * random.standard_normal(ROTORS))
+    stated = reported.site_deviation * orbit.site_arc
+    assert stated < 0.1 * off

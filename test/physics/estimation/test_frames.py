@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Frames: impulses that wait, and rotors that are not seen."""
+"""Frames: queued impulses, unwrapping, unseen rotors, and the noise of rates."""
 
 from __future__ import annotations
 
@@ -12,6 +12,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from soliton_linkage.estimation.frames import ImpulseQueue, OnOrbit, Unwrapper, complete
+from soliton_linkage.estimation.noise import RateNoise
+from soliton_linkage.linear.bands import band_edges
+from soliton_linkage.linear.normal_modes import normal_modes
 from soliton_linkage.linkage.chain import Array, Chain, wrapped
 
 SECOND = 10**9
@@ -20,18 +23,20 @@ ONE, OTHER, LAST = (np.full(3, float(number)) for number in range(3))
 
 
 def due(waiting: ImpulseQueue, stamp: int) -> list[tuple[Array, int]]:
-    """Which act from a frame on, and how long ago they did [ns]."""
+    """Return the impulses that act from a frame on, and their age [ns]."""
     return [
         (apply_impulse.impulses, round(apply_impulse.ago * SECOND))
         for apply_impulse in waiting.due(stamp)
     ]
 
 
-@pytest.mark.parametrize('told', list(permutations([(15, ONE), (20, OTHER), (31, LAST)])))
-def test_each_acts_from_the_first_frame_that_is_not_earlier(told: list[tuple[int, Array]]) -> None:
+@pytest.mark.parametrize('given', list(permutations([(15, ONE), (20, OTHER), (31, LAST)])))
+def test_an_impulse_acts_from_the_next_frame(
+    given: list[tuple[int, Array]],
+) -> None:
     waiting = ImpulseQueue()
     assert waiting.due(10) == []
-    for stamp, impulses in told:
+    for stamp, impulses in given:
         waiting.add(stamp, impulses)
     assert sorted(ago for _, ago in due(waiting, 20)) == [0, 5]
     assert waiting.due(30) == []
@@ -41,7 +46,7 @@ def test_each_acts_from_the_first_frame_that_is_not_earlier(told: list[tuple[int
 
 
 @pytest.mark.parametrize('stamp', [19, 20])
-def test_one_that_comes_after_its_frame_is_counted_and_does_nothing(stamp: int) -> None:
+def test_a_late_impulse_is_counted_and_has_no_effect(stamp: int) -> None:
     waiting = ImpulseQueue()
     waiting.due(20)
     waiting.add(stamp, ONE)
@@ -50,7 +55,7 @@ def test_one_that_comes_after_its_frame_is_counted_and_does_nothing(stamp: int) 
 
 
 @pytest.mark.parametrize('stamp', [None, 0, 2 * DAY])
-def test_one_of_no_clock_or_another_acts_from_the_next_frame(stamp: int | None) -> None:
+def test_an_impulse_of_an_unknown_clock_acts_from_the_next_frame(stamp: int | None) -> None:
     waiting = ImpulseQueue()
     waiting.due(DAY)
     waiting.add(stamp, ONE)
@@ -58,16 +63,7 @@ def test_one_of_no_clock_or_another_acts_from_the_next_frame(stamp: int | None) 
     assert waiting.late == 0
 
 
-@pytest.mark.parametrize('behind', [1, 5 * SECOND, 600 * SECOND])
-def test_one_is_no_earlier_for_who_is_behind(behind: int) -> None:
-    waiting = ImpulseQueue()
-    waiting.due(DAY)
-    waiting.add(DAY + behind + 1, ONE)
-    assert waiting.due(DAY + behind) == []
-    assert due(waiting, DAY + behind + 1) == [(ONE, 0)]
-
-
-def test_none_outlives_a_clock_that_is_set_back() -> None:
+def test_impulses_are_dropped_when_the_clock_is_set_back() -> None:
     waiting = ImpulseQueue()
     waiting.due(50 * SECOND)
     waiting.add(50 * SECOND + 1, ONE)
@@ -82,14 +78,14 @@ CHAINS = {
 
 
 def there(chain: Chain, frame: Array) -> OnOrbit:
-    """A chain at rest, leaning right, with what a frame differs from it."""
+    """Return a right-leaning chain at rest, with the residuals of a frame."""
     angles = chain.uniform_state(1)
     rates = np.linspace(1, 2, 9)
     return OnOrbit(angles, rates, wrapped(frame - angles))
 
 
 @given(st.integers(0, 2**32 - 1))
-def test_wrapped_angles_come_back_but_for_whole_turns(seed: int) -> None:
+def test_wrapped_angles_are_unwrapped(seed: int) -> None:
     generator = np.random.default_rng(seed)
     angles = np.cumsum(generator.uniform(-3, 3, (50, 4)), axis=0)
     seen = wrapped(angles)
@@ -104,16 +100,8 @@ def test_wrapped_angles_come_back_but_for_whole_turns(seed: int) -> None:
     assert (np.isnan(read) == np.isnan(seen)).all()
 
 
-def test_angles_without_jumps_stay_as_they_are() -> None:
-    angles = np.cumsum(np.full((100, 2), 0.3), axis=0) + 20
-    unwrapper = Unwrapper(2)
-    for frame in angles:
-        np.testing.assert_array_equal(unwrapper.unwrapped(frame), frame)
-    np.testing.assert_array_equal(unwrapper.last, angles[-1])
-
-
 @pytest.mark.parametrize('value', [math.nan, math.inf, -math.inf, 1e12, -1e300])
-def test_what_is_no_angle_is_not_seen(value: float) -> None:
+def test_an_invalid_angle_is_unseen(value: float) -> None:
     unwrapper = Unwrapper(2)
     unwrapper.unwrapped(np.array([1.0, 2.0]))
     read = unwrapper.unwrapped(np.array([1.1, value]))
@@ -123,7 +111,7 @@ def test_what_is_no_angle_is_not_seen(value: float) -> None:
 
 
 @pytest.mark.parametrize('name', CHAINS)
-def test_unseen_rotors_are_where_the_cycle_has_them_on_their_turn(name: str) -> None:
+def test_unseen_rotors_are_filled_in_from_the_orbit_with_their_turns(name: str) -> None:
     chain = CHAINS[name]
     frame = chain.uniform_state(1) + 0.01
     frame[[2, 3, 8]] = np.nan
@@ -142,7 +130,7 @@ def test_unseen_rotors_are_where_the_cycle_has_them_on_their_turn(name: str) -> 
 
 
 @pytest.mark.parametrize('name', CHAINS)
-def test_one_rotor_far_away_is_not_seen_and_two_side_by_side_are_a_domain(name: str) -> None:
+def test_one_distant_rotor_is_unseen_and_two_adjacent_ones_are_a_domain(name: str) -> None:
     chain = CHAINS[name]
     far = math.pi / 2 if name == 'spinner' else chain.rest_angle
     for off, filled, others in (([4], [4], False), ([0], [0], False), ([4, 5], [], True)):
@@ -159,7 +147,7 @@ def test_one_rotor_far_away_is_not_seen_and_two_side_by_side_are_a_domain(name: 
         assert not complete(chain, near, None, there(chain, near), near).filled.any()
 
 
-def test_rates_that_are_missing_are_those_of_the_cycle_or_all_unknown() -> None:
+def test_missing_rates_are_filled_in_from_the_orbit() -> None:
     chain = CHAINS['flipper']
     frame, rates = chain.uniform_state(1), np.zeros(9)
     rates[[1, 2]] = math.nan, math.inf
@@ -171,7 +159,7 @@ def test_rates_that_are_missing_are_those_of_the_cycle_or_all_unknown() -> None:
     np.testing.assert_array_equal(known, np.ones(9))
 
 
-def test_without_a_cycle_rotors_lean_as_their_neighbours_do() -> None:
+def test_without_an_orbit_rotors_lean_like_their_neighbours() -> None:
     chain = CHAINS['flipper']
     frame = chain.uniform_state(-1)
     frame[[0, 4, 5, 8]] = np.nan
@@ -181,3 +169,60 @@ def test_without_a_cycle_rotors_lean_as_their_neighbours_do() -> None:
     assert not whole.placed
     nothing = complete(chain, np.full(9, np.nan), None, None, frame)
     assert np.isnan(nothing.angles).all()
+
+
+CHAIN = Chain(number_of_rotors=30)
+PERIOD = 0.1 / band_edges(CHAIN)[1]
+
+
+def phonons(times: Array, generator: np.random.Generator) -> Array:
+    """Return rates of all phonons with a mean square of 1 rad^2/s^2, shape (T, N)."""
+    modes = normal_modes(CHAIN, CHAIN.uniform_state(1))
+    phases = generator.uniform(0, 2 * math.pi, len(modes.frequencies))
+    waves = np.cos(np.outer(times, modes.frequencies) + phases)
+    rates = waves @ modes.shapes.T
+    return np.asarray(rates / rates.std())
+
+
+def noise_of(times: Array, rates: Array) -> float:
+    noise = RateNoise(CHAIN)
+    for time, frame in zip(times.tolist(), rates, strict=True):
+        noise.update(time, frame)
+    return noise.deviation
+
+
+@pytest.mark.parametrize('deviation', [0.01, 1.0])
+def test_white_noise_is_measured(deviation: float) -> None:
+    generator = np.random.default_rng(5)
+    times = PERIOD * np.arange(4000)
+    rates = deviation * generator.standard_normal((4000, 30))
+    rates[:, 7] = np.nan
+    assert noise_of(times, rates) == pytest.approx(deviation, rel=0.02)
+
+
+def test_phonons_do_not_count_as_noise() -> None:
+    generator = np.random.default_rng(6)
+    times = PERIOD * np.arange(500)
+    waves = phonons(times, generator)
+    assert noise_of(times, waves) < 0.01
+    noisy = waves + 0.1 * generator.standard_normal(waves.shape)
+    assert noise_of(times, noisy) == pytest.approx(0.1, rel=0.05)
+
+
+def test_an_unknown_noise_is_nan() -> None:
+    generator = np.random.default_rng(7)
+    rates = generator.standard_normal((100, 30))
+    assert math.isnan(noise_of(10 * PERIOD * np.arange(100), rates))
+    uneven = noise_of(PERIOD * np.cumsum(np.arange(100) % 2 + 1), rates)
+    assert uneven == pytest.approx(1, rel=0.1)
+    assert math.isnan(noise_of(PERIOD * np.arange(2), rates[:2]))
+    assert math.isnan(noise_of(PERIOD * np.arange(100), np.full((100, 30), np.nan)))
+
+
+def test_a_restart_discards_all_frames() -> None:
+    noise = RateNoise(CHAIN)
+    for number in range(10):
+        noise.update(PERIOD * number, np.full(30, (-1.0) ** number))
+    assert noise.deviation > 1
+    noise.restart()
+    assert math.isnan(noise.deviation)

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The likelihood of a frame: its density, and that no reading alone moves an arc far."""
+"""Likelihood of frames, noise of angles, and variance of residuals."""
 
 from __future__ import annotations
 
@@ -10,8 +10,10 @@ import pytest
 from scipy.integrate import quad
 
 from soliton_linkage.estimation.likelihood import frame_likelihood
-from soliton_linkage.estimation.measurement import FrameLikelihood
+from soliton_linkage.estimation.measurement import FrameLikelihood, LinearisedMeasurement
+from soliton_linkage.estimation.noise import FrameNoise, ResidualVariance
 from soliton_linkage.estimation.settings import DEFAULTS
+from soliton_linkage.linkage.chain import Array
 
 GIVEN = DEFAULTS.likelihood
 TANGENT = np.array([0.1, 0.5, 0.7, -0.5, 0.05])
@@ -23,7 +25,7 @@ def likelihood() -> FrameLikelihood:
 
 
 @pytest.mark.parametrize('sigma', [0.01, 0.1])
-def test_the_density_is_one_over_all_differences(sigma: float) -> None:
+def test_the_density_integrates_to_one(sigma: float) -> None:
     floor = likelihood().floor(sigma**2)
 
     def density(apart: float) -> float:
@@ -34,7 +36,7 @@ def test_the_density_is_one_over_all_differences(sigma: float) -> None:
     assert of_nothing / whole == pytest.approx(GIVEN.wrong, rel=0.05)
 
 
-def test_the_step_ahead_is_that_of_weighted_least_squares() -> None:
+def test_the_step_agrees_with_weighted_least_squares() -> None:
     differences = np.random.default_rng(1).normal(0, 0.1, ROTORS)
     differences[[0, 5]] = np.nan
     view = likelihood().linearise(2.0, FIRST, TANGENT, differences.copy(), 0.1**2)
@@ -52,7 +54,7 @@ def test_the_step_ahead_is_that_of_weighted_least_squares() -> None:
 
 
 @pytest.mark.parametrize('rotor', [1, 2, 3])
-def test_no_reading_alone_moves_the_arc_by_more_than_the_bound(rotor: int) -> None:
+def test_no_single_reading_moves_the_arc_by_more_than_the_bound(rotor: int) -> None:
     sigma = 0.01
     for size in np.geomspace(0.001, 3.0, 60).tolist():
         differences = np.zeros(ROTORS)
@@ -62,7 +64,7 @@ def test_no_reading_alone_moves_the_arc_by_more_than_the_bound(rotor: int) -> No
         assert moved < GIVEN.bound
 
 
-def test_a_wide_guess_of_the_arc_makes_no_outliers_of_what_moves() -> None:
+def test_an_uncertain_arc_does_not_turn_moving_rotors_into_outliers() -> None:
     differences = np.zeros(ROTORS)
     differences[FIRST : FIRST + 5] = 0.3 * TANGENT
     assert likelihood().linearise(2.0, FIRST, TANGENT, differences.copy(), 0.01**2).unbelieved
@@ -80,17 +82,93 @@ def test_doubtful_rotors_do_not_count() -> None:
     assert view.information == pytest.approx(TANGENT @ TANGENT - TANGENT[2] ** 2)
 
 
-def test_frames_that_are_refused_by_chance_are_as_rare_as_stated() -> None:
-    random, told = np.random.default_rng(2), likelihood()
+def test_the_rate_of_false_rejections_is_as_stated() -> None:
+    random, reported = np.random.default_rng(2), likelihood()
     refused = 0
     for _ in range(3000):
         differences = 0.01 * random.standard_normal(ROTORS)
         wrong = random.random(ROTORS) < 0.03
         differences[wrong] = random.uniform(-math.pi, math.pi, int(wrong.sum()))
-        view = told.linearise(2.0, FIRST, TANGENT, differences, 0.01**2)
-        refused += not told.explains(view, 0.1)
+        view = reported.linearise(2.0, FIRST, TANGENT, differences, 0.01**2)
+        refused += not reported.explains(view, 0.1)
     assert refused < 10
     for _ in range(100):
         differences = random.uniform(-math.pi, math.pi, ROTORS)
-        view = told.linearise(2.0, FIRST, TANGENT, differences, 0.1**2)
-        assert not told.explains(view, 0.2**2)
+        view = reported.linearise(2.0, FIRST, TANGENT, differences, 0.1**2)
+        assert not reported.explains(view, 0.2**2)
+
+
+def view_of(differences: Array, variance: float = 1.0) -> LinearisedMeasurement:
+    likelihood = FrameLikelihood(2.0, DEFAULTS.likelihood)
+    return likelihood.linearise(2.0, FIRST, TANGENT, differences.copy(), variance)
+
+
+@pytest.mark.parametrize(('wave', 'angle'), [(0.0, 0.0), (0.1, 0.05), (0.1, 0.5)])
+@pytest.mark.parametrize('given', [None, 0.02])
+def test_noise_is_separated_from_waves(wave: float, angle: float, given: float | None) -> None:
+    random, noise = np.random.default_rng(3), FrameNoise(given)
+    phases = random.uniform(0, 2 * math.pi, ROTORS)
+    for frame in range(3000):
+        differences = wave * np.sin(angle * frame + phases)
+        differences += 0.02 * random.standard_normal(ROTORS)
+        noise.update(view_of(differences))
+    # At half a radian a frame an eightieth of the wave amplitude counts as noise.
+    rel = 0.05 if angle < 0.1 else 0.2
+    assert noise.deviation == pytest.approx(0.02, rel=rel)
+    assert math.sqrt(noise.lasting) == pytest.approx(wave / math.sqrt(2), rel=0.1, abs=1e-9)
+    expected = math.hypot(0.02, wave / math.sqrt(2))
+    assert math.sqrt(noise.scatter) == pytest.approx(expected, rel=0.25)
+
+
+def test_a_given_noise_that_is_too_small_is_corrected() -> None:
+    random, noise = np.random.default_rng(4), FrameNoise(0.01)
+    for _ in range(500):
+        noise.update(view_of(0.02 * random.standard_normal(ROTORS)))
+    assert noise.deviation == pytest.approx(0.02, rel=0.1)
+    assert noise.degrees_of_freedom > 1000
+
+
+def test_the_misfit_is_averaged_over_60_frames() -> None:
+    random, noise = np.random.default_rng(5), FrameNoise(0.01)
+    for _ in range(3000):
+        noise.update(view_of(0.01 * random.standard_normal(ROTORS)))
+    for _ in range(60):
+        noise.update(view_of(0.1 * random.standard_normal(ROTORS)))
+    share = 1 - math.exp(-1)
+    assert noise.scatter == pytest.approx(share * 0.01 + (1 - share) * 1e-4, rel=0.2)
+
+
+NOISE, SWING, MANY_ROTORS = 0.01, 2.0, 40
+
+
+def beside(wave: float) -> ResidualVariance:
+    """Return the variance of a wall among standing waves [rad] and noise."""
+    random = np.random.default_rng(5)
+    variance = ResidualVariance(SWING, NOISE, DEFAULTS)
+    likelihood = FrameLikelihood(SWING, DEFAULTS.likelihood)
+    tangent = np.exp(-0.5 * (np.arange(MANY_ROTORS) - MANY_ROTORS / 2) ** 2)
+    standing = wave * math.sqrt(2) * np.sin(2.4 * np.arange(MANY_ROTORS))
+    for _ in range(200):
+        off = standing + NOISE * random.standard_normal(MANY_ROTORS)
+        variance.learn(likelihood.linearise(2.0, 0, tangent, off, NOISE**2 + wave**2))
+    return variance
+
+
+def test_without_waves_a_wall_is_calm_at_any_rate() -> None:
+    assert beside(0.0).calm(0.1) > 0.9
+    assert ResidualVariance(SWING, NOISE, DEFAULTS).calm(0.0) == 1.0
+
+
+def test_waves_disturb_a_wall_in_proportion_to_motion_and_noise() -> None:
+    def odds(wave: float, rate: float) -> float:
+        return 1 / beside(wave).calm(rate) - 1
+
+    for wave in (0.01, 0.03):
+        assert odds(wave, 0.2) == pytest.approx(4 * odds(wave, 0.4))
+    # The odds follow the square of weak waves and the fourth power of strong ones.
+    assert odds(0.016, 0.3) / odds(0.008, 0.3) > 4
+    assert odds(0.2, 0.3) / odds(0.1, 0.3) == pytest.approx(16, rel=0.1)
+
+
+def test_a_wall_at_rest_among_waves_is_never_steady() -> None:
+    assert beside(0.02).calm(0.0) == 0.0

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Filters of arc and rate: against a naive twin, a fitted line, and by Monte Carlo."""
+"""Filters of arc and rate against a naive twin, a fitted line, and by Monte Carlo."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ def followed(arcs: Array, noise: float, at_edge: bool = False) -> tuple[Multiple
 
 
 class Twin:
-    """One filter, in matrices."""
+    """Naive Kalman filter in matrices."""
 
     def __init__(
         self, arc: float, variance: float, share: float, error: float, disturbance: float
@@ -62,14 +62,14 @@ class Twin:
 
 
 def steadiness(motion: MultipleModelFilter) -> float:
-    """Probability that the rate has been constant of late."""
+    """Return the weight of the steady filter among those without an impulse."""
     return float(motion.filters['weight'][0] / motion.filters['weight'][:26].sum())
 
 
 @pytest.mark.parametrize('at_edge', [False, True])
 @pytest.mark.parametrize('disturbance', [0.0, 1.0])
-def test_filters_are_those_of_kalman(at_edge: bool, disturbance: float) -> None:
-    # Nothing ever contradicts the steady filter so much that the other one counts.
+def test_filters_agree_with_a_naive_kalman_filter(at_edge: bool, disturbance: float) -> None:
+    # The limit of the odds is too large for the other filter to gain weight.
     settings = FilterSettings(
         rate_changes=(0.02,),
         biases=(0.01,),
@@ -98,7 +98,7 @@ def test_filters_are_those_of_kalman(at_edge: bool, disturbance: float) -> None:
         assert found['covariance'] == pytest.approx(twin.spread, rel=1e-8, abs=1e-14)
 
 
-def test_of_a_steady_wall_all_measurements_count() -> None:
+def test_a_steady_wall_uses_all_measurements() -> None:
     noise, frames = 0.05, 1500
     arcs = measured(frames, noise, 2)
     motion, _ = followed(arcs, noise)
@@ -110,7 +110,7 @@ def test_of_a_steady_wall_all_measurements_count() -> None:
 
 
 @pytest.mark.parametrize('calm', [0.0, 0.1])
-def test_a_wall_that_waves_disturb_is_not_taken_for_steady(calm: float) -> None:
+def test_a_wall_among_waves_is_not_assumed_to_be_steady(calm: float) -> None:
     noise, settings = 0.05, FilterSettings()
     arcs = measured(1500, noise, 2)
     motion = MultipleModelFilter(float(arcs[0]), noise**2, 50.0, SITE_ARC, settings)
@@ -121,7 +121,7 @@ def test_a_wall_that_waves_disturb_is_not_taken_for_steady(calm: float) -> None:
     assert 0.4 < steadiness(motion) <= most * (1 + 1e-9)
 
 
-def test_white_noise_raises_no_alarm_and_deviations_are_true() -> None:
+def test_white_noise_causes_no_detection_and_deviations_are_correct() -> None:
     scores = []
     for run in range(40):
         noise = [0.002, 0.01, 0.05, 0.2][run % 4]
@@ -130,18 +130,18 @@ def test_white_noise_raises_no_alarm_and_deviations_are_true() -> None:
         end = RATE * PERIOD * 299
         scores.append((motion.arc - end) / motion.arc_deviation)
         scores.append((motion.rate - RATE) / motion.rate_deviation)
-    # Of 80 numbers of unit variance, five standard deviations of their mean square.
+    # The limits are five standard deviations of the mean square of 80 normal numbers.
     squares = np.square(scores).reshape(10, 4, 2)
     assert squares.mean() == pytest.approx(1, abs=5 * math.sqrt(2 / 80))
     assert squares.max() < 4.5**2
-    # And of each noise, 20 numbers: 1 in 10,000 is beyond either end.
+    # For each noise there are 20 numbers; 1 in 10,000 is beyond either end.
     of_noises = squares.sum(axis=(0, 2))
     assert of_noises.min() > stats.chi2.ppf(1e-4, 20)
     assert of_noises.max() < stats.chi2.ppf(1 - 1e-4, 20)
 
 
 @pytest.mark.parametrize('share', [0.2, -0.2, -2.0])
-def test_a_kick_is_noticed_before_the_wall_has_passed_two_rotors(share: float) -> None:
+def test_a_kick_is_detected_before_the_wall_has_passed_two_rotors(share: float) -> None:
     noise = 0.05
     for seed in range(5):
         arcs = measured(800, noise, seed)
@@ -152,7 +152,7 @@ def test_a_kick_is_noticed_before_the_wall_has_passed_two_rotors(share: float) -
         assert motion.rate_deviation < 0.1 * RATE
 
 
-def test_no_single_frame_hides_for_long_that_the_wall_was_kicked() -> None:
+def test_no_single_frame_delays_the_detection_of_a_kick() -> None:
     noise, rotor = 0.01, round(SITE_ARC / RATE / PERIOD)
     for share in (0.2, -0.2, 0.5, -2.0):
         arcs = measured(900, noise, 4)
@@ -168,7 +168,7 @@ def test_no_single_frame_hides_for_long_that_the_wall_was_kicked() -> None:
         assert motion.impulses == 1
 
 
-def test_the_steady_wall_is_known_to_the_bound_for_nearly_all_of_the_time() -> None:
+def test_a_steady_wall_reaches_the_bound_nearly_always() -> None:
     noise, ratios = 0.05, []
     for seed in range(10):
         arcs = measured(600, noise, seed)
@@ -183,7 +183,7 @@ def test_the_steady_wall_is_known_to_the_bound_for_nearly_all_of_the_time() -> N
     assert np.quantile(ratios, 0.97) < 1.1
 
 
-def test_a_rate_that_wanders_is_followed_with_true_deviations() -> None:
+def test_a_random_walk_of_the_rate_is_tracked_with_correct_deviations() -> None:
     share, scores = 0.05, []
     for seed in range(8):
         random = np.random.default_rng(seed)
@@ -199,7 +199,7 @@ def test_a_rate_that_wanders_is_followed_with_true_deviations() -> None:
     assert 0.5 < np.mean(np.square(scores)) < 1.6
 
 
-def test_a_change_of_rate_by_the_orbit_changes_its_deviations_alike() -> None:
+def test_a_rate_ratio_scales_the_deviation_of_the_rate() -> None:
     motion, _ = followed(measured(200, 0.02, 1), 0.02)
     before = motion.rate, motion.rate_deviation, motion.summary[3], motion.arc_deviation
     motion.predict(0.0, False, 1.5)

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The nearest point of the orbit: at the bound of Cramer and Rao, and found from anywhere."""
+"""Nearest point of the orbit: Cramer-Rao bound, and global search."""
 
 from __future__ import annotations
 
@@ -30,13 +30,13 @@ def cycle_of(example: Example, rotors: int = 40) -> UniformOrbit:
 
 
 def noise(orbit: UniformOrbit, sigma: float, seed: int, frames: int) -> Array:
-    """Independent normal noise of every angle [rad], shape (frames, N)."""
+    """Return independent normal noise of every angle [rad], shape (frames, N)."""
     shape = (frames, orbit.chain.number_of_rotors)
     return np.random.default_rng(seed).normal(0, sigma, shape)
 
 
 def tangent_at(orbit: UniformOrbit, arc: float) -> Array:
-    """Zero mode of the whole chain in the direction of the cycle [1], shape (N,)."""
+    """Return the zero mode of the chain along the orbit [1], shape (N,)."""
     about = orbit.segment(arc)
     mode = zero_mode(orbit.chain, orbit.configuration(arc))
     along = mode[about.first : about.first + len(about.angles)] @ about.tangent
@@ -48,7 +48,7 @@ def apart(orbit: UniformOrbit, arc: float, other: float) -> float:
 
 
 def inner_arc(orbit: UniformOrbit, share: float, leg: int) -> float:
-    """Arc of a wall more than two widths from both edges."""
+    """Return the arc of a wall more than two widths from both edges."""
     chain = orbit.chain
     margin = 2 * chain.wall_width / chain.spacing
     site = margin + share * (chain.number_of_rotors - 1 - 2 * margin)
@@ -58,7 +58,7 @@ def inner_arc(orbit: UniformOrbit, share: float, leg: int) -> float:
 @pytest.mark.parametrize('sigma', [0.01, 0.05])
 @pytest.mark.parametrize('example', CLASSES)
 @pytest.mark.parametrize(('share', 'leg'), [(0.0, 0), (0.513, 1)])
-def test_it_has_no_bias_and_the_deviation_of_the_bound(
+def test_it_is_unbiased_and_reaches_the_cramer_rao_bound(
     example: Example, sigma: float, share: float, leg: int
 ) -> None:
     orbit = cycle_of(example)
@@ -67,47 +67,12 @@ def test_it_has_no_bias_and_the_deviation_of_the_bound(
     noises = noise(orbit, sigma, 11, frames)
     there = orbit.configuration(arc)
     errors = np.array([fit_near(orbit, there + each, arc).arc - arc for each in noises])
-    # Deviations of samples of 3000 scatter by 1.3 %.
+    # The standard deviation of 3000 samples scatters by 1.3 %.
     assert errors.std() == pytest.approx(sigma, rel=0.05)
     # To first order the error is the projection of the noise on the tangent, of mean 0.
     beyond = errors - noises @ tangent_at(orbit, arc)
     assert abs(beyond.mean()) < 0.002 * orbit.site_arc
     assert beyond.std() < 0.2 * sigma
-
-
-@pytest.mark.parametrize('example', CLASSES)
-@settings(deadline=None, max_examples=8)
-@given(share=st.floats(0, 1), leg=st.integers(0, 3), seed=st.integers(0, 2**32))
-def test_its_error_is_the_projection_of_the_noise_on_the_tangent_to_second_order(
-    example: Example, share: float, leg: int, seed: int
-) -> None:
-    orbit = cycle_of(example)
-    arc = inner_arc(orbit, share, leg)
-    there, tangent = orbit.configuration(arc), tangent_at(orbit, arc)
-    beyond = []
-    for sigma in (0.04, 0.01):
-        noises = noise(orbit, sigma, seed, 60)
-        errors = [fit_near(orbit, there + each, arc).arc - arc for each in noises]
-        beyond.append(np.linalg.norm(errors - noises @ tangent))
-    # A quarter of the noise leaves a sixteenth of the second order, and less of the third.
-    assert beyond[1] < beyond[0] / 10
-    assert beyond[1] / math.sqrt(60) < 0.1 * 0.01
-
-
-@pytest.mark.parametrize('sigma', [0.01, 0.05, 0.2])
-@pytest.mark.parametrize('example', [*CLASSES, WIDE_FLIPPER, WIDE_SPINNER])
-def test_it_ends_where_the_rest_is_orthogonal_to_the_tangent(
-    example: Example, sigma: float
-) -> None:
-    orbit = cycle_of(example)
-    arcs = np.linspace(0, orbit.length, 40).tolist()
-    for arc, each in zip(arcs, noise(orbit, sigma, 3, 40), strict=True):
-        frame = orbit.configuration(arc) + each
-        fitted = fit_near(orbit, frame, arc).arc
-        rest = np.angle(np.exp(1j * (frame - orbit.configuration(fitted))))
-        about = orbit.segment(fitted)
-        rest = rest[about.first : about.first + len(about.angles)]
-        assert abs(rest @ about.tangent) < FITTED
 
 
 @pytest.mark.parametrize('rotors', [3, 40])
@@ -157,7 +122,7 @@ def test_its_information_is_the_share_of_the_tangent_that_is_seen(
 
 
 @pytest.mark.parametrize('example', CLASSES)
-def test_missing_rotors_cost_what_their_information_says(example: Example) -> None:
+def test_missing_rotors_increase_the_error_by_their_information(example: Example) -> None:
     orbit = cycle_of(example)
     sigma, frames = 0.01, 2000
     arc = inner_arc(orbit, 0.4, 1)
@@ -173,7 +138,7 @@ def test_missing_rotors_cost_what_their_information_says(example: Example) -> No
 @pytest.mark.parametrize('example', CLASSES)
 @settings(deadline=None, max_examples=8)
 @given(share=st.floats(0, 1), seed=st.integers(0, 2**32), orbits=st.integers(-3, 3))
-def test_whole_turns_and_cycles_do_not_matter(
+def test_whole_turns_and_cycles_have_no_effect(
     example: Example, share: float, seed: int, orbits: int
 ) -> None:
     orbit = cycle_of(example)
@@ -204,7 +169,7 @@ def test_a_frame_shifted_by_two_rotors_is_two_sites_further(example: Example) ->
 
 @pytest.mark.parametrize('rotors', [40, 41])
 @pytest.mark.parametrize('example', CLASSES)
-def test_a_mirrored_frame_is_at_the_mirrored_place(example: Example, rotors: int) -> None:
+def test_a_mirrored_frame_is_at_the_mirrored_site(example: Example, rotors: int) -> None:
     orbit = cycle_of(example, rotors)
     spinner = orbit.chain.motion is Motion.SPINNER
     for leg in range(orbit.number_of_legs):
@@ -213,14 +178,14 @@ def test_a_mirrored_frame_is_at_the_mirrored_place(example: Example, rotors: int
         turned = (rotors % 2 == 1) == spinner
         image = frame[::-1] + math.pi if turned else -frame[::-1]
         fits = fit_anywhere(orbit, frame), fit_anywhere(orbit, image)
-        places = [orbit.site(fit.arc) for fit in fits]
-        assert sum(places) == pytest.approx(rotors - 1, abs=FITTED)
+        sites = [orbit.site(fit.arc) for fit in fits]
+        assert sum(sites) == pytest.approx(rotors - 1, abs=FITTED)
 
 
 def some_frames(
     orbit: UniformOrbit, sigma: float, seed: int, frames: int
 ) -> list[tuple[float, Array]]:
-    """Arcs all over the cycle, and noisy frames there with whole turns."""
+    """Return arcs all over the orbit and noisy frames there, with whole turns."""
     random = np.random.default_rng(seed)
     arcs = random.uniform(0, orbit.length, frames)
     # A third of them where the wall is being reflected.
@@ -243,23 +208,16 @@ def test_it_is_found_from_anywhere(example: Example, sigma: float, rotors: int) 
         fit = fit_anywhere(orbit, frame)
         assert 0 <= fit.arc <= orbit.length
         near = fit_near(orbit, frame, arc)
-        # Nothing on the cycle is nearer than what is found next to the truth.
+        # No point of the orbit is nearer than the fit near the truth.
         assert apart(orbit, fit.arc, near.arc) < FITTED
         assert apart(orbit, fit.arc, arc) < 6 * sigma
         assert fit.misfit == pytest.approx(near.misfit, rel=FITTED)
 
 
-@pytest.mark.parametrize('rotors', [20, 150])
-def test_wide_walls_are_found_where_noise_allows_it(rotors: int) -> None:
-    orbit = cycle_of((0.5, 0.1), rotors)
-    for arc, frame in some_frames(orbit, 0.01, rotors, 40):
-        assert apart(orbit, fit_anywhere(orbit, frame).arc, arc) < 6 * 0.01
-
-
 @pytest.mark.parametrize('rotors', [20, 201])
 @pytest.mark.parametrize('sigma', [0.01, 0.2])
 @pytest.mark.parametrize('example', [FLIPPER, WOBBLER, SPINNER, WIDE_SPINNER])
-def test_it_is_found_with_missing_rotors_or_says_that_it_may_be_elsewhere(
+def test_it_is_found_with_missing_rotors_or_has_little_information(
     example: Example, sigma: float, rotors: int
 ) -> None:
     orbit = cycle_of(example, rotors)
@@ -276,7 +234,7 @@ def test_it_is_found_with_missing_rotors_or_says_that_it_may_be_elsewhere(
 
 
 @pytest.mark.parametrize('example', [FLIPPER, WOBBLER])
-def test_an_edge_rotor_that_is_not_seen_may_have_toggled_or_not(example: Example) -> None:
+def test_an_unseen_edge_rotor_leaves_two_legs(example: Example) -> None:
     orbit = cycle_of(example)
     for leg in range(4):
         arc = orbit.arc_at(19.8, leg)
@@ -290,7 +248,7 @@ def test_an_edge_rotor_that_is_not_seen_may_have_toggled_or_not(example: Example
 
 
 @pytest.mark.parametrize('example', CLASSES)
-def test_where_nothing_is_known_it_says_so(example: Example) -> None:
+def test_without_known_rotors_the_arc_is_nan(example: Example) -> None:
     orbit = cycle_of(example)
     nothing = np.full(40, np.nan)
     anywhere = fit_anywhere(orbit, nothing)
@@ -303,7 +261,7 @@ def test_where_nothing_is_known_it_says_so(example: Example) -> None:
 
 
 @pytest.mark.parametrize('example', CLASSES)
-def test_an_unseen_wall_is_not_moved_by_the_noise_of_rotors_that_know_nothing_of_it(
+def test_noise_of_distant_rotors_does_not_move_an_unseen_wall(
     example: Example,
 ) -> None:
     orbit = cycle_of(example, 201)
@@ -336,7 +294,7 @@ FITS = pytest.mark.parametrize('fit', [from_the_start, fit_anywhere])
 
 @FITS
 @pytest.mark.parametrize('shape', [(39,), (41,), (1, 40), ()])
-def test_angles_that_are_not_one_a_rotor_are_refused(
+def test_angles_of_another_shape_are_rejected(
     fit: Callable[[UniformOrbit, Array], NearestPoint], shape: tuple[int, ...]
 ) -> None:
     with pytest.raises(ValueError, match='do not fit a chain of 40 rotors; give one a rotor'):
@@ -345,7 +303,7 @@ def test_angles_that_are_not_one_a_rotor_are_refused(
 
 @FITS
 @pytest.mark.parametrize('infinity', [math.inf, -math.inf])
-def test_infinite_angles_are_refused(
+def test_infinite_angles_are_rejected(
     fit: Callable[[UniformOrbit, Array], NearestPoint], infinity: float
 ) -> None:
     angles = np.zeros(40)
@@ -355,6 +313,6 @@ def test_infinite_angles_are_refused(
 
 
 @pytest.mark.parametrize('arc', [math.nan, math.inf])
-def test_an_arc_that_is_no_number_is_refused(arc: float) -> None:
+def test_an_arc_that_is_not_finite_is_rejected(arc: float) -> None:
     with pytest.raises(ValueError, match=r'arc = .* rad must be a finite number'):
         fit_near(cycle_of(FLIPPER), np.zeros(40), arc)

@@ -36,18 +36,18 @@ PERIOD = 0.004
 
 @dataclass(frozen=True)
 class Record:
-    """Exact angles of a chain, and where it is on its cycle."""
+    """Exact angles of a chain, and its position on the orbit."""
 
     orbit: UniformOrbit
     angles: Array
     arcs: Array
     rates: Array
     frames: int
-    """How many the wall takes from one rotor to the next."""
+    """Number of frames from one rotor to the next."""
 
 
 def smoothed(values: Array, weights: Array) -> Array:
-    """Weighted means about each value, of odd reflections at the ends."""
+    """Return weighted moving means, with odd reflections at the ends."""
     beside = len(weights) // 2
     before = 2 * values[0] - values[beside:0:-1]
     after = 2 * values[-1] - values[-2 : -beside - 2 : -1]
@@ -56,12 +56,12 @@ def smoothed(values: Array, weights: Array) -> Array:
 
 def recorded(chain: Chain, angles: Array) -> Record:
     orbit = UniformOrbit(dataclasses.replace(chain, deviations=NO_DEVIATIONS))
-    places = [fit_anywhere(orbit, image[30]) for image in (angles, math.pi - angles)]
-    turned = places[1].misfit < places[0].misfit
+    sites = [fit_anywhere(orbit, image[30]) for image in (angles, math.pi - angles)]
+    turned = sites[1].misfit < sites[0].misfit
     image = math.pi - angles if turned else angles
     nearest = np.zeros(len(angles))
     for frames in (range(30, -1, -1), range(30, len(angles))):
-        arc = places[turned].arc
+        arc = sites[turned].arc
         for frame in frames:
             arc = nearest[frame] = fit_near(orbit, image[frame], arc).arc
     frames = max(round(orbit.site_arc / abs(np.median(np.diff(nearest)))), 2)
@@ -95,7 +95,7 @@ def passage(
 
 @dataclass(frozen=True)
 class Followed:
-    """What a filter made of a record."""
+    """Result of a filter for a record."""
 
     tracker: OrbitFilter
     estimates: list[OrbitEstimate]
@@ -105,8 +105,8 @@ class Followed:
     @property
     def largest_step(self) -> float:
         """Largest change of the place in a frame, after the first fifty."""
-        places = np.array([each.site for each in self.estimates[50:]])
-        return float(np.abs(np.diff(places)).max())
+        sites = np.array([each.site for each in self.estimates[50:]])
+        return float(np.abs(np.diff(sites)).max())
 
 
 def followed(
@@ -131,7 +131,7 @@ def followed(
     return Followed(tracker, estimates, np.array(scores)[inside].T)
 
 
-def test_stated_deviations_are_true_on_chains_of_springs() -> None:
+def test_stated_deviations_are_correct_on_chains_of_springs() -> None:
     variances = []
     for example, rotors in [(FLIPPER, 20), (WOBBLER, 20), (SPINNER, 20), (WIDE_FLIPPER, 40)]:
         record = passage(example, rotors, 5.0)
@@ -149,7 +149,7 @@ def test_stated_deviations_are_true_on_chains_of_springs() -> None:
     assert 0.5 < of_rate < 1.5
 
 
-def test_a_chain_that_deviates_unknown_to_the_filter_is_followed_with_less_certainty() -> None:
+def test_unmodelled_deviations_increase_the_stated_uncertainty() -> None:
     even = followed(passage(FLIPPER, 20, 5.0), 0.01)
     variances = []
     for example, rotors, seed in [(FLIPPER, 40, 1), (FLIPPER, 40, 2)]:
@@ -166,7 +166,7 @@ def test_a_chain_that_deviates_unknown_to_the_filter_is_followed_with_less_certa
 
 
 @pytest.mark.parametrize('share', [0.2, -0.2, 0.5])
-def test_a_kick_is_noticed_within_a_few_rotors(share: float) -> None:
+def test_a_kick_is_detected_within_a_few_rotors(share: float) -> None:
     chain = chain_of(FLIPPER, 40)
     simulation = moving(FLIPPER, chain)
     before = simulation.record(1.4).angles
@@ -186,7 +186,7 @@ def test_a_kick_is_noticed_within_a_few_rotors(share: float) -> None:
 
 @pytest.mark.parametrize('turned', [False, True])
 @pytest.mark.parametrize('example', [FLIPPER, WOBBLER, SPINNER])
-def test_after_a_told_kick_the_rate_is_right_in_the_next_frame(
+def test_after_a_reported_kick_the_rate_is_correct_in_the_next_frame(
     example: tuple[float, float], turned: bool
 ) -> None:
     chain, noise = chain_of(example, 20), 0.01
@@ -197,14 +197,14 @@ def test_after_a_told_kick_the_rate_is_right_in_the_next_frame(
     simulation.kick(impulses)
     record = recorded(chain, np.concatenate([before, simulation.record(1.2).angles[1:]]))
     kicked, random = len(before) - 1, np.random.default_rng(5)
-    told, untold = OrbitFilter(record.orbit, noise), OrbitFilter(record.orbit, noise)
+    reported, unknown = OrbitFilter(record.orbit, noise), OrbitFilter(record.orbit, noise)
     for frame, exact in enumerate(record.angles):
         noisy = exact + noise * random.standard_normal(len(exact))
         seen = math.pi - noisy if turned else noisy
-        found, other = (each.update(frame * PERIOD, seen) for each in (told, untold))
+        found, other = (each.update(frame * PERIOD, seen) for each in (reported, unknown))
         if frame == kicked:
-            told.apply_impulse(FrameImpulse(-impulses if turned else impulses))
-            deviation, found = found.rate_deviation, told.estimate
+            reported.apply_impulse(FrameImpulse(-impulses if turned else impulses))
+            deviation, found = found.rate_deviation, reported.estimate
             assert found.rate_deviation < deviation + 0.05 * abs(found.rate)
             true = record.rates[min(frame + 3 * record.frames, len(record.rates) - 1)]
             assert abs(true - found.rate) < 4 * found.rate_deviation
@@ -219,7 +219,7 @@ def test_after_a_told_kick_the_rate_is_right_in_the_next_frame(
     ('example', 'rotors', 'factor'),
     [(FLIPPER, 16, 1.0), (WOBBLER, 12, 1.0), (SPINNER, 16, 1.0), (SPINNER, 20, 4.0)],
 )
-def test_a_wall_that_leaves_the_edge_is_placed_where_it_is(
+def test_a_wall_that_leaves_an_edge_is_located_correctly(
     example: tuple[float, float], rotors: int, factor: float
 ) -> None:
     chain = chain_of(example, rotors)
@@ -242,7 +242,7 @@ def test_a_wall_that_leaves_the_edge_is_placed_where_it_is(
 
 
 @pytest.mark.parametrize('example', [FLIPPER, WOBBLER, SPINNER])
-def test_a_chain_at_rest_that_is_kicked_is_followed_without_any_noise(
+def test_a_kicked_chain_at_rest_is_tracked_without_noise(
     example: tuple[float, float],
 ) -> None:
     chain = chain_of(example, 16)
@@ -263,30 +263,30 @@ def test_a_chain_at_rest_that_is_kicked_is_followed_without_any_noise(
     assert tracker.starts == 1
 
 
-def test_in_a_strong_wake_the_place_goes_on_though_the_edge_may_toggle_back() -> None:
+def test_in_a_strong_wake_the_site_is_continuous_though_the_edge_toggles_back() -> None:
     chain = chain_of(FLIPPER, 20)
     start = chain.uniform_state(-1)
     rates = 4 * SPEEDS[FLIPPER] * mode_towards_last(chain, start)
     angles = ElasticSimulation(chain, start, rates, PERIOD, 1e-7).record(1.6).angles
     orbit, random = UniformOrbit(chain), np.random.default_rng(1)
-    tracker, legs, places, true = OrbitFilter(orbit), [], [], []
+    tracker, legs, sites, true = OrbitFilter(orbit), [], [], []
     arc = 0.0
     for frame, exact in enumerate(angles):
         estimate = tracker.update(frame * PERIOD, exact + 0.01 * random.standard_normal(20))
         arc = fit_near(orbit, exact, arc).arc
         legs.append(estimate.leg)
-        places.append(estimate.site)
+        sites.append(estimate.site)
         true.append(orbit.site(arc))
-    assert np.abs(np.diff(places)).max() < 2 * np.abs(np.diff(true)).max()
-    assert np.abs(np.subtract(places, true)).max() < 0.2
-    # The last rotor, which the wall had toggled, is on its first side again.
+    assert np.abs(np.diff(sites)).max() < 2 * np.abs(np.diff(true)).max()
+    assert np.abs(np.subtract(sites, true)).max() < 0.2
+    # The last rotor has toggled back.
     toggled = [orbit.background(orbit.arc_at(orbit.middle, leg))[1][-1] for leg in (0, 1)]
     apart = np.abs(np.angle(np.exp(1j * (np.array(toggled) - angles[-60:, -1].mean()))))
     assert apart[0] < apart[1]
     assert legs[-60] == 0
 
 
-def test_a_strong_wake_is_not_taken_for_offsets() -> None:
+def test_a_strong_wake_causes_no_offsets() -> None:
     chain = chain_of(SPINNER, 20)
     start = chain.uniform_state(-1)
     rates = 4 * SPEEDS[SPINNER] * mode_towards_last(chain, start)
@@ -302,7 +302,7 @@ def test_a_strong_wake_is_not_taken_for_offsets() -> None:
     assert not tracker.offsets.corrections.any()
 
 
-def test_another_pair_of_walls_does_not_disturb() -> None:
+def test_another_pair_of_walls_has_no_effect() -> None:
     record = passage(FLIPPER, 40, 4.0)
     turned = record.orbit.chain.uniform_state(-1) - record.orbit.chain.uniform_state(1)
 
@@ -318,7 +318,7 @@ def test_another_pair_of_walls_does_not_disturb() -> None:
     assert not made.tracker.offsets.corrections.any()
 
 
-def test_a_stuck_encoder_is_left_out() -> None:
+def test_a_stuck_encoder_is_excluded() -> None:
     record = passage(FLIPPER, 40, 4.0)
     frozen = {}
 
@@ -333,7 +333,7 @@ def test_a_stuck_encoder_is_left_out() -> None:
     assert not made.tracker.offsets.corrections.any()
 
 
-def test_missing_rotors_and_frames_are_got_over() -> None:
+def test_missing_rotors_and_frames_do_not_stop_tracking() -> None:
     record = passage(FLIPPER, 40, 4.0)
     missing = np.random.default_rng(3).permutation(40)[:20]
 
@@ -363,11 +363,11 @@ def test_offsets_of_a_few_encoders_are_found_in_one_passage() -> None:
     wrong = (found.values - offsets)[[7, 18, 29]] / found.deviations[[7, 18, 29]]
     assert np.abs(wrong).max() < 3
     assert found.deviations[[7, 18, 29]].max() < 0.002
-    # Until it is known, an encoder that may have an offset is not believed.
+    # An encoder with a possible offset has no weight until the offset is known.
     assert np.abs(made.scores).max() < 6
 
 
-def test_no_offsets_are_claimed_in_a_long_record() -> None:
+def test_no_false_offsets_appear_in_a_long_record() -> None:
     made = followed(passage(FLIPPER, 40, 10.0), 0.01)
     assert made.tracker.starts == 1
     assert not made.tracker.offsets.corrections.any()
@@ -385,12 +385,12 @@ def test_a_chain_at_rest_stays_where_it_is(example: tuple[float, float]) -> None
     assert tracker.starts == 1
     assert estimate.site == 0
     assert abs(estimate.rate) < 4.5 * estimate.rate_deviation
-    # An error of measurement that lasts would never pass.
+    # A persistent error of measurement would never vanish.
     assert estimate.arc_deviation < 0.003
 
 
 @pytest.mark.parametrize('what', ['damping', 'tilt'])
-def test_what_acts_slowly_raises_no_alarm(what: str) -> None:
+def test_slow_forces_cause_no_detection(what: str) -> None:
     chain = chain_of(FLIPPER, 30)
     if what == 'damping':
         chain = dataclasses.replace(chain, damping=0.02 * chain.moment_of_inertia)

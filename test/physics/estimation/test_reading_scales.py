@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Readings count by their stated deviations: places are told better, and their own are true."""
+"""Weights of readings by their stated deviations."""
 
 from __future__ import annotations
 
@@ -17,54 +17,54 @@ from soliton_linkage.orbit.uniform_orbit import UniformOrbit
 ORBIT = UniformOrbit(Chain(number_of_rotors=14))
 PERIOD, RATE, START = 1e-3, 9.6, 6.0
 NOISE = 0.005
-"""Of every second rotor [rad]; that of the others is ten times it."""
+"""Noise of every second rotor [rad]; the others have ten times as much."""
 DEVIATIONS = np.where(np.arange(14) % 2, 10 * NOISE, NOISE)
 
 
 def normalised_and_errors(
-    seed: int, told: bool, noise: float | None
+    seed: int, weighted: bool, noise: float | None
 ) -> tuple[float, float, float]:
-    """Error of the arc over what is stated [1], that error [rad], and the noise found [rad]."""
+    """Return normalised error of the arc [1], error [rad], and estimated noise [rad]."""
     random, tracker = np.random.default_rng(seed), OrbitFilter(ORBIT, noise)
     for time in (PERIOD * np.arange(120)).tolist():
         angles = ORBIT.configuration(START + RATE * time)
         angles = angles + DEVIATIONS * random.standard_normal(len(angles))
-        estimate = tracker.update(time, angles, DEVIATIONS if told else None)
+        estimate = tracker.update(time, angles, DEVIATIONS if weighted else None)
     error = math.remainder(estimate.arc - START - RATE * estimate.time, ORBIT.length)
     return error / estimate.arc_deviation, error, estimate.noise
 
 
-def runs(told: bool, noise: float | None = None, count: int = 30) -> Array:
-    """Normalised errors, errors and noises, shape (3, runs)."""
-    return np.transpose([normalised_and_errors(seed, told, noise) for seed in range(count)])
+def runs(weighted: bool, noise: float | None = None, count: int = 30) -> Array:
+    """Return normalised errors, errors and noises, shape (3, runs)."""
+    return np.transpose([normalised_and_errors(seed, weighted, noise) for seed in range(count)])
 
 
 @pytest.mark.parametrize('noise', [None, NOISE])
-def test_errors_are_as_stated_and_smaller_where_half_the_readings_have_ten_times_the_noise(
+def test_stated_deviations_of_readings_reduce_the_error(
     noise: float | None,
 ) -> None:
-    normalised, errors, noises = runs(told=True, noise=noise)
+    normalised, errors, noises = runs(weighted=True, noise=noise)
     assert 0.7 < np.sqrt(np.mean(normalised**2)) < 1.3
-    untold = runs(told=False)[1]
-    assert np.sqrt(np.mean(untold**2)) > 2 * np.sqrt(np.mean(errors**2))
+    unknown = runs(weighted=False)[1]
+    assert np.sqrt(np.mean(unknown**2)) > 2 * np.sqrt(np.mean(errors**2))
     usual = noise or 1 / math.sqrt(np.mean(DEVIATIONS**-2))
-    # What may be beside the orbit at first has all readings count alike.
+    # The prior deformation equalises the readings at first.
     assert (noises > 0.9 * usual).all()
     assert (noises < 0.5 * np.sqrt(np.mean(DEVIATIONS**2))).all()
 
 
-def test_equal_deviations_and_those_that_are_not_known_change_nothing() -> None:
+def test_equal_and_unknown_deviations_have_no_effect() -> None:
     random = np.random.default_rng(1)
     chain = Chain(number_of_rotors=14)
     analysers = [Analyser(chain) for _ in range(3)]
-    told = [None, np.full(14, 0.02), np.full(14, np.nan)]
+    weighted = [None, np.full(14, 0.02), np.full(14, np.nan)]
     for number in range(30):
         angles = ORBIT.configuration(START + RATE * PERIOD * number)
         angles = angles + 0.02 * random.standard_normal(14)
         stamp = number * 10**6
         found = [
             each.analyse(stamp, angles, None, deviations)
-            for each, deviations in zip(analysers, told, strict=True)
+            for each, deviations in zip(analysers, weighted, strict=True)
         ]
         estimates = [None if each is None else each.estimate for each in found]
         assert estimates[2] == estimates[0]
@@ -73,7 +73,7 @@ def test_equal_deviations_and_those_that_are_not_known_change_nothing() -> None:
         assert estimates[1].arc == pytest.approx(estimates[0].arc, abs=1e-12)
 
 
-def test_a_usual_deviation_is_that_with_which_readings_would_tell_as_much() -> None:
+def test_the_usual_deviation_preserves_the_information() -> None:
     scales = ReadingScales()
     scales.set_deviations(np.array([0.01, 0.02, np.nan]))
     scaled = scales.of_frame(1e-4, 1e-4)
@@ -89,7 +89,7 @@ def test_a_usual_deviation_is_that_with_which_readings_would_tell_as_much() -> N
         assert scales.of_frame(1e-4, 1e-4) is None
 
 
-def test_what_is_beside_the_orbit_makes_readings_alike() -> None:
+def test_residuals_beside_the_orbit_equalise_the_readings() -> None:
     scales = ReadingScales(0.01)
     scales.set_deviations(np.array([0.01, 0.1]))
     noise, beside = 0.01**2, 0.2**2
@@ -99,7 +99,7 @@ def test_what_is_beside_the_orbit_makes_readings_alike() -> None:
 
 
 @pytest.mark.parametrize('wrong', [0.0, -0.1, np.inf])
-def test_deviations_that_are_none_are_refused(wrong: float) -> None:
+def test_invalid_deviations_are_rejected(wrong: float) -> None:
     analyser = Analyser(Chain(number_of_rotors=14))
     deviations = np.full(14, 0.01)
     deviations[3] = wrong

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The places that one frame shows: true deviations, and none where nothing tells them."""
+"""Relocalisation by one frame, and competing hypotheses."""
 
 from __future__ import annotations
 
@@ -10,6 +10,9 @@ import pytest
 from chains import FLIPPER, SPINNER, WOBBLER, chain_of
 
 from soliton_linkage.estimation import relocalisation
+from soliton_linkage.estimation.hypotheses import Hypotheses, Hypothesis
+from soliton_linkage.estimation.measurement import FrameLikelihood
+from soliton_linkage.estimation.multiple_model_filter import MultipleModelFilter
 from soliton_linkage.estimation.relocalisation import Relocaliser, ScanBudget
 from soliton_linkage.estimation.settings import DEFAULTS, TrackingSettings
 from soliton_linkage.orbit.uniform_orbit import UniformOrbit
@@ -23,7 +26,7 @@ def search_of(orbit: UniformOrbit) -> Relocaliser:
 
 @pytest.mark.parametrize('example', EXAMPLES)
 @pytest.mark.parametrize('given', [True, False])
-def test_one_frame_places_a_wall_as_well_as_it_states(
+def test_one_frame_locates_a_wall_with_the_stated_deviation(
     example: tuple[float, float], given: bool
 ) -> None:
     orbit, random, noise = UniformOrbit(chain_of(example, 20)), np.random.default_rng(1), 0.02
@@ -41,18 +44,18 @@ def test_one_frame_places_a_wall_as_well_as_it_states(
     assert np.abs(scores).max() < 4.5
 
 
-def test_legs_compete_where_the_edges_are_not_seen() -> None:
+def test_legs_compete_without_edge_rotors() -> None:
     orbit = UniformOrbit(chain_of(FLIPPER, 20))
     frame = orbit.configuration(orbit.arc_at(9.2, 1))
     frame[[0, -1]] = np.nan
-    places = search_of(orbit).find(frame, 0.01).candidates
-    alike = [each for each in places if each.evidence > places[0].evidence - 1]
+    sites = search_of(orbit).find(frame, 0.01).candidates
+    alike = [each for each in sites if each.evidence > sites[0].evidence - 1]
     assert sorted(orbit.leg(each.arc) for each in alike) == [0, 1, 2, 3]
     assert [orbit.site(each.arc) for each in alike] == pytest.approx([9.2] * 4, abs=1e-3)
 
 
 @pytest.mark.parametrize('example', EXAMPLES)
-def test_nothing_is_told_of_what_tells_nothing(example: tuple[float, float]) -> None:
+def test_frames_without_information_give_no_candidate(example: tuple[float, float]) -> None:
     orbit, random = UniformOrbit(chain_of(example, 24)), np.random.default_rng(2)
     search = search_of(orbit)
     few = np.full(24, np.nan)
@@ -65,7 +68,7 @@ def test_nothing_is_told_of_what_tells_nothing(example: tuple[float, float]) -> 
 
 
 @pytest.mark.parametrize('example', EXAMPLES)
-def test_a_long_orbit_is_scanned_where_its_uniform_parts_let_it(
+def test_a_long_orbit_is_scanned_where_the_backgrounds_allow(
     example: tuple[float, float], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     orbit, random = UniformOrbit(chain_of(example, 60)), np.random.default_rng(3)
@@ -79,7 +82,7 @@ def test_a_long_orbit_is_scanned_where_its_uniform_parts_let_it(
         assert math.remainder(one.arc - other.arc, orbit.length) == pytest.approx(0, abs=1e-4)
 
 
-def test_rotors_far_from_a_wall_do_not_make_it_less_sure() -> None:
+def test_distant_rotors_do_not_reduce_the_probability() -> None:
     orbit, random = UniformOrbit(chain_of(FLIPPER, 10_000)), np.random.default_rng(4)
     frame = orbit.configuration(orbit.arc_at(2500.0, 0)) + 0.01 * random.standard_normal(10_000)
     found = search_of(orbit).find(frame, 0.0)
@@ -87,10 +90,83 @@ def test_rotors_far_from_a_wall_do_not_make_it_less_sure() -> None:
     assert orbit.site(found.candidates[0].arc) == pytest.approx(2500, abs=0.05)
 
 
-def test_a_budget_is_of_scans_in_a_second_of_stamps() -> None:
+def test_the_budget_limits_searches_per_second_of_stamps() -> None:
     budget = ScanBudget(TrackingSettings(scan_rate=10.0, scan_burst=3.0))
     spent = [budget.spend(0.002 * frame) for frame in range(1000)]
     assert spent[:4] == [True, True, True, False]
     assert sum(spent) == pytest.approx(10 * 2 + 3, abs=1)
     budget.restart()
     assert budget.spend(0.0)
+
+
+ORBIT = UniformOrbit(chain_of(FLIPPER, 20))
+
+
+def hypotheses(*arcs: float) -> Hypotheses:
+    made = Hypotheses(ORBIT, DEFAULTS)
+    for arc in arcs:
+        about = ORBIT.segment(arc)
+        view = FrameLikelihood(2.0, DEFAULTS.likelihood).linearise(
+            arc, about.first, about.tangent, np.zeros(20), 1e-4
+        )
+        motion = MultipleModelFilter(arc, 1e-4, 50.0, ORBIT.site_arc)
+        made.all.append(Hypothesis(motion, False, view, 0.0))
+    return made
+
+
+def test_the_mixture_is_weighted_by_the_evidence() -> None:
+    sites = 8.0, 8.5
+    made = hypotheses(*(ORBIT.arc_at(each, 0) for each in sites))
+    odds = 2.0
+    made.weigh([0.0, odds])
+    share = 1 / (1 + math.exp(-odds))
+    wall = made.mixture(0.0, 0.0)
+    assert wall.site == pytest.approx(8.0 + 0.5 * share)
+    spread = 0.25 * share * (1 - share) + 1e-4 / ORBIT.site_arc**2
+    assert wall.site_deviation == pytest.approx(math.sqrt(spread))
+    assert ORBIT.site(made.leader.motion.arc) == pytest.approx(8.0)
+
+
+def test_refuted_hypotheses_are_removed_and_the_best_one_leads() -> None:
+    made = hypotheses(ORBIT.arc_at(8.0, 0), ORBIT.arc_at(12.0, 0))
+    made.weigh([-5.0, 0.0])
+    assert ORBIT.site(made.leader.motion.arc) == pytest.approx(12.0)
+    made.weigh([0.0, -8.0])
+    assert [ORBIT.site(each.motion.arc) for each in made.all] == pytest.approx([12.0])
+    assert made.leader.evidence == 0
+
+
+def test_the_leg_is_known_after_all_others_are_refuted() -> None:
+    made = hypotheses(*(ORBIT.arc_at(9.0, leg) for leg in (0, 3)))
+    assert not made.leg_is_known()
+    made.weigh([0.0, -9.0])
+    assert made.leg_is_known()
+
+
+def test_a_disagreeing_edge_rotor_adds_a_leg() -> None:
+    made = hypotheses(ORBIT.arc_at(9.0, 0))
+    made.add_toggled()
+    assert len(made.all) == 1
+    made.leader.view.weights[-1] = 0.0
+    made.leader.view = made.leader.view._replace(unbelieved=1)
+    made.add_toggled()
+    other = made.all[1]
+    assert ORBIT.leg(other.motion.arc) == 1
+    assert ORBIT.site(other.motion.arc) == pytest.approx(9.0)
+    assert other.evidence < -5
+
+
+def test_the_mirror_image_moves_in_the_opposite_direction() -> None:
+    motion = MultipleModelFilter(3.0, 1e-4, 50.0, 1.0)
+    for frame in range(1, 200):
+        motion.predict(1e-3, False)
+        motion.update(3.0 + 9.6e-3 * frame, 1e-4)
+    arc, rate, *covariance = motion.summary
+    mirrored = motion.mirrored(-arc).summary
+    assert mirrored == pytest.approx((-arc, -rate, *covariance), rel=1e-9)
+    for frame in range(200, 300):
+        for sense, each in ((1, motion), (-1, motion.mirrored(-motion.arc))):
+            each.predict(1e-3, False)
+            assert each.expected == pytest.approx(sense * (3.0 + 9.6e-3 * frame), abs=0.01)
+            if sense == 1:
+                each.update(3.0 + 9.6e-3 * frame, 1e-4)

@@ -1,15 +1,22 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A number that is changed in the settings has its effect, in the loops as well."""
+"""Effect of settings, and compiled loops against closed forms and against Python."""
 
 from __future__ import annotations
 
 import dataclasses
+import json
 import math
+import os
+import subprocess
+import sys
+from pathlib import Path
 
 import numpy as np
 import pytest
 
+from soliton_linkage.estimation import filter_bank, state_loops
 from soliton_linkage.estimation.analyser import Analyser
+from soliton_linkage.estimation.frames import all_within
 from soliton_linkage.estimation.motion_class import MotionObserver
 from soliton_linkage.estimation.multiple_model_filter import MultipleModelFilter
 from soliton_linkage.estimation.settings import (
@@ -34,7 +41,7 @@ def noisy_wall() -> Array:
 
 
 @pytest.mark.parametrize('part', PARTS, ids=lambda part: type(part).__name__)
-def test_each_number_is_described_and_is_that_of_the_record(part: MotionSettings) -> None:
+def test_each_setting_is_described_and_equals_its_record(part: MotionSettings) -> None:
     described = described_fields(type(part))
     assert set(described) == {each.name for each in dataclasses.fields(part)}
     assert all(each.description for each in described.values())
@@ -64,7 +71,7 @@ def test_evidence_of_motion_follows_its_settings() -> None:
     ('settings', 'kicks'),
     [(FilterSettings(), 1), (FilterSettings(impulse_odds=1e9), 0)],
 )
-def test_kicks_are_believed_by_their_settings(settings: FilterSettings, kicks: int) -> None:
+def test_kicks_are_detected_by_the_settings(settings: FilterSettings, kicks: int) -> None:
     tracker = MultipleModelFilter(0.0, 1e-4, 50.0, 0.99, settings)
     for number in range(1, 600):
         tracker.predict(1e-3, False)
@@ -72,7 +79,7 @@ def test_kicks_are_believed_by_their_settings(settings: FilterSettings, kicks: i
     assert tracker.impulses == kicks
 
 
-def test_the_analyser_hands_its_settings_on() -> None:
+def test_the_analyser_uses_its_settings() -> None:
     limited = EstimationSettings(tracking=TrackingSettings(clock_limit=0.1))
     angles = noisy_wall()
     for settings, late in ((DEFAULTS, 1), (limited, 0)):
@@ -80,3 +87,68 @@ def test_the_analyser_hands_its_settings_on() -> None:
         analyser.analyse(10**9, angles)
         assert (analyser.analyse(5 * 10**8, angles) is None) == (late > 0)
         assert analyser.late == late
+
+
+MANY_ROTORS, WALL = 60, 27
+
+
+def test_loops_reject_other_types_instead_of_compiling() -> None:
+    # A loop rejects an argument of another type instead of compiling for it.
+    with pytest.raises(TypeError):
+        all_within(np.zeros(4, dtype=np.float32), 1.0)
+    frozen = np.ones(4)
+    frozen.flags.writeable = False
+    assert all_within(frozen, 1.0)
+
+
+def test_a_filter_without_weight_may_be_the_likeliest_by_any_amount() -> None:
+    # The first two filters expect 0; one without probability and one with an impulse expect 1.
+    made = np.zeros(4, filter_bank.FILTER)
+    made['state'][:, filter_bank.ARC] = [0.0, 0.0, 1.0, 1.0]
+    variance = 1e-12
+    made['covariance'][:, filter_bank.ARC, filter_bank.ARC] = variance
+    made['probability'][1] = 1.0
+    made['weight'][:2] = 0.5
+    made['likelihood'][2] = -2000.0
+    against, largest = filter_bank.update(made, 3, 1.0, variance, math.inf)
+    assert against == pytest.approx(0.0, abs=1e-9)
+    assert largest == made['odds'][3] == pytest.approx(1 / (4 * variance))
+    assert made['probability'][1:3] == pytest.approx([0.0, 1.0])
+
+
+def test_the_centre_of_the_mode_is_exact_over_800_decades() -> None:
+    # Squares of 10^(2 k) as far as k = 400 below the largest, and up again.
+    falls = np.concatenate([np.arange(500), np.arange(500)[::-1], np.full(3, 0)])
+    exponents = 2.0 * falls
+    ratios = 10.0 ** np.diff(exponents)
+    rows = np.ones((3, len(ratios)))
+    rows[1] = np.sqrt(ratios)
+    *_, centre = state_loops.topology(rows, 1, 1, 0.5)
+    weights = 10.0 ** (exponents - exponents.max())
+    assert centre == pytest.approx(np.arange(len(weights)) @ weights / weights.sum(), rel=1e-9)
+
+
+SCRIPT = Path(__file__).parents[1] / 'analyse_record.py'
+
+
+def test_results_are_the_same_without_a_compiler() -> None:
+    compiled, plain = (
+        json.loads(
+            subprocess.run(
+                [sys.executable, str(SCRIPT)],
+                env={**os.environ, 'NUMBA_DISABLE_JIT': disabled},
+                check=True,
+                capture_output=True,
+                text=True,
+            ).stdout
+        )
+        for disabled in ('0', '1')
+    )
+    assert (compiled['compiled'], plain['compiled']) == (True, False)
+    # Fused products change sums by 1e-16; over these frames this grows to 2e-12.
+    for one, other in zip(compiled['said'], plain['said'], strict=True):
+        for left, right in zip(one, other, strict=True):
+            if isinstance(left, float):
+                assert left == pytest.approx(right, rel=1e-10, abs=1e-12, nan_ok=True)
+            else:
+                assert left == right

@@ -1,20 +1,28 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Kinks of all classes that are two of several walls are placed as well as one that is alone."""
+"""Measurement of several walls by their shapes: accuracy, conservation laws, and tables."""
 
 from __future__ import annotations
 
 import math
 from copy import deepcopy
 from dataclasses import replace
+from typing import NamedTuple
 
 import numpy as np
 import pytest
+from meeting_walls import NARROW, meeting
 from scipy.interpolate import CubicSpline
 
+from soliton_linkage.estimation import wall_loops
 from soliton_linkage.estimation.analyser import Analyser
+from soliton_linkage.estimation.analysis import Analysis
+from soliton_linkage.estimation.estimates import EventKind, TrackingStatus
+from soliton_linkage.estimation.wall_shapes import WallShape, WallShapes
 from soliton_linkage.linkage.chain import Array, Chain, Motion, staggered
 from soliton_linkage.solitons.anti_kink import anti_kink_path, resting_anti_kink
 from soliton_linkage.solitons.static_wall import site_arc, static_wall
+from soliton_linkage_studies.collisions.runs import INITIAL_DISTANCE, Collision, simulate_frames
+from soliton_linkage_studies.collisions.travelling_wall import travelling_wall
 
 NOISE = 0.01
 FRAMES = 80
@@ -27,10 +35,10 @@ CHAINS = {
 
 
 def kink_and_anti_kink(chain: Chain, site: float) -> tuple[Array, tuple[float, float]]:
-    """A kink at a place and an anti-kink, in staggered angles of a chain twice as long, and where.
+    """Return staggered angles of a kink and an anti-kink, and their sites.
 
-    The anti-kink is as far from its end, that of spinners where it rests. That of wobbling
-    flippers is the image of the kink, n -> 2 N - 2 - n.
+    The anti-kink is as far from its end; pinned anti-kinks of spinners are at rest. For wobbling
+    flippers it is the image of the kink, n -> 2 N - 2 - n.
     """
     inner = staggered(static_wall(chain, site))[1:-1]
     far = chain.number_of_rotors - 1 - site
@@ -45,7 +53,7 @@ def kink_and_anti_kink(chain: Chain, site: float) -> tuple[Array, tuple[float, f
 
 
 @pytest.mark.parametrize('name', CHAINS)
-def test_a_kink_and_an_anti_kink_are_within_what_is_stated(name: str) -> None:
+def test_a_kink_and_an_anti_kink_are_located_with_the_stated_deviation(name: str) -> None:
     chain = CHAINS[name]
     rng, errors = np.random.default_rng(1), []
     rotors = 2 * (chain.number_of_rotors - 2) + 1
@@ -70,3 +78,149 @@ def test_a_kink_and_an_anti_kink_are_within_what_is_stated(name: str) -> None:
         assert all(each.position_deviation < 3 * bound for each in walls)
     assert 0.4 < math.sqrt(np.mean(np.square(errors))) < 1.6
     assert max(map(abs, errors)) < 4
+
+
+class Run(NamedTuple):
+    """Frames of a collision."""
+
+    task: Collision
+    times: Array
+    angles: Array
+    rates: Array
+
+
+@pytest.fixture(scope='module')
+def bounce() -> Run:
+    task, parts = meeting(NARROW, 0.4), []
+    for part in simulate_frames(task):
+        parts.append(part)
+        if part[0][-1] > 28 * task.unit:
+            return Run(task, *map(np.concatenate, zip(*parts, strict=True)))
+    raise AssertionError
+
+
+def analysed(run: Run, noise: float = 0.0, seed: int = 1) -> list[Analysis]:
+    analyser, rng = Analyser(run.task.ring), np.random.default_rng(seed)
+    found = [
+        analyser.analyse(round(time * 1e9), angles + rng.normal(0, noise, len(angles)), rates)
+        for time, angles, rates in zip(run.times, run.angles, run.rates, strict=True)
+    ]
+    return [each for each in found if each is not None]
+
+
+def starts(run: Run) -> tuple[float, float]:
+    """Return the initial positions of both walls [m]."""
+    ring, task = run.task.ring, run.task
+    points = travelling_wall(ring, task.speed * task.sound * ring.spacing, 1).points
+    middle, half = (ring.number_of_rotors - 1) / 2, INITIAL_DISTANCE * task.reach / 2
+    return -np.rint((half - middle) * points) / points, -np.rint(
+        (-half - middle) * points
+    ) / points
+
+
+def test_a_collision_conserves_charge_and_energy(bounce: Run) -> None:
+    found = analysed(bounce)
+    assert all(sum(each.charge for each in one.solitons) == 0 for one in found)
+    assert {each.id for one in found for each in one.solitons} == {1, 2}
+    events = [(k, each) for k, one in enumerate(found) for each in one.events]
+    assert [each.kind for _, each in events] == [
+        EventKind.FOUND,
+        EventKind.FOUND,
+        EventKind.BOUNCE,
+    ]
+    reported, met = events[-1]
+    assert (met.ids_before, met.ids_after, met.charge_before, met.charge_after) == (
+        (1, 2),
+        (1, 2),
+        0,
+        0,
+    )
+    energies = found[reported].energies
+    assert energies is not None
+    assert met.energy_before == pytest.approx(energies.whole, rel=1e-4)
+    radiated = met.energy_before - met.energy_after
+    assert radiated == pytest.approx(energies.wake, abs=2e-5 * energies.whole)
+    assert 0 < radiated < 0.1 * energies.whole
+
+
+def test_each_wall_of_a_collision_is_located_with_the_stated_deviation(bounce: Run) -> None:
+    run, errors = bounce, []
+    speed = run.task.speed * run.task.sound
+    left, right = starts(run)
+    first = run.times < 3.2 / run.task.speed * run.task.unit
+    part = Run(run.task, run.times[first], run.angles[first], run.rates[first])
+    for seed in (1, 2):
+        for time, one in zip(part.times, analysed(part, 0.01, seed), strict=True):
+            assert one.status is not TrackingStatus.LOST
+            for wall in one.solitons:
+                true = left + speed * time if wall.charge > 0 else right - speed * time
+                errors.append((wall.position - true) / wall.position_deviation)
+    assert len(errors) == 4 * np.count_nonzero(first)
+    assert 0.4 < math.sqrt(np.mean(np.square(errors))) < 1.2
+    assert max(map(abs, errors)) < 4.5
+
+
+def test_three_walls_have_the_charge_of_the_outer_domains() -> None:
+    chain = Chain(60, rest_angle=0.5)
+    rotors = np.arange(60)
+    width = chain.wall_width / chain.spacing
+    analyser = Analyser(chain)
+    for k in range(20):
+        order = -np.prod([np.tanh((rotors - x) / width) for x in (12 + 0.1 * k, 30, 46)], axis=0)
+        theta = np.arcsin(order * math.sin(chain.rest_angle))
+        found = analyser.analyse(k * 4_000_000, np.where(rotors % 2, np.pi - theta, theta))
+        assert found is not None
+        assert found.topology is not None
+        assert sum(each.charge for each in found.solitons) == found.topology.charge == 1
+    assert [(each.id, each.charge) for each in found.solitons] == [(1, 1), (2, -1), (3, 1)]
+    sites = [each.rotor for each in found.solitons]
+    np.testing.assert_allclose(sites, (13.9, 30, 46), atol=0.05)
+
+
+SHAPE_CHAINS = {
+    'flipper': Chain(81, rest_angle=0.97),
+    'wobbler': Chain(81, rotor_length=0.1, rest_angle=0.77),
+    'spinner': Chain(121, rotor_length=0.2, rest_angle=1.18),
+    'pinned wobbler': Chain(81, rotor_length=0.083, rest_angle=1.247),
+}
+EDGE = 5
+
+
+def leaves_nothing(shape: WallShape, theta: Array, site: float) -> bool:
+    """Return whether a shape fits the staggered angles of a wall at its site."""
+    inner = theta[EDGE:-EDGE]
+    left = np.empty_like(inner)
+    wall_loops.set_residuals(inner, EDGE, shape.table, site, 1.0, left)
+    found, *_ = wall_loops.fit(inner, EDGE, shape.table, site + 0.2, 1.0, 1e-2, 2.5, False)
+    return bool(np.abs(left).max() < 1e-4) and abs(found - site) < 1e-4
+
+
+@pytest.mark.parametrize('name', SHAPE_CHAINS)
+def test_the_shape_of_a_kink_is_exact(name: str) -> None:
+    chain, shapes = SHAPE_CHAINS[name], WallShapes(SHAPE_CHAINS[name])
+    for leg in range(2 if chain.motion is Motion.SPINNER else 1):
+        for site in (40.0, 40.33, 41.07, 40.5):
+            theta = staggered(static_wall(chain, site, leg))
+            assert leaves_nothing(shapes.of_leg(leg), theta, site)
+            if name == 'wobbler':
+                image = np.ascontiguousarray(theta[::-1])
+                last = chain.number_of_rotors - 1
+                assert leaves_nothing(shapes.anti_kinks[0], image, last - site)
+
+
+def test_the_shape_of_an_anti_kink_of_flippers_is_exact() -> None:
+    chain, shapes = SHAPE_CHAINS['flipper'], WallShapes(SHAPE_CHAINS['flipper'])
+    states = CubicSpline(*anti_kink_path(chain, 40.0))
+    for site in (40.0, 40.33, 41.07, 41.5):
+        assert leaves_nothing(shapes.anti_kinks[0], staggered(states(site)), site)
+
+
+@pytest.mark.parametrize('name', ['spinner', 'pinned wobbler'])
+def test_the_shape_of_a_pinned_anti_kink_is_exact_at_rest(
+    name: str,
+) -> None:
+    chain, shapes = SHAPE_CHAINS[name], WallShapes(SHAPE_CHAINS[name])
+    site, angles = resting_anti_kink(chain, 40.5)
+    one, other = shapes.anti_kinks
+    assert leaves_nothing(one, staggered(angles), site)
+    assert leaves_nothing(other, np.roll(staggered(angles), 1), site + 1)

@@ -28,12 +28,12 @@ from soliton_linkage.estimation.state_report import (
     energy_reach,
 )
 from soliton_linkage.linear.bands import penetration_depth
-from soliton_linkage.linear.rigidity import mode_centre, mode_towards_last, zero_mode
+from soliton_linkage.linear.rigidity import mode_towards_last
 from soliton_linkage.linear.statics import length_rounding
 from soliton_linkage.linkage.chain import Array, Chain, Motion, staggered
 from soliton_linkage.solitons.continuum import FlipperTheory
 from soliton_linkage.solitons.static_wall import static_wall
-from soliton_linkage.solitons.tanh_fit import polarisation, topological_charge
+from soliton_linkage.solitons.tanh_fit import topological_charge
 
 ROTORS = 60
 TOGGLED = ((False, False), (False, True), (True, True), (True, False))
@@ -46,14 +46,14 @@ def energies(
     chain: Chain,
     angles: Array,
     rates: Array | ArcRate | None,
-    places: ArrayLike,
+    sites: ArrayLike,
     errors: FrameErrors = EXACT,
 ) -> Energies:
-    return StateReporter(chain).report(angles, places, rates, errors).energies
+    return StateReporter(chain).report(angles, sites, rates, errors).energies
 
 
-def topology(chain: Chain, angles: Array, places: ArrayLike) -> Topology:
-    found = StateReporter(chain).report(angles, places).topology
+def topology(chain: Chain, angles: Array, sites: ArrayLike) -> Topology:
+    found = StateReporter(chain).report(angles, sites).topology
     assert found is not None
     return found
 
@@ -68,20 +68,20 @@ def rounding_of_energies(chain: Chain) -> float:
 
 @settings(deadline=None)
 @given(ANY_EXAMPLE, st.integers(0, 10**6), st.lists(PLACES, max_size=3))
-def test_energies_sum_to_the_whole_wherever_walls_are_said_to_be(
-    example: tuple[float, float], seed: int, places: list[float]
+def test_energies_sum_to_the_total_for_any_walls(
+    example: tuple[float, float], seed: int, sites: list[float]
 ) -> None:
     random = np.random.default_rng(seed)
     chain = chain_of(example, ROTORS)
     angles, rates = random.uniform(-3, 3, ROTORS), random.standard_normal(ROTORS)
-    found = energies(chain, angles, rates, places)
+    found = energies(chain, angles, rates, sites)
     whole = float(chain.elastic_energy(angles) + chain.kinetic_energy(rates))
     assert found.kinetic == pytest.approx(float(chain.kinetic_energy(rates)))
     assert found.elastic == pytest.approx(float(chain.elastic_energy(angles)))
     assert found.whole == pytest.approx(whole)
     assert found.wall + found.wake == pytest.approx(whole)
     assert found.wall > -1e-9 * whole
-    if not places:
+    if not sites:
         assert found.wake == pytest.approx(whole)
 
 
@@ -103,14 +103,14 @@ def test_a_moving_wall_of_the_continuum_has_its_energy_in_the_wall(share: float)
     velocity = share * theory.speed_of_sound
     angles, rates = theory.state(99.3 * chain.spacing, velocity)
     found = energies(chain, angles, rates, 99.3)
-    # The theory is the limit of small d; its terms of higher order are of order d.
+    # The theory holds for small d, with errors of order d.
     assert found.wall == pytest.approx(theory.energy(velocity), rel=chain.lean_ratio / 2)
     assert found.kinetic == pytest.approx(theory.kinetic_energy(velocity), rel=0.02)
     assert abs(found.wake) < 1e-4 * found.wall
 
 
 @pytest.mark.parametrize('example', [FLIPPER, WOBBLER, SPINNER])
-def test_a_moving_wall_that_radiates_nothing_leaves_nothing_behind(
+def test_a_moving_wall_without_radiation_has_no_wake(
     example: tuple[float, float],
 ) -> None:
     chain = chain_of(example, ROTORS)
@@ -118,7 +118,7 @@ def test_a_moving_wall_that_radiates_nothing_leaves_nothing_behind(
     rates = 0.3 * mode_towards_last(chain, angles)
     found = energies(chain, angles, rates, 29.6)
     assert found.kinetic == pytest.approx(0.5 * chain.moment_of_inertia * 0.09)
-    # Within reach are all but e^-16 of the squares of the zero mode.
+    # The reach contains all but e^-16 of the squares of the zero mode.
     assert 0 <= found.kinetic_wake < math.exp(-16) * found.kinetic
     assert math.isnan(energies(chain, angles, None, 29.6).whole)
     assert math.isnan(energies(chain, angles, None, 29.6).wake)
@@ -126,7 +126,7 @@ def test_a_moving_wall_that_radiates_nothing_leaves_nothing_behind(
 
 
 @pytest.mark.parametrize('example', [WIDE_FLIPPER, FLIPPER, WOBBLER, SPINNER])
-def test_a_planted_wake_is_found_with_its_energy(example: tuple[float, float]) -> None:
+def test_an_added_wake_has_its_energy(example: tuple[float, float]) -> None:
     chain = chain_of(example, 80)
     site = 60.4
     angles, rates = static_wall(chain, site), np.zeros(80)
@@ -143,7 +143,7 @@ def test_a_planted_wake_is_found_with_its_energy(example: tuple[float, float]) -
 
 @pytest.mark.parametrize('noise', [0.01, 0.05])
 @pytest.mark.parametrize('example', [WIDE_FLIPPER, WOBBLER, SPINNER])
-def test_noise_leaves_energies_unbiased_with_the_deviation_that_they_state(
+def test_noisy_energies_are_unbiased_with_the_stated_deviation(
     example: tuple[float, float], noise: float
 ) -> None:
     random, count, rate_noise = np.random.default_rng(3), 400, 0.2
@@ -166,8 +166,8 @@ def test_noise_leaves_energies_unbiased_with_the_deviation_that_they_state(
                 (found.elastic - truth.elastic) / found.elastic_deviation,
             )
         )
-    # Deviations are estimated from noise themselves, by a tenth off, and with them the mean; the
-    # curvature of lengths adds terms of order noise^2.
+    # The estimated deviations scatter by a tenth, and the curvature of lengths adds terms of order
+    # noise^2.
     assert np.mean(errors, axis=0) == pytest.approx(0, abs=4 / math.sqrt(count) + 0.1)
     assert np.std(errors, axis=0) == pytest.approx(1, abs=0.25)
 
@@ -191,7 +191,7 @@ def test_periodic_ends_have_no_topology_of_two_sides() -> None:
 
 
 @given(ANY_EXAMPLE, st.integers(0, 10**6), st.floats(0, 59), st.integers(1, 29))
-def test_the_wake_of_a_ring_does_not_know_where_it_is_cut(
+def test_the_wake_of_a_ring_does_not_depend_on_its_cut(
     example: tuple[float, float], seed: int, site: float, cells: int
 ) -> None:
     random = np.random.default_rng(seed)
@@ -216,10 +216,10 @@ def test_an_anti_kink_has_the_opposite_topology(example: tuple[float, float]) ->
 @pytest.mark.parametrize('places', [math.nan, [], 0.0, ROTORS - 1.0])
 @pytest.mark.parametrize('example', EXAMPLES)
 def test_a_uniform_state_has_one_winding_number_and_its_mode_at_an_edge(
-    example: tuple[float, float], places: float | list[float], lean: int
+    example: tuple[float, float], sites: float | list[float], lean: int
 ) -> None:
     chain = chain_of(example, ROTORS)
-    found = topology(chain, chain.uniform_state(lean), places)
+    found = topology(chain, chain.uniform_state(lean), sites)
     assert found.charge == 0
     assert found.winding_numbers == ((1, 1) if lean < 0 else (0, 0))
     assert found.polarisations == pytest.approx((lean, lean), abs=1e-6)
@@ -232,7 +232,7 @@ def test_a_uniform_state_has_one_winding_number_and_its_mode_at_an_edge(
 
 
 @pytest.mark.parametrize('example', EXAMPLES)
-def test_the_zero_mode_sits_at_the_wall(example: tuple[float, float]) -> None:
+def test_the_zero_mode_is_centred_at_the_wall(example: tuple[float, float]) -> None:
     chain = chain_of(example, ROTORS)
     middle = (ROTORS - 1) / 2
     assert topology(chain, static_wall(chain, middle), middle).mode_centre == pytest.approx(
@@ -243,7 +243,7 @@ def test_the_zero_mode_sits_at_the_wall(example: tuple[float, float]) -> None:
 @pytest.mark.parametrize('turned', BOTH)
 @pytest.mark.parametrize('rotors', [ROTORS, ROTORS + 1])
 @pytest.mark.parametrize('example', EXAMPLES)
-def test_edge_rotors_are_those_of_the_leg(
+def test_edge_rotors_agree_with_the_leg(
     example: tuple[float, float], rotors: int, turned: bool
 ) -> None:
     chain = chain_of(example, rotors)
@@ -270,7 +270,7 @@ def test_edge_rotors_of_a_spinner_count_the_turns_that_a_cycle_makes() -> None:
 
 @settings(deadline=None, max_examples=30)
 @given(ANY_EXAMPLE, PLACES, st.integers(0, 10**6))
-def test_mirror_image_and_reversed_time_change_what_they_should(
+def test_reports_obey_mirror_and_time_symmetry(
     example: tuple[float, float], site: float, seed: int
 ) -> None:
     random = np.random.default_rng(seed)
@@ -304,13 +304,13 @@ def bad_states() -> list[tuple[Array, str]]:
 
 
 @pytest.mark.parametrize(('angles', 'message'), bad_states())
-def test_angles_that_do_not_fit_are_refused(angles: Array, message: str) -> None:
+def test_invalid_angles_are_rejected(angles: Array, message: str) -> None:
     chain = chain_of(FLIPPER, ROTORS)
     with pytest.raises(ValueError, match=message):
         FrameState(chain, angles)
 
 
-def test_rates_that_do_not_fit_are_refused() -> None:
+def test_invalid_rates_are_rejected() -> None:
     chain = chain_of(FLIPPER, ROTORS)
     with pytest.raises(ValueError, match='rate of rotor 3 = nan must be a finite number'):
         energies(chain, chain.uniform_state(1), np.where(np.arange(60) == 3, np.nan, 0.0), 30.0)
@@ -318,25 +318,7 @@ def test_rates_that_do_not_fit_are_refused() -> None:
 
 @settings(deadline=None)
 @given(ANY_EXAMPLE, st.integers(0, 10**6), st.booleans())
-def test_a_state_has_the_mode_and_the_polarisation_of_its_angles(
-    example: tuple[float, float], seed: int, anywhere: bool
-) -> None:
-    random, chain = np.random.default_rng(seed), chain_of(example, ROTORS)
-    angles = static_wall(chain, random.uniform(5, 54)) + 0.01 * random.standard_normal(ROTORS)
-    if anywhere:
-        angles = random.uniform(-3, 3, ROTORS)
-    mode = zero_mode(chain, angles)
-    polarised = polarisation(chain, angles)
-    ends = polarised[: 20 + 1].mean(), polarised[20:].mean()
-    found = topology(chain, angles, 20.5)
-    assert found.polarisations == pytest.approx(ends, abs=1e-12)
-    assert found.mode_centre == pytest.approx(mode_centre(mode), abs=1e-9)
-    assert found.charge == topological_charge(chain, angles)
-
-
-@settings(deadline=None)
-@given(ANY_EXAMPLE, st.integers(0, 10**6), st.booleans())
-def test_a_little_noise_changes_the_elastic_energy_by_the_torques(
+def test_the_deviation_of_the_elastic_energy_follows_the_torques(
     example: tuple[float, float], seed: int, periodic: bool
 ) -> None:
     random, noise = np.random.default_rng(seed), 1e-9
@@ -351,7 +333,7 @@ def test_a_little_noise_changes_the_elastic_energy_by_the_torques(
 
 
 @pytest.mark.parametrize('example', [FLIPPER, WOBBLER, SPINNER])
-def test_the_rate_of_the_arc_tells_the_kinetic_energy_of_rotors_on_the_orbit(
+def test_the_rate_of_the_arc_gives_the_kinetic_energy_on_the_orbit(
     example: tuple[float, float],
 ) -> None:
     chain = chain_of(example, ROTORS)
@@ -366,7 +348,7 @@ def test_the_rate_of_the_arc_tells_the_kinetic_energy_of_rotors_on_the_orbit(
 
 
 @pytest.mark.parametrize('example', [FLIPPER, WOBBLER, SPINNER])
-def test_phonons_that_springs_show_are_in_the_kinetic_energy_of_the_orbit(
+def test_elastic_energy_of_phonons_adds_to_the_kinetic_energy(
     example: tuple[float, float],
 ) -> None:
     random, chain = np.random.default_rng(3), chain_of(example, ROTORS)
@@ -396,12 +378,12 @@ def test_an_uncertain_rate_of_the_arc_leaves_the_kinetic_energy_unbiased(rate: f
     errors = np.array([each.kinetic for each in found]) - truth
     stated = np.array([each.kinetic_deviation for each in found])
     assert abs(float(errors.mean())) < 4 * float(errors.std()) / math.sqrt(4000)
-    # Where the rate is lost in its noise what is taken for it is never below 0.
+    # The square of a rate below its noise is clipped at 0.
     assert 0.95 < float(np.sqrt(np.mean(stated**2))) / float(errors.std()) < 1.6
 
 
 @pytest.mark.parametrize('example', [WIDE_FLIPPER, WOBBLER, SPINNER])
-def test_rotors_that_were_not_seen_make_energies_less_certain(
+def test_unseen_rotors_increase_the_deviation_of_energies(
     example: tuple[float, float],
 ) -> None:
     random, noise, rate_noise = np.random.default_rng(11), 0.01, 0.2
@@ -430,7 +412,7 @@ def test_rotors_that_were_not_seen_make_energies_less_certain(
     assert doubts[1].elastic_deviation > doubts[0].elastic_deviation
 
 
-def test_rotors_that_were_not_seen_leave_the_energy_of_the_others_unbiased() -> None:
+def test_unseen_rotors_leave_the_other_energies_unbiased() -> None:
     random, noise, count = np.random.default_rng(13), 0.02, 400
     chain = chain_of(WOBBLER, ROTORS)
     orbit, unseen = static_wall(chain, 29.7), np.arange(ROTORS) % 3 == 0
@@ -441,5 +423,5 @@ def test_rotors_that_were_not_seen_leave_the_energy_of_the_others_unbiased() -> 
         found.append(reporter.report(angles, 29.7, None, errors).energies.elastic)
     mean = float(np.mean(found)), 4 * float(np.std(found)) / math.sqrt(count)
     one_rotor = 0.5 * chain.stiffness * float((FrameState(chain, orbit).first ** 2).max())
-    # The curvature of lengths adds terms of order noise^2 to what is of first order there.
+    # The curvature of lengths adds terms of order noise^2.
     assert abs(mean[0]) < mean[1] + 0.05 * one_rotor * noise**2

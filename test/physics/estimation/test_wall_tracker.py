@@ -1,10 +1,11 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Each wall keeps its name, and what happens to walls is told once."""
+"""Wall tracker: identifiers, events, assignment, domains, and energies of walls."""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from itertools import permutations, product
 
 import numpy as np
 import pytest
@@ -12,10 +13,13 @@ import pytest
 from soliton_linkage.estimation.estimates import EventKind, SolitonEvent, lost
 from soliton_linkage.estimation.lattice import LatticeCoordinates, WallFrame
 from soliton_linkage.estimation.settings import DEFAULTS
+from soliton_linkage.estimation.shape_model import domain_borders
+from soliton_linkage.estimation.state_report import EXACT, FrameState, StateReporter, energy_reach
+from soliton_linkage.estimation.wall_loops import domains
 from soliton_linkage.estimation.wall_track import WallMeasurement, WallTrack
-from soliton_linkage.estimation.wall_tracker import WallTracker
-from soliton_linkage.linkage.chain import Chain
-from soliton_linkage.solitons.static_wall import site_arc
+from soliton_linkage.estimation.wall_tracker import PredictedWall, WallTracker, assign
+from soliton_linkage.linkage.chain import Array, Chain
+from soliton_linkage.solitons.static_wall import site_arc, static_wall
 
 CHAIN = Chain(60)
 RING = Chain(60, periodic=True)
@@ -23,13 +27,13 @@ PERIOD = 0.004
 
 
 class Scene(WallFrame):
-    """A frame in which each wall has an energy of 1 J, and that still swings or is at rest."""
+    """Frame in which each wall has an energy of 1 J, with a given swing and turn."""
 
     def __init__(self, swing: float = 0.0, turn: int = 0) -> None:
         self._swing, self._turn = swing, turn
 
-    def energy(self, places: Sequence[float]) -> float:
-        return float(len(places))
+    def energy(self, sites: Sequence[float]) -> float:
+        return float(len(sites))
 
     def swing(self, site: float, lean: int) -> float:
         return self._swing
@@ -39,7 +43,7 @@ class Scene(WallFrame):
 
 
 class Story:
-    """Frames shown to a tracker one after the other, and what it made of them."""
+    """Successive frames of a tracker, and their results."""
 
     def __init__(self, chain: Chain = CHAIN) -> None:
         line = LatticeCoordinates(chain)
@@ -75,12 +79,12 @@ class Story:
         return [each.kind for each in self.events]
 
     def approach(self, start: float, end: float, scene: WallFrame | None = None) -> None:
-        """A kink and an anti-kink go from one distance about rotor 30 to another."""
+        """Move a kink and an anti-kink from one distance about rotor 30 to another."""
         for half in np.linspace(start, end, 60) / 2:
             self.show([(30 - half, 1), (30 + half, -1)], scene)
 
     def wait(self, periods: float, swing: float) -> None:
-        """Neither is seen for some periods of the slowest phonon, while rotors swing or do not."""
+        """Show neither wall for some phonon periods, with a swing of the rotors."""
         line = LatticeCoordinates(CHAIN)
         for _ in range(math.ceil(periods * line.period / PERIOD)):
             self.show([], Scene(swing))
@@ -90,9 +94,7 @@ BOUNCE = EventKind.BOUNCE
 
 
 @pytest.mark.parametrize(('turn', 'kind'), [(0, BOUNCE), (1, BOUNCE), (-1, EventKind.PASSING)])
-def test_two_that_overlap_and_part_keep_their_sides_or_exchange_them(
-    turn: int, kind: EventKind
-) -> None:
+def test_overlapping_walls_bounce_or_pass(turn: int, kind: EventKind) -> None:
     story = Story()
     story.approach(30, 3, Scene(turn=abs(turn)))
     story.wait(1, swing=0.5)
@@ -106,7 +108,7 @@ def test_two_that_overlap_and_part_keep_their_sides_or_exchange_them(
     assert set(story.charges) == {0}
 
 
-def test_two_that_turn_back_before_they_overlap_have_bounced() -> None:
+def test_walls_that_turn_back_before_overlap_have_bounced() -> None:
     story = Story()
     story.approach(30, 5)
     story.approach(5, 30)
@@ -114,7 +116,7 @@ def test_two_that_turn_back_before_they_overlap_have_bounced() -> None:
     assert story.events[-1].collisions == 0
 
 
-def test_two_that_leave_nothing_but_waves_are_annihilated() -> None:
+def test_walls_that_leave_only_waves_are_annihilated() -> None:
     story = Story()
     story.approach(30, 3)
     story.wait(3, swing=0.1)
@@ -124,7 +126,7 @@ def test_two_that_leave_nothing_but_waves_are_annihilated() -> None:
     assert (met.energy_before, met.energy_after) == (2.0, 0.0)
 
 
-def test_two_that_go_on_swinging_are_a_breather_until_they_do_not() -> None:
+def test_walls_that_continue_to_oscillate_are_a_breather() -> None:
     story = Story()
     story.approach(30, 3)
     story.wait(9, swing=0.5)
@@ -137,7 +139,7 @@ def test_two_that_go_on_swinging_are_a_breather_until_they_do_not() -> None:
     assert decayed.ids_after == ()
 
 
-def test_a_pair_is_born_only_where_frame_after_frame_shows_it() -> None:
+def test_a_new_pair_is_confirmed_by_three_frames() -> None:
     story = Story()
     story.show([])
     for _ in range(2):
@@ -151,7 +153,7 @@ def test_a_pair_is_born_only_where_frame_after_frame_shows_it() -> None:
 
 
 @pytest.mark.parametrize('back', [True, False])
-def test_a_wall_that_goes_into_an_edge_comes_back_or_dies(back: bool) -> None:
+def test_a_wall_at_an_edge_is_reflected_or_dies(back: bool) -> None:
     story = Story()
     for site in np.linspace(20, 1, 80):
         story.follow((float(site), -59.0))
@@ -174,20 +176,128 @@ def test_a_wall_that_goes_into_an_edge_comes_back_or_dies(back: bool) -> None:
     assert story.events[-1].ids_after == (2,)
 
 
-def test_walls_keep_their_names_all_the_way_round_a_ring() -> None:
+def test_walls_keep_their_identifiers_round_a_ring() -> None:
     story = Story(RING)
     for shift in np.linspace(0, 150, 1500):
-        places = [(float(site + shift) % 60, (-1) ** k) for k, site in enumerate((5, 20, 35, 50))]
-        story.show(places)
+        sites = [(float(site + shift) % 60, (-1) ** k) for k, site in enumerate((5, 20, 35, 50))]
+        story.show(sites)
     assert story.kinds == 4 * [EventKind.FOUND]
     start = {1: 5.0, 2: 20.0, 3: 35.0, 4: 50.0}
     assert story.names == {name: pytest.approx((site + 150) % 60) for name, site in start.items()}
 
 
-def test_a_wall_that_jumps_beyond_what_was_expected_is_still_the_only_one_it_can_be() -> None:
+def test_a_wall_that_jumps_keeps_its_identifier() -> None:
     story = Story()
     for _ in range(10):
         story.show([(20.0, 1), (40.0, -1)])
     story.show([(20.0, 1), (44.0, -1)])
     assert story.names == {1: pytest.approx(20.0), 2: pytest.approx(44.0)}
     assert len(story.events) == 2
+
+
+LINE = LatticeCoordinates(Chain(60))
+RING_LINE = LatticeCoordinates(Chain(60, periodic=True))
+
+
+def seen(rotor: float, charge: int) -> WallMeasurement:
+    return WallMeasurement(rotor, 0.01, charge, (math.nan, math.nan))
+
+
+@pytest.mark.parametrize('seed', range(4))
+def test_the_assignment_has_the_least_sum_of_squares(seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    before, after = rng.uniform(20, 30, (2, 4))
+    expected = [PredictedWall(site, 4.0, 1) for site in before]
+    pairs = assign(LINE, expected, [seen(site, 1) for site in after], 100.0)
+
+    def way(order: tuple[int, ...]) -> float:
+        return float(np.sum((after[list(order)] - before) ** 2))
+
+    assert way(tuple(pairs[row] for row in range(4))) == min(map(way, permutations(range(4))))
+
+
+def test_walls_of_another_charge_or_beyond_the_gate_are_not_assigned() -> None:
+    expected = [PredictedWall(10.0, 0.25, 1), PredictedWall(20.0, 0.25, -1)]
+    shown = [seen(10.5, -1), seen(10.8, 1), seen(22.5, -1)]
+    assert assign(LINE, expected, shown, 4.0) == {0: 1}
+
+
+def test_the_shorter_way_round_a_ring_counts() -> None:
+    expected = [PredictedWall(59.8, 0.25, 1)]
+    assert assign(RING_LINE, expected, [seen(0.3, 1)], 4.0) == {0: 0}
+    assert assign(LINE, expected, [seen(0.3, 1)], 4.0) == {}
+
+
+OPPOSITE = DEFAULTS.walls.domain_bonds
+
+
+def value(polarised: Array, leans: Array, cost: float) -> float:
+    return float(np.clip(polarised, -1, 1) @ leans) - cost * np.count_nonzero(np.diff(leans))
+
+
+@pytest.mark.parametrize('seed', range(4))
+def test_the_division_into_domains_is_optimal(seed: int) -> None:
+    polarised = np.random.default_rng(seed).normal(0, 1.2, 10)
+    right = np.empty(10, dtype=np.bool_)
+    domains(polarised, OPPOSITE, right)
+    found = value(polarised, np.where(right, 1.0, -1.0), OPPOSITE)
+    others = (
+        value(polarised, np.array(each), OPPOSITE) for each in product((-1.0, 1.0), repeat=10)
+    )
+    assert found == pytest.approx(max(others), abs=1e-12)
+
+
+def test_two_opposite_bonds_are_no_domain_and_three_are() -> None:
+    polarised = np.ones(20)
+    polarised[8:10] = -1
+    assert domain_borders(polarised, OPPOSITE) == []
+    polarised[10] = -1
+    assert domain_borders(polarised, OPPOSITE) == [(8.0, 1), (11.0, -1)]
+
+
+def test_borders_are_zeros_of_the_polarisation_with_alternating_charges() -> None:
+    polarised = np.tanh((np.arange(40) - 12.25) / 2) * np.tanh((np.arange(40) - 30.5) / 2)
+    sites, charges = zip(*domain_borders(polarised, OPPOSITE), strict=True)
+    assert charges == (1, -1)
+    np.testing.assert_allclose(sites, (12.75, 31.0), atol=0.01)
+
+
+SPINNER = Chain(80, rotor_length=0.2, rest_angle=1.18)
+
+
+def frame_of(chain: Chain, angles: Array, rates: Array | None) -> WallFrame:
+    line = LatticeCoordinates(chain)
+    return WallFrame(StateReporter(chain), line, angles, rates, EXACT)
+
+
+def near(where: Array, sites: list[float], reach: float) -> Array:
+    """Return which sites on the ring are within reach of the others."""
+    ways = where[:, None] - np.array(sites)
+    ways -= 60 * np.rint(ways / 60)
+    return np.asarray((np.abs(ways) <= reach).any(axis=1))
+
+
+def test_the_energy_of_walls_is_the_energy_within_reach() -> None:
+    rng = np.random.default_rng(1)
+    angles = RING.uniform_state(1) + rng.normal(0, 0.1, 60)
+    rates = rng.normal(0, 1.0, 60)
+    frame = frame_of(RING, angles, rates)
+    kinetic = 0.5 * RING.moments_of_inertia * rates**2
+    elastic = 0.5 * RING.stiffnesses * FrameState(RING, angles).springs[0] ** 2
+    reach = energy_reach(RING)
+    for sites in ([58.3], [2.0, 30.7], [5.0 * n for n in range(12)]):
+        whole = sum(
+            energy[near(np.arange(60) + beyond, sites, reach)].sum()
+            for energy, beyond in ((kinetic, 0.0), (elastic, 0.5))
+        )
+        assert frame.energy(sites) == pytest.approx(whole, rel=1e-12)
+    assert np.isnan(frame_of(RING, angles, None).energy([3.0]))
+
+
+@pytest.mark.parametrize('leg', [0, 1])
+def test_the_turning_sense_agrees_with_the_rotors_in_the_wall(leg: int) -> None:
+    angles = static_wall(SPINNER, 30.4, leg)
+    before = SPINNER.uniform_state(1)
+    turned = np.unwrap((angles - before)[5:60])
+    frame = frame_of(SPINNER, angles, None)
+    assert frame.turn(30.4, 70.0) == np.sign(turned[-1] - turned[0])

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Contraction of walls: exact at rest, Lorentz's in the continuum, with true deviations."""
+"""Contraction of walls: at rest, in the continuum limit, and stated deviations."""
 
 from __future__ import annotations
 
@@ -41,7 +41,7 @@ LEGS = (0, 1, 2, 3)
 
 
 def contracted(chain: Chain, site: float, leg: int, gamma: float) -> Array:
-    """A wall phi_n = f(gamma (X - n)), each rotor from a wall at rest of its own."""
+    """Return a wall phi_n = f(gamma (X - n)), each rotor from its own wall at rest."""
     angles = np.empty(chain.number_of_rotors)
     for rotor in range(chain.number_of_rotors):
         distance = gamma * (site - rotor)
@@ -63,7 +63,7 @@ def test_a_wall_at_rest_is_not_contracted(example: tuple[float, float]) -> None:
 
 @pytest.mark.parametrize('gamma', [0.8, 1.3, 1.8])
 @pytest.mark.parametrize('example', [WIDE_FLIPPER, FLIPPER, WOBBLER, SPINNER])
-def test_a_contracted_wall_is_found_with_its_contraction(
+def test_the_contraction_of_a_wall_is_recovered(
     example: tuple[float, float], gamma: float
 ) -> None:
     chain = chain_of(example, ROTORS)
@@ -78,7 +78,7 @@ def test_a_contracted_wall_is_found_with_its_contraction(
 
 @pytest.mark.parametrize('share', [0.3, 0.6, 0.8])
 @pytest.mark.parametrize('example', [WIDEST_FLIPPER, (20.0, 1.2)])
-def test_contraction_in_the_continuum_is_that_of_lorentz(
+def test_contraction_in_the_continuum_follows_lorentz(
     example: tuple[float, float], share: float
 ) -> None:
     chain = chain_of(example, 200)
@@ -86,14 +86,14 @@ def test_contraction_in_the_continuum_is_that_of_lorentz(
     velocity = share * theory.speed_of_sound
     site = 99.4
     angles, _ = theory.state(site * chain.spacing, velocity)
-    # In the theory rotors turn forwards, as they do on the cycle's way back.
+    # In the theory rotors turn forwards, as on the second leg of the orbit.
     found = WallFamily(WallShapes(chain)).fit(angles, site, 1, 1e-3)
     order = min(chain.lean_ratio, 1 / chain.lean_ratio)
     assert found.factor == pytest.approx(theory.lorentz_factor(velocity), rel=order**2)
 
 
 @pytest.mark.parametrize('example', EXAMPLES)
-def test_one_frame_is_unbiased_with_the_deviation_that_it_states(
+def test_one_frame_is_unbiased_with_the_stated_deviation(
     example: tuple[float, float],
 ) -> None:
     random, noise, count = np.random.default_rng(5), 0.003, 600
@@ -111,7 +111,7 @@ def test_one_frame_is_unbiased_with_the_deviation_that_it_states(
 
 
 @pytest.mark.parametrize('example', [WIDE_FLIPPER, WOBBLER, SPINNER])
-def test_rotors_that_are_not_seen_cost_certainty_but_no_truth(
+def test_unseen_rotors_increase_the_deviation_without_bias(
     example: tuple[float, float],
 ) -> None:
     chain = chain_of(example, ROTORS)
@@ -125,7 +125,9 @@ def test_rotors_that_are_not_seen_cost_certainty_but_no_truth(
 
 
 @pytest.mark.parametrize('example', EXAMPLES)
-def test_nothing_is_told_at_an_edge_or_in_too_much_noise(example: tuple[float, float]) -> None:
+def test_the_contraction_is_unknown_at_edges_and_in_noise(
+    example: tuple[float, float],
+) -> None:
     chain = chain_of(example, ROTORS)
     family, angles = WallFamily(WallShapes(chain)), static_wall(chain, 24.3)
     near = 1.9 * chain.wall_width / chain.spacing
@@ -135,15 +137,15 @@ def test_nothing_is_told_at_an_edge_or_in_too_much_noise(example: tuple[float, f
     assert family.fit(angles, 24.3, 0, 0.5 * 1e-3 / known.deviation) is UNKNOWN
 
 
-def test_the_mean_of_white_noise_states_its_true_deviation() -> None:
+def test_the_mean_of_white_noise_has_the_stated_deviation() -> None:
     random, noise, runs = np.random.default_rng(7), 0.01, 1000
     chain = chain_of(FLIPPER, 30)
-    family, places = WallFamily(WallShapes(chain)), np.linspace(8.2, 15.4, 24)
-    walls = np.array([static_wall(chain, float(site)) for site in places])
+    family, sites = WallFamily(WallShapes(chain)), np.linspace(8.2, 15.4, 24)
+    walls = np.array([static_wall(chain, float(site)) for site in sites])
     errors = []
     for _ in range(runs):
         mean = ContractionMean(family)
-        for site, angles in zip(places, walls, strict=True):
+        for site, angles in zip(sites, walls, strict=True):
             frame = angles + noise * random.standard_normal(30)
             found = mean.update(frame, float(site), 0, noise)
         errors.append(found.logarithm / found.deviation)
@@ -155,25 +157,25 @@ def test_the_mean_of_white_noise_states_its_true_deviation() -> None:
 def passage_of(
     chain: Chain, start: Array, rates: Array, duration: float, frames: int
 ) -> tuple[Array, Array, int, float]:
-    """Angles, places, leg and speed [rotor spacings / s] of a wall in the middle of a chain."""
+    """Return angles, sites, leg and speed [rotor spacings / s] in the middle of a chain."""
     recording = simulate(chain, start, rates, duration, duration / frames, 1e-7)
     orbit = UniformOrbit(chain)
     arcs = [fit_anywhere(orbit, recording.angles[0]).arc]
     for angles in recording.angles[1:]:
         arcs.append(fit_near(orbit, angles, arcs[-1]).arc)
-    places = np.array([orbit.site(arc) for arc in arcs])
-    inside = np.abs(places - orbit.middle) < 0.4 * orbit.middle
+    sites = np.array([orbit.site(arc) for arc in arcs])
+    inside = np.abs(sites - orbit.middle) < 0.4 * orbit.middle
     first = int(np.argmax(inside))
     part = slice(first, first + int(np.argmin(np.append(inside[first:], False))))
-    speed = np.polyfit(recording.times[part], places[part], 1)[0]
-    return recording.angles[part], places[part], orbit.leg(arcs[first]), abs(float(speed))
+    speed = np.polyfit(recording.times[part], sites[part], 1)[0]
+    return recording.angles[part], sites[part], orbit.leg(arcs[first]), abs(float(speed))
 
 
-def mean_logarithm(family: WallFamily, frames: Array, places: Array, leg: int) -> float:
-    """Mean over noiseless frames of what each tells alone."""
+def mean_logarithm(family: WallFamily, frames: Array, sites: Array, leg: int) -> float:
+    """Return the mean of the fits to noiseless frames."""
     found = [
         family.fit(frame, float(site), leg, 1e-5).logarithm
-        for frame, site in zip(frames, places, strict=True)
+        for frame, site in zip(frames, sites, strict=True)
     ]
     return float(np.mean(found))
 
@@ -187,25 +189,25 @@ def mean_logarithm(family: WallFamily, frames: Array, places: Array, leg: int) -
         (WIDE_SPINNER, 40, 1.0, 0.2896, 0.894 / 0.975),
     ],
 )
-def test_simulated_walls_contract_as_an_independent_integrator_says(
+def test_simulated_walls_contract_as_computed_by_an_independent_integrator(
     example: tuple[float, float], rotors: int, kick: float, speed: float, width: float
 ) -> None:
     chain = chain_of(example, rotors)
     start = chain.uniform_state(1)
     duration = 0.8 * rotors * chain.time_unit / speed
     rates = kick_rates(chain, start, kick)
-    frames, places, leg, found_speed = passage_of(chain, start, rates, duration, 150)
+    frames, sites, leg, found_speed = passage_of(chain, start, rates, duration, 150)
     assert len(frames) > 40
     assert found_speed * chain.time_unit == pytest.approx(speed, rel=0.005)
-    # Against the tanh of one place between two rotors; walls breathe by a hundredth.
-    measured = mean_logarithm(WallFamily(WallShapes(chain)), frames, places, leg)
+    # The reference is the tanh at one site between two rotors; walls breathe by 1 %.
+    measured = mean_logarithm(WallFamily(WallShapes(chain)), frames, sites, leg)
     assert math.exp(-measured) == pytest.approx(width, rel=0.008)
 
 
 @pytest.mark.parametrize(
     ('example', 'kick'), [(FLIPPER, 0.1), (WOBBLER, 0.08), (STRONG_WOBBLER, 0.03), (SPINNER, 0.3)]
 )
-def test_the_mean_of_a_wall_of_springs_is_as_near_the_whole_passage_as_it_says(
+def test_the_mean_on_springs_agrees_with_the_whole_passage(
     example: tuple[float, float], kick: float
 ) -> None:
     random, chain = np.random.default_rng(11), chain_of(example, 36)
@@ -213,12 +215,12 @@ def test_the_mean_of_a_wall_of_springs_is_as_near_the_whole_passage_as_it_says(
     start = static_wall(chain, 9.3)
     rates = speed * mode_towards_last(chain, start)
     duration = 18 * site_arc(chain) / speed
-    frames, places, leg, _ = passage_of(chain, start, rates, duration, 360)
+    frames, sites, leg, _ = passage_of(chain, start, rates, duration, 360)
     family = WallFamily(WallShapes(chain))
-    whole = mean_logarithm(family, frames, places, leg)
+    whole = mean_logarithm(family, frames, sites, leg)
     for noise in (0.0, 0.003, 0.01):
         mean, errors = ContractionMean(family), []
-        for frame, site in zip(frames, places, strict=True):
+        for frame, site in zip(frames, sites, strict=True):
             noisy = frame + noise * random.standard_normal(36)
             found = mean.update(noisy, float(site), leg, max(noise, 1e-5))
             errors.append((found.logarithm - whole) / found.deviation)
@@ -227,10 +229,10 @@ def test_the_mean_of_a_wall_of_springs_is_as_near_the_whole_passage_as_it_says(
         assert found.deviation < 0.02
 
 
-def test_a_new_leg_begins_anew_and_a_changed_wall_is_noticed() -> None:
+def test_a_new_leg_and_a_changed_wall_restart_the_mean() -> None:
     random, noise, chain = np.random.default_rng(13), 0.003, chain_of(FLIPPER, 40)
-    mean, places = ContractionMean(WallFamily(WallShapes(chain))), np.arange(10, 20, 0.1)
-    for site in places:
+    mean, sites = ContractionMean(WallFamily(WallShapes(chain))), np.arange(10, 20, 0.1)
+    for site in sites:
         frame = static_wall(chain, float(site)) + noise * random.standard_normal(40)
         before = mean.update(frame, float(site), 0, noise)
     narrow = [contracted(chain, float(site), 0, 1.4) for site in np.arange(20, 24, 0.1)]
@@ -242,7 +244,7 @@ def test_a_new_leg_begins_anew_and_a_changed_wall_is_noticed() -> None:
     assert again.deviation > 2 * after.deviation
 
 
-def test_passages_that_differ_by_more_than_noise_say_by_how_much() -> None:
+def test_the_scatter_of_passages_is_estimated() -> None:
     random, spread, noise = np.random.default_rng(17), 0.03, 0.01
     found = []
     for _ in range(200):
@@ -253,24 +255,24 @@ def test_passages_that_differ_by_more_than_noise_say_by_how_much() -> None:
 
 
 @pytest.mark.parametrize('example', EXAMPLES)
-def test_the_width_is_that_of_the_theory_for_a_wall_at_rest(
+def test_the_width_at_rest_agrees_with_theory(
     example: tuple[float, float],
 ) -> None:
     chain = chain_of(example, ROTORS)
-    theory, told = theory_of(chain), TheoryWidth(chain)
+    theory, reported = theory_of(chain), TheoryWidth(chain)
     width, deviation = WidthReporter(WallShapes(chain)).update(
         static_wall(chain, 24.3), 24.3, 0, 1e-4
     )
     has_a_width = chain.motion is Motion.SPINNER or chain.lean_ratio < 2
-    assert math.isnan(width) == math.isnan(told(0.0)) == (not has_a_width)
+    assert math.isnan(width) == math.isnan(reported(0.0)) == (not has_a_width)
     if has_a_width:
         assert width == pytest.approx(theory.width(), rel=1e-4)
         assert 0 < deviation < 0.02 * width
         for share in (0.6, -0.6):
-            moving = told(share * theory.speed_of_sound)
+            moving = reported(share * theory.speed_of_sound)
             assert moving == pytest.approx(0.8 * theory.width())
     for velocity in (math.nan, theory.speed_of_sound, -2 * theory.speed_of_sound):
-        assert math.isnan(told(velocity))
+        assert math.isnan(reported(velocity))
 
 
 def test_a_wall_at_an_edge_has_no_width() -> None:

@@ -1,0 +1,165 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Corrections for the compliance of springs and for unseen rotors against the full equations."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+from functools import lru_cache
+
+import numpy as np
+import pytest
+from chains import FLIPPER, SPINNER, WOBBLER, chain_of
+
+from soliton_linkage.dynamics.elastic import simulate
+from soliton_linkage.estimation.orbit_model import (
+    ComplianceCorrection,
+    UnseenRotorCorrection,
+    rate_after_impulse,
+)
+from soliton_linkage.linear.rigidity import dynamical_matrix, rigidity_matrix
+from soliton_linkage.linkage.chain import Array, Chain
+from soliton_linkage.linkage.deviations import drawn_deviations
+from soliton_linkage.orbit.deviating_orbit import orbit_of
+from soliton_linkage.orbit.orbit import Orbit
+from soliton_linkage.orbit.uniform_orbit import UniformOrbit
+
+FLIPPER_CHAIN, WOBBLER_CHAIN, SPINNER_CHAIN = (
+    Chain(17, rotor_length=length, rest_angle=rest)
+    for length, rest in ((0.05, 0.97), (0.1, 0.77), (0.13, 1.3))
+)
+
+
+def bent(orbit: Orbit, arc: float) -> tuple[Array, Array]:
+    """Return Phi'' and D^(-1) Phi'' with the dynamical matrix D."""
+    step = 1e-3
+    bend = (orbit.tangent(arc + step) - orbit.tangent(arc - step)) / (2 * step)
+    matrix = dynamical_matrix(orbit.chain, orbit.configuration(arc)).toarray()
+    return bend, np.linalg.lstsq(matrix, bend, rcond=1e-9)[0]
+
+
+@pytest.mark.parametrize('chain', [FLIPPER_CHAIN, WOBBLER_CHAIN, SPINNER_CHAIN])
+@pytest.mark.parametrize('leg', [0, 1])
+def test_mu_is_the_compliance_along_the_curvature(chain: Chain, leg: int) -> None:
+    orbit = orbit_of(chain)
+    compliance = ComplianceCorrection(orbit)
+    for site in (8.0, 8.3, 7.55):
+        arc = orbit.arc_at(site, leg)
+        bend, given = bent(orbit, arc)
+        assert compliance.mu(arc) == pytest.approx(bend @ given, rel=0.02)
+
+
+def test_deviations_do_not_change_the_compliance() -> None:
+    even = orbit_of(WOBBLER_CHAIN)
+    drawn = drawn_deviations(17, 3, spacing=0.03)
+    uneven = orbit_of(replace(WOBBLER_CHAIN, deviations=drawn))
+    one, other = ComplianceCorrection(even), ComplianceCorrection(uneven)
+    for site in (4.0, 9.3):
+        found, expected = other.mu(uneven.arc_at(site, 1)), one.mu(even.arc_at(site, 1))
+        assert found == pytest.approx(expected, rel=0.1)
+
+
+def nearest_arc(orbit: Orbit, angles: Array, arc: float) -> float:
+    """Return the arc of the nearest point of the orbit, starting near it."""
+    for _ in range(8):
+        arc += orbit.tangent(arc) @ (angles - orbit.configuration(arc))
+    return arc
+
+
+def test_a_slow_wall_conserves_its_energy() -> None:
+    orbit = orbit_of(WOBBLER_CHAIN)
+    compliance, slow, begin = ComplianceCorrection(orbit), 1.2, orbit.arc_at(5.0, 0)
+    angles = orbit.configuration(begin) - slow**2 * bent(orbit, begin)[1]
+    period = 0.25 * WOBBLER_CHAIN.time_unit
+    run = simulate(WOBBLER_CHAIN, angles, slow * orbit.tangent(begin), 800 * period, period)
+    arcs = [begin]
+    for frame in run.angles[1:]:
+        arcs.append(nearest_arc(orbit, frame, arcs[-1]))
+    went = np.gradient(arcs, period)[20:-20]
+    reported = [compliance.rate_ratio(arc, slow, begin) for arc in arcs[20:-20]]
+    assert np.std(went / reported) < 0.3 * np.std(went)
+
+
+@pytest.mark.parametrize(('share', 'rate'), [(0.5, 100.0), (0.98, 1.0)])
+def test_fast_walls_have_no_compliance_correction(share: float, rate: float) -> None:
+    """Near d_c the lowest order fails even for slow walls."""
+    length = share / math.sin(0.77) ** 2 * WOBBLER_CHAIN.spacing
+    orbit = orbit_of(Chain(17, rotor_length=length, rest_angle=0.77))
+    one, other = orbit.arc_at(5.0, 0), orbit.arc_at(5.5, 0)
+    assert ComplianceCorrection(orbit).rate_ratio(other, rate, one) == 1.0
+    assert ComplianceCorrection(orbit).rate_ratio(other, 1e-3 * rate, one) != 1.0
+
+
+@pytest.mark.parametrize('rate', [-3.0, 0.0, 0.5])
+@pytest.mark.parametrize('added', [-2.0, 0.0, 7.0])
+def test_impulses_add_up(rate: float, added: float) -> None:
+    mu = 0.03
+    pushed = rate_after_impulse(rate, added, mu)
+    before, after = (each + 2 * mu * each**3 for each in (rate, pushed))
+    assert after == pytest.approx(before + added)
+
+
+ROTORS, RATE = 10, 8.0
+ARC_STEP = 1e-4
+
+
+@lru_cache(maxsize=3)
+def even_orbit(example: tuple[float, float]) -> Orbit:
+    return UniformOrbit(chain_of(example, ROTORS))
+
+
+def stiffness(orbit: Orbit, arc: float) -> Array:
+    """Return the dense stiffness matrix K = R^T k R, shape (N, N)."""
+    levers = rigidity_matrix(orbit.chain, orbit.configuration(arc)).toarray()
+    return np.asarray(levers.T @ (orbit.chain.stiffnesses[:, None] * levers))
+
+
+def seen_shift(
+    orbit: Orbit, arc: float, beside: Array, hidden: list[int], rate: float, noise: float
+) -> tuple[float, float]:
+    """Return the nearest arc for seen rotors without and with springs [rad]."""
+    tangent = orbit.tangent(arc)
+    seen = np.delete(np.arange(ROTORS), hidden)
+    nearest = float(tangent[seen] @ beside[seen] / (tangent[seen] @ tangent[seen]))
+    residuals = beside - nearest * tangent
+    residuals[hidden] = np.nan
+    return nearest, nearest + UnseenRotorCorrection(orbit).shift(arc, rate, residuals, 1.0, noise)
+
+
+@pytest.mark.parametrize('example', [FLIPPER, WOBBLER, SPINNER])
+@pytest.mark.parametrize('hidden', [[5], [4, 5], [3, 6]])
+def test_balanced_rotors_need_not_be_seen(example: tuple[float, float], hidden: list[int]) -> None:
+    orbit = even_orbit(example)
+    arc = orbit.arc_at(4.7, 0)
+    held, beside = stiffness(orbit, arc), np.random.default_rng(1).normal(0, 1e-3, ROTORS)
+    others = np.delete(np.arange(ROTORS), hidden)
+    pulled = held[hidden][:, others] @ beside[others]
+    beside[hidden] = -np.linalg.solve(held[hidden][:, hidden], pulled)
+    without, informed = seen_shift(orbit, arc, beside, hidden, 0.0, 1e-12)
+    nearest = orbit.tangent(arc) @ beside
+    assert informed == pytest.approx(nearest, abs=1e-8)
+    assert abs(without - nearest) > 1e-6
+
+
+@pytest.mark.parametrize('example', [FLIPPER, WOBBLER, SPINNER])
+def test_inertial_forces_on_unseen_rotors_do_not_shift_the_arc(
+    example: tuple[float, float],
+) -> None:
+    orbit = even_orbit(example)
+    arc = orbit.arc_at(4.4, 0)
+    bend = (orbit.tangent(arc + ARC_STEP) - orbit.tangent(arc - ARC_STEP)) / (2 * ARC_STEP)
+    turning = orbit.chain.moment_of_inertia * bend * RATE**2
+    beside = -np.linalg.pinv(stiffness(orbit, arc), rcond=1e-9) @ turning
+    without, informed = seen_shift(orbit, arc, beside, [5], RATE, 1e-12)
+    assert abs(informed) < 0.02 * abs(without)
+
+
+def test_the_correction_vanishes_in_noise_and_for_distant_rotors() -> None:
+    orbit = even_orbit(SPINNER)
+    arc = orbit.arc_at(4.7, 0)
+    beside = np.random.default_rng(2).normal(0, 1e-3, ROTORS)
+    without, informed = seen_shift(orbit, arc, beside, [5], 0.0, 1e-12)
+    _, noisy = seen_shift(orbit, arc, beside, [5], 0.0, 100.0)
+    assert abs(noisy - without) < 0.2 * abs(informed - without)
+    far, same = seen_shift(orbit, orbit.arc_at(1.0, 0), beside, [9], 0.0, 1.0)
+    assert same == far
