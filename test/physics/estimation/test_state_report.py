@@ -213,7 +213,7 @@ def test_an_anti_kink_has_the_opposite_topology(example: tuple[float, float]) ->
 
 
 @pytest.mark.parametrize('lean', [-1, 1])
-@pytest.mark.parametrize('places', [math.nan, [], 0.0, ROTORS - 1.0])
+@pytest.mark.parametrize('sites', [math.nan, [], 0.0, ROTORS - 1.0])
 @pytest.mark.parametrize('example', EXAMPLES)
 def test_a_uniform_state_has_one_winding_number_and_its_mode_at_an_edge(
     example: tuple[float, float], sites: float | list[float], lean: int
