@@ -192,7 +192,14 @@ class Bundle:
         for frames in self._batches():
             linearised, factors, whitened = self._linearised(frames)
             squares += np.einsum('nt,nt->n', whitened, whitened)
-            _accumulate(linearised, factors, whitened, matrix, vector)
+            rows = np.zeros((whitened.shape[1], size))
+            for n in range(len(whitened)):
+                end = UNKNOWNS_PER_ROTOR * n + UNKNOWNS_PER_BOND
+                part, diagonal = rows[:, :end], factors.diagonal[n]
+                part *= (-factors.below[n] / diagonal)[:, None]
+                part[:, -UNKNOWNS_PER_BOND:] += linearised.slopes[n] / diagonal[:, None]
+                matrix[:end, :end] += part.T @ part
+                vector[:end] -= part.T @ whitened[n]
         return NormalEquations(matrix, vector, squares)
 
     def close(self) -> float:
@@ -235,22 +242,3 @@ class Bundle:
 def covariance_in(basis: Array, information: Array) -> Array:
     """Return the covariance, (P, P), of changes in an orthonormal basis, (P, K)."""
     return np.asarray(basis @ np.linalg.inv(basis.T @ information @ basis) @ basis.T)
-
-
-def _accumulate(
-    linearised: Misclosures,
-    factors: CholeskyFactor,
-    whitened: Array,
-    matrix: Array,
-    vector: Array,
-) -> None:
-    """Add frames to the matrix and the vector of the normal equations."""
-    bonds, frames = whitened.shape
-    rows = np.zeros((frames, UNKNOWNS_PER_ROTOR * bonds + 2))
-    for n in range(bonds):
-        end = UNKNOWNS_PER_ROTOR * n + UNKNOWNS_PER_BOND
-        part = rows[:, :end]
-        part *= (-factors.below[n] / factors.diagonal[n])[:, None]
-        part[:, -UNKNOWNS_PER_BOND:] += linearised.slopes[n] / factors.diagonal[n][:, None]
-        matrix[:end, :end] += part.T @ part
-        vector[:end] -= part.T @ whitened[n]

@@ -19,7 +19,7 @@ from soliton_linkage.identification.adjustment import (
 from soliton_linkage.identification.bar_motion import BarMotion, bar_motion
 from soliton_linkage.identification.free_motion import FreeMotion, split_chain
 from soliton_linkage.identification.lengths import Lengths, initial_lengths, split_lengths
-from soliton_linkage.identification.mass_scale import MassScale, mass_scale
+from soliton_linkage.identification.mass_scale import mass_scale
 from soliton_linkage.identification.motion_fit import MotionFit, MotionFitter
 from soliton_linkage.identification.readings import Readings, informative_frames
 from soliton_linkage.identification.screening import (
@@ -73,16 +73,6 @@ class Identification:
     """Standard deviation of a reading by each bond alone [rad], shape (N - 1,)."""
     tolerance: float
     """Standard deviation of the relative differences of lengths of one kind [1]."""
-    damping_deviation: float
-    """Standard deviation of the damping [N m s/rad], NaN if it was not estimated."""
-    friction: float
-    """Dry friction of each rotor, in addition to the damping [N m], NaN if not estimated."""
-    friction_deviation: float
-    """Standard deviation of the dry friction [N m]."""
-    spacing_deviation: float
-    """Standard deviation of the logarithm of the mean spacing [1], NaN if not estimated."""
-    mass_deviation: float
-    """Standard deviation of the logarithm of the mean mass [1], NaN if not estimated."""
     rigid: bool
     """Whether all bonds close within the noise, as rigid bars do; then stiffnesses are unknown."""
     unused_frames: int
@@ -91,6 +81,16 @@ class Identification:
     """Combinations that the angles alone hardly determine."""
     warnings: tuple[str, ...]
     """Warnings for the user, one line each."""
+    damping_deviation: float = math.nan
+    """Standard deviation of the damping [N m s/rad], NaN if it was not estimated."""
+    friction: float = math.nan
+    """Dry friction of each rotor, in addition to the damping [N m], NaN if not estimated."""
+    friction_deviation: float = math.nan
+    """Standard deviation of the dry friction [N m], NaN if not estimated."""
+    spacing_deviation: float = math.nan
+    """Standard deviation of the logarithm of the mean spacing [1], NaN if not estimated."""
+    mass_deviation: float = math.nan
+    """Standard deviation of the logarithm of the mean mass [1], NaN if not estimated."""
 
     @property
     def worst_bonds(self) -> tuple[int, ...]:
@@ -212,7 +212,7 @@ def _by_springs(
     fitted: MotionFit,
     given: Chain,
     reading_noise: float,
-    scale: MassScale | None,
+    scale: tuple[float, float] | None,
     unused_frames: int,
 ) -> Identification:
     """Return the chain of springs with its lengths, stiffnesses, masses and drag."""
@@ -222,7 +222,7 @@ def _by_springs(
     covariance = fitted.covariance[geometry, geometry]
     lengths = passable(motion.lengths, covariance)
     chain = lengths.scaled(given.spacing).chain(given)
-    mass = given.mass if scale is None else scale.mass
+    mass, mass_deviation = scale or (given.mass, math.nan)
     mass_unit = mass / float(motion.masses.mean())
     drag_unit = mass_unit * given.spacing**2
     chain = replace(
@@ -258,7 +258,7 @@ def _by_springs(
         friction=drag_unit * motion.friction,
         friction_deviation=drag_unit * friction,
         spacing_deviation=gravity or math.nan,
-        mass_deviation=math.nan if scale is None else scale.deviation,
+        mass_deviation=mass_deviation,
         offsets=motion.lengths.offsets,
         offset_deviations=offsets,
         noise=fitted.noise,
@@ -283,7 +283,7 @@ def _by_bonds(
     deviations = split_lengths(found.deviations)
     offsets = deviations.pop('offset')
     chain = found.lengths.scaled(given.spacing).chain(given)
-    forces = [math.nan] * 4
+    forces = {}
     if moved is not None:
         unit = chain.mass * chain.spacing**2
         (damping, friction), (of_damping, of_friction) = moved.drag, moved.drag_deviations
@@ -293,8 +293,12 @@ def _by_bonds(
             damping=unit * max(damping, 0.0),
             deviations=replace(chain.deviations, mass=masses, damping=()),
         )
-        forces = [unit * each for each in (of_damping, friction, of_friction)]
-        forces.append(moved.gravity_deviation or math.nan)
+        forces = {
+            'damping_deviation': unit * of_damping,
+            'friction': unit * friction,
+            'friction_deviation': unit * of_friction,
+            'spacing_deviation': moved.gravity_deviation or math.nan,
+        }
         deviations['mass'] = moved.mass_deviations
     rigid = found.noise <= _STRAINED * reading_noise
     warnings = [*_obstacle_warnings(chain, found.lengths, found.covariance)]
@@ -315,11 +319,7 @@ def _by_bonds(
     return Identification(
         chain=chain,
         deviations=deviations,
-        damping_deviation=forces[0],
-        friction=forces[1],
-        friction_deviation=forces[2],
-        spacing_deviation=forces[3],
-        mass_deviation=math.nan,
+        **forces,
         offsets=found.lengths.offsets,
         offset_deviations=offsets,
         noise=found.noise,

@@ -15,7 +15,6 @@ import math
 from collections.abc import Sequence
 from dataclasses import replace
 from itertools import pairwise
-from typing import NamedTuple
 
 import numpy as np
 from scipy.optimize import least_squares
@@ -42,19 +41,13 @@ _LONGEST = 500
 does not determine the motion after them."""
 
 
-class MassScale(NamedTuple):
-    """Estimated mean mass."""
+def mass_scale(
+    fitted: MotionFit, readings: Readings, spacing: float
+) -> tuple[float, float] | None:
+    """Estimate the mean mass [kg] and the standard deviation of its logarithm [1].
 
-    mass: float
-    """Mean mass [kg]."""
-    deviation: float
-    """Standard deviation of its logarithm [1]."""
-
-
-def mass_scale(fitted: MotionFit, readings: Readings, spacing: float) -> MassScale | None:
-    """Estimate the mean mass; None without known impulses between two free motions.
-
-    The mean spacing of pivots [m] sets the unit of lengths. The motion was fitted to the readings.
+    The result is None without known impulses between two free motions. The mean spacing of pivots
+    [m] sets the unit of lengths. The motion was fitted to the readings.
     """
     found: list[tuple[float, float, float]] = []
     for before, after in pairwise(fitted.windows):
@@ -67,7 +60,7 @@ def mass_scale(fitted: MotionFit, readings: Readings, spacing: float) -> MassSca
     logarithms, variances, chain = (np.array(part) for part in zip(*found, strict=True))
     weights = (1 / variances) / np.sum(1 / variances)
     variance = 1 / np.sum(1 / variances) + weights @ chain
-    return MassScale(math.exp(-weights @ logarithms), math.sqrt(variance))
+    return math.exp(-weights @ logarithms), math.sqrt(variance)
 
 
 def _impulses_between(
