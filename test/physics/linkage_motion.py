@@ -109,7 +109,7 @@ def walls_over_a_site(
     """Return evenly spaced walls from between a rotor and the next to one further, and the arc.
 
     Their truth is rotor + 1/2 + k / (samples - 1): the arc length of the motion is the same at
-    each place. The arc is that of a whole spacing, Lambda / r [rad].
+    each place. The arc of a whole spacing is Lambda / r [rad].
     """
     start = wall_between(chain, rotor, turned, crossed)
     end = wall_between(chain, rotor + 1, turned, not crossed)

@@ -18,7 +18,7 @@ from soliton_linkage.linkage.chain import Array, Chain
 
 @dataclass(frozen=True)
 class SampledOrbit:
-    """Samples of a closed orbit; the last one is the first, but for whole turns of rotors."""
+    """Samples of a closed orbit; the last one equals the first, except for whole turns."""
 
     chain: Chain
     arcs: Array
