@@ -13,11 +13,10 @@ import pytest
 from meeting_walls import NARROW, meeting
 from scipy.interpolate import CubicSpline
 
-from soliton_linkage.estimation import wall_loops
 from soliton_linkage.estimation.analyser import Analyser
 from soliton_linkage.estimation.analysis import Analysis
 from soliton_linkage.estimation.estimates import EventKind, TrackingStatus
-from soliton_linkage.estimation.wall_shapes import WallShape, WallShapes
+from soliton_linkage.estimation.wall_shapes import WallShape, WallShapes, fit_wall, set_residuals
 from soliton_linkage.linkage.chain import Array, Chain, Motion, staggered
 from soliton_linkage.solitons.anti_kink import anti_kink_path, resting_anti_kink
 from soliton_linkage.solitons.static_wall import site_arc, static_wall
@@ -190,8 +189,8 @@ def leaves_nothing(shape: WallShape, theta: Array, site: float) -> bool:
     """Return whether a shape fits the staggered angles of a wall at its site."""
     inner = theta[EDGE:-EDGE]
     left = np.empty_like(inner)
-    wall_loops.set_residuals(inner, EDGE, shape.table, site, 1.0, left)
-    found, *_ = wall_loops.fit(inner, EDGE, shape.table, site + 0.2, 1.0, 1e-2, 2.5, False)
+    set_residuals(inner, EDGE, shape.table, site, 1.0, left)
+    found, *_ = fit_wall(inner, EDGE, shape.table, site + 0.2, 1.0, 1e-2, 2.5, False)
     return bool(np.abs(left).max() < 1e-4) and abs(found - site) < 1e-4
 
 

@@ -11,12 +11,16 @@ import numpy as np
 import pytest
 
 from soliton_linkage.estimation.estimates import EventKind, SolitonEvent, lost
-from soliton_linkage.estimation.lattice import LatticeCoordinates, WallFrame
 from soliton_linkage.estimation.settings import DEFAULTS
 from soliton_linkage.estimation.shape_model import domain_borders
 from soliton_linkage.estimation.state_report import EXACT, FrameState, StateReporter, energy_reach
-from soliton_linkage.estimation.wall_loops import domains
-from soliton_linkage.estimation.wall_track import WallMeasurement, WallTrack
+from soliton_linkage.estimation.wall_shapes import find_domains
+from soliton_linkage.estimation.wall_track import (
+    LatticeCoordinates,
+    WallFrame,
+    WallMeasurement,
+    WallTrack,
+)
 from soliton_linkage.estimation.wall_tracker import PredictedWall, WallTracker, assign
 from soliton_linkage.linkage.chain import Array, Chain
 from soliton_linkage.solitons.static_wall import site_arc, static_wall
@@ -239,7 +243,7 @@ def value(polarised: Array, leans: Array, cost: float) -> float:
 def test_the_division_into_domains_is_optimal(seed: int) -> None:
     polarised = np.random.default_rng(seed).normal(0, 1.2, 10)
     right = np.empty(10, dtype=np.bool_)
-    domains(polarised, OPPOSITE, right)
+    find_domains(polarised, OPPOSITE, right)
     found = value(polarised, np.where(right, 1.0, -1.0), OPPOSITE)
     others = (
         value(polarised, np.array(each), OPPOSITE) for each in product((-1.0, 1.0), repeat=10)

@@ -33,7 +33,6 @@ from soliton_linkage.estimation.frames import (
     on_orbit,
     whole_frame,
 )
-from soliton_linkage.estimation.lattice import LatticeCoordinates, WallFrame
 from soliton_linkage.estimation.motion_class import MotionObserver
 from soliton_linkage.estimation.noise import RateNoise
 from soliton_linkage.estimation.orbit_filter import OrbitFilter
@@ -47,7 +46,12 @@ from soliton_linkage.estimation.state_report import (
     StateReporter,
 )
 from soliton_linkage.estimation.wall_shapes import WallShapes
-from soliton_linkage.estimation.wall_track import WallMeasurement, WallTrack
+from soliton_linkage.estimation.wall_track import (
+    LatticeCoordinates,
+    WallFrame,
+    WallMeasurement,
+    WallTrack,
+)
 from soliton_linkage.estimation.wall_tracker import WallTracker
 from soliton_linkage.estimation.wall_width import TheoryWidth, WidthReporter
 from soliton_linkage.estimation.wobble import RestingWall, Wobble, WobbleReporter
@@ -225,7 +229,6 @@ class Analyser:
         deviations: Array | None,
         impulses: list[FrameImpulse],
     ) -> tuple[OrbitEstimate, CompletedFrame]:
-        """Estimate the state on the orbit after impulses, and complete the frame."""
         seen = self._unwrapper.unwrapped(angles)
         all_known = rates is None or all_within(rates, _FASTEST)
         if rates is not None:
@@ -262,7 +265,6 @@ class Analyser:
         )
 
     def _is_alone(self, estimate: OrbitEstimate, frame: CompletedFrame) -> bool:
-        """Return whether a frame shows at most one wall, on the orbit."""
         if estimate.status is TrackingStatus.LOST:
             return False
         on_it = estimate.status in (TrackingStatus.ACQUIRED, TrackingStatus.TRACKING)

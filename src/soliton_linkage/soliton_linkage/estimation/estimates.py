@@ -41,8 +41,6 @@ class OrbitEstimate(NamedTuple):
     leg_known: whether the frames exclude the other legs with the wall at the same site. With
         unseen edge rotors two or four legs of a flipper are possible; leg, arc, rate and phase
         follow one.
-    phase: phase of the cycle [rad], 2 pi arc / length, from 0 to 2 pi.
-    completed_cycles: number of completed cycles.
     noise: standard deviation of the noise of an angle [rad], given or estimated.
     misfit: recent root mean square of the residuals of the rotors about the wall [rad].
     frame_misfit: the same of this frame alone [rad], NaN if it was empty.
@@ -62,8 +60,6 @@ class OrbitEstimate(NamedTuple):
     site_rate_deviation: float = math.nan
     leg: int = -1
     leg_known: bool = False
-    phase: float = math.nan
-    completed_cycles: int = 0
     noise: float = math.nan
     misfit: float = math.nan
     frame_misfit: float = math.nan

@@ -82,7 +82,6 @@ def _transform(transition: Array, covariance: Array, product: Array) -> None:
 
 
 def _correct(covariance: Array, cross: Array, whole: float) -> None:
-    """Subtract the outer product of a cross covariance, shape (4,), over a variance."""
     for i in range(4):
         for j in range(4):
             covariance[i, j] -= cross[i] * cross[j] / whole
@@ -157,7 +156,6 @@ def predict(
 
 @compiled(_FILTERS, f8, f8, f8)
 def _update_filters(filters: Records, arc: float, variance: float, freedoms: float) -> Array:
-    """Update each filter; return the log likelihood of the measurement by each, shape (F,)."""
     likely, cross = np.empty(filters.size), np.empty(4)
     for n in range(filters.size):
         state, covariance = filters[n]['state'], filters[n]['covariance']
@@ -177,7 +175,6 @@ def _update_filters(filters: Records, arc: float, variance: float, freedoms: flo
 
 @compiled(const_f8_1d, const_f8_1d)
 def _log_mean(probabilities: Array, likelihoods: Array) -> float:
-    """Return the logarithm of the mean likelihood, given weights and log likelihoods."""
     # A filter without weight may be likelier than all others by more than exp can represent.
     top = -math.inf
     for n in range(probabilities.size):

@@ -280,7 +280,6 @@ def whole_frame(
 
 
 def _like_neighbours(angles: Array) -> Array:
-    """Return angles in which unknown rotors lean between their nearest known neighbours."""
     unseen = np.isnan(angles)
     if not unseen.any() or unseen.all():
         return angles

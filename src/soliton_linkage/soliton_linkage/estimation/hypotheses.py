@@ -122,7 +122,6 @@ class Hypotheses:
     def _row(
         self, each: Hypothesis, arc_variance: float, rate_variance: float
     ) -> tuple[float, float, float, float]:
-        """Return site, variance, rate (0 while the wall waits at an edge), and variance."""
         orbit = self._orbit
         arc, rate, of_arc, _, of_rate = each.motion.summary
         site, scale = orbit.site(arc), orbit.site_arc_at(arc)

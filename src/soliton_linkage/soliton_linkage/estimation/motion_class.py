@@ -163,17 +163,6 @@ def tail_of_side(deviations: Array, large: float, small: float) -> tuple[int, in
     return begin, end
 
 
-@compiled(f8, f8)
-def _handed(sine: float, cosine: float) -> float:
-    """Return the sign of the deviations of a side from the sums of its sines and cosines."""
-    return 1.0 if (sine > 0) == (cosine > 0) else -1.0
-
-
-@compiled(f8)
-def _steepness(mean: float) -> float:
-    return abs(math.asin(math.cos(mean)))
-
-
 @compiled(const_f8_1d, i8, i8, _PART, f8, f8_2d)
 def tail_products(
     angles: Array,
@@ -189,8 +178,8 @@ def tail_products(
     the middle of the wall and ends where it is flat, within the inner half of the rotors. Noise
     above a limit leaves the sums unchanged.
     """
-    mean, handed = part.mean, _handed(part.sine, part.cosine)
-    rest_angle = math.pi / 2 - _steepness(mean)
+    mean, handed = part.mean, 1.0 if (part.sine > 0) == (part.cosine > 0) else -1.0
+    rest_angle = math.pi / 2 - abs(math.asin(math.cos(mean)))
     if noise > _NOISIEST * rest_angle:
         return
     flat = max(_FLAT_IN_NOISE * noise, _FLAT * rest_angle)
@@ -222,11 +211,6 @@ def _flipping(left: float, right: float, variance: float) -> float:
     return likelihood
 
 
-@compiled(f8, f8)
-def _limited(value: float, limit: float) -> float:
-    return min(max(value, -limit), limit)
-
-
 @compiled(_NUMBERS, const_f8_1d, const_f8_1d, const_f8_1d, f8, f8_2d)
 def evidence(
     settings: Records, angles: Array, sines: Array, cosines: Array, noise: float, tails: Array
@@ -252,10 +236,12 @@ def evidence(
     inner = bond - 1
     tail_products(angles, inner, 0, left, noise, tails)
     tail_products(angles, bond, rotors - 1, right, noise, tails)
-    lean = math.pi / 2 - (_steepness(left.mean) + _steepness(right.mean)) / 2
+    rises = abs(math.asin(math.cos(left.mean))) + abs(math.asin(math.cos(right.mean)))
+    lean = math.pi / 2 - rises / 2
     crossing = inner + (before / (before - beyond) if before * beyond < 0 else 0.5)
     variance = noise * noise * (1 / left.known + 1 / right.known)
-    flipping = _limited(_flipping(left.mean, right.mean, variance), settings[0]['strongest_frame'])
+    limit = settings[0]['strongest_frame']
+    flipping = min(max(_flipping(left.mean, right.mean, variance), -limit), limit)
     return crossing, flipping, lean
 
 
@@ -294,7 +280,8 @@ def observe(
         if math.isfinite(angles[n]):
             sines[n], cosines[n] = math.sin(angles[n]), math.cos(angles[n])
     site, more, lean = evidence(settings, angles, sines, cosines, noise, tails)
-    flipping = _limited(flipping + more, settings[0]['strongest'])
+    limit = settings[0]['strongest']
+    flipping = min(max(flipping + more, -limit), limit)
     if math.isfinite(lean) and math.isfinite(rest_angle):
         # The weight is the information of the tails, at least a tiny one.
         added = tails[0, 0] - known + _LEAST_WEIGHT

@@ -68,8 +68,8 @@ class OrbitFilter:
             )
         chain = orbit.chain
         self.orbit = orbit
-        self.ignored = self.rejected = self.starts = 0
-        """Numbers of ignored frames, of rejected frames, and of acquisitions."""
+        self.rejected = self.starts = 0
+        """Numbers of rejected frames and of acquisitions."""
         self.bandwidth = 0.0
         """Bandwidth of the disturbance [rad/s]."""
         self._given_noise = noise
@@ -118,7 +118,6 @@ class OrbitFilter:
         check_shape(angles, self.orbit.chain.number_of_rotors)
         elapsed = time - self.estimate.time
         if not math.isfinite(time) or -self._tracking.clock_limit <= elapsed <= 0:
-            self.ignored += 1
             return self.estimate
         if elapsed < 0:
             self._lose(time)
@@ -168,7 +167,6 @@ class OrbitFilter:
         """Latest estimate."""
 
     def _acquire(self, time: float, seen: Array) -> bool:
-        """Search the orbit for a frame; return whether it was located."""
         if not np.isfinite(seen).any() or not self._budget.spend(time):
             return False
         candidates = self._find(seen)
@@ -177,7 +175,6 @@ class OrbitFilter:
         return bool(candidates)
 
     def _find(self, seen: Array) -> list[Candidate]:
-        """Return the competing candidates of a frame, none if it does not determine them."""
         angles = seen - self.offsets.corrections
         found = self._relocaliser.find(angles, self._given_noise or 0.0)
         if found.probability < _LEAST_PROBABILITY:
@@ -300,7 +297,6 @@ class OrbitFilter:
         return False
 
     def _log_odds(self, candidate: Candidate, view: LinearisedMeasurement, seen: Array) -> float:
-        """Return the log likelihood ratio of a candidate against the predicted position."""
         leader = self._hypotheses.leader
         expected = max(
             self._model.linearise(
@@ -320,12 +316,10 @@ class OrbitFilter:
         motion.predict(elapsed, self._variance.at_edge, ratio, acceleration, self.bandwidth)
 
     def _at_edge(self) -> bool:
-        """Return whether springs exchange energy with the wall at an edge."""
         last = self.orbit.chain.number_of_rotors - 1
         return min(self.estimate.site, last - self.estimate.site) < self._edge
 
     def _on_this_cycle(self, candidate: Candidate) -> Candidate:
-        """Return the same point of the orbit, with the cycle count of the estimate."""
         length = self.orbit.length
         turns = round((self.estimate.arc - candidate.arc) / length)
         return candidate._replace(arc=candidate.arc + turns * length)
@@ -341,7 +335,6 @@ class OrbitFilter:
         orbit, noise = self.orbit, self._variance.noise
         leader = self._hypotheses.leader
         arc, rate, arc_variance, covariance, rate_variance = leader.motion.summary
-        completed, within = divmod(arc, orbit.length)
         # Residuals beside the orbit and unknown disorder move the nearest point of the orbit.
         by_disorder, rate_disorder = self._model.disorder_deviations(arc)
         field = _FIELD_SHARE**2 * noise.excess
@@ -364,8 +357,6 @@ class OrbitFilter:
             site_rate_deviation=wall.site_rate_deviation,
             leg=orbit.leg(arc),
             leg_known=self._hypotheses.leg_is_known(),
-            phase=2 * math.pi * within / orbit.length,
-            completed_cycles=int(completed),
             noise=noise.deviation,
             misfit=math.sqrt(noise.scatter),
             frame_misfit=math.sqrt(seen.mean_square) if seen else math.nan,

@@ -229,7 +229,6 @@ class Relocaliser:
         candidates: list[Candidate],
         variance: float,
     ) -> float:
-        """Return the log integral of the likelihood over arcs that are near no candidate."""
         between = (self._step / 4) ** 2
         terms = []
         for turned, samples in scans:

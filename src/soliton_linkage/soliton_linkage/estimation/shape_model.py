@@ -15,16 +15,22 @@ from typing import NamedTuple
 import numpy as np
 from scipy.ndimage import minimum_filter1d
 
-from soliton_linkage.estimation import wall_loops
 from soliton_linkage.estimation.frames import rotor_swing
-from soliton_linkage.estimation.lattice import LatticeCoordinates
 from soliton_linkage.estimation.measurement import FrameLikelihood
 from soliton_linkage.estimation.noise import robust_deviation
 from soliton_linkage.estimation.relocalisation import SCAN_DEVIATION
 from soliton_linkage.estimation.settings import EstimationSettings
 from soliton_linkage.estimation.state_report import FrameState
-from soliton_linkage.estimation.wall_shapes import WallShape, WallShapes
-from soliton_linkage.estimation.wall_track import WallMeasurement
+from soliton_linkage.estimation.wall_shapes import (
+    WallShape,
+    WallShapes,
+    find_domains,
+    fit_wall,
+    persistence,
+    scan_wall,
+    set_residuals,
+)
+from soliton_linkage.estimation.wall_track import LatticeCoordinates, WallMeasurement
 from soliton_linkage.linear.bands import couplings
 from soliton_linkage.linkage.chain import Array, Motion, staggered
 
@@ -106,7 +112,6 @@ class ShapeMeasurementModel:
         return [self._measurement(*part, before) for part in parts]
 
     def _borders(self, state: FrameState) -> list[tuple[float, int]]:
-        """Return the borders of the domains with the charges there."""
         first, second = state.first**2, state.second**2
         strength = np.maximum(first + second, np.finfo(np.float64).tiny)
         polarised = (first - second) / (strength * self._uniform)
@@ -144,7 +149,7 @@ class ShapeMeasurementModel:
 
     def _residuals(self, theta: Array, first: int, wall: _ShapeFit, site: float) -> Array:
         residuals = np.empty_like(theta)
-        wall_loops.set_residuals(theta, first, wall.shape.table, site, wall.stretch, residuals)
+        set_residuals(theta, first, wall.shape.table, site, wall.stretch, residuals)
         return residuals
 
     def _fitted(self, theta: Array, walls: list[_ShapeFit], scanned: bool) -> list[_ShapeFit]:
@@ -155,11 +160,11 @@ class ShapeMeasurementModel:
             if scanned:
                 bound = self._bound**2 * self._coarse
                 scans = [
-                    (*wall_loops.scan(own, first, each.table, site, _SCAN_BESIDE, bound), each)
+                    (*scan_wall(own, first, each.table, site, _SCAN_BESIDE, bound), each)
                     for each in self._of_charge[wall.charge]
                 ]
                 _, site, shape = min(scans, key=lambda scan: scan[0])
-            fit = wall_loops.fit(
+            fit = fit_wall(
                 own,
                 first,
                 shape.table,
@@ -197,7 +202,7 @@ class ShapeMeasurementModel:
             deviation = math.sqrt(variance / wall.stretch_information)
             width = self._shapes.width * wall.stretch, self._shapes.width * deviation
         earlier = before[np.arange(first, first + len(residuals)) % len(before)]
-        product, noise = wall_loops.persistence(
+        product, noise = persistence(
             residuals, earlier, first, wall.shape.table, wall.site, wall.stretch
         )
         scale = 1 / max(information, 1e-12)
@@ -224,7 +229,7 @@ def domain_borders(polarised: Array, least: float) -> list[tuple[float, int]]:
     """
     scores = np.ascontiguousarray(polarised, dtype=np.float64)
     right = np.empty(len(scores), dtype=np.bool_)
-    wall_loops.domains(scores, least, right)
+    find_domains(scores, least, right)
     borders = []
     for bond in np.flatnonzero(right[1:] != right[:-1]).tolist():
         before, after = float(scores[bond]), float(scores[bond + 1])

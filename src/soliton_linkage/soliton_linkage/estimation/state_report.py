@@ -311,7 +311,6 @@ class StateReporter:
         return elastic, float(self._rotors[0, unseen].sum()) * errors.known_rate_noise**2
 
     def _between(self, walls: list[float]) -> Array:
-        """Return the sorted sites of the walls with a neighbour beyond either end."""
         before, beyond = -math.inf, math.inf
         if self.chain.periodic and walls:
             rotors = self.chain.number_of_rotors

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Shapes of single walls at rest, tabulated as staggered angles over the distance from the centre.
+"""Shapes of single walls at rest, as tables of staggered angles, and compiled fits of them.
 
 Shapes of kinks, and of anti-kinks for d < 1, are computed for the chain itself. Pinned anti-kinks
 (all of spinners, and some of wobbling flippers) have the shape in which they rest, with every
@@ -12,18 +12,259 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass, replace
 from functools import cached_property
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
 from scipy.interpolate import CubicSpline, PchipInterpolator, make_interp_spline
 
-from soliton_linkage.estimation.wall_loops import WallTable
+from soliton_linkage.compiling import (
+    b1,
+    b1_1d,
+    compiled,
+    const_f8_1d,
+    f8,
+    f8_1d,
+    f8_2d,
+    i8,
+    named_tuple,
+)
+from soliton_linkage.estimation.frames import Flags, wrapped
 from soliton_linkage.linear.bands import penetration_depth
 from soliton_linkage.linkage.chain import Array, Chain, Motion, staggered
 from soliton_linkage.linkage.deviations import NO_DEVIATIONS
 from soliton_linkage.solitons.anti_kink import anti_kink_path, resting_anti_kink
 from soliton_linkage.solitons.static_wall import static_wall
 from soliton_linkage.solitons.tanh_fit import find_solitons
+
+_SCAN_STEP = 0.125
+"""Step of the scan [rotor spacings], smaller than the width of any wall."""
+_STEPS = 12
+"""Largest number of Gauss-Newton steps [1]; half of them suffice to converge."""
+_LONGEST_STEP = 0.3
+"""Longest step of the site and of the stretch [rotor spacings, 1]."""
+_SHORTER = 0.6
+"""Factor that shortens steps that alternate in sign [1]."""
+_CLOSE = 1e-6
+"""Step below which the fit has converged [rotor spacings]."""
+_NARROWEST, _WIDEST = 0.2, 2.0
+"""Range of the stretch of a wall [1]."""
+
+
+class WallTable(NamedTuple):
+    """Staggered angles of rotors as a function of their distance from a wall."""
+
+    angles: Array
+    """Angles of even and of odd rotors [rad], then their slopes [rad/spacing], shape (4, J)."""
+    points: float
+    """Columns per spacing [1]."""
+    reach: float
+    """Distance of the first and of the last column from the wall [rotor spacings]."""
+
+
+_TABLE = named_tuple(WallTable, f8_2d, f8, f8)
+
+
+@compiled(const_f8_1d, f8, b1_1d)
+def find_domains(polarised: Array, cost: float, right: Flags) -> None:
+    """Set which bonds lie in right-leaning domains, shape (B,), from their polarisations, (B,).
+
+    The division maximises the sum of the polarisations, clipped to 1, over right-leaning domains
+    minus that over left-leaning ones, minus a cost per wall (dynamic programming).
+    """
+    count = polarised.size
+    # Best sums that end in a left-leaning and in a right-leaning bond, with their predecessors.
+    residuals, rightmost = 0.0, 0.0
+    from_right = np.empty(count, dtype=np.bool_)
+    from_left = np.empty(count, dtype=np.bool_)
+    for n in range(count):
+        score = min(max(polarised[n], -1.0), 1.0)
+        from_right[n] = n > 0 and rightmost - cost > residuals
+        from_left[n] = n > 0 and residuals - cost > rightmost
+        before_left = rightmost - cost if from_right[n] else residuals
+        before_right = residuals - cost if from_left[n] else rightmost
+        residuals, rightmost = before_left - score, before_right + score
+    leans = rightmost >= residuals
+    for n in range(count - 1, -1, -1):
+        right[n] = leans
+        leans = (not from_left[n]) if leans else from_right[n]
+
+
+@compiled(_TABLE, i8, f8)
+def _shape(table: WallTable, parity: int, x: float) -> tuple[float, float]:
+    """Return the staggered angle of a rotor at a distance x from a wall [rad], and its slope.
+
+    A cubic interpolates between points; beyond the table the slope is 0 [rad/spacing].
+    """
+    angles, points, reach = table
+    at = (x + reach) * points
+    last = angles.shape[1] - 1
+    k = min(max(math.floor(at), 0), last - 1)
+    s = min(max(at - k, 0.0), 1.0)
+    p, q = angles[parity, k], angles[parity, k + 1]
+    u, v = angles[2 + parity, k] / points, angles[2 + parity, k + 1] / points
+    bend, twist = 3 * (q - p) - 2 * u - v, 2 * (p - q) + u + v
+    angle: float = p + s * (u + s * (bend + s * twist))
+    slope: float = (u + s * (2 * bend + 3 * s * twist)) * points if 0 < at < last else 0.0
+    return angle, slope
+
+
+@compiled(const_f8_1d, i8, _TABLE, f8, f8, f8_1d)
+def set_residuals(
+    theta: Array, first: int, table: WallTable, site: float, stretch: float, residuals: Array
+) -> None:
+    """Set the residuals of staggered angles of rotors from a first one on [rad], shape (n,).
+
+    The wall is at a site [rotor spacings] and wider than the table by the stretch [1].
+    """
+    for k in range(theta.size):
+        n = first + k
+        shape, _ = _shape(table, n % 2, (n - site) / stretch)
+        residuals[k] = wrapped(theta[k] - shape)
+
+
+@compiled(const_f8_1d, i8, _TABLE, f8, f8, f8)
+def scan_wall(
+    theta: Array, first: int, table: WallTable, start: float, beside: float, bound: float
+) -> tuple[float, float]:
+    """Return the least sum of squares, each clipped to a bound [rad^2], and its site.
+
+    The scan covers a distance on either side of the start [rotor spacings].
+    """
+    best, least = start, np.inf
+    steps = math.ceil(beside / _SCAN_STEP)
+    for step in range(-steps, steps + 1):
+        site = start + step * _SCAN_STEP
+        whole = 0.0
+        for k in range(theta.size):
+            n = first + k
+            shape, _ = _shape(table, n % 2, n - site)
+            apart = wrapped(theta[k] - shape)
+            if math.isfinite(apart):
+                whole += min(apart * apart, bound)
+        if whole < least:
+            best, least = site, whole
+    return least, best
+
+
+@compiled(const_f8_1d, i8, _TABLE, f8, f8, f8, f8, b1)
+def sums_of_fit(
+    theta: Array,
+    first: int,
+    table: WallTable,
+    site: float,
+    stretch: float,
+    variance: float,
+    bound: float,
+    free: bool,
+) -> tuple[float, float, float, float, float]:
+    """Return the sums over rotors of w p^2, w q^2, w p q, w p x and w q x (see `fit_wall`).
+
+    The residual of a rotor is x [rad], with derivatives p by the site [rad/spacing] and q by the
+    stretch [rad], 0 unless the stretch is free, and weight w.
+    """
+    site_information, of_stretch, both, ahead, wider = 0.0, 0.0, 0.0, 0.0, 0.0
+    for k in range(theta.size):
+        n = first + k
+        x = (n - site) / stretch
+        shape, slope = _shape(table, n % 2, x)
+        apart = wrapped(theta[k] - shape)
+        if not math.isfinite(apart):
+            continue
+        square = apart * apart / variance
+        weight = 1.0 if square < bound * bound else bound * bound / square
+        by_place = -slope / stretch
+        by_stretch = by_place * x if free else 0.0
+        site_information += weight * by_place * by_place
+        of_stretch += weight * by_stretch * by_stretch
+        both += weight * by_place * by_stretch
+        ahead += weight * by_place * apart
+        wider += weight * by_stretch * apart
+    return site_information, of_stretch, both, ahead, wider
+
+
+@compiled(const_f8_1d, i8, _TABLE, f8, f8, f8, f8, b1)
+def fit_wall(
+    theta: Array,
+    first: int,
+    table: WallTable,
+    site: float,
+    stretch: float,
+    variance: float,
+    bound: float,
+    free: bool,
+) -> tuple[float, float, float, float]:
+    """Fit the site of a wall and, if it is free, its stretch by reweighted Gauss-Newton steps.
+
+    A residual counts in full up to a bound in standard deviations, given the variance of a rotor
+    [rad^2]. Returns site, stretch and the information on each for a noise of 1 rad.
+    """
+    site_information, of_stretch, last, share = 0.0, 0.0, 0.0, 1.0
+    for _ in range(_STEPS):
+        site_information, of_stretch, both, ahead, wider = sums_of_fit(
+            theta, first, table, site, stretch, variance, bound, free
+        )
+        determinant = site_information * of_stretch - both * both
+        if site_information <= 0:
+            break
+        step, change = ahead / site_information, 0.0
+        if free and determinant > 1e-3 * site_information * of_stretch:
+            step = (of_stretch * ahead - both * wider) / determinant
+            change = (site_information * wider - both * ahead) / determinant
+        # Steps that alternate in sign are too long.
+        share *= _SHORTER if change * last < -0.5 * last * last else 1.0
+        last = change
+        site += share * min(max(step, -_LONGEST_STEP), _LONGEST_STEP)
+        change = share * min(max(change, -_LONGEST_STEP), _LONGEST_STEP)
+        stretch = min(max(stretch + change, _NARROWEST), _WIDEST)
+        if abs(step) < _CLOSE and abs(change) < _CLOSE:
+            break
+    return site, stretch, site_information, of_stretch
+
+
+@compiled(const_f8_1d, f8, i8, _TABLE, f8, f8)
+def fit_about(
+    angles: Array, span: float, last: int, table: WallTable, site: float, stretch: float
+) -> tuple[float, float, tuple[float, float, float, float, float]]:
+    """Fit site and stretch of a wall with unit weights; return them and `sums_of_fit` there.
+
+    Uses actual angles [rad], shape (N,), within a span of the site [rotor spacings], without the
+    edge rotors.
+    """
+    first, end = max(math.ceil(site - span), 1), min(math.floor(site + span) + 1, last)
+    theta = np.empty(max(end - first, 0))
+    for k in range(theta.size):
+        angle = angles[first + k]
+        theta[k] = math.pi - angle if (first + k) % 2 else angle
+    site, stretch, _, _ = fit_wall(theta, first, table, site, stretch, 1.0, math.inf, True)
+    sums = sums_of_fit(theta, first, table, site, stretch, 1.0, math.inf, True)
+    return site, stretch, sums
+
+
+@compiled(const_f8_1d, const_f8_1d, i8, _TABLE, f8, f8)
+def persistence(
+    residuals: Array, previous: Array, first: int, table: WallTable, site: float, stretch: float
+) -> tuple[float, float]:
+    """Return the mean product of a wall's residuals in two frames [rad^2], weighted by t^2.
+
+    Both rows start at a first rotor, shape (n,), NaN where unknown. The mean of the product of
+    noise is 0; the second number is its variance over sigma^4.
+    """
+    whole, squares, product = 0.0, 0.0, 0.0
+    for k in range(residuals.size):
+        apart = residuals[k] * previous[k]
+        if not math.isfinite(apart):
+            continue
+        n = first + k
+        _, moves = _shape(table, n % 2, (n - site) / stretch)
+        share = moves * moves
+        whole += share
+        squares += share * share
+        product += share * apart
+    if whole <= 0:
+        return 0.0, 0.0
+    return product / whole, squares / (whole * whole)
+
 
 _POINTS = 16
 """Points of a table per spacing [1]; cubics between them are exact to 1e-5 rad."""

@@ -17,9 +17,14 @@ import numpy as np
 from scipy.optimize import linear_sum_assignment
 
 from soliton_linkage.estimation.estimates import EventKind, SolitonEvent
-from soliton_linkage.estimation.lattice import LatticeCoordinates, WallFrame
 from soliton_linkage.estimation.settings import EstimationSettings
-from soliton_linkage.estimation.wall_track import Encounter, WallMeasurement, WallTrack
+from soliton_linkage.estimation.wall_track import (
+    Encounter,
+    LatticeCoordinates,
+    WallFrame,
+    WallMeasurement,
+    WallTrack,
+)
 
 _LONGEST_DELAY = 2.0
 """Longest delay of the event of a wall that came from an edge [s]."""
@@ -144,7 +149,6 @@ class WallTracker:
         return abs(self._line.separation(track.rotor, rotor))
 
     def _overlap(self, track: WallTrack) -> Encounter | None:
-        """Return the encounter in which a wall is unseen because it overlaps another one."""
         for each in self._encounters:
             if each.overlaps and track in (each.left, each.right):
                 return each
@@ -162,7 +166,6 @@ class WallTracker:
     def _resolve(
         self, time: float, frame: WallFrame, confirming: int
     ) -> tuple[list[WallTrack], list[SolitonEvent]]:
-        """Identify new walls, and find out what became of unseen ones."""
         self._tracks = [each for each in self._tracks if each.id or each.is_seen]
         self._identify_new(time, frame, confirming)
         self._update_encounters(time, frame)
@@ -220,7 +223,6 @@ class WallTracker:
         energies: tuple[float, float] = (0.0, 0.0),
         collisions: int = 0,
     ) -> None:
-        """Add an event, given identifiers, charges and energies before and afterwards."""
         self._events.append(SolitonEvent(kind, time, rotor, *ids, *charges, *energies, collisions))
 
     def _add_found(self, track: WallTrack, time: float, frame: WallFrame) -> None:
@@ -258,7 +260,6 @@ class WallTracker:
         self._add(EventKind.BIRTH_OF_PAIR, time, site, ids, energies=energies)
 
     def _partner(self, track: WallTrack, others: Sequence[WallTrack]) -> WallTrack | None:
-        """Return the nearest wall of opposite charge that has not separated from a wall."""
         near = [
             each
             for each in others
@@ -284,7 +285,6 @@ class WallTracker:
             track.was_free = free
 
     def _find_encounters(self, time: float, shown: list[WallTrack], frame: WallFrame) -> None:
-        """Start an encounter for near neighbours with opposite charges."""
         after = [*shown[1:], *shown[:1]] if self._line.periodic else shown[1:]
         for left, right in zip(shown, after, strict=False):
             known = any({left, right} == {each.left, each.right} for each in self._encounters)
@@ -314,7 +314,6 @@ class WallTracker:
             self._conclude(each, time, frame)
 
     def _conclude(self, met: Encounter, time: float, frame: WallFrame) -> None:
-        """Report the outcome of an encounter, if there is one by now."""
         kind = met.outcome(time)
         if kind is EventKind.BREATHER_FORMED:
             formed = met.ids_before, (self._next,)
@@ -335,7 +334,6 @@ class WallTracker:
             self._tracks = [each for each in self._tracks if each not in (met.left, met.right)]
 
     def _resolve_missing(self, time: float, frame: WallFrame, confirming: int) -> None:
-        """Find out what became of walls that were not seen for several frames."""
         gone = [
             each
             for each in self._tracks

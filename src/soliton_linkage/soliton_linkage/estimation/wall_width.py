@@ -19,9 +19,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from soliton_linkage.estimation import wall_loops
 from soliton_linkage.estimation.settings import DEFAULTS, WidthSettings
-from soliton_linkage.estimation.wall_shapes import WallShapes
+from soliton_linkage.estimation.wall_shapes import WallShapes, fit_about
 from soliton_linkage.linear.bands import penetration_depth
 from soliton_linkage.linkage.chain import Array, Chain, Motion
 from soliton_linkage.solitons.continuum import wall_theory
@@ -87,7 +86,7 @@ class WallFamily:
         """
         if not self._clear <= site <= self._last - self._clear:
             return UNKNOWN
-        centre, stretch, sums = wall_loops.fit_about(
+        centre, stretch, sums = fit_about(
             angles,
             self._span,
             self._last,
@@ -155,7 +154,6 @@ class ContractionMean:
         return self._current_mean()
 
     def _sums(self) -> tuple[float, float, float, float]:
-        """Return sums of weighted values, weights, noise variances and squared weights."""
         value, weight, noise = self._passage
         values, weights, noises, squares = self._before
         return values + value, weights + weight, noises + noise, squares + weight**2
@@ -168,7 +166,6 @@ class ContractionMean:
         return Contraction(whole / weights, math.sqrt(variance + _LEAST_DEVIATION**2))
 
     def _pass(self) -> None:
-        """Close the current passage, and restart the mean if the passage contradicts it."""
         value, weight, noise = self._passage
         if not weight:
             return
