@@ -78,7 +78,24 @@ class Readings:
 
         Raises ValueError if there are too few rotors or readings.
         """
-        return _filled(self.times, self.angles, self.joints)
+        names, rotors = self.joints, self.angles.shape[1]
+        if rotors < _FEWEST_ROTORS:
+            raise ValueError(
+                f'{rotors} rotors are too few to identify a chain; record {_FEWEST_ROTORS} or more'
+            )
+        present = np.isfinite(self.angles)
+        missing = np.flatnonzero(~(present.mean(axis=0) >= _LEAST_PRESENT))
+        if missing.size:
+            named = ', '.join(names[n] for n in missing[:MOST_NAMED])
+            more = ', ...' if missing.size > MOST_NAMED else ''
+            raise ValueError(
+                f'{missing.size} of {rotors} rotors are missing in half of the frames or more: '
+                f'{named}{more}; record all rotors, because bonds without them cannot close'
+            )
+        filled = np.empty_like(self.angles)
+        for column, values, seen in zip(filled.T, self.angles.T, present.T, strict=True):
+            column[:] = np.interp(self.times, self.times[seen], np.unwrap(values[seen]))
+        return filled
 
     @cached_property
     def unwrapped(self) -> Array:
@@ -164,28 +181,6 @@ def join_recordings(recordings: Sequence[Readings]) -> Readings:
         tilts=tilts,
         parts=tuple(recordings),
     )
-
-
-def _filled(times: Array, readings: Array, names: Sequence[str]) -> Array:
-    if readings.shape[1] < _FEWEST_ROTORS:
-        raise ValueError(
-            f'{readings.shape[1]} rotors are too few to identify a chain; record '
-            f'{_FEWEST_ROTORS} or more'
-        )
-    present = np.isfinite(readings).mean(axis=0)
-    missing = np.flatnonzero(~(present >= _LEAST_PRESENT))
-    if missing.size:
-        named = ', '.join(names[n] for n in missing[:MOST_NAMED])
-        more = ', ...' if missing.size > MOST_NAMED else ''
-        raise ValueError(
-            f'{missing.size} of {len(names)} rotors are missing in half of the frames or more: '
-            f'{named}{more}; record all rotors, because bonds without readings cannot be closed'
-        )
-    filled = np.empty_like(readings)
-    for rotor, values in enumerate(readings.T):
-        seen = np.isfinite(values)
-        filled[:, rotor] = np.interp(times, times[seen], np.unwrap(values[seen]))
-    return filled
 
 
 _SMALLEST_STEP = 1e-9

@@ -18,11 +18,10 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.polynomial import chebyshev
-from numpy.typing import NDArray
 
 from soliton_linkage.linear.bands import penetration_depth
 from soliton_linkage.linkage.chain import Array, Chain, Motion
-from soliton_linkage.orbit.seed_path import Branches, SeedPath, blocked_wall_error, seed_path
+from soliton_linkage.orbit.seed_path import SeedPath, blocked_wall_error, seed_path
 
 _NODES = 20
 """Terms of a Chebyshev series [1]: most pieces converge without a split or after one."""
@@ -124,38 +123,18 @@ def _is_cut(piece: OrbitPiece, beside: int, last: int) -> bool:
     return 0 < low == piece.first or last > high == piece.first + piece.rotors - 1
 
 
-def _window(chain: Chain, path: SeedPath) -> _Window:
-    """Return the rotors near the seeds of a path."""
-    beside = path.left_branches.shape[1] // 2
-    columns = path.seeds[:, None] + np.arange(-beside, beside + 1)
-    rotors, springs = chain.number_of_rotors, chain.number_of_springs
-    bars = np.clip(columns[:, :-1], 0, springs - 1)
-    return _Window(
-        chain.rotor_lengths[np.clip(columns, 0, rotors - 1)],
-        chain.spacings[bars],
-        chain.rest_lengths[bars],
-        path.left_branches,
-        path.right_branches,
-        ((columns >= 0) & (columns < rotors))[:, None],
-    )
-
-
-@dataclass(frozen=True)
 class _Window:
-    """Rotors and bars near P seeds, (P, W) and (P, W - 1), with the seed in the middle."""
+    """Rotors and bars near P seeds, (P, W) and (P, W - 1), with the seeds in the middle."""
 
-    rotor_lengths: Array
-    spacings: Array
-    bar_lengths: Array
-    left_branches: Branches
-    right_branches: Branches
-    exists: NDArray[np.bool_]
-    """Whether the chain has the rotor, shape (P, 1, W)."""
-
-    @property
-    def beside(self) -> int:
-        """Number of rotors on each side of the seed."""
-        return int(self.spacings.shape[1]) // 2
+    def __init__(self, chain: Chain, path: SeedPath) -> None:
+        self.beside = path.left_branches.shape[1] // 2
+        columns = path.seeds[:, None] + np.arange(-self.beside, self.beside + 1)
+        rotors, springs = chain.number_of_rotors, chain.number_of_springs
+        bars = np.clip(columns[:, :-1], 0, springs - 1)
+        self.rotor_lengths = chain.rotor_lengths[np.clip(columns, 0, rotors - 1)]
+        self.spacings, self.bar_lengths = chain.spacings[bars], chain.rest_lengths[bars]
+        self.left_branches, self.right_branches = path.left_branches, path.right_branches
+        self.exists = ((columns >= 0) & (columns < rotors))[:, None]
 
     def angles(self, seeds: Array) -> Array:
         """Return the angles of all rotors, (P, K, W), given the seeds' angles, (P, K) [rad]."""
@@ -207,7 +186,7 @@ def _resolved(chain: Chain, path: SeedPath) -> list[OrbitPiece | None]:
     """Return the pieces of a path, None for those whose series does not converge."""
     halves = (path.ends - path.begins)[:, None] / 2
     middles = path.begins[:, None] + halves
-    window = _window(chain, path)
+    window = _Window(chain, path)
     beside = window.beside
     with np.errstate(invalid='ignore', divide='ignore'):
         tangents = window.tangents(window.angles(middles + halves * _POINTS))

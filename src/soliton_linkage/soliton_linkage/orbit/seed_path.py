@@ -103,6 +103,11 @@ class _Seed:
         self.left_branches = left.astype(np.int8)
         self.right_branches = right.astype(np.int8)
         self.rotor, self.angle, self.sense = self._start(left, right)
+        for _ in range(self._last):
+            lead, rotor = max(self.lead(towards, self.angle) for towards in (-1, 1))
+            if lead <= 0:
+                break
+            self.move_to(rotor)
 
     def _start(self, left: Array, right: Array) -> tuple[int, float, float]:
         """Return a first seed: number, angle [rad], and sense of rotation towards the last rotor.
@@ -121,14 +126,6 @@ class _Seed:
             mode = mode_towards_last(self._chain, angles)
             return rotor, angle, math.copysign(1.0, float(mode[rotor]))
         raise blocked_wall_error(self._chain, int(self._last // 2))
-
-    def climb(self) -> None:
-        """Move to the rotor that moves most."""
-        for _ in range(self._last):
-            lead, rotor = max(self.lead(towards, self.angle) for towards in (-1, 1))
-            if lead <= 0:
-                return
-            self.move_to(rotor)
 
     @property
     def branches(self) -> tuple[bytes, bytes]:
@@ -214,7 +211,6 @@ def seed_path(chain: Chain, beside: int) -> SeedPath:
     the wall cannot pass through the chain.
     """
     seed = _Seed(chain)
-    seed.climb()
     rotor, angle, branches = seed.rotor, seed.angle, seed.branches
     columns = np.arange(-beside, beside)
     rows: list[tuple[int, float, float, Branches, Branches]] = []
