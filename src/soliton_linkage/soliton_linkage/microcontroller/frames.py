@@ -122,13 +122,13 @@ def decode_text(line: bytes) -> tuple[SerialFrame, bool]:
     if checksum:
         content = line[:-9]
         if zlib.crc32(content) != int(checksum[1], 16):
-            raise ValueError('the checksum of a line is wrong')
+            raise ValueError('the checksum of a line is wrong; check the wiring and the baud rate')
     try:
         words = content.decode('ascii').split()
         kind = _KINDS[words[0]]
     except (ValueError, LookupError):
         raise ValueError(
-            f'a line begins with none of {", ".join(_KINDS)}; see docs/serial.md'
+            f'a line must begin with one of {", ".join(_KINDS)}; see docs/serial.md'
         ) from None
     sequence, time = [*words[1:3], _MISSING, _MISSING][:2]
     values = np.array([_value(word, kind) for word in words[3:]], dtype=np.float64)
@@ -161,7 +161,9 @@ def encode_binary(frame: SerialFrame) -> bytes:
             sequence, time = (frame.sequence or 0) % SEQUENCES, (frame.time or 0) % CLOCK_RANGE
             content = _HEADER.pack(letter, VERSION, sequence, time) + packed
             return stuff(content + _CHECKSUM.pack(zlib.crc32(content))) + _FRAME_END
-    raise ValueError(f'{frame.kind.value} exceed the range of 32-bit integers')
+    raise ValueError(
+        f'{frame.kind.value} exceed the range of 32-bit integers; send smaller numbers'
+    )
 
 
 def _packed(values: Array, type_: np.dtype[Any]) -> bytes | None:
@@ -179,10 +181,11 @@ def decode_binary(piece: bytes) -> SerialFrame:
     """Return the frame of the bytes before an end; ValueError if they are invalid."""
     whole = unstuff(piece)
     if len(whole) < _HEADER.size + _CHECKSUM.size:
-        raise ValueError(f'a frame of {len(whole)} bytes is too short')
+        least = _HEADER.size + _CHECKSUM.size
+        raise ValueError(f'a frame of {len(whole)} bytes is too short; send {least} or more')
     content, checksum = whole[: -_CHECKSUM.size], whole[-_CHECKSUM.size :]
     if _CHECKSUM.pack(zlib.crc32(content)) != checksum:
-        raise ValueError('the checksum of a frame is wrong')
+        raise ValueError('the checksum of a frame is wrong; check the wiring and the baud rate')
     letter, version, sequence, time = _HEADER.unpack_from(content)
     if letter not in _LAYOUTS or version != VERSION:
         raise ValueError(
@@ -223,7 +226,7 @@ def unstuff(stuffed: bytes) -> bytes:
         code = stuffed[at]
         following = at + code
         if code == 0 or following > size:
-            raise ValueError('a frame is truncated')
+            raise ValueError('a frame is truncated; check the wiring and the baud rate')
         data += stuffed[at + 1 : following]
         if code <= _LONGEST_BLOCK and following < size:
             data.append(0)
@@ -269,13 +272,17 @@ class FrameDecoder:
     def _decoded(self, protocol: Protocol, written: bytes | None) -> SerialFrame | None:
         try:
             if written is None:
-                raise ValueError(f'{LONGEST_FRAME} bytes arrived without an end of a frame')
+                raise ValueError(
+                    f'{LONGEST_FRAME} bytes arrived without the end of a frame; end each frame'
+                )
             if protocol is Protocol.TEXT:
                 if not written.strip() or written.startswith(b'#'):
                     return None
                 frame, checked = decode_text(written)
                 if self._checked and not checked:
-                    raise ValueError('a line has no checksum, but lines before it had one')
+                    raise ValueError(
+                        'a line has no checksum, unlike a line before; send one with each line'
+                    )
                 self._checked = checked
             elif written:
                 frame = decode_binary(written)
