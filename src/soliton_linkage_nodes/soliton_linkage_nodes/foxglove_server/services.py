@@ -103,7 +103,7 @@ class OfferedService:
 
 
 class OfferedServices:
-    """Services of the graph, except those of this node and of actions."""
+    """Services of the graph without the services of this node and of actions."""
 
     def __init__(self, node: Node, server: WebSocketServer, queue: Queue, reject: Reject) -> None:
         """Offer services on a server; pass the name and reason of a rejected one to `reject`."""
