@@ -136,7 +136,9 @@ def test_energies_are_the_integrals_of_their_densities(
 
 
 @given(any_theory(), st.floats(-12, -1e-4), SIGNS)
-def test_energies_are_accurate_at_any_speed(theory: Theory, exponent: float, charge: int) -> None:
+def test_energies_at_any_speed_agree_with_thirty_digits(
+    theory: Theory, exponent: float, charge: int
+) -> None:
     velocity = theory.speed_of_sound * 10**exponent
     with mpmath.workdps(30):
         ratio = mpmath.mpf(velocity) / mpmath.mpf(theory.speed_of_sound)
@@ -150,20 +152,10 @@ def test_energies_are_accurate_at_any_speed(theory: Theory, exponent: float, cha
     assert theory.elastic_energy(velocity, charge) == pytest.approx(float(springs), rel=rel)
     assert theory.width(velocity) == pytest.approx(width, rel=rel)
     assert theory.lorentz_factor(-velocity) == theory.lorentz_factor(velocity)
-
-
-@given(any_theory(exact_sound=True), st.floats(1e-6, 0.99))
-def test_the_energy_is_divided_between_springs_and_motion(theory: Theory, fraction: float) -> None:
-    velocity = fraction * theory.speed_of_sound
-    gamma = theory.lorentz_factor(velocity)
-    springs, motion = theory.elastic_energy(velocity), theory.kinetic_energy(velocity)
-    assert springs + motion == pytest.approx(theory.energy(velocity), rel=1e-12)
-    assert springs / motion == pytest.approx((gamma - 1) / (gamma + 1), rel=1e-9, abs=1e-15)
+    in_springs, in_motion = theory.elastic_energy(velocity), theory.kinetic_energy(velocity)
+    assert in_springs + in_motion == pytest.approx(theory.energy(velocity), rel=1e-12)
     assert theory.energy(0.0) == 0
     assert theory.energy(0.0, -1) == 2 * theory.energy_scale
-    assert theory.energy(velocity, -1) - theory.energy(velocity) == pytest.approx(
-        2 * theory.energy_scale, rel=1e-12
-    )
 
 
 @given(any_theory())
