@@ -17,7 +17,6 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from soliton_linkage.linkage.chain import Array, Chain
-from soliton_linkage.linkage.deviations import Deviations
 
 UNKNOWNS_PER_ROTOR = 4
 """Unknowns from one rotor to the next [1]: r, o, a and l."""
@@ -74,13 +73,11 @@ class Lengths:
         spacing, length = float(self.spacings.mean()), float(self.rotor_lengths.mean())
         rest = float(self.rest_lengths.mean())
         cosine = math.sqrt(max(rest**2 - spacing**2, 0.0)) / (2 * length)
-        deviations = Deviations(
+        deviations = replace(
+            template.deviations,
             spacing=tuple((self.spacings / spacing - 1).tolist()),
             rotor_length=tuple((self.rotor_lengths / length - 1).tolist()),
             rest_length=tuple((self.rest_lengths / rest - 1).tolist()),
-            mass=template.deviations.mass,
-            stiffness=template.deviations.stiffness,
-            damping=template.deviations.damping,
         )
         return replace(
             template,

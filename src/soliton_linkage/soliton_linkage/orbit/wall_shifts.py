@@ -24,6 +24,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import replace
+from functools import cache
 from typing import NamedTuple
 
 import numpy as np
@@ -60,7 +61,7 @@ class WallShifts:
     def __init__(self, orbit: Orbit) -> None:
         chain = replace(orbit.chain, deviations=NO_DEVIATIONS)
         self._orbit = orbit if orbit.chain == chain else UniformOrbit(chain)
-        self._known: dict[tuple[int, int], tuple[float, float, float]] = {}
+        self._known = cache(self._variances)
         self._far = 0.0
 
     def at(self, site: float, leg: int) -> Shifts:
@@ -72,9 +73,7 @@ class WallShifts:
         bonds = self._orbit.chain.number_of_rotors - 1
         before = min(max(site - 0.5, 0.0), bonds - 1)
         bond = min(math.floor(before), bonds - 2)
-        if (leg, bond) not in self._known:
-            self._known[leg, bond] = self._variances(bond, leg)
-        here, there, rate = self._known[leg, bond]
+        here, there, rate = self._known(bond, leg)
         return Shifts(math.sqrt(here + (before - bond) * (there - here)), math.sqrt(rate))
 
     def _variances(self, bond: int, leg: int) -> tuple[float, float, float]:
