@@ -43,14 +43,14 @@ def phi4_speed_after(speed: float, spacing: float = 0.05, step: float = 0.02) ->
         beside = np.roll(u, 1) + np.roll(u, -1)
         return (16 * beside - np.roll(u, 2) - np.roll(u, -2) - 30 * u) / (12 * spacing**2)
 
-    before, now, places, met = walls(-step), walls(0.0), [], False
+    before, now, sites, met = walls(-step), walls(0.0), [], False
     while True:
         before, now = now, 2 * now - before + step**2 * (curvature(now) + 2 * now * (1 - now**2))
         left = np.flatnonzero(now < 0)
         met = met or not left.size
         if met and left.size:
             n = int(left[-1])
-            places.append(x[n] + spacing * now[n] / (now[n] - now[n + 1]))
-            if places[-1] > 4.0:
-                far = [place for place in places if place > 2.5]
+            sites.append(x[n] + spacing * now[n] / (now[n] - now[n + 1]))
+            if sites[-1] > 4.0:
+                far = [place for place in sites if place > 2.5]
                 return float(np.polyfit(step * np.arange(len(far)), far, 1)[0])

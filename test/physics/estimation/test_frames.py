@@ -119,7 +119,7 @@ def test_unseen_rotors_are_filled_in_from_the_orbit_with_their_turns(name: str) 
     last[3] += 4 * math.pi
     expected = there(chain, frame)
     whole = complete(chain, frame, None, expected, last)
-    assert whole.placed
+    assert whole.from_orbit
     assert not whole.others
     np.testing.assert_array_equal(np.flatnonzero(whole.filled), [2, 3, 8])
     assert whole.angles[2] == expected.angles[2]
@@ -166,7 +166,7 @@ def test_without_an_orbit_rotors_lean_like_their_neighbours() -> None:
     whole = complete(chain, frame, None, None, frame)
     np.testing.assert_allclose(np.sin(whole.angles), np.sin(chain.uniform_state(-1)), atol=1e-12)
     np.testing.assert_allclose(np.cos(whole.angles), np.cos(chain.uniform_state(-1)), atol=1e-12)
-    assert not whole.placed
+    assert not whole.from_orbit
     nothing = complete(chain, np.full(9, np.nan), None, None, frame)
     assert np.isnan(nothing.angles).all()
 

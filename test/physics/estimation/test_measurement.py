@@ -67,9 +67,9 @@ def test_no_single_reading_moves_the_arc_by_more_than_the_bound(rotor: int) -> N
 def test_an_uncertain_arc_does_not_turn_moving_rotors_into_outliers() -> None:
     differences = np.zeros(ROTORS)
     differences[FIRST : FIRST + 5] = 0.3 * TANGENT
-    assert likelihood().linearise(2.0, FIRST, TANGENT, differences.copy(), 0.01**2).unbelieved
+    assert likelihood().linearise(2.0, FIRST, TANGENT, differences.copy(), 0.01**2).outliers
     view = likelihood().linearise(2.0, FIRST, TANGENT, differences, 0.01**2, spread=0.15**2)
-    assert not view.unbelieved
+    assert not view.outliers
     assert view.arc == pytest.approx(2.3)
 
 
@@ -115,7 +115,7 @@ def test_noise_is_separated_from_waves(wave: float, angle: float, given: float |
     # At half a radian a frame an eightieth of the wave amplitude counts as noise.
     rel = 0.05 if angle < 0.1 else 0.2
     assert noise.deviation == pytest.approx(0.02, rel=rel)
-    assert math.sqrt(noise.lasting) == pytest.approx(wave / math.sqrt(2), rel=0.1, abs=1e-9)
+    assert math.sqrt(noise.persistent) == pytest.approx(wave / math.sqrt(2), rel=0.1, abs=1e-9)
     expected = math.hypot(0.02, wave / math.sqrt(2))
     assert math.sqrt(noise.scatter) == pytest.approx(expected, rel=0.25)
 

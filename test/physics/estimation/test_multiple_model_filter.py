@@ -73,7 +73,7 @@ def test_filters_agree_with_a_naive_kalman_filter(at_edge: bool, disturbance: fl
     settings = FilterSettings(
         rate_changes=(0.02,),
         biases=(0.01,),
-        odds_of_doubt=600.0,
+        restart_odds=600.0,
         disturbance=disturbance / 2500.0,
     )
     acceleration, bandwidth = 3.0 * disturbance, 4.0 * disturbance

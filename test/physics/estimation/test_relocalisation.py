@@ -148,7 +148,7 @@ def test_a_disagreeing_edge_rotor_adds_a_leg() -> None:
     made.add_toggled()
     assert len(made.all) == 1
     made.leader.view.weights[-1] = 0.0
-    made.leader.view = made.leader.view._replace(unbelieved=1)
+    made.leader.view = made.leader.view._replace(outliers=1)
     made.add_toggled()
     other = made.all[1]
     assert ORBIT.leg(other.motion.arc) == 1

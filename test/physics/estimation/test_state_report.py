@@ -400,13 +400,13 @@ def test_unseen_rotors_increase_the_deviation_of_energies(
     unseen[[25, 26, 40]] = True
     filled = np.where(unseen, orbit, angles), np.where(unseen, moving, rates)
     doubts = [
-        energies(chain, *filled, 29.7, FrameErrors(noise, rate_noise, lasting, unseen))
-        for lasting in (0.0, 0.02)
+        energies(chain, *filled, 29.7, FrameErrors(noise, rate_noise, persistent, unseen))
+        for persistent in (0.0, 0.02)
     ]
     first, second = FrameState(chain, filled[0]).first, FrameState(chain, filled[0]).second
     squares = first[[25, 26, 40]] ** 2 + second[[24, 25, 39]] ** 2
-    for found, lasting in zip(doubts, (0.0, 0.02), strict=True):
-        hidden = 0.5 * chain.stiffness * float(squares.sum()) * (noise**2 + lasting**2)
+    for found, persistent in zip(doubts, (0.0, 0.02), strict=True):
+        hidden = 0.5 * chain.stiffness * float(squares.sum()) * (noise**2 + persistent**2)
         assert found.elastic_deviation > hidden
         assert found.kinetic_deviation > 1.5 * chain.moment_of_inertia * rate_noise**2
     assert doubts[1].elastic_deviation > doubts[0].elastic_deviation

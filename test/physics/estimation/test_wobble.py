@@ -55,9 +55,9 @@ def wall_on_orbit(orbit: UniformOrbit, arc: float) -> RestingWall:
 
 
 def wobble(
-    chain: Chain, angles: Array, wall: RestingWall, noise: float = 0.0, lasting: float = 0.0
+    chain: Chain, angles: Array, wall: RestingWall, noise: float = 0.0, persistent: float = 0.0
 ) -> Wobble:
-    return WobbleReporter(chain).wobble(angles, wall, noise, lasting)
+    return WobbleReporter(chain).wobble(angles, wall, noise, persistent)
 
 
 def ratio_of(chain: Chain) -> float:
@@ -207,8 +207,8 @@ def test_the_wall_on_an_orbit_gives_the_same_result(example: tuple[float, float]
         arc = orbit.arc_at(19.7, leg)
         angles = orbit.configuration(arc) + 0.01 * random.standard_normal(41)
         by_cycle = wobble(chain, angles, wall_on_orbit(orbit, arc), 0.01)
-        by_place = wobble(chain, angles, wall_at(chain, 19.7), 0.01)
-        assert flat(by_cycle) == pytest.approx(flat(by_place), rel=1e-3, abs=1e-6, nan_ok=True)
+        by_site = wobble(chain, angles, wall_at(chain, 19.7), 0.01)
+        assert flat(by_cycle) == pytest.approx(flat(by_site), rel=1e-3, abs=1e-6, nan_ok=True)
     # A wall at the first rotor has no side before it.
     edge = wobble(chain, orbit.configuration(0.0), wall_on_orbit(orbit, 0.0), 0.01)
     assert math.isnan(edge.amplitude) == (chain.motion is Motion.SPINNER)
@@ -221,7 +221,7 @@ def test_persistent_residuals_increase_the_deviations_only(
     random, chain = np.random.default_rng(59), chain_of(example, ROTORS)
     angles = static_wall(chain, 29.3) + 3e-4 * random.standard_normal(ROTORS)
     plain, doubted = (
-        wobble(chain, angles, wall_at(chain, 29.3), 3e-4, lasting) for lasting in (0.0, 4e-4)
+        wobble(chain, angles, wall_at(chain, 29.3), 3e-4, persistent) for persistent in (0.0, 4e-4)
     )
     assert doubted.tail_ratio == plain.tail_ratio
     assert doubted.amplitude == pytest.approx(plain.amplitude, nan_ok=True)

@@ -203,10 +203,10 @@ class Analyser:
         errors = self._errors(estimate, frame)
         unknown = frame.number_filled and np.isnan(frame.angles).any()
         known = None if unknown else frame.angles
-        alone = self._is_alone(estimate, frame)
-        solitons, events, status = self._solitons(frame, known, estimate, alone, errors)
+        single = self._is_alone(estimate, frame)
+        solitons, events, status = self._solitons(frame, known, estimate, single, errors)
         report = None if unknown else self._report(frame, estimate, solitons, errors)
-        whole = frame.placed or not frame.number_filled
+        whole = frame.from_orbit or not frame.number_filled
         return Analysis(
             motion=self.chain.motion,
             measured_motion=self._observer.observe(frame.seen, errors.noise),
@@ -218,7 +218,7 @@ class Analyser:
             topology=report.topology if report else None,
             edge_rotors=report.edge_rotors if report else None,
             energies=report.energies if report and whole else None,
-            wobble=self._wobble(frame, estimate, errors) if alone and solitons else None,
+            wobble=self._wobble(frame, estimate, errors) if single and solitons else None,
             unseen=frame.number_filled,
         )
 
@@ -260,7 +260,7 @@ class Analyser:
         return FrameErrors(
             noise=noise,
             rate_noise=self._rate_noise.deviation,
-            lasting=math.sqrt(max(misfit**2 - noise**2, 0.0)),
+            persistent=math.sqrt(max(misfit**2 - noise**2, 0.0)),
             unseen=frame.filled if frame.number_filled else None,
         )
 
@@ -275,13 +275,13 @@ class Analyser:
         frame: CompletedFrame,
         known: Array | None,
         estimate: OrbitEstimate,
-        alone: bool,
+        single: bool,
         errors: FrameErrors,
     ) -> tuple[tuple[AnalysedSoliton, ...], tuple[SolitonEvent, ...], TrackingStatus]:
         """Return the walls of a frame, the events, and the status of the first wall."""
         scene = WallFrame(self._reporter, self._line, known, frame.rates, errors)
         seen: list[WallMeasurement] = []
-        if alone:
+        if single:
             inside = self._settings.walls.inside
             if inside <= estimate.site <= self._line.rotors - 1 - inside:
                 site, deviation = estimate.site, estimate.site_deviation
@@ -291,9 +291,9 @@ class Analyser:
             return (), (), estimate.status
         elif self._shape_model is not None:
             seen = self._shape_model.measure(FrameState(self.chain, known), frame.seen)
-        confirming = 1 if alone else self._settings.tracking.confirming_frames
+        confirming = 1 if single else self._settings.tracking.confirming_frames
         tracks, events = self._tracker.update(self._clock.time, seen, scene, confirming)
-        status = estimate.status if alone or not tracks else tracks[0].status
+        status = estimate.status if single or not tracks else tracks[0].status
         return tuple(map(self._soliton, tracks)), tuple(events), status
 
     def _soliton(self, track: WallTrack) -> AnalysedSoliton:
@@ -328,7 +328,7 @@ class Analyser:
         errors: FrameErrors,
     ) -> StateReport:
         rates: Array | ArcRate | None = frame.rates
-        known = frame.placed and estimate.rate_deviation < abs(estimate.rate)
+        known = frame.from_orbit and estimate.rate_deviation < abs(estimate.rate)
         if rates is None and known and self._orbit is not None:
             free = self._orbit.free_rate(estimate.arc)
             rates = ArcRate(estimate.rate / free, estimate.rate_deviation / free)
@@ -342,4 +342,4 @@ class Analyser:
             return None
         about = self._orbit.segment(estimate.arc)
         wall = RestingWall(about.first, about.angles, estimate.site)
-        return self._wobbles.wobble(frame.angles, wall, errors.noise, errors.lasting)
+        return self._wobbles.wobble(frame.angles, wall, errors.noise, errors.persistent)

@@ -185,7 +185,7 @@ class FarFieldResiduals:
             # Waves change from block to block; deviations of the chain do not.
             if not len(both) or _trimmed_mean(both**2) >= strong:
                 if not first:
-                    self.disorder = self._lasting_disorder()
+                    self.disorder = self._persistent_disorder()
                 self.restart()
                 return
             self._uneven = True
@@ -204,7 +204,7 @@ class FarFieldResiduals:
         expected, variances = offsets.predict(sides)
         apart = np.abs(expected) - given.significance * np.sqrt(variances + persistent)
         self._apart = np.where(sides != 0, np.maximum(apart, 0.0), self._apart)
-        self.disorder = self._lasting_disorder()
+        self.disorder = self._persistent_disorder()
         self.restart()
 
     def find_doubtful(self, read: Array, outlying: Flags) -> None:
@@ -235,7 +235,7 @@ class FarFieldResiduals:
         rows = np.array([np.where(sides == side, means, np.nan) for side in (1, -1)])
         return self._disorder(rows, math.sqrt(variance / self._frames))
 
-    def _lasting_disorder(self) -> float:
+    def _persistent_disorder(self) -> float:
         """Return the disorder in the mean residuals of all blocks [rad]."""
         weights = self._offsets.weights
         chances = 1 / np.sqrt(weights[weights > 0])

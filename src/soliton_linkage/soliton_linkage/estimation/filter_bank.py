@@ -356,12 +356,12 @@ def measure(
     more, most = update(filters, base, arc, variance, freedoms)
     least = _LEAST_ODDS_AT_EDGES if now['at_edge'] else LEAST_ODDS
     log_odds = max(now['log_odds'] + more, least * calm)
-    if log_odds >= given['odds_of_doubt']:
+    if log_odds >= given['restart_odds']:
         restart_steady(filters, base)
-        log_odds = given['odds_of_doubt'] - 1
+        log_odds = given['restart_odds'] - 1
     if most > given['impulse_odds']:
         restart_from_impulse(filters, base)
-        log_odds = max(log_odds, given['odds_of_doubt'] - 1)
+        log_odds = max(log_odds, given['restart_odds'] - 1)
         frames = 0
         now['impulses'] += 1
     frames += 1

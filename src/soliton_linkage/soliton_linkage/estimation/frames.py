@@ -177,7 +177,7 @@ class CompletedFrame(NamedTuple):
     """Rates [rad/s], shape (N,); None if unknown."""
     filled: Flags
     """Flags of rotors that were unseen or whose reading was implausible, shape (N,)."""
-    placed: bool
+    from_orbit: bool
     """Whether filled angles come from the orbit; otherwise they come from neighbours."""
     others: bool
     """Whether adjacent rotors differ from the orbit by more than half of their swing."""

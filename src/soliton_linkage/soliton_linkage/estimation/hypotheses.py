@@ -83,7 +83,7 @@ class Hypotheses:
         """Add hypotheses with another leg if an edge rotor disagrees with the leading one."""
         orbit, leader = self._orbit, self.leader
         view = leader.view
-        if orbit.number_of_legs < 4 or not view.unbelieved:
+        if orbit.number_of_legs < 4 or not view.outliers:
             return
         arc = leader.motion.arc
         leg, last = orbit.leg(arc), len(view.residuals) - 1

@@ -160,7 +160,7 @@ def weigh_frame(
     information, ahead, whole = _weigh(differences, first, tangent, density, doubtful, weights)
     variance, bound, floor = density[0]['variance'], density[0]['bound'], density[0]['floor']
     end = first + tangent.size
-    used, read, off, running, run, unbelieved = 0, 0, 0, 0, 0, 0
+    used, read, off, running, run, outliers = 0, 0, 0, 0, 0, 0
     squares, likelihood, largest = 0.0, 0.0, 0.0
     for n in range(differences.size):
         inside = first <= n < end
@@ -174,19 +174,19 @@ def weigh_frame(
         read += 1
         largest = max(largest, abs(apart))
         likelihood += _log_likelihood(apart * apart / variance, bound, floor)
-        believed = weights[n] >= 0.5
-        unbelieved += not believed
-        if believed or abs(apart) < density[0]['gross']:
+        inlier = weights[n] >= 0.5
+        outliers += not inlier
+        if inlier or abs(apart) < density[0]['gross']:
             running = 0
         else:
             off += 1
             running += 1
             run = max(run, running)
-        if inside and believed:
+        if inside and inlier:
             used += 1
             left[n] = apart
             squares += apart * apart
-    counts = used, read, off, run, unbelieved
+    counts = used, read, off, run, outliers
     return (information, ahead, whole), counts, (squares, likelihood, largest)
 
 

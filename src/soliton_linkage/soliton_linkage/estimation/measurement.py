@@ -59,7 +59,7 @@ class LinearisedMeasurement(NamedTuple):
     """Number of outliers with gross differences."""
     run: int
     """Largest number of adjacent rotors with gross differences."""
-    unbelieved: int
+    outliers: int
     """Number of rotors with less than half a weight."""
     largest: float
     """Largest residual [rad], infinite with unknown rotors."""
@@ -138,7 +138,7 @@ class FrameLikelihood:
         (information, ahead, full), counts, sums = weigh_frame(
             differences, first, tangent, self._density, doubtful, rows
         )
-        used, known, gross, run, unbelieved = counts
+        used, known, gross, run, outliers = counts
         squares, likelihood, largest = sums
         random = self.random(known, variance)
         if self.scales is not None:
@@ -161,7 +161,7 @@ class FrameLikelihood:
             random,
             gross,
             run,
-            unbelieved,
+            outliers,
             largest,
         )
 
@@ -243,9 +243,9 @@ class InnovationGate:
         """Discard the preceding frame."""
         self._outliers, self._strained = self._no_outliers, 0 * self._no_outliers
 
-    def is_believed(self, view: LinearisedMeasurement) -> bool:
+    def is_informative(self, view: LinearisedMeasurement) -> bool:
         """Return whether most of the information about the wall has full weight."""
-        return view.information >= self._settings.believed * view.full_information
+        return view.information >= self._settings.informative_share * view.full_information
 
     def is_strained(self, view: LinearisedMeasurement) -> bool:
         """Return whether the prediction is wrong, for example after an unmodelled impulse.
@@ -253,7 +253,10 @@ class InnovationGate:
         Three adjacent rotors are outliers, or one is in several successive frames, without gross
         differences and with most of the wall seen.
         """
-        if self.is_believed(view) or not view.full_information > self._settings.believed:
+        if (
+            self.is_informative(view)
+            or not view.full_information > self._settings.informative_share
+        ):
             self._strained = 0 * self._no_outliers
             return False
         off = view.outlying & (np.abs(view.residuals) < self._likelihood.gross)

@@ -326,17 +326,18 @@ class MotionEvidence(NamedTuple):
 
     def verdict(self, settings: MotionSettings = DEFAULTS.motion) -> MotionClass:
         """Return the class of motion, None unless one class is probable enough."""
-        told = math.isfinite(self.tail_ratio)
-        scaled = self.tail_ratio / self.tail_ratio_deviation if told else 0.0
+        determined = math.isfinite(self.tail_ratio)
+        scaled = self.tail_ratio / self.tail_ratio_deviation if determined else 0.0
         wobbling = math.erfc(scaled / math.sqrt(2)) / 2
         spinning = 1 / (1 + 2 * math.exp(self.flipping))
-        share, motion = (1 - spinning) * (1 - wobbling), Motion.FLIPPER
-        if (1 - spinning) * wobbling > share:
-            share, motion = (1 - spinning) * wobbling, Motion.WOBBLING_FLIPPER
-        if spinning > share:
-            share, motion = spinning, Motion.SPINNER
-        known = motion if share >= settings.least_probability else None
-        return MotionClass(known, share, spinning)
+        probability, motion = max(
+            ((1 - spinning) * (1 - wobbling), Motion.FLIPPER),
+            ((1 - spinning) * wobbling, Motion.WOBBLING_FLIPPER),
+            (spinning, Motion.SPINNER),
+            key=lambda pair: pair[0],
+        )
+        known = motion if probability >= settings.least_probability else None
+        return MotionClass(known, probability, spinning)
 
 
 NO_EVIDENCE = MotionEvidence(math.nan, 0.0, math.nan, np.zeros((3, 3)), math.nan, math.inf)

@@ -84,7 +84,7 @@ class MultipleModelFilter:
         covariances[:, BIAS, BIAS] = self.filters['bias_variance']
         covariances[:, DISTURBANCE, DISTURBANCE] = (settings.disturbance * scale**2) ** 2
         self._status = np.zeros(1, STATUS)
-        odds, least_impulse = -settings.odds_of_doubt, (_LEAST_IMPULSE * scale) ** 2
+        odds, least_impulse = -settings.restart_odds, (_LEAST_IMPULSE * scale) ** 2
         self._status[0] = self._base, site_arc, least_impulse, variance, 0, 0, 0, odds, 0, 0
         self._known: _Summary | None = None
         set_weights(self.filters, settings.record, self._base, odds)

@@ -104,15 +104,15 @@ def estimate(noise: Records, settings: Records, given: float) -> Estimate:
     scatter = sums['recent_squares'] / recent if recent else 0.0
     bound = _noise_bound(total, sums['pairs'], 1.0, significance)
     significant = sums['products'] > bound and bound > 0
-    lasting = sums['products'] / sums['pairs'] if significant else 0.0
+    persistent = sums['products'] / sums['pairs'] if significant else 0.0
     wall_bound = _noise_bound(total, sums['wall_squared_weights'], 0.25, significance)
     excess = sums['wall'] / sums['wall_weights'] if sums['wall'] > wall_bound else 0.0
-    white = max(total - lasting, settings[0]['least_noise'] ** 2)
+    white = max(total - persistent, settings[0]['least_noise'] ** 2)
     margin = 1 + significance * math.sqrt(2 / max(freedoms, 1.0))
     variance = white if white > given * margin else given
     most = (sums['products'] + bound) / sums['pairs'] if sums['pairs'] else total
     least = variance if given else max(total - most, 0.0)
-    return variance, least, scatter, lasting, excess, freedoms
+    return variance, least, scatter, persistent, excess, freedoms
 
 
 @compiled(_SUMS, _NUMBERS, f8, i8, f8, i8, const_f8_1d)
@@ -213,7 +213,9 @@ class FrameNoise:
         self._set(estimate(self._sums, self._settings, self._given))
 
     def _set(self, found: Estimate) -> None:
-        self.variance, self.least, self.scatter, self.lasting, self.excess, self._freedoms = found
+        self.variance, self.least, self.scatter, self.persistent, self.excess, self._freedoms = (
+            found
+        )
 
 
 @compiled(const_f8_1d, const_f8_1d, const_f8_1d, f8)
@@ -323,13 +325,13 @@ class ResidualVariance:
         passed a rotor; rotors without weight shift it in this frame only.
         """
         known = max(view.full_information, view.information)
-        unseen, unbelieved = max(1 / known - 1, 0.0), 1 / view.information - 1 / known
+        unseen, outliers = max(1 / known - 1, 0.0), 1 / view.information - 1 / known
         noise, frames = self.noise, 1 / max(self.way, 1e-9)
         field = noise.excess + (self.elastic if self.at_edge else 0.0)
-        lasting = field * unseen * view.unseen_share
-        lasting *= min(max(frames, 1.0), self._settings.noise.memory)
-        fleeting = max(noise.scatter - noise.variance, field) * unbelieved
-        return noise.variance / view.information + lasting + fleeting
+        persistent = field * unseen * view.unseen_share
+        persistent *= min(max(frames, 1.0), self._settings.noise.memory)
+        fleeting = max(noise.scatter - noise.variance, field) * outliers
+        return noise.variance / view.information + persistent + fleeting
 
     def calm(self, rate: float) -> float:
         """Return how little waves disturb a wall with a rate of the arc [1], from 0 to 1.
@@ -340,5 +342,5 @@ class ResidualVariance:
         noise = self.noise
         field = max(noise.scatter - noise.variance, noise.excess, 0.0)
         steady = rate**2 * noise.variance
-        disturbed = self._settings.tracking.wave_doubt * field * (noise.variance + field)
+        disturbed = self._settings.tracking.wave_weight * field * (noise.variance + field)
         return steady / (steady + disturbed) if disturbed else 1.0

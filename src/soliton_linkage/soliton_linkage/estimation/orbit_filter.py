@@ -233,7 +233,7 @@ class OrbitFilter:
         elif self._relocated(time, seen):
             return
         informative = view.information >= LEAST_INFORMATION
-        if not (informative and (explained or self._gate.is_believed(view))):
+        if not (informative and (explained or self._gate.is_informative(view))):
             self.rejected += not explained
             self._report(time, TrackingStatus.COASTING)
             return
@@ -258,7 +258,7 @@ class OrbitFilter:
         views, frames = [each.view for each in self._hypotheses.all], self._variance.frames
         self._variance.frames = 0
         widened = self._linearise(seen, (elapsed / self.orbit.chain.time_unit) ** 2)
-        if self._gate.is_believed(self._hypotheses.leader.view):
+        if self._gate.is_informative(self._hypotheses.leader.view):
             return widened
         self._variance.frames = frames
         for each, view in zip(self._hypotheses.all, views, strict=True):
@@ -278,7 +278,7 @@ class OrbitFilter:
     def _relocated(self, time: float, seen: Array) -> bool:
         """Restart if another position explains the frame; return whether the filter restarted.
 
-        If no position does for longer than the doubted time, the chain is lost.
+        If no position does for longer than the loss time, the chain is lost.
         """
         tracking, view = self._tracking, self._hypotheses.leader.view
         if self._unexplained == 0:
@@ -289,9 +289,9 @@ class OrbitFilter:
             if candidates and self._log_odds(candidates[0], view, seen) > tracking.decisive_odds:
                 self._start_at([self._on_this_cycle(each) for each in candidates], time, seen)
                 return True
-        late = time - self._unexplained_since > tracking.doubted_time
+        late = time - self._unexplained_since > tracking.loss_time
         enough = self._unexplained > tracking.confirming_frames
-        if late and enough and not self._gate.is_believed(view):
+        if late and enough and not self._gate.is_informative(view):
             self._lose(time)
             return True
         return False

@@ -155,7 +155,7 @@ class OrbitMeasurementModel:
 
         The frame is an elapsed time [s] after the last one.
         """
-        outlying = view.outlying if view.unbelieved else None
+        outlying = view.outlying if view.outliers else None
         residuals = view.residuals
         if self._likelihood.scales is not None:
             residuals = np.where(self._likelihood.scales > _LARGE_SCALE, np.nan, residuals)

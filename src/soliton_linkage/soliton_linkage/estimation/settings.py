@@ -60,7 +60,7 @@ class LikelihoodSettings(_Part):
         0.15, 'largest deviation of a frame beside noise, over the swing of a rotor'
     )
     largest_noise: float = quantity(0.25, 'largest noise of an angle', 'rad')
-    believed: float = quantity(0.7, 'least share of the information with full weight')
+    informative_share: float = quantity(0.7, 'least share of the information with full weight')
 
 
 @dataclass(frozen=True)
@@ -90,7 +90,7 @@ class FilterSettings(_Part):
     memory_way: float = quantity(
         10.0, 'displacement over which the likelihoods of models fade by e', 'rotor spacings'
     )
-    odds_of_doubt: float = quantity(6.0, 'log odds at which the steady model restarts')
+    restart_odds: float = quantity(6.0, 'log odds at which the steady model restarts')
     impulse_ages: int = quantity(8, 'number of impulse hypotheses, at ages of 1, 2, 4, ... frames')
     impulse_rarity: float = quantity(8.0, 'prior log odds against an impulse in a frame')
     impulse_odds: float = quantity(15.0, 'log odds at which all filters follow an impulse')
@@ -108,8 +108,8 @@ class TrackingSettings(_Part):
     confirming_frames: int = quantity(3, 'number of successive frames that confirm a change')
     clock_limit: float = quantity(1.0, 'largest step back of a late frame', 's')
     settled: float = quantity(10.0, 'number of frames that determine the deformation of a wall')
-    doubted_time: float = quantity(0.1, 'time without an accepted frame until loss', 's')
-    wave_doubt: float = quantity(
+    loss_time: float = quantity(0.1, 'time without an accepted frame until loss', 's')
+    wave_weight: float = quantity(
         12.0, 'weight of waves relative to the motion in the doubt about a steady wall'
     )
     scan_rate: float = quantity(20.0, 'searches of the orbit per second of stamps', '1/s')

@@ -211,7 +211,7 @@ class ShapeMeasurementModel:
             deviation=math.sqrt(variance / information) if information > 0 else math.nan,
             charge=wall.charge,
             width=width,
-            lasting=product * scale,
+            persistent=product * scale,
             noise=noise * (variance * scale) ** 2,
             elastic=self._elastic * scale,
         )

@@ -101,7 +101,7 @@ class FrameErrors(NamedTuple):
 
     noise: float = 0.0
     rate_noise: float = 0.0
-    lasting: float = 0.0
+    persistent: float = 0.0
     unseen: Flags | None = None
 
     @property
@@ -186,7 +186,7 @@ class StateReporter:
     def report(
         self,
         angles: ArrayLike,
-        places: ArrayLike,
+        sites: ArrayLike,
         rates: Array | ArcRate | None = None,
         errors: FrameErrors = EXACT,
     ) -> StateReport:
@@ -203,7 +203,7 @@ class StateReporter:
         a side without bonds uses its nearest bond. Raises ValueError for arrays of another shape
         and for angles or rates that are not finite.
         """
-        chain, walls = self.chain, _finite(places)
+        chain, walls = self.chain, _finite(sites)
         state = np.ascontiguousarray(angles, dtype=np.float64)
         check_shape(state, chain.number_of_rotors)
         noise, unseen, springs = errors.known_rate_noise, errors.unseen, self._springs
@@ -307,7 +307,7 @@ class StateReporter:
         """Return the elastic and the kinetic energy that unseen rotors may hide [J]."""
         half = self._springs[0]
         stiffness = self.chain.gathered(half * state.first**2, half * state.second**2)
-        elastic = float(stiffness[unseen].sum()) * (errors.noise**2 + errors.lasting**2)
+        elastic = float(stiffness[unseen].sum()) * (errors.noise**2 + errors.persistent**2)
         return elastic, float(self._rotors[0, unseen].sum()) * errors.known_rate_noise**2
 
     def _between(self, walls: list[float]) -> Array:
@@ -318,6 +318,6 @@ class StateReporter:
         return np.array([before, *walls, beyond])
 
 
-def _finite(places: ArrayLike) -> list[float]:
-    given: list[float] = places if isinstance(places, list) else np.ravel(places).tolist()
+def _finite(sites: ArrayLike) -> list[float]:
+    given: list[float] = sites if isinstance(sites, list) else np.ravel(sites).tolist()
     return sorted(site for site in given if math.isfinite(site))

@@ -173,12 +173,12 @@ def sums_of_fit(
             continue
         square = apart * apart / variance
         weight = 1.0 if square < bound * bound else bound * bound / square
-        by_place = -slope / stretch
-        by_stretch = by_place * x if free else 0.0
-        site_information += weight * by_place * by_place
+        by_site = -slope / stretch
+        by_stretch = by_site * x if free else 0.0
+        site_information += weight * by_site * by_site
         of_stretch += weight * by_stretch * by_stretch
-        both += weight * by_place * by_stretch
-        ahead += weight * by_place * apart
+        both += weight * by_site * by_stretch
+        ahead += weight * by_site * apart
         wider += weight * by_stretch * apart
     return site_information, of_stretch, both, ahead, wider
 

@@ -141,7 +141,7 @@ class WallMeasurement(NamedTuple):
     """Charge, +1 or -1."""
     width: tuple[float, float] = (math.nan, math.nan)
     """Width and its standard deviation [m], NaN if unknown."""
-    lasting: float = 0.0
+    persistent: float = 0.0
     """Variance of the centre from persistent residuals, with noise [rotor spacings^2]."""
     noise: float = 0.0
     """Variance of that quantity from noise [rotor spacings^4]."""
@@ -179,7 +179,7 @@ class WallTrack:
         self.was_free = False
         """Whether it was free in the preceding frame."""
         self._motion: MultipleModelFilter | None = None
-        self._variance = self._lasting = self._noise = 0.0
+        self._variance = self._persistent = self._noise = 0.0
 
     @property
     def is_seen(self) -> bool:
@@ -226,24 +226,24 @@ class WallTrack:
         arc, rate, of_arc, _, of_rate = self._motion.summary
         self.rotor, self.rate = self._line.wrap(arc / self._arc), rate / self._arc
         # Persistent residuals shift the wall until it has moved on, in any number of frames.
-        lasting = self._lasting_variance(measured)
-        of_rate += lasting * (rate / self._settings.filter.bias_way) ** 2
-        self.deviation = math.sqrt(of_arc / self._arc**2 + lasting)
+        persistent = self._persistent_variance(measured)
+        of_rate += persistent * (rate / self._settings.filter.bias_way) ** 2
+        self.deviation = math.sqrt(of_arc / self._arc**2 + persistent)
         self.rate_deviation = math.sqrt(of_rate) / self._arc
 
-    def _lasting_variance(self, measured: WallMeasurement) -> float:
+    def _persistent_variance(self, measured: WallMeasurement) -> float:
         """Return the variance of the site from persistent residuals [rotor spacings^2]."""
         gain = 1 / min(self.frames, _MEMORY)
-        self._lasting += gain * (measured.lasting - self._lasting)
+        self._persistent += gain * (measured.persistent - self._persistent)
         self._noise += gain * (measured.noise - self._noise)
-        significant = self._lasting > _SIGNIFICANCE * math.sqrt(gain * self._noise)
+        significant = self._persistent > _SIGNIFICANCE * math.sqrt(gain * self._noise)
         elastic = measured.elastic * math.exp(-self.frames / self._settings.tracking.settled)
-        return elastic + (self._lasting if significant else 0.0)
+        return elastic + (self._persistent if significant else 0.0)
 
     def stop(self) -> None:
         """Discard the motion, for example after a collision."""
         self._motion, self.frames = None, 0
-        self._variance = self._lasting = self._noise = 0.0
+        self._variance = self._persistent = self._noise = 0.0
         self.rate = math.nan
 
 
@@ -342,9 +342,9 @@ class Encounter:
         quiet = self._settings.quiet_periods * self._line.period
         if self.overlaps and time - self._moved > quiet:
             return EventKind.BREATHER_DECAYED if self.breather else EventKind.ANNIHILATION
-        lasting = self.overlaps and time - self._overlapped_since > 4 * quiet
+        persistent = self.overlaps and time - self._overlapped_since > 4 * quiet
         if not self.breather and (
-            lasting or self.collisions >= self._settings.breather_collisions
+            persistent or self.collisions >= self._settings.breather_collisions
         ):
             return EventKind.BREATHER_FORMED
         return None

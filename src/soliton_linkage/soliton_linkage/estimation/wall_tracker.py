@@ -274,12 +274,12 @@ class WallTracker:
     def _record_energies(self, shown: list[WallTrack], frame: WallFrame) -> None:
         """Record the energy of a free wall when it approaches an edge or another wall."""
         for track in shown:
-            alone = all(
+            single = all(
                 self._distance(each, track.rotor) > self._line.near
                 for each in shown
                 if each is not track
             )
-            free = alone and self._line.edge_distance(track.rotor) > self._line.near
+            free = single and self._line.edge_distance(track.rotor) > self._line.near
             if not free and (track.was_free or math.isnan(track.energy)):
                 track.energy = frame.energy([track.rotor])
             track.was_free = free

@@ -94,12 +94,12 @@ class WallFamily:
             site,
             math.exp(-logarithm),
         )
-        places, stretches, both, ahead, wider = sums
-        determinant = places * stretches - both * both
-        if not determinant > _DEGENERATE * places * stretches:
+        sites, stretches, both, ahead, wider = sums
+        determinant = sites * stretches - both * both
+        if not determinant > _DEGENERATE * sites * stretches:
             return UNKNOWN
-        left = (both * ahead - places * wider) / (determinant * stretch)
-        deviation = noise * math.sqrt(places / determinant) / stretch
+        left = (both * ahead - sites * wider) / (determinant * stretch)
+        deviation = noise * math.sqrt(sites / determinant) / stretch
         near = abs(centre - site) < 1 + self._scale
         ends = abs(left) < max(_CLOSE * deviation, _CLOSEST)
         if near and ends and deviation < _COARSEST:

@@ -203,7 +203,7 @@ def wobble(
     first: int,
     site: float,
     noise: float,
-    lasting: float,
+    persistent: float,
 ) -> tuple[Overshoot, Lengths]:
     """Return overshoot, tails and zeros beside a wall at a site; see `WobbleReporter.wobble`.
 
@@ -216,7 +216,7 @@ def wobble(
     rest_angle, length, spacing = bar['rest_angle'], bar['rotor_length'], bar['spacing']
     wobbling, spins, k = bar['lean_ratio'] > 1, bar['spins'] > 0, spacing / length
     noise = max(noise, _LEAST_NOISE)
-    error = math.hypot(noise, lasting)
+    error = math.hypot(noise, persistent)
     calm = 0.0 if wobbling else max(noise, _CALM * rest_angle)
     low, high = max(first, 1), min(first + at_rest.size, rotors - 1)
     middle = min(max(math.floor(site) + 1, low), high)
@@ -308,7 +308,7 @@ class WobbleReporter:
         self._bars['spins'] = chain.motion is Motion.SPINNER
 
     def wobble(
-        self, angles: Array, wall: RestingWall, noise: float = 0.0, lasting: float = 0.0
+        self, angles: Array, wall: RestingWall, noise: float = 0.0, persistent: float = 0.0
     ) -> Wobble:
         """Return the wobble of a state beside its wall, angles [rad] finite and of shape (N,).
 
@@ -325,6 +325,6 @@ class WobbleReporter:
             wall.first,
             wall.site,
             noise,
-            lasting,
+            persistent,
         )
         return Wobble(*overshoot, *lengths, *self._exact)
