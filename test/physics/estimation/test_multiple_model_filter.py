@@ -63,7 +63,7 @@ class Twin:
 
 def steadiness(motion: MultipleModelFilter) -> float:
     """Return the weight of the steady filter among those without an impulse."""
-    return float(motion.filters['weight'][0] / motion.filters['weight'][:26].sum())
+    return float(motion.filters['weight'][0] / motion.filters['weight'][:21].sum())
 
 
 @pytest.mark.parametrize('at_edge', [False, True])

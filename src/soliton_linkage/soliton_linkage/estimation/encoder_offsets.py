@@ -61,11 +61,11 @@ class EncoderOffsets:
         the noise and of the error that persists in all frames are in rad^2.
         """
         given = self.settings
-        self.means += np.isfinite(residuals) & (sides != 0)
-        for row, side in enumerate((1, -1)):
-            seen = np.isfinite(residuals) & (sides == side)
-            self.weights[row, seen] += 1 / variance
-            self.sums[row, seen] += residuals[seen] / variance
+        known = np.isfinite(residuals)
+        self.means += known & (sides != 0)
+        seen = np.array([known & (sides > 0), known & (sides < 0)])
+        self.weights += seen * (1 / variance)
+        self.sums += np.where(seen, residuals / variance, 0.0)
         (before, beyond), (one, other) = self.weights, self.sums
         # Priors: an offset is uniform on the circle, with the variance pi^2 / 3.
         of_offset = before + beyond + 3 / math.pi**2

@@ -79,7 +79,7 @@ class FilterSettings(_Part):
     """Models of the multiple-model filter and their prior probabilities."""
 
     rate_changes: tuple[float, ...] = quantity(
-        (0.001, 0.004, 0.016, 0.064, 0.25),
+        (0.001, 0.006, 0.04, 0.25),
         'relative changes of the rate per rotor; without any only the steady model remains',
     )
     change_at_edges: float = quantity(0.03, 'additional change at edges')
