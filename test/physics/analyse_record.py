@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Print, as JSON, all that an analyser says of a short noisy record, and whether it compiles."""
+"""Print the analyses of a short noisy record as JSON, and whether loops are compiled."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ def record(chain: Chain) -> list[tuple[int, Array, Array]]:
 
 
 def numbers(value: object) -> list[float | str | None]:
-    """All that an analysis says, value by value."""
+    """Return all values of an analysis."""
     if dataclasses.is_dataclass(value) and not isinstance(value, type):
         parts = [getattr(value, each.name) for each in dataclasses.fields(value)]
         return [number for part in parts for number in numbers(part)]

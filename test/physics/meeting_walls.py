@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Rings on which walls meet, and what phi^4 theory says of it, by a scheme of its own."""
+"""Rings with colliding walls, and the collision in phi^4 theory by an independent scheme."""
 
 from __future__ import annotations
 

@@ -223,16 +223,6 @@ def test_frames_without_any_rotor_are_coasted_through(name: str) -> None:
     assert all(each.unseen == CHAINS[name].number_of_rotors for each in found[gap])
 
 
-@pytest.mark.parametrize('name', CHAINS)
-def test_tracking_continues_after_a_gap(name: str) -> None:
-    angles, when = noisy(name), stamps(len(noisy(name)))
-    kept = [n for n in range(len(when)) if not len(when) // 3 < n < len(when) // 3 + 100]
-    found = analysed(CHAINS[name], angles[kept], when=[when[n] for n in kept])
-    clean = [exact(name)[n] for n in kept]
-    errors = [apart(*both) for both in zip(found, clean, strict=True)]
-    assert max(errors[BEGUN:]) < GATE
-
-
 def test_late_and_repeated_frames_have_no_effect() -> None:
     angles, when = noisy('flipper'), stamps(len(noisy('flipper')))
     analyser, other = Analyser(CHAINS['flipper']), Analyser(CHAINS['flipper'])
@@ -272,30 +262,6 @@ def test_a_source_that_restarts_is_found_again(name: str) -> None:
     clean = exact(name)[:450] + exact(name)
     errors = [apart(*both) for both in zip(found, clean, strict=True)]
     assert max(errors[460:]) < GATE
-
-
-@pytest.mark.parametrize('name', ['flipper', 'wobbler'])
-def test_constant_offsets_are_found_after_a_passage(name: str) -> None:
-    chain = CHAINS[name]
-    offsets = np.zeros(chain.number_of_rotors)
-    offsets[[3, 7]] = 0.1, -0.15
-    analyser = Analyser(chain)
-    for stamp, angles in zip(stamps(10**6), noisy(name) + offsets, strict=False):
-        analyser.analyse(stamp, angles)
-    errors = (analyser.offsets - offsets) / analyser.offset_deviations
-    assert np.abs(errors[[3, 7]]).max() < GATE
-    assert np.abs(analyser.offsets - offsets).max() < 0.02
-    np.testing.assert_array_equal(np.flatnonzero(analyser.offsets), [3, 7])
-
-
-@pytest.mark.parametrize('name', CHAINS)
-def test_a_stuck_encoder_has_no_effect(name: str) -> None:
-    chain, angles = CHAINS[name], noisy(name).copy()
-    angles[:, 6] = angles[0, 6]
-    found = analysed(chain, angles)
-    for one, clean in list(zip(found, exact(name), strict=True))[20:]:
-        assert only_difference(one, clean) < 0.5 if one.solitons and clean.solitons else True
-        assert len(one.solitons) <= 1
 
 
 @lru_cache
@@ -362,17 +328,6 @@ def test_frames_without_a_wall_are_lost_and_searched_at_a_limited_rate(
         stated += len(found.solitons)
     assert analyser.starts == 0
     assert stated <= 1
-
-
-@pytest.mark.parametrize('name', CHAINS)
-def test_a_chain_assembled_upside_down_gives_the_same_result(name: str) -> None:
-    chain = CHAINS[name]
-    upright = seen(name)
-    turned = analysed(chain, math.pi - noisy(name))
-    for one, other in zip(upright, turned, strict=True):
-        assert only_difference(one, other) < 1e-6
-        assert one.estimate.upside_down != other.estimate.upside_down
-        assert one.measured_motion.motion is other.measured_motion.motion
 
 
 @pytest.mark.parametrize('name', CHAINS)

@@ -27,7 +27,7 @@ from soliton_linkage.estimation.motion_class import (
     next_deviation,
 )
 from soliton_linkage.linear.rigidity import mode_towards_last
-from soliton_linkage.linkage.chain import Array, Chain, Motion, staggered, wrapped
+from soliton_linkage.linkage.chain import Array, Chain, Motion, staggered
 from soliton_linkage.solitons.static_wall import site_arc, static_wall
 
 ROTORS = 50
@@ -96,17 +96,6 @@ def test_the_slope_at_rest_is_the_tail_ratio(rest_angle: float, lean_ratio: floa
     deviations, slopes = next_deviations(zero, rest_angle, ratio)
     assert abs(float(deviations[0])) < 1e-7
     assert slopes[0] == pytest.approx(ratio, abs=1e-5)
-
-
-@pytest.mark.parametrize('example', EXAMPLES)
-def test_neighbours_in_a_wall_at_rest_obey_the_map_of_bars(
-    example: tuple[float, float],
-) -> None:
-    chain = chain_of(example, ROTORS)
-    theta = staggered(static_wall(chain, ROTORS / 2 + 0.3))
-    deviations = wrapped(theta[1 : ROTORS // 2 + 1] - chain.rest_angle)[::-1]
-    expected, _ = next_deviations(deviations[:-1], chain.rest_angle, ratio_of(example))
-    assert deviations[1:] == pytest.approx(expected, abs=1e-9)
 
 
 @pytest.mark.parametrize('example', EXAMPLES)
@@ -280,16 +269,6 @@ def test_missing_angles_reduce_the_evidence_without_bias(example: tuple[float, f
         holed = np.where(random.random(ROTORS) < 0.2, math.nan, angles)
         found = observer.observe(holed + 0.003 * random.standard_normal(ROTORS), 0.003)
     assert found.motion is motion
-
-
-@pytest.mark.parametrize('example', EXAMPLES)
-def test_a_frame_with_gaps_separates_flippers_from_spinners(example: tuple[float, float]) -> None:
-    random, chain = np.random.default_rng(53), chain_of(example, 4)
-    for angles in walls(example):
-        holed = np.where(random.random(ROTORS) < 0.2, math.nan, angles)
-        evidence = motion_evidence(holed + 0.003 * random.standard_normal(ROTORS), 0.003)
-        assert (evidence.verdict().spinning > 0.9) == (chain.motion is Motion.SPINNER)
-        assert evidence.rest_angle == pytest.approx(chain.rest_angle, rel=0.03)
 
 
 @pytest.mark.parametrize('example', [FLIPPER, WOBBLER])

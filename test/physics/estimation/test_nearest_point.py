@@ -260,31 +260,6 @@ def test_without_known_rotors_the_arc_is_nan(example: Example) -> None:
     assert math.isnan(near.misfit)
 
 
-@pytest.mark.parametrize('example', CLASSES)
-def test_noise_of_distant_rotors_does_not_move_an_unseen_wall(
-    example: Example,
-) -> None:
-    orbit = cycle_of(example, 201)
-    arc = orbit.arc_at(50.0, 0)
-    frame = orbit.configuration(arc) + noise(orbit, 0.05, 1, 1)[0]
-    frame[30:70] = np.nan
-    fit = fit_near(orbit, frame, arc)
-    assert fit.arc == arc
-    assert fit.information < 1e-6
-    anywhere = fit_anywhere(orbit, frame)
-    assert anywhere.information < 0.01
-
-
-def test_a_single_rotor_gives_an_arc_but_no_misfit() -> None:
-    orbit = cycle_of(FLIPPER)
-    arc = orbit.arc_at(20.0, 0)
-    frame = np.full(40, np.nan)
-    frame[20] = orbit.configuration(arc)[20]
-    fit = fit_near(orbit, frame, arc + 0.05)
-    assert fit.arc == pytest.approx(arc, abs=FITTED)
-    assert math.isnan(fit.misfit)
-
-
 def from_the_start(orbit: UniformOrbit, angles: Array) -> NearestPoint:
     return fit_near(orbit, angles, 0.0)
 

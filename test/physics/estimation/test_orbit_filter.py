@@ -228,7 +228,7 @@ def test_encoder_offsets_are_estimated_and_do_not_bias_the_arc() -> None:
         errors.append(stream.error(estimate))
         deviations.append(estimate.arc_deviation)
     assert tracker.starts == 1
-    # The two that stand out are known at once; the third may shift the arc by |t . o| < 0.15.
+    # Two large offsets are found at once; the third may shift the arc by |t . o| < 0.15.
     assert (np.abs(errors[20:]) < 0.15 + 4.5 * np.array(deviations[20:])).all()
     assert abs(errors[-1]) < 4.5 * deviations[-1]
     found = np.flatnonzero(tracker.offsets.corrections)

@@ -89,9 +89,6 @@ def test_the_analyser_uses_its_settings() -> None:
         assert analyser.late == late
 
 
-MANY_ROTORS, WALL = 60, 27
-
-
 def test_loops_reject_other_types_instead_of_compiling() -> None:
     # A loop rejects an argument of another type instead of compiling for it.
     with pytest.raises(TypeError):

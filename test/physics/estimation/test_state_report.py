@@ -316,22 +316,6 @@ def test_invalid_rates_are_rejected() -> None:
         energies(chain, chain.uniform_state(1), np.where(np.arange(60) == 3, np.nan, 0.0), 30.0)
 
 
-@settings(deadline=None)
-@given(ANY_EXAMPLE, st.integers(0, 10**6), st.booleans())
-def test_the_deviation_of_the_elastic_energy_follows_the_torques(
-    example: tuple[float, float], seed: int, periodic: bool
-) -> None:
-    random, noise = np.random.default_rng(seed), 1e-9
-    chain = dataclasses.replace(chain_of(example, ROTORS), periodic=periodic)
-    angles, unseen = random.uniform(-3, 3, ROTORS), random.random(ROTORS) < 0.2
-    torques = chain.spring_torques(angles)
-    found = energies(chain, angles, None, 20.5, FrameErrors(noise))
-    assert found.elastic_deviation == pytest.approx(noise * float(np.linalg.norm(torques)))
-    holed = energies(chain, angles, None, 20.5, FrameErrors(noise, unseen=unseen))
-    seen = noise * float(np.linalg.norm(torques[~unseen]))
-    assert holed.elastic_deviation == pytest.approx(seen, rel=1e-5)
-
-
 @pytest.mark.parametrize('example', [FLIPPER, WOBBLER, SPINNER])
 def test_the_rate_of_the_arc_gives_the_kinetic_energy_on_the_orbit(
     example: tuple[float, float],

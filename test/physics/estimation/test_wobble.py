@@ -34,7 +34,7 @@ BOTH = (False, True)
 def wall_at(chain: Chain, site: float) -> RestingWall:
     """A wall at rest at a place [rotor spacings], half a spacing or more from both ends.
 
-    Without deviations, and with edge rotors that have not toggled.
+    The chain has no deviations, and its edge rotors have not toggled.
     """
     beside = math.ceil(energy_reach(chain))
     nearest = round(site)
