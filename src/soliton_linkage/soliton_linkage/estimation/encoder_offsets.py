@@ -128,10 +128,6 @@ class FarFieldResiduals:
         self._frames, self._time = 0, 0.0
         self._lowest, self._highest = math.inf, -math.inf
 
-    def is_near(self, site: float) -> Flags:
-        """Return which rotors are near a site [rotor spacings], shape (N,)."""
-        return np.asarray(np.abs(np.arange(len(self._sums)) - site) <= self._margin)
-
     def add(
         self,
         residuals: Array,
