@@ -251,8 +251,9 @@ class ComplianceCorrection:
         """Return the compliance mu at an arc of the orbit [s^2]."""
         samples = self._mu[self._orbit.leg(arc) % 2]
         whole, beyond = divmod(self._orbit.site(arc) * _SAMPLES, 1.0)
-        here, there = (samples[(int(whole) + step) % len(samples)] for step in (0, 1))
-        return here + beyond * (there - here)
+        number, count = int(whole), len(samples)
+        here = samples[number % count]
+        return here + beyond * (samples[(number + 1) % count] - here)
 
     def rate_after_impulse(self, rate: float, momentum: float) -> float:
         """Return the rate after adding a momentum p / I [rad/s], for an average site."""
