@@ -22,10 +22,10 @@ from soliton_linkage.dynamics.integrators import SymplecticNystrom
 from soliton_linkage.estimation.analyser import Analyser
 from soliton_linkage.linear.rigidity import zero_mode
 from soliton_linkage.linkage.chain import Chain
-from soliton_linkage_nodes.bags.read.reading import type_name
+from soliton_linkage_nodes.bags.reading import type_name
 from soliton_linkage_nodes.bags.record.bag_writer import BagWriter
-from soliton_linkage_nodes.bags.record.inlets import Inlet
-from soliton_linkage_nodes.bags.record.writing_thread import Source
+from soliton_linkage_nodes.bags.record.subscriptions import RecordedSubscription
+from soliton_linkage_nodes.bags.record.writing_thread import RecordedTopic
 from soliton_linkage_nodes.messages.cdr import JointStateBuffer
 from soliton_linkage_nodes.runtime import interfaces
 
@@ -134,7 +134,7 @@ def recorded(rotors: int) -> Iterator[Work]:
     node = rclpy.create_node('recorded')
     name = f'/recorded_{rotors}'
     publisher = node.create_publisher(kind, name, qos)
-    inlet = Inlet(node, Source(name, type_name(kind), (qos,)), kind)
+    subscription = RecordedSubscription(node, RecordedTopic(name, type_name(kind), (qos,)), kind)
     with tempfile.TemporaryDirectory() as folder:
         writer = BagWriter(Path(folder, 'run'))
         topic = writer.add_topic(name, type_name(kind), qos)
@@ -145,7 +145,7 @@ def recorded(rotors: int) -> Iterator[Work]:
             time.sleep(ARRIVAL)
 
         def record() -> int:
-            taken = inlet.drain()
+            taken = subscription.drain()
             writer.write_all((topic, each.stamp, each.serialized) for each in taken)
             return len(taken)
 

@@ -30,8 +30,8 @@ from processes import node_command
 from rclpy.publisher import Publisher
 
 from soliton_linkage.linkage.chain import Chain
-from soliton_linkage_nodes.bags.read.reading import open_bag, read_topic
-from soliton_linkage_nodes.bags.rescue import recover_bag
+from soliton_linkage_nodes.bags.reading import open_bag, read_topic
+from soliton_linkage_nodes.bags.recovery import recover_bag
 from soliton_linkage_nodes.messages.cdr import JointStateBuffer
 from soliton_linkage_nodes.messages.conversions import NamedChain, default_joint_names
 from soliton_linkage_nodes.runtime import interfaces

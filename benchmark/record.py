@@ -30,9 +30,9 @@ from rosbags.rosbag2 import Reader
 from wall_bag import RATE, named_chain, write_wall_bag
 
 from soliton_linkage.progress import ProgressLine
-from soliton_linkage_nodes.bags.read.reading import find_topic, open_bag, read_messages
+from soliton_linkage_nodes.bags.reading import find_topic, open_bag, read_messages
 from soliton_linkage_nodes.messages.cdr import JointStateBuffer, JointStateDecoder
-from soliton_linkage_nodes.programs.bag_analysis import analysed
+from soliton_linkage_nodes.programs.bag_analysis import analyse_frames
 from soliton_linkage_nodes.runtime import interfaces
 
 ROTORS = (100, 1000)
@@ -280,7 +280,7 @@ def read_by_ours(bag: Path) -> int:
 def analyse(bag: Path) -> int:
     """Analyse every frame of a bag."""
     with open_bag(bag) as reader:
-        return sum(1 for _ in analysed(reader))
+        return sum(1 for _ in analyse_frames(reader))
 
 
 if __name__ == '__main__':

@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Any
 
 from soliton_linkage_nodes.bags.guards import DEFAULT_LIMITS
-from soliton_linkage_nodes.bags.storages.mcap_rescue import RescuedMcap
+from soliton_linkage_nodes.bags.storages.mcap_recovery import RecoveredMcap
 
 STAMP = struct.Struct('<4xiI')
 FRAMES = '/joint_states'
@@ -54,7 +54,7 @@ class BagAudit:
         }
 
     def _read_file(self, path: Path) -> None:
-        file = RescuedMcap(path, False, DEFAULT_LIMITS)
+        file = RecoveredMcap(path, False, DEFAULT_LIMITS)
         for topic, received, data in file.messages():
             self.messages[topic.name] += 1
             if topic.name == FRAMES:

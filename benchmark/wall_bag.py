@@ -11,7 +11,7 @@ from rclpy.serialization import serialize_message
 from soliton_linkage.linkage.chain import Chain
 from soliton_linkage.orbit.uniform_orbit import UniformOrbit
 from soliton_linkage.progress import ProgressLine
-from soliton_linkage_nodes.bags.read.reading import type_name
+from soliton_linkage_nodes.bags.reading import type_name
 from soliton_linkage_nodes.bags.record.bag_writer import BagWriter
 from soliton_linkage_nodes.messages.cdr import JointStateBuffer
 from soliton_linkage_nodes.messages.conversions import (

@@ -11,7 +11,7 @@ from pathlib import Path
 import numpy as np
 
 import soliton_linkage as sl
-from soliton_linkage_nodes.bags.read.reading import open_bag, read_topic
+from soliton_linkage_nodes.bags.reading import open_bag, read_topic
 from soliton_linkage_nodes.programs.bag_analysis import read_recording
 
 

@@ -22,7 +22,7 @@ from soliton_linkage.linkage.chain import Chain
 from soliton_linkage_msgs import msg
 from soliton_linkage_nodes.bags.guards import BagLimits, load_json, load_yaml
 from soliton_linkage_nodes.bags.metadata import METADATA_FILE
-from soliton_linkage_nodes.bags.read.reading import (
+from soliton_linkage_nodes.bags.reading import (
     OlderMessages,
     decoder,
     open_bag,
@@ -30,7 +30,7 @@ from soliton_linkage_nodes.bags.read.reading import (
     type_name,
 )
 from soliton_linkage_nodes.bags.record.bag_writer import BagWriter
-from soliton_linkage_nodes.bags.rescue import check_bag, recover_bag
+from soliton_linkage_nodes.bags.recovery import check_bag, recover_bag
 from soliton_linkage_nodes.bags.storages import mcap_records as mcap
 from soliton_linkage_nodes.messages.cdr import ImpulseDecoder, JointStateDecoder
 from soliton_linkage_nodes.messages.conversions import (
@@ -50,7 +50,7 @@ sys.path.append(str(Path(__file__).parents[1] / 'nodes'))
 
 from recordings import as_sqlite3, data_file
 
-LIMITS = BagLimits(most_unpacked=2**20, most_unpacked_file=2**22)
+LIMITS = BagLimits(max_unpacked=2**20, max_unpacked_file=2**22)
 START = 1_700_000_000 * 10**9
 SPLICES = (
     b'\x00' * 8,

@@ -17,7 +17,7 @@ from rosbags.rosbag2 import StoragePlugin, Writer
 from sensor_msgs.msg import JointState
 from std_msgs.msg import Float64
 
-from soliton_linkage_nodes.bags.read.reading import open_bag, read_messages, type_name
+from soliton_linkage_nodes.bags.reading import open_bag, read_messages, type_name
 from soliton_linkage_nodes.bags.record.bag_writer import BagWriter
 from soliton_linkage_nodes.messages.conversions import (
     Frame,
@@ -84,7 +84,7 @@ def write_bag(
 
 
 def as_sqlite3(bag: Path) -> None:
-    """Turn a bag into a sqlite3 bag, as the writer of rosbags writes it."""
+    """NextAction a bag into a sqlite3 bag, as the writer of rosbags writes it."""
     whole = bag.with_name(f'{bag.name}.mcap')
     bag.rename(whole)
     with (

@@ -5,6 +5,7 @@ from __future__ import annotations
 
 import inspect
 from collections.abc import Sequence
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -17,7 +18,7 @@ from hypothesis.strategies import DataObject
 from rclpy.serialization import serialize_message
 from recordings import run_of, write_bag
 
-from soliton_linkage_nodes.bags.play import transport
+from soliton_linkage_nodes.bags.play.playback import PlaybackClock
 from soliton_linkage_nodes.bags.player import BagPlayer
 from soliton_linkage_nodes.bags.recorder import BagRecorder
 from soliton_linkage_nodes.edge_actuator.node import EdgeActuator
@@ -107,7 +108,8 @@ def test_no_value_of_a_range_and_no_message_is_a_failure(
 ) -> None:
     # What is drawn for the output of a recorder is a name in here.
     monkeypatch.chdir(tmp_path)
-    monkeypatch.setattr(transport, '_LONGEST_BURST', 0.1)
+    brief = partial(PlaybackClock, longest_burst=0.1)
+    monkeypatch.setattr('soliton_linkage_nodes.bags.player.PlaybackClock', brief)
     needed = {
         BagPlayer: {'bag': str(write_bag(tmp_path / 'played', run_of(named, 5)))},
         SerialEncoders: {**SMALL, 'port': terminal.path},

@@ -20,7 +20,7 @@ from matplotlib.image import imread
 from soliton_linkage.dynamics.elastic import simulate
 from soliton_linkage.linear.rigidity import Edge, edge_mode
 from soliton_linkage.solitons.track import find_crossings, follow
-from soliton_linkage_nodes.bags.read.reading import find_topic, open_bag, read_messages, read_topic
+from soliton_linkage_nodes.bags.reading import find_topic, open_bag, read_messages, read_topic
 from soliton_linkage_nodes.messages.cdr import read_stamp
 from soliton_linkage_nodes.messages.conversions import joint_states_from_msg
 from soliton_linkage_nodes.messages.joint_state_analysis import JointStateAnalysis

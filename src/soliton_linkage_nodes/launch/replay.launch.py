@@ -16,8 +16,8 @@ from launch.substitutions import LaunchConfiguration
 from launch_ros.actions import Node
 
 from launch import LaunchDescription
-from soliton_linkage_nodes.bags.play.playing_thread import full_name
-from soliton_linkage_nodes.bags.read.reading import open_bag
+from soliton_linkage_nodes.bags.play.playback import full_name
+from soliton_linkage_nodes.bags.reading import open_bag
 from soliton_linkage_nodes.runtime.interfaces import DELIVERED_IMPULSES, JOINT_STATE_DEVIATIONS
 from soliton_linkage_nodes.runtime.parameter_files import resolve_path
 

@@ -18,12 +18,12 @@ from recordings import data_file
 
 from soliton_linkage_nodes.bags.guards import BagLimits
 from soliton_linkage_nodes.bags.player import BagPlayer
-from soliton_linkage_nodes.bags.read.reading import message_class, open_bag, read_messages
-from soliton_linkage_nodes.bags.rescue import check_bag, recover_bag
+from soliton_linkage_nodes.bags.reading import message_class, open_bag, read_messages
+from soliton_linkage_nodes.bags.recovery import check_bag, recover_bag
 from soliton_linkage_nodes.messages.conversions import NamedChain
 
 SIZE = 100_000
-LIMITS = BagLimits(most_unpacked=2 * MEBIBYTE, most_unpacked_file=8 * MEBIBYTE)
+LIMITS = BagLimits(max_unpacked=2 * MEBIBYTE, max_unpacked_file=8 * MEBIBYTE)
 MOST_MEMORY = 40 * MEBIBYTE
 LONGEST = 30.0
 NOTHING_LEFT = {
@@ -38,9 +38,9 @@ NOTHING_LEFT = {
 }
 NO_MESSAGE_LEFT = {'view without end', 'view that spins', 'generated gigabytes'}
 NAMED_LIMITS = {
-    'zstd bomb: file': 'most_unpacked_file = 8388608',
-    'zstd bomb: honest chunk': 'most_unpacked = 2097152',
-    'zstd bomb: message': 'most_unpacked = 2097152',
+    'zstd bomb: file': 'max_unpacked_file = 8388608',
+    'zstd bomb: honest chunk': 'max_unpacked = 2097152',
+    'zstd bomb: message': 'max_unpacked = 2097152',
 }
 SQLITE = {
     case
@@ -173,10 +173,12 @@ def test_limits_of_the_player_are_parameters(
 ) -> None:
     bag = write_hostile('zstd bomb: honest chunk', tmp_path / 'hostile', named, SIZE)
     player = graph.start(
-        BagPlayer, {'bag': str(bag), 'subscriber_timeout': 0.0, 'most_unpacked': 2 * MEBIBYTE}
+        BagPlayer, {'bag': str(bag), 'subscriber_timeout': 0.0, 'max_unpacked': 2 * MEBIBYTE}
     )
     graph.until(lambda: player.failure, 'the refusal')
-    assert 'a chunk would unpack to more than most_unpacked = 2097152 bytes' in str(player.failure)
+    assert 'a chunk would decompress to more than max_unpacked = 2097152 bytes' in str(
+        player.failure
+    )
 
 
 def test_the_name_of_a_type_runs_no_code(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

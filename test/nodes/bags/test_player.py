@@ -27,7 +27,7 @@ from soliton_linkage.linear.rigidity import mode_towards_last
 from soliton_linkage.linkage.chain import Chain
 from soliton_linkage_msgs.srv import GetRate, Seek, SetRate
 from soliton_linkage_nodes.bags.player import BagPlayer
-from soliton_linkage_nodes.bags.read.reading import find_topic, open_bag
+from soliton_linkage_nodes.bags.reading import find_topic, open_bag
 from soliton_linkage_nodes.messages.conversions import (
     Frame,
     NamedChain,
@@ -102,7 +102,7 @@ def test_where_nobody_subscribes_it_plays_to_nobody_and_says_so(
     player = graph.start(BagPlayer, {'bag': str(bag), 'subscriber_timeout': 0.0})
     graph.until(lambda: player.finished, 'the end of the bag')
     assert played(graph) == '12'
-    said = 'nothing subscribes to /joint_states after 0 s; playing to nobody'
+    said = 'nothing subscribes to /joint_states after 0 s; playing without subscribers'
     assert said in capfd.readouterr().err
 
 
@@ -144,10 +144,10 @@ def test_the_clock_shows_the_recorded_time_where_it_is_asked_for(
     [
         ({}, "parameter bag of bag_player = '' must be the path of a bag"),
         ({'bag': '/nowhere/at/all'}, "bag '/nowhere/at/all' does not exist"),
-        ({'bag': 'RUN', 'topics': ['joints']}, "has no topic 'joints', it holds /chain, "),
-        ({'bag': 'NUDGES', 'lockstep': True}, "has no topic 'joint_states', it holds /nudge"),
-        ({'bag': 'RUN', 'wait_for': ['joints']}, "has no topic 'joints', it holds /chain, "),
-        ({'bag': 'RUN', 'start_offset': 5.0}, 'start_offset of bag_player = 5 must lie before'),
+        ({'bag': 'RUN', 'topics': ['joints']}, "has no topic 'joints', it contains /chain, "),
+        ({'bag': 'NUDGES', 'lockstep': True}, "has no topic 'joint_states', it contains /nudge"),
+        ({'bag': 'RUN', 'wait_for': ['joints']}, "has no topic 'joints', it contains /chain, "),
+        ({'bag': 'RUN', 'start_offset': 5.0}, 'start_offset of bag_player = 5 s must lie before'),
         ({'bag': 'FILE'}, 'cannot be read'),
         ({'bag': 'RUN', 'rate': 0.0}, 'rate of bag_player = 0.0 must lie in the range'),
         ({'bag': 'RUN', 'speed': 2.0}, "parameter 'speed' of bag_player is unknown"),
@@ -346,7 +346,7 @@ def soliton_states(graph: Graph, bag: Path, **given: Any) -> list[bytes]:
     graph.until(lambda: player.finished, 'the end')
     if player.failure is not None:
         raise player.failure
-    assert 'never answered' not in graph.next_report('bag_player').message
+    assert 'without an answer' not in graph.next_report('bag_player').message
     frames = frames_in(bag)
     graph.until(lambda: len(heard) == frames, f'{frames} states')
     graph.stop(player)
@@ -432,7 +432,7 @@ def test_frames_that_the_analyser_does_not_answer_are_given_up(
     graph.until(lambda: player.finished, 'the end')
     assert len(frames) == 20
     report = graph.next_report('bag_player')
-    assert report.message.endswith(', 20 frames never answered by the analyser')
+    assert report.message.endswith(', 20 frames without an answer of the analyser')
     assert report.level == report.WARN
 
 

@@ -26,10 +26,10 @@ from std_msgs.msg import Float64
 from std_srvs.srv import Trigger
 
 from soliton_linkage_nodes.bags import recorder
-from soliton_linkage_nodes.bags.read.reading import open_bag, read_topic
-from soliton_linkage_nodes.bags.record.inlets import Inlet
+from soliton_linkage_nodes.bags.reading import open_bag, read_topic
+from soliton_linkage_nodes.bags.record.subscriptions import RecordedSubscription
 from soliton_linkage_nodes.bags.recorder import BagRecorder
-from soliton_linkage_nodes.bags.rescue import check_bag, recover_bag
+from soliton_linkage_nodes.bags.recovery import check_bag, recover_bag
 from soliton_linkage_nodes.messages.conversions import NamedChain, chain_to_msg
 from soliton_linkage_nodes.runtime import interfaces
 from soliton_linkage_nodes.runtime.stamps import time_to_msg
@@ -102,17 +102,17 @@ def test_without_an_output_the_bag_is_named_by_date_and_time(
 def test_what_is_lost_is_counted_reported_and_kept_in_the_bag(
     graph: Graph, named: NamedChain, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    drain = Inlet.drain
+    drain = RecordedSubscription.drain
     entered, gate = threading.Event(), threading.Event()
     gate.set()
 
-    def gated(inlet: Inlet) -> Any:
+    def gated(subscription: RecordedSubscription) -> Any:
         if not gate.is_set():
             entered.set()
             gate.wait()
-        return drain(inlet)
+        return drain(subscription)
 
-    monkeypatch.setattr(Inlet, 'drain', gated)
+    monkeypatch.setattr(RecordedSubscription, 'drain', gated)
     recorder = graph.start(BagRecorder, {'output': str(tmp_path / 'run')})
     publisher = graph.speak(interfaces.JOINT_STATES)
     publish_frames(publisher, named, 1)
@@ -146,7 +146,7 @@ def test_a_report_names_the_bag_and_the_topics_that_are_heard(
     figures = values(graph.next_report('bag_recorder'))
     assert figures['bag'] == str(tmp_path / 'run_0')
     assert figures['messages'] == '10'
-    assert figures['topics heard'] == '/lab/joint_states'
+    assert figures['topics received'] == '/lab/joint_states'
 
 
 @pytest.mark.parametrize('parameter', ['outptu', 'topic'])
@@ -197,14 +197,14 @@ def test_what_was_sent_a_second_before_a_kill_is_kept(
     publisher = graph.speak(interfaces.JOINT_STATES)
     reports = graph.reports('bag_recorder')
     graph.until(
-        lambda: reports and '/joint_states' in values(reports[-1])['topics heard'],
+        lambda: reports and '/joint_states' in values(reports[-1])['topics received'],
         'the recorder to hear',
     )
     sent, times = publish_for(publisher, named, after, 0.001)
     program.process.kill()
     program.process.wait()
     if after > 1.0:
-        complaint = f"bag '{bag}_0' cannot be read: it has no metadata.yaml; its recorder"
+        complaint = f"bag '{bag}_0' cannot be read: it has no metadata.yaml. Either its recorder"
         with pytest.raises(ValueError, match=re.escape(complaint)), open_bag(tmp_path / 'run_0'):
             pass
     report, new = recover_bag(tmp_path / 'run_0', tmp_path / 'new')
@@ -317,13 +317,13 @@ def test_each_service_says_in_the_log_what_it_did_or_why_not(
     graph.start(BagRecorder, few(tmp_path))
     for name in ('pause', 'resume', 'split_bagfile', 'snapshot'):
         call(graph, name)
-    said = re.findall(r'~/.*', capfd.readouterr().err)
+    said = re.findall(r'(?:rejected )?~/.*', capfd.readouterr().err)
     assert said == [
-        '~/pause: nothing is recorded until ~/resume',
-        '~/resume: recording goes on, with 0 latched messages of the pause',
-        '~/split_bagfile: the bag goes on in a new file',
-        '~/snapshot is refused: snapshot_duration of bag_recorder = 0 keeps nothing; '
-        'give it some seconds',
+        '~/pause: paused until ~/resume',
+        '~/resume: recording again, with 0 latched messages of the pause',
+        '~/split_bagfile: the bag continues in a new file',
+        'rejected ~/snapshot: parameter snapshot_duration of bag_recorder = 0 keeps no messages; '
+        'set it above 0',
     ]
 
 
@@ -354,7 +354,7 @@ def test_a_recorder_that_cannot_start_leaves_nothing(
     def refuse(*_arguments: object) -> None:
         raise RuntimeError("can't start new thread")
 
-    monkeypatch.setattr(recorder, 'TakingThread', refuse)
+    monkeypatch.setattr(recorder, 'ReceivingThread', refuse)
     with pytest.raises(RuntimeError, match='new thread'):
         graph.start(BagRecorder, {'output': str(tmp_path / 'run')})
     assert list(tmp_path.iterdir()) == []

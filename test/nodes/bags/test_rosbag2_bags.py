@@ -11,8 +11,8 @@ from recordings import MILLISECOND, START, frame_message
 from rosbag2_bags import JOINT_STATES, LAYOUTS, Layout, write_rosbag2_bag
 
 from soliton_linkage_nodes.bags.player import BagPlayer
-from soliton_linkage_nodes.bags.read.reading import open_bag, read_topic
-from soliton_linkage_nodes.bags.rescue import check_bag, recover_bag
+from soliton_linkage_nodes.bags.reading import open_bag, read_topic
+from soliton_linkage_nodes.bags.recovery import check_bag, recover_bag
 from soliton_linkage_nodes.messages.conversions import NamedChain
 from soliton_linkage_nodes.runtime import interfaces
 

@@ -14,7 +14,7 @@ from rclpy.logging import get_logger
 from std_srvs.srv import Empty, SetBool, Trigger
 
 from soliton_linkage_msgs import srv
-from soliton_linkage_nodes.bags.services import Reply, serve, service_type, tell
+from soliton_linkage_nodes.bags.services import Reply, serve, serve_value, service_type
 
 
 class Offering:
@@ -66,7 +66,7 @@ def test_a_service_says_and_logs_what_it_did_or_what_is_wrong(
     response = graph.call(service_type('Pause'), 'user/pause')
     told = (response.success, response.message)
     assert told == (complaint is None, complaint or 'it is done')
-    line = f'~/pause is refused: {complaint}' if complaint else '~/pause: it is done'
+    line = f'rejected ~/pause: {complaint}' if complaint else '~/pause: it is done'
     assert line in capfd.readouterr().err
 
 
@@ -99,6 +99,6 @@ def test_figures_fill_the_fields_that_a_response_has() -> None:
 
 def test_a_value_is_told_in_its_field_or_as_success() -> None:
     node = Offering()
-    tell(cast(Any, node), 'is_paused', 'IsPaused', 'paused', lambda: True)
+    serve_value(cast(Any, node), 'is_paused', 'IsPaused', 'paused', lambda: True)
     assert node.respond(None, SimpleNamespace(paused=False)).paused
     assert node.respond(None, SetBool.Response()).success

@@ -22,7 +22,7 @@ from soliton_linkage.dynamics.elastic import ElasticSimulation, simulate
 from soliton_linkage.linear.rigidity import mode_towards_last
 from soliton_linkage.linkage.chain import Chain
 from soliton_linkage_msgs.msg import RotorImpulses, Soliton, SolitonEvent, SolitonState
-from soliton_linkage_nodes.bags.read.reading import open_bag, read_topic
+from soliton_linkage_nodes.bags.reading import open_bag, read_topic
 from soliton_linkage_nodes.messages.conversions import (
     Frame,
     NamedChain,
@@ -33,7 +33,7 @@ from soliton_linkage_nodes.messages.conversions import (
 )
 from soliton_linkage_nodes.messages.state_conversions import events_to_msgs, state_to_msg
 from soliton_linkage_nodes.programs.analyse_bag import main
-from soliton_linkage_nodes.programs.bag_analysis import analysed
+from soliton_linkage_nodes.programs.bag_analysis import analyse_frames
 from soliton_linkage_nodes.runtime import interfaces
 from soliton_linkage_nodes.runtime.stamps import SECOND, time_from_msg, time_to_msg
 from soliton_linkage_nodes.soliton_analyser.node import SolitonAnalyser
@@ -72,13 +72,13 @@ def bag_of(folder: Path, messages: Sequence[JointState], chain: bool = True) -> 
 def states_of(bag: Path) -> list[SolitonState]:
     """States of all frames, of which none is late."""
     with open_bag(bag) as reader:
-        found = list(analysed(reader))
+        found = list(analyse_frames(reader))
     return [state_to_msg(analysis, joints) for joints, analysis in found if analysis is not None]
 
 
 def events_of(bag: Path) -> list[SolitonEvent]:
     with open_bag(bag) as reader:
-        found = [(each, joints) for joints, each in analysed(reader) if each is not None]
+        found = [(each, joints) for joints, each in analyse_frames(reader) if each is not None]
     return [event for pair in found for event in events_to_msgs(*pair, NAMED.chain.spacing)]
 
 

@@ -10,7 +10,7 @@ import pytest
 from rclpy.serialization import serialize_message
 from recordings import frame_message, run_of, write_bag
 
-from soliton_linkage_nodes.bags.read.reading import open_bag, type_name
+from soliton_linkage_nodes.bags.reading import open_bag, type_name
 from soliton_linkage_nodes.bags.record.bag_writer import BagWriter
 from soliton_linkage_nodes.messages.conversions import NamedChain
 from soliton_linkage_nodes.programs.bag_analysis import read_recording

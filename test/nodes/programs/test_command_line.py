@@ -10,7 +10,11 @@ import pytest
 
 from soliton_linkage.command_line import PlainParser
 from soliton_linkage.linkage.quantities import Quantity
-from soliton_linkage_nodes.programs.command_line import number, parse_beside_ros, plain_failures
+from soliton_linkage_nodes.programs.command_line import (
+    exit_on_failure,
+    number,
+    parse_own_arguments,
+)
 
 
 @pytest.fixture
@@ -46,7 +50,7 @@ def test_a_wrong_command_line_ends_in_one_line(
     said: str,
 ) -> None:
     with pytest.raises(SystemExit) as end:
-        parse_beside_ros(parser, arguments)
+        parse_own_arguments(parser, arguments)
     assert end.value.code == 2
     line = capfd.readouterr().err.splitlines()[-1]
     assert line.startswith(f'push: {said}')
@@ -55,7 +59,7 @@ def test_a_wrong_command_line_ends_in_one_line(
 
 
 def test_ros_has_its_arguments_and_numbers_may_be_negative(parser: PlainParser) -> None:
-    options = parse_beside_ros(
+    options = parse_own_arguments(
         parser, ['-1e-3', '--times', '2', '--ros-args', '-r', '__ns:=/left']
     )
     assert vars(options) == {'force': -1e-3, 'times': 2}
@@ -72,7 +76,7 @@ def test_ros_has_its_arguments_and_numbers_may_be_negative(parser: PlainParser) 
     ],
 )
 def test_a_failure_ends_in_one_line(error: BaseException, code: str | int) -> None:
-    with pytest.raises(SystemExit) as end, plain_failures('push'):
+    with pytest.raises(SystemExit) as end, exit_on_failure('push'):
         raise error
     if isinstance(code, int):
         assert end.value.code == code

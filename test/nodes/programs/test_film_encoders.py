@@ -17,8 +17,8 @@ from soliton_linkage.linkage.chain import Chain
 from soliton_linkage.linkage.deviations import Deviations
 from soliton_linkage.vision.layout import MarkerLayout
 from soliton_linkage.vision.video import TimedPicture, read_video, write_video
-from soliton_linkage_nodes.bags.read.reading import open_bag, read_topic
-from soliton_linkage_nodes.bags.rescue import check_bag
+from soliton_linkage_nodes.bags.reading import open_bag, read_topic
+from soliton_linkage_nodes.bags.recovery import check_bag
 from soliton_linkage_nodes.messages.chain_source import markers_of_file
 from soliton_linkage_nodes.messages.picture_conversions import read_camera, write_camera
 from soliton_linkage_nodes.programs.film_encoders import main

@@ -12,7 +12,7 @@ from recordings import START, write_bag
 
 from soliton_linkage.linkage.chain import Array
 from soliton_linkage_nodes.bags.guards import DEFAULT_LIMITS
-from soliton_linkage_nodes.bags.read.reading import open_bag
+from soliton_linkage_nodes.bags.reading import open_bag
 from soliton_linkage_nodes.messages.chain_source import chain_of_file
 from soliton_linkage_nodes.messages.conversions import Frame, NamedChain, frame_to_msg
 from soliton_linkage_nodes.programs import identify_chain

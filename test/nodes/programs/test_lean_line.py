@@ -5,7 +5,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from soliton_linkage_nodes.programs.lean_line import drawn
+from soliton_linkage_nodes.programs.chain_line import drawn
 
 
 def test_each_rotor_has_its_mark() -> None:

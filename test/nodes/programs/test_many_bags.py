@@ -12,7 +12,7 @@ from recordings import run_of, write_bag
 
 from soliton_linkage_nodes.messages.conversions import NamedChain
 from soliton_linkage_nodes.programs import analyse_bag
-from soliton_linkage_nodes.programs.many_bags import COLUMNS, ManyBags, analyse_many, named_bags
+from soliton_linkage_nodes.programs.analyse_bag import COLUMNS, BagBatch, analyse_many, named_bags
 
 DEADLY = ('bag_60', 'bag_140')
 
@@ -28,7 +28,7 @@ def test_200_bags_with_two_workers_killed_on_the_way_give_the_same_table(
     for deadly, output in (((), tmp_path / 'quiet'), (DEADLY, tmp_path / 'killed')):
         for name in deadly:
             (tmp_path / f'{name}.deadly').touch()
-        study = ManyBags(named_bags(bags(tmp_path, 200)), output, pretend)
+        study = BagBatch(named_bags(bags(tmp_path, 200)), output, pretend)
         assert analyse_many(study, 2) == 1
         tables.append((output / 'bags.csv').read_text())
     assert tables[0] == tables[1]

@@ -16,7 +16,7 @@ from programs import Program
 from rclpy.action import ActionServer
 
 from soliton_linkage_msgs.action import MoveSoliton
-from soliton_linkage_nodes.programs.move_soliton import Mover, progress_of
+from soliton_linkage_nodes.programs.move_soliton import MoveClient, progress_of
 from soliton_linkage_nodes.runtime import interfaces
 from soliton_linkage_nodes.simulator.node import Simulator
 from soliton_linkage_nodes.soliton_steering.node import SolitonSteering
@@ -80,7 +80,7 @@ def test_it_ends_when_the_steering_is_killed(graph: Graph, start: Callable[..., 
     graph.start(Simulator, QUICK)
     steering = start('soliton_steering', '--ros-args', '-p', 'state_timeout:=5.0')
     graph.until(lambda: reports and reports[-1].message == 'ready', 'a wall')
-    mover = Mover(threading.Event(), context=graph.context)
+    mover = MoveClient(threading.Event(), context=graph.context)
     with ThreadPoolExecutor(1) as pool:
         move = pool.submit(mover.move, 6.0, 0.2)
         graph.until(lambda: reports[-1].message.startswith('moving'), 'a wall on its way')
@@ -96,7 +96,7 @@ def test_interrupted_where_nobody_answers_it_ends_at_once(graph: Graph) -> None:
     taken: list[object] = []
     server.register_handle_accepted_callback(taken.append)
     stopping = threading.Event()
-    mover = Mover(stopping, context=graph.context)
+    mover = MoveClient(stopping, context=graph.context)
     with ThreadPoolExecutor(1) as pool:
         move = pool.submit(mover.move, 6.0, 0.2)
         graph.until(lambda: taken, 'the goal')

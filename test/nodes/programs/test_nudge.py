@@ -14,7 +14,7 @@ from programs import Program
 
 from soliton_linkage_msgs.msg import LastKick
 from soliton_linkage_nodes.edge_actuator.node import EdgeActuator
-from soliton_linkage_nodes.programs.nudge import Nudger, described
+from soliton_linkage_nodes.programs.nudge import NudgeClient, described
 from soliton_linkage_nodes.runtime import interfaces
 from soliton_linkage_nodes.simulator.node import Simulator
 
@@ -25,7 +25,7 @@ pytestmark = pytest.mark.usefixtures('often')
 
 def nudged(graph: Graph, speed: float, timeout: float = 20.0) -> str:
     """What the command says of a nudge, or fails with."""
-    nudger = Nudger(threading.Event(), context=graph.context)
+    nudger = NudgeClient(threading.Event(), context=graph.context)
     try:
         with ThreadPoolExecutor(1) as pool:
             answer = pool.submit(nudger.nudge, speed, 1, timeout)

@@ -11,7 +11,7 @@ import pytest
 from programs import Program
 from recordings import run_of, write_bag
 
-from soliton_linkage_nodes.bags.read.reading import open_bag
+from soliton_linkage_nodes.bags.reading import open_bag
 from soliton_linkage_nodes.messages.conversions import NamedChain
 
 

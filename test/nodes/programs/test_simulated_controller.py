@@ -22,8 +22,8 @@ from soliton_linkage.microcontroller.rotary_encoders import AngleReader, RotaryE
 from soliton_linkage.microcontroller.simulated_controller import SimulatedController
 from soliton_linkage_nodes.messages.conversions import NamedChain, default_joint_names
 from soliton_linkage_nodes.programs.simulated_controller import (
-    PlayedChain,
     PseudoTerminal,
+    RealTimeChain,
     encoders_of,
 )
 
@@ -66,7 +66,7 @@ class Computer:
 
 def test_the_chain_moves_as_its_valves_are_told(terminal: PseudoTerminal) -> None:
     named = NamedChain(CHAIN, default_joint_names(ROTORS))
-    played = PlayedChain(named, SimulatedController(ROTORS), terminal, RATE)
+    played = RealTimeChain(named, SimulatedController(ROTORS), terminal, RATE)
     computer = Computer(terminal)
     for _ in range(5):
         played.play()

@@ -37,7 +37,7 @@ FIRST_WORDS = {
     'edge_actuator': 'pneumatic actuators on the chain of /chain; a nudge is a kick at the',
     'soliton_analyser': 'analysing /joint_states of the chain of /chain',
     'soliton_steering': 'steering the soliton of the chain of /chain by all joints',
-    'bag_recorder': 'is begun; finding all who publish',
+    'bag_recorder': '; discovering all publishers',
     'bag_player': 'messages at rate 1',
 }
 

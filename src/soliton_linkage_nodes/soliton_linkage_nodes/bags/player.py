@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The bag player: what a bag holds, on the same topics and at the same pace."""
+"""The bag player, which publishes the messages of a bag at the recorded pace."""
 
 from __future__ import annotations
 
@@ -12,16 +12,20 @@ from rosbags.rosbag2 import Reader
 from soliton_linkage.linkage.quantities import quantity
 from soliton_linkage_nodes.bags.guards import BagLimits
 from soliton_linkage_nodes.bags.play.controls import PlayerControls
-from soliton_linkage_nodes.bags.play.lockstep import Lockstep
-from soliton_linkage_nodes.bags.play.outlets import RecordedStates, ReplayOutlets
-from soliton_linkage_nodes.bags.play.playing_thread import (
-    PlayingThread,
-    chosen,
-    excerpt,
+from soliton_linkage_nodes.bags.play.playback import (
+    RATES,
+    PlaybackClock,
+    PlaybackThread,
+    find_topics,
     full_name,
+    playback_range,
 )
-from soliton_linkage_nodes.bags.play.transport import RATES, Transport
-from soliton_linkage_nodes.bags.read.reading import find_topic, open_bag
+from soliton_linkage_nodes.bags.play.replay_publishers import (
+    Lockstep,
+    RecordedStates,
+    ReplayPublishers,
+)
+from soliton_linkage_nodes.bags.reading import find_topic, open_bag
 from soliton_linkage_nodes.runtime import interfaces
 from soliton_linkage_nodes.runtime.diagnostics import Diagnostics, Report
 from soliton_linkage_nodes.runtime.managed import ManagedNode, ManagedParameters
@@ -35,43 +39,41 @@ class BagPlayerParameters:
     """Parameters of the player."""
 
     bag: str = quantity('', 'path of the bag to play')
-    rate: float = quantity(1.0, 'how much faster than recorded', '', *RATES)
-    topics: tuple[str, ...] = quantity((), 'topics to play; empty for all in the bag')
-    start_offset: float = quantity(0.0, 'time in the bag at which to begin', 's', 0.0)
-    playback_until: float = quantity(
-        0.0, 'time in the bag at which to end, 0 for that of the bag', 's', 0.0
-    )
-    loop: bool = quantity(False, 'whether to begin again at the end')
-    stay: bool = quantity(False, 'whether to stay at the end of the bag, for ~/play')
-    start_paused: bool = quantity(False, 'play nothing until ~/resume is called')
+    rate: float = quantity(1.0, 'playback rate relative to the recording', '', *RATES)
+    topics: tuple[str, ...] = quantity((), 'topics to play; empty: all in the bag')
+    start_offset: float = quantity(0.0, 'start time in the bag', 's', 0.0)
+    playback_until: float = quantity(0.0, 'end time in the bag, 0: end of the bag', 's', 0.0)
+    loop: bool = quantity(False, 'restart at the end of the bag')
+    stay: bool = quantity(False, 'keep running at the end of the bag, for ~/play')
+    start_paused: bool = quantity(False, 'begin paused, until ~/resume is called')
     wait_for: tuple[str, ...] = quantity(
-        (), 'topics that must have a subscriber before the start; empty for joint_states'
+        (), 'topics that must have a subscriber before the start; empty: joint_states'
     )
     subscriber_timeout: float = quantity(
-        5.0, 'how long to wait for each of these subscribers', 's', 0.0, 3600.0
+        5.0, 'longest wait for each of these subscribers', 's', 0.0, 3600.0
     )
-    publish_clock: bool = quantity(False, 'whether to publish the recorded time on /clock')
+    publish_clock: bool = quantity(False, 'publish the recorded time on /clock')
     lockstep: bool = quantity(
-        False, 'play as fast as the analyser answers each frame with a soliton_state, not by time'
+        False, 'play as fast as the analyser answers each frame with a soliton_state'
     )
     lockstep_window: int = quantity(
-        100, 'frames that may be on their way to the analyser, in lockstep', '', 1, 1000
+        100, 'largest number of unanswered frames in lockstep', '', 1, 1000
     )
     lockstep_timeout: float = quantity(
-        5.0, 'how long to wait for an answer before frames are given up', 's', 0.1, 3600.0
+        5.0, 'longest wait for an answer in lockstep', 's', 0.1, 3600.0
     )
 
 
 class BagPlayer(ManagedNode):
-    """Publishes the messages of a bag as they are, paced by the times they were received at.
+    """Node that publishes the messages of a bag, paced by their receive times.
 
-    Latched topics come first, with what they last said before the start or the instant sought,
-    and nothing else is published before the topics in `wait_for` have subscribers, or
-    `subscriber_timeout` is over. In lockstep, soliton states are not played but awaited; else
-    they are left out while an analyser publishes its own, unless `topics` names them.
+    The last latched messages before the start come first. Other messages wait until the topics in
+    `wait_for` have subscribers, at most `subscriber_timeout`. In lockstep, soliton states are not
+    played but awaited. Otherwise they are left out while an analyser publishes its own, unless
+    `topics` names them.
 
-    It ends with the bag, unless it is paused there or is to `stay`. After `~/stop` it waits for
-    `~/play`, of all or a part; `~/burst` lets messages pass in a pause, as fast as they can.
+    The node ends with the bag, unless it is paused there or has to `stay`. After `~/stop` it waits
+    for `~/play` of the whole bag or a part; `~/burst` plays messages at once in a pause.
 
     Publishes the topics of the bag, `/diagnostics` and, if asked to, `/clock`. Serves, with the
     types of rosbag2_interfaces, of the suite or std_srvs/Trigger, `~/pause`, `~/resume`,
@@ -85,26 +87,24 @@ class BagPlayer(ManagedNode):
     }
 
     def __init__(self, **kwargs: Any) -> None:
-        """Be configured and activated, unless a manager is to do that."""
+        """Configure and activate the node, unless a lifecycle manager does that."""
         super().__init__('bag_player', **kwargs)
 
     def configure(self) -> None:
-        """Look into the bag and open the topics."""
+        """Open the bag and create the publishers."""
         self._settings = settings = current(self, BagPlayerParameters)
         limits = current(self, BagLimits)
         if not settings.bag:
             raise ValueError("parameter bag of bag_player = '' must be the path of a bag")
-        self._transport = Transport(settings.rate, settings.start_paused, not settings.lockstep)
+        self._playback = PlaybackClock(settings.rate, settings.start_paused, not settings.lockstep)
         self._lockstep: Lockstep | None = None
         with open_bag(Path(settings.bag), limits) as reader:
-            self._outlets = ReplayOutlets(
-                self, chosen(reader, settings.topics), self._transport.stopping
+            self._replay = ReplayPublishers(
+                self, find_topics(reader, settings.topics), self._playback.stopping
             )
             pace = 'in lockstep' if settings.lockstep else f'at rate {settings.rate:g}'
-            self.get_logger().info(
-                f'playing {settings.bag}: {self._outlets.total} messages {pace}'
-            )
-            self._excerpt = excerpt(reader, settings.start_offset, settings.playback_until)
+            self.get_logger().info(f'playing {settings.bag}: {self._replay.total} messages {pace}')
+            self._range = playback_range(reader, settings.start_offset, settings.playback_until)
             self._awaited = self._topics_to_wait_for(reader)
             if settings.lockstep:
                 self._lockstep = self._keep_step(reader)
@@ -116,47 +116,47 @@ class BagPlayer(ManagedNode):
             if settings.publish_clock
             else None
         )
-        self._playing = PlayingThread(
+        self._playing = PlaybackThread(
             Path(settings.bag),
-            self._outlets,
-            self._transport,
+            self._replay,
+            self._playback,
             settings.loop,
             self._prepare,
-            self._tell_time,
+            self._publish_clock,
             'in lockstep' if settings.lockstep else '',
             limits,
         )
         self.diagnostics = Diagnostics(self, 'playing', self.reporting(self._report))
-        self._controls = PlayerControls(self, self._transport, self._playing, self._excerpt)
+        self._controls = PlayerControls(self, self._playback, self._playing, self._range)
         self._paused = False
         self._begun = False
 
     def activate(self) -> None:
-        """Begin to play, or go on."""
+        """Start or resume playing."""
         if not self._begun:
             self._begun = True
-            self._playing.play(self._excerpt)
+            self._playing.play(self._range)
         elif not self._paused:
-            self._transport.resume()
+            self._playback.resume()
 
     def deactivate(self) -> None:
-        """Stand still."""
-        self._paused = self._transport.paused
-        self._transport.pause()
+        """Pause."""
+        self._paused = self._playback.paused
+        self._playback.pause()
 
     def cleanup(self) -> None:
-        """Stop playing and give the terminal back."""
+        """Stop playing and restore the terminal."""
         self._playing.stop()
         self._controls.close()
 
     @property
     def finished(self) -> bool:
-        """Whether everything was played, and nothing else is to be."""
+        """Whether the bag was played to its end and the node does not stay."""
         return self.configured and self._playing.finished and not self._settings.stay
 
     @property
     def failure(self) -> Exception | None:
-        """Why it could not go on."""
+        """Error that ended the playback, None for none."""
         return self._playing.failure if self.configured else None
 
     def _topics_to_wait_for(self, reader: Reader) -> list[str]:
@@ -169,39 +169,39 @@ class BagPlayer(ManagedNode):
         frames = find_topic(reader, interfaces.JOINT_STATES.name).topic
         settings = self._settings
         lockstep = Lockstep(self, frames, settings.lockstep_window, settings.lockstep_timeout)
-        self._outlets.keep_step(lockstep)
+        self._replay.set_lockstep(lockstep)
         return lockstep
 
     def _give_way(self, reader: Reader) -> None:
-        told = {topic.rpartition('/')[2] for topic in self._settings.topics}
-        for connection in self._outlets.of(reader.connections):
+        chosen = {topic.rpartition('/')[2] for topic in self._settings.topics}
+        for connection in self._replay.of(reader.connections):
             name = connection.topic.rpartition('/')[2]
             if name in (interfaces.SOLITON_STATE.name, interfaces.SOLITON_EVENTS.name):
-                states = RecordedStates(self, connection.topic, name in told)
-                self._outlets.give_way(states)
+                states = RecordedStates(self, connection.topic, name in chosen)
+                self._replay.suppress_beside_analyser(states)
 
     def _prepare(self) -> None:
-        self._outlets.wait_for_subscribers(self._awaited, self._settings.subscriber_timeout)
+        self._replay.wait_for_subscribers(self._awaited, self._settings.subscriber_timeout)
 
-    def _tell_time(self, stamp: int) -> None:
+    def _publish_clock(self, stamp: int) -> None:
         if self._clock_publisher is not None:
             self._clock_publisher.publish(interfaces.CLOCK.type(clock=time_to_msg(stamp)))
 
     def _report(self) -> Report:
         given_up = self._lockstep.given_up if self._lockstep else 0
-        state = f'played {self._playing.account()}'
+        state = f'played {self._playing.summary()}'
         if given_up:
-            state = f'{state}, {given_up} frames never answered by the analyser'
+            state = f'{state}, {given_up} frames without an answer of the analyser'
         return Report(
             state,
             {
                 'bag': self._settings.bag,
-                'rate': self._transport.rate,
-                'paused': self._transport.paused,
-                'messages played': self._outlets.published,
-                'messages': self._outlets.total,
+                'rate': self._playback.rate,
+                'paused': self._playback.paused,
+                'messages played': self._replay.published,
+                'messages': self._replay.total,
                 'rounds': self._playing.rounds,
-                'recorded states left out': self._outlets.left_out,
+                'recorded states left out': self._replay.left_out,
             },
             warning=bool(given_up),
         )
@@ -214,5 +214,5 @@ def _finished(player: BagPlayer) -> bool:
 
 
 def main() -> None:
-    """Run the player until the bag is played or it is told to stop."""
+    """Run the player until the end of the bag or a signal."""
     run(BagPlayer, _finished)

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The bag recorder: every message of the suite, as it came, into a bag."""
+"""The bag recorder, which stores every message of the suite in a bag."""
 
 from __future__ import annotations
 
@@ -11,12 +11,11 @@ from typing import Any, ClassVar
 
 from soliton_linkage.linkage.quantities import quantity
 from soliton_linkage_nodes.bags.record.bag_writer import COMPRESSIONS, BagWriter
-from soliton_linkage_nodes.bags.record.inlets import InletFinder
-from soliton_linkage_nodes.bags.record.message_gate import MessageGate
-from soliton_linkage_nodes.bags.record.taking_thread import TakingThread
+from soliton_linkage_nodes.bags.record.receiving_thread import ReceivingThread
+from soliton_linkage_nodes.bags.record.subscriptions import MessageBuffer, TopicFinder
 from soliton_linkage_nodes.bags.record.writing_thread import WritingThread
-from soliton_linkage_nodes.bags.rescue import take_over, unfinished_bag
-from soliton_linkage_nodes.bags.services import Reply, serve, tell
+from soliton_linkage_nodes.bags.recovery import take_over, unfinished_bag
+from soliton_linkage_nodes.bags.services import Reply, serve, serve_value
 from soliton_linkage_nodes.runtime.diagnostics import Diagnostics, Report
 from soliton_linkage_nodes.runtime.guarded import GuardedNode
 from soliton_linkage_nodes.runtime.managed import ManagedNode, ManagedParameters
@@ -24,7 +23,7 @@ from soliton_linkage_nodes.runtime.parameters import current
 from soliton_linkage_nodes.runtime.process import run
 
 _LAST_STAMP = 2.0**31
-"""Where the stamps of ROS end [s]."""
+"""End of the range of ROS stamps [s]."""
 
 
 @dataclass(frozen=True)
@@ -32,56 +31,55 @@ class BagRecorderParameters:
     """Parameters of the recorder."""
 
     output: str = quantity(
-        '', 'path of the bag, to which _0, _1, ... is added; empty for the date and time'
+        '', 'path of the bag; _0, _1, ... is appended; empty: named by date and time'
     )
     compression: str = quantity('none', 'compression of the chunks', choices=COMPRESSIONS)
-    topics: tuple[str, ...] = quantity((), 'names of topics to record; empty for all of the suite')
+    topics: tuple[str, ...] = quantity((), 'names of topics to record; empty: all of the suite')
     regex: str = quantity('', 'also record the topics whose full names contain this pattern')
     exclude_regex: str = quantity('', 'do not record topics whose full names contain this pattern')
-    max_bag_size: int = quantity(0, 'size from which on a new file is begun, 0 for never', 'B', 0)
+    max_bag_size: int = quantity(0, 'size at which a new file is begun, 0: never', 'B', 0)
     max_bag_duration: float = quantity(
-        0.0, 'time after which a new file is begun, 0 for never', 's', 0.0, _LAST_STAMP
+        0.0, 'duration after which a new file is begun, 0: never', 's', 0.0, _LAST_STAMP
     )
     snapshot_duration: float = quantity(
         0.0,
-        'keep only the last seconds, and write them when ~/snapshot is called; 0 to record',
+        'duration kept in memory, which ~/snapshot writes; 0: record continuously',
         's',
         0.0,
         3600.0,
     )
     sync_interval: float = quantity(
         1.0,
-        'how often the disk is made to take what came, against a loss of power; 0 for never',
+        'interval of synchronising to disk, the most a loss of power costs; 0: never',
         's',
         0.0,
         3600.0,
     )
     append: bool = quantity(
         False,
-        'whether to go on, in a new file, with the last bag of this output where its recorder '
-        'was killed',
+        'continue the last bag of this output in a new file, if its recorder was killed',
     )
-    start_paused: bool = quantity(False, 'record nothing until ~/resume is called')
+    start_paused: bool = quantity(False, 'begin paused, until ~/resume is called')
 
 
 class BagRecorder(ManagedNode):
-    """Records topics, raw, with the time at which each message was received.
+    """Node that records serialized messages with their receive times.
 
-    Subscribes to the topics recorded. Publishes `/diagnostics`. Serves, with the types of
+    Subscribes to the recorded topics. Publishes `/diagnostics`. Serves, with the types of
     rosbag2_interfaces or std_srvs/Trigger, `~/pause`, `~/resume`, `~/is_paused`,
     `~/split_bagfile` and `~/snapshot`.
 
-    One thread takes the messages from a hidden node, another does all that touches the bag.
+    One thread takes the messages from a hidden node, another does all access to the bag.
     """
 
     PARAMETERS: ClassVar[dict[type, str]] = {BagRecorderParameters: '', ManagedParameters: ''}
 
     def __init__(self, **kwargs: Any) -> None:
-        """Be configured and activated, unless a manager is to do that."""
+        """Configure and activate the node, unless a lifecycle manager does that."""
         super().__init__('bag_recorder', **kwargs)
 
     def configure(self) -> None:
-        """Create the bag and listen, but record nothing yet where a manager is to say when."""
+        """Create the bag and subscribe; a managed node does not record before it is activated."""
         self._settings = settings = current(self, BagRecorderParameters)
         self._paused = settings.start_paused
         self._inbox = GuardedNode(
@@ -97,60 +95,59 @@ class BagRecorder(ManagedNode):
             self._inbox.destroy_node()
             raise
         self.get_logger().info(
-            f'{self._bag.writer.path} is begun; finding all who publish, which takes 3 s'
+            f'created {self._bag.writer.path}; discovering all publishers, which takes 3 s'
         )
         for name in sorted(self._finder.awaited):
             self.get_logger().info(f'waiting for a publisher of {name}')
 
     def activate(self) -> None:
-        """Record, unless it is paused."""
-        if self._gate.paused and not self._paused:
-            self._taking.resume()
+        """Record, unless the recorder is paused."""
+        if self._buffer.paused and not self._paused:
+            self._receiving.resume()
 
     def deactivate(self) -> None:
-        """Record nothing, with all that was taken in the hands of the system."""
-        self._taking.settle()
-        self._taking.pause()
+        """Stop recording and flush the messages received so far."""
+        self._receiving.settle()
+        self._receiving.pause()
         self._bag.flush()
 
     @property
     def lost(self) -> int:
-        """Messages that were published and are not in the bag, pauses aside."""
-        return sum(self._taking.losses.values())
+        """Number of published messages that are not in the bag, without those of pauses."""
+        return sum(self._receiving.losses.values())
 
     @property
     def messages(self) -> int:
-        """Messages in the bag."""
+        """Number of messages in the bag."""
         return self._bag.writer.messages
 
     @property
     def failure(self) -> Exception | None:
-        """Why it cannot go on."""
+        """Error that ended the recording, None for none."""
         if not self.configured:
             return None
-        return self._taking.failure or self._bag.failure
+        return self._receiving.failure or self._bag.failure
 
     def cleanup(self) -> None:
-        """Take what has come, write it and finish the bag; raises OSError where it cannot."""
-        self._bag.close(self._taking.stop())
+        """Write the remaining messages and finish the bag; raises OSError if that fails."""
+        self._bag.close(self._receiving.stop())
         self._inbox.destroy_node()
         path = self._bag.writer.path
-        said = f'closed {path}: {self.messages} messages, {self.lost} lost'
         if self._bag.failure is None:
-            self.get_logger().info(said)
-        failure = self._taking.failure or self._bag.failure
+            self.get_logger().info(f'closed {path}: {self.messages} messages, {self.lost} lost')
+        failure = self._receiving.failure or self._bag.failure
         if failure is not None:
             raise failure
 
     def _record(self, settings: BagRecorderParameters) -> None:
-        self._finder = InletFinder(
+        self._finder = TopicFinder(
             self._inbox, settings.topics, settings.regex, settings.exclude_regex
         )
-        self._gate = MessageGate(settings.snapshot_duration, self._paused or not self.starting)
+        self._buffer = MessageBuffer(settings.snapshot_duration, self._paused or not self.starting)
         self._bag = WritingThread(lambda: _create_writer(settings), real_time=self.real_time)
         try:
-            self._taking = TakingThread(
-                self._finder, self._gate, self._bag, self._announce, self.real_time
+            self._receiving = ReceivingThread(
+                self._finder, self._buffer, self._bag, self._announce, self.real_time
             )
             self.diagnostics = Diagnostics(self, 'recording', self.reporting(self._report))
             self._offer_services()
@@ -159,49 +156,47 @@ class BagRecorder(ManagedNode):
             raise
 
     def _announce(self, missing: Sequence[str]) -> None:
-        """Say that nothing of what is published from now on is missed."""
+        """Log that every message published from now on is recorded."""
         writer = self._bag.writer
-        without = f', without {", ".join(missing)}, whose publisher does not answer'
-        self.get_logger().info(
-            f'recording to {writer.path}{writer.gap}{without if missing else ""}'
-        )
+        without = f', but a publisher of {", ".join(missing)} did not respond' if missing else ''
+        self.get_logger().info(f'recording to {writer.path}{writer.gap_description}{without}')
 
     def _offer_services(self) -> None:
         serve(self, 'pause', 'Pause', lambda _: self._pause())
         serve(self, 'resume', 'Resume', lambda _: self._resume())
         serve(self, 'split_bagfile', 'SplitBagfile', lambda _: self._split())
         serve(self, 'snapshot', 'Snapshot', lambda _: self._snapshot())
-        tell(self, 'is_paused', 'IsPaused', 'paused', lambda: self._gate.paused)
+        serve_value(self, 'is_paused', 'IsPaused', 'paused', lambda: self._buffer.paused)
 
     def _pause(self) -> Reply:
         self._paused = True
-        self._taking.pause()
-        return Reply('nothing is recorded until ~/resume')
+        self._receiving.pause()
+        return Reply('paused until ~/resume')
 
     def _resume(self) -> Reply:
         self._paused = False
-        latched = self._taking.resume()
-        return Reply(f'recording goes on, with {latched} latched messages of the pause')
+        latched = self._receiving.resume()
+        return Reply(f'recording again, with {latched} latched messages of the pause')
 
     def _split(self) -> Reply:
         self._bag.split()
-        return Reply('the bag goes on in a new file')
+        return Reply('the bag continues in a new file')
 
     def _snapshot(self) -> Reply:
         duration = self._settings.snapshot_duration
         if not duration:
             raise ValueError(
-                'snapshot_duration of bag_recorder = 0 keeps nothing; give it some seconds'
+                'parameter snapshot_duration of bag_recorder = 0 keeps no messages; set it above 0'
             )
-        return Reply(f'{self._taking.snapshot()} messages of the last {duration:g} s are recorded')
+        return Reply(f'{self._receiving.snapshot()} messages of the last {duration:g} s written')
 
     def _report(self) -> Report:
-        lost, refused = self.lost, {**self._finder.refused, **self._bag.refused}
-        state = 'paused' if self._gate.paused else 'recording'
+        lost, rejected = self.lost, {**self._finder.rejected, **self._bag.rejected}
+        state = 'paused' if self._buffer.paused else 'recording'
         if lost:
             state = f'{state}, {lost} messages lost'
-        elif refused:
-            state = f'{state}, but not {", ".join(refused)}: {next(iter(refused.values()))}'
+        elif rejected:
+            state = f'{state}, but not {", ".join(rejected)}: {next(iter(rejected.values()))}'
         elif self._finder.awaited:
             state = f'{state}, waiting for {", ".join(sorted(self._finder.awaited))}'
         figures = {
@@ -210,13 +205,16 @@ class BagRecorder(ManagedNode):
             'lost messages': lost,
             'files': self._bag.writer.files,
             'bytes waiting for the disk': self._bag.waiting,
-            'messages held back': self._gate.held,
-            'topics heard': ' '.join(self._taking.heard),
+            'messages held back': self._buffer.held,
+            'topics received': ' '.join(self._receiving.connected_topics),
         }
         return Report(
             state,
-            {**figures, **{f'lost of {name}': n for name, n in self._taking.losses.items() if n}},
-            warning=bool(lost or refused or self._finder.awaited),
+            {
+                **figures,
+                **{f'lost on {name}': n for name, n in self._receiving.losses.items() if n},
+            },
+            warning=bool(lost or rejected or self._finder.awaited),
         )
 
 
@@ -241,5 +239,5 @@ def _finished(recorder: BagRecorder) -> bool:
 
 
 def main() -> None:
-    """Run the recorder until it is told to stop."""
+    """Run the recorder until a signal stops it."""
     run(BagRecorder, _finished)

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What a bag keeps of a topic, and how rosbag2 spells it."""
+"""Description of a topic in a bag, in rosbag2's notation."""
 
 from __future__ import annotations
 
@@ -25,33 +25,19 @@ from rosbags.typesys.store import Typestore
 from soliton_linkage_nodes.bags.guards import load_yaml
 
 _LONGEST_NAME = 255
-"""Characters of the longest name that ROS and file systems know."""
+"""Longest name [characters] that ROS and file systems accept."""
 _UNLIMITED = {'sec': 2147483647, 'nsec': 4294967295}
-"""A duration without end as rosbag2 writes it: the largest of its 32-bit numbers."""
-
-
+"""An infinite duration in rosbag2's notation: the largest 32-bit numbers."""
 _TYPE_NAME = re.compile(r'\w+/\w+/\w+')
-_HALVES = re.compile(r'^---[ \t]*$', re.MULTILINE)
-_PROFILE_KEYS = {
-    'history',
-    'depth',
-    'reliability',
-    'durability',
-    'deadline',
-    'lifespan',
-    'liveliness',
-    'liveliness_lease_duration',
-    'avoid_ros_namespace_conventions',
-}
+_SERVICE_SEPARATOR = re.compile(r'^---[ \t]*$', re.MULTILINE)
 
 
 @dataclass(frozen=True)
 class StoredTopic:
     """A topic of a bag; numbers count from 1, in the order in which topics were added.
 
-    Its type is told by name, by the text of the definition in a format such as 'ros2msg', and by
-    the hash (digest) of that. Profiles are the offered qualities of service, as rosbag2 writes
-    them; an empty text stands for what is not known.
+    `definition` is the text of the type in a format such as 'ros2msg', `digest` its RIHS01 hash,
+    `profiles` the offered QoS profiles in rosbag2's YAML. An empty text means unknown.
     """
 
     number: int
@@ -65,9 +51,9 @@ class StoredTopic:
 
 
 def type_definition(name: str) -> tuple[str, str]:
-    """Definition of a message type with all that it is made of, and its hash.
+    """Return the definition of a message type with all nested types, and its hash.
 
-    Raises ValueError where its package is not installed.
+    Raises ValueError if its package is not installed.
     """
     definition, digest, complaint = _installed(name)
     if complaint:
@@ -77,16 +63,14 @@ def type_definition(name: str) -> tuple[str, str]:
 
 @lru_cache(maxsize=1024)
 def service_definitions(name: str) -> tuple[str, str]:
-    """Definitions of request and response of a service type, with all that they are made of.
+    """Return the definitions of request and response of a service type, with nested types.
 
-    Raises ValueError where its package is not installed.
+    Raises ValueError if its package is not installed.
     """
     try:
-        if not _TYPE_NAME.fullmatch(name):
-            raise ValueError('its name is none of a type')
-        package, kind, short = name.split('/')
+        package, kind, short = _name_parts(name)
         path = Path(get_package_share_directory(package), kind, f'{short}.srv')
-        parts = _HALVES.split(path.read_text(encoding='utf-8'), maxsplit=1)
+        parts = _SERVICE_SEPARATOR.split(path.read_text(encoding='utf-8'), maxsplit=1)
         request, response = (
             _definition_of(f'{package}/msg/{short}_{half}', text)
             for half, text in zip(('Request', 'Response'), parts, strict=True)
@@ -106,17 +90,22 @@ def _definition_of(name: str, text: str) -> str:
 
 @lru_cache(maxsize=1024)
 def _installed(name: str) -> tuple[str, str, str]:
-    """Definition and hash of a type, and why there is none: a bag may ask a thousand times."""
+    """Return definition, hash and error of a type; errors are cached: a bag may repeat a type."""
     store = _typestore()
     try:
-        if not _TYPE_NAME.fullmatch(name):
-            raise ValueError('its name is none of a type')
+        _name_parts(name)
         if name not in store.fielddefs:
-            _learn(store, name)
+            _register_installed(store, name)
         definition, _ = store.generate_msgdef(name, ros_version=2)
         return definition, store.hash_rihs01(name), ''
     except (PackageNotFoundError, OSError, TypesysError, KeyError, ValueError) as error:
         return '', '', _not_installed('message', name, error)
+
+
+def _name_parts(name: str) -> list[str]:
+    if not _TYPE_NAME.fullmatch(name):
+        raise ValueError('the name is not PACKAGE/KIND/TYPE')
+    return name.split('/')
 
 
 def _not_installed(kind: str, name: str, error: Exception) -> str:
@@ -135,22 +124,16 @@ def completed(
     digest: str,
     profiles: str,
 ) -> StoredTopic:
-    """A topic whose definition, if it was lost, is that of the installed type, or else empty.
-
-    The definition given is its encoding and text.
-    """
+    """Return a topic; a missing definition (encoding, text) is taken from the installed type."""
     encoding, text = definition or ('ros2msg', '')
     if not text or not digest:
-        try:
-            known, known_digest = type_definition(type_name)
-        except ValueError:
-            known, known_digest = '', ''
+        known, known_digest, _ = _installed(type_name)
         text, digest = text or known, digest or known_digest
     return StoredTopic(number, name, type_name, text, encoding, digest, profiles)
 
 
 def profiles_text(profiles: Sequence[QoSProfile]) -> str:
-    """Qualities of service as rosbag2 writes them."""
+    """Return QoS profiles as rosbag2's YAML."""
     if not profiles:
         return ''
     return str(yaml.safe_dump([_profile(p) for p in profiles], sort_keys=False)).strip()
@@ -158,14 +141,15 @@ def profiles_text(profiles: Sequence[QoSProfile]) -> str:
 
 @lru_cache(maxsize=1024)
 def profiles_in(text: str) -> list[dict[str, Any]]:
-    """Qualities of service of a text as rosbag2 writes it; none where it is of another form."""
+    """Return the QoS profiles in rosbag2's YAML; empty if the text has another form."""
     try:
         loaded = load_yaml(text)
     except ValueError:
         return []
-    told = loaded if isinstance(loaded, list) else []
-    sound = all(isinstance(each, dict) and not _PROFILE_KEYS - each.keys() for each in told)
-    return told if sound else []
+    profiles = loaded if isinstance(loaded, list) else []
+    keys = _profile(QoSProfile(depth=1)).keys()
+    valid = all(isinstance(each, dict) and not keys - each.keys() for each in profiles)
+    return profiles if valid else []
 
 
 @lru_cache(maxsize=1)
@@ -173,32 +157,29 @@ def _typestore() -> Typestore:
     return get_typestore(Stores.ROS2_JAZZY)
 
 
-def _learn(store: Typestore, name: str) -> None:
-    """Register a type that Jazzy itself does not have, and the types that it is made of."""
+def _register_installed(store: Typestore, name: str) -> None:
+    """Register an installed type and its nested types."""
     package, kind, short = name.split('/')
     path = Path(get_package_share_directory(package), kind, f'{short}.msg')
     _register(store, name, path.read_text(encoding='utf-8'))
 
 
 def _register(store: Typestore, name: str, text: str) -> None:
-    """Register a type of a definition, and the types that it is made of."""
     types: dict[str, Any] = get_types_from_msg(text, name)
     store.register({key: value for key, value in types.items() if key not in store.fielddefs})
     for _, fields in types.values():
         for _, field in fields:
-            for part in _parts(field):
+            for part in _nested_types(field):
                 if part not in store.fielddefs:
-                    _learn(store, part)
+                    _register_installed(store, part)
 
 
-def _parts(field: Any) -> list[str]:
-    """Names of the message types in a field's description, which nests for arrays."""
+def _nested_types(field: Any) -> list[str]:
+    """Return the message types in a field description, which nests for arrays."""
     kind, inner = field
     if kind.name == 'NAME':
         return [inner]
-    if kind.name in ('ARRAY', 'SEQUENCE'):
-        return _parts(inner[0])
-    return []
+    return _nested_types(inner[0]) if kind.name in ('ARRAY', 'SEQUENCE') else []
 
 
 def _profile(qos: QoSProfile) -> dict[str, Any]:

@@ -10,7 +10,7 @@ from foxglove import Channel, Context, Schema
 from rclpy.node import Node
 from rclpy.qos import DurabilityPolicy, QoSProfile
 
-from soliton_linkage_nodes.bags.read.reading import message_class
+from soliton_linkage_nodes.bags.reading import message_class
 from soliton_linkage_nodes.bags.stored_topic import type_definition
 from soliton_linkage_nodes.runtime.interfaces import Topic
 from soliton_linkage_nodes.runtime.subscriptions import AdaptiveSubscription

@@ -17,7 +17,7 @@ from rclpy.publisher import Publisher
 from rclpy.serialization import deserialize_message
 
 from soliton_linkage_nodes.bags.guards import load_json
-from soliton_linkage_nodes.bags.read.reading import message_class
+from soliton_linkage_nodes.bags.reading import message_class
 from soliton_linkage_nodes.foxglove_server.outgoing import OutgoingTopics
 from soliton_linkage_nodes.foxglove_server.services import OfferedServices, Queue, Reject
 from soliton_linkage_nodes.messages.fields import built

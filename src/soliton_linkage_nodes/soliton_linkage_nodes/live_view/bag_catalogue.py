@@ -9,9 +9,9 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from soliton_linkage_nodes.bags.guards import count_in, load_json
+from soliton_linkage_nodes.bags.guards import load_json, parse_count
 from soliton_linkage_nodes.bags.metadata import METADATA_FILE, read_metadata
-from soliton_linkage_nodes.bags.read.reading import decoder, open_bag, read_messages
+from soliton_linkage_nodes.bags.reading import decoder, open_bag, read_messages
 from soliton_linkage_nodes.messages.view_conversions import state_numbers
 from soliton_linkage_nodes.runtime import interfaces
 from soliton_linkage_nodes.runtime.stamps import SECOND, time_from_msg
@@ -127,7 +127,7 @@ def _catalogued(path: Path) -> CataloguedBag | None:
             int(information['starting_time']['nanoseconds_since_epoch']),
             information['duration']['nanoseconds'] / SECOND,
             topics,
-            sum(map(count_in, losses.values())),
+            sum(map(parse_count, losses.values())),
         )
     except (TypeError, KeyError, ValueError, AttributeError):
         return None

@@ -9,12 +9,17 @@ from __future__ import annotations
 
 import argparse
 import csv
+import io
 import math
 import os
 import sys
-from collections.abc import Sequence
+from collections import Counter
+from collections.abc import Callable, Iterable, Sequence
+from contextlib import redirect_stderr, redirect_stdout
+from dataclasses import dataclass, field
 from functools import partial
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -25,8 +30,9 @@ from soliton_linkage.linkage.chain import Array, Chain
 from soliton_linkage.linkage.recording import Recording
 from soliton_linkage.progress import ProgressLine
 from soliton_linkage.solitons.track import find_crossings, measured_track
+from soliton_linkage_msgs.msg import SolitonState
 from soliton_linkage_nodes.bags.guards import DEFAULT_LIMITS, BagLimits
-from soliton_linkage_nodes.bags.read.reading import find_topic, open_bag
+from soliton_linkage_nodes.bags.reading import find_topic, open_bag
 from soliton_linkage_nodes.messages.chain_source import chain_of_file, differences
 from soliton_linkage_nodes.messages.conversions import JointStates, NamedChain
 from soliton_linkage_nodes.messages.frame_reader import FrameReader
@@ -36,22 +42,159 @@ from soliton_linkage_nodes.messages.state_conversions import (
     event_rows,
     row,
 )
-from soliton_linkage_nodes.programs.bag_analysis import analysed, read_chain
+from soliton_linkage_nodes.programs.bag_analysis import analyse_frames, read_chain
 from soliton_linkage_nodes.programs.command_line import (
     add_limits,
+    exit_on_failure,
     limits_of,
-    plain_failures,
 )
-from soliton_linkage_nodes.programs.many_bags import ManyBags, analyse_many, named_bags
 from soliton_linkage_nodes.runtime.process import interrupt_on_signals
+from soliton_linkage_nodes.runtime.stamps import SECOND
 from soliton_linkage_studies.pictures import save_run
-from soliton_linkage_studies.workers import process_count
+from soliton_linkage_studies.sweep.table import Table, read_rows
+from soliton_linkage_studies.workers import (
+    Pool,
+    cluster,
+    local_processes,
+    measure_rows,
+    process_count,
+)
+
+_STATES = 'soliton_state.csv'
+COLUMNS = (
+    'number',
+    'bag',
+    'motion',
+    'frames',
+    'duration [s]',
+    'frames tracked',
+    'frames with a soliton',
+    'largest speed [m/s]',
+    'mean noise [rad]',
+    'failure',
+)
+
+
+@dataclass(frozen=True)
+class BagBatch:
+    """Bags by the name of the folder of each, and how they are analysed."""
+
+    bags: tuple[tuple[str, Path], ...]
+    folder: Path
+    analyse: Callable[[Path, Path, NamedChain | None, float | None], int]
+    """Writes the states of a bag, given with its folder, chain and noise [rad]."""
+    chain: Path | None = None
+    noise: float | None = None
+    name: str = 'bags'
+    columns: tuple[str, ...] = field(default=COLUMNS)
+
+    @property
+    def rows(self) -> int:
+        """How many bags there are."""
+        return len(self.bags)
+
+    def described(self) -> dict[str, Any]:
+        """What decides the rows."""
+        return {
+            'bags': [str(bag) for _, bag in self.bags],
+            'chain': str(self.chain) if self.chain else None,
+            'noise': self.noise,
+        }
+
+    def cells(self, row: int) -> list[str]:
+        """Analyse a bag into its folder, and return what its row holds."""
+        name, bag = self.bags[row]
+        given = chain_of_file(self.chain) if self.chain else None
+        try:
+            # Processes side by side would write over each other's lines.
+            with redirect_stdout(io.StringIO()), redirect_stderr(io.StringIO()):
+                measured = self._measured(name, bag, given)
+            failure = ''
+        except (ArithmeticError, OSError, ValueError) as error:
+            measured, failure = [''] * (len(COLUMNS) - 3), ' '.join(str(error).split())
+        return [str(row), str(bag), *measured, failure]
+
+    def _measured(self, name: str, bag: Path, given: NamedChain | None) -> list[str]:
+        folder = self.folder / name
+        self.analyse(bag, folder, given, self.noise)
+        with (folder / _STATES).open(encoding='utf-8', newline='') as file:
+            return summary(csv.DictReader(file))
+
+
+def summary(states: Iterable[dict[str, str]]) -> list[str]:
+    """Cells from the motion on, of the rows of a table of states."""
+    motions: Counter[str] = Counter()
+    stamps: list[int] = []
+    tracked = seen = 0
+    fastest, noise = 0.0, 0.0
+    for state in states:
+        stamps.append(int(state['stamp [ns]']))
+        motions[state['motion_name']] += 1
+        tracked += int(state['status']) == SolitonState.TRACKING
+        velocity = float(state['soliton_velocity [m/s]'])
+        seen += int(state['solitons']) > 0
+        fastest = fastest if math.isnan(velocity) else max(fastest, abs(velocity))
+        noise += float(state['noise [rad]'])
+    duration = (stamps[-1] - stamps[0]) / SECOND
+    (motion, _), *_ = motions.most_common(1)
+    means = (f'{fastest:.6g}', f'{noise / len(stamps):.6g}')
+    return [motion, str(len(stamps)), f'{duration:.6g}', str(tracked), str(seen), *means]
+
+
+def named_bags(paths: Sequence[Path]) -> tuple[tuple[str, Path], ...]:
+    """Bags with names that are different; those of one name have that of their folder before it.
+
+    Raises ValueError where one is given twice.
+    """
+    bags = [path.resolve() for path in paths]
+    twice = [str(bag) for bag, count in Counter(bags).items() if count > 1]
+    if twice:
+        raise ValueError(f'bag {twice[0]} is given twice; give each once')
+    names = Counter(bag.name for bag in bags)
+    common = Path(os.path.commonpath(bags))
+    return tuple(
+        (bag.name if names[bag.name] == 1 else '_'.join(bag.relative_to(common).parts), bag)
+        for bag in bags
+    )
+
+
+def analyse_many(study: BagBatch, workers: int, scheduler: str | None = None) -> int:
+    """Analyse the bags that are not in the table yet; return how many could not be.
+
+    Where a process has ended, others go on with what is left, as long as there is progress.
+    """
+    with Table(study, study.folder) as table:
+        while missing := table.missing:
+            ready = cluster(scheduler) if scheduler else local_processes(workers)
+            try:
+                with ready as pool:
+                    _fill(study, table, pool)
+            except ChildProcessError as error:
+                if table.missing == missing:
+                    raise
+                print(f'analyse_bag: {error}; others go on', file=sys.stderr)
+        table.finish()
+    failed = [each for each in read_rows(table.path) if each['failure']]
+    for each in failed:
+        print(f'{each["bag"]}: {each["failure"]}', file=sys.stderr)
+    print(f'{study.rows - len(failed)} of {study.rows} bags in {table.path}')
+    return len(failed)
+
+
+def _fill(study: BagBatch, table: Table, pool: Pool) -> None:
+    line = ProgressLine('analysing', study.rows)
+    for cells in measure_rows(pool, study, table.missing):
+        table.append(cells)
+        done = study.rows - len(table.missing)
+        line.show(done, f'{done} of {study.rows} bags')
+    line.clear()
+
 
 _MOST_DRAWN = 4000
 """Frames that a picture shows at most, more than it has columns."""
 
 
-class Drawn:
+class PictureFrames:
     """Frames for the pictures, evenly thinned out so that any bag fits into memory."""
 
     def __init__(self, named: NamedChain) -> None:
@@ -89,7 +232,7 @@ def analyse(
     with open_bag(bag, limits) as reader:
         total = find_topic(reader, 'joint_states').msgcount
         named = given or read_chain(reader)
-        drawn = Drawn(named)
+        drawn = PictureFrames(named)
         progress = ProgressLine('analysing', total)
         folder.mkdir(parents=True, exist_ok=True)
         with (
@@ -99,7 +242,7 @@ def analyse(
             table, events = csv.writer(file), csv.writer(events_file)
             table.writerow(columns())
             events.writerow(EVENT_COLUMNS)
-            for joints, analysis in analysed(reader, given, noise):
+            for joints, analysis in analyse_frames(reader, given, noise):
                 if analysis is None:
                     late += 1
                     continue
@@ -111,7 +254,7 @@ def analyse(
     if not frames:
         raise ValueError(f'bag {str(bag)!r} has no frame that could be analysed')
     drawn.draw(named.chain, folder)
-    progress.end(f'{frames} frames of {bag} analysed, {late} were late; see {folder}')
+    progress.end(f'{frames} frames of {bag} analyse_frames, {late} were late; see {folder}')
     return frames
 
 
@@ -137,7 +280,7 @@ def check_override(
 def main(arguments: Sequence[str] | None = None) -> None:
     """Analyse a bag; exit with 1 where that fails, 130 on Ctrl-C."""
     options = _parser().parse(arguments)
-    with plain_failures('analyse_bag'):
+    with exit_on_failure('analyse_bag'):
         try:
             interrupt_on_signals()
             limits = limits_of(options)
@@ -155,11 +298,11 @@ def main(arguments: Sequence[str] | None = None) -> None:
             raise
 
 
-def _many(options: argparse.Namespace) -> ManyBags:
+def _many(options: argparse.Namespace) -> BagBatch:
     chain = options.chain.resolve() if options.chain else None
     folder = options.output.resolve()
     within = partial(analyse, limits=limits_of(options))
-    return ManyBags(named_bags(options.bags), folder, within, chain, options.noise)
+    return BagBatch(named_bags(options.bags), folder, within, chain, options.noise)
 
 
 def _parser() -> PlainParser:

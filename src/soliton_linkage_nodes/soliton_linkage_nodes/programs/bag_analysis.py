@@ -13,7 +13,7 @@ from rosbags.rosbag2 import Reader
 
 from soliton_linkage.estimation.analysis import Analysis
 from soliton_linkage.linkage.recording import Recording
-from soliton_linkage_nodes.bags.read.reading import (
+from soliton_linkage_nodes.bags.reading import (
     decoder,
     find_topic,
     is_older,
@@ -36,7 +36,7 @@ _MOST_TOLD = 3
 """Messages of a topic that are refused, of which it is said why: a bag may be full of them."""
 
 
-def analysed(
+def analyse_frames(
     reader: Reader, given: NamedChain | None = None, noise: float | None = None
 ) -> Iterator[tuple[JointStates, Analysis | None]]:
     """Yield each frame of a bag with what it shows, None where it is late, as the live node does.

@@ -19,7 +19,7 @@ from soliton_linkage.vision.camera import calibrate
 from soliton_linkage.vision.opencv import Picture, opencv
 from soliton_linkage.vision.video import read_video
 from soliton_linkage_nodes.messages.picture_conversions import write_camera
-from soliton_linkage_nodes.programs.command_line import number, plain_failures
+from soliton_linkage_nodes.programs.command_line import exit_on_failure, number
 from soliton_linkage_nodes.runtime.process import interrupt_on_signals
 
 _PICTURES = ('.jpg', '.jpeg', '.png', '.tif', '.tiff', '.bmp')
@@ -48,7 +48,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
         '--output', type=Path, default=Path('out/camera.yaml'), help='(%(default)s)'
     )
     options = parser.parse(arguments)
-    with plain_failures('calibrate_camera'):
+    with exit_on_failure('calibrate_camera'):
         interrupt_on_signals()
         pictures = _pictures(options.paths)
         found = calibrate(pictures, int(options.columns), int(options.rows), options.square)

@@ -9,12 +9,12 @@ from pathlib import Path
 
 from soliton_linkage.command_line import PlainParser
 from soliton_linkage.progress import ProgressLine
-from soliton_linkage_nodes.bags.guards import count_in, load_json
-from soliton_linkage_nodes.bags.rescue import BagReport, check_bag
+from soliton_linkage_nodes.bags.guards import load_json, parse_count
+from soliton_linkage_nodes.bags.recovery import BagReport, check_bag
 from soliton_linkage_nodes.programs.command_line import (
     add_limits,
+    exit_on_failure,
     limits_of,
-    plain_failures,
 )
 
 _DAMAGE = 'damage'
@@ -32,7 +32,7 @@ def main() -> None:
     options = parser.parse()
     bag = options.bag
     progress = ProgressLine(f'checking {bag}', 0)
-    with plain_failures('check_bag'):
+    with exit_on_failure('check_bag'):
         report = check_bag(
             bag, lambda done: progress.show(0, f'{done} messages'), limits_of(options)
         )
@@ -70,7 +70,7 @@ def _losses(report: BagReport, when_recorded: int) -> str:
     recorded = f'{when_recorded or "nothing"}' if known else 'not known'
     if _DAMAGE not in report.custom_data:
         return f'lost when recorded: {recorded}'
-    count = count_in(report.custom_data.get('lost_in_damage'))
+    count = parse_count(report.custom_data.get('lost_in_damage'))
     damage = report.custom_data[_DAMAGE]
     return (
         f'lost before it was recovered: {count or "an unknown number"} ({damage}); '
@@ -84,4 +84,4 @@ def _lost_when_recorded(report: BagReport) -> dict[str, int]:
     except ValueError:
         return {}
     counted = lost.items() if isinstance(lost, dict) else ()
-    return {topic: count_in(count) for topic, count in counted}
+    return {topic: parse_count(count) for topic, count in counted}

@@ -21,7 +21,7 @@ from soliton_linkage_nodes.start import INTERRUPTED
 _PLACE_IN_ROS = re.compile(r', at /\S+:\d+')
 
 
-def parse_beside_ros(
+def parse_own_arguments(
     parser: PlainParser, arguments: Sequence[str] | None = None
 ) -> argparse.Namespace:
     """Return the options that are given beside the arguments of ROS."""
@@ -56,7 +56,7 @@ def reason(error: Exception) -> str:
 
 
 @contextmanager
-def plain_failures(program: str) -> Iterator[None]:
+def exit_on_failure(program: str) -> Iterator[None]:
     """End the program with one line and 1 where it fails of what it was given, 130 on Ctrl-C."""
     try:
         yield

@@ -2,7 +2,7 @@
 """Lorentz contraction measured by the analyser alone, from bags of walls at a dozen speeds.
 
 Each wall is nudged into a simulated chain with noisy encoders and recorded by the nodes; the
-bags are then analysed, and speeds and widths drawn and set beside theory.
+bags are then analyse_frames, and speeds and widths drawn and set beside theory.
 """
 
 from __future__ import annotations
@@ -21,9 +21,9 @@ from soliton_linkage.command_line import PlainParser
 from soliton_linkage.linkage.chain import Chain
 from soliton_linkage.linkage.quantities import described_fields
 from soliton_linkage.progress import ProgressLine
-from soliton_linkage_nodes.bags.read.reading import open_bag
-from soliton_linkage_nodes.programs.bag_analysis import analysed, read_chain
-from soliton_linkage_nodes.programs.command_line import plain_failures
+from soliton_linkage_nodes.bags.reading import open_bag
+from soliton_linkage_nodes.programs.bag_analysis import analyse_frames, read_chain
+from soliton_linkage_nodes.programs.command_line import exit_on_failure
 from soliton_linkage_nodes.runtime.child_processes import (
     START_LIMIT,
     ChildProcesses,
@@ -99,7 +99,7 @@ def record(
 def measure(bag: Path) -> ContractedWall:
     """Measure speed and width of the wall of a bag; raises ValueError if it shows none."""
     with open_bag(bag) as reader:
-        found = [each for each in analysed(reader) if each[1] is not None]
+        found = [each for each in analyse_frames(reader) if each[1] is not None]
         chain = read_chain(reader).chain
     times = 1e-9 * np.array([joints.stamp - found[0][0].stamp for joints, _ in found])
     try:
@@ -119,7 +119,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
     parser.add_argument('--quick', action='store_true', help='every fourth wall, to try it out')
     options = parser.parse(arguments)
     stopping = stop_on_signals()
-    with plain_failures('contraction'):
+    with exit_on_failure('contraction'):
         section = load_settings(options.config).section('contraction')
         study = read_contraction_study(section, options.quick)
         options.output.mkdir(parents=True, exist_ok=True)

@@ -32,7 +32,7 @@ from soliton_linkage.vision.video import (
     read_video,
     write_video,
 )
-from soliton_linkage_nodes.bags.read.reading import type_name
+from soliton_linkage_nodes.bags.reading import type_name
 from soliton_linkage_nodes.bags.record.bag_writer import BagWriter
 from soliton_linkage_nodes.bags.stored_topic import StoredTopic
 from soliton_linkage_nodes.messages.camera_measurement import (
@@ -48,7 +48,7 @@ from soliton_linkage_nodes.messages.camera_measurement import (
 from soliton_linkage_nodes.messages.chain_source import chain_of_file, markers_of_file
 from soliton_linkage_nodes.messages.conversions import NamedChain, chain_to_msg, without_offsets
 from soliton_linkage_nodes.messages.picture_conversions import read_camera
-from soliton_linkage_nodes.programs.command_line import number, plain_failures
+from soliton_linkage_nodes.programs.command_line import number
 from soliton_linkage_nodes.runtime import interfaces
 from soliton_linkage_nodes.runtime.process import stop_on_signals
 from soliton_linkage_nodes.runtime.stamps import SECOND, time_to_msg
@@ -58,7 +58,7 @@ _OVERLAY_QUALITY = 23
 """Quality of H.264 [1]: that of players."""
 
 
-class Account(NamedTuple):
+class FilmSummary(NamedTuple):
     """Summary of a film."""
 
     bag: Path
@@ -81,7 +81,7 @@ def film_to_bag(
     output: Path,
     overlay: Path | None = None,
     stopping: threading.Event | None = None,
-) -> Account:
+) -> FilmSummary:
     """Write the angles in a film to a bag, and an overlay; ValueError if there are none.
 
     If the film is damaged or stopped, the bag has the angles until then.
@@ -123,7 +123,7 @@ def film_to_bag(
     if not seen:
         raise failure or ValueError(f'the film shows no angle: {last}')
     share, deviation = np.mean([each for each, _ in seen]), np.median([each for _, each in seen])
-    return Account(bag.path, len(seen), float(share), float(deviation), last, ended_by)
+    return FilmSummary(bag.path, len(seen), float(share), float(deviation), last, ended_by)
 
 
 def _drawn(
@@ -181,7 +181,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
     To a camera Ctrl-C is the end.
     """
     options = _parser().parse(arguments)
-    with plain_failures('film_encoders'):
+    with exit_on_failure('film_encoders'):
         stopping = stop_on_signals()
         named = chain_of_file(options.chain)
         lens = read_camera(options.camera_info) if options.camera_info else None

@@ -27,7 +27,7 @@ from soliton_linkage.linkage.gravity import Gravity
 from soliton_linkage.linkage.quantities import Quantity, described_fields
 from soliton_linkage.progress import ProgressLine
 from soliton_linkage_nodes.bags.guards import DEFAULT_LIMITS, BagLimits
-from soliton_linkage_nodes.bags.read.reading import decoder, find_topic, open_bag, read_messages
+from soliton_linkage_nodes.bags.reading import decoder, find_topic, open_bag, read_messages
 from soliton_linkage_nodes.chain_identifier.joint_record import JointRecord
 from soliton_linkage_nodes.chain_identifier.parameter_file import write_parameters
 from soliton_linkage_nodes.messages.chain_source import chain_of_file
@@ -36,9 +36,9 @@ from soliton_linkage_nodes.messages.frame_reader import EncoderMonitor
 from soliton_linkage_nodes.programs.bag_analysis import read_chain
 from soliton_linkage_nodes.programs.command_line import (
     add_limits,
+    exit_on_failure,
     limits_of,
     number,
-    plain_failures,
 )
 from soliton_linkage_nodes.runtime import interfaces
 from soliton_linkage_nodes.runtime.process import interrupt_on_signals
@@ -47,7 +47,7 @@ from soliton_linkage_studies.identification_report import save_report
 
 
 @dataclass(frozen=True)
-class Circumstances:
+class IdentificationOptions:
     """What angles do not tell."""
 
     spacing: float | None = None
@@ -66,7 +66,7 @@ def identify_bags(
     bags: Sequence[Path],
     folder: Path,
     given: NamedChain | None = None,
-    circumstances: Circumstances = Circumstances(),
+    circumstances: IdentificationOptions = IdentificationOptions(),
     limits: BagLimits = DEFAULT_LIMITS,
 ) -> Identification:
     """Write chain.yaml, lengths.csv and identification.png and .pdf; return what was found."""
@@ -105,10 +105,10 @@ def identify_bags(
 def main(arguments: Sequence[str] | None = None) -> None:
     """Identify the chain of bags; exit with 1 where that fails, 130 on Ctrl-C."""
     options = _parser().parse(arguments)
-    with plain_failures('identify_chain'):
+    with exit_on_failure('identify_chain'):
         interrupt_on_signals()
         given = chain_of_file(options.chain) if options.chain else None
-        circumstances = Circumstances(
+        circumstances = IdentificationOptions(
             options.spacing,
             options.tolerance,
             (options.begin, options.end),

@@ -20,8 +20,12 @@ from rclpy.action import ActionClient
 from soliton_linkage.command_line import PlainParser
 from soliton_linkage.linkage.quantities import Quantity
 from soliton_linkage_msgs.action import MoveSoliton
-from soliton_linkage_nodes.programs.command_line import number, parse_beside_ros, plain_failures
-from soliton_linkage_nodes.programs.lean_line import LEGEND, LeanLine
+from soliton_linkage_nodes.programs.chain_line import LEGEND
+from soliton_linkage_nodes.programs.command_line import (
+    exit_on_failure,
+    number,
+    parse_own_arguments,
+)
 from soliton_linkage_nodes.runtime import interfaces
 from soliton_linkage_nodes.runtime.guarded import ACTION_QOS
 from soliton_linkage_nodes.runtime.process import WaitingNode, initialise, stop_on_signals
@@ -39,14 +43,14 @@ _LAST_WORDS = 0.3
 pressed Ctrl-C waits longer."""
 
 
-class Mover(WaitingNode):
+class MoveClient(WaitingNode):
     """Sends one goal, shows the way, and cancels it when it is interrupted."""
 
     def __init__(self, stopping: threading.Event, **kwargs: Any) -> None:
         """Connect to the action; `stopping` is set to interrupt."""
         super().__init__('move_soliton', stopping, **kwargs)
         self._client = ActionClient(self, MoveSoliton, interfaces.MOVE_SOLITON, **ACTION_QOS)
-        self._line = LeanLine(self)
+        self._line = ChainLine(self)
         self._heard_at = math.inf
 
     def move(self, rotor: float, speed: float) -> MoveSoliton.Result:
@@ -115,12 +119,12 @@ def progress_of(on_the_way: MoveSoliton.Feedback) -> str:
 
 def main() -> None:
     """Carry the soliton where the command line says."""
-    options = parse_beside_ros(_parser())
+    options = parse_own_arguments(_parser())
     stopping = stop_on_signals()
     try:
-        with plain_failures('move_soliton'):
+        with exit_on_failure('move_soliton'):
             initialise()
-            result = Mover(stopping).move(options.rotor, options.speed)
+            result = MoveClient(stopping).move(options.rotor, options.speed)
     finally:
         rclpy.try_shutdown()
     if stopping.is_set():

@@ -20,7 +20,11 @@ from std_msgs.msg import Float64
 from soliton_linkage.command_line import PlainParser
 from soliton_linkage.linkage.quantities import Quantity
 from soliton_linkage_msgs.msg import EdgeCommand, LastKick
-from soliton_linkage_nodes.programs.command_line import number, parse_beside_ros, plain_failures
+from soliton_linkage_nodes.programs.command_line import (
+    exit_on_failure,
+    number,
+    parse_own_arguments,
+)
 from soliton_linkage_nodes.runtime import interfaces
 from soliton_linkage_nodes.runtime.process import WaitingNode, initialise, stop_on_signals
 from soliton_linkage_nodes.start import INTERRUPTED
@@ -37,7 +41,7 @@ _TIME_TO_MEET_ANOTHER = 1.0
 _EDGES = {EdgeCommand.FIRST: 'first', EdgeCommand.LAST: 'last'}
 
 
-class Nudger(WaitingNode):
+class NudgeClient(WaitingNode):
     """Nudges a chain by its actuator, and hears what that says of it."""
 
     def __init__(self, stopping: threading.Event, **kwargs: Any) -> None:
@@ -153,12 +157,12 @@ def described(kick: LastKick) -> str:
 
 def main() -> None:
     """Nudge as the command line asks; exit with 1 where nothing came of it, 130 on Ctrl-C."""
-    options = parse_beside_ros(_parser())
+    options = parse_own_arguments(_parser())
     stopping = stop_on_signals()
     try:
-        with plain_failures('nudge'):
+        with exit_on_failure('nudge'):
             initialise()
-            node = Nudger(stopping)
+            node = NudgeClient(stopping)
             kick = node.nudge(options.speed, options.subscribers, options.timeout)
             if kick is not None:
                 print(f'nudge: {described(kick)}')

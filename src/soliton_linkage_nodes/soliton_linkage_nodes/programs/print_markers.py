@@ -15,7 +15,7 @@ from soliton_linkage.command_line import PlainParser
 from soliton_linkage.vision.layout import MarkerLayout
 from soliton_linkage.vision.sheets import PAPERS, write_sheets
 from soliton_linkage_nodes.messages.chain_source import chain_of_file, markers_of_file
-from soliton_linkage_nodes.programs.command_line import plain_failures
+from soliton_linkage_nodes.programs.command_line import exit_on_failure
 
 
 def main(arguments: Sequence[str] | None = None) -> None:
@@ -27,7 +27,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
     )
     parser.add_argument('--paper', choices=list(PAPERS), default='a4', help='(%(default)s)')
     options = parser.parse(arguments)
-    with plain_failures('print_markers'):
+    with exit_on_failure('print_markers'):
         layout = MarkerLayout(chain_of_file(options.config).chain, markers_of_file(options.config))
         paths = write_sheets(layout, options.output, options.paper)
         sheets = f'{paths[0]} to {paths[-1]}' if len(paths) > 1 else str(paths[0])

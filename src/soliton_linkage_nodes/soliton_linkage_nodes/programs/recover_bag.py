@@ -8,11 +8,11 @@ from pathlib import Path
 
 from soliton_linkage.command_line import PlainParser
 from soliton_linkage.progress import ProgressLine
-from soliton_linkage_nodes.bags.rescue import recover_bag
+from soliton_linkage_nodes.bags.recovery import recover_bag
 from soliton_linkage_nodes.programs.command_line import (
     add_limits,
+    exit_on_failure,
     limits_of,
-    plain_failures,
 )
 from soliton_linkage_nodes.runtime.process import interrupt_on_signals
 
@@ -36,7 +36,7 @@ def main() -> None:
     output = options.output or name.parent / f'{name.name.partition(".")[0]}_recovered'
     progress = ProgressLine(f'recovering {bag}', 0)
     interrupt_on_signals()
-    with plain_failures('recover_bag'):
+    with exit_on_failure('recover_bag'):
         try:
             report, new = recover_bag(
                 bag,

@@ -8,14 +8,14 @@ from pathlib import Path
 from soliton_linkage.command_line import PlainParser
 from soliton_linkage.linkage.urdf import JointLimits, robot_description
 from soliton_linkage_nodes.messages.chain_source import ParameterFile, chain_of_file
-from soliton_linkage_nodes.programs.command_line import plain_failures
+from soliton_linkage_nodes.programs.command_line import exit_on_failure
 
 
 def main() -> None:
     """Print it."""
     parser = PlainParser(prog='robot_description', description=__doc__)
     parser.add_argument('config', type=Path, help='parameter file such as config/flipper.yaml')
-    with plain_failures('robot_description'):
+    with exit_on_failure('robot_description'):
         print(description_of_file(parser.parse().config))
 
 

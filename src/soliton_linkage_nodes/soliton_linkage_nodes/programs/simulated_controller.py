@@ -27,7 +27,7 @@ from soliton_linkage.microcontroller.simulated_controller import (
 )
 from soliton_linkage_nodes.messages.chain_source import chain_of_file
 from soliton_linkage_nodes.messages.conversions import NamedChain
-from soliton_linkage_nodes.programs.command_line import number, plain_failures
+from soliton_linkage_nodes.programs.command_line import exit_on_failure, number
 from soliton_linkage_nodes.runtime.process import interrupt_on_signals
 
 _RATE = Quantity('frames a second', 'Hz', 1.0, 1000.0)
@@ -81,7 +81,7 @@ class PseudoTerminal:
         os.close(self._there)
 
 
-class PlayedChain:
+class RealTimeChain:
     """A simulated chain on a line, frame by frame."""
 
     def __init__(
@@ -116,7 +116,7 @@ class PlayedChain:
 def main(arguments: Sequence[str] | None = None) -> None:
     """Play until Ctrl-C; exit with 1 where that fails, 130 on Ctrl-C."""
     options = _parser().parse(arguments)
-    with plain_failures('simulated_controller'):
+    with exit_on_failure('simulated_controller'):
         interrupt_on_signals()
         named = chain_of_file(options.chain)
         encoders = encoders_of(named, options.counts_per_turn)
@@ -124,7 +124,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
         controller = SimulatedController(named.rotors, encoders, settings)
         terminal = PseudoTerminal(options.link)
         try:
-            played = PlayedChain(named, controller, terminal, options.rate)
+            played = RealTimeChain(named, controller, terminal, options.rate)
             print(
                 f'{terminal.path}\nserial_encoders --ros-args --params-file {options.chain} '
                 f'-p chain_from:=parameters -p port:={terminal.path}',
@@ -140,7 +140,7 @@ def encoders_of(named: NamedChain, counts_per_turn: float) -> RotaryEncoders:
     return RotaryEncoders((counts_per_turn,), offsets=named.encoder_offsets)
 
 
-def _keep_time(played: PlayedChain) -> None:
+def _keep_time(played: RealTimeChain) -> None:
     """Play in real time, and report once if the machine is too slow."""
     begun, reported = time.monotonic(), False
     while True:

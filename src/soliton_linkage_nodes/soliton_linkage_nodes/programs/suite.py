@@ -21,7 +21,7 @@ import yaml
 from rclpy.parameter import Parameter
 
 from soliton_linkage.command_line import PlainParser
-from soliton_linkage_nodes.programs.command_line import parse_beside_ros
+from soliton_linkage_nodes.programs.command_line import parse_own_arguments
 from soliton_linkage_nodes.runtime.command_line import parameter_names
 from soliton_linkage_nodes.runtime.managed import ManagedNode
 from soliton_linkage_nodes.runtime.process import Component, run_together
@@ -65,7 +65,9 @@ def main() -> None:
         metavar='NODE',
         help=f'{", ".join(NODES)}; without any, all of one chain',
     )
-    names = parse_beside_ros(parser, _known_to_ros(sys.argv[1:])).nodes or of_one_chain(sys.argv)
+    names = parse_own_arguments(parser, _known_to_ros(sys.argv[1:])).nodes or of_one_chain(
+        sys.argv
+    )
     for name in names:
         if _kind(name) not in NODES:
             parser.error(f'{name!r} is none of {", ".join(NODES)}')

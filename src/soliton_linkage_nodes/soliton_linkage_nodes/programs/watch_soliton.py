@@ -17,8 +17,8 @@ from rclpy.serialization import deserialize_message
 
 from soliton_linkage.command_line import PlainParser
 from soliton_linkage_msgs.msg import SolitonState
-from soliton_linkage_nodes.programs.command_line import parse_beside_ros
-from soliton_linkage_nodes.programs.lean_line import LEGEND, LeanLine
+from soliton_linkage_nodes.programs.chain_line import LEGEND, ChainLine
+from soliton_linkage_nodes.programs.command_line import parse_own_arguments
 from soliton_linkage_nodes.runtime import interfaces
 from soliton_linkage_nodes.runtime.parameters import reject_unknown
 from soliton_linkage_nodes.runtime.process import run
@@ -40,7 +40,7 @@ class WatchSoliton(Node):
 
     def __init__(self, **kwargs: Any) -> None:
         super().__init__('watch_soliton', **kwargs)
-        self._line = LeanLine(self)
+        self._line = ChainLine(self)
         self._heard: tuple[bytes, float] | None = None
         interfaces.SOLITON_STATE.subscribe(self, self._on_state, raw=True)
         reject_unknown(self)
@@ -85,7 +85,7 @@ def main() -> None:
         description=__doc__,
         epilog=f'Marks: {LEGEND}. Ctrl-C ends it.',
     )
-    parse_beside_ros(parser)
+    parse_own_arguments(parser)
     try:
         run(WatchSoliton)
     except SystemExit as end:

@@ -10,7 +10,7 @@ import yaml
 from hypothesis import given
 from hypothesis import strategies as st
 
-from soliton_linkage_nodes.bags.guards import LARGEST_TEXT, count_in, load_json, load_yaml
+from soliton_linkage_nodes.bags.guards import MAX_TEXT_SIZE, load_json, load_yaml, parse_count
 
 PLAIN = st.recursive(
     st.none() | st.booleans() | st.integers() | st.text('abc: {}[]&*!-1.\n', max_size=20),
@@ -30,7 +30,7 @@ def test_plain_yaml_is_read_as_it_was_written(value: object) -> None:
         ('a: &a [1]\nb: *a', 'alias'),
         ('[' * 40 + ']' * 40, 'deeper than 30 levels'),
         ('x: ' + '1:' * 1000 + '1', 'a number of 2001 characters'),
-        ('x' * (LARGEST_TEXT + 1), 'more than 4194304'),
+        ('x' * (MAX_TEXT_SIZE + 1), 'more than 4194304'),
         ('!!python/object/apply:os.system ["true"]', 'python/object'),
         ('[{', 'flow'),
         ('x: \x00', 'characters are not allowed'),
@@ -56,9 +56,9 @@ def test_json_is_read(text: str) -> None:
     'value', [-1, math.inf, math.nan, 2**63, True, None, 'many', '-3', '9' * 50, [1], 1.5]
 )
 def test_what_is_no_count_is_none(value: object) -> None:
-    assert count_in(value) == 0
+    assert parse_count(value) == 0
 
 
 @pytest.mark.parametrize(('value', 'count'), [(3, 3), ('42', 42), (0, 0), (2**63 - 1, 2**63 - 1)])
 def test_counts_are_read(value: object, count: int) -> None:
-    assert count_in(value) == count
+    assert parse_count(value) == count

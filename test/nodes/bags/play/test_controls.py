@@ -105,7 +105,7 @@ def test_there_is_no_burst_without_a_pause(
     bag = write_bag(tmp_path / 'run', run_of(named, 2, gap=60 * 10**9))
     graph.start(BagPlayer, {'bag': str(bag)})
     assert burst(services, 1) == 0
-    assert '~/burst is refused: it is not paused; call ~/pause before' in capfd.readouterr().err
+    assert 'rejected ~/burst: it is not paused; call ~/pause first' in capfd.readouterr().err
 
 
 def test_a_part_of_the_bag_is_played_after_a_stop(
@@ -159,11 +159,11 @@ def test_rounds_are_told(
     player = graph.start(BagPlayer, {'bag': str(bag), 'loop': True})
     graph.until(lambda: len(frames) >= 30, 'three rounds')
     report = graph.next_report('bag_player').message
-    assert re.fullmatch(r'played \d+ messages in \d+ rounds \(the bag holds 12\)', report)
+    assert re.fullmatch(r'played \d+ messages in \d+ rounds \(the bag contains 12\)', report)
     graph.stop(player)
     (line,) = re.findall('played .*', capfd.readouterr().err)
     told = re.fullmatch(
-        rf'played (\d+) messages of {bag} in (\d+) rounds \(the bag holds 12\)', line
+        rf'played (\d+) messages of {bag} in (\d+) rounds \(the bag contains 12\)', line
     )
     assert told
     played, rounds = map(int, told.groups())
@@ -181,5 +181,5 @@ def test_jumps_are_told(
     assert graph.call(service_type('Seek'), 'bag_player/seek', time=late).success
     graph.until(lambda: player.finished, 'the end')
     (line,) = re.findall('played .*', capfd.readouterr().err)
-    told = rf'played \d+ messages of {bag} in 1 jump \(the bag holds 100\)'
+    told = rf'played \d+ messages of {bag} in 1 jump \(the bag contains 100\)'
     assert re.fullmatch(told, line)

@@ -39,11 +39,11 @@ def start_analyser(graph: Graph, hears: bool = True) -> Node:
 @pytest.mark.parametrize(
     ('given', 'states', 'said'),
     [
-        ({}, 0, '/another_analyser publishes /soliton_state: what was recorded is left out; '),
+        ({}, 0, '/another_analyser publishes /soliton_state: the recorded one is left out; '),
         (
             {'topics': ['joint_states', 'soliton_state']},
             30,
-            '/another_analyser publishes /soliton_state, too, and the two mix; ',
+            '/another_analyser also publishes /soliton_state; both are mixed. ',
         ),
     ],
 )

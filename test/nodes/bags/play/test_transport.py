@@ -9,8 +9,7 @@ from typing import Any
 
 import pytest
 
-from soliton_linkage_nodes.bags.play import transport
-from soliton_linkage_nodes.bags.play.transport import Transport, Turn
+from soliton_linkage_nodes.bags.play.playback import NextAction, PlaybackClock
 
 SECOND = 10**9
 
@@ -36,9 +35,9 @@ def clock() -> Clock:
 
 
 @pytest.fixture
-def started(clock: Clock) -> Callable[..., Transport]:
-    def start(*arguments: Any) -> Transport:
-        moved = Transport(*arguments, clock=clock, changed=clock)
+def started(clock: Clock) -> Callable[..., PlaybackClock]:
+    def start(*arguments: Any) -> PlaybackClock:
+        moved = PlaybackClock(*arguments, clock=clock, changed=clock)
         moved.start(0)
         return moved
 
@@ -47,16 +46,18 @@ def started(clock: Clock) -> Callable[..., Transport]:
 
 @pytest.mark.parametrize('rate', [0.5, 1.0, 4.0])
 def test_messages_are_due_at_the_rate_without_any_drift(
-    clock: Clock, started: Callable[..., Transport], rate: float
+    clock: Clock, started: Callable[..., PlaybackClock], rate: float
 ) -> None:
     moved = started(rate)
     for number in range(2000):
         stamp = number * 7_000_001
-        assert moved.wait_for(stamp) is Turn.PLAY
+        assert moved.wait_for(stamp) is NextAction.PLAY
         assert clock.now - 1000.0 == pytest.approx(stamp / SECOND / rate, abs=1e-9)
 
 
-def test_the_rate_may_change_on_the_way(clock: Clock, started: Callable[..., Transport]) -> None:
+def test_the_rate_may_change_on_the_way(
+    clock: Clock, started: Callable[..., PlaybackClock]
+) -> None:
     moved = started(1.0)
     moved.wait_for(2 * SECOND)
     moved.set_rate(4.0)
@@ -66,7 +67,7 @@ def test_the_rate_may_change_on_the_way(clock: Clock, started: Callable[..., Tra
 
 
 def test_a_pause_puts_off_what_follows_by_as_long(
-    clock: Clock, started: Callable[..., Transport]
+    clock: Clock, started: Callable[..., PlaybackClock]
 ) -> None:
     moved = started(2.0)
     moved.wait_for(1 * SECOND)
@@ -79,7 +80,7 @@ def test_a_pause_puts_off_what_follows_by_as_long(
 
 
 def test_pausing_and_resuming_twice_is_as_good_as_once(
-    clock: Clock, started: Callable[..., Transport]
+    clock: Clock, started: Callable[..., PlaybackClock]
 ) -> None:
     moved = started(1.0)
     for act in (moved.pause, moved.pause, moved.resume, moved.resume):
@@ -89,20 +90,22 @@ def test_pausing_and_resuming_twice_is_as_good_as_once(
     assert clock.now == pytest.approx(1000.0 + 2.0 + 4.0)
 
 
-def test_without_pace_everything_is_due(clock: Clock, started: Callable[..., Transport]) -> None:
+def test_without_pace_everything_is_due(
+    clock: Clock, started: Callable[..., PlaybackClock]
+) -> None:
     moved = started(1.0, False, False)
     for number in range(10):
-        assert moved.wait_for(number * SECOND) is Turn.PLAY
+        assert moved.wait_for(number * SECOND) is NextAction.PLAY
     assert clock.now == 1000.0
 
 
 def test_in_a_pause_one_message_passes_for_each_step() -> None:
-    moved = Transport(1.0, paused=True)
+    moved = PlaybackClock(1.0, paused=True)
     moved.start(0)
     passed: list[int] = []
 
     def play() -> None:
-        passed.extend(n for n in range(5) if moved.wait_for(n) is Turn.PLAY)
+        passed.extend(n for n in range(5) if moved.wait_for(n) is NextAction.PLAY)
 
     playing = threading.Thread(target=play)
     playing.start()
@@ -122,41 +125,41 @@ def test_in_a_pause_one_message_passes_for_each_step() -> None:
 
 
 def test_there_is_no_step_where_there_is_no_pause() -> None:
-    assert not Transport().play_next()
+    assert not PlaybackClock().play_next()
 
 
 def test_a_step_that_nobody_takes_is_forgotten() -> None:
-    moved = Transport(paused=True, longest_step=0.05)
+    moved = PlaybackClock(paused=True, longest_step=0.05)
     assert not moved.play_next()
     moved.start(0)
     threading.Timer(0.05, moved.stop).start()
-    assert moved.wait_for(0) is Turn.STOP
+    assert moved.wait_for(0) is NextAction.STOP
 
 
 def test_a_wait_ends_where_another_instant_is_sought_or_it_is_to_stop() -> None:
-    moved = Transport()
+    moved = PlaybackClock()
     moved.start(0)
     threading.Timer(0.05, moved.seek, [7]).start()
-    assert moved.wait_for(3600 * SECOND) is Turn.SEEK
+    assert moved.wait_for(3600 * SECOND) is NextAction.SEEK
     assert moved.take_sought() == 7
     threading.Timer(0.05, moved.stop).start()
-    assert moved.wait_for(3600 * SECOND) is Turn.STOP
-    with pytest.raises(ValueError, match='no instant was sought'):
+    assert moved.wait_for(3600 * SECOND) is NextAction.STOP
+    with pytest.raises(ValueError, match='there was no seek'):
         moved.take_sought()
 
 
 @pytest.fixture
-def playing() -> Iterator[tuple[Transport, list[int]]]:
+def playing() -> Iterator[tuple[PlaybackClock, list[int]]]:
     """Five messages that are paused, in a thread that takes note of those that pass."""
-    moved, passed = Transport(paused=True, longest_step=0.05), list[int]()
+    moved, passed = PlaybackClock(paused=True, longest_step=0.05), list[int]()
     moved.start(0)
 
     def play() -> None:
-        turn = Turn.SEEK
-        while turn is Turn.SEEK:
-            passed.extend(n for n in range(5) if moved.wait_for(n) is Turn.PLAY)
+        turn = NextAction.SEEK
+        while turn is NextAction.SEEK:
+            passed.extend(n for n in range(5) if moved.wait_for(n) is NextAction.PLAY)
             turn = moved.wait_at_end()
-            if turn is Turn.SEEK:
+            if turn is NextAction.SEEK:
                 moved.take_sought()
 
     thread = threading.Thread(target=play)
@@ -167,7 +170,7 @@ def playing() -> Iterator[tuple[Transport, list[int]]]:
 
 
 def test_a_burst_lets_so_many_messages_pass_in_a_pause_and_0_lets_all(
-    playing: tuple[Transport, list[int]],
+    playing: tuple[PlaybackClock, list[int]],
 ) -> None:
     moved, passed = playing
     assert moved.burst(3) == 3
@@ -183,25 +186,24 @@ def test_a_burst_lets_so_many_messages_pass_in_a_pause_and_0_lets_all(
     assert moved.burst(1) == 0
 
 
-def test_a_burst_that_lasts_is_answered_before_its_end(monkeypatch: pytest.MonkeyPatch) -> None:
-    slow = Transport(paused=True)
+def test_a_burst_that_lasts_is_answered_before_its_end() -> None:
+    slow = PlaybackClock(paused=True, longest_burst=0.05)
     slow.start(0)
-    monkeypatch.setattr(transport, '_LONGEST_BURST', 0.05)
     threading.Timer(0.01, slow.wait_for, [0]).start()
     assert slow.burst(3) == 1
     assert slow.stepping
-    assert slow.wait_for(1) is Turn.PLAY
-    assert slow.wait_for(2) is Turn.PLAY
+    assert slow.wait_for(1) is NextAction.PLAY
+    assert slow.wait_for(2) is NextAction.PLAY
     assert not slow.stepping
 
 
 def test_after_a_stop_it_may_be_opened_again() -> None:
-    moved = Transport(paused=True)
+    moved = PlaybackClock(paused=True)
     moved.start(0)
     moved.seek(5)
     moved.stop()
-    assert moved.wait_at_end() is Turn.STOP
+    assert moved.wait_at_end() is NextAction.STOP
     moved.reopen()
     moved.resume()
-    assert moved.wait_at_end() is Turn.PLAY
+    assert moved.wait_at_end() is NextAction.PLAY
     assert not moved.stopping.is_set()

@@ -16,7 +16,7 @@ from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
 from soliton_linkage_msgs.msg import Chain, Cycle, Soliton, SolitonState
 from soliton_linkage_nodes.bags.player import BagPlayer
-from soliton_linkage_nodes.bags.read.reading import (
+from soliton_linkage_nodes.bags.reading import (
     find_topic,
     is_older,
     open_bag,

@@ -19,8 +19,8 @@ from rosbags.interfaces import QosDurability, QosReliability
 from std_msgs.msg import Header
 
 from soliton_linkage_msgs.msg import Soliton, SolitonState
-from soliton_linkage_nodes.bags.read import reading as bags
-from soliton_linkage_nodes.bags.read.reading import open_bag
+from soliton_linkage_nodes.bags import reading as bags
+from soliton_linkage_nodes.bags.reading import open_bag
 from soliton_linkage_nodes.bags.record.bag_writer import BagWriter
 from soliton_linkage_nodes.messages.conversions import NamedChain
 from soliton_linkage_nodes.runtime import interfaces
@@ -162,7 +162,7 @@ def test_a_bag_that_was_not_finished_is_named_with_the_remedy(
 ) -> None:
     path = write_bag(tmp_path / 'run', run_of(named, 20), storage)
     (path / 'metadata.yaml').unlink()
-    said = rf"^bag '{path}' cannot be read: it has no metadata.yaml; .* recover_bag {path} makes"
+    said = rf"^bag '{path}' cannot be read: it has no metadata.yaml. .* recover_bag {path}$"
     with pytest.raises(ValueError, match=said), open_bag(path):
         pass
 
@@ -234,7 +234,7 @@ def test_a_topic_that_is_not_there_is_named_with_those_that_are(
 ) -> None:
     path = write_bag(tmp_path / 'run', run_of(named, 2)[:1])
     with open_bag(path) as reader:
-        said = r"has no topic 'joint_states', it holds /nudge; record it with bag_recorder"
+        said = r"has no topic 'joint_states', it contains /nudge; record it with bag_recorder"
         with pytest.raises(ValueError, match=said):
             bags.find_topic(reader, 'joint_states')
 

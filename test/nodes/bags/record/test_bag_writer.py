@@ -19,9 +19,9 @@ from rosbags.rosbag2 import Reader
 from std_msgs.msg import Float64
 
 from soliton_linkage_msgs.msg import Soliton, SolitonState
-from soliton_linkage_nodes.bags.read.reading import type_name
+from soliton_linkage_nodes.bags.reading import type_name
 from soliton_linkage_nodes.bags.record.bag_writer import BagWriter
-from soliton_linkage_nodes.bags.rescue import check_bag, recover_bag
+from soliton_linkage_nodes.bags.recovery import check_bag, recover_bag
 from soliton_linkage_nodes.messages.conversions import NamedChain
 from soliton_linkage_nodes.runtime import interfaces
 
@@ -200,7 +200,7 @@ def test_a_type_of_which_nothing_is_known_is_named(tmp_path: Path) -> None:
 
 
 def test_an_unknown_compression_is_refused(tmp_path: Path) -> None:
-    with pytest.raises(ValueError, match="compression 'lz4' is not known; use none or zstd"):
+    with pytest.raises(ValueError, match="compression 'lz4' is unknown; use none or zstd"):
         BagWriter(tmp_path / 'run', 'lz4')
     assert not list(tmp_path.iterdir())
 

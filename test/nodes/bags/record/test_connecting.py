@@ -14,34 +14,31 @@ from graphs import Graph
 from recordings import messages_of
 from std_msgs.msg import Float64
 
-from soliton_linkage_nodes.bags.record import taking_thread
-from soliton_linkage_nodes.bags.record.taking_thread import Connecting
+from soliton_linkage_nodes.bags.record.receiving_thread import DiscoveryWait
 from soliton_linkage_nodes.bags.recorder import BagRecorder
-from soliton_linkage_nodes.bags.rescue import recover_bag
+from soliton_linkage_nodes.bags.recovery import recover_bag
 from soliton_linkage_nodes.messages.conversions import NamedChain, chain_to_msg
 from soliton_linkage_nodes.runtime import interfaces
 from soliton_linkage_nodes.runtime.stamps import time_to_msg
 
 
-def done_at(looks: list[tuple[float, int, int]], monkeypatch: pytest.MonkeyPatch) -> Any:
-    """When it is done, and what is missing, if it sees publishers and heard ones at times [s]."""
-    clock = SimpleNamespace(monotonic=lambda: 0.0)
-    monkeypatch.setattr(taking_thread, 'time', clock)
-    watch = Connecting()
+def done_at(polls: list[tuple[float, int, int]]) -> Any:
+    """Return when the wait ends and what is missing, for publishers and matches at times [s]."""
+    now = 0.0
+    wait = DiscoveryWait(clock=lambda: now)
     for step in range(200):
         now = 0.1 * step
-        clock.monotonic = lambda now=now: now
-        _, publishers, connected = [look for look in looks if look[0] <= now][-1]
-        inlet: Any = SimpleNamespace(
+        _, publishers, connected = [poll for poll in polls if poll[0] <= now][-1]
+        subscription: Any = SimpleNamespace(
             source=SimpleNamespace(name='/nudge'), publishers=publishers, connected=connected
         )
-        if watch.done([inlet]):
-            return pytest.approx(now, abs=0.15), watch.missing
+        if wait.done([subscription]):
+            return pytest.approx(now, abs=0.15), wait.missing
     return None
 
 
 @pytest.mark.parametrize(
-    ('looks', 'done', 'missing'),
+    ('polls', 'done', 'missing'),
     [
         ([(0.0, 0, 0)], 3.2, []),
         ([(0.0, 0, 0), (0.3, 1, 1)], 3.2, []),
@@ -51,12 +48,11 @@ def done_at(looks: list[tuple[float, int, int]], monkeypatch: pytest.MonkeyPatch
     ],
 )
 def test_it_is_done_when_nobody_has_come_for_a_while(
-    monkeypatch: pytest.MonkeyPatch,
-    looks: list[tuple[float, int, int]],
+    polls: list[tuple[float, int, int]],
     done: float,
     missing: list[str],
 ) -> None:
-    assert done_at(looks, monkeypatch) == (done, missing)
+    assert done_at(polls) == (done, missing)
 
 
 def test_what_was_latched_is_kept_and_the_next_nudge_heard_once_it_says_that_it_records(
@@ -64,10 +60,7 @@ def test_what_was_latched_is_kept_and_the_next_nudge_heard_once_it_says_that_it_
     named: NamedChain,
     tmp_path: Path,
     said: Callable[[], str],
-    monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    monkeypatch.setattr(taking_thread, '_ALL_ANNOUNCED', 0.5)
-    monkeypatch.setattr(taking_thread, '_QUIET', 0.3)
     topics = {topic.name: topic for topic in (interfaces.CHAIN, interfaces.NUDGE)}
     publishers = {
         name: graph.user.create_publisher(topic.type, name, topic.qos)
@@ -92,10 +85,7 @@ def test_a_publisher_of_another_type_is_not_waited_for(
     graph: Graph,
     tmp_path: Path,
     said: Callable[[], str],
-    monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    monkeypatch.setattr(taking_thread, '_ALL_ANNOUNCED', 0.5)
-    monkeypatch.setattr(taking_thread, '_QUIET', 0.3)
     other = Graph(graph.domain)
     other.user.create_publisher(interfaces.CHAIN.type, 'nudge', 10)
     graph.start(BagRecorder, {'output': str(tmp_path / 'run'), 'topics': ['nudge']})

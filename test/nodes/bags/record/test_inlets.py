@@ -85,7 +85,7 @@ def test_a_publisher_that_offers_less_is_heard_as_well(graph: Graph, tmp_path: P
 
 
 def test_a_pattern_that_is_none_is_named(graph: Graph, tmp_path: Path) -> None:
-    said = r"parameter regex of bag_recorder = '\(' is no regular expression: "
+    said = r"parameter regex of bag_recorder = '\(' is not a regular expression: "
     with pytest.raises(ValueError, match=said):
         graph.start(BagRecorder, {'output': str(tmp_path / 'run'), 'regex': '('})
     assert list(tmp_path.iterdir()) == []

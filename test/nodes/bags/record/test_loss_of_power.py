@@ -14,7 +14,7 @@ from graphs import Graph, values
 from programs import Program
 from recordings import messages_of, publish_for
 
-from soliton_linkage_nodes.bags.rescue import recover_bag
+from soliton_linkage_nodes.bags.recovery import recover_bag
 from soliton_linkage_nodes.messages.conversions import NamedChain
 from soliton_linkage_nodes.runtime import interfaces
 
@@ -51,7 +51,7 @@ def test_what_was_sent_an_interval_before_is_kept(
     publisher = graph.speak(interfaces.JOINT_STATES)
     reports = graph.reports('bag_recorder')
     graph.until(
-        lambda: reports and '/joint_states' in values(reports[-1])['topics heard'],
+        lambda: reports and '/joint_states' in values(reports[-1])['topics received'],
         'the recorder to hear',
     )
     sent, times = publish_for(publisher, named, LASTED, 0.002)

@@ -19,12 +19,16 @@ from rclpy.serialization import serialize_message
 from recordings import frame_message, lost_in, messages_of, publish_frames
 
 from soliton_linkage_nodes.bags.record.bag_writer import BagWriter
-from soliton_linkage_nodes.bags.record.writing_thread import Source, Taken, WritingThread
+from soliton_linkage_nodes.bags.record.writing_thread import (
+    ReceivedMessage,
+    RecordedTopic,
+    WritingThread,
+)
 from soliton_linkage_nodes.bags.recorder import BagRecorder
 from soliton_linkage_nodes.messages.conversions import NamedChain
 from soliton_linkage_nodes.runtime import interfaces
 
-NUDGES = Source('/nudge', 'std_msgs/msg/Float64', (interfaces.NUDGE.qos,))
+NUDGES = RecordedTopic('/nudge', 'std_msgs/msg/Float64', (interfaces.NUDGE.qos,))
 
 
 @pytest.fixture
@@ -59,7 +63,7 @@ def test_a_full_disk_ends_it_with_one_line(
     graph.until(ended, 'the end of the recorder')
     assert program.process.returncode == 1
     begun, *told, failed = program.said
-    assert f'{bag}_0 is begun; ' in begun
+    assert f'created {bag}_0; ' in begun
     assert all(line.endswith(f'recording to {bag}_0') for line in told[:1])
     assert len(told) <= 1
     assert f"bag '{bag}_0' cannot be written: " in failed
@@ -99,7 +103,7 @@ def test_what_a_full_disk_took_can_be_read(small_disk: Path, largest: int) -> No
     thread = WritingThread(lambda: BagWriter(bag, largest_file=largest, flush_interval=0.0))
     sent: list[bytes] = []
     while thread.failure is None:
-        messages = [Taken(NUDGES, len(sent) + n, os.urandom(100)) for n in range(100)]
+        messages = [ReceivedMessage(NUDGES, len(sent) + n, os.urandom(100)) for n in range(100)]
         sent += [message.serialized for message in messages]
         thread.put(messages)
     thread.close({})
@@ -124,7 +128,7 @@ def test_messages_are_told_lost_that_a_slow_disk_leaves_no_room_for(
     thread = WritingThread(lambda: SlowDisk(tmp_path / 'run'), most_waiting=1000)
     thread.split()
     for number in range(100):
-        thread.put([Taken(NUDGES, number, bytes(100))])
+        thread.put([ReceivedMessage(NUDGES, number, bytes(100))])
     gate.set()
     thread.close({})
     assert thread.dropped == {'/nudge': 90}

@@ -22,9 +22,9 @@ from rosbags.typesys import Stores, get_typestore
 
 from soliton_linkage_nodes.bags.guards import DEFAULT_LIMITS
 from soliton_linkage_nodes.bags.metadata import SUFFIXES, storage_of
-from soliton_linkage_nodes.bags.read.reading import open_bag, read_messages, type_name
+from soliton_linkage_nodes.bags.reading import open_bag, read_messages, type_name
 from soliton_linkage_nodes.bags.record.bag_writer import BagWriter
-from soliton_linkage_nodes.bags.rescue import check_bag, recover_bag, rescued_file
+from soliton_linkage_nodes.bags.recovery import check_bag, recover_bag, recovered_file
 from soliton_linkage_nodes.bags.storages import mcap_records
 from soliton_linkage_nodes.bags.storages.mcap_writer import McapWriter
 from soliton_linkage_nodes.messages.conversions import NamedChain
@@ -64,7 +64,7 @@ def write(
         writer.write(topics[topic.name], stamp, serialize_message(message))
         if number % per_chunk == per_chunk - 1:
             writer.flush()
-    writer.note({'lost_messages': '{"/joint_states": 3}'})
+    writer.set_custom_data({'lost_messages': '{"/joint_states": 3}'})
     if finish:
         writer.close()
     if storage == 'sqlite3':
@@ -84,13 +84,13 @@ def attempt(bag: Path, output: Path) -> Held:
 
 def rescued(file: Path) -> Held:
     """What is intact of a file, which is left as it is."""
-    return rescued_and_unverified(file)[0]
+    return recovered_and_unverified(file)[0]
 
 
-def rescued_and_unverified(file: Path) -> tuple[Held, int]:
+def recovered_and_unverified(file: Path) -> tuple[Held, int]:
     """The same, and how many of the messages are marked to be without a checksum."""
     before = file.read_bytes()
-    found = rescued_file(file, storage_of(file) or '', False, DEFAULT_LIMITS)
+    found = recovered_file(file, storage_of(file) or '', False, DEFAULT_LIMITS)
     held = [(topic.name, stamp, data) for topic, stamp, data in found.messages()]
     assert file.read_bytes() == before
     assert all('\n' not in damage for damage in found.damage)
@@ -197,7 +197,7 @@ def test_many_wounds_leave_messages_as_they_were_or_an_error(
             else:
                 damaged[begin:begin] = chance.randbytes(size)
         data.write_bytes(damaged)
-        held, unverified = rescued_and_unverified(data)
+        held, unverified = recovered_and_unverified(data)
         assert sum(message not in sent for message in held) <= unverified
 
 
@@ -276,7 +276,7 @@ def test_a_file_with_nothing_in_it_begins_no_bag(
 ) -> None:
     path = tmp_path / f'run_0{suffix}'
     path.write_bytes(content)
-    with pytest.raises(ValueError, match='has nothing that could be brought back: run_0'):
+    with pytest.raises(ValueError, match=r'nothing can be recovered from bag .*: run_0'):
         recover_bag(path, tmp_path / 'new')
     assert not (tmp_path / 'new_0').exists()
 
@@ -325,7 +325,7 @@ def test_a_compressed_file_that_is_cut_gives_back_what_is_before(
     )
     packed.write_bytes(pieces[: len(pieces) // 2])
     report = check_bag(tmp_path / 'run_0')
-    assert 'compression is cut short' in report.damage[0]
+    assert 'compressed data is truncated' in report.damage[0]
     assert report.messages + report.lost >= len(sent)
 
 
@@ -411,5 +411,5 @@ def test_rows_of_a_cut_sqlite3_file_that_sqlite_can_read_come_back(
     assert 0 < found[0] < found[1] < found[2]
     report = check_bag(bag)
     assert 'not a whole page' in report.damage[0]
-    assert 'sqlite3 says' in report.damage[1]
+    assert 'sqlite3 reports' in report.damage[1]
     assert report.messages + report.lost == len(sent)

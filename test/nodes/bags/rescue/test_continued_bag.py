@@ -12,17 +12,17 @@ from recordings import START, Entry, messages_of, run_of, write_bag
 from rosbags.rosbag2 import Reader
 from std_msgs.msg import Float64
 
-from soliton_linkage_nodes.bags.read.reading import type_name
-from soliton_linkage_nodes.bags.record.bag_writer import BagBegun, BagWriter
+from soliton_linkage_nodes.bags.reading import type_name
+from soliton_linkage_nodes.bags.record.bag_writer import BagWriter, UnfinishedBag
 from soliton_linkage_nodes.bags.recorder import BagRecorder
-from soliton_linkage_nodes.bags.rescue import check_bag, take_over, unfinished_bag
+from soliton_linkage_nodes.bags.recovery import check_bag, take_over, unfinished_bag
 from soliton_linkage_nodes.messages.conversions import NamedChain
 from soliton_linkage_nodes.runtime import interfaces
 
 LATER = 10**9
 
 
-def record(name: Path, entries: list[Entry], begun: BagBegun | None = None) -> BagWriter:
+def record(name: Path, entries: list[Entry], begun: UnfinishedBag | None = None) -> BagWriter:
     """Write a bag as far as the system has it, and leave it as a kill would."""
     writer = BagWriter(name, flush_interval=0.0, begun=begun)
     for topic, stamp, message in entries:

@@ -11,7 +11,7 @@ from mcap.records import ChunkIndex
 from rclpy.serialization import serialize_message
 from std_msgs.msg import Float64
 
-from soliton_linkage_nodes.bags.storages.mcap_rescue import RescuedMcap
+from soliton_linkage_nodes.bags.storages.mcap_recovery import RecoveredMcap
 from soliton_linkage_nodes.bags.storages.mcap_writer import McapWriter
 from soliton_linkage_nodes.bags.stored_topic import StoredTopic, type_definition
 
@@ -87,11 +87,11 @@ def test_topics_that_were_silent_till_a_kill_are_known(tmp_path: Path) -> None:
     size = path.stat().st_size
     writer.flush()
     assert path.stat().st_size == size
-    rescued = RescuedMcap(path)
+    rescued = RecoveredMcap(path)
     assert rescued.topics == {1: topic(1)}
     writer.write(1, 10, message(10))
     writer.flush()
-    assert list(RescuedMcap(path).messages()) == [(topic(1), 10, message(10))]
+    assert list(RecoveredMcap(path).messages()) == [(topic(1), 10, message(10))]
     writer.abandon()
 
 
@@ -106,4 +106,4 @@ def test_a_chunk_tells_what_its_messages_are_though_the_head_is_lost(tmp_path: P
     writer.abandon()
     whole = path.read_bytes()
     path.write_bytes(bytes(begin) + whole[begin:])
-    assert list(RescuedMcap(path).messages()) == [(topic(1), 10, message(10))]
+    assert list(RecoveredMcap(path).messages()) == [(topic(1), 10, message(10))]

@@ -3,7 +3,7 @@ from __future__ import annotations
 
 from live_stage import Visit, until
 
-from soliton_linkage_nodes.bags.read.reading import open_bag, read_topic
+from soliton_linkage_nodes.bags.reading import open_bag, read_topic
 from soliton_linkage_nodes.live_view.view import View
 from soliton_linkage_nodes.runtime.stamps import SECOND
 

@@ -1,2 +1,2 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What the player is made of: its clock, its back-pressure and its keys."""
+"""Parts of the player: playback clock and thread, publishers, services and keys."""

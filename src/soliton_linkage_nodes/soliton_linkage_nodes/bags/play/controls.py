@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What a person may ask of a player, by services and by the keys of its terminal."""
+"""Services of the player, and keys of its terminal."""
 
 from __future__ import annotations
 
@@ -12,25 +12,29 @@ import tty
 from collections.abc import Callable, Mapping
 from typing import Any
 
-from soliton_linkage_nodes.bags.play.playing_thread import Excerpt, PlayingThread
-from soliton_linkage_nodes.bags.play.transport import RATES, Transport
-from soliton_linkage_nodes.bags.services import Reply, serve, tell
+from soliton_linkage_nodes.bags.play.playback import (
+    RATES,
+    PlaybackClock,
+    PlaybackRange,
+    PlaybackThread,
+)
+from soliton_linkage_nodes.bags.services import Reply, serve, serve_value
 from soliton_linkage_nodes.runtime.managed import ManagedNode
 from soliton_linkage_nodes.runtime.stamps import SECOND, time_from_msg
 
 _POLL_INTERVAL = 0.1
-"""How soon it stops when it is told to [s]."""
+"""Poll interval of the stop request [s]."""
 _MOST_READ = 64
-"""Bytes that are read at one go, many more than a person types in that time."""
+"""Bytes per read [1], more than a person types in one poll interval."""
 SPACE = ' '
 UP, DOWN, RIGHT = '\x1b[A', '\x1b[B', '\x1b[C'
 
 
 class Keyboard:
-    """Calls what belongs to a key in a thread of its own; does nothing without a terminal."""
+    """Thread that calls the action of each pressed key; inactive without a terminal."""
 
     def __init__(self, actions: Mapping[str, Callable[[], object]]) -> None:
-        """Begin to take keys, if there are any to be taken."""
+        """Start reading keys, if there is a terminal."""
         self._actions = actions
         self._stopping = threading.Event()
         self._thread: threading.Thread | None = None
@@ -47,11 +51,11 @@ class Keyboard:
 
     @property
     def taken(self) -> bool:
-        """Whether keys are taken."""
+        """Whether keys are read."""
         return self._thread is not None
 
     def close(self) -> None:
-        """Give the terminal back as it was."""
+        """Restore the settings of the terminal."""
         self._stopping.set()
         if self._thread is not None:
             self._thread.join()
@@ -69,7 +73,7 @@ class Keyboard:
 
 
 def _keys(pressed: str) -> list[str]:
-    """Split what was read into keys, of which arrows are three characters each."""
+    """Split input into keys; an arrow key has three characters."""
     keys = []
     while pressed:
         size = 3 if pressed.startswith('\x1b[') else 1
@@ -79,30 +83,30 @@ def _keys(pressed: str) -> list[str]:
 
 
 _FASTER = 1.1
-"""By what a key changes the rate."""
+"""Factor by which a key changes the rate [1]."""
 _KEYS = 'space: pause; right: next message; up, down: faster, slower'
 
 
 class PlayerControls:
-    """Offers the services of a player and takes keys, until it is closed."""
+    """Services and keys of a player."""
 
     def __init__(
         self,
         node: ManagedNode,
-        transport: Transport,
-        playing: PlayingThread,
-        excerpt: Excerpt,
+        clock: PlaybackClock,
+        playing: PlaybackThread,
+        part: PlaybackRange,
     ) -> None:
-        """Begin to listen; the excerpt is what is played where a request does not tell."""
-        self._transport = transport
+        """Offer the services; `part` is played if a request does not specify another."""
+        self._clock = clock
         self._playing = playing
-        self._excerpt = excerpt
+        self._range = part
         self._offer_services(node)
         self._node = node
         self._keyboard = Keyboard(
             {
-                SPACE: self._key(transport.toggle),
-                RIGHT: self._key(transport.play_next),
+                SPACE: self._key(clock.toggle),
+                RIGHT: self._key(clock.play_next),
                 UP: self._key(lambda: self._change_rate(_FASTER)),
                 DOWN: self._key(lambda: self._change_rate(1 / _FASTER)),
             }
@@ -111,7 +115,7 @@ class PlayerControls:
             node.get_logger().info(_KEYS)
 
     def close(self) -> None:
-        """Give the terminal back."""
+        """Restore the terminal."""
         self._keyboard.close()
 
     def _key(self, act: Callable[[], object]) -> Callable[[], object]:
@@ -119,74 +123,74 @@ class PlayerControls:
 
     def _change_rate(self, factor: float) -> None:
         low, high = RATES
-        self._transport.set_rate(min(max(self._transport.rate * factor, low), high))
+        self._clock.set_rate(min(max(self._clock.rate * factor, low), high))
 
     def _offer_services(self, node: ManagedNode) -> None:
-        transport = self._transport
-        serve(node, 'pause', 'Pause', lambda _: self._paused(transport.pause))
-        serve(node, 'resume', 'Resume', lambda _: self._paused(transport.resume))
-        serve(node, 'toggle_paused', 'TogglePaused', lambda _: self._paused(transport.toggle))
+        clock = self._clock
+        serve(node, 'pause', 'Pause', lambda _: self._paused(clock.pause))
+        serve(node, 'resume', 'Resume', lambda _: self._paused(clock.resume))
+        serve(node, 'toggle_paused', 'TogglePaused', lambda _: self._paused(clock.toggle))
         serve(node, 'play_next', 'PlayNext', lambda _: self._play_next())
         serve(node, 'burst', 'Burst', self._burst)
         serve(node, 'seek', 'Seek', lambda request: self._seek(time_from_msg(request.time)))
         serve(node, 'play', 'Play', self._play)
         serve(node, 'stop', 'Stop', lambda _: self._stop())
         serve(node, 'set_rate', 'SetRate', lambda request: self._set_rate(request.rate))
-        tell(node, 'is_paused', 'IsPaused', 'paused', lambda: transport.paused)
-        tell(node, 'get_rate', 'GetRate', 'rate', lambda: transport.rate)
+        serve_value(node, 'is_paused', 'IsPaused', 'paused', lambda: clock.paused)
+        serve_value(node, 'get_rate', 'GetRate', 'rate', lambda: clock.rate)
 
     def _paused(self, act: Callable[[], None]) -> Reply:
         act()
-        return Reply('paused' if self._transport.paused else 'playing')
+        return Reply('paused' if self._clock.paused else 'playing')
 
     def _play_next(self) -> Reply:
-        if not self._transport.play_next():
+        if not self._clock.play_next():
             raise ValueError(self._no_step())
         return Reply('one message')
 
     def _burst(self, request: Any) -> Reply:
         wanted = getattr(request, 'num_messages', 0)
-        passed = self._transport.burst(wanted)
+        passed = self._clock.burst(wanted)
         if not passed:
             raise ValueError(self._no_step())
-        more = ', the rest follows' if self._transport.stepping else ''
+        more = ', the rest follows' if self._clock.stepping else ''
         return Reply(f'{passed} messages{more}', {'actually_burst': passed})
 
     def _no_step(self) -> str:
-        if self._transport.paused:
+        if self._clock.paused:
             return 'no message is left, or none is ready yet; call it again, ~/seek or ~/play'
-        return 'it is not paused; call ~/pause before'
+        return 'it is not paused; call ~/pause first'
 
     def _seek(self, stamp: int) -> Reply:
-        first, last = self._excerpt.origin, self._excerpt.end
+        first, last = self._range.origin, self._range.end
         if not self._playing.playing:
             raise ValueError('nothing is playing; call ~/play')
         if not first <= stamp <= last:
-            raise ValueError(f'{stamp} ns is not between {first} and {last} ns')
-        self._transport.seek(stamp)
-        return Reply(f'goes on at {(stamp - first) / SECOND:.3f} s')
+            raise ValueError(f'{stamp} ns is outside the bag, {first} to {last} ns')
+        self._clock.seek(stamp)
+        return Reply(f'continues at {(stamp - first) / SECOND:.3f} s')
 
     def _play(self, request: Any) -> Reply:
-        excerpt = self._excerpt
+        part = self._range
         if hasattr(request, 'start_offset'):
-            excerpt = excerpt.part(
+            part = part.part(
                 time_from_msg(request.start_offset),
                 time_from_msg(request.playback_duration),
                 time_from_msg(request.playback_until_timestamp),
             )
-        self._playing.play(excerpt)
-        begin, end = ((t - excerpt.origin) / SECOND for t in (excerpt.start, excerpt.end))
-        paused = ', once ~/resume is called' if self._transport.paused else ''
+        self._playing.play(part)
+        begin, end = ((t - part.origin) / SECOND for t in (part.start, part.end))
+        paused = ', after ~/resume' if self._clock.paused else ''
         return Reply(f'plays from {begin:.3f} to {end:.3f} s{paused}')
 
     def _stop(self) -> Reply:
         was_playing = self._playing.playing
         self._playing.stop()
-        return Reply('stopped; ~/play begins again' if was_playing else 'nothing was playing')
+        return Reply('stopped; ~/play starts again' if was_playing else 'nothing was playing')
 
     def _set_rate(self, rate: float) -> Reply:
         low, high = RATES
         if not low <= rate <= high:
             raise ValueError(f'rate = {rate:g} must lie in the range {low:g} to {high:g}')
-        self._transport.set_rate(rate)
+        self._clock.set_rate(rate)
         return Reply(f'{rate:g} times as fast as recorded')

@@ -1,2 +1,2 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Parts of the recorder: subscriptions, the taking and writing threads, the bag writer."""
+"""Parts of the recorder: subscriptions, the receiving and writing threads, the bag writer."""

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Bags of rosbag2's layout that survive the end of their writer, whatever ends it."""
+"""Writer of bags in rosbag2's layout that stay readable if the writer is killed."""
 
 from __future__ import annotations
 
@@ -29,17 +29,17 @@ from soliton_linkage_nodes.bags.stored_topic import StoredTopic, profiles_text, 
 from soliton_linkage_nodes.runtime.stamps import SECOND
 
 COMPRESSIONS = ('none', 'zstd')
-_NOTE_INTERVAL = 1.0
-"""How often changed texts are put into the file, which in mcap keeps every version [s]."""
+_CUSTOM_DATA_INTERVAL = 1.0
+"""Period at which changed custom data is written [s]; the file keeps every version."""
 _GAPS = 'gaps'
 _RESERVE = 'space_for_the_index'
 _RESERVE_BYTES = 2**20
-"""Room for the index of a day's mcap file, which takes some 100 bytes a chunk [B]."""
+"""Space for the index of one day [B], about 100 bytes per chunk."""
 
 
 @dataclass(frozen=True)
-class BagBegun:
-    """What a bag holds that another has begun: one file, topics with counts, and texts."""
+class UnfinishedBag:
+    """Content of a bag that another process has begun: one file, topics with counts, texts."""
 
     path: Path
     file: StoredFile
@@ -48,16 +48,14 @@ class BagBegun:
 
 
 class BagWriter:
-    """A bag that is being written, in a directory named `<name>_<first free number>`.
+    """Writer of a bag in a directory named `<name>_<first free number>`.
 
-    Its files are called after the directory, `<directory>_0`, `<directory>_1`, ... Ten times
-    a second, or when `tick` is called after that time, what was written is handed to the system,
-    which keeps it if the process is killed. Where the disk is full, a file of 1 MiB that was kept
-    free makes room for the index. Every `sync_interval` [s], unless that is 0, the disk is made to
-    take it, so that a loss of power costs no more.
+    The files are named `<directory>_0`, `<directory>_1`, ... Every `flush_interval` [s], pending
+    messages are passed to the system, which keeps them if the process is killed. Every
+    `sync_interval` [s] (0: never) the file is synchronised to disk, so that a loss of power costs
+    no more than that. If the disk is full, a reserved file of 1 MiB makes space for the index.
 
-    It may be used from one thread only. Its methods raise OSError where the
-    bag cannot be written.
+    Use it from one thread only. Methods raise OSError if the bag cannot be written.
     """
 
     def __init__(
@@ -68,22 +66,22 @@ class BagWriter:
         longest_file: float = 0.0,
         flush_interval: float = 0.1,
         sync_interval: float = 0.0,
-        begun: BagBegun | None = None,
+        begun: UnfinishedBag | None = None,
     ) -> None:
-        """Create the directory; a new file is begun after so many bytes or seconds, if any.
+        """Create the directory, or continue an unfinished bag in a new file.
 
-        A bag that another has begun is gone on with in a new file.
+        A new file begins after `largest_file` [B] or `longest_file` [s], unless that is 0.
         """
         if compression not in COMPRESSIONS:
             known = ' or '.join(COMPRESSIONS)
-            raise ValueError(f'compression {compression!r} is not known; use {known}')
+            raise ValueError(f'compression {compression!r} is unknown; use {known}')
         self.path = name
         self.topics: list[StoredTopic] = []
         self._known: dict[tuple[str, str], StoredTopic] = {}
         self.finished = False
-        self._of_another = begun is not None
-        self.gap = ''
-        """What is to be said of a bag that is gone on with."""
+        self._is_continued = begun is not None
+        self.gap_description = ''
+        """Duration that is missing in a continued bag, for the log."""
         self._is_open = False
         self._begun: int | None = None
         self._codec = '' if compression == 'none' else compression
@@ -94,40 +92,36 @@ class BagWriter:
         self._files: list[StoredFile] = []
         self._counts: Counter[int] = Counter()
         self._custom_data: dict[str, str] = {}
-        self._noted: dict[str, str] = {}
+        self._written_custom_data: dict[str, str] = {}
         self._flushed_at = self._synced_at = time.monotonic()
-        self._noted_at = self._flushed_at - _NOTE_INTERVAL
-        with self._complaining():
+        self._custom_data_at = self._flushed_at - _CUSTOM_DATA_INTERVAL
+        with self._naming_the_bag():
             self.path = _first_free(name) if begun is None else begun.path
             self.path.mkdir(parents=True, exist_ok=begun is not None)
             try:
                 (self.path / _RESERVE).write_bytes(bytes(_RESERVE_BYTES))
                 if begun is not None:
-                    self._take_over(begun)
-                self._file = self._open_file()
-                self._is_open = True
-                for topic in self.topics:
-                    self._file.add_topic(topic)
-                self._sync_folder()
+                    self._continue(begun)
+                self._open_file()
             except BaseException:
-                self.leave_nothing()
+                self.remove_if_empty()
                 raise
 
     @property
     def messages(self) -> int:
-        """Messages stored so far."""
-        # Other threads may ask while a topic is added: the lists are made at one go.
+        """Number of messages stored so far."""
+        # Another thread may add a topic meanwhile: copy the values in one step.
         return sum(list(self._counts.values())) + sum(list(self._file.counts.values()))
 
     @property
     def files(self) -> int:
-        """Files begun so far."""
+        """Number of files begun so far."""
         return len(self._files) + 1
 
     def add_topic(self, topic: str, type_name: str, *profiles: QoSProfile) -> StoredTopic:
-        """Begin to store a topic, with the qualities of service that its publishers offer.
+        """Add a topic with the QoS profiles that its publishers offer.
 
-        Raises ValueError where the definition of its type is not to be had.
+        Raises ValueError if the definition of its type is not installed.
         """
         definition, digest = type_definition(type_name)
         text = profiles_text(profiles)
@@ -137,23 +131,23 @@ class BagWriter:
         return added
 
     def add_stored_topic(self, topic: StoredTopic) -> StoredTopic:
-        """Begin to store a topic that is told whole; return it with its number in this bag."""
+        """Add a complete topic; return it with its number in this bag."""
         known = self._known.get((topic.name, topic.type_name))
         if known is not None:
             return known
         stored = replace(topic, number=len(self.topics) + 1)
-        self._keep(stored)
-        with self._complaining():
+        self._remember(stored)
+        with self._naming_the_bag():
             self._file.add_topic(stored)
         return stored
 
     def write(self, topic: StoredTopic, stamp: int, serialized: bytes) -> None:
-        """Store a serialized message that was received at a time since the epoch [ns]."""
+        """Store a serialized message that was received at a time [ns since 1970]."""
         self.write_all([(topic, stamp, serialized)])
 
     def write_all(self, messages: Iterable[tuple[StoredTopic, int, bytes]]) -> None:
-        """Store serialized messages, each with its topic and when it was received [ns]."""
-        with self._complaining():
+        """Store serialized messages, each with its topic and receive time [ns]."""
+        with self._naming_the_bag():
             for topic, stamp, serialized in messages:
                 if self._begun is None:
                     self._begun = stamp
@@ -161,52 +155,52 @@ class BagWriter:
                     self._split()
                     self._begun = stamp
                 self._file.write(topic.number, stamp, serialized)
-        self.tick()
+        self.flush_if_due()
 
-    def tick(self) -> None:
-        """Hand what was written to the system, if the last time was not just now."""
+    def flush_if_due(self) -> None:
+        """Flush, synchronise and write custom data, each if its interval is over."""
         now = time.monotonic()
-        with self._complaining():
+        with self._naming_the_bag():
             if now - self._flushed_at >= self._flush_interval:
                 self._flushed_at = now
                 self._file.flush()
             if 0 < self._sync_interval <= now - self._synced_at:
                 self._sync_file()
-            if now - self._noted_at >= _NOTE_INTERVAL:
-                self._note()
+            if now - self._custom_data_at >= _CUSTOM_DATA_INTERVAL:
+                self._write_custom_data()
 
     def flush(self) -> None:
-        """Hand what was written to the system now."""
-        with self._complaining():
+        """Pass all pending messages to the system."""
+        with self._naming_the_bag():
             self._file.flush()
 
-    def keep(self) -> None:
-        """Hand all over, texts too, and have the disk take it, if it ever is made to."""
-        with self._complaining():
+    def checkpoint(self) -> None:
+        """Flush messages and custom data, and synchronise the file unless that is disabled."""
+        with self._naming_the_bag():
             self._file.flush()
-            self._note()
+            self._write_custom_data()
             if self._sync_interval:
                 self._sync_file()
 
-    def note(self, custom_data: Mapping[str, str]) -> None:
-        """Keep texts in the bag's metadata, also if the bag is never closed."""
+    def set_custom_data(self, custom_data: Mapping[str, str]) -> None:
+        """Set texts for the bag's metadata; they are kept if the bag is never closed."""
         self._custom_data.update(custom_data)
 
     def split(self) -> None:
-        """Go on in a new file."""
-        with self._complaining():
+        """Continue in a new file."""
+        with self._naming_the_bag():
             self._split()
 
     def close(self, custom_data: Mapping[str, str] | None = None) -> None:
-        """Finish the bag, with texts that are kept in its metadata."""
-        self.note(custom_data or {})
-        with self._complaining():
+        """Finish the bag, with custom data for its metadata."""
+        self.set_custom_data(custom_data or {})
+        with self._naming_the_bag():
             self._close_file()
             self._finish()
             (self.path / _RESERVE).unlink()
 
-    def rescue(self) -> None:
-        """Finish a bag that could not be written, with what the disk took, as far as it goes."""
+    def finish_after_error(self) -> None:
+        """Finish a bag after a failed write, with the messages that were written before."""
         try:
             (self.path / _RESERVE).unlink(missing_ok=True)
             if self._is_open:
@@ -217,9 +211,9 @@ class BagWriter:
             if self._is_open:
                 self._file.abandon()
 
-    def leave_nothing(self) -> None:
-        """Remove a bag of its own that has no message, be it finished or not even begun."""
-        if self._of_another or (self._is_open and self.messages):
+    def remove_if_empty(self) -> None:
+        """Remove the bag if it has no message and was not continued."""
+        if self._is_continued or (self._is_open and self.messages):
             return
         ours = (f'{self.path.name}_', METADATA_FILE, _RESERVE)
         with suppress(OSError):
@@ -228,50 +222,47 @@ class BagWriter:
                     path.unlink()
             self.path.rmdir()
 
-    def _keep(self, topic: StoredTopic) -> None:
+    def _remember(self, topic: StoredTopic) -> None:
         self.topics.append(topic)
         self._known[topic.name, topic.type_name] = topic
 
-    def _take_over(self, begun: BagBegun) -> None:
-        """Have what was recorded before, and say from when to when [ns] nothing was."""
+    def _continue(self, begun: UnfinishedBag) -> None:
+        """Adopt the content of an unfinished bag, and add the gap [ns] to its custom data."""
         for topic in sorted(begun.counts, key=lambda topic: topic.number):
-            self._keep(topic)
+            self._remember(topic)
         self._counts.update({topic.number: n for topic, n in begun.counts.items()})
         self._files.append(begun.file)
-        missing = (time.time_ns() - begun.file.end) / SECOND
-        self.gap = f', which was begun before: {missing:.1f} s up to now are missing'
-        told = load_json(begun.custom_data.get(_GAPS, '[]'))
-        gaps = [*(told if isinstance(told, list) else []), [begun.file.end, time.time_ns()]]
+        now = time.time_ns()
+        missing = (now - begun.file.end) / SECOND
+        self.gap_description = f', a continued bag; the last {missing:.1f} s are missing'
+        earlier = load_json(begun.custom_data.get(_GAPS, '[]'))
+        gaps = [*(earlier if isinstance(earlier, list) else []), [begun.file.end, now]]
         self._custom_data = {**begun.custom_data, _GAPS: json.dumps(gaps)}
 
     def _split(self) -> None:
         self._close_file()
         self._is_open = False
-        self._file = self._open_file()
         self._begun = None
-        self._is_open = True
-        self._sync_folder()
-        for topic in self.topics:
-            self._file.add_topic(topic)
-        self._noted = {}
+        self._written_custom_data = {}
+        self._open_file()
 
     def _finish(self) -> None:
         write_metadata(self.path, self._information([]))
         self._sync_folder()
         self.finished = True
 
-    def _note(self) -> None:
-        if self._custom_data != self._noted:
-            self._noted_at = time.monotonic()
-            self._noted = dict(self._custom_data)
-            self._file.note(self._noted)
+    def _write_custom_data(self) -> None:
+        if self._custom_data != self._written_custom_data:
+            self._custom_data_at = time.monotonic()
+            self._written_custom_data = dict(self._custom_data)
+            self._file.write_custom_data(self._written_custom_data)
 
     def _sync_file(self) -> None:
         self._synced_at = time.monotonic()
         _sync(self.path / self._file_name())
 
     def _sync_folder(self) -> None:
-        """Have the disk take the names of the files."""
+        """Synchronise the directory entries of the files."""
         for folder in (self.path, self.path.parent) if self._sync_interval else ():
             _sync(folder)
 
@@ -281,8 +272,12 @@ class BagWriter:
     def _file_name(self) -> str:
         return f'{self.path.name}_{len(self._files)}{SUFFIXES[MCAP]}'
 
-    def _open_file(self) -> McapWriter:
-        return McapWriter(self.path / self._file_name(), self._codec)
+    def _open_file(self) -> None:
+        self._file = McapWriter(self.path / self._file_name(), self._codec)
+        self._is_open = True
+        self._sync_folder()
+        for topic in self.topics:
+            self._file.add_topic(topic)
 
     def _close_file(self) -> None:
         self._file.flush()
@@ -300,11 +295,10 @@ class BagWriter:
             topic: self._counts[topic.number] + self._file.counts[topic.number]
             for topic in self.topics
         }
-        files = [*self._files, *last]
-        return bag_information(MCAP, counts, files, self._custom_data)
+        return bag_information(counts, [*self._files, *last], self._custom_data)
 
     @contextmanager
-    def _complaining(self) -> Iterator[None]:
+    def _naming_the_bag(self) -> Iterator[None]:
         try:
             yield
         except OSError as error:
@@ -314,7 +308,7 @@ class BagWriter:
 
 
 def _sync(path: Path) -> None:
-    """Have the disk take what was written to a file, or what a folder holds."""
+    """Synchronise a file or directory to disk."""
     descriptor = os.open(path, os.O_RDONLY)
     try:
         os.fdatasync(descriptor)

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A thread that does all that touches a bag, so that a slow disk holds up nobody else."""
+"""Thread that does all access to a bag, so that a slow disk delays nothing else."""
 
 from __future__ import annotations
 
@@ -15,17 +15,17 @@ from soliton_linkage_nodes.bags.record.bag_writer import BagWriter
 from soliton_linkage_nodes.bags.stored_topic import StoredTopic
 from soliton_linkage_nodes.runtime.pacing import IdlePriority
 
-_TICK = 0.1
-"""How often the bag is told of the time where no messages come, so that it flushes [s]."""
+_FLUSH_INTERVAL = 0.1
+"""Period of flushes while no messages arrive [s]."""
 _LONGEST_FLUSH = 5.0
-"""How long who asks for a flush waits for the disk [s]; what is put is written all the same."""
+"""Longest wait of `flush` for the disk [s]; the messages are written in any case."""
 _MOST_WAITING = 512 * 2**20
-"""What may wait in memory [B]: ten seconds of a thousand rotors at 1000 Hz."""
+"""Memory for waiting messages [B]: ten seconds of a thousand rotors at 1000 Hz."""
 
 
 @dataclass(frozen=True, eq=False)
-class Source:
-    """A topic that is recorded: its name, type, and the qualities of service offered."""
+class RecordedTopic:
+    """A recorded topic with its type and the QoS profiles that its publishers offer."""
 
     name: str
     type_name: str
@@ -33,19 +33,19 @@ class Source:
     latched: bool = False
 
 
-class Taken(NamedTuple):
-    """A message as it was taken: whence, when it was received [ns], and what."""
+class ReceivedMessage(NamedTuple):
+    """A serialized message with its topic and receive time [ns]."""
 
-    source: Source
+    source: RecordedTopic
     stamp: int
     serialized: bytes
 
 
 class WritingThread:
-    """Writes messages in the order in which they are put, however long the disk takes.
+    """Thread that writes messages in the order in which they are put.
 
-    While it is behind, up to 512 MiB wait in memory; beyond that messages are dropped and
-    counted. A failure to write ends the bag, as far as it goes, and is kept for who asks.
+    While the disk is slow, up to 512 MiB wait in memory; further messages are dropped and counted.
+    If a write fails, the bag is finished as far as possible and the error is kept in `failure`.
     """
 
     def __init__(
@@ -54,13 +54,13 @@ class WritingThread:
         most_waiting: int = _MOST_WAITING,
         real_time: bool = False,
     ) -> None:
-        """Create the bag, and go before ordinary threads if it is to do so in real time.
+        """Create the bag; with `real_time` the thread runs before ordinary threads.
 
-        Raises what the writer raises.
+        Raises the errors of the writer.
         """
         self.dropped: Counter[str] = Counter()
         self.failure: Exception | None = None
-        self.refused: dict[str, str] = {}
+        self.rejected: dict[str, str] = {}
         self._most_waiting = most_waiting
         self._waiting: deque[Callable[[], object]] = deque()
         self._bytes = 0
@@ -68,7 +68,7 @@ class WritingThread:
         self._ending = False
         self._real_time = real_time
         self._final: Mapping[str, str] = {}
-        self._topics: dict[Source, StoredTopic | None] = {}
+        self._topics: dict[RecordedTopic, StoredTopic | None] = {}
         self._ready = threading.Event()
         self._thread = threading.Thread(
             target=self._run, args=(create_writer,), name='bag', daemon=True
@@ -81,16 +81,16 @@ class WritingThread:
 
     @property
     def writer(self) -> BagWriter:
-        """The bag; what it says may be read from any thread."""
+        """The bag writer; its properties may be read from any thread."""
         return self._writer
 
     @property
     def waiting(self) -> int:
-        """Bytes of messages that wait to be written."""
+        """Size of the messages that wait to be written [B]."""
         return self._bytes
 
-    def put(self, messages: Sequence[Taken]) -> None:
-        """Have messages written, soon."""
+    def put(self, messages: Sequence[ReceivedMessage]) -> None:
+        """Queue messages for writing."""
         if not messages:
             return
         size = sum(len(message.serialized) for message in messages)
@@ -102,20 +102,20 @@ class WritingThread:
             self._waiting.append(lambda: self._write(messages, size))
             self._changed.notify()
 
-    def begin(self, source: Source) -> None:
-        """Have a topic in the bag, though it may never get a message."""
-        self._post(lambda: self._begin(source))
+    def add_topic(self, topic: RecordedTopic) -> None:
+        """Add a topic to the bag, even if it never gets a message."""
+        self._post(lambda: self._stored(topic))
 
-    def note(self, texts: Mapping[str, str]) -> None:
-        """Have texts kept in the bag."""
-        self._post(lambda: self._writer.note(texts))
+    def set_custom_data(self, texts: Mapping[str, str]) -> None:
+        """Set custom data of the bag."""
+        self._post(lambda: self._writer.set_custom_data(texts))
 
     def split(self) -> None:
-        """Have the bag go on in a new file."""
+        """Continue the bag in a new file."""
         self._post(self._writer.split)
 
     def flush(self) -> None:
-        """Wait, not for long, until all that was put is with the system."""
+        """Wait, for a limited time, until all queued messages are passed to the system."""
         written = threading.Event()
 
         def write() -> None:
@@ -126,17 +126,17 @@ class WritingThread:
             self._post(write)
             written.wait(_LONGEST_FLUSH)
 
-    def when_kept(self, act: Callable[[], object]) -> None:
-        """Have something done as soon as all that was put is kept whatever comes."""
+    def after_checkpoint(self, act: Callable[[], object]) -> None:
+        """Call a function once all messages queued before are safe on disk."""
 
         def keep() -> None:
-            self._writer.keep()
+            self._writer.checkpoint()
             act()
 
         self._post(keep)
 
     def close(self, custom_data: Mapping[str, str]) -> None:
-        """Write all that waits and finish the bag; what fails is kept."""
+        """Write all queued messages and finish the bag; a failure is kept in `failure`."""
         with self._changed:
             self._final = custom_data
             self._ending = True
@@ -144,9 +144,9 @@ class WritingThread:
         self._thread.join()
 
     def abandon(self) -> None:
-        """End a bag that is not to be recorded after all; without a message nothing is left."""
+        """Close the bag, and remove it if it has no message."""
         self.close({})
-        self._writer.leave_nothing()
+        self._writer.remove_if_empty()
 
     def _post(self, action: Callable[[], object]) -> None:
         with self._changed:
@@ -171,44 +171,44 @@ class WritingThread:
             self._fail(error)
 
     def _next(self) -> Callable[[], object] | None:
-        """What to do next; None at the end."""
+        """Return the next action; None at the end."""
         with self._changed:
             if not self._waiting and not self._ending:
-                self._changed.wait(_TICK)
+                self._changed.wait(_FLUSH_INTERVAL)
             if self._waiting:
                 return self._waiting.popleft()
-            return None if self._ending else self._writer.tick
+            return None if self._ending else self._writer.flush_if_due
 
     def _fail(self, error: Exception) -> None:
         try:
-            self._writer.rescue()
+            self._writer.finish_after_error()
         except Exception:
             self.failure = error
             raise
         kept = f'the {self._writer.messages} messages before are kept'
         if not self._writer.finished:
-            kept = f'recover_bag {self._writer.path} brings back what was written before'
+            kept = f'recover the messages before with: recover_bag {self._writer.path}'
         with self._changed:
             self.failure = OSError(f'{error}; {kept}') if isinstance(error, OSError) else error
             self._waiting.clear()
             self._bytes = 0
 
-    def _begin(self, source: Source) -> StoredTopic | None:
-        if source not in self._topics:
+    def _stored(self, topic: RecordedTopic) -> StoredTopic | None:
+        if topic not in self._topics:
             try:
-                self._topics[source] = self._writer.add_topic(
-                    source.name, source.type_name, *source.profiles
+                self._topics[topic] = self._writer.add_topic(
+                    topic.name, topic.type_name, *topic.profiles
                 )
             except ValueError as error:
-                self._topics[source] = None
-                self.refused[source.name] = str(error)
-        return self._topics[source]
+                self._topics[topic] = None
+                self.rejected[topic.name] = str(error)
+        return self._topics[topic]
 
-    def _write(self, messages: Sequence[Taken], size: int) -> None:
+    def _write(self, messages: Sequence[ReceivedMessage], size: int) -> None:
         stored = [
             (topic, stamp, serialized)
             for source, stamp, serialized in messages
-            if (topic := self._begin(source)) is not None
+            if (topic := self._stored(source)) is not None
         ]
         self._writer.write_all(stored)
         with self._changed:

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Records of MCAP files as bytes (https://mcap.dev/spec): what writing and rescuing share."""
+"""Binary records of MCAP files (https://mcap.dev/spec), for reading and writing."""
 
 from __future__ import annotations
 
@@ -7,12 +7,12 @@ import struct
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from enum import IntEnum
-from typing import Final, TypeAlias
+from typing import Final, NamedTuple, TypeAlias
 from zlib import crc32
 
 from backports import zstd
 
-from soliton_linkage_nodes.bags.guards import unpacked_begin
+from soliton_linkage_nodes.bags.guards import decompress_prefix
 
 MAGIC: Final = b'\x89MCAP0\r\n'
 MESSAGE_HEADER: Final = struct.Struct('<HIQQ')
@@ -21,14 +21,13 @@ RECORD_HEADER: Final = struct.Struct('<BQ')
 CHUNK_HEADER: Final = struct.Struct('<QQQI')
 CODECS: Final = ('', 'zstd', 'lz4')
 Bytes: TypeAlias = bytes | bytearray | memoryview
-"""What is read: views, where a copy would have to be made."""
 PROFILE: Final = 'ros2'
-NOTES: Final = 'soliton_linkage'
-"""Name of the records of metadata in which a bag that is not closed keeps its texts."""
+CUSTOM_DATA: Final = 'soliton_linkage'
+"""Name of the metadata records that hold the custom data of a bag that is not closed yet."""
 
 
 class Opcode(IntEnum):
-    """Kinds of records."""
+    """Types of records."""
 
     HEADER = 0x01
     FOOTER = 0x02
@@ -57,7 +56,7 @@ class Schema:
 
 @dataclass(frozen=True)
 class Channel:
-    """A topic: its schema, name, encoding of messages, and texts about it."""
+    """A topic with its schema number, message encoding and metadata texts."""
 
     id: int
     schema: int
@@ -66,9 +65,8 @@ class Channel:
     metadata: Mapping[str, str]
 
 
-@dataclass(frozen=True)
-class Message:
-    """A message of a channel, and when it was received [ns]."""
+class Message(NamedTuple):
+    """A message with its channel number and receive time [ns]."""
 
     channel: int
     stamp: int
@@ -76,57 +74,47 @@ class Message:
 
 
 def record(opcode: Opcode, *parts: bytes) -> bytes:
-    """A record of some parts."""
+    """Return a record with the given parts as body."""
     body = b''.join(parts)
     return RECORD_HEADER.pack(opcode, len(body)) + body
 
 
-def text(value: str) -> bytes:
-    """A text with its length before it."""
-    return sized(value.encode())
-
-
 def sized(data: bytes) -> bytes:
-    """Bytes with their length before them."""
+    """Return bytes with their length in front."""
     return struct.pack('<I', len(data)) + data
 
 
+def text(value: str) -> bytes:
+    """Return a UTF-8 text with its length in front."""
+    return sized(value.encode())
+
+
 def schema_record(schema: Schema) -> bytes:
-    """A schema as a record."""
-    return record(
-        Opcode.SCHEMA,
-        struct.pack('<H', schema.id),
-        text(schema.name),
-        text(schema.encoding),
-        sized(schema.data),
-    )
+    """Return a schema as a record."""
+    names = text(schema.name) + text(schema.encoding)
+    return record(Opcode.SCHEMA, struct.pack('<H', schema.id), names, sized(schema.data))
 
 
 def channel_record(channel: Channel) -> bytes:
-    """A channel as a record."""
-    return record(
-        Opcode.CHANNEL,
-        struct.pack('<HH', channel.id, channel.schema),
-        text(channel.topic),
-        text(channel.encoding),
-        text_map(channel.metadata),
-    )
-
-
-def text_map(texts: Mapping[str, str]) -> bytes:
-    """Named texts with their length before them."""
-    return sized(b''.join(text(key) + text(value) for key, value in texts.items()))
+    """Return a channel as a record."""
+    numbers = struct.pack('<HH', channel.id, channel.schema)
+    names = text(channel.topic) + text(channel.encoding)
+    return record(Opcode.CHANNEL, numbers, names, _text_map(channel.metadata))
 
 
 def metadata_record(name: str, texts: Mapping[str, str]) -> bytes:
-    """Named texts as a record."""
-    return record(Opcode.METADATA, text(name), text_map(texts))
+    """Return a metadata record of named texts."""
+    return record(Opcode.METADATA, text(name), _text_map(texts))
+
+
+def _text_map(texts: Mapping[str, str]) -> bytes:
+    return sized(b''.join(text(key) + text(value) for key, value in texts.items()))
 
 
 def message_head(channel: int, stamp: int, size: int) -> bytes:
-    """What a message's bytes, so many, follow to be a record.
+    """Return the head of a message record; the message of `size` bytes follows it.
 
-    It was published when it was received [ns], for all that is known.
+    The publish time is set to the receive time [ns], because it is unknown.
     """
     length = MESSAGE_HEADER.size + size
     return _MESSAGE_RECORD_HEADER.pack(Opcode.MESSAGE, length, channel, 0, stamp, stamp)
@@ -135,55 +123,54 @@ def message_head(channel: int, stamp: int, size: int) -> bytes:
 def chunk_record(
     records: bytes | memoryview, start: int, end: int, codec: str
 ) -> tuple[bytes, bytes | memoryview]:
-    """A chunk of records with messages from start to end [ns]: its head, and they as packed."""
+    """Return head and (compressed) content of a chunk with messages from start to end [ns]."""
     packed = zstd.compress(records) if codec == 'zstd' else records
     fields = CHUNK_HEADER.pack(start, end, len(records), crc32(records))
     fields += text(codec) + struct.pack('<Q', len(packed))
     return RECORD_HEADER.pack(Opcode.CHUNK, len(fields) + len(packed)) + fields, packed
 
 
-def message_index_record(channel: int, places: Sequence[int]) -> bytes:
-    """Where in the chunk before it the messages of a channel are: stamp [ns], offset, ..."""
-    entries = struct.pack(f'<{len(places)}Q', *places)
-    return record(Opcode.MESSAGE_INDEX, struct.pack('<H', channel), sized(entries))
+def message_index_record(channel: int, entries: Sequence[int]) -> bytes:
+    """Return the index of a channel in a chunk; entries alternate stamp [ns] and offset [B]."""
+    packed = struct.pack(f'<{len(entries)}Q', *entries)
+    return record(Opcode.MESSAGE_INDEX, struct.pack('<H', channel), sized(packed))
 
 
 class Fields:
-    """Takes the fields of a record one after the other; ValueError where they overrun it."""
+    """Sequential parser of the fields of a record; ValueError if a field exceeds the record."""
 
     def __init__(self, body: Bytes) -> None:
-        """Begin at the first field."""
         self._body = body
-        self._place = 0
+        self._offset = 0
 
     @property
     def rest(self) -> int:
-        """How many bytes were not taken yet."""
-        return len(self._body) - self._place
+        """Number of bytes that are not parsed yet."""
+        return len(self._body) - self._offset
 
     def take(self, size: int) -> Bytes:
-        """Take so many bytes."""
-        end = self._place + size
+        """Return the next bytes."""
+        end = self._offset + size
         if end > len(self._body):
-            raise ValueError(f'a field of {size} bytes overruns a record of {len(self._body)}')
-        taken = self._body[self._place : end]
-        self._place = end
+            raise ValueError(f'a field of {size} bytes exceeds its record of {len(self._body)}')
+        taken = self._body[self._offset : end]
+        self._offset = end
         return taken
 
     def number(self, size: int) -> int:
-        """Take a number of so many bytes."""
+        """Return the next unsigned number of a size [B]."""
         return int.from_bytes(self.take(size), 'little')
 
     def sized(self) -> Bytes:
-        """Take bytes that their length goes before."""
+        """Return bytes that follow their length."""
         return self.take(self.number(4))
 
     def text(self) -> str:
-        """Take a text."""
+        """Return the next text."""
         return bytes(self.sized()).decode()
 
     def text_map(self) -> dict[str, str]:
-        """Take named texts."""
+        """Return the next map of texts."""
         inner = Fields(self.sized())
         texts = {}
         while inner.rest:
@@ -193,13 +180,13 @@ class Fields:
 
 
 def parse_schema(body: Bytes) -> Schema:
-    """Schema of a record; ValueError where it is none."""
+    """Return the schema in a record; all parsers raise ValueError for an invalid record."""
     fields = Fields(body)
     return Schema(fields.number(2), fields.text(), fields.text(), bytes(fields.sized()))
 
 
 def parse_channel(body: Bytes) -> Channel:
-    """Channel of a record; ValueError where it is none."""
+    """Return the channel in a record."""
     fields = Fields(body)
     return Channel(
         fields.number(2), fields.number(2), fields.text(), fields.text(), fields.text_map()
@@ -207,7 +194,7 @@ def parse_channel(body: Bytes) -> Channel:
 
 
 def parse_message(body: Bytes) -> Message:
-    """Message of a record; ValueError where it is none."""
+    """Return the message in a record."""
     if len(body) < MESSAGE_HEADER.size:
         raise ValueError(f'a message of {len(body)} bytes is shorter than its header')
     channel, _, stamp, _ = MESSAGE_HEADER.unpack_from(body)
@@ -215,24 +202,22 @@ def parse_message(body: Bytes) -> Message:
 
 
 def parse_metadata(body: Bytes) -> tuple[str, dict[str, str]]:
-    """Name and texts of a record; ValueError where it is none."""
+    """Return name and texts in a metadata record."""
     fields = Fields(body)
     return fields.text(), fields.text_map()
 
 
-def parse_message_index(body: Bytes) -> list[int]:
-    """Stamps [ns] and offsets of an index of messages, by turns; ValueError where it is none."""
+def check_message_index(body: Bytes) -> None:
+    """Raise ValueError unless a record is a message index: pairs of two 64-bit numbers."""
     fields = Fields(body)
     fields.take(2)
-    places = fields.sized()
-    if len(places) % 16 or fields.rest:
-        raise ValueError('an index of messages has the wrong length')
-    return list(struct.unpack(f'<{len(places) // 8}Q', places))
+    if len(fields.sized()) % 16 or fields.rest:
+        raise ValueError('a message index has the wrong length')
 
 
 @dataclass(frozen=True)
 class ChunkHead:
-    """What a chunk says of itself, and where its packed records begin in it."""
+    """Fields of a chunk, and the offset of its packed records in the body [B]."""
 
     uncompressed: int
     crc: int
@@ -242,43 +227,50 @@ class ChunkHead:
 
     @property
     def size(self) -> int:
-        """Size of the record's body."""
+        """Size of the record's body [B]."""
         return self.begin + self.packed
 
 
 def parse_chunk_head(body: Bytes) -> ChunkHead:
-    """Head of a chunk; ValueError where it is none."""
+    """Return the head of a chunk."""
     fields = Fields(body)
     _, _, uncompressed, crc = CHUNK_HEADER.unpack(fields.take(CHUNK_HEADER.size))
     codec = bytes(fields.sized())
     if codec not in {name.encode() for name in CODECS}:
-        raise ValueError(f'a chunk is packed with {codec[:20]!r}, which is none of {CODECS}')
+        raise ValueError(f'a chunk has the compression {codec[:20]!r}, which is not in {CODECS}')
     packed = fields.number(8)
     begin = CHUNK_HEADER.size + 4 + len(codec) + 8
     return ChunkHead(uncompressed, crc, codec.decode(), packed, begin)
 
 
 def unpack(head: ChunkHead, packed: Bytes, most: int) -> tuple[Bytes, bool]:
-    """Records of a chunk as far as they can be unpacked, and whether that is all of them.
+    """Return the records of a chunk up to damage, and whether they are complete and intact.
 
-    None come out of a chunk that says of itself, or turns out, to be larger than the limit [B].
+    A chunk that states more than the limit [B] gives no records.
     """
     if head.uncompressed > most:
         return b'', False
     records = packed
     if head.codec:
-        records = unpacked_begin(packed, head.codec, head.uncompressed)
+        records = decompress_prefix(packed, head.codec, head.uncompressed)
     whole = len(packed) == head.packed and len(records) == head.uncompressed
     return records, whole and (not head.crc or crc32(records) == head.crc)
 
 
 def records_in(data: Bytes) -> Iterator[tuple[int, int, Bytes]]:
-    """Yield offset, opcode and body of each whole record; end where one is cut or damaged."""
-    data, place = memoryview(data), 0
-    while place + RECORD_HEADER.size <= len(data):
-        opcode, size = RECORD_HEADER.unpack_from(data, place)
-        begin = place + RECORD_HEADER.size
+    """Yield offset, opcode and body of each record; stop at a truncated or invalid one."""
+    data, offset = memoryview(data), 0
+    while offset + RECORD_HEADER.size <= len(data):
+        opcode, size = RECORD_HEADER.unpack_from(data, offset)
+        begin = offset + RECORD_HEADER.size
         if not opcode or begin + size > len(data):
             return
-        yield place, opcode, data[begin : begin + size]
-        place = begin + size
+        yield offset, opcode, data[begin : begin + size]
+        offset = begin + size
+
+
+def messages_in(records: Bytes, strict: bool = True) -> Iterator[Message]:
+    """Yield the messages among records; invalid ones are skipped unless `strict`."""
+    for _, opcode, body in records_in(records):
+        if opcode == Opcode.MESSAGE and (strict or len(body) >= MESSAGE_HEADER.size):
+            yield parse_message(body)

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What readers of bag files share, and a damaged file, of which as much as possible is read."""
+"""Common parts of the readers of bag files, and the interface of recovery from damaged files."""
 
 from __future__ import annotations
 
@@ -29,44 +29,45 @@ _FORMATS = {
     'omgidl': MessageDefinitionFormat.IDL,
 }
 LAST_STAMP = 2**63 - 1
-"""Of the 64-bit number that ROS keeps time in [ns since 1970], in the year 2262."""
+"""Largest stamp [ns since 1970] of ROS's 64-bit time, in the year 2262."""
 
 
 class LimitedReader:
-    """A reader of rosbags' form that is told what its file may ask for, before it is opened."""
+    """A rosbags reader whose limits are set before it is opened."""
 
-    def __init__(self, limits: BagLimits = DEFAULT_LIMITS) -> None:
-        """Begin with nothing."""
-        self.limits = limits
+    def __init__(self) -> None:
+        self.limits = DEFAULT_LIMITS
         self.connections: list[Connection] = []
         self.metadata = summary_of((), None)
 
 
 def connection(
     owner: ReaderProtocol,
-    number: int,
-    name: str,
-    type_name: str,
-    definition: tuple[str, str],
-    digest: str,
-    *,
+    topic: StoredTopic,
     count: int,
-    serialization: str,
-    profiles: str | Sequence[Any],
 ) -> Connection:
-    """Return a topic of a file; its definition is the encoding and the text."""
-    encoding, text = definition
-    kind = _FORMATS.get(encoding, MessageDefinitionFormat.NONE)
-    told = MessageDefinition(kind, text if kind is not MessageDefinitionFormat.NONE else '')
-    extension = ConnectionExtRosbag2(serialization, qualities(profiles))
-    return Connection(number, name, type_name, told, digest, count, extension, owner)
+    """Return a topic of a file, with its number of messages, in the form of rosbags."""
+    kind = _FORMATS.get(topic.definition_format, MessageDefinitionFormat.NONE)
+    known = kind is not MessageDefinitionFormat.NONE
+    definition = MessageDefinition(kind, topic.definition if known else '')
+    extension = ConnectionExtRosbag2(topic.serialization, parse_profiles(topic.profiles))
+    return Connection(
+        topic.number,
+        topic.name,
+        topic.type_name,
+        definition,
+        topic.digest,
+        count,
+        extension,
+        owner,
+    )
 
 
-def qualities(profiles: str | Sequence[Any]) -> list[Qos]:
-    """Offered qualities of service, none where what is told of them has another form."""
+def parse_profiles(profiles: str | Sequence[Any]) -> list[Qos]:
+    """Return offered QoS profiles from YAML text or its value; empty if they are invalid."""
     try:
-        told: Any = profiles_in(profiles) if isinstance(profiles, str) else list(profiles)
-        return parse_qos(told)
+        values: Any = profiles_in(profiles) if isinstance(profiles, str) else list(profiles)
+        return parse_qos(values)
     except (KeyError, TypeError, ValueError, AttributeError):
         return []
 
@@ -78,7 +79,7 @@ def summary_of(
     distribution: str | None = None,
     custom: dict[str, str] | None = None,
 ) -> ReaderMetadata:
-    """What a bag says of itself, from its topics and the stamps of its first and last message."""
+    """Return the metadata of a bag from its topics and its first and last stamp [ns]."""
     start, end = span or (LAST_STAMP, LAST_STAMP)
     count = sum(each.msgcount for each in connections)
     return ReaderMetadata(
@@ -92,21 +93,20 @@ def summary_of(
     )
 
 
-class RescuedFile(ABC):
-    """A file of a bag of which as much as possible is read.
+class RecoveredFile(ABC):
+    """A possibly damaged file of a bag, of which all intact messages are read.
 
-    `topics` are known by their numbers in the file, `custom_data` are the texts that were kept
-    in it. `damage` says line by line what is wrong with the file, and `lost` counts messages that
-    are known to be in it and cannot be read, `unverified` those that were read and have no
-    checksum; all are complete after the last message.
+    `topics` are keyed by their number in the file. `damage` describes each damaged part in a
+    line. `lost` counts messages that are known to be in the file and cannot be read,
+    `unverified` those read without a checksum. All are complete after the last message.
     """
 
     def __init__(
         self, path: Path, doubtful: bool = False, limits: BagLimits = DEFAULT_LIMITS
     ) -> None:
-        """Look through the file; messages with wrong checksums count if they may be `doubtful`.
+        """Scan the file; `doubtful` keeps messages with wrong checksums.
 
-        What asks for more than the limits is left out, as damage.
+        Data beyond the limits is left out and reported as damage.
         """
         self.topics: dict[int, StoredTopic] = {}
         self.custom_data: dict[str, str] = {}
@@ -116,10 +116,10 @@ class RescuedFile(ABC):
         self._doubtful = doubtful
         self._limits = limits
         self._read = 0
-        self._learn(path)
+        self._scan(path)
 
     def messages(self) -> Iterator[tuple[StoredTopic, int, bytes]]:
-        """Yield the intact messages with their topics and stamps [ns]."""
+        """Yield topic, stamp [ns] and bytes of each intact message."""
         nameless = timeless = 0
         for number, stamp, data in self._messages():
             topic = self.topics.get(number)
@@ -131,18 +131,18 @@ class RescuedFile(ABC):
                 self._read += 1
                 yield topic, stamp, data
         if nameless:
-            self.complain(f'{nameless} messages are of topics whose names are lost', nameless)
+            self.report_damage(f'{nameless} messages have topics whose names are lost', nameless)
         if timeless:
-            self.complain(f'{timeless} messages have stamps before 1970 or after 2262', timeless)
+            self.report_damage(f'{timeless} stamps are before 1970 or after 2262', timeless)
         self._conclude()
 
-    def complain(self, damage: str, lost: int = 0) -> None:
-        """Note what is wrong, and how many messages it costs."""
+    def report_damage(self, damage: str, lost: int = 0) -> None:
+        """Note a damaged part and the number of messages lost in it."""
         self.damage.append(damage)
         self.lost += lost
 
     @abstractmethod
-    def _learn(self, path: Path) -> None:
+    def _scan(self, path: Path) -> None:
         """Fill `topics` and `custom_data`."""
 
     @abstractmethod
@@ -151,4 +151,4 @@ class RescuedFile(ABC):
 
     @abstractmethod
     def _conclude(self) -> None:
-        """Say what is known to be wrong once all messages were read."""
+        """Report damage that is known only after all messages were read."""

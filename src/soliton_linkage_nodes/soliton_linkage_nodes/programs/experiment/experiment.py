@@ -26,7 +26,7 @@ from soliton_linkage.progress import ProgressLine
 from soliton_linkage_msgs.msg import SolitonState
 from soliton_linkage_nodes.bags.services import service_type
 from soliton_linkage_nodes.messages.conversions import chain_from_msg
-from soliton_linkage_nodes.programs.lean_line import LeanLine
+from soliton_linkage_nodes.programs.chain_line import ChainLine
 from soliton_linkage_nodes.runtime import interfaces
 from soliton_linkage_nodes.runtime.child_processes import (
     START_LIMIT,
@@ -151,7 +151,7 @@ class Experiment:
         self._processes.start(node, [*common, *arguments], dict(os.environ))
 
     def _ready(self) -> bool:
-        heard = set(self._observer.figures('bag_recorder').get('topics heard', '').split())
+        heard = set(self._observer.figures('bag_recorder').get('topics received', '').split())
         # A simulator that is late, as on a busy machine, is told in the summary.
         return (
             all(self._observer.well(node) for node in _NODES if node != 'simulator')
@@ -177,7 +177,7 @@ class Experiment:
 
     def _watch(self) -> None:
         """Show the soliton until it has crossed the chain, been reflected and come back."""
-        line, trip = LeanLine(self._observer), RoundTrip(self._observer)
+        line, trip = ChainLine(self._observer), RoundTrip(self._observer)
 
         def back() -> bool:
             ended = trip.ended()

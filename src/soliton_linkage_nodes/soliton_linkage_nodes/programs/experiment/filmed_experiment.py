@@ -20,14 +20,14 @@ from soliton_linkage.linkage.quantities import described_fields, quantity
 from soliton_linkage.orbit.deviating_orbit import orbit_of
 from soliton_linkage.progress import ProgressLine
 from soliton_linkage.vision.video import TimedPicture, read_video, write_video
-from soliton_linkage_nodes.bags.read.reading import open_bag, read_topic
+from soliton_linkage_nodes.bags.reading import open_bag, read_topic
 from soliton_linkage_nodes.messages.camera_measurement import CameraMeasurement, CameraParameters
 from soliton_linkage_nodes.messages.chain_source import chain_of_file, markers_of_file
 from soliton_linkage_nodes.messages.conversions import NamedChain
 from soliton_linkage_nodes.messages.picture_conversions import read_camera, write_camera
 from soliton_linkage_nodes.programs.analyse_bag import analyse
-from soliton_linkage_nodes.programs.bag_analysis import analysed
-from soliton_linkage_nodes.programs.film_encoders import Account, film_to_bag
+from soliton_linkage_nodes.programs.bag_analysis import analyse_frames
+from soliton_linkage_nodes.programs.film_encoders import film_to_bag
 from soliton_linkage_nodes.programs.identify_chain import identify_bags, summary
 from soliton_linkage_nodes.runtime import interfaces
 from soliton_linkage_nodes.runtime.stamps import SECOND
@@ -40,7 +40,7 @@ _FROM_EDGES = 4.0
 
 
 @dataclass(frozen=True)
-class PlaceErrors:
+class PositionErrors:
     """Of the soliton's places, where it is not near an edge."""
 
     angle_noise: float
@@ -100,7 +100,7 @@ class FilmedExperiment:
         self._bench = FilmedBench(self._plan.chain, self._markers, parameters)
         self._folder = output
 
-    def run(self) -> PlaceErrors:
+    def run(self) -> PositionErrors:
         """Do it all, and write the page and summary.json."""
         film, lens = self._folder / 'film.mp4', self._folder / 'camera.yaml'
         self._film(film)
@@ -141,20 +141,20 @@ class FilmedExperiment:
 
     def _seen(
         self, film: Path, lens: Path, named: NamedChain, name: str, overlay: Path | None = None
-    ) -> Account:
+    ) -> FilmSummary:
         told = CameraParameters(CAMERA.row_time, CAMERA.exposure)
         sight = CameraMeasurement(named, self._markers, told, read_camera(lens))
         for earlier in self._folder.glob(f'{name}_*'):
             shutil.rmtree(earlier)
         return film_to_bag(read_video(film), named, sight, self._folder / name, overlay)
 
-    def _errors(self, bag: Path, identified: NamedChain) -> PlaceErrors:
+    def _errors(self, bag: Path, identified: NamedChain) -> PositionErrors:
         """Compare what a bag shows with what only the filmed chain knows."""
         with open_bag(bag) as reader:
             deviations = np.array(
                 [message.position for _, message in read_topic(reader, _DEVIATIONS)]
             )
-            frames = list(analysed(reader, identified))
+            frames = list(analyse_frames(reader, identified))
         found = np.array([_place(analysis) for _, analysis in frames])
         angles = np.array([joints.position for joints, _ in frames])
         stamps = np.array([joints.stamp for joints, _ in frames])
@@ -173,7 +173,7 @@ class FilmedExperiment:
         noise = float(np.nanstd(errors - np.nanmean(errors, axis=0)))
         orbit = orbit_of(self._bench.chain)
         arcs = [orbit.site_arc_at(orbit.arc_at(float(place), 0)) for place in true[inside]]
-        return PlaceErrors(
+        return PositionErrors(
             noise,
             float(np.nanmedian(deviations)),
             int(inside.sum()),
@@ -186,7 +186,7 @@ class FilmedExperiment:
         )
 
 
-def in_words(errors: PlaceErrors, spread: float) -> str:
+def in_words(errors: PositionErrors, spread: float) -> str:
     """What the experiment has shown."""
     return (
         f'Angles were seen to {1e3 * errors.angle_noise:.2g} mrad. In {errors.places} pictures '

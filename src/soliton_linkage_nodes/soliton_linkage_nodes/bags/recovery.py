@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Bags that were not finished or are damaged: what is intact of them, and a new bag of that."""
+"""Check of bags, and recovery of all intact messages of unfinished or damaged ones."""
 
 from __future__ import annotations
 
@@ -16,11 +16,11 @@ from soliton_linkage_nodes.bags.guards import (
     DEFAULT_LIMITS,
     PACKED,
     BagLimits,
-    count_in,
+    decompress_file,
+    decompressed_message,
     open_file,
+    parse_count,
     regular_file,
-    unpack_file,
-    unpacked_message,
 )
 from soliton_linkage_nodes.bags.metadata import (
     MCAP,
@@ -31,31 +31,31 @@ from soliton_linkage_nodes.bags.metadata import (
     load_metadata,
     storage_of,
 )
-from soliton_linkage_nodes.bags.record.bag_writer import BagBegun, BagWriter
-from soliton_linkage_nodes.bags.storages.mcap_rescue import RescuedMcap
-from soliton_linkage_nodes.bags.storages.sqlite_files import RescuedSqlite
-from soliton_linkage_nodes.bags.storages.storage import RescuedFile
+from soliton_linkage_nodes.bags.record.bag_writer import BagWriter, UnfinishedBag
+from soliton_linkage_nodes.bags.storages.mcap_recovery import RecoveredMcap
+from soliton_linkage_nodes.bags.storages.sqlite_files import RecoveredSqlite
+from soliton_linkage_nodes.bags.storages.storage import RecoveredFile
 from soliton_linkage_nodes.bags.stored_topic import StoredTopic, completed
 
 _SHOW_EVERY = 1000
-"""Messages from one call of `show` to the next, which costs as much as reading a few."""
+"""Messages between two calls of `show` [1], each of which takes as long as reading a few."""
 
 Show = Callable[[int], None]
 
 
-def rescued_file(path: Path, storage: str, doubtful: bool, limits: BagLimits) -> RescuedFile:
-    """Read as much as possible of a file; `doubtful` keeps messages with a wrong checksum."""
-    kind = RescuedMcap if storage == MCAP else RescuedSqlite
+def recovered_file(path: Path, storage: str, doubtful: bool, limits: BagLimits) -> RecoveredFile:
+    """Open a file for recovery; `doubtful` keeps messages with wrong checksums."""
+    kind = RecoveredMcap if storage == MCAP else RecoveredSqlite
     return kind(path, doubtful, limits)
 
 
 @dataclass
 class BagReport:
-    """What a bag holds, and what is wrong with it.
+    """Content and damage of a bag.
 
-    `counts` holds the messages of each topic, `start` and `end` the stamps of the first and the
-    last [ns], `damage` a line for each wound. `lost` counts messages that were recorded and
-    cannot be read any more, as far as is known, `unverified` those that can and have no checksum.
+    `counts` holds the number of messages of each topic, `start` and `end` the first and last
+    stamp [ns], `damage` a line for each damaged part. `lost` counts recorded messages that are
+    known to be unreadable, `unverified` those read without a checksum.
     """
 
     path: Path
@@ -71,15 +71,15 @@ class BagReport:
 
     @property
     def messages(self) -> int:
-        """Messages that can be read."""
+        """Number of readable messages."""
         return sum(self.counts.values())
 
 
 def check_bag(
     path: Path, show: Show = lambda done: None, limits: BagLimits = DEFAULT_LIMITS
 ) -> BagReport:
-    """Read a bag to the last byte; raises ValueError where it is none."""
-    return _Reading(path, None, False, show, limits).report
+    """Read a bag completely and report its content and damage; ValueError if it is not a bag."""
+    return _BagScan(path, None, False, show, limits).report
 
 
 def recover_bag(
@@ -89,17 +89,16 @@ def recover_bag(
     show: Show = lambda done: None,
     limits: BagLimits = DEFAULT_LIMITS,
 ) -> tuple[BagReport, Path]:
-    """Write what is intact of a bag into a new one; return what was found, and the new bag.
+    """Write the intact messages of a bag into a new one; return report and path of the new bag.
 
-    `doubtful` brings back messages whose checksum is wrong, too. What asks for more than the
-    limits stays out. Raises ValueError where nothing is to be brought back, and OSError where the
-    new bag cannot be written.
+    `doubtful` also keeps messages with wrong checksums; data beyond the limits is left out.
+    Raises ValueError if nothing can be recovered, OSError if the new bag cannot be written.
     """
-    reading = _Reading(path, output, doubtful, show, limits)
-    report, writer = reading.report, reading.writer
+    scan = _BagScan(path, output, doubtful, show, limits)
+    report, writer = scan.report, scan.writer
     if writer is None:
         why = '; '.join(report.damage) or 'it is empty'
-        raise ValueError(f'bag {str(path)!r} has nothing that could be brought back: {why}')
+        raise ValueError(f'nothing can be recovered from bag {str(path)!r}: {why}')
     custom = {**report.custom_data, 'recovered_from': str(path)}
     if report.damage:
         custom['damage'] = '; '.join(report.damage)
@@ -109,38 +108,40 @@ def recover_bag(
     return report, writer.path
 
 
-class _Reading:
-    """A bag that was read to the last byte, and written into a new one where there is an output.
+class _BagScan:
+    """Scan of a whole bag; with an output, its messages are written into a new bag.
 
-    The new bag is begun with the first topic: of nothing there is none.
+    The new bag is created with the first topic, so that an empty bag creates none.
     """
 
     def __init__(
         self, path: Path, output: Path | None, doubtful: bool, show: Show, limits: BagLimits
     ) -> None:
-        files, refused = _files_of(path)
-        self.report = BagReport(path, _storage_of(files[0]), files, damage=refused)
+        files, rejected = _files_of(path)
+        self.report = BagReport(path, _storage_of(files[0]), files, damage=rejected)
         self.writer: BagWriter | None = None
         self._output = output
         self._show = show
         self._limits = limits
         self._topics: dict[tuple[str, str], StoredTopic] = {}
         self._taken = 0
-        information, complaint = _told_by(path)
+        information, error = _metadata_of(path)
         types = _types_in(information)
         for file in files:
-            with _opened(file, doubtful, limits) as rescued:
-                told = rescued.topics.values()
-                self._take(rescued, {topic: self._known(_named(topic, types)) for topic in told})
-                self.report.custom_data.update(rescued.custom_data)
-                self.report.damage += [f'{file.name}: {damage}' for damage in rescued.damage]
-                self.report.lost += rescued.lost
-                self.report.unverified += rescued.unverified
+            with _opened(file, doubtful, limits) as recovered:
+                found = recovered.topics.values()
+                self._take(
+                    recovered, {topic: self._known(_typed(topic, types)) for topic in found}
+                )
+                self.report.custom_data.update(recovered.custom_data)
+                self.report.damage += [f'{file.name}: {damage}' for damage in recovered.damage]
+                self.report.lost += recovered.lost
+                self.report.unverified += recovered.unverified
         _compare(self.report, information)
-        self.report.damage += complaint
+        self.report.damage += error
 
     def _known(self, topic: StoredTopic) -> StoredTopic | None:
-        """The topic as it is in all files; None where its type is lost."""
+        """Return the topic as numbered in the new bag; None if its type is lost."""
         key = (topic.name, topic.type_name)
         if topic.type_name and key not in self._topics:
             self._topics[key] = replace(topic, number=len(self._topics) + 1)
@@ -151,16 +152,16 @@ class _Reading:
         return self._topics.get(key)
 
     def _take(
-        self, rescued: RescuedFile, topics: Mapping[StoredTopic, StoredTopic | None]
+        self, recovered: RecoveredFile, topics: Mapping[StoredTopic, StoredTopic | None]
     ) -> None:
         report, nameless, damaged = self.report, 0, 0
-        for topic, stamp, data in rescued.messages():
+        for topic, stamp, data in recovered.messages():
             known = topics[topic]
             if known is None:
                 nameless += 1
                 continue
             try:
-                plain = unpacked_message(data, self._limits.most_unpacked)
+                plain = decompressed_message(data, self._limits.max_unpacked)
             except ValueError as error:
                 damaged, why = damaged + 1, error
                 continue
@@ -173,13 +174,15 @@ class _Reading:
             if not self._taken % _SHOW_EVERY:
                 self._show(self._taken)
         if nameless:
-            rescued.complain(f'{nameless} messages are of topics whose types are lost', nameless)
+            recovered.report_damage(
+                f'{nameless} messages have topics whose types are lost', nameless
+            )
         if damaged:
-            rescued.complain(f'{damaged} messages cannot be unpacked: {why}', damaged)
+            recovered.report_damage(f'{damaged} messages cannot be decompressed: {why}', damaged)
 
 
-def _told_by(path: Path) -> tuple[Mapping[str, Any] | None, list[str]]:
-    """What metadata.yaml of a bag says, and what is wrong with it."""
+def _metadata_of(path: Path) -> tuple[Mapping[str, Any] | None, list[str]]:
+    """Return the content of metadata.yaml, and a line if it cannot be read."""
     if path.is_file():
         return None, []
     if not (path / METADATA_FILE).exists():
@@ -191,14 +194,14 @@ def _told_by(path: Path) -> tuple[Mapping[str, Any] | None, list[str]]:
 
 
 def _compare(report: BagReport, information: Mapping[str, Any] | None) -> None:
-    """Compare what was found with what metadata.yaml says."""
+    """Report the messages and files of metadata.yaml that were not found."""
     if information is None:
         return
     report.custom_data.update(custom_data_in(information))
-    stated = count_in(information.get('message_count'))
+    stated = parse_count(information.get('message_count'))
     if stated > report.messages + report.lost:
         missing = stated - report.messages - report.lost
-        report.damage.append(f'{missing} more messages are in metadata.yaml than in the files')
+        report.damage.append(f'{METADATA_FILE} lists {missing} more messages than the files')
         report.lost += missing
     listed = information.get('relative_file_paths')
     held = {file.name for file in report.files}
@@ -207,8 +210,8 @@ def _compare(report: BagReport, information: Mapping[str, Any] | None) -> None:
             report.damage.append(f'file {name} is missing')
 
 
-def _named(topic: StoredTopic, types: Mapping[str, str]) -> StoredTopic:
-    """A topic whose type, if it was lost with its definition, is that which metadata.yaml has."""
+def _typed(topic: StoredTopic, types: Mapping[str, str]) -> StoredTopic:
+    """Return a topic; a lost type is taken from metadata.yaml."""
     if topic.type_name or topic.name not in types:
         return topic
     return completed(
@@ -219,63 +222,58 @@ def _named(topic: StoredTopic, types: Mapping[str, str]) -> StoredTopic:
 def _types_in(information: Mapping[str, Any] | None) -> dict[str, str]:
     try:
         entries = (information or {})['topics_with_message_count']
-        told = [entry['topic_metadata'] for entry in entries]
-        return {str(topic['name']): str(topic['type']) for topic in told}
+        topics = [entry['topic_metadata'] for entry in entries]
+        return {str(topic['name']): str(topic['type']) for topic in topics}
     except (KeyError, TypeError):
         return {}
 
 
 def _files_of(path: Path) -> tuple[list[Path], list[str]]:
-    """Files of a bag in the order in which they were recorded, and why others are left out."""
+    """Return the files of a bag in recording order, and why others are rejected."""
     if not path.exists():
         raise ValueError(f'bag {str(path)!r} does not exist; give the path of a bag directory')
     folder = path if path.is_dir() else None
-    candidates = sorted(path.iterdir()) if folder else [path]
-    files, refused = [], []
-    for file in candidates:
-        if storage_of(_plain(file)):
+    files, rejected = [], []
+    for file in sorted(path.iterdir()) if folder else [path]:
+        if _storage_of(file):
             try:
                 regular_file(file, folder)
                 files.append(file)
             except (OSError, ValueError) as error:
-                refused.append(f'{file.name}: {error}')
+                rejected.append(f'{file.name}: {error}')
     if not files:
-        why = '; '.join(refused) or f'has no {" or ".join(SUFFIXES.values())} file'
+        why = '; '.join(rejected) or f'has no {" or ".join(SUFFIXES.values())} file'
         raise ValueError(f'bag {str(path)!r} {why}; give a bag directory')
-    return sorted(files, key=_place), refused
+    return sorted(files, key=_position), rejected
 
 
-def _place(file: Path) -> tuple[int, str]:
+def _position(file: Path) -> tuple[int, str]:
     number = re.search(r'_(\d+)\.', file.name)
     return (int(number[1]) if number else 0, file.name)
 
 
-def _plain(file: Path) -> Path:
-    """Path of a file as it was called before it was packed."""
-    return Path(file.stem) if file.suffix == PACKED else file
-
-
 def _storage_of(file: Path) -> str:
-    return storage_of(_plain(file)) or ''
+    """Return the storage name of a file, which may be compressed; empty if it has none."""
+    return storage_of(Path(file.stem) if file.suffix == PACKED else file) or ''
 
 
 @contextmanager
-def _opened(file: Path, doubtful: bool, limits: BagLimits) -> Iterator[RescuedFile]:
+def _opened(file: Path, doubtful: bool, limits: BagLimits) -> Iterator[RecoveredFile]:
     storage = _storage_of(file)
     if file.suffix != PACKED:
-        yield rescued_file(file, storage, doubtful, limits)
+        yield recovered_file(file, storage, doubtful, limits)
         return
     with TemporaryDirectory(prefix='recover_bag_') as folder:
         plain = Path(folder, file.stem)
         with open_file(file) as packed:
-            damage = unpack_file(packed, plain, limits)
-        rescued = rescued_file(plain, storage, doubtful, limits)
-        rescued.damage[:0] = [damage] if damage else []
-        yield rescued
+            damage = decompress_file(packed, plain, limits)
+        recovered = recovered_file(plain, storage, doubtful, limits)
+        recovered.damage[:0] = [damage] if damage else []
+        yield recovered
 
 
 def unfinished_bag(name: Path) -> Path | None:
-    """The last of the bags `<name>_0`, `<name>_1`, ..., where its recorder has not finished it."""
+    """Return the last of the bags `<name>_0`, `<name>_1`, ... if it was never finished."""
     number = 0
     while (name.parent / f'{name.name}_{number}').exists():
         number += 1
@@ -284,10 +282,11 @@ def unfinished_bag(name: Path) -> Path | None:
     return None if finished else last
 
 
-def take_over(bag: Path) -> BagBegun | None:
-    """Put what is intact of a bag into its first file; None where nothing is, or it is no MCAP.
+def take_over(bag: Path) -> UnfinishedBag | None:
+    """Move the intact messages of a bag into its first file, so that a writer can continue it.
 
-    Raises OSError where that cannot be written; the bag is then as it was.
+    Return None if there are none, or if it is not an MCAP bag. Raises OSError if that file cannot
+    be written; the bag is then unchanged.
     """
     try:
         with TemporaryDirectory(prefix=f'.{bag.name}_', dir=bag.parent) as folder:
@@ -304,4 +303,4 @@ def take_over(bag: Path) -> BagBegun | None:
             file.unlink()
     begun = report.end if report.start is None else report.start
     stored = StoredFile(first.name, report.messages, begun, report.end)
-    return BagBegun(bag, stored, report.counts, report.custom_data)
+    return UnfinishedBag(bag, stored, report.counts, report.custom_data)

@@ -27,7 +27,7 @@ _FEWEST = 10
 """Marks that are drawn however long the remark is."""
 
 
-class LeanLine:
+class ChainLine:
     """Draws the chain of the topics `chain` and `joint_states`, that of rotor 0 on the left."""
 
     def __init__(self, node: Node) -> None:

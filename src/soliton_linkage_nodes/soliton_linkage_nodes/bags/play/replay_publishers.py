@@ -1,0 +1,289 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Publishers of a replay, recorded states beside a live analyser, and lockstep with it."""
+
+from __future__ import annotations
+
+import struct
+import threading
+import time
+from collections import deque
+from collections.abc import Callable, Collection, Iterable, Sequence
+from typing import Any
+
+from rclpy.duration import Duration
+from rclpy.node import Node
+from rclpy.publisher import Publisher
+from rclpy.serialization import serialize_message
+from rclpy.topic_endpoint_info import TopicEndpointInfo
+from rosbags.interfaces import Connection
+
+from soliton_linkage_nodes.bags.reading import decoder, is_older, latched_depth, message_class
+from soliton_linkage_nodes.runtime import interfaces
+from soliton_linkage_nodes.runtime.interfaces import wait_for_subscriber
+
+_ANSWER_POLL_INTERVAL = 0.05
+"""Poll interval of the stop request while waiting for an answer [s]."""
+
+
+class Lockstep:
+    """Flow control of a replay by the analyser's answers: its `soliton_state` for each frame.
+
+    An answer to a frame also counts for earlier frames, which the analyser may have rejected.
+    """
+
+    def __init__(self, node: Node, frames: str, window: int, limit: float) -> None:
+        """Subscribe to the states in the namespace of the topic `frames`.
+
+        At most `window` frames are unanswered. After `limit` [s] without an answer, the frames
+        sent so far are given up.
+        """
+        self.given_up = 0
+        self.frames = frames
+        self.states = f'{frames.rpartition("/")[0]}/{interfaces.SOLITON_STATE.name}'
+        self._window = window
+        self._limit = limit
+        self._changed = threading.Condition()
+        self._unanswered: deque[bytes] = deque()
+        self._subscription = node.create_subscription(
+            interfaces.SOLITON_STATE.type,
+            self.states,
+            self._on_answer,
+            interfaces.stream_qos(),
+            raw=True,
+        )
+
+    def wait_for_the_analyser(self, limit: float, stopping: threading.Event) -> None:
+        """Wait until states are published; ValueError if none are after a time [s]."""
+        deadline = time.monotonic() + limit
+        while not self._subscription.get_publisher_count():
+            if stopping.wait(_ANSWER_POLL_INTERVAL):
+                return
+            if time.monotonic() > deadline:
+                raise ValueError(
+                    f'nothing publishes {interfaces.SOLITON_STATE.name} after {limit:g} s; '
+                    'start soliton_analyser, or set lockstep to false'
+                )
+
+    def wait_for_turn(self, topic: str, message: bytes, stopped: Callable[[], bool]) -> None:
+        """Wait until a frame may be sent; for another topic, until all frames are answered."""
+        if topic != self.frames:
+            self.settle(stopped)
+            return
+        self._wait(self._window - 1, stopped)
+        with self._changed:
+            self._unanswered.append(_stamp(message))
+
+    def forget(self) -> None:
+        """Expect no answer to the frames sent so far."""
+        with self._changed:
+            self._unanswered.clear()
+
+    def settle(self, stopped: Callable[[], bool]) -> None:
+        """Wait until every frame is answered."""
+        self._wait(0, stopped)
+
+    def _wait(self, most: int, stopped: Callable[[], bool]) -> None:
+        with self._changed:
+            left, since = len(self._unanswered), time.monotonic()
+            while len(self._unanswered) > most and not stopped():
+                self._changed.wait(_ANSWER_POLL_INTERVAL)
+                if len(self._unanswered) != left:
+                    left, since = len(self._unanswered), time.monotonic()
+                elif time.monotonic() - since > self._limit:
+                    self.given_up += left
+                    self._unanswered.clear()
+
+    def _on_answer(self, state: bytes) -> None:
+        stamp = _stamp(state)
+        with self._changed:
+            if stamp in self._unanswered:
+                while self._unanswered.popleft() != stamp:
+                    pass
+                self._changed.notify_all()
+
+
+def _stamp(message: bytes) -> bytes:
+    """Return the header stamp of a serialized message in little-endian byte order."""
+    order = '<' if message[1] & 1 else '>'
+    return struct.pack('<iI', *struct.unpack_from(f'{order}iI', message, 4))
+
+
+_POLL_INTERVAL = Duration(seconds=0.02)
+"""Poll interval of the stop request while waiting for acknowledgements."""
+_MOST_TOPICS = 1000
+"""Largest number of topics that are played [1]; a publisher takes a millisecond and 100 kB."""
+_LONGEST_DELIVERY = 10.0
+"""Longest wait for a subscriber to acknowledge the last messages [s]; then it counts as dead."""
+
+
+class ReplayPublishers:
+    """Publishers of the messages of a bag.
+
+    Messages are published as recorded, or converted if their definition has changed. Waiting for
+    subscribers ends when `stopping` is set.
+    """
+
+    def __init__(
+        self, node: Node, connections: Sequence[Connection], stopping: threading.Event
+    ) -> None:
+        """Create a publisher for each topic; log the topics whose type is not installed."""
+        if len(connections) > _MOST_TOPICS:
+            raise ValueError(
+                f'the bag has {len(connections)} topics, and at most {_MOST_TOPICS} are played; '
+                'name some in parameter topics'
+            )
+        self.published = 0
+        self.left_out = 0
+        self._node = node
+        self._stopping = stopping
+        self._lockstep: Lockstep | None = None
+        self._states: dict[str, RecordedStates] = {}
+        self._decoders: dict[str, Callable[[bytes], Any]] = {}
+        self._publishers: dict[str, Publisher] = {}
+        self._counts = {connection.topic: connection.msgcount for connection in connections}
+        for connection in connections:
+            try:
+                self._open(connection)
+            except ValueError as error:
+                node.get_logger().warning(f'{connection.topic} is not played: {error}')
+
+    @property
+    def total(self) -> int:
+        """Number of messages in the bag on the published topics."""
+        return sum(self._counts[topic] for topic in self._publishers)
+
+    def set_lockstep(self, lockstep: Lockstep) -> None:
+        """Publish frames in lockstep with the analyser, and no recorded states."""
+        self._publishers.pop(lockstep.states, None)
+        self._lockstep = lockstep
+
+    def suppress_beside_analyser(self, states: RecordedStates) -> None:
+        """Leave recorded states out while an analyser publishes its own."""
+        self._states[states.topic] = states
+
+    def reset(self) -> None:
+        """Reset the counters, and expect no answer to earlier frames."""
+        self.published = 0
+        self.left_out = 0
+        if self._lockstep is not None:
+            self._lockstep.forget()
+
+    def of(self, connections: Iterable[Connection]) -> list[Connection]:
+        """Return the topics that are published."""
+        return [c for c in connections if c.topic in self._publishers]
+
+    def leaves_out(self, connection: Connection) -> bool:
+        """Return whether a message is a recorded state that is suppressed; count it."""
+        states = self._states.get(connection.topic)
+        left_out = states is not None and states.suppressed()
+        self.left_out += left_out
+        return left_out
+
+    def publish(self, connection: Connection, serialized: bytes) -> None:
+        """Publish a message; in lockstep, wait for its turn first."""
+        topic = connection.topic
+        if topic in self._decoders:
+            serialized = serialize_message(self._decoders[topic](serialized))
+        if self._lockstep is not None:
+            self._lockstep.wait_for_turn(topic, serialized, self._stopping.is_set)
+        self._publishers[topic].publish(serialized)
+        if self._lockstep is not None and topic != self._lockstep.frames:
+            self._wait_for_acknowledgements([self._publishers[topic]])
+        self.published += 1
+
+    def wait_for_subscribers(self, topics: Iterable[str], limit: float) -> None:
+        """Wait for a subscriber of each topic, and for the analyser, each up to a time [s].
+
+        Raises ValueError if lockstep is set and there is no analyser.
+        """
+        for topic in topics:
+            if topic not in self._publishers or self._stopping.is_set():
+                continue
+            found = wait_for_subscriber(self._publishers[topic], limit, self._stopping)
+            if not found and not self._stopping.is_set():
+                self._node.get_logger().warning(
+                    f'nothing subscribes to {topic} after {limit:g} s; playing without subscribers'
+                )
+        if self._lockstep is not None:
+            self._lockstep.wait_for_the_analyser(limit, self._stopping)
+
+    def deliver(self) -> None:
+        """Wait until every subscriber has all messages and the last frame is answered."""
+        self._wait_for_acknowledgements(self._publishers.values())
+        if self._lockstep is not None:
+            self._lockstep.settle(self._stopping.is_set)
+
+    def _open(self, connection: Connection) -> None:
+        message_type = message_class(connection.msgtype)
+        if is_older(connection):
+            self._decoders[connection.topic] = decoder(connection)
+        qos = interfaces.stream_qos()
+        if kept := latched_depth(connection):
+            qos = interfaces.latched_qos(min(kept, qos.depth))
+        publisher = self._node.create_publisher(message_type, connection.topic, qos)
+        self._publishers[connection.topic] = publisher
+
+    def _wait_for_acknowledgements(self, publishers: Collection[Publisher]) -> None:
+        deadline = time.monotonic() + _LONGEST_DELIVERY
+        for publisher in publishers:
+            while time.monotonic() < deadline and not self._stopping.is_set():
+                if publisher.wait_for_all_acked(_POLL_INTERVAL):
+                    break
+
+
+_QUERY_INTERVAL = 0.25
+"""Period of graph queries for an analyser [s]; one takes a millisecond."""
+
+
+class RecordedStates:
+    """Suppression of recorded soliton states or events while an analyser publishes them.
+
+    An analyser is another node that subscribes to `joint_states` and publishes the same topic.
+    """
+
+    def __init__(self, node: Node, topic: str, chosen: bool) -> None:
+        """Watch a topic; if the user has chosen it by name, it is played in any case."""
+        self.topic = topic
+        self._node = node
+        self._states = node.resolve_topic_name(topic)
+        frames = f'{topic.rpartition("/")[0]}/{interfaces.JOINT_STATES.name}'
+        self._frames = node.resolve_topic_name(frames)
+        self._chosen = chosen
+        self._analyser = ''
+        self._queried_at = -_QUERY_INTERVAL
+
+    def suppressed(self) -> bool:
+        """Return whether the next message is left out; log changes."""
+        now = time.monotonic()
+        if now - self._queried_at >= _QUERY_INTERVAL:
+            self._queried_at = now
+            analyser = self._find_analyser()
+            if analyser != self._analyser:
+                self._analyser = analyser
+                self._log()
+        return bool(self._analyser) and not self._chosen
+
+    def _find_analyser(self) -> str:
+        node = self._node
+        subscribers = {_name(each) for each in node.get_subscriptions_info_by_topic(self._frames)}
+        publishers = {_name(each) for each in node.get_publishers_info_by_topic(self._states)}
+        return min(subscribers & publishers - {node.get_fully_qualified_name()}, default='')
+
+    def _log(self) -> None:
+        log, name = self._node.get_logger(), self.topic.rpartition('/')[2]
+        if not self._analyser:
+            log.info(f'no analyser runs: the recorded {self._states} is played again')
+        elif self._chosen:
+            log.warning(
+                f'{self._analyser} also publishes {self._states}; both are mixed. '
+                f'Stop it, or remove {name} from parameter topics'
+            )
+        else:
+            log.info(
+                f'{self._analyser} publishes {self._states}: the recorded one is left out; '
+                f'name {name} in parameter topics to play both'
+            )
+
+
+def _name(endpoint: TopicEndpointInfo) -> str:
+    return f'{endpoint.node_namespace.rstrip("/")}/{endpoint.node_name}'

@@ -1,0 +1,245 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Thread that takes messages from the middleware and passes them on to the bag."""
+
+from __future__ import annotations
+
+import json
+import shlex
+import sys
+import threading
+import time
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from operator import attrgetter
+from pathlib import Path
+from typing import Any
+
+from rclpy.serialization import deserialize_message
+
+from soliton_linkage_nodes.bags.metadata import suite_version
+from soliton_linkage_nodes.bags.reading import type_name
+from soliton_linkage_nodes.bags.record.subscriptions import (
+    MessageBuffer,
+    RecordedSubscription,
+    TopicFinder,
+)
+from soliton_linkage_nodes.bags.record.writing_thread import ReceivedMessage, WritingThread
+from soliton_linkage_nodes.runtime import interfaces
+from soliton_linkage_nodes.runtime.pacing import IdlePriority
+
+_LONGEST_TEXT = 1000
+"""Longest value in the custom data [characters]; lists of thousands of rotors are left out."""
+_CHAIN_TYPE = type_name(interfaces.CHAIN.type)
+
+
+class RecordingMetadata:
+    """Custom data of the bag: lost messages, chains, version and command line."""
+
+    def __init__(self) -> None:
+        self._chains: dict[str, dict[str, Any]] = {}
+
+    def take(self, messages: Iterable[ReceivedMessage]) -> None:
+        """Note the chains among received messages."""
+        for source, _, serialized in messages:
+            if source.type_name == _CHAIN_TYPE:
+                self._chains[source.name] = _parameters_of(serialized)
+
+    def texts(self, losses: Mapping[str, int]) -> dict[str, str]:
+        """Return the custom data, with the number of lost messages of each topic."""
+        return {
+            'lost_messages': json.dumps(losses),
+            'chain': json.dumps(self._chains),
+            'suite_version': suite_version(),
+            'command_line': shlex.join([Path(sys.argv[0]).name, *sys.argv[1:]]),
+        }
+
+
+def _parameters_of(serialized: bytes) -> dict[str, Any]:
+    """Return the parameters of a chain without long lists."""
+    message = deserialize_message(serialized, interfaces.CHAIN.type)
+    parameters: dict[str, Any] = {'number_of_rotors': len(message.joint_names)}
+    for name in message.get_fields_and_field_types():
+        value = getattr(message, name)
+        if hasattr(value, '__len__') and not isinstance(value, str):
+            value = list(value)
+        if name not in ('header', 'joint_names') and len(str(value)) < _LONGEST_TEXT:
+            parameters[name] = value
+    return parameters
+
+
+@dataclass(frozen=True)
+class DiscoveryTimes:
+    """Times that decide when all publishers have been discovered [s].
+
+    Each process announces itself every 3 s. Without load most are discovered at once; beside busy
+    programs, one in three takes longer than a second.
+    """
+
+    announcement: float = 3.2
+    """Time after which every process has announced itself [s]."""
+    quiet: float = 1.0
+    """Time without a new publisher, after which all publishers of a process are known [s]."""
+    longest: float = 10.0
+    """Longest wait for a publisher that does not match, for example because it has died [s]."""
+
+
+class DiscoveryWait:
+    """Decides when all publishers of the recorded topics are matched."""
+
+    def __init__(
+        self,
+        times: DiscoveryTimes = DiscoveryTimes(),
+        clock: Callable[[], float] = time.monotonic,
+    ) -> None:
+        """Start the wait, once the topics are subscribed to."""
+        self.missing: list[str] = []
+        """Topics with publishers that were not matched in time."""
+        self._times = times
+        self._clock = clock
+        self._begun = self._since = clock()
+        self._known: list[tuple[str, int, int]] = []
+
+    def done(self, subscriptions: Sequence[RecordedSubscription]) -> bool:
+        """Return whether the wait is over, from the numbers of publishers at the last poll."""
+        now = self._clock()
+        known = [(each.source.name, each.publishers, each.connected) for each in subscriptions]
+        if known != self._known:
+            self._known, self._since = known, now
+        self.missing = [name for name, publishers, connected in known if connected < publishers]
+        if now < max(self._since + self._times.quiet, self._begun + self._times.announcement):
+            return False
+        return not self.missing or now - self._begun > self._times.longest
+
+
+_POLL_INTERVAL = 0.05
+"""Period at which messages are taken from the middleware [s], whose queues hold 5000."""
+_LONGEST_ROUND = 5.0
+"""Longest wait for a round [s], which takes some ten milliseconds."""
+_SEARCH_INTERVAL = 0.25
+"""Period of graph queries for new topics [s]; one takes a millisecond."""
+
+
+class ReceivingThread:
+    """Thread that takes waiting messages and queues them for writing, in receive order.
+
+    The subscriptions belong to a node without an executor. An executor would give its callback
+    either the raw message or its sequence number, and takes ten times as much processor time.
+    """
+
+    def __init__(
+        self,
+        finder: TopicFinder,
+        buffer: MessageBuffer,
+        bag: WritingThread,
+        announce: Callable[[Sequence[str]], None],
+        real_time: bool = False,
+        discovery: DiscoveryTimes = DiscoveryTimes(),
+    ) -> None:
+        """Start; with `real_time` the thread runs before ordinary threads.
+
+        `announce` is called once all publishers are matched and the bag is safe on disk, with the
+        topics whose publishers did not match.
+        """
+        self.failure: Exception | None = None
+        self._finder = finder
+        self._buffer = buffer
+        self._bag = bag
+        self._announce = announce
+        self._real_time = real_time
+        self._discovery: DiscoveryWait | None = DiscoveryWait(discovery)
+        self._lock = threading.Lock()
+        self._metadata = RecordingMetadata()
+        self._subscriptions: list[RecordedSubscription] = []
+        self._add(finder.of_suite())
+        self._rounds = 0
+        self._rounds_changed = threading.Condition()
+        self._stopping = threading.Event()
+        self._thread = threading.Thread(target=self._run, name='receiving', daemon=True)
+        self._thread.start()
+
+    @property
+    def connected_topics(self) -> list[str]:
+        """Topics with a matched publisher."""
+        return [each.source.name for each in self._subscriptions if each.connected]
+
+    @property
+    def losses(self) -> dict[str, int]:
+        """Number of published messages of each topic that are not in the bag."""
+        dropped = self._bag.dropped
+        lost = {each.source.name: each.gaps.lost for each in self._subscriptions}
+        return {name: count + dropped[name] for name, count in lost.items()}
+
+    def pause(self) -> None:
+        """Stop recording until `resume`."""
+        with self._lock:
+            self._buffer.paused = True
+
+    def settle(self) -> None:
+        """Wait until all messages that have arrived are taken."""
+        with self._rounds_changed:
+            after = self._rounds + 2
+            self._rounds_changed.wait_for(lambda: self._rounds >= after, _LONGEST_ROUND)
+
+    def resume(self) -> int:
+        """Record again, after the last latched messages of the pause; return their number."""
+        return self._record(self._buffer.resume)
+
+    def snapshot(self) -> int:
+        """Record the last seconds; return the number of messages."""
+        return self._record(self._buffer.snapshot)
+
+    def stop(self) -> dict[str, str]:
+        """Take the remaining messages; return the custom data of the bag."""
+        self._stopping.set()
+        self._thread.join()
+        return self._metadata.texts(self.losses)
+
+    def _run(self) -> None:
+        search_at = time.monotonic()
+        priority = IdlePriority(self._real_time, [0])
+        last_round = False
+        try:
+            while not last_round:
+                last_round = self._stopping.wait(_POLL_INTERVAL)
+                priority.update()
+                searching = time.monotonic() >= search_at and not last_round
+                batch = [message for each in self._subscriptions for message in each.drain()]
+                if searching:
+                    search_at = time.monotonic() + _SEARCH_INTERVAL
+                    query = self._discovery is not None
+                    for each in self._subscriptions:
+                        batch += each.adapt(query)
+                    self._add(self._finder.find())
+                    self._bag.set_custom_data(self._metadata.texts(self.losses))
+                self._metadata.take(batch)
+                batch.sort(key=attrgetter('stamp'))
+                with self._lock:
+                    self._bag.put(self._buffer.take(batch))
+                if searching:
+                    self._announce_once_connected()
+                self._end_round(1)
+        except Exception as error:
+            self.failure = error
+            self._end_round(sys.maxsize)
+
+    def _announce_once_connected(self) -> None:
+        discovery = self._discovery
+        if discovery is not None and discovery.done(self._subscriptions):
+            self._discovery = None
+            self._bag.after_checkpoint(lambda: self._announce(discovery.missing))
+
+    def _end_round(self, number: int) -> None:
+        with self._rounds_changed:
+            self._rounds += number
+            self._rounds_changed.notify_all()
+
+    def _record(self, held: Callable[[], list[ReceivedMessage]]) -> int:
+        with self._lock:
+            messages = held()
+            self._bag.put(messages)
+        return len(messages)
+
+    def _add(self, subscriptions: Sequence[RecordedSubscription]) -> None:
+        for each in subscriptions:
+            self._bag.add_topic(each.source)
+        self._subscriptions = [*self._subscriptions, *subscriptions]

@@ -1,0 +1,307 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Recovery of all intact messages from a truncated or damaged MCAP file."""
+
+from __future__ import annotations
+
+import re
+import struct
+from collections.abc import Callable, Iterator
+from contextlib import suppress
+from dataclasses import replace
+from pathlib import Path
+from typing import Final, NamedTuple
+from zlib import crc32
+
+from soliton_linkage_nodes.bags.guards import map_file, release_pages
+from soliton_linkage_nodes.bags.metadata import custom_data_of
+from soliton_linkage_nodes.bags.storages import mcap_records as mcap
+from soliton_linkage_nodes.bags.storages.mcap_records import (
+    Bytes,
+    Channel,
+    ChunkHead,
+    Opcode,
+    Schema,
+)
+from soliton_linkage_nodes.bags.storages.storage import RecoveredFile
+from soliton_linkage_nodes.bags.stored_topic import StoredTopic, completed
+
+
+class _Chunk(NamedTuple):
+    """A chunk at an offset, the offset of its body [B] and the reason why it is not read."""
+
+    offset: int
+    begin: int
+    head: ChunkHead
+    cut: bool = False
+    rejected: str = ''
+
+
+class _Run(NamedTuple):
+    """Offsets of consecutive messages outside any chunk [B]."""
+
+    begin: int
+    end: int
+
+
+class RecoveredMcap(RecoveredFile):
+    """The intact messages and the topics of an MCAP file.
+
+    After a damaged record, the file is searched for the next plausible record head. A chunk
+    counts if its checksum is right. Of a chunk at a truncated end, the complete messages count.
+    With `doubtful`, messages of chunks with wrong checksums count as well.
+    """
+
+    def _scan(self, path: Path) -> None:
+        self._found: list[_Chunk | _Run] = []
+        self._schemas: dict[int, Schema] = {}
+        self._channels: dict[int, Channel] = {}
+        self._unverified_schemas: dict[int, Schema] = {}
+        self._unverified_channels: dict[int, Channel] = {}
+        self._stated: int | None = None
+        self._footer = False
+        self._sizes: dict[int, int] = {}
+        self._data = map_file(path)
+        self._budget = self._limits.for_file(len(self._data))
+        self._scan_records()
+        channels = {**self._unverified_channels, **self._channels}
+        self._schemas = {**self._unverified_schemas, **self._schemas}
+        self.topics = {number: self._topic(channel) for number, channel in channels.items()}
+
+    def _messages(self) -> Iterator[tuple[int, int, bytes]]:
+        chunked = any(isinstance(part, _Chunk) for part in self._found)
+        for part in self._found:
+            if isinstance(part, _Chunk):
+                yield from self._messages_of(part)
+            elif not chunked:
+                yield from self._counted(self._data[part.begin : part.end])
+
+    def _conclude(self) -> None:
+        missing = (self._stated or 0) - self._read - self.lost
+        if missing > 0:
+            self.report_damage(f'the index lists {missing} more messages than the file', missing)
+
+    def _messages_of(self, chunk: _Chunk) -> Iterator[mcap.Message]:
+        if chunk.rejected:
+            self.report_damage(f'the chunk at byte {chunk.offset} {chunk.rejected}')
+            return
+        records, whole = mcap.unpack(chunk.head, self._packed(chunk), self._limits.max_unpacked)
+        if whole and chunk.head.crc:
+            yield from mcap.messages_in(records, strict=False)
+        elif whole or chunk.cut or self._doubtful:
+            yield from self._counted(records)
+        if not whole and not chunk.cut:
+            messages = mcap.messages_in(records, strict=False)
+            count = 0 if self._doubtful else sum(1 for _ in messages)
+            self.report_damage(
+                f'the chunk at byte {chunk.offset} has a wrong checksum: '
+                f'{count} messages left out',
+                count,
+            )
+
+    def _counted(self, records: Bytes) -> Iterator[mcap.Message]:
+        for message in mcap.messages_in(records, strict=False):
+            self.unverified += 1
+            yield message
+
+    def _scan_records(self) -> None:
+        offset, size = len(mcap.MAGIC), len(self._data)
+        if bytes(self._data[:offset]) != mcap.MAGIC:
+            self.report_damage('it does not begin like an MCAP file')
+            offset = 0
+        while offset < size and bytes(self._data[offset : offset + 9]) != mcap.MAGIC:
+            after = self._take(offset)
+            if after is None:
+                after = next_record(self._data, offset + 1)
+                self.report_damage(f'bytes {offset} to {after} are damaged')
+            offset = after
+        if not self._footer:
+            self.report_damage('it was not finished: there is no index')
+
+    def _take(self, offset: int) -> int | None:
+        """Process the record at an offset; return the offset after it, None for no record."""
+        if len(self._data) - offset < mcap.RECORD_HEADER.size:
+            return None
+        opcode, size = mcap.RECORD_HEADER.unpack_from(self._data, offset)
+        begin = offset + mcap.RECORD_HEADER.size
+        if opcode == Opcode.CHUNK:
+            return self._take_chunk(offset, begin, size)
+        end = begin + size
+        if opcode not in KINDS or end > len(self._data):
+            return None
+        if opcode == Opcode.MESSAGE:
+            return self._take_message(offset, begin, size)
+        body = self._data[begin:end]
+        try:
+            self._define(opcode, body, self._unverified_schemas, self._unverified_channels)
+            self._learn_about_file(offset, opcode, body)
+        except ValueError:
+            return None
+        return int(end)
+
+    def _take_chunk(self, offset: int, begin: int, size: int) -> int | None:
+        try:
+            head = mcap.parse_chunk_head(self._data[begin : begin + LARGEST_CHUNK_HEAD])
+        except ValueError:
+            return None
+        if head.size == size and begin + size > len(self._data):
+            self.report_damage(f'the file ends within the chunk at byte {offset}')
+            chunk = _Chunk(offset, begin, head, cut=True)
+            self._add_chunk(chunk, self._unpack(chunk)[0])
+            return len(self._data)
+        # If the two stated lengths differ, the checksum decides which one is right.
+        lengths = {size - head.begin, head.packed}
+        for packed in lengths:
+            chunk = _Chunk(offset, begin, replace(head, packed=packed))
+            if not 0 <= packed <= len(self._data) - begin - head.begin:
+                continue
+            records, whole = self._unpack(chunk)
+            if whole:
+                self._add_chunk(chunk, records)
+                return begin + chunk.head.size
+        rejected = self._rejection(head)
+        if len(lengths) > 1 and not rejected:
+            return None
+        self._found.append(_Chunk(offset, begin, head, rejected=rejected))
+        return int(begin + size)
+
+    def _rejection(self, head: ChunkHead) -> str:
+        """Return why a chunk exceeds the limits, else an empty text."""
+        limits = self._limits
+        if head.uncompressed > limits.max_unpacked:
+            return f'exceeds max_unpacked = {limits.max_unpacked} bytes decompressed: left out'
+        if self._budget <= 0:
+            most = limits.for_file(len(self._data))
+            return f'exceeds max_unpacked_file = {most} bytes in all: left out'
+        return ''
+
+    def _unpack(self, chunk: _Chunk) -> tuple[Bytes, bool]:
+        """Decompress a chunk within the budget for the whole file."""
+        if self._budget <= 0:
+            return b'', False
+        records, whole = mcap.unpack(chunk.head, self._packed(chunk), self._limits.max_unpacked)
+        self._budget -= len(records)
+        return records, whole
+
+    def _add_chunk(self, chunk: _Chunk, records: Bytes) -> None:
+        """Keep a chunk and its definitions."""
+        self._found.append(chunk)
+        for _, opcode, body in mcap.records_in(records):
+            with suppress(ValueError):
+                self._define(opcode, body, self._schemas, self._channels)
+
+    def _packed(self, chunk: _Chunk) -> Bytes:
+        begin = chunk.begin + chunk.head.begin
+        return self._data[begin : begin + chunk.head.packed]
+
+    def _take_message(self, offset: int, begin: int, size: int) -> int | None:
+        if size < mcap.MESSAGE_HEADER.size:
+            return None
+        end = begin + size
+        channel = struct.unpack_from('<H', self._data, begin)[0]
+        known = channel in self._unverified_channels or channel in self._channels
+        following = self._data[end : end + 1]
+        # The length is right if a record follows, or if earlier messages had the same length.
+        fits = not following or following[0] in KINDS or self._sizes.get(channel) == size
+        if not known or not fits:
+            return None
+        self._sizes[channel] = size
+        last = self._found[-1] if self._found else None
+        if isinstance(last, _Run) and last.end == offset:
+            self._found[-1] = _Run(last.begin, end)
+        else:
+            self._found.append(_Run(offset, end))
+        return end
+
+    def _define(
+        self, opcode: int, body: Bytes, schemas: dict[int, Schema], channels: dict[int, Channel]
+    ) -> None:
+        if opcode == Opcode.SCHEMA:
+            schema = mcap.parse_schema(body)
+            schema.data.decode()
+            schemas[schema.id] = schema
+        elif opcode == Opcode.CHANNEL:
+            channel = mcap.parse_channel(body)
+            channels[channel.id] = channel
+
+    def _learn_about_file(self, offset: int, opcode: int, body: Bytes) -> None:
+        if opcode == Opcode.METADATA:
+            name, texts = mcap.parse_metadata(body)
+            if name == mcap.CUSTOM_DATA:
+                self.custom_data.update(texts)
+            elif name == 'rosbag2':
+                self.custom_data.update(custom_data_of(texts.get('serialized_metadata', '')))
+        elif opcode == Opcode.MESSAGE_INDEX:
+            mcap.check_message_index(body)
+        elif opcode == Opcode.STATISTICS:
+            self._stated = mcap.Fields(body).number(8)
+        elif opcode == Opcode.FOOTER:
+            fields = mcap.Fields(body)
+            start, _, checksum = fields.number(8), fields.number(8), fields.number(4)
+            self._footer = True
+            covered = self._data[start : offset + mcap.RECORD_HEADER.size + 16]
+            if checksum and crc32(covered) != checksum:
+                self._stated = None
+                self.report_damage('its index has a wrong checksum')
+
+    def _topic(self, channel: Channel) -> StoredTopic:
+        schema = self._schemas.get(channel.schema)
+        return completed(
+            channel.id,
+            channel.topic,
+            schema.name if schema else '',
+            (schema.encoding, schema.data.decode()) if schema else None,
+            channel.metadata.get('topic_type_hash', ''),
+            channel.metadata.get('offered_qos_profiles', ''),
+        )
+
+
+KINDS: Final = range(Opcode.HEADER, Opcode.DATA_END + 1)
+"""Opcodes that the format defines [1]."""
+LARGEST_CHUNK_HEAD: Final = 64
+"""Size that the head of a chunk fits into [B]: 40 of numbers and the codec's name."""
+_HEAD = re.compile(rb'[\x01-\x0f](?=.{5}\x00\x00\x00)', re.DOTALL)
+"""Head of a record: an opcode and a length below 2^40 [B]."""
+_WINDOW = 2**26
+"""Bytes that are searched before their memory pages are released [B]."""
+_SIZES: dict[int, int] = {Opcode.DATA_END: 4, Opcode.FOOTER: 20}
+"""Sizes of the records with a fixed size [B]."""
+_PARSERS: dict[int, Callable[[Bytes], object]] = {
+    Opcode.MESSAGE: mcap.parse_message,
+    Opcode.MESSAGE_INDEX: mcap.check_message_index,
+    Opcode.SCHEMA: mcap.parse_schema,
+    Opcode.CHANNEL: mcap.parse_channel,
+    Opcode.METADATA: mcap.parse_metadata,
+}
+
+
+def next_record(data: memoryview, begin: int) -> int:
+    """Return the offset of the next plausible record, or the end of the file."""
+    for start in range(begin, len(data), _WINDOW):
+        end = min(start + _WINDOW, len(data))
+        window = data[start : end + mcap.RECORD_HEADER.size]
+        for match in _HEAD.finditer(window, 0):
+            offset = start + match.start()
+            if offset < end and _is_record(data, offset):
+                return offset
+        if end < len(data):
+            release_pages(data)
+    return len(data)
+
+
+def _is_record(data: Bytes, offset: int) -> bool:
+    """Return whether a valid record begins at an offset, with another one after it."""
+    opcode, size = mcap.RECORD_HEADER.unpack_from(data, offset)
+    begin = offset + mcap.RECORD_HEADER.size
+    end = begin + size
+    with suppress(ValueError):
+        if opcode == Opcode.CHUNK:
+            head = mcap.parse_chunk_head(data[begin : begin + LARGEST_CHUNK_HEAD])
+            return head.size == int(size)
+        following = data[end : end + 1]
+        if end > len(data) or (following and following[0] not in (*KINDS, mcap.MAGIC[0])):
+            return False
+        if opcode in _PARSERS:
+            _PARSERS[opcode](data[begin:end])
+            return True
+        return _SIZES.get(opcode) == int(size)
+    return False
