@@ -12,7 +12,7 @@ from typing import Any, ClassVar
 from soliton_linkage.linkage.quantities import quantity
 from soliton_linkage_nodes.bags.record.bag_writer import COMPRESSIONS, BagWriter
 from soliton_linkage_nodes.bags.record.receiving_thread import ReceivingThread
-from soliton_linkage_nodes.bags.record.subscriptions import MessageBuffer, TopicFinder
+from soliton_linkage_nodes.bags.record.subscriptions import RecordingBuffer, TopicFinder
 from soliton_linkage_nodes.bags.record.writing_thread import WritingThread
 from soliton_linkage_nodes.bags.recovery import take_over, unfinished_bag
 from soliton_linkage_nodes.bags.services import Reply, serve, serve_value
@@ -143,7 +143,9 @@ class BagRecorder(ManagedNode):
         self._finder = TopicFinder(
             self._inbox, settings.topics, settings.regex, settings.exclude_regex
         )
-        self._buffer = MessageBuffer(settings.snapshot_duration, self._paused or not self.starting)
+        self._buffer = RecordingBuffer(
+            settings.snapshot_duration, self._paused or not self.starting
+        )
         self._bag = WritingThread(lambda: _create_writer(settings), real_time=self.real_time)
         try:
             self._receiving = ReceivingThread(

@@ -48,7 +48,7 @@ from soliton_linkage_nodes.messages.camera_measurement import (
 from soliton_linkage_nodes.messages.chain_source import chain_of_file, markers_of_file
 from soliton_linkage_nodes.messages.conversions import NamedChain, chain_to_msg, without_offsets
 from soliton_linkage_nodes.messages.picture_conversions import read_camera
-from soliton_linkage_nodes.programs.command_line import number
+from soliton_linkage_nodes.programs.command_line import exit_on_failure, number
 from soliton_linkage_nodes.runtime import interfaces
 from soliton_linkage_nodes.runtime.process import stop_on_signals
 from soliton_linkage_nodes.runtime.stamps import SECOND, time_to_msg

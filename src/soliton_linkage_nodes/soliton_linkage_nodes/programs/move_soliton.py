@@ -20,7 +20,7 @@ from rclpy.action import ActionClient
 from soliton_linkage.command_line import PlainParser
 from soliton_linkage.linkage.quantities import Quantity
 from soliton_linkage_msgs.action import MoveSoliton
-from soliton_linkage_nodes.programs.chain_line import LEGEND
+from soliton_linkage_nodes.programs.chain_line import LEGEND, ChainLine
 from soliton_linkage_nodes.programs.command_line import (
     exit_on_failure,
     number,

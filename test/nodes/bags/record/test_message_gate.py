@@ -6,7 +6,7 @@ from __future__ import annotations
 from hypothesis import given
 from hypothesis import strategies as st
 
-from soliton_linkage_nodes.bags.record.subscriptions import MessageBuffer
+from soliton_linkage_nodes.bags.record.subscriptions import RecordingBuffer
 from soliton_linkage_nodes.bags.record.writing_thread import ReceivedMessage, RecordedTopic
 
 SECOND = 10**9
@@ -20,11 +20,11 @@ def message(source: RecordedTopic, stamp: int, size: int = 1) -> ReceivedMessage
 
 def test_an_open_gate_passes_everything() -> None:
     messages = [message(STREAM, 1), message(LATCHED, 2)]
-    assert MessageBuffer().take(messages) == messages
+    assert RecordingBuffer().take(messages) == messages
 
 
 def test_after_a_pause_the_last_latched_message_of_each_topic_passes() -> None:
-    gate = MessageBuffer(paused=True)
+    gate = RecordingBuffer(paused=True)
     other = RecordedTopic('/map', 'x/msg/Y', (), latched=True)
     messages = [message(LATCHED, 1), message(other, 2), message(STREAM, 3), message(LATCHED, 4)]
     assert gate.take(messages) == []
@@ -43,7 +43,7 @@ def test_a_snapshot_is_the_last_seconds_after_the_last_latched_message_before(
     for is_latched, gap in gaps:
         stamp += gap
         messages.append(message(LATCHED if is_latched else STREAM, stamp))
-    gate = MessageBuffer(snapshot=2.0)
+    gate = RecordingBuffer(snapshot=2.0)
     for one in messages:
         assert gate.take([one]) == []
     recent = [m for m in messages if stamp - m.stamp <= 2 * SECOND]
@@ -53,7 +53,7 @@ def test_a_snapshot_is_the_last_seconds_after_the_last_latched_message_before(
 
 
 def test_a_topic_that_is_taken_late_lengthens_no_snapshot() -> None:
-    gate = MessageBuffer(snapshot=2.0)
+    gate = RecordingBuffer(snapshot=2.0)
     newest, late = message(STREAM, 4 * SECOND), message(STREAM, 3 * SECOND)
     for one in (message(STREAM, SECOND), newest, late, message(STREAM, SECOND)):
         gate.take([one])
@@ -61,7 +61,7 @@ def test_a_topic_that_is_taken_late_lengthens_no_snapshot() -> None:
 
 
 def test_the_last_seconds_take_no_more_memory_than_they_may() -> None:
-    gate = MessageBuffer(snapshot=3600.0, most_kept=1000)
+    gate = RecordingBuffer(snapshot=3600.0, most_kept=1000)
     messages = [message(STREAM, stamp, 100) for stamp in range(50)]
     gate.take(messages)
     assert gate.snapshot() == messages[-10:]

@@ -19,7 +19,7 @@ from rclpy.serialization import deserialize_message
 from soliton_linkage_nodes.bags.metadata import suite_version
 from soliton_linkage_nodes.bags.reading import type_name
 from soliton_linkage_nodes.bags.record.subscriptions import (
-    MessageBuffer,
+    RecordingBuffer,
     RecordedSubscription,
     TopicFinder,
 )
@@ -129,7 +129,7 @@ class ReceivingThread:
     def __init__(
         self,
         finder: TopicFinder,
-        buffer: MessageBuffer,
+        buffer: RecordingBuffer,
         bag: WritingThread,
         announce: Callable[[Sequence[str]], None],
         real_time: bool = False,

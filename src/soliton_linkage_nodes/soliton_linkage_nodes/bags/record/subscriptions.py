@@ -157,7 +157,7 @@ _MOST_KEPT = 512 * 2**20
 """Memory for the messages of a snapshot [B]."""
 
 
-class MessageBuffer:
+class RecordingBuffer:
     """Buffer that passes messages on, or keeps them during a pause or for a snapshot.
 
     The last message of a latched topic is always kept, because later messages refer to it.

@@ -27,7 +27,7 @@ from soliton_linkage_nodes.messages.conversions import NamedChain
 from soliton_linkage_nodes.messages.picture_conversions import read_camera, write_camera
 from soliton_linkage_nodes.programs.analyse_bag import analyse
 from soliton_linkage_nodes.programs.bag_analysis import analyse_frames
-from soliton_linkage_nodes.programs.film_encoders import film_to_bag
+from soliton_linkage_nodes.programs.film_encoders import FilmSummary, film_to_bag
 from soliton_linkage_nodes.programs.identify_chain import identify_bags, summary
 from soliton_linkage_nodes.runtime import interfaces
 from soliton_linkage_nodes.runtime.stamps import SECOND
