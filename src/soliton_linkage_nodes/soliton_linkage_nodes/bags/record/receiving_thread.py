@@ -19,8 +19,8 @@ from rclpy.serialization import deserialize_message
 from soliton_linkage_nodes.bags.metadata import suite_version
 from soliton_linkage_nodes.bags.reading import type_name
 from soliton_linkage_nodes.bags.record.subscriptions import (
-    RecordingBuffer,
     RecordedSubscription,
+    RecordingBuffer,
     TopicFinder,
 )
 from soliton_linkage_nodes.bags.record.writing_thread import ReceivedMessage, WritingThread
