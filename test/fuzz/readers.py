@@ -23,7 +23,6 @@ from soliton_linkage_msgs import msg
 from soliton_linkage_nodes.bags.guards import BagLimits, load_json, load_yaml
 from soliton_linkage_nodes.bags.metadata import METADATA_FILE
 from soliton_linkage_nodes.bags.reading import (
-    OlderMessages,
     decoder,
     open_bag,
     read_messages,
@@ -197,7 +196,7 @@ def _feed_definition(content: bytes) -> None:
     topic = interfaces.JOINT_STATES
     name = type_name(topic.type)
     connection = Connection(1, '/x', name, definition, 'RIHS01_x', 1, None, None)
-    refused(lambda: OlderMessages(connection, topic.type).read(serialized))
+    refused(lambda: decoder(connection)(serialized))
 
 
 def _definitions() -> Sequence[bytes]:

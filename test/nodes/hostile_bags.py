@@ -203,7 +203,7 @@ def notes(key: str, value: str) -> Callable[..., Path]:
     """Texts inside an MCAP file."""
 
     def write(name: Path, named: NamedChain, _size: int) -> Path:
-        records = mcap.metadata_record(mcap.NOTES, {key: value})
+        records = mcap.metadata_record(mcap.CUSTOM_DATA, {key: value})
         bag = put_before_the_index(base(name, named), records)
         return tell(bag, lambda text: text.replace('custom_data: null', 'custom_data:\n    a: b'))
 
