@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The progress line rewrites itself in a terminal and stays readable in a file."""
+"""Tests of the progress line in a terminal and in a file."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from soliton_linkage.progress import ProgressLine
 
 
 class Screen(io.StringIO):
-    """What is written to stderr."""
+    """A stderr that is a terminal or a file."""
 
     def __init__(self, terminal: bool) -> None:
         super().__init__()
@@ -23,7 +23,7 @@ class Screen(io.StringIO):
 
 
 class Clock:
-    """Stands in for the module time."""
+    """A replacement of the module time."""
 
     now = 0.0
 
@@ -44,16 +44,26 @@ def screen(monkeypatch: pytest.MonkeyPatch, terminal: bool) -> Screen:
     return screen
 
 
-def test_without_a_total_there_is_no_bar(clock: Clock, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_file_contains_plain_lines_and_no_bar_without_a_total(
+    clock: Clock, monkeypatch: pytest.MonkeyPatch
+) -> None:
     written = screen(monkeypatch, terminal=False)
     line = ProgressLine('checking my_run_0', 0)
     line.show(0, '1000 messages')
     clock.now += 3
     line.show(5)
-    assert written.getvalue() == 'checking my_run_0: 1000 messages\nchecking my_run_0\n'
+    bar = ProgressLine('playing', 4)
+    bar.show(1)
+    bar.end('played')
+    assert written.getvalue().splitlines() == [
+        'checking my_run_0: 1000 messages',
+        'checking my_run_0',
+        'playing [########......................]  25% ',
+        'played',
+    ]
 
 
-def test_in_a_terminal_one_line_is_rewritten(
+def test_a_terminal_shows_one_updated_line_below_permanent_notes(
     clock: Clock, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     written = screen(monkeypatch, terminal=True)
@@ -61,78 +71,51 @@ def test_in_a_terminal_one_line_is_rewritten(
     for done in (0, 1, 4):
         line.show(done)
         clock.now += 1
+    line.note('louder now')
+    line.clear()
     line.end('played')
-    text = written.getvalue()
-    assert text.count('\n') == 1
-    assert text.endswith('\r\x1b[Kplayed\n')
-    assert [part.strip()[-4:].strip() for part in text.split('\r\x1b[K')[1:4]] == [
-        '0%',
-        '25%',
-        '100%',
-    ]
-
-
-def test_in_a_file_each_state_is_a_line_without_control_characters(
-    clock: Clock, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    written = screen(monkeypatch, terminal=False)
-    line = ProgressLine('playing', 4)
-    line.show(1)
-    line.end('played')
-    assert written.getvalue().splitlines() == [
-        'playing [########......................]  25% ',
-        'played',
-    ]
+    parts = written.getvalue().split('\r\x1b[K')[1:]
+    assert [part.strip()[-4:].strip() for part in parts[:3]] == ['0%', '25%', '100%']
+    assert parts[3:] == ['louder now\n', '', 'played\n']
 
 
 @pytest.mark.parametrize(('terminal', 'interval'), [(True, 0.1), (False, 2.0)])
-def test_what_comes_too_soon_is_not_shown(
+def test_updates_within_the_interval_are_skipped(
     clock: Clock, monkeypatch: pytest.MonkeyPatch, terminal: bool, interval: float
 ) -> None:
     written = screen(monkeypatch, terminal)
     line = ProgressLine('playing', 4)
-    line.show(1)
-    clock.now += 0.9 * interval
-    line.show(2)
-    clock.now += 0.2 * interval
-    line.show(3)
-    assert ['25%' in written.getvalue(), '50%' in written.getvalue()] == [True, False]
-    assert '75%' in written.getvalue()
+    for done in (1, 2, 3):
+        line.show(done)
+        clock.now += (0.9, 0.2, 0.0)[done - 1] * interval
+    shown = [f'{share}%' in written.getvalue() for share in (25, 50, 75)]
+    assert shown == [True, False, True]
 
 
-def test_a_line_is_no_longer_than_the_terminal(
-    clock: Clock, monkeypatch: pytest.MonkeyPatch
+@pytest.mark.parametrize(
+    ('width', 'title', 'remark', 'expected'),
+    [
+        (20, 'playing', '', 'g [##........]  25% '),
+        (
+            60,
+            'playing /a/long/way/to/the/bags/run_0',
+            '0.0 of 99.9 s, paused',
+            'ay/to/the/bags/run_0 [##........]  25% 0.0 of 99.9 s, paused',
+        ),
+    ],
+)
+def test_a_short_line_keeps_the_remark_and_cuts_bar_and_title(
+    clock: Clock,
+    monkeypatch: pytest.MonkeyPatch,
+    width: int,
+    title: str,
+    remark: str,
+    expected: str,
 ) -> None:
     written = screen(monkeypatch, terminal=True)
-    monkeypatch.setattr(progress, 'line_width', lambda: 20)
-    line = ProgressLine('playing', 4)
-    line.show(1)
+    monkeypatch.setattr(progress, 'line_width', lambda: width)
+    line = ProgressLine(title, 4)
+    line.show(1, remark)
     clock.now += 1
-    line.show_text(30 * 'x')
-    assert written.getvalue().split('\r\x1b[K')[1:] == ['g [##........]  25% ', 20 * 'x']
-
-
-def test_on_a_short_line_the_remark_is_kept_before_bar_and_title(
-    clock: Clock, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    written = screen(monkeypatch, terminal=True)
-    monkeypatch.setattr(progress, 'line_width', lambda: 60)
-    line = ProgressLine('playing /a/long/way/to/the/bags/run_0', 4)
-    line.show(1, '0.0 of 99.9 s, paused')
-    shown = written.getvalue().split('\r\x1b[K')[1]
-    assert shown == 'ay/to/the/bags/run_0 [##........]  25% 0.0 of 99.9 s, paused'
-    assert len(shown) == 60
-
-
-def test_a_note_stays_above_the_line_which_can_be_taken_away(
-    clock: Clock, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    written = screen(monkeypatch, terminal=True)
-    line = ProgressLine('playing', 4)
-    line.show(1)
-    line.note('louder now')
-    clock.now += 1
-    line.show(2)
-    line.clear()
-    parts = written.getvalue().split('\r\x1b[K')
-    assert [parts[2], parts[-1]] == ['louder now\n', '']
+    line.show_text(2 * width * 'x')
+    assert written.getvalue().split('\r\x1b[K')[1:] == [expected, width * 'x']

@@ -161,7 +161,7 @@ def test_what_a_task_raises_comes_with_where_it_was_and_the_process_goes_on() ->
     with local_processes(1) as processes:
         with pytest.raises(ValueError, match='invalid literal') as raised:
             result(processes, int, 'seven')
-        assert 'in _outcome' in str(raised.value.__cause__)
+        assert 'in _run' in str(raised.value.__cause__)
         assert result(processes, int, '7') == 7
 
 
@@ -368,11 +368,10 @@ def test_rows_measured_by_a_cluster_are_the_same() -> None:
         assert cells == measure_chunk(STUDY, [int(row[0]) for row in cells])[0]
 
 
-def test_a_cluster_that_does_not_answer_is_said(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_cluster_that_does_not_answer_is_reported() -> None:
     pytest.importorskip('distributed')
-    monkeypatch.setattr(study_workers, '_CONNECTION_TIMEOUT', 0.5)
     complaint = r'--scheduler tcp://127.0.0.1:9 does not answer'
-    with pytest.raises(ValueError, match=complaint), cluster('tcp://127.0.0.1:9'):
+    with pytest.raises(ValueError, match=complaint), cluster('tcp://127.0.0.1:9', timeout=0.5):
         pass
 
 
