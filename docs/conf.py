@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""How the site is built: pages in Markdown, the API from the docstrings, tables from the code."""
+"""Configuration of Sphinx: pages in Markdown, the API from docstrings, tables from the code."""
 
 import sys
 from pathlib import Path
@@ -17,10 +17,11 @@ extensions = [
     'myst_parser',
     'sphinx.ext.autodoc',
     'sphinx.ext.napoleon',
+    'mathml',
     'suite_docstrings',
     'suite_tables',
 ]
-myst_enable_extensions = ['colon_fence', 'deflist']
+myst_enable_extensions = ['colon_fence', 'deflist', 'dollarmath']
 myst_heading_anchors = 3
 
 autodoc_member_order = 'bysource'
@@ -32,6 +33,7 @@ default_role = 'code'
 highlight_language = 'none'
 python_use_unqualified_type_names = True
 
+html_math_renderer = 'mathml'
 html_theme = 'furo'
 html_title = f'soliton_linkage {release}'
 html_static_path = ['static']

@@ -1,0 +1,28 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Formulas as MathML, which browsers draw without a script, so that the site works offline."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from docutils import nodes
+from docutils.utils.math.latex2mathml import tex2mathml
+from sphinx.application import Sphinx
+
+
+def visit_inline(translator: Any, node: nodes.math) -> None:
+    """Write an inline formula."""
+    translator.body.append(tex2mathml(node.astext()))
+    raise nodes.SkipNode
+
+
+def visit_block(translator: Any, node: nodes.math_block) -> None:
+    """Write a displayed formula."""
+    translator.body.append(f'<div class="math">{tex2mathml(node.astext(), as_block=True)}</div>')
+    raise nodes.SkipNode
+
+
+def setup(app: Sphinx) -> dict[str, Any]:
+    """Register the renderer."""
+    app.add_html_math_renderer('mathml', (visit_inline, None), (visit_block, None))
+    return {'parallel_read_safe': True}
