@@ -13,7 +13,13 @@ from integrate_peers import Problem
 from soliton_linkage.dynamics.equation_of_motion import EquationOfMotion
 from soliton_linkage.dynamics.integrators import nystrom_loops
 from soliton_linkage.dynamics.integrators.nystrom_steps import KICKS, NystromSteps, zeros_in_line
-from soliton_linkage.dynamics.integrators.rotor_loops import VECTOR, Before, Span, Spring
+from soliton_linkage.dynamics.terms import (
+    VECTOR,
+    SpringTorques,
+    padded_size,
+    sum_terms,
+    term_table,
+)
 from soliton_linkage.linkage.chain import Array
 
 REPEATS = 7
@@ -44,18 +50,13 @@ def moving(size: int) -> tuple[EquationOfMotion, Array]:
 def loops(size: int) -> dict[str, list[float]]:
     """Over rows long enough to drown the call, as many times as there is a budget."""
     longer = max(size, 8000)
-    work = zeros_in_line(4, longer + VECTOR)
+    motion, _ = moving(longer)
+    work = zeros_in_line(nystrom_loops.WORK_ROWS, padded_size(longer) + VECTOR)
     work[:] = np.random.default_rng(1).uniform(-0.1, 0.1, work.shape)
-    spring, every, none = (
-        Spring(1.1, 0.2, 0.3, 0.4, 0.5),
-        Span(0, longer, longer),
-        Before(0.0, 0.0),
-    )
-    rotors, times = nystrom_loops.Rotors(*work), nystrom_loops.Times(1e-9, 1e-9)
+    table = term_table([SpringTorques(motion.chain)], longer)
     calls: dict[str, Callable[[], object]] = {
-        'spring, kick and turn': lambda: nystrom_loops.kick_and_turn(
-            rotors, every, spring, times, none
-        ),
+        'springs': lambda: sum_terms(work, longer, *table),
+        'turn': lambda: nystrom_loops.turn(work, nystrom_loops.RATES, 1e-9),
     }
     repeats = math.ceil(BUDGET / longer)
     return {

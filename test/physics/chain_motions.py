@@ -57,5 +57,5 @@ MOTIONS = motions()
 def lively_state(motion: EquationOfMotion, seed: int = 1, speed: float = 0.2) -> Array:
     rng = np.random.default_rng(seed)
     angles = motion.chain.uniform_state(1) + rng.normal(0, 0.1, motion.rotors)
-    rates = rng.normal(0, speed, motion.rotors) * (motion.inverse_inertias > 0)
+    rates = rng.normal(0, speed, motion.rotors) * np.isfinite(motion.inertias)
     return motion.state(angles, rates)

@@ -8,8 +8,8 @@ import math
 import numpy as np
 
 from soliton_linkage.dynamics.equation_of_motion import EquationOfMotion
+from soliton_linkage.dynamics.integrators.nystrom_loops import LARGEST_TURN, Checks
 from soliton_linkage.dynamics.integrators.nystrom_steps import DRIFTS, KICKS
-from soliton_linkage.dynamics.integrators.rotor_loops import LARGEST_TURN, Checks
 from soliton_linkage.linkage.chain import Array
 
 

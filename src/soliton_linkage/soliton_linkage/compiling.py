@@ -73,7 +73,7 @@ def compiled(*arguments: Any) -> Callable[[Kernel], Kernel]:
 def compile_loop(
     function: Kernel,
     arguments: tuple[Any, ...] | None = None,
-    freedoms: frozenset[str] = FASTMATH_FLAGS,
+    fastmath: frozenset[str] = FASTMATH_FLAGS,
     inlined: bool = False,
 ) -> Kernel:
     """Compile for arguments of these types, or for those that it is first called with.
@@ -85,7 +85,7 @@ def compile_loop(
         return numba.njit(
             arguments,
             cache=cache,
-            fastmath=set(freedoms),
+            fastmath=set(fastmath),
             error_model='numpy',
             forceinline=inlined,
             nogil=True,
@@ -97,6 +97,11 @@ def compile_loop(
         return cast(Kernel, compiler(cache=False)(function))
 
 
+def inlined(function: Kernel) -> Kernel:
+    """Compile a function into the functions that call it."""
+    return compile_loop(function, inlined=True)
+
+
 def _nothing() -> None:
     pass
 
@@ -105,9 +110,6 @@ _compiled_or_not: object = numba.njit(_nothing)
 
 COMPILES = _compiled_or_not is not _nothing
 """Whether numba compiles, or leaves functions as they are."""
-
-unsigned: Callable[[int], Any] = np.uintp if COMPILES else int
-"""Indices in vectorised loops; in numpy 1 a sum of these and others would be no index."""
 
 
 def _hint(intrinsic_function: Callable[[Any], Any]) -> Callable[[], None]:
@@ -133,22 +135,3 @@ def _wide(_typing: Any) -> Any:
 
 
 prefer_wide_vectors = _hint(_wide)
-
-
-def _apart(_typing: Any) -> Any:
-    """Promise that nothing is written to one array of the calling function and read from another.
-
-    Measured: within noise for `SymplecticNystrom`, at 40 and at 1000 rotors.
-    """
-
-    def generate(context: Any, builder: Any, _signature: Any, _arguments: Any) -> Any:
-        data = context.get_value_type(f8).as_pointer()
-        for argument in builder.function.args:
-            if argument.type == data:
-                argument.add_attribute('noalias')
-        return context.get_dummy_value()
-
-    return types.void(), generate
-
-
-arrays_do_not_overlap = _hint(_apart)

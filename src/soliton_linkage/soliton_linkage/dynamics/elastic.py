@@ -34,7 +34,7 @@ class ElasticSettings(SimulationSettings):
     A chain at rest asks for no accuracy, and longer steps make a motion of rounding errors. Half
     of it: 1.6 times the work for a soliton, twice for a chain at rest; twice: none and half.
     """
-    symplectic_share: float = 0.1
+    symplectic_fraction: float = 0.1
     """Tolerance of `SymplecticNystrom`, over that of the simulation.
 
     A kicked chain of 12 rotors then has the error of DOP853, 7e-10 rad; at 1 it has 13 times as
@@ -114,7 +114,7 @@ class ElasticSimulation(Simulation):
             state,
             np.inf,
             rtol=SMALLEST_RELATIVE_TOLERANCE,
-            atol=self._settings.symplectic_share * tolerances,
+            atol=self._settings.symplectic_fraction * tolerances,
             together=1,
         )
         return solver, longest_step

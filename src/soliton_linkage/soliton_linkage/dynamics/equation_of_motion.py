@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The equations of motion of a chain of springs, as solvers of scipy take them."""
+"""Equation of motion of a chain of springs, as the right-hand side of scipy's solvers."""
 
 from __future__ import annotations
 
@@ -12,12 +12,16 @@ import numpy as np
 
 from soliton_linkage.dynamics.terms import (
     AppliedFunction,
+    CompiledTerm,
     HeldTorques,
     LinearDamping,
     SpringTorques,
     Term,
+    TermTable,
     TorqueFunction,
     Weights,
+    term_table,
+    torques_of,
 )
 from soliton_linkage.linkage.chain import Array, Chain
 from soliton_linkage.linkage.gravity import NO_GRAVITY, Gravity
@@ -28,26 +32,26 @@ class EquationOfMotion:
     """Right-hand side for `scipy.integrate.solve_ivp`, of state (angles, rates, dissipated).
 
     M r^2 phi_ddot = sum of the torques of all terms,
-    W_dot = sum of the powers that they take out,
+    W_dot = sum of the powers that they dissipate,
 
-    where W, the energy that damping and `forces` have taken out [J], belongs only to the state of
-    a motion with such terms. The terms are held torques, gravity, linear damping, `forces` and
-    springs. Raises ValueError for torques or fixed rotors that do not fit the chain.
+    where the dissipated energy W [J] belongs to the state only if a term is dissipative. The
+    terms are springs, held torques, gravity, linear damping and `forces`. Raises ValueError for
+    torques or fixed rotors that do not fit the chain.
     """
 
     chain: Chain
     torques: Array | None = None
-    """Held at each rotor [N m], shape (N,); None where there are none."""
+    """Torque held at each rotor [N m], shape (N,); None for none."""
     gravity: Gravity = NO_GRAVITY
     fixed: tuple[int, ...] = ()
-    """Numbers of the rotors that do not turn, whatever acts on them."""
+    """Indices of the rotors that do not turn."""
     forces: tuple[Term | TorqueFunction, ...] = ()
-    """Terms beyond those of the chain."""
+    """Further terms."""
     start: float = 0.0
-    """Time of `forces` at time 0 of the solver [s]."""
+    """Time that plain functions get at time 0 of the solver [s]."""
 
     def __post_init__(self) -> None:
-        """Refuse torques and rotors that do not fit the chain."""
+        """Reject torques and fixed rotors that do not fit the chain."""
         if self.torques is not None:
             self.chain.check_angles(self.torques, 'torque')
         checked_rotors(self.chain, self.fixed)
@@ -57,24 +61,19 @@ class EquationOfMotion:
         """Number of rotors N."""
         return self.chain.number_of_rotors
 
-    @property
+    @cached_property
     def damped(self) -> bool:
-        """Whether the state has the dissipated energy behind the rates."""
+        """Whether the state ends with the dissipated energy."""
         return any(term.dissipative for term in self.loads)
 
     @cached_property
-    def weights(self) -> Weights:
-        """Term of gravity."""
-        return Weights(self.chain, self.gravity)
-
-    @cached_property
     def loads(self) -> tuple[Term, ...]:
-        """Terms other than those of springs."""
+        """Terms other than springs."""
         loads: list[Term] = []
-        if self.held_torques.any():
-            loads.append(HeldTorques(self.held_torques))
+        if self.torques is not None and self.torques.any():
+            loads.append(HeldTorques(self.torques))
         if self.gravity.acceleration:
-            loads.append(self.weights)
+            loads.append(Weights(self.chain, self.gravity))
         if self.chain.damping > 0:
             loads.append(LinearDamping(self.chain.dampings))
         loads += [f if isinstance(f, Term) else AppliedFunction(f) for f in self.forces]
@@ -82,39 +81,33 @@ class EquationOfMotion:
 
     @cached_property
     def terms(self) -> tuple[Term, ...]:
-        """All terms."""
-        return (*self.loads, SpringTorques(self.chain))
+        """All terms, springs first."""
+        return (SpringTorques(self.chain), *self.loads)
+
+    def table(self, terms: Sequence[Term]) -> TermTable:
+        """Return the kinds and parameters of the compiled ones among some terms."""
+        return term_table([t for t in terms if isinstance(t, CompiledTerm)], self.rotors)
 
     @cached_property
-    def held_torques(self) -> Array:
-        """Torques [N m], shape (N,)."""
-        return np.zeros(self.rotors) if self.torques is None else self.torques
-
-    @property
-    def in_field(self) -> bool:
-        """Whether torques or gravity act on the rotors."""
-        return self.gravity.acceleration != 0 or bool(np.any(self.held_torques))
+    def plain_terms(self) -> tuple[Term, ...]:
+        """Terms that are not compiled."""
+        return tuple(term for term in self.loads if not isinstance(term, CompiledTerm))
 
     @cached_property
     def inertias(self) -> Array:
-        """Of the rotors [kg m^2], M r^2, and infinite of fixed ones, shape (N,)."""
+        """Moment of inertia of each rotor [kg m^2], infinite for fixed ones, shape (N,)."""
         inertias = self.chain.moments_of_inertia.copy()
         inertias[list(self.fixed)] = np.inf
         return inertias
 
     @cached_property
-    def inverse_inertias(self) -> Array:
-        """Of the rotors [1/(kg m^2)], 1 / (M r^2), and 0 of fixed ones, shape (N,)."""
-        return np.asarray(1 / self.inertias)
-
-    @cached_property
     def decay_rates(self) -> Array:
-        """Of free rotors [1/s], c / (M r^2), shape (N,)."""
-        return self.chain.dampings * self.inverse_inertias
+        """Decay rate of each free rotor by linear damping [1/s], c / (M r^2), shape (N,)."""
+        return np.asarray(self.chain.dampings / self.inertias)
 
     @cached_property
     def fastest_vibration(self) -> float:
-        """Bound of vibrations, sqrt(4 k_e / M + g / r) [1/s]."""
+        """Bound of the angular frequencies of vibrations, sqrt(4 k_e / M + g / r) [1/s]."""
         chain = self.chain
         of_springs = 4 * float(chain.stiffnesses.max() / chain.masses.min())
         of_gravity = self.gravity.acceleration / float(chain.rotor_lengths.min())
@@ -122,7 +115,7 @@ class EquationOfMotion:
 
     @cached_property
     def fastest_decay(self) -> float:
-        """Of free rotors' rates, c / (M r^2) [1/s]."""
+        """Largest decay rate of a free rotor, c / (M r^2) [1/s]."""
         return float(self.decay_rates.max())
 
     @property
@@ -131,41 +124,48 @@ class EquationOfMotion:
         return max(self.fastest_vibration, 2 * self.fastest_decay)
 
     def state(self, angles: Array, rates: Array) -> Array:
-        """State with nothing dissipated so far, shape (2N,), or (2N + 1,) of a damped chain."""
+        """Return the state with no dissipated energy, shape (2N,), or (2N + 1,) if damped."""
         given = self.chain.check_angles(angles), self.chain.check_angles(rates, 'rate')
         return np.concatenate([*given, [0.0] * self.damped])
 
     def accelerations(self, angles: Array) -> Array:
-        """Angular acceleration without damping [rad/s^2], shape (N,)."""
+        """Return the angular accelerations at rest [rad/s^2], shape (N,)."""
         at_rest = self.state(angles, np.zeros(self.rotors))
         return self(0.0, at_rest)[self.rotors : 2 * self.rotors]
 
     def __call__(self, time: float, state: Array) -> Array:
-        """Time derivative of a state, of its shape."""
+        """Return the time derivative of a state, of its shape."""
         state = np.ascontiguousarray(state)
-        number = state.size // 2
-        angles, rates = state[:number], state[number : 2 * number]
-        changes = np.zeros(state.size)
-        changes[:number] = rates
-        torques = changes[number : 2 * number]
-        dissipated = self.add(self.terms, torques, time, angles, rates)
-        torques /= self.inertias
-        if state.size > 2 * number:
-            changes[-1] = dissipated
-        return changes
+        rotors = self.rotors
+        angles, rates = state[:rotors], state[rotors : 2 * rotors]
+        torques = np.zeros(rotors)
+        power = torques_of(angles, rates, *self._table, torques)
+        power += self._add_plain(torques, time, angles, rates)
+        return np.concatenate([rates, torques / self.inertias, [power] * (state.size % 2)])
 
-    def add(
-        self, terms: Sequence[Term], torques: Array, time: float, angles: Array, rates: Array
-    ) -> float:
-        """Add the torques of terms [N m], shape (N,); return the power they take out [W]."""
-        dissipated = 0.0
-        for term in terms:
-            dissipated += term.add(torques, self.start + time, angles, rates)
-        return dissipated
+    def add_loads(self, torques: Array, time: float, angles: Array, rates: Array) -> float:
+        """Add the torques of all terms but springs [N m], shape (N,).
+
+        Return the power that they dissipate [W].
+        """
+        power = torques_of(angles, rates, *self._table_of_loads, torques)
+        return power + self._add_plain(torques, time, angles, rates)
+
+    def _add_plain(self, torques: Array, time: float, angles: Array, rates: Array) -> float:
+        time += self.start
+        return sum(term.add(torques, time, angles, rates) for term in self.plain_terms)
+
+    @cached_property
+    def _table(self) -> TermTable:
+        return self.table(self.terms)
+
+    @cached_property
+    def _table_of_loads(self) -> TermTable:
+        return self.table(self.loads)
 
 
 def checked_rotors(chain: Chain, rotors: Sequence[int]) -> tuple[int, ...]:
-    """Return the rotors in order, each once; raise ValueError where there is no such rotor."""
+    """Return the indices of rotors, sorted and unique; raise ValueError for one out of range."""
     for rotor in rotors:
         if rotor not in range(chain.number_of_rotors):
             raise ValueError(

@@ -91,7 +91,7 @@ class RigidSimulation(Simulation):
         chain, angles, rates = self.chain, self.angles, self.rates
         first, second = rigidity_bands(chain, angles)
         torques, elapsed = np.zeros(len(angles)), self.time - self.motion.start
-        self.motion.add(self.motion.loads, torques, elapsed, angles, rates)
+        self.motion.add_loads(torques, elapsed, angles, rates)
         free = torques / chain.moments_of_inertia
         shrinking = _centripetal(chain, angles, rates) - first * free[:-1] - second * free[1:]
         weights = 1 / np.sqrt(chain.moments_of_inertia)
@@ -142,7 +142,7 @@ class RigidSimulation(Simulation):
         def derivative(time: float, state: Array) -> Array:
             mode = mode_of_bars(state[:rotors], *parameters)
             rates, torques = state[rotors] * mode, np.zeros(rotors)
-            dissipated = motion.add(motion.loads, torques, time, state[:rotors], rates)
+            dissipated = motion.add_loads(torques, time, state[:rotors], rates)
             return np.concatenate([rates, [mode @ torques, dissipated]])
 
         solver = scipy_solver(DOP853, derivative, state, self._tolerances(), longest_step)

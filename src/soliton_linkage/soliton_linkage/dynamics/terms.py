@@ -1,124 +1,158 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Terms: the torques on the rotors whose sum is the equation of motion.
+"""Terms of the equation of motion: each adds a torque on every rotor.
 
-A new law inside the package is one more class here. A law from outside is a plain function,
-`f(time, angles, rates) -> torques`.
+A compiled term has rows of parameters and a kernel that `sum_terms` calls by the term's `kind`.
+All integrators and rigid bars call the same kernels. To add one, write a subclass of
+`CompiledTerm`, its kernel, and its line in `sum_terms`. A plain function
+`f(time, angles, rates) -> torques` also acts as a term, in the solvers of scipy only.
+
+A kernel reads angles, rates, cosines and sines from rows of the array `work`, shape
+(rows, P + VECTOR), and adds torques [N m] to its row TORQUES. The N rotors are padded to P, a
+multiple of VECTOR, with zeros. A kernel indexes `work` instead of taking rows of it, because
+numba counts the references of each row taken, which takes longer than a loop over 20 rotors.
 """
 
 from __future__ import annotations
 
 import math
 from abc import ABC, abstractmethod
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
+from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
-from soliton_linkage.compiling import b1, compile_loop, compiled, const_f8_1d, const_f8_2d, f8_1d
+from soliton_linkage.compiling import (
+    FASTMATH_FLAGS,
+    compile_loop,
+    compiled,
+    const_f8_1d,
+    const_f8_2d,
+    const_i8_2d,
+    f8_1d,
+    inlined,
+    prefer_wide_vectors,
+)
 from soliton_linkage.linkage.chain import Array, Chain
 from soliton_linkage.linkage.gravity import Gravity
-from soliton_linkage.linkage.springs import spring_between
 
 TorqueFunction = Callable[[float, Array, Array], Array]
 """Torques [N m] by time [s], angles [rad] and rates [rad/s], shape (N,) each."""
 
+VECTOR = 8
+"""Largest number of doubles in a vector register."""
+
+ANGLES, RATES, COSINES, SINES, TORQUES, TORQUES_ON_RIGHT = range(6)
+"""Rows of `work`. TORQUES_ON_RIGHT has at n + 1 the torque of spring n on its right rotor."""
+
+SPRINGS, GRAVITY, CONSTANT, LINEAR_DAMPING, DRY_FRICTION = range(5)
+"""Kinds of compiled terms."""
+
 
 class Term(ABC):
-    """Torque on each rotor, as one summand of an equation of motion."""
+    """Torque on each rotor, as one summand of the equation of motion."""
 
     dissipative = False
-    """Whether `add` may return other powers than 0."""
+    """Whether the power of the term counts as dissipated."""
 
     @abstractmethod
     def add(self, torques: Array, time: float, angles: Array, rates: Array) -> float:
         """Add the torque on each rotor [N m] to `torques`, shape (N,).
 
-        Return the power that the term takes out of the chain [W]; 0 for a term whose energy or
-        work is accounted for otherwise.
+        Return the power that the term dissipates [W], or 0 if the term is not dissipative.
         """
 
     def energy(self, angles: Array) -> float:
-        """Return the potential energy [J], 0 of a term that has none."""
+        """Return the potential energy [J], 0 for a term without one."""
         del angles
         return 0.0
 
 
-class SpringTorques(Term):
+class CompiledTerm(Term):
+    """Term with a kernel that all integrators call.
+
+    The torques of a dissipative term depend on the rates alone, those of another one on the
+    angles alone.
+    """
+
+    kind: int
+    rows: Array
+    """Parameters of the kernel, shape (parameters, N), or (parameters, 1) for equal rotors."""
+
+    def add(self, torques: Array, time: float, angles: Array, rates: Array) -> float:
+        """Add the torques of the kernel; return the dissipated power [W]."""
+        del time
+        return torques_of(angles, rates, *term_table([self], torques.size), torques)
+
+
+class SpringTorques(CompiledTerm):
     """Torques of the springs, -dV/dphi; see `Chain.spring_torques`."""
+
+    kind = SPRINGS
 
     def __init__(self, chain: Chain) -> None:
         self._chain = chain
-        self._rows = np.zeros((5, chain.number_of_rotors))
-        self._rows[:4] = chain.spring_parameters
-        self._rows[4, : chain.number_of_springs] = chain.stiffnesses
-
-    def add(self, torques: Array, time: float, angles: Array, rates: Array) -> float:
-        """Add -k_e (l - lbar) A to the left rotor and -k_e (l - lbar) B to the right one."""
-        del time, rates
-        _add_springs(torques, angles, self._rows, self._chain.periodic)
-        return 0.0
+        squares, count = chain.rest_lengths**2, chain.number_of_springs
+        left = chain.rotor_lengths[:count]
+        right = np.roll(chain.rotor_lengths, -1)[:count]
+        self.rows = np.zeros((7, chain.number_of_rotors))
+        self.rows[0] = 1.0
+        self.rows[:, :count] = (
+            1 + chain.offsets / squares,
+            2 * chain.spacings * right / squares,
+            2 * chain.spacings * left / squares,
+            2 * left * right / squares,
+            chain.stiffnesses * chain.spacings * left,
+            chain.stiffnesses * chain.spacings * right,
+            chain.stiffnesses * left * right,
+        )
 
     def energy(self, angles: Array) -> float:
         """Return the sum of (k_e / 2) (l - lbar)^2 [J]."""
         return float(self._chain.elastic_energy(angles))
 
 
-class Weights(Term):
+class Weights(CompiledTerm):
     """Torques of gravity, g M r sin(phi + tilt)."""
+
+    kind = GRAVITY
 
     def __init__(self, chain: Chain, gravity: Gravity) -> None:
         self._chain, self._gravity = chain, gravity
         weights = gravity.acceleration * chain.masses * chain.rotor_lengths
-        self.by_sine: Array = weights * math.cos(gravity.tilt)
-        """Torque over the sine of the angle [N m], shape (N,)."""
-        self.by_cosine: Array = weights * math.sin(gravity.tilt)
-        """Torque over the cosine of the angle [N m], shape (N,)."""
-
-    def add(self, torques: Array, time: float, angles: Array, rates: Array) -> float:
-        """Add by_sine sin(phi) + by_cosine cos(phi)."""
-        del time, rates
-        _add_weights(torques, angles, self.by_sine, self.by_cosine)
-        return 0.0
+        self.rows = np.outer([math.cos(gravity.tilt), math.sin(gravity.tilt)], weights)
 
     def energy(self, angles: Array) -> float:
         """Return the sum of g M r cos(phi + tilt) [J]."""
         return float(self._gravity.energy(self._chain, angles))
 
 
-class HeldTorques(Term):
+class HeldTorques(CompiledTerm):
     """Constant torques [N m], shape (N,), whose work is torque times angle."""
 
+    kind = CONSTANT
+
     def __init__(self, held: Array) -> None:
-        self.held = held
-
-    def add(self, torques: Array, time: float, angles: Array, rates: Array) -> float:
-        """Add the constant torques."""
-        del time, angles, rates
-        torques += self.held
-        return 0.0
+        self.rows = held[np.newaxis]
 
 
-class LinearDamping(Term):
+class LinearDamping(CompiledTerm):
     """Torques -c phi_dot, with c [N m s/rad] of each rotor, shape (N,)."""
 
-    dissipative = True
+    kind, dissipative = LINEAR_DAMPING, True
 
     def __init__(self, dampings: Array) -> None:
-        self._dampings = dampings
-
-    def add(self, torques: Array, time: float, angles: Array, rates: Array) -> float:
-        """Add -c phi_dot; return the sum of c phi_dot^2."""
-        del time, angles
-        return _add_damping(torques, rates, self._dampings)
+        self.rows = dampings[np.newaxis]
 
 
-class DryFriction(Term):
-    """Torques -tau tanh(phi_dot / omega) of bearings, Coulomb's law with a continuous start.
+class DryFriction(CompiledTerm):
+    """Torques -tau tanh(phi_dot / omega) of bearings: Coulomb friction, regularised at rest.
 
-    `torque` tau [N m] is one number or one for each rotor, shape (N,); below about the rate
-    omega, `regularisation` [rad/s], the friction falls to 0 in proportion to the rate.
+    `torque` tau [N m] is one number or one for each rotor, shape (N,). Below the rate omega,
+    `regularisation` [rad/s], the friction is proportional to the rate.
     """
 
-    dissipative = True
+    kind, dissipative = DRY_FRICTION, True
 
     def __init__(self, torque: Array | float, regularisation: float) -> None:
         if not (np.all(np.asarray(torque) >= 0) and regularisation > 0):
@@ -126,14 +160,8 @@ class DryFriction(Term):
                 f'friction torque = {torque} N m must be 0 or more, and regularisation = '
                 f'{regularisation} rad/s above 0'
             )
-        self._torque, self._regularisation = torque, regularisation
-
-    def add(self, torques: Array, time: float, angles: Array, rates: Array) -> float:
-        """Add -tau tanh(phi_dot / omega); return the sum of tau phi_dot tanh(phi_dot / omega)."""
-        del time, angles
-        friction = self._torque * np.tanh(rates / self._regularisation)
-        torques -= friction
-        return float(friction @ rates)
+        torques = np.atleast_1d(np.asarray(torque, dtype=np.float64))
+        self.rows = np.array([torques, np.full_like(torques, 1 / regularisation)])
 
 
 class AppliedFunction(Term):
@@ -145,50 +173,160 @@ class AppliedFunction(Term):
         self._function = function
 
     def add(self, torques: Array, time: float, angles: Array, rates: Array) -> float:
-        """Add what the function returns; return minus its power."""
+        """Add the torques that the function returns; return the negative of their power [W]."""
         applied = self._function(time, angles, rates)
         torques += applied
         return -float(applied @ rates)
 
 
-spring = compile_loop(spring_between, inlined=True)
+class TermTable(NamedTuple):
+    """Kinds and parameters of compiled terms."""
+
+    kinds: NDArray[np.int64]
+    """Kind and first row of parameters of each term, shape (terms, 2)."""
+    parameters: Array
+    """Rows of all terms, shape (rows, P)."""
 
 
-@compiled(f8_1d, const_f8_1d, const_f8_2d, b1)
-def _add_springs(torques: Array, angles: Array, rows: Array, periodic: bool) -> None:
+def term_table(terms: Sequence[CompiledTerm], rotors: int) -> TermTable:
+    """Return the table of terms that act on a number of rotors."""
+    kinds, first = np.empty((len(terms), 2), dtype=np.int64), 0
+    parameters = np.zeros((sum(len(term.rows) for term in terms), padded_size(rotors)))
+    for index, term in enumerate(terms):
+        end = first + len(term.rows)
+        kinds[index] = term.kind, first
+        parameters[first:end, :rotors] = term.rows
+        if term.kind == SPRINGS:
+            parameters[first, rotors:] = 1.0  # no spring of the padding has zero length
+        first = end
+    return TermTable(kinds, parameters)
+
+
+def padded_size(rotors: int) -> int:
+    """Return P, the number of rotors in whole vectors."""
+    return -(-rotors // VECTOR) * VECTOR
+
+
+@inlined
+def sum_terms(work: Array, rotors: int, kinds: NDArray[np.int64], parameters: Array) -> float:
+    """Set the torques to the sum of terms; return the power that they dissipate [W].
+
+    If springs act they are the first term.
+    """
+    power, start = 0.0, 0
+    if kinds.shape[0] and kinds[0, 0] == SPRINGS:
+        _set_springs(work, rotors, parameters, kinds[0, 1])
+        start = 1
+    else:
+        for n in range(parameters.shape[1]):
+            work[TORQUES, n] = work[TORQUES_ON_RIGHT, n] = 0.0
+    for term in range(start, kinds.shape[0]):
+        kind, first = kinds[term, 0], kinds[term, 1]
+        if kind == GRAVITY:
+            _add_weights(work, parameters, first)
+        elif kind == CONSTANT:
+            _add_constants(work, parameters, first)
+        elif kind == LINEAR_DAMPING:
+            power += _add_damping(work, parameters, first)
+        elif kind == DRY_FRICTION:
+            power += _add_dry_friction(work, parameters, first)
+    return power
+
+
+def _estimating(function: Callable[[float], float]) -> Callable[[float], float]:
+    """Compile so that the processor may estimate roots and inverses."""
+    return compile_loop(function, fastmath=FASTMATH_FLAGS | {'arcp', 'afn'}, inlined=True)
+
+
+@_estimating
+def _inverse_root_estimate(w: float) -> float:
+    """1 / sqrt(w) in single precision: one instruction of the processor and a Newton step."""
+    return float(np.float32(1) / np.sqrt(np.float32(w)))
+
+
+@inlined
+def tension(w: float) -> float:
+    """Return 1 - 1 / sqrt(w): the force over k l of a spring of length l = lbar sqrt(w).
+
+    With an estimate y of 1 / sqrt(w) and d = 1 - w y^2, 1 / sqrt(w) is y (1 + d / 2 + 3 d^2 / 8)
+    in double precision. This avoids a division and a root, which would take as long as the rest
+    of the kernel.
+    """
+    y = _inverse_root_estimate(w)
+    d = 1 - w * y * y
+    return (1 - y) - y * d * (0.5 + 0.375 * d)
+
+
+@inlined
+def _set_springs(work: Array, rotors: int, rows: Array, first: int) -> None:
+    """Set the torques of springs between rotors of cosine c and sine s, and of c' and s'.
+
+    With the rows offset, slope', slope, product, lever, lever', cross of the parameters,
+
+    l^2 / lbar^2 = w = offset + slope' s' - slope s - product (s s' + c c'),
+    torque on the left  = (1 - 1 / sqrt(w)) [lever c - cross (s c' - c s')],
+    torque on the right = (1 - 1 / sqrt(w)) [cross (s c' - c s') - lever' c'].
+
+    The last spring joins the last rotor to the first; its levers are 0 if the ends are free.
+    """
+    prefer_wide_vectors()
+    work[COSINES, rotors], work[SINES, rotors] = work[COSINES, 0], work[SINES, 0]
+    for n in range(rows.shape[1]):
+        c, c_next = work[COSINES, n], work[COSINES, n + 1]
+        s, s_next = work[SINES, n], work[SINES, n + 1]
+        w = rows[first, n] + (rows[first + 1, n] * s_next - rows[first + 2, n] * s)
+        e = tension(w - rows[first + 3, n] * (s * s_next + c * c_next))
+        cross = rows[first + 6, n] * (s * c_next - c * s_next)
+        work[TORQUES, n] = e * (rows[first + 4, n] * c - cross)
+        work[TORQUES_ON_RIGHT, n + 1] = e * (cross - rows[first + 5, n] * c_next)
+    work[TORQUES_ON_RIGHT, 0] = work[TORQUES_ON_RIGHT, rotors]
+
+
+@inlined
+def _add_weights(work: Array, rows: Array, first: int) -> None:
+    for n in range(rows.shape[1]):
+        by_cosine = rows[first + 1, n] * work[COSINES, n]
+        work[TORQUES, n] += rows[first, n] * work[SINES, n] + by_cosine
+
+
+@inlined
+def _add_constants(work: Array, rows: Array, first: int) -> None:
+    for n in range(rows.shape[1]):
+        work[TORQUES, n] += rows[first, n]
+
+
+@inlined
+def _add_damping(work: Array, rows: Array, first: int) -> float:
+    power = 0.0
+    for n in range(rows.shape[1]):
+        friction = rows[first, n] * work[RATES, n]
+        power += friction * work[RATES, n]
+        work[TORQUES, n] -= friction
+    return power
+
+
+@inlined
+def _add_dry_friction(work: Array, rows: Array, first: int) -> float:
+    power = 0.0
+    for n in range(rows.shape[1]):
+        friction = rows[first, n] * math.tanh(rows[first + 1, n] * work[RATES, n])
+        power += friction * work[RATES, n]
+        work[TORQUES, n] -= friction
+    return power
+
+
+@compiled(const_f8_1d, const_f8_1d, const_i8_2d, const_f8_2d, f8_1d)
+def torques_of(
+    angles: Array, rates: Array, kinds: NDArray[np.int64], parameters: Array, torques: Array
+) -> float:
+    """Add the torques of terms [N m], shape (N,); return the power that they dissipate [W]."""
     rotors = angles.size
-    lengths, spacings, offsets, rest_lengths, stiffnesses = rows
-    horizontal, vertical = np.empty(rotors), np.empty(rotors)
+    work = np.zeros((TORQUES_ON_RIGHT + 1, parameters.shape[1] + VECTOR))
     for n in range(rotors):
-        horizontal[n] = lengths[n] * math.sin(angles[n])
-        vertical[n] = lengths[n] * math.cos(angles[n])
-    for left in range(rotors if periodic else rotors - 1):
-        right = left + 1 if left + 1 < rotors else 0
-        extension, first, second = spring(
-            horizontal[left],
-            vertical[left],
-            horizontal[right],
-            vertical[right],
-            spacings[left],
-            offsets[left],
-            rest_lengths[left],
-        )
-        pull = stiffnesses[left] * extension
-        torques[left] -= pull * first
-        torques[right] -= pull * second
-
-
-@compiled(f8_1d, const_f8_1d, const_f8_1d, const_f8_1d)
-def _add_weights(torques: Array, angles: Array, by_sine: Array, by_cosine: Array) -> None:
-    for n in range(angles.size):
-        torques[n] += by_sine[n] * math.sin(angles[n]) + by_cosine[n] * math.cos(angles[n])
-
-
-@compiled(f8_1d, const_f8_1d, const_f8_1d)
-def _add_damping(torques: Array, rates: Array, dampings: Array) -> float:
-    dissipated = 0.0
-    for n in range(rates.size):
-        friction = dampings[n] * rates[n]
-        dissipated += friction * rates[n]
-        torques[n] -= friction
-    return dissipated
+        work[RATES, n] = rates[n]
+        work[COSINES, n] = math.cos(angles[n])
+        work[SINES, n] = math.sin(angles[n])
+    power = sum_terms(work, rotors, kinds, parameters)
+    for n in range(rotors):
+        torques[n] += work[TORQUES, n] + work[TORQUES_ON_RIGHT, n]
+    return power

@@ -9,6 +9,7 @@ from naive_nystrom import NaiveNystrom
 from scipy.linalg import expm
 
 from soliton_linkage.dynamics.equation_of_motion import EquationOfMotion
+from soliton_linkage.dynamics.integrators.nystrom_loops import LARGEST_TURN, Checks
 from soliton_linkage.dynamics.integrators.nystrom_steps import (
     DRIFTS,
     KICKS,
@@ -16,12 +17,7 @@ from soliton_linkage.dynamics.integrators.nystrom_steps import (
     NystromSteps,
     steps_to_measure,
 )
-from soliton_linkage.dynamics.integrators.rotor_loops import (
-    LARGEST_TURN,
-    ROTORS_IN_CACHE,
-    Checks,
-    tension,
-)
+from soliton_linkage.dynamics.terms import tension
 from soliton_linkage.linkage.chain import Array
 from soliton_linkage.linkage.gravity import Gravity
 
@@ -45,15 +41,6 @@ def test_the_loops_take_the_steps_of_the_equations(name: str) -> None:
         fast, _ = NystromSteps(motion).advance(state, step, 10)
         plain, _ = NaiveNystrom(motion).advance(state, step, 10)
         np.testing.assert_allclose(fast, plain, rtol=0, atol=3e-13)
-
-
-@pytest.mark.parametrize('beyond', [-1, 0, 1, 5, 700])
-def test_chains_that_are_taken_in_blocks_take_the_same_steps(beyond: int) -> None:
-    motion = EquationOfMotion(unit_chain(2 * ROTORS_IN_CACHE + beyond))
-    state = lively_state(motion)
-    fast, _ = NystromSteps(motion).advance(state, 0.4, 3)
-    plain, _ = NaiveNystrom(motion).advance(state, 0.4, 3)
-    np.testing.assert_allclose(fast, plain, rtol=0, atol=3e-13)
 
 
 @pytest.mark.parametrize('name', MOTIONS)

@@ -261,7 +261,7 @@ def test_a_rotor_that_spins_fast_is_followed() -> None:
 def test_what_it_cannot_integrate_is_refused() -> None:
     chain = in_units(4)
     motion, state = EquationOfMotion(chain), np.zeros(8)
-    with pytest.raises(TypeError, match='take DOP853'):
+    with pytest.raises(TypeError, match='choose DOP853'):
         SymplecticNystrom(lambda t, y: y, 0.0, state, 1.0)
     damped = EquationOfMotion(dataclasses.replace(chain, damping=1.0))
     with pytest.raises(ValueError, match='which has 9'):

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Solvers of springs in motion, by name: those of scipy, and a faster one made for chains.
+"""Solvers for springs in motion, by name: `symplectic` and those of scipy.
 
 An entry of INTEGRATORS registers another one.
 """
@@ -22,4 +22,4 @@ INTEGRATORS: dict[str, type[OdeSolver]] = {
     'BDF': BDF,
     'LSODA': LSODA,
 }
-"""Solvers of `EquationOfMotion` by the name that `ElasticSimulation` takes."""
+"""Solvers of `EquationOfMotion` by the name that `ElasticSimulation` accepts."""

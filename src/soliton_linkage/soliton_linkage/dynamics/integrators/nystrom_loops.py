@@ -1,238 +1,258 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Compiled loops of `nystrom_steps`, which says what they compute."""
+"""Compiled loops of `nystrom_steps`, which states the equations.
+
+A rotor is stored as its angle, cosine and sine. A drift turns it by a small angle with
+polynomials, so that no loop calls a function and all of them are vectorised. The rows of `work`
+are those of `terms`, then TURNS and the ones below.
+"""
 
 from __future__ import annotations
 
+import math
 from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
-from soliton_linkage.compiling import (
-    arrays_do_not_overlap,
-    compile_loop,
-    prefer_wide_vectors,
-    unsigned,
-)
-from soliton_linkage.dynamics.integrators.rotor_loops import (
+from soliton_linkage.compiling import compile_loop, inlined, prefer_wide_vectors
+from soliton_linkage.dynamics.terms import (
     ANGLES,
     COSINES,
-    KEPT,
-    LARGEST_TURN,
-    ON_LEFT,
-    ON_RIGHT,
-    ONE,
     RATES,
-    ROTORS_IN_CACHE,
     SINES,
-    TURNS,
+    TORQUES,
+    TORQUES_ON_RIGHT,
     VECTOR,
-    Before,
-    Checks,
-    Forces,
-    PlainChecks,
-    PlainForces,
-    Span,
-    Spring,
-    copy,
-    difference,
-    faster,
-    inlined,
-    named,
-    pull_all,
-    pull_and_cross,
-    turned,
+    sum_terms,
 )
 from soliton_linkage.linkage.chain import Array
+
+Numbers = NDArray[np.int64]
+
+TURNS, RATES_BEFORE, MEAN_OF_TURN, MEAN, SAVED = range(6, 11)
+"""Rows of `work`: turn in a drift [rad], three for drifts with nonlinear damping, and the first
+of four copies of ANGLES to SINES."""
+
+WORK_ROWS = SAVED + 4
+
+LARGEST_TURN = 0.5
+"""Largest angle of a drift [rad]: up to it the series of `turned` are exact to rounding."""
 
 HALF, WHOLE = range(2)
 """Lengths of steps."""
 
 
+class Motion(NamedTuple):
+    """Terms and inertias of a motion."""
+
+    kinds: Numbers
+    """Terms that depend on the angles, see `TermTable`."""
+    parameters: Array
+    damping_kinds: Numbers
+    """Terms that depend on the rates."""
+    damping_parameters: Array
+    inverse_inertias: Array
+    """1 / (M r^2) of each rotor [1/(kg m^2)], 0 of fixed ones and padding, shape (P,)."""
+    half_inertias: Array
+    """M r^2 / 2 of each rotor [kg m^2], shape (P,), or (0,) without damping."""
+
+
+PlainMotion = tuple[Numbers, Array, Numbers, Array, Array, Array]
+"""The fields of `Motion`: numba converts a plain tuple in a third of the time."""
+
+
 class Step(NamedTuple):
-    """What steps of one length need."""
+    """Coefficients for steps of one length."""
 
     drifts: Array
     """Times of the drifts [s], shape (15,)."""
     kicks: Array
     """Times of the kicks [s], shape (14,)."""
     decays: Array
-    """For a half step and a whole one the factor of the rates and the angle per rate of each
-    drift, shape (2, 2, 15, P); without damping P is 0."""
-    half_inertias: Array
-    """Half the moment of inertia of each rotor [kg m^2], shape (P,); empty without damping."""
-    decay_rates: Array
-    """Of each rotor [1/s], shape (N,)."""
+    """Factor of the rates and angle per rate [s] of each drift, for a half step and a whole one.
+    Shape (2, 2, 15, P), or (2, 2, 15, 0) unless all damping is linear."""
 
 
-PlainStep = tuple[Array, Array, Array, Array, Array]
+PlainStep = tuple[Array, Array, Array]
 """The fields of `Step`."""
 
 
-class Times(NamedTuple):
-    """How long rotors are kicked and then drift [s]."""
+class Checks(NamedTuple):
+    """Selection of steps whose error is measured, and the tolerances.
 
-    kick: float
-    turn: float
+    An error is the root mean square over the state of the error of a variable y over
+    absolute + relative abs(y), as in scipy's solvers.
+    """
+
+    absolute: Array
+    """Shape (len(state),)."""
+    relative: float
+    measured: Numbers
+    """Numbers of the steps, 1 for the next one."""
 
 
-class Rotors(NamedTuple):
-    """Rows of work."""
-
-    angles: Array
-    rates: Array
-    cosines: Array
-    sines: Array
+PlainChecks = tuple[Array, float, Numbers]
+"""The fields of `Checks`."""
 
 
 @inlined
-def turn(work: Array, rates: int, start: int, end: int, time: float) -> None:
-    """Turn rotors at their rates for a time."""
+def turned(c: float, s: float, x: float) -> tuple[float, float]:
+    """Return (c cos x - s sin x, s cos x + c sin x), by series for x up to LARGEST_TURN."""
+    z = x * x
+    y = z * z
+    odd = (-1 / 5040 + z * (1 / 362880)) + y * (-1 / 39916800 + z * (1 / 6227020800))
+    odd = (-1 / 6 + z * (1 / 120)) + y * odd
+    even = (-1 / 720 + z * (1 / 40320)) + y * (-1 / 3628800 + z * (1 / 479001600))
+    even = z * ((-1 / 2 + z * (1 / 24)) + y * even)
+    sine = x + x * z * odd
+    return c + (c * even - s * sine), s + (s * even + c * sine)
+
+
+@inlined
+def turn(work: Array, rates: int, time: float) -> None:
+    """Turn all rotors by a time multiplied by a row of rates."""
     prefer_wide_vectors()
-    for n in range(unsigned(start), unsigned(end)):
+    for n in range(work.shape[1] - VECTOR):
         x = time * work[rates, n]
         work[ANGLES, n] += x
         work[COSINES, n], work[SINES, n] = turned(work[COSINES, n], work[SINES, n], x)
 
 
 @inlined
-def kick_and_turn(
-    rotors: Rotors, span: Span, spring: Spring, times: Times, before: Before
-) -> Before:
-    """Kick and then turn rotors between springs that are all alike; see `pull_and_cross`.
-
-    It begins with what the spring before the first of them does, and returns the same of that
-    before the rotor behind them.
-    """
-    prefer_wide_vectors()
-    arrays_do_not_overlap()
-    angles, rates, cosines, sines = rotors
-    last = unsigned(span.number - 1)
-    kick_time, turn_time = times
-    f_before, q_before = before
-    for n in range(unsigned(span.start), unsigned(span.end)):
-        c, c_next = cosines[n], cosines[n + ONE]
-        s, s_next = sines[n], sines[n + ONE]
-        f, q = pull_and_cross(c, s, c_next, s_next, spring)
-        f, q = (f, q) if n < last else (0.0, 0.0)
-        rate = rates[n] + kick_time * ((f - f_before) * c - (q - q_before))
-        f_before, q_before = f, q
-        rates[n] = rate
-        angles[n] += turn_time * rate
-        cosines[n], sines[n] = turned(c, s, turn_time * rate)
-    return Before(f_before, q_before)
+def kick(work: Array, motion: Motion, time: float) -> None:
+    """Change the rates by the torques during a time."""
+    for n in range(motion.inverse_inertias.size):
+        torque = work[TORQUES, n] + work[TORQUES_ON_RIGHT, n]
+        work[RATES, n] += time * motion.inverse_inertias[n] * torque
 
 
 @inlined
-def take_even_step(work: Array, number: int, spring: Spring, step: Step, share: float) -> None:
-    """Take a share of a step between springs that are all alike.
-
-    So that rotors stay in the cache, all stages take some rotors on before they take the next:
-    each one rotor less than the stage before it, whose work on its right neighbour it needs.
-    """
-    places, stages, first_drift = work.shape[1] - VECTOR, step.kicks.size, share * step.drifts[0]
-    rotors = Rotors(work[ANGLES], work[RATES], work[COSINES], work[SINES])
-    if places <= ROTORS_IN_CACHE:
-        turn(work, RATES, 0, places, first_drift)
-        for stage in range(stages):
-            times = Times(share * step.kicks[stage], share * step.drifts[stage + 1])
-            kick_and_turn(rotors, Span(0, places, number), spring, times, Before(0.0, 0.0))
-        return
-    before = np.zeros((stages, 2))
-    for block in range(0, places, ROTORS_IN_CACHE):
-        end = block + ROTORS_IN_CACHE
-        last = end >= places
-        turn(work, RATES, block + min(block, 1), places if last else end + 1, first_drift)
-        for stage in range(stages):
-            span = Span(max(block - stage, 0), places if last else end - stage, number)
-            times = Times(share * step.kicks[stage], share * step.drifts[stage + 1])
-            before[stage] = kick_and_turn(
-                rotors, span, spring, times, Before(before[stage, 0], before[stage, 1])
-            )
-
-
-@inlined
-def decay(work: Array, places: int, step: Step, length: int, stage: int) -> float:
-    """Damp the rates in a drift; return the energy taken out and put the angles into TURNS."""
-    dissipated, decays, half_inertias = 0.0, step.decays, step.half_inertias
-    for n in range(places):
-        rate, factor = work[RATES, n], decays[length, 0, stage, n]
-        work[TURNS, n] = decays[length, 1, stage, n] * rate
+def decay(work: Array, motion: Motion, decays: Array, stage: int) -> float:
+    """Damp the rates linearly in a drift, set TURNS, and return the dissipated energy."""
+    dissipated = 0.0
+    for n in range(motion.half_inertias.size):
+        rate, factor = work[RATES, n], decays[0, stage, n]
+        work[TURNS, n] = decays[1, stage, n] * rate
         work[RATES, n] = factor * rate
-        dissipated += half_inertias[n] * (1 - factor * factor) * rate * rate
+        dissipated += motion.half_inertias[n] * (1 - factor * factor) * rate * rate
     return dissipated
 
 
 @inlined
-def kick(work: Array, number: int, time: float) -> None:
-    """Change the rates by the pulls for a time."""
-    for n in range(number):
-        work[RATES, n] += time * (work[ON_LEFT, n] + work[ON_RIGHT, n])
+def damp(work: Array, rotors: int, motion: Motion, time: float) -> float:
+    """Damp the rates in a drift by any law, as `decay` does, with a classical Runge-Kutta step."""
+    size = motion.half_inertias.size
+    for n in range(size):
+        work[RATES_BEFORE, n] = work[RATES, n]
+        work[MEAN, n] = work[MEAN_OF_TURN, n] = 0.0
+    for stage in range(4):
+        sum_terms(work, rotors, motion.damping_kinds, motion.damping_parameters)
+        weight = 1.0 if stage in (0, 3) else 2.0
+        for n in range(size):
+            change = motion.inverse_inertias[n] * work[TORQUES, n]
+            work[MEAN, n] += weight * change / 6
+            work[MEAN_OF_TURN, n] += change / 6 if stage < 3 else 0.0
+            share = 1.0 if stage == 2 else 0.5
+            work[RATES, n] = work[RATES_BEFORE, n] + share * time * change
+    dissipated = 0.0
+    for n in range(size):
+        before = work[RATES_BEFORE, n]
+        after = before + time * work[MEAN, n]
+        work[TURNS, n] = time * (before + time * work[MEAN_OF_TURN, n])
+        work[RATES, n] = after
+        dissipated += motion.half_inertias[n] * (before - after) * (before + after)
+    return dissipated
 
 
 @compile_loop
-def take_step(work: Array, number: int, forces: Forces, step: Step, length: int) -> float:
-    """Take one step, HALF or WHOLE, and return the energy that damping has taken out."""
-    places, share, dissipated = work.shape[1] - VECTOR, (1 + length) / 2, 0.0
-    if not forces.springs.size:
-        take_even_step(work, number, forces.spring, step, share)
-        return dissipated
+def take_step(work: Array, rotors: int, motion: Motion, step: Step, length: int) -> float:
+    """Take one step, HALF or WHOLE, and return the energy that damping dissipates."""
+    share, dissipated = (1 + length) / 2, 0.0
     for stage in range(step.drifts.size):
-        if step.half_inertias.size:
-            dissipated += decay(work, places, step, length, stage)
-            turn(work, TURNS, 0, places, 1.0)
+        time = share * step.drifts[stage]
+        if not motion.half_inertias.size:
+            turn(work, RATES, time)
         else:
-            turn(work, RATES, 0, places, share * step.drifts[stage])
-        if stage == step.kicks.size:
-            break
-        pull_all(work, number, forces)
-        kick(work, number, share * step.kicks[stage])
+            if step.decays.size:
+                dissipated += decay(work, motion, step.decays[length], stage)
+            else:
+                dissipated += damp(work, rotors, motion, time)
+            turn(work, TURNS, 1.0)
+        if stage < step.kicks.size:
+            sum_terms(work, rotors, motion.kinds, motion.parameters)
+            kick(work, motion, share * step.kicks[stage])
     return dissipated
 
 
 @inlined
-def record(states: Array, row: int, work: Array, number: int, dissipated: float) -> None:
-    """Write down the state after a step."""
-    for n in range(number):
+def too_fast(work: Array, rotors: int, limit: float) -> bool:
+    """Return whether a rate exceeds a limit or is not a number."""
+    found = 0
+    for n in range(rotors):
+        found += not abs(work[RATES, n]) <= limit
+    return found > 0
+
+
+@inlined
+def copy(work: Array, start: int, end: int) -> None:
+    """Copy angles, rates, cosines and sines from four rows to four others."""
+    for row in range(4):
+        for n in range(work.shape[1]):
+            work[end + row, n] = work[start + row, n]
+
+
+@inlined
+def scaled_difference(before: Array, whole: Array, halves: Array, checks: Checks) -> float:
+    """Return the root mean square of the difference of two states over the tolerances."""
+    squares = 0.0
+    for n in range(whole.size):
+        size = max(abs(before[n]), abs(halves[n]))
+        squares += ((whole[n] - halves[n]) / (checks.absolute[n] + checks.relative * size)) ** 2
+    return math.sqrt(squares / whole.size)
+
+
+@inlined
+def store(states: Array, row: int, work: Array, rotors: int, dissipated: float) -> None:
+    """Store the state after a step."""
+    for n in range(rotors):
         states[row, n] = work[ANGLES, n]
-        states[row, number + n] = work[RATES, n]
-    if states.shape[1] > 2 * number:
+        states[row, rotors + n] = work[RATES, n]
+    if states.shape[1] > 2 * rotors:
         states[row, -1] = states[row - 1, -1] + dissipated
 
 
 @compile_loop
 def advance(
     work: Array,
-    plain_forces: PlainForces,
+    plain_motion: PlainMotion,
     plain_step: PlainStep,
     plain_checks: PlainChecks,
     states: Array,
 ) -> tuple[int, float]:
-    """Fill states[1:] with the state after each step; return how many, and the largest error.
+    """Fill states[1:] with the state after each step; return their number and largest error.
 
-    It stops before a step that turns a rotor too far or whose error exceeds 1.
+    Stop before a step that turns a rotor too far or whose error exceeds 1.
     """
-    forces, step, checks = named(plain_forces), Step(*plain_step), Checks(*plain_checks)
-    number = states.shape[1] // 2
+    motion, step, checks = Motion(*plain_motion), Step(*plain_step), Checks(*plain_checks)
+    rotors = states.shape[1] // 2
     halves = np.empty((3, states.shape[1]))
     fastest, largest_error, next_measured = LARGEST_TURN / np.max(np.abs(step.drifts)), 0.0, 0
     for row in range(1, len(states)):
-        if faster(work, number, fastest):
+        if too_fast(work, rotors, fastest):
             return row - 1, largest_error
         checked = next_measured < checks.measured.size and row == checks.measured[next_measured]
         if checked:
             next_measured += 1
-            copy(work, ANGLES, KEPT)
+            copy(work, ANGLES, SAVED)
             halves[0] = states[row - 1]
             for half in (1, 2):
-                dissipated = take_step(work, number, forces, step, HALF)
-                record(halves, half, work, number, dissipated)
-            copy(work, KEPT, ANGLES)
-        dissipated = take_step(work, number, forces, step, WHOLE)
-        record(states, row, work, number, dissipated)
+                dissipated = take_step(work, rotors, motion, step, HALF)
+                store(halves, half, work, rotors, dissipated)
+            copy(work, SAVED, ANGLES)
+        dissipated = take_step(work, rotors, motion, step, WHOLE)
+        store(states, row, work, rotors, dissipated)
         if checked:
-            error = difference(
-                states[row - 1], states[row], halves[2], checks.absolute, checks.relative
-            )
+            error = scaled_difference(states[row - 1], states[row], halves[2], checks)
             largest_error = max(largest_error, error)
             if not error <= 1:
                 return row - 1, error
@@ -242,91 +262,81 @@ def advance(
 @compile_loop
 def interpolate(
     work: Array,
-    plain_forces: PlainForces,
+    plain_motion: PlainMotion,
     plain_step: PlainStep,
     states: Array,
     circular: Array,
-    places: Array,
+    times: Array,
     output: Array,
 ) -> None:
-    """Fill output with the states at places, counted in steps, between states.
+    """Fill `output` with states at times, counted in steps from the first state.
 
-    The polynomials, degree 8 in the angles, go through angle, rate and acceleration at the ends
-    and the middle of a step. Circular holds cosines and sines of the states, shape (2, steps, N).
+    In each step polynomials of degree 8 have the angles, rates and accelerations of its ends and
+    its middle. `circular` has the cosines and sines of the states, shape (2, steps, N).
     """
-    forces, step = named(plain_forces), Step(*plain_step)
-    number = states.shape[1] // 2
+    motion, step = Motion(*plain_motion), Step(*plain_step)
+    rotors = states.shape[1] // 2
     half = np.sum(step.drifts) / 2
-    knots = np.empty((9, states.shape[1] - number))
+    knots = np.empty((9, states.shape[1] - rotors))
     middle = np.empty((2, states.shape[1]))
     fitted = -1
-    for frame in range(places.size):
-        row = min(int(places[frame]), len(states) - 2)
+    for frame in range(times.size):
+        row = min(int(times[frame]), len(states) - 2)
         if row != fitted:
             load(work, states[row], circular[:, row])
             middle[0] = states[row]
-            dissipated = take_step(work, number, forces, step, HALF)
-            record(middle, 1, work, number, dissipated)
-            put_knot(work, forces, step, middle[1], half, knots, 1)
+            dissipated = take_step(work, rotors, motion, step, HALF)
+            store(middle, 1, work, rotors, dissipated)
+            put_knot(work, motion, middle[1], half, knots, 1)
             for end in range(2):
                 load(work, states[row + end], circular[:, row + end])
-                put_knot(work, forces, step, states[row + end], half, knots, 2 * end)
+                put_knot(work, motion, states[row + end], half, knots, 2 * end)
             fit(knots)
             fitted = row
-        evaluate(knots, number, 2 * (places[frame] - row) - 1, half, output[frame])
+        evaluate(knots, rotors, 2 * (times[frame] - row) - 1, half, output[frame])
 
 
 @inlined
 def load(work: Array, state: Array, circular: Array) -> None:
-    """Put angles, rates, cosines and sines of a state into work."""
-    number = circular.shape[1]
-    for n in range(number):
+    """Copy angles, rates, cosines and sines of a state into `work`."""
+    rotors = circular.shape[1]
+    for n in range(rotors):
         work[ANGLES, n] = state[n]
-        work[RATES, n] = state[number + n]
-    for n in range(number):
+        work[RATES, n] = state[rotors + n]
         work[COSINES, n] = circular[0, n]
         work[SINES, n] = circular[1, n]
 
 
 @compile_loop
 def put_knot(
-    work: Array,
-    forces: Forces,
-    step: Step,
-    state: Array,
-    unit: float,
-    knots: Array,
-    knot: int,
+    work: Array, motion: Motion, state: Array, unit: float, knots: Array, knot: int
 ) -> None:
-    """Put angles, and dissipated energy, and their two derivatives in a unit of time into knots.
-
-    The accelerations are what rates of 0 become in a kick of one second.
-    """
-    number = state.size // 2
-    _, _, decays, half_inertias, decay_rates = step
-    for n in range(work.shape[1]):
-        work[RATES, n] = 0.0
-    kick_alone = Step(np.zeros(2), np.ones(1), decays, half_inertias[:0], decay_rates)
-    take_step(work, number, forces, kick_alone, WHOLE)
-    for n in range(number):
-        knots[3 * knot, n] = state[n]
-        knots[3 * knot + 1, n] = unit * state[number + n]
-        knots[3 * knot + 2, n] = unit**2 * work[RATES, n]
-    if half_inertias.size:
-        power = heating = 0.0
-        for n in range(number):
-            rate, drag = state[number + n], decay_rates[n] * state[number + n]
-            knots[3 * knot + 2, n] -= unit**2 * drag
-            power += 2 * half_inertias[n] * drag * rate
-            heating += 4 * half_inertias[n] * drag * (work[RATES, n] - drag)
-        knots[3 * knot, number] = state[2 * number]
-        knots[3 * knot + 1, number] = unit * power
-        knots[3 * knot + 2, number] = unit**2 * heating
+    """Set the angles, the dissipated energy, and their two derivatives in a unit of time [s]."""
+    rotors, first = state.size // 2, 3 * knot
+    sum_terms(work, rotors, motion.kinds, motion.parameters)
+    for n in range(rotors):
+        torque = work[TORQUES, n] + work[TORQUES_ON_RIGHT, n]
+        knots[first, n] = state[n]
+        knots[first + 1, n] = unit * state[rotors + n]
+        knots[first + 2, n] = unit**2 * motion.inverse_inertias[n] * torque
+    if motion.half_inertias.size:
+        table = motion.damping_kinds, motion.damping_parameters
+        knots[first, rotors] = state[2 * rotors]
+        knots[first + 1, rotors] = unit * sum_terms(work, rotors, *table)
+        for n in range(rotors):
+            knots[first + 2, n] += unit**2 * motion.inverse_inertias[n] * work[TORQUES, n]
+        # The power of linear damping is a square of rates, whose central difference is exact.
+        power = 0.0
+        for sign in (-0.5, 0.5):
+            for n in range(rotors):
+                work[RATES, n] = state[rotors + n] + sign / unit * knots[first + 2, n]
+            power += 2 * sign * sum_terms(work, rotors, *table)
+        knots[first + 2, rotors] = unit * power
 
 
 @inlined
 def fit(knots: Array) -> None:
-    """Turn value, slope and curvature at -1, 0 and 1 into the coefficients of 1 to x^8."""
+    """Convert value, slope and curvature at -1, 0 and 1 to the coefficients of 1 to x^8."""
     for n in range(knots.shape[1]):
         value, slope, curvature = knots[3, n], knots[4, n], knots[5, n]
         before, after = knots[0, n] - value, knots[6, n] - value
@@ -346,14 +356,14 @@ def fit(knots: Array) -> None:
 
 
 @inlined
-def evaluate(knots: Array, number: int, x: float, unit: float, output: Array) -> None:
-    """State of polynomials in x, which is time in a unit."""
+def evaluate(knots: Array, rotors: int, x: float, unit: float, output: Array) -> None:
+    """Evaluate the polynomials at x, a time in units [s] from the middle of the step."""
     prefer_wide_vectors()
     for n in range(knots.shape[1]):
         value = slope = 0.0
         for power in range(8, -1, -1):
             slope = slope * x + value
             value = value * x + knots[power, n]
-        output[n if n < number else 2 * number] = value
-        if n < number:
-            output[number + n] = slope / unit
+        output[n if n < rotors else 2 * rotors] = value
+        if n < rotors:
+            output[rotors + n] = slope / unit

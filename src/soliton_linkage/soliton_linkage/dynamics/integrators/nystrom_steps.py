@@ -3,19 +3,21 @@
 
 A step of length h is a palindrome of drifts and kicks,
 
-    drift(a_15 h) kick(b_14 h) drift(a_14 h) ... kick(b_1 h) drift(a_1 h),
+    drift(a_15 h) kick(b_14 h) drift(a_14 h) ... kick(b_1 h) drift(a_1 h).
 
-both of which are exact flows: a kick changes the rates by the accelerations at the angles as they
-are; a drift turns rotors at their rates, which decay with the damping gamma = c / (M r^2),
+A kick changes the rates by the accelerations of the terms that depend on the angles. A drift
+turns the rotors at their rates, which decay by the terms that depend on the rates. Both are exact
+flows for linear damping gamma = c / (M r^2),
 
     phi_dot(t) = phi_dot e^(-gamma t),    phi(t) = phi + phi_dot (1 - e^(-gamma t)) / gamma,
 
-and takes out the kinetic energy that they lose. Without damping the map is symplectic and each
-step is undone by a step of -h. With it areas in phase space shrink exactly as those of the motion
-do, by e^(-h sum gamma), and energy plus dissipated energy is what stays near its value.
+and the dissipated energy is the kinetic energy that a drift takes. Without damping the map is
+symplectic, and a step of -h reverses each step. With linear damping areas in phase space shrink
+by e^(-h sum gamma), as in the motion itself, and energy plus dissipated energy stays near its
+value. Drifts with another damping law take a Runge-Kutta step of order 4.
 
 The coefficients are those of SRKN_14^a, order 6, of S. Blanes and P. C. Moan, J. Comput. Appl.
-Math. 142 (2002) 313, which makes use of a kinetic energy that is quadratic.
+Math. 142 (2002) 313, for a kinetic energy that is quadratic.
 """
 
 from __future__ import annotations
@@ -26,27 +28,31 @@ from dataclasses import dataclass
 import numpy as np
 
 from soliton_linkage.dynamics.equation_of_motion import EquationOfMotion
-from soliton_linkage.dynamics.integrators.nystrom_loops import PlainStep, advance, interpolate
-from soliton_linkage.dynamics.integrators.rotor_loops import (
+from soliton_linkage.dynamics.integrators.nystrom_loops import (
+    WORK_ROWS,
+    Checks,
+    Numbers,
+    PlainStep,
+    advance,
+    interpolate,
+)
+from soliton_linkage.dynamics.terms import (
     ANGLES,
     COSINES,
     RATES,
     SINES,
     VECTOR,
-    WORK_ROWS,
-    Checks,
-    Numbers,
-    PlainForces,
+    LinearDamping,
+    padded_size,
 )
 from soliton_linkage.linkage.chain import Array
-from soliton_linkage.linkage.deviations import NO_DEVIATIONS
 
 ORDER = 6
-"""The error of a step of length h goes as h^7."""
+"""Order of the method: the error of a step of length h is proportional to h^7."""
 STABLE_STEP = 3.14
-"""Longest step in units of 1 / omega at which vibrations of frequency omega stay bounded.
+"""Longest step in units of 1 / omega for which vibrations of frequency omega stay bounded.
 
-Those of pi grow, though by less than a thousandth a step, and those of 6.15 and more.
+Near pi they grow, by less than a thousandth a step, and from 6.15 on without bound.
 """
 
 _HALF_OF_DRIFTS = (
@@ -69,7 +75,7 @@ _HALF_OF_KICKS = (
 )
 """b_1 to b_6 of the paper."""
 _LAST_KICK = 0.5 - sum(_HALF_OF_KICKS)
-"""b_7, of which the kicks of half a step add up to a half."""
+"""b_7: the kicks of half a step add up to 1/2."""
 
 DRIFTS = np.array([*_HALF_OF_DRIFTS, 1 - 2 * sum(_HALF_OF_DRIFTS), *_HALF_OF_DRIFTS[::-1]])
 """a_1 to a_15."""
@@ -81,47 +87,43 @@ KICKS = np.array([*_HALF_OF_KICKS, _LAST_KICK, _LAST_KICK, *_HALF_OF_KICKS[::-1]
 class SolverSettings:
     """Tuning of `SymplecticNystrom`."""
 
-    rotors_together: int = 16_000
-    """Rotors times steps in one call of the loops; half or twice as many: time within 10 %."""
+    rotors_per_call: int = 16_000
+    """Rotors times steps in one compiled call. Sensitivity: 0.5x or 2x change the time by 10 %."""
     safety: float = 0.8
-    """Of the turn at which loops stop the fastest rotor makes this share in the longest step.
+    """Turn of the fastest rotor in the longest step, over LARGEST_TURN.
 
-    Half of it: 60 % more forces where a rotor spins fast, else no difference. Where it is 1
-    a rotor that is sped up stops them for good.
+    Sensitivity: at 0.5x, 60 % more force evaluations where a rotor spins fast. At 1, an
+    accelerating rotor stops the integration.
     """
     aim: float = 0.3
-    """Error, over that tolerated, that a new length of step is chosen for.
+    """Error over tolerance for which a new step is chosen.
 
-    Half or twice of it: forces -10 to +10 %, errors from half to twice as large.
+    Sensitivity: at 0.5x or 2x, 10 % more or fewer evaluations and half or twice the error.
     """
-    worth_growing: float = 1.25
-    """How much longer a step must be for a change; 1.13 and 1.5: forces within 6 %."""
-    worth_shrinking: float = 0.95
-    """How much shorter one must be while the first is on trial; 0.9 and 0.975: no difference."""
+    min_growth: float = 1.25
+    """Smallest factor by which a step is lengthened. 1.13 and 1.5 change evaluations by 6 %."""
+    max_shrinkage: float = 0.95
+    """Factor below which the first step is shortened. 0.9 and 0.975 make no difference."""
     measured_every: int = 32
-    """Of how many steps one has its error measured; 16: forces +6 %, 64: forces -3 %."""
+    """Interval of steps between error measurements. 16: 6 % more evaluations; 64: 3 % fewer."""
     steps_until_exact: int = 1000
-    """Steps after which cosines and sines, off by a rounding more each time, are taken anew.
-
-    Half or twice as many: no difference but of rounding.
-    """
+    """Steps after which cosines and sines are recomputed, because each step adds a rounding."""
     shortest: float = 1e-6
-    """Step, over the longest that is stable, at which a solver gives up, later or earlier."""
+    """Step over the longest stable one below which the solver fails."""
     trials: int = 60
-    """Of lengths for one step, after which it gives up; it takes one to three but to give up."""
+    """Step lengths tried before the solver fails. One to three are usual."""
 
 
 DEFAULTS = SolverSettings()
 
-NONE: Numbers = np.empty(0, dtype=np.int64)
-"""No step has its error measured."""
+_NONE: Numbers = np.empty(0, dtype=np.int64)
 
 
 def steps_to_measure(taken: int, count: int, every: int) -> Numbers:
-    """Which of the next steps have their error measured; the next one is 1.
+    """Return which of the next steps have their error measured, 1 for the next one.
 
-    Of the first step of a length, which says little of a motion that begins, of two soon after
-    it, and then of one in so many; some of this length were taken before.
+    After a change of the length these are the steps 1, 4 and 16, then one in every so many.
+    `taken` steps of this length were taken before.
     """
     regular = np.arange(every - taken % every, count + 1, every)
     early = [step for step in (1, 4, 16) if taken < step <= taken + count]
@@ -129,171 +131,97 @@ def steps_to_measure(taken: int, count: int, every: int) -> Numbers:
 
 
 class NystromSteps:
-    """Takes steps along a motion."""
+    """Steps along one motion."""
 
     def __init__(self, motion: EquationOfMotion, settings: SolverSettings = DEFAULTS) -> None:
-        """Along a motion, with nothing taken over from one step to the next."""
+        """Prepare steps along a motion without plain functions."""
         self._motion = motion
         self._until_exact = settings.steps_until_exact
-        self.forces = forces_of(motion)
-        half_inertias = motion.chain.moments_of_inertia / 2
-        self._half_inertias = self._padded(half_inertias) if motion.damped else np.empty(0)
+        damping = [term for term in motion.loads if term.dissipative]
+        self._linear = all(isinstance(term, LinearDamping) for term in damping)
+        half_inertias = self._padded(motion.chain.moments_of_inertia / 2)
+        self._terms = (
+            *motion.table([term for term in motion.terms if not term.dissipative]),
+            *motion.table(damping),
+            self._padded(1 / motion.inertias),
+            half_inertias if damping else np.empty(0),
+        )
+        if self._linear and damping:
+            self._decay_rates = motion.table(damping).parameters.sum(axis=0)[: motion.rotors]
+            self._decay_rates /= motion.inertias
         self._prepared = math.nan
-        self._work = work_for(places_of(motion))
+        self._work = zeros_in_line(WORK_ROWS, padded_size(motion.rotors) + VECTOR)
         self._between = np.zeros_like(self._work)
         self._since_load = self._until_exact
 
     def advance(
         self, state: Array, length: float, count: int, checks: Checks | None = None
     ) -> tuple[Array, float]:
-        """States at the start and after each of count steps [s], and the largest error.
+        """Return the states at the start and after each of some steps [s], and the largest error.
 
-        It stops before a step in which a rotor would turn by more than half a radian in a drift,
-        or whose error against two steps of half the length exceeds 1, so that the states have
-        the shape (done + 1, len(state)).
+        Stop before a step in which a rotor would turn by more than LARGEST_TURN in a drift, or
+        whose error against two steps of half the length exceeds 1. The states have the shape
+        (steps taken + 1, len(state)).
         """
-        number = self._motion.rotors
+        rotors = self._motion.rotors
         states = np.empty((count + 1, len(state)))
         states[0] = state
         self._since_load += count
         if (
             self._since_load > self._until_exact
-            or (self._work[ANGLES, :number] != states[0, :number]).any()
+            or (self._work[ANGLES, :rotors] != states[0, :rotors]).any()
         ):
             self._since_load = 0
-            load_angles(self._work, states[0, :number])
-        self._work[RATES, :number] = state[number : 2 * number]
-        step, plain = self._prepare(length), tuple(checks or (states[0], 0.0, NONE))
-        done, error = advance(self._work, self.forces, step, plain, states)
+            rows = self._work[:, :rotors]
+            rows[ANGLES] = states[0, :rotors]
+            np.cos(rows[ANGLES], out=rows[COSINES])
+            np.sin(rows[ANGLES], out=rows[SINES])
+        self._work[RATES, :rotors] = state[rotors : 2 * rotors]
+        step, plain = self._prepare(length), tuple(checks or (states[0], 0.0, _NONE))
+        done, error = advance(self._work, self._terms, step, plain, states)
         return states[: done + 1], error
 
-    def interpolated(self, states: Array, length: float, places: Array) -> Array:
-        """States at places, counted in steps from the first state, shape (places, len(state)).
+    def interpolated(self, states: Array, length: float, times: Array) -> Array:
+        """Return states at times, counted in steps from the first, shape (times, len(state)).
 
-        Polynomials in each step, degree 8 in the angles, have angles, rates and accelerations at
-        its ends and its middle.
+        In each step polynomials of degree 8 have the angles, rates and accelerations of its ends
+        and its middle.
         """
         angles = states[:, : self._motion.rotors]
-        output = np.empty((len(places), states.shape[1]))
+        output = np.empty((len(times), states.shape[1]))
         circular = np.array([np.cos(angles), np.sin(angles)])
         step = self._prepare(length)
-        interpolate(self._between, self.forces, step, states, circular, places, output)
+        interpolate(self._between, self._terms, step, states, circular, times, output)
         return output
 
-    def step(self, length: float) -> PlainStep:
-        """What steps of a length [s] need, the fields of `nystrom_loops.Step`."""
-        decays = self._decays(length)
-        rates = self._motion.decay_rates
-        return length * DRIFTS, length * KICKS, decays, self._half_inertias, rates
-
     def _prepare(self, length: float) -> PlainStep:
-        """What steps of a length need, as the last ones may have had it."""
+        """Return the fields of `nystrom_loops.Step` for a length [s]."""
         if length != self._prepared:
-            self._prepared, self._step = length, self.step(length)
+            self._prepared = length
+            self._step = length * DRIFTS, length * KICKS, self._decays(length)
         return self._step
 
     def _decays(self, length: float) -> Array:
-        if not self._motion.damped:
+        if not (self._motion.damped and self._linear):
             return np.empty((2, 2, len(DRIFTS), 0))
         times = np.multiply.outer([length / 2, length], DRIFTS)[..., np.newaxis]
-        return self._padded(np.array(decay(self._motion, times)).swapaxes(0, 1))
+        exponents = -self._decay_rates * times
+        divisors = np.where(exponents == 0, 1.0, exponents)
+        growth = np.where(exponents == 0, 1.0, np.expm1(exponents) / divisors)
+        return self._padded(np.array([np.exp(exponents), times * growth]).swapaxes(0, 1))
 
     def _padded(self, values: Array) -> Array:
-        return padded(values, places_of(self._motion))
+        padding = padded_size(self._motion.rotors) - values.shape[-1]
+        return np.pad(values, [(0, 0)] * (values.ndim - 1) + [(0, padding)])
 
 
-def decay(motion: EquationOfMotion, time: float | Array) -> tuple[Array, Array]:
-    """Factor of the rates after a free time [s], and the angle turned per rate [s], (N,) each.
+def zeros_in_line(rows: int, columns: int) -> Array:
+    """Return zeros of shape (rows, columns) that begin at a cache line.
 
-    Of times of shape (..., 1) they have the shape (..., N).
+    Vectors that cross two lines take longer. The pages are written at once, so that no later loop
+    has to wait for them.
     """
-    exponents = -motion.decay_rates * time
-    divisors = np.where(exponents == 0, 1.0, exponents)
-    growth = np.where(exponents == 0, 1.0, np.expm1(exponents) / divisors)
-    return np.exp(exponents), time * growth
-
-
-def places_of(motion: EquationOfMotion) -> int:
-    """Places for the rotors of a motion, in whole vectors."""
-    return -(-motion.rotors // VECTOR) * VECTOR
-
-
-def forces_of(motion: EquationOfMotion) -> PlainForces:
-    """All that acts on the rotors but damping, the fields of `Forces`."""
-    rows = _springs(motion)
-    offset, _, slope, product, lever, cross, *_ = (float(row[0]) for row in rows)
-    springs = padded(rows, places_of(motion))
-    springs[0, rows.shape[1] :] = 1.0  # where there is no spring, none has length 0 either
-    return (
-        (offset, slope, product, lever, cross),
-        np.empty((8, 0)) if _plain(motion) else springs,
-        _field(motion),
-        motion.chain.periodic,
-    )
-
-
-def padded(values: Array, places: int) -> Array:
-    """Values of the rotors with zeros behind them, shape (..., places)."""
-    longer = np.zeros((*values.shape[:-1], places))
-    longer[..., : values.shape[-1]] = values
-    return longer
-
-
-def _springs(motion: EquationOfMotion) -> Array:
-    chain, inverse = motion.chain, motion.inverse_inertias
-    left = np.arange(chain.number_of_springs)
-    right = (left + 1) % chain.number_of_rotors
-    squares, lengths = chain.rest_lengths**2, chain.rotor_lengths
-    lever_left = chain.stiffnesses * chain.spacings * lengths[left] * inverse[left]
-    lever_right = chain.stiffnesses * chain.spacings * lengths[right] * inverse[right]
-    crosses = chain.stiffnesses * lengths[left] * lengths[right]
-    return np.array(
-        [
-            1 + chain.offsets / squares,
-            2 * chain.spacings * lengths[right] / squares,
-            2 * chain.spacings * lengths[left] / squares,
-            2 * lengths[left] * lengths[right] / squares,
-            lever_left,
-            crosses * inverse[left],
-            crosses * inverse[right],
-            lever_right,
-        ]
-    )
-
-
-def _plain(motion: EquationOfMotion) -> bool:
-    """Whether springs that are all alike are all that acts."""
-    even = motion.chain.deviations == NO_DEVIATIONS and not motion.fixed
-    return even and not (motion.chain.periodic or motion.damped or motion.in_field)
-
-
-def _field(motion: EquationOfMotion) -> Array:
-    if not motion.in_field:
-        return np.empty((3, 0))
-    rows = np.array([motion.held_torques, motion.weights.by_sine, motion.weights.by_cosine])
-    return padded(rows * motion.inverse_inertias, places_of(motion))
-
-
-def work_for(places: int) -> Array:
-    """Rows for rotors at so many places."""
-    return zeros_in_line(WORK_ROWS, places + VECTOR)
-
-
-def zeros_in_line(rows: int, places: int) -> Array:
-    """Zeros of shape (rows, places), at an address where a line of the cache begins.
-
-    Vectors that lie across two lines take longer. They are filled now, so that the system does
-    not have to find the room later, page by page.
-    """
-    size, line = rows * places, 64
+    size, line = rows * columns, 64
     room = np.full(size + VECTOR, 0.0)
     first = -room.ctypes.data % line // room.itemsize
-    return room[first : first + size].reshape(rows, places)
-
-
-def load_angles(work: Array, angles: Array) -> None:
-    """Put angles, cosines and sines into the first rows of work."""
-    rows = work[:, : len(angles)]
-    rows[ANGLES] = angles
-    np.cos(angles, out=rows[COSINES])
-    np.sin(angles, out=rows[SINES])
+    return room[first : first + size].reshape(rows, columns)

@@ -1,10 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A fast solver for chains of springs, beside those of scipy.
+"""Fast solver for chains of springs, with the interface of scipy's solvers.
 
-    motion = EquationOfMotion(chain)
-    solve_ivp(motion, (0, 100), motion.state(angles, rates), method=SymplecticNystrom)
-
-It takes the steps of `nystrom_steps`.
+motion = EquationOfMotion(chain)
+solve_ivp(motion, (0, 100), motion.state(angles, rates), method=SymplecticNystrom)
 """
 
 from __future__ import annotations
@@ -17,6 +15,7 @@ from numpy.typing import ArrayLike
 from scipy.integrate import DenseOutput, OdeSolver
 
 from soliton_linkage.dynamics.equation_of_motion import EquationOfMotion
+from soliton_linkage.dynamics.integrators.nystrom_loops import LARGEST_TURN, Checks
 from soliton_linkage.dynamics.integrators.nystrom_steps import (
     DEFAULTS,
     DRIFTS,
@@ -27,30 +26,29 @@ from soliton_linkage.dynamics.integrators.nystrom_steps import (
     SolverSettings,
     steps_to_measure,
 )
-from soliton_linkage.dynamics.integrators.rotor_loops import LARGEST_TURN, Checks
 from soliton_linkage.linkage.chain import Array, Chain
 
-LONGEST_DRIFT = float(np.abs(DRIFTS).max())
-"""Of those of a step, over its length."""
+_LONGEST_DRIFT = float(np.abs(DRIFTS).max())
+"""Longest drift over the length of a step [1]."""
 
 
 class SymplecticNystrom(OdeSolver):
     """Symplectic Runge-Kutta-Nystrom method of order 6 for `EquationOfMotion`.
 
-    The step is chosen so that its error, in the norm of scipy's solvers, is below atol + rtol
-    abs(y), and then kept: a step of constant length has a bounded error of the energy, which is
-    lost with every change. The error is measured in the first, fourth, sixteenth and every 32nd
-    step of a length, against two of half the length. Where it has become too large, the steps
-    since it was last measured are taken back and the step is shortened; where it is several times
-    too small, the step is made longer, but never so long that the fastest vibration could grow.
+    The solver chooses a step whose error, in the norm of scipy's solvers, is below atol + rtol
+    abs(y), and keeps it, because the energy error is bounded only while the step is constant. It
+    measures the error in the first, fourth, sixteenth and every 32nd step of a length, against
+    two steps of half the length. If the error is too large, the solver repeats the steps since
+    the last measurement with a shorter length. If it is several times too small, the step is
+    lengthened, up to the limit of stability of the fastest vibration.
 
-    Dense output interpolates in each of these with angles, rates and accelerations at its ends
-    and its middle, degree 8 in the angles.
+    Dense output interpolates each step with angles, rates and accelerations at its ends and its
+    middle, degree 8 in the angles.
 
-    `length` is that of a step of the method [s], and `together` the largest number of them that
-    make one step of the solver. Raises TypeError for a right-hand side that is no
-    `EquationOfMotion` and ValueError for a motion with `forces`, a state or options that do not
-    fit.
+    `length` is the length of a step of the method [s], and `together` the largest number of them
+    in one step of the solver. Raises TypeError for a right-hand side that is not an
+    `EquationOfMotion`, and ValueError for plain functions in its `forces`, an unsuitable state or
+    options out of range.
     """
 
     _tried = 4
@@ -78,14 +76,11 @@ class SymplecticNystrom(OdeSolver):
         together: int | None = None,
         settings: SolverSettings = DEFAULTS,
     ) -> None:
-        """Begin at a state y0 of a motion; times and steps in [s], `atol` shape () or (len(y0),).
-
-        As in scipy's solvers the error of a step is below atol + rtol abs(y), root mean square.
-        """
+        """Start at the state y0 of a motion; times in [s], `atol` of shape () or (len(y0),)."""
         if not isinstance(fun, EquationOfMotion):
             raise TypeError(
                 f'{type(self).__name__} integrates an EquationOfMotion, not {fun!r}; '
-                'take DOP853 for others'
+                'choose DOP853 for other functions'
             )
         self.check(fun)
         super().__init__(fun, t0, y0, t_bound, vectorized)
@@ -98,7 +93,7 @@ class SymplecticNystrom(OdeSolver):
             _checked_positive('first_step', first_step)
         if together is not None and together < 1:
             raise ValueError(f'together = {together} must be a number of steps, 1 or more')
-        self.together = together or max(1, settings.rotors_together // fun.rotors)
+        self.together = together or max(1, settings.rotors_per_call // fun.rotors)
         self._steps = NystromSteps(fun, settings)
         self._trying = True
         self._since_change = 0
@@ -109,21 +104,21 @@ class SymplecticNystrom(OdeSolver):
 
     @staticmethod
     def check(motion: EquationOfMotion) -> None:
-        """Raise ValueError for a motion with terms that the steps do not have."""
-        if motion.forces:
+        """Raise ValueError for a motion with terms that are not compiled."""
+        if motion.plain_terms:
             raise ValueError(
-                f"integrator 'symplectic' does not integrate forces = {motion.forces}; choose "
-                "'DOP853'"
+                f"integrator 'symplectic' does not integrate the plain functions in forces = "
+                f"{motion.forces}; choose 'DOP853', or write a CompiledTerm"
             )
 
     @classmethod
     def load(cls) -> None:
-        """Compile the loops, or load what was compiled, so that no step has to wait for that.
+        """Compile or load all loops now, so that no step has to wait for that.
 
-        It takes two steps of a chain of two rotors.
+        Take two steps of a chain of two rotors.
         """
         motion = EquationOfMotion(Chain(number_of_rotors=2))
-        few_rows = SolverSettings(rotors_together=1)
+        few_rows = SolverSettings(rotors_per_call=1)
         solver = cls(motion, 0.0, np.zeros(4), math.inf, settings=few_rows)
         for _ in range(2):
             solver.step()
@@ -138,21 +133,16 @@ class SymplecticNystrom(OdeSolver):
                 return True, None
         return False, 'no step is short enough for the tolerances'
 
-    def _fastest(self, state: Array) -> float:
-        """Largest angular velocity of a rotor [rad/s]."""
-        number = self._motion.rotors
-        return float(np.abs(state[number : 2 * number]).max())
-
     def _check_state(self) -> None:
         expected = 2 * self._motion.rotors + self._motion.damped
         if self.n != expected:
             raise ValueError(
                 f'a state of {self.n} numbers does not fit the motion of {self._motion.rotors} '
-                f'rotors, which has {expected}; take EquationOfMotion.state'
+                f'rotors, which has {expected}; call EquationOfMotion.state'
             )
 
     def _advance(self) -> bool:
-        """Take steps of the method together; return whether any was good."""
+        """Take several steps of the method; return whether any was accepted."""
         remaining = abs(self.t_bound - self.t)
         count, last = self.together, False
         if self._trying:
@@ -179,7 +169,7 @@ class SymplecticNystrom(OdeSolver):
         return NystromOutput(self.t_old, self.t, self._states, self._steps)
 
     def _checked(self, step: float, count: int) -> tuple[Array, float]:
-        """States and largest error of steps, up to the last good one that was measured."""
+        """Return states up to the last step with an accepted error, and the largest error."""
         every = self._settings.measured_every
         measured = steps_to_measure(self._since_change, count, every)
         checks = Checks(self._absolute, self._relative, measured)
@@ -191,14 +181,14 @@ class SymplecticNystrom(OdeSolver):
         return states if good else states[: 1 + sum(measured[-2:-1])], error
 
     def _adapt(self, error: float) -> None:
-        """Change the length of steps where an error that was measured asks for it."""
+        """Change the length of steps if a measured error requires it."""
         better = self._better(error)
-        worth = better < self._settings.worth_shrinking * self.length and self._trying
-        if not error <= 1 or worth or better > self._settings.worth_growing * self.length:
+        shorter = better < self._settings.max_shrinkage * self.length and self._trying
+        if not error <= 1 or shorter or better > self._settings.min_growth * self.length:
             self._change_to(better)
 
     def _better(self, error: float) -> float:
-        """Length of step that an error asks for [s]."""
+        """Return the length of step for a measured error [s]."""
         if not math.isfinite(error):
             return self.length / 4
         factor = min(4.0, (self._settings.aim / error) ** (1 / (ORDER + 1))) if error else 4.0
@@ -216,8 +206,10 @@ class SymplecticNystrom(OdeSolver):
         self._even_from, self._even_steps = float(self.t), 0
 
     def _longest_from(self, state: Array) -> float:
-        """Longest step that is stable and turns no rotor too far in a drift [s]."""
-        turning = LONGEST_DRIFT * self._fastest(state) / (self._settings.safety * LARGEST_TURN)
+        """Return the longest step that is stable and turns no rotor too far in a drift [s]."""
+        rotors = self._motion.rotors
+        fastest = float(np.abs(state[rotors : 2 * rotors]).max())
+        turning = _LONGEST_DRIFT * fastest / (self._settings.safety * LARGEST_TURN)
         limit = max(turning, self._motion.fastest_rate / STABLE_STEP)
         return min(self._max_step, 1 / limit)
 
@@ -232,8 +224,8 @@ class NystromOutput(DenseOutput):
 
     def _call_impl(self, t: Any) -> Array:
         times = np.atleast_1d(np.asarray(t, dtype=np.float64))
-        places = (times - self.t_old) / self.length
-        values = self._steps.interpolated(self._states, self.length, places).T
+        steps = (times - self.t_old) / self.length
+        values = self._steps.interpolated(self._states, self.length, steps).T
         return values if np.ndim(t) else values[:, 0]
 
 
@@ -245,7 +237,7 @@ def _checked_tolerances(rtol: float, atol: ArrayLike, size: int) -> tuple[float,
         raise ValueError(f'rtol = {rtol} and atol = {absolute} must be 0 or more')
     if rtol == 0 and not (absolute > 0).all():
         raise ValueError(f'rtol = {rtol} and atol = {absolute} must not both be 0')
-    # Loops would be compiled anew for a whole number.
+    # numba would compile the loops once more for an integer.
     return float(rtol), np.full(size, absolute) if absolute.ndim == 0 else absolute
 
 
