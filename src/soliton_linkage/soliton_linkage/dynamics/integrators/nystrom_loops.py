@@ -34,6 +34,7 @@ TURNS, RATES_BEFORE, MEAN_OF_TURN, MEAN, SAVED = range(6, 11)
 of four copies of ANGLES to SINES."""
 
 WORK_ROWS = SAVED + 4
+"""Number of rows of `work`."""
 
 LARGEST_TURN = 0.5
 """Largest angle of a drift [rad]: up to it the series of `turned` are exact to rounding."""
@@ -42,8 +43,8 @@ HALF, WHOLE = range(2)
 """Lengths of steps."""
 
 
-class Motion(NamedTuple):
-    """Terms and inertias of a motion."""
+class Forces(NamedTuple):
+    """Terms and inertias of the rotors."""
 
     kinds: Numbers
     """Terms that depend on the angles, see `TermTable`."""
@@ -57,8 +58,8 @@ class Motion(NamedTuple):
     """M r^2 / 2 of each rotor [kg m^2], shape (P,), or (0,) without damping."""
 
 
-PlainMotion = tuple[Numbers, Array, Numbers, Array, Array, Array]
-"""The fields of `Motion`: numba converts a plain tuple in a third of the time."""
+PlainForces = tuple[Numbers, Array, Numbers, Array, Array, Array]
+"""The fields of `Forces`: numba converts a plain tuple in a third of the time."""
 
 
 class Step(NamedTuple):
@@ -119,37 +120,37 @@ def turn(work: Array, rates: int, time: float) -> None:
 
 
 @inlined
-def kick(work: Array, motion: Motion, time: float) -> None:
+def kick(work: Array, forces: Forces, time: float) -> None:
     """Change the rates by the torques during a time."""
-    for n in range(motion.inverse_inertias.size):
+    for n in range(forces.inverse_inertias.size):
         torque = work[TORQUES, n] + work[TORQUES_ON_RIGHT, n]
-        work[RATES, n] += time * motion.inverse_inertias[n] * torque
+        work[RATES, n] += time * forces.inverse_inertias[n] * torque
 
 
 @inlined
-def decay(work: Array, motion: Motion, decays: Array, stage: int) -> float:
+def decay(work: Array, forces: Forces, decays: Array, stage: int) -> float:
     """Damp the rates linearly in a drift, set TURNS, and return the dissipated energy."""
     dissipated = 0.0
-    for n in range(motion.half_inertias.size):
+    for n in range(forces.half_inertias.size):
         rate, factor = work[RATES, n], decays[0, stage, n]
         work[TURNS, n] = decays[1, stage, n] * rate
         work[RATES, n] = factor * rate
-        dissipated += motion.half_inertias[n] * (1 - factor * factor) * rate * rate
+        dissipated += forces.half_inertias[n] * (1 - factor * factor) * rate * rate
     return dissipated
 
 
 @inlined
-def damp(work: Array, rotors: int, motion: Motion, time: float) -> float:
+def damp(work: Array, rotors: int, forces: Forces, time: float) -> float:
     """Damp the rates in a drift by any law, as `decay` does, with a classical Runge-Kutta step."""
-    size = motion.half_inertias.size
+    size = forces.half_inertias.size
     for n in range(size):
         work[RATES_BEFORE, n] = work[RATES, n]
         work[MEAN, n] = work[MEAN_OF_TURN, n] = 0.0
     for stage in range(4):
-        sum_terms(work, rotors, motion.damping_kinds, motion.damping_parameters)
+        sum_terms(work, rotors, forces.damping_kinds, forces.damping_parameters)
         weight = 1.0 if stage in (0, 3) else 2.0
         for n in range(size):
-            change = motion.inverse_inertias[n] * work[TORQUES, n]
+            change = forces.inverse_inertias[n] * work[TORQUES, n]
             work[MEAN, n] += weight * change / 6
             work[MEAN_OF_TURN, n] += change / 6 if stage < 3 else 0.0
             share = 1.0 if stage == 2 else 0.5
@@ -160,27 +161,27 @@ def damp(work: Array, rotors: int, motion: Motion, time: float) -> float:
         after = before + time * work[MEAN, n]
         work[TURNS, n] = time * (before + time * work[MEAN_OF_TURN, n])
         work[RATES, n] = after
-        dissipated += motion.half_inertias[n] * (before - after) * (before + after)
+        dissipated += forces.half_inertias[n] * (before - after) * (before + after)
     return dissipated
 
 
 @compile_loop
-def take_step(work: Array, rotors: int, motion: Motion, step: Step, length: int) -> float:
+def take_step(work: Array, rotors: int, forces: Forces, step: Step, length: int) -> float:
     """Take one step, HALF or WHOLE, and return the energy that damping dissipates."""
     share, dissipated = (1 + length) / 2, 0.0
     for stage in range(step.drifts.size):
         time = share * step.drifts[stage]
-        if not motion.half_inertias.size:
+        if not forces.half_inertias.size:
             turn(work, RATES, time)
         else:
             if step.decays.size:
-                dissipated += decay(work, motion, step.decays[length], stage)
+                dissipated += decay(work, forces, step.decays[length], stage)
             else:
-                dissipated += damp(work, rotors, motion, time)
+                dissipated += damp(work, rotors, forces, time)
             turn(work, TURNS, 1.0)
         if stage < step.kicks.size:
-            sum_terms(work, rotors, motion.kinds, motion.parameters)
-            kick(work, motion, share * step.kicks[stage])
+            sum_terms(work, rotors, forces.kinds, forces.parameters)
+            kick(work, forces, share * step.kicks[stage])
     return dissipated
 
 
@@ -224,7 +225,7 @@ def store(states: Array, row: int, work: Array, rotors: int, dissipated: float) 
 @compile_loop
 def advance(
     work: Array,
-    plain_motion: PlainMotion,
+    plain_forces: PlainForces,
     plain_step: PlainStep,
     plain_checks: PlainChecks,
     states: Array,
@@ -233,7 +234,7 @@ def advance(
 
     Stop before a step that turns a rotor too far or whose error exceeds 1.
     """
-    motion, step, checks = Motion(*plain_motion), Step(*plain_step), Checks(*plain_checks)
+    forces, step, checks = Forces(*plain_forces), Step(*plain_step), Checks(*plain_checks)
     rotors = states.shape[1] // 2
     halves = np.empty((3, states.shape[1]))
     fastest, largest_error, next_measured = LARGEST_TURN / np.max(np.abs(step.drifts)), 0.0, 0
@@ -246,10 +247,10 @@ def advance(
             copy(work, ANGLES, SAVED)
             halves[0] = states[row - 1]
             for half in (1, 2):
-                dissipated = take_step(work, rotors, motion, step, HALF)
+                dissipated = take_step(work, rotors, forces, step, HALF)
                 store(halves, half, work, rotors, dissipated)
             copy(work, SAVED, ANGLES)
-        dissipated = take_step(work, rotors, motion, step, WHOLE)
+        dissipated = take_step(work, rotors, forces, step, WHOLE)
         store(states, row, work, rotors, dissipated)
         if checked:
             error = scaled_difference(states[row - 1], states[row], halves[2], checks)
@@ -262,7 +263,7 @@ def advance(
 @compile_loop
 def interpolate(
     work: Array,
-    plain_motion: PlainMotion,
+    plain_forces: PlainForces,
     plain_step: PlainStep,
     states: Array,
     circular: Array,
@@ -274,7 +275,7 @@ def interpolate(
     In each step polynomials of degree 8 have the angles, rates and accelerations of its ends and
     its middle. `circular` has the cosines and sines of the states, shape (2, steps, N).
     """
-    motion, step = Motion(*plain_motion), Step(*plain_step)
+    forces, step = Forces(*plain_forces), Step(*plain_step)
     rotors = states.shape[1] // 2
     half = np.sum(step.drifts) / 2
     knots = np.empty((9, states.shape[1] - rotors))
@@ -285,12 +286,12 @@ def interpolate(
         if row != fitted:
             load(work, states[row], circular[:, row])
             middle[0] = states[row]
-            dissipated = take_step(work, rotors, motion, step, HALF)
+            dissipated = take_step(work, rotors, forces, step, HALF)
             store(middle, 1, work, rotors, dissipated)
-            put_knot(work, motion, middle[1], half, knots, 1)
+            put_knot(work, forces, middle[1], half, knots, 1)
             for end in range(2):
                 load(work, states[row + end], circular[:, row + end])
-                put_knot(work, motion, states[row + end], half, knots, 2 * end)
+                put_knot(work, forces, states[row + end], half, knots, 2 * end)
             fit(knots)
             fitted = row
         evaluate(knots, rotors, 2 * (times[frame] - row) - 1, half, output[frame])
@@ -309,22 +310,22 @@ def load(work: Array, state: Array, circular: Array) -> None:
 
 @compile_loop
 def put_knot(
-    work: Array, motion: Motion, state: Array, unit: float, knots: Array, knot: int
+    work: Array, forces: Forces, state: Array, unit: float, knots: Array, knot: int
 ) -> None:
     """Set the angles, the dissipated energy, and their two derivatives in a unit of time [s]."""
     rotors, first = state.size // 2, 3 * knot
-    sum_terms(work, rotors, motion.kinds, motion.parameters)
+    sum_terms(work, rotors, forces.kinds, forces.parameters)
     for n in range(rotors):
         torque = work[TORQUES, n] + work[TORQUES_ON_RIGHT, n]
         knots[first, n] = state[n]
         knots[first + 1, n] = unit * state[rotors + n]
-        knots[first + 2, n] = unit**2 * motion.inverse_inertias[n] * torque
-    if motion.half_inertias.size:
-        table = motion.damping_kinds, motion.damping_parameters
+        knots[first + 2, n] = unit**2 * forces.inverse_inertias[n] * torque
+    if forces.half_inertias.size:
+        table = forces.damping_kinds, forces.damping_parameters
         knots[first, rotors] = state[2 * rotors]
         knots[first + 1, rotors] = unit * sum_terms(work, rotors, *table)
         for n in range(rotors):
-            knots[first + 2, n] += unit**2 * motion.inverse_inertias[n] * work[TORQUES, n]
+            knots[first + 2, n] += unit**2 * forces.inverse_inertias[n] * work[TORQUES, n]
         # The power of linear damping is a square of rates, whose central difference is exact.
         power = 0.0
         for sign in (-0.5, 0.5):

@@ -117,6 +117,7 @@ class SolverSettings:
 DEFAULTS = SolverSettings()
 
 _NONE: Numbers = np.empty(0, dtype=np.int64)
+"""Selection of no step for `Checks`."""
 
 
 def steps_to_measure(taken: int, count: int, every: int) -> Numbers:
@@ -140,7 +141,7 @@ class NystromSteps:
         damping = [term for term in motion.loads if term.dissipative]
         self._linear = all(isinstance(term, LinearDamping) for term in damping)
         half_inertias = self._padded(motion.chain.moments_of_inertia / 2)
-        self._terms = (
+        self._forces = (
             *motion.table([term for term in motion.terms if not term.dissipative]),
             *motion.table(damping),
             self._padded(1 / motion.inertias),
@@ -178,7 +179,7 @@ class NystromSteps:
             np.sin(rows[ANGLES], out=rows[SINES])
         self._work[RATES, :rotors] = state[rotors : 2 * rotors]
         step, plain = self._prepare(length), tuple(checks or (states[0], 0.0, _NONE))
-        done, error = advance(self._work, self._terms, step, plain, states)
+        done, error = advance(self._work, self._forces, step, plain, states)
         return states[: done + 1], error
 
     def interpolated(self, states: Array, length: float, times: Array) -> Array:
@@ -191,7 +192,7 @@ class NystromSteps:
         output = np.empty((len(times), states.shape[1]))
         circular = np.array([np.cos(angles), np.sin(angles)])
         step = self._prepare(length)
-        interpolate(self._between, self._terms, step, states, circular, times, output)
+        interpolate(self._between, self._forces, step, states, circular, times, output)
         return output
 
     def _prepare(self, length: float) -> PlainStep:
