@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Tests of the studies share the chains of the physics tests; a warning is an error."""
+"""Configuration of the study tests: chains of the physics tests, and warnings as errors."""
 
 import sys
 from pathlib import Path

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What is drawn is where the chain is, and its arrows are the velocities of its masses."""
+"""A picture shows the chain at its coordinates and the velocities of its masses."""
 
 from __future__ import annotations
 
@@ -37,7 +37,7 @@ def new_axes() -> Any:
 
 
 def ends(segments: Any) -> tuple[Array, Array]:
-    """First and last points of line segments, each (K, 2)."""
+    """Return the first and last points of line segments, each (K, 2)."""
     points = np.array([np.asarray(segment) for segment in segments.get_segments()])
     return points[:, 0], points[:, 1]
 
@@ -47,13 +47,13 @@ def arrow_vectors(quiver: Any) -> Array:
 
 
 def reach(chain: Chain) -> float:
-    """What rounding errors of places are measured by [m]."""
+    """Return the length to which rounding errors of coordinates are relative [m]."""
     return float(chain.spacing * chain.number_of_rotors + chain.rotor_length)
 
 
 @FEW
 @given(any_configuration())
-def test_masses_hang_on_their_rotors_above_evenly_spaced_pivots(
+def test_masses_are_at_the_ends_of_rotors_on_evenly_spaced_pivots(
     configuration: tuple[Chain, Array],
 ) -> None:
     chain, angles = configuration
@@ -71,14 +71,14 @@ def test_masses_hang_on_their_rotors_above_evenly_spaced_pivots(
 
 @FEW
 @given(any_configuration())
-def test_springs_are_drawn_from_mass_to_mass_in_their_length(
+def test_springs_are_drawn_from_mass_to_mass_with_their_length(
     configuration: tuple[Chain, Array],
 ) -> None:
     chain, angles = configuration
     first, last = ends(ChainPicture(new_axes(), chain, angles).springs)
     lengths = np.hypot(*(last - first).T)
     expected = chain.rest_lengths + chain.spring_extensions(angles)
-    # A length of a few roundings of the places is found to no better than their root.
+    # The error of a length near 0 is the square root of the rounding error.
     limit = 16 * EPS * reach(chain) + 4 * EPS * reach(chain) ** 2 / chain.rest_length
     assert lengths == pytest.approx(expected, rel=0, abs=4 * limit)
 
@@ -93,7 +93,7 @@ def test_a_ring_has_a_spring_beyond_its_last_rotor() -> None:
 
 
 @given(any_configuration(), st.data())
-def test_arrows_are_the_way_that_the_masses_go(
+def test_arrows_have_the_direction_of_the_mass_velocities(
     configuration: tuple[Chain, Array], data: st.DataObject
 ) -> None:
     chain, angles = configuration
@@ -119,7 +119,7 @@ def test_drawn_arrows_have_one_scale_for_all_rotors(
 
 
 @pytest.mark.parametrize('example', EXAMPLES)
-def test_an_updated_picture_is_a_new_picture(example: tuple[float, float]) -> None:
+def test_an_updated_picture_equals_a_new_picture(example: tuple[float, float]) -> None:
     chain = chain_of(example, 12)
     rest, wall = chain.uniform_state(1), wall_between(chain, 5)
     mode = zero_mode(chain, wall)
@@ -159,7 +159,7 @@ def test_a_tilt_turns_the_chain_about_its_middle_and_lowers_the_last_rotor(
 
 @FEW
 @given(any_configuration(), st.booleans())
-def test_the_limits_hold_whatever_is_drawn_in_equal_scales(
+def test_the_limits_contain_the_chain_with_equal_scales(
     configuration: tuple[Chain, Array], projections: bool
 ) -> None:
     chain, angles = configuration
@@ -178,7 +178,7 @@ def test_the_limits_hold_whatever_is_drawn_in_equal_scales(
 
 @FEW
 @given(any_configuration(), any_configuration())
-def test_room_is_made_for_every_arrow_and_the_same_in_all_pictures(
+def test_expanded_limits_contain_every_arrow_and_are_equal_in_all_pictures(
     one: tuple[Chain, Array], other: tuple[Chain, Array]
 ) -> None:
     pictures = [
@@ -199,7 +199,7 @@ def test_room_is_made_for_every_arrow_and_the_same_in_all_pictures(
 
 @FEW
 @given(any_configuration())
-def test_projections_are_the_leans_beneath_their_pivots(
+def test_projections_are_the_displacements_below_their_pivots(
     configuration: tuple[Chain, Array],
 ) -> None:
     chain, angles = configuration
@@ -216,7 +216,7 @@ def test_projections_are_the_leans_beneath_their_pivots(
 
 @FEW
 @given(any_chain(most=60))
-def test_projections_of_a_leaning_chain_do_not_lie_on_each_other(chain: Chain) -> None:
+def test_projections_of_a_leaning_chain_do_not_overlap(chain: Chain) -> None:
     quiver = projection_quiver(new_axes(), chain, chain.uniform_state(1))
     places, vectors = np.asarray(quiver.get_offsets()), arrow_vectors(quiver)
     for row in np.unique(places[:, 1]):
@@ -225,7 +225,7 @@ def test_projections_of_a_leaning_chain_do_not_lie_on_each_other(chain: Chain) -
         assert (tips[:-1] <= starts[1:] + 8 * EPS * reach(chain)).all()
 
 
-def test_odd_rotors_that_are_drawn_lower_are_moved_and_nothing_else_but_their_springs() -> None:
+def test_lowering_moves_only_odd_rotors_and_their_springs() -> None:
     chain = chain_of(SPINNER, 7)
     angles, down = chain.uniform_state(1), 0.3
     mode = zero_mode(chain, angles)
@@ -259,7 +259,7 @@ def test_a_curve_on_the_torus_is_broken_where_it_leaves_the_square(
 
 
 @pytest.mark.parametrize('example', EXAMPLES)
-def test_the_ground_states_on_the_torus_lean_as_they_say_and_lie_on_the_curves(
+def test_the_ground_states_on_the_torus_lean_as_labelled_and_lie_on_the_curves(
     example: tuple[float, float],
 ) -> None:
     chain = chain_of(example, 2)

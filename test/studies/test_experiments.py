@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The experiments kick as they say and measure what is there, on walls made to measure."""
+"""Experiments give the stated kick, and measure walls with known properties correctly."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ SPINNER = Chain(30, spacing=0.1, rotor_length=0.3, rest_angle=1.0)
 
 
 def walls_at(chain: Chain, places: Array, period: float) -> Recording:
-    """Walls at rest one after the other."""
+    """Return a recording of static walls at successive positions."""
     angles = np.array([static_wall(chain, place) for place in places])
     times = period * np.arange(len(places))
     return Recording(times, angles, np.empty((0, chain.number_of_rotors)))
@@ -56,51 +56,53 @@ def test_a_kick_gives_the_masses_its_speed_and_stretches_no_spring(
 
 
 @given(places=st.lists(st.floats(0, 9), min_size=1, max_size=1), width=st.floats(0.5, 3))
-def test_a_zero_is_found_between_two_rotors_by_a_line(places: list[float], width: float) -> None:
+def test_a_zero_is_interpolated_linearly_between_two_rotors(
+    places: list[float], width: float
+) -> None:
     place = 1.5 + 0.75 * places[0]
     field = (place - np.arange(11)) / width
     assert zero_crossing(field) == pytest.approx(place, abs=1e-12)
 
 
-def test_no_zero_is_nan_and_edge_rotors_do_not_count() -> None:
+def test_a_field_without_a_zero_gives_nan_and_edge_rotors_are_ignored() -> None:
     assert math.isnan(zero_crossing(np.ones(6)))
     assert math.isnan(zero_crossing(np.array([-1.0, 1, 1, 1, 1, -1])))
 
 
 @pytest.mark.parametrize('width', [0.8, 3.0])
-def test_the_width_of_a_tanh_is_its_width(width: float) -> None:
+def test_the_arctanh_width_of_a_tanh_is_its_width(width: float) -> None:
     places = np.linspace(-12, 12, 40)
     assert arctanh_width(places, -np.tanh(places / width)) == pytest.approx(width, rel=1e-12)
 
 
 @pytest.mark.parametrize('direction', [1, -1])
-def test_snapshots_know_the_speed_and_place_of_walls_made_to_measure(direction: int) -> None:
+def test_snapshots_have_the_known_speed_and_position_of_walls(direction: int) -> None:
     places = np.linspace(3, 26, 47)[::direction]
     recording = walls_at(FLIPPER, places, period=0.02)
     assert wall_positions(FLIPPER, recording) == pytest.approx(places, abs=0.02)
     seen = snapshots(FLIPPER, recording, 5)
     assert seen.speed == pytest.approx(0.5 / 0.02, rel=2e-3)
     assert seen.distances.shape == seen.fields.shape == seen.angles.shape == (5, 30)
-    # Rotors on either side of the wall lean to their side.
+    # Rotors on the two sides of the wall lean in opposite directions.
     assert (np.sign(seen.fields[seen.distances < -0.1]) == 1).all()
     assert (np.sign(seen.fields[seen.distances > 0.1]) == -1).all()
 
 
-def test_a_wall_that_never_came_to_the_middle_is_said_to() -> None:
+def test_a_wall_that_never_reaches_the_middle_is_rejected() -> None:
     recording = walls_at(FLIPPER, np.array([1.0, 1.5, 2.0]), period=1.0)
-    with pytest.raises(ValueError, match='in 0 frames, of which 2 are wanted; kick it, record'):
+    with pytest.raises(ValueError, match='in 0 frames, but 2 are required; kick it, record'):
         snapshots(FLIPPER, recording, 2)
 
 
 @pytest.mark.parametrize(('chain', 'kick'), [(FLIPPER, 0.004), (SPINNER, 0.02)])
-def test_a_slow_wall_crosses_in_the_time_of_one_with_rigid_bars(chain: Chain, kick: float) -> None:
+def test_a_slow_wall_crosses_in_the_time_of_rigid_bars(chain: Chain, kick: float) -> None:
     recording, speed = record_moving_wall(chain, kick)
     slow = (chain.number_of_rotors - 1) / (slow_crossing_time(chain, kick) * chain.time_unit)
     assert speed == pytest.approx(slow, rel=5e-3)
     assert len(recording.times) == 601
 
 
-def test_a_recording_has_the_duration_and_frames_asked_for() -> None:
+def test_a_recording_has_the_requested_duration_and_frames() -> None:
     recording = record_kick(FLIPPER, 0.05, duration=20.0, frames=40)
     assert len(recording.times) == 41
     assert recording.times[-1] == pytest.approx(20 * FLIPPER.time_unit, rel=1e-12)

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A figure is saved with every number in it, and the table says paper, theory and chain."""
+"""A figure is saved with all its data, and the table compares paper, theory and simulation."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ def plate_with(points: list[tuple[float, float]]) -> FigureReport:
     return report
 
 
-def test_data_are_kept_to_the_last_digit(tmp_path: Path) -> None:
+def test_data_are_saved_without_loss_of_digits(tmp_path: Path) -> None:
     points = [(0.1, 1 / 3), (math.pi, -2e-300), (5e20, math.nan)]
     plate_with(points).save(tmp_path, 'line')
     with (tmp_path / 'line.csv').open(newline='', encoding='utf-8') as file:
@@ -50,7 +50,7 @@ def test_the_same_figure_makes_the_same_files(tmp_path: Path) -> None:
     assert (tmp_path / 'once.pdf').read_bytes().startswith(b'%PDF')
 
 
-def test_a_caption_stands_beside_the_picture_in_short_lines(tmp_path: Path) -> None:
+def test_a_caption_is_saved_next_to_the_picture_in_short_lines(tmp_path: Path) -> None:
     report = plate_with([(0, 1)])
     report.caption = f"""
     {'A blue line. ' * 20}
@@ -66,12 +66,12 @@ def test_a_caption_stands_beside_the_picture_in_short_lines(tmp_path: Path) -> N
 
 
 @pytest.mark.parametrize('caption', ['', ' \n\n \n'])
-def test_a_picture_without_a_caption_is_refused(caption: str, tmp_path: Path) -> None:
-    with pytest.raises(ValueError, match='line has no caption; say what it shows'):
+def test_a_picture_without_a_caption_is_rejected(caption: str, tmp_path: Path) -> None:
+    with pytest.raises(ValueError, match='line has no caption; describe what it shows'):
         save_caption(caption, tmp_path / 'line.txt')
 
 
-def test_points_that_do_not_pair_are_refused() -> None:
+def test_points_with_different_lengths_are_rejected() -> None:
     with pytest.raises(ValueError, match=r'argument \d is (shorter|longer)'):
         FigureReport(Figure(), 'Nothing.').add_points('a', 'line', ('x', 'y'), [1, 2], [3])
 
@@ -93,7 +93,7 @@ def test_the_error_is_relative_to_theory(measured: float, expected: float, error
     assert Comparison('gap', 'w', 'w', measured, expected).error == error
 
 
-def test_the_table_has_a_line_a_comparison_and_six_cells_in_each(tmp_path: Path) -> None:
+def test_the_table_has_one_row_of_six_cells_per_comparison(tmp_path: Path) -> None:
     report = plate_with([(0, 0)])
     report.add_comparison('gap', '|r|', 'q', 2.0, 1.0)
     report.add_comparison('overshoot', 'd³', 'none', 0.25)
@@ -106,7 +106,7 @@ def test_the_table_has_a_line_a_comparison_and_six_cells_in_each(tmp_path: Path)
     assert 'none | 0.25 |  |' in lines[3]
 
 
-def test_a_row_prints_the_formula_that_its_number_is_computed_from(tmp_path: Path) -> None:
+def test_a_row_prints_the_formula_of_its_number(tmp_path: Path) -> None:
     report = plate_with([(0, 0)])
     report.add_comparison('speed', 'v', Formula('|v| / Λ', {'v': -3.0, 'Λ': 4.0}, 'slow'), 1.5)
     write_table({'figure': report.comparisons}, tmp_path / 'table.md', ['figure'])
@@ -118,7 +118,7 @@ def test_a_row_prints_the_formula_that_its_number_is_computed_from(tmp_path: Pat
     assert formula.value == printed
 
 
-def test_rows_of_figures_that_were_not_drawn_again_stay_in_the_order_of_the_figures(
+def test_rows_of_figures_that_are_not_redrawn_are_kept_in_figure_order(
     tmp_path: Path,
 ) -> None:
     order, path = ('b', 'a', 'd', 'c'), tmp_path / 'table.md'

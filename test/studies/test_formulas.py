@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A printed formula is computed as it is read, and says its number and its symbols."""
+"""A formula has the value of its notation, and prints its number and its symbols."""
 
 from __future__ import annotations
 
@@ -32,23 +32,23 @@ from soliton_linkage_studies.formulas import Formula, read_formula
         ('1 / sin² x', 1 / math.sin(3) ** 2),
     ],
 )
-def test_a_formula_is_computed_as_it_is_read(text: str, value: float) -> None:
+def test_a_formula_has_the_value_of_its_notation(text: str, value: float) -> None:
     assert Formula(text, {'x': 3.0, 'y': 5.0}).value == pytest.approx(value, rel=1e-14)
 
 
-def test_symbols_may_have_bars_and_indices_and_the_longest_is_taken() -> None:
+def test_symbols_may_have_bars_and_indices_and_the_longest_match_is_used() -> None:
     values = {'v': 2.0, 'v₀': 3.0, 'θ̄': 5.0, 'M_eff': 7.0}
     assert Formula('v₀ v θ̄ M_eff²', values).value == 3 * 2 * 5 * 49
 
 
 @pytest.mark.parametrize('text', ['', 'x +', '(x', '|x', 'x)', 'z', 'min(x)', 'x, x', '2 $ 3'])
-def test_what_is_no_formula_is_refused(text: str) -> None:
+def test_an_invalid_formula_is_rejected(text: str) -> None:
     with pytest.raises(ValueError, match='is not expected'):
         _ = Formula(text, {'x': 3.0}).value
 
 
 @given(st.floats(0.01, 100), st.floats(0.01, 100))
-def test_what_is_printed_is_the_formula_with_its_number(speed: float, sound: float) -> None:
+def test_a_printed_formula_is_parsed_with_its_number(speed: float, sound: float) -> None:
     printed = str(Formula('√(1 + v²/c²)', {'v': speed, 'c': sound}, 'slow'))
     formula, value = read_formula(printed)
     assert formula.text == '√(1 + v²/c²)'
@@ -56,6 +56,6 @@ def test_what_is_printed_is_the_formula_with_its_number(speed: float, sound: flo
     assert formula.value == pytest.approx(math.hypot(1, speed / sound), rel=1e-4)
 
 
-def test_words_are_no_printed_formula() -> None:
+def test_a_text_without_a_formula_is_rejected() -> None:
     with pytest.raises(ValueError, match='is no formula'):
         read_formula('as set')

@@ -30,12 +30,14 @@ QUICK = {'tolerance': 1e-5, 'time_limit': 1000.0}
 
 
 @pytest.mark.parametrize('example', EXAMPLES)
-def test_without_deviations_the_motion_is_that_of_the_chain(example: tuple[float, float]) -> None:
+def test_without_deviations_the_motion_is_the_class_of_the_chain(
+    example: tuple[float, float],
+) -> None:
     chain = chain_of(example, 20)
     assert measure_motion(chain, SweepTrial()) == {'motion': chain.motion.value, 'obstacles': 0}
 
 
-def test_one_bond_of_another_class_blocks() -> None:
+def test_one_bond_of_another_class_blocks_the_wall() -> None:
     chain = chain_of(SPINNER, 9)
     fractions = (*[0.0] * 4, 0.8, *[0.0] * 3)
     mixed = dataclasses.replace(chain, deviations=Deviations(rest_length=fractions))
@@ -52,7 +54,7 @@ def test_slow_walls_have_the_speed_of_rigid_bars(
     taken = measure_speed(chain, SweepTrial(kick=kick, **QUICK))
     assert taken['outcome'] == 'returns'
     slow = kick / (arc * chain.rotor_length / chain.spacing)
-    # Springs yield by the square of v / c, 0.02 here; either end of a leg is seen to a frame.
+    # Springs stretch by (v / c)^2, here 0.02; each end of a crossing has an error of one frame.
     assert taken['speed'] == pytest.approx(slow, rel=0.05)
 
 
@@ -66,11 +68,11 @@ def test_a_faster_kick_leaves_more_phonons() -> None:
     assert fast > 10 * slow
 
 
-def test_the_energy_at_the_wall_and_the_phonons_are_the_whole() -> None:
+def test_the_energies_of_wall_and_phonons_sum_to_the_total() -> None:
     chain = chain_of(FLIPPER, 20)
     recording, track, crossings = send_wall(chain, SweepTrial(kick=0.2, **QUICK))
     share = phonon_share(chain, recording, track, crossings[0])
-    # Waves that are added far from the wall, as fast as they like, count in full.
+    # Waves that are added far from the wall count in full at any speed.
     middle = float(np.nanmean([crossings[0].start, crossings[0].end]))
     inside = np.abs(track.sites - 9.5)
     frame = int(np.nanargmin(np.where(track.times <= crossings[0].end, inside, np.nan)))
@@ -88,14 +90,14 @@ def test_the_energy_at_the_wall_and_the_phonons_are_the_whole() -> None:
     assert phonon_share(chain, louder, track, crossings[0]) == pytest.approx(expected, rel=1e-9)
 
 
-def test_without_room_beside_the_wall_phonons_are_not_told() -> None:
+def test_without_enough_rotors_outside_the_wall_phonons_are_nan() -> None:
     chain = chain_of(FLIPPER, 8)
     recording, track, _ = send_wall(chain, SweepTrial(kick=0.1, **QUICK))
     whole = Crossing(0.0, float(track.times[-1]), -1, 1.0)
     assert math.isnan(phonon_share(chain, recording, track, whole))
 
 
-def test_a_wall_that_has_no_time_is_lost() -> None:
+def test_a_wall_is_lost_at_the_time_limit() -> None:
     taken = measure_speed(chain_of(FLIPPER, 30), SweepTrial(kick=0.02, time_limit=20.0))
     assert taken['outcome'] == 'lost'
     assert math.isnan(float(taken['speed']))
@@ -103,7 +105,7 @@ def test_a_wall_that_has_no_time_is_lost() -> None:
 
 
 @pytest.mark.parametrize(('spacings_a_frame', 'crossings'), [(1.0, 1), (3.0, 1), (20.0, 0)])
-def test_a_path_that_jumps_to_another_wall_is_no_crossing(
+def test_a_track_that_jumps_to_another_wall_is_no_crossing(
     spacings_a_frame: float, crossings: int, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     chain = chain_of(FLIPPER, 30)
@@ -158,6 +160,6 @@ def test_a_measure_returns_its_columns_and_its_classes(name: str) -> None:
         ({'time_limit': 0.0}, r'SweepTrial.time_limit = 0.0 must lie in the range 1 to'),
     ],
 )
-def test_a_trial_out_of_range_is_refused(values: dict[str, float], complaint: str) -> None:
+def test_a_trial_out_of_range_is_rejected(values: dict[str, float], complaint: str) -> None:
     with pytest.raises(ValueError, match=complaint):
         SweepTrial(**values)

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Colours are in one place, differ where things do, and are told apart by the colour-blind."""
+"""Colours are defined in one module and are distinguishable with colour blindness."""
 
 from __future__ import annotations
 
@@ -56,7 +56,7 @@ def test_no_colour_is_named_outside_the_palette() -> None:
         palette.CURVE_COLOURS,
     ],
 )
-def test_colours_beside_each_other_can_be_told_apart(
+def test_adjacent_colours_are_distinguishable(
     colours: tuple[str, ...], blindness: np.ndarray
 ) -> None:
     seen = [blindness @ np.array(to_rgb(colour)) ** 2.2 for colour in colours]
@@ -76,6 +76,6 @@ def test_a_class_has_its_colour_and_chains_of_one_class_have_shades() -> None:
     assert colours[3] == palette.MOTION_COLOURS[spinner.motion]
 
 
-def test_values_in_their_order_get_lighter() -> None:
+def test_scale_colours_get_lighter_in_order() -> None:
     lightness = [sum(to_rgb(colour)) for colour in palette.scale_colours(5)]
     assert lightness == sorted(lightness)

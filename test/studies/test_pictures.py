@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Pictures show the angles where and when they were, and are written to where they are asked."""
+"""Pictures show the angles at the right rotor and time, and are written to the given folder."""
 
 from __future__ import annotations
 
@@ -46,7 +46,7 @@ def test_a_kymograph_has_a_pixel_for_each_rotor_and_frame(recording: Recording) 
     lean = CHAIN.rotor_length * np.sin(recording.angles)
     assert np.array_equal(image.get_array(), lean.T)
     assert image.origin == 'lower'
-    # Each pixel lies around its rotor and its frame.
+    # Each pixel is centred on its rotor and its frame.
     assert image.get_extent() == pytest.approx([1.75, 6.25, -0.5, 19.5])
     assert image.norm.vmax == -image.norm.vmin == CHAIN.rotor_length
 
@@ -68,7 +68,7 @@ def test_a_long_kymograph_is_thinned_out_and_keeps_its_span() -> None:
     assert image.get_extent()[:2] == pytest.approx([0, 90], abs=0.05)
 
 
-def test_a_track_shows_place_velocity_and_the_mean_of_each_crossing() -> None:
+def test_a_track_shows_position_velocity_and_the_mean_of_each_crossing() -> None:
     times = np.linspace(0, 10, 11)
     track = Track(times, 2 * times, np.full(11, 2.0))
     crossings = (Crossing(1.0, 4.0, 1, 2.0), Crossing(6.0, 9.0, -1, 3.0))
@@ -86,7 +86,7 @@ def test_a_track_shows_place_velocity_and_the_mean_of_each_crossing() -> None:
     assert low < -3 < 3 < high
 
 
-def test_swings_about_rest_have_colours_of_their_own_in_every_chain() -> None:
+def test_oscillations_about_rest_have_distinct_colours_in_every_chain() -> None:
     for example in EXAMPLES:
         chain = chain_of(example, 20)
         rest = chain.rotor_length * np.sin(chain.rest_angle)

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A person who steps the pressure up and down and records it gets the parameters back."""
+"""The fit recovers the parameters of an actuator from simulated records."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from soliton_linkage_studies.pneumatic_fit import StepResponse, fit_step_respons
 def steps(
     actuator: PneumaticActuator, noise: float, generator: np.random.Generator, rate: float = 200.0
 ) -> StepResponse:
-    """Record a step up to 1e5 Pa and back to 0, read at a rate [Hz] with noise [Pa]."""
+    """Simulate a step to 1e5 Pa and back to 0, sampled at a rate [Hz] with noise [Pa]."""
     times = np.arange(0.0, 1.5, 1 / rate)
     commands = np.where((times >= 0.1) & (times < 0.8), 1e5, 0.0)
     pressures = actuator.responses(0.0, times, commands)
@@ -21,14 +21,14 @@ def steps(
 
 
 @pytest.mark.parametrize('times', [(0.03, 0.05), (0.2, 0.05), (0.01, 0.15)])
-def test_the_time_constants_of_an_exact_record_come_back(times: tuple[float, float]) -> None:
+def test_the_time_constants_of_an_exact_record_are_recovered(times: tuple[float, float]) -> None:
     actuator = PneumaticActuator(filling_time=times[0], venting_time=times[1])
     fit = fit_step_response(steps(actuator, 0.0, np.random.default_rng(1)))
     assert (fit.filling_time, fit.venting_time) == pytest.approx(times, rel=1e-6)
     assert fit.residual < 1e-2
 
 
-def test_a_noisy_record_gives_them_with_the_deviations_that_it_states() -> None:
+def test_errors_with_noise_agree_with_the_stated_deviations() -> None:
     actuator = PneumaticActuator(filling_time=0.03, venting_time=0.08)
     generator = np.random.default_rng(2)
     errors = []
@@ -41,15 +41,15 @@ def test_a_noisy_record_gives_them_with_the_deviations_that_it_states() -> None:
     assert np.std(errors) == pytest.approx(1.0, abs=4 / np.sqrt(2 * len(errors)))
 
 
-def test_without_a_fall_the_venting_time_cannot_be_told() -> None:
+def test_without_falling_pressure_the_venting_time_is_rejected() -> None:
     record = steps(PneumaticActuator(), 0.0, np.random.default_rng(3))
     rising = record.times < 0.7
     columns = (record.times[rising], record.commands[rising], record.pressures[rising])
-    with pytest.raises(ValueError, match='the venting time cannot be told'):
+    with pytest.raises(ValueError, match='the venting time cannot be estimated'):
         fit_step_response(StepResponse(*columns))
 
 
-def test_torques_give_their_slope_and_where_they_saturate() -> None:
+def test_torques_give_their_slope_and_saturation() -> None:
     actuator = PneumaticActuator(torque_per_pressure=1e-7, saturation_torque=0.012)
     pressures = np.linspace(-1.8e5, 2e5, 39)
     slope, limit = fit_torque(pressures, actuator.torque(pressures))
@@ -73,7 +73,7 @@ def test_torques_that_do_not_saturate_have_no_limit() -> None:
     ('times', 'complaint'),
     [([0.0, 1.0, 2.0], '4 or more'), ([0.0, 1.0, 1.0, 2.0], 'must increase')],
 )
-def test_records_that_are_none_are_refused(times: list[float], complaint: str) -> None:
+def test_invalid_records_are_rejected(times: list[float], complaint: str) -> None:
     column = np.zeros(len(times))
     with pytest.raises(ValueError, match=complaint):
         StepResponse(np.array(times), column, column)

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The programs of the studies have one command line, one order of results, and one way to end."""
+"""The study programs share the command line, the order of results and the exit status."""
 
 from __future__ import annotations
 
@@ -40,7 +40,7 @@ if __name__ == '__main__':
 
 
 def gone(group: int) -> bool:
-    """Whether a process group has ended within ten seconds; its last process tidies up."""
+    """Return whether a process group ends within ten seconds, including its clean-up."""
     deadline = time.monotonic() + 10
     while time.monotonic() < deadline:
         try:
@@ -86,13 +86,13 @@ def test_a_wrong_command_line_ends_in_one_line(
 
 
 @pytest.mark.parametrize('name', [*(name for name in STUDIES if name != 'sweep'), 'phase_diagram'])
-def test_each_study_has_settings_that_came_with_it(name: str) -> None:
+def test_each_study_has_installed_settings(name: str) -> None:
     path = installed_settings(name)
     assert path is not None
     assert load_settings(path).values
 
 
-def test_settings_that_did_not_come_with_it_have_to_be_named(
+def test_settings_that_are_not_installed_must_be_specified(
     capsys: pytest.CaptureFixture[str],
 ) -> None:
     assert installed_settings('none') is None
@@ -101,15 +101,15 @@ def test_settings_that_did_not_come_with_it_have_to_be_named(
     assert 'the following arguments are required: config' in capsys.readouterr().err
 
 
-def test_names_are_chosen_whole_or_by_their_beginning() -> None:
+def test_names_are_selected_in_full_or_by_their_first_part() -> None:
     known = ['S1_one', 'S2_two', 'S22_more', 'plain']
     assert select_names(known, []) == known
     assert select_names(known, ['plain', 'S2', 'S1_one']) == ['S1_one', 'S2_two', 'plain']
-    with pytest.raises(ValueError, match=r'--only S3: there is no such name; there are S1_one, S'):
+    with pytest.raises(ValueError, match=r'--only S3: unknown name; choose from S1_one, S'):
         select_names(known, ['S2', 'S3'])
 
 
-def test_results_come_in_the_order_of_the_tasks(capsys: pytest.CaptureFixture[str]) -> None:
+def test_results_have_the_order_of_the_tasks(capsys: pytest.CaptureFixture[str]) -> None:
     names = ['c', 'a', 'b', 'd']
     results = run_parallel('naming', {name: name.upper for name in names}, 2)
     assert list(results.items()) == [(name, name.upper()) for name in names]
@@ -125,7 +125,7 @@ def test_results_come_in_the_order_of_the_tasks(capsys: pytest.CaptureFixture[st
         (KeyboardInterrupt(), 130, '\nany: stopped; all is kept\n'),
     ],
 )
-def test_a_study_that_fails_says_why_in_one_line(
+def test_a_failed_study_prints_its_error_in_one_line(
     error: BaseException, status: int, said: str, capsys: pytest.CaptureFixture[str]
 ) -> None:
     parser = study_parser('any', '', 'less')
@@ -135,12 +135,12 @@ def test_a_study_that_fails_says_why_in_one_line(
     assert signal.getsignal(signal.SIGTERM) == handler
 
 
-def test_a_mistake_of_ours_is_not_hidden() -> None:
+def test_a_programming_error_is_not_hidden() -> None:
     with pytest.raises(KeyError):
         run_study(study_parser('any', '', 'less'), ['any.yaml'], failing(KeyError('x')), '')
 
 
-def test_what_it_returns_is_its_last_word(capsys: pytest.CaptureFixture[str]) -> None:
+def test_the_returned_text_is_printed_last(capsys: pytest.CaptureFixture[str]) -> None:
     parser = study_parser('any', '', 'less')
     assert run_study(parser, ['any.yaml', '--quick'], lambda each: f'{each.quick}', '') == 0
     assert capsys.readouterr().out == 'True\n'
@@ -160,7 +160,7 @@ def test_an_interrupted_study_ends_at_once_and_leaves_no_process(
     )
     assert process.stderr is not None
     assert '0 of 4' in process.stderr.readline()
-    # As a terminal does it, Ctrl-C goes to all processes of the group.
+    # A terminal sends Ctrl-C to all processes of the group.
     os.killpg(process.pid, sent) if sent == signal.SIGINT else process.send_signal(sent)
     _, said = process.communicate(timeout=10)
     assert process.returncode == 130

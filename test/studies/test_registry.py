@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A registry holds what the modules of its package add, and what is added from outside."""
+"""A registry contains the entries of the modules of its package and of other modules."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from soliton_linkage_studies.registry import Registry
 
 @pytest.fixture
 def package(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[str]:
-    """Name of a package with two modules, of which one is its program."""
+    """Create a package with an entry module and a program module; return its name."""
     name = 'package_of_words'
     folder = tmp_path / name
     folder.mkdir()
@@ -35,7 +35,7 @@ def test_it_finds_the_modules_of_its_package_but_not_its_program(package: str) -
     assert len(words) == 1
 
 
-def test_another_module_may_add_to_it(package: str) -> None:
+def test_another_module_may_add_entries(package: str) -> None:
     words: Registry[int] = importlib.import_module(package).WORDS
     words.add('two')(2)
     assert dict(words) == {'one': 1, 'two': 2}
@@ -43,7 +43,7 @@ def test_another_module_may_add_to_it(package: str) -> None:
         words.add('two')(2)
 
 
-def test_what_is_not_there_is_a_key_error(package: str) -> None:
+def test_an_unknown_name_raises_a_key_error(package: str) -> None:
     words: Registry[int] = importlib.import_module(package).WORDS
     with pytest.raises(KeyError):
         words['three']

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Settings say what is wrong with them by file, key, value, limit and remedy."""
+"""Errors of settings name the file, key, value, limit and remedy."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ def written(folder: Path, text: str) -> Path:
     return path
 
 
-def test_values_are_read_as_what_they_are_asked_for(tmp_path: Path) -> None:
+def test_values_are_read_with_the_requested_type(tmp_path: Path) -> None:
     settings = load_settings(
         written(tmp_path, 'x: 1.5\nn: 3\nname: abc\nmany: [1, 2]\nparts: {one: {y: 1}, two: {}}\n')
     )
@@ -37,7 +37,7 @@ def test_values_are_read_as_what_they_are_asked_for(tmp_path: Path) -> None:
     assert parts['one'].number('y', 0, 2) == 1
 
 
-def test_only_what_is_absent_takes_its_default() -> None:
+def test_only_absent_keys_take_their_default() -> None:
     assert SECTION.number('absent', 0, 1, 0.5) == 0.5
     assert SECTION.whole_number('absent', 0, 1, 1) == 1
     assert SECTION.text('absent', ('left', 'right'), 'right') == 'right'
@@ -47,7 +47,7 @@ def test_only_what_is_absent_takes_its_default() -> None:
 
 
 @given(st.floats(-1e6, 1e6), st.floats(0, 1e6), st.floats(-3e6, 3e6))
-def test_bounds_belong_to_the_range(minimum: float, span: float, value: float) -> None:
+def test_a_range_includes_its_bounds(minimum: float, span: float, value: float) -> None:
     maximum = minimum + span
     section = Section('file.yaml', '', {'x': value, 'low': minimum, 'high': maximum})
     assert section.number('low', minimum, maximum) == minimum
@@ -60,14 +60,14 @@ def test_bounds_belong_to_the_range(minimum: float, span: float, value: float) -
 
 
 @pytest.mark.parametrize('value', ['1e-3', True, None, [1], float('nan'), float('inf')])
-def test_what_is_no_finite_number_is_refused_by_name(value: object) -> None:
+def test_a_value_that_is_no_finite_number_is_rejected_by_name(value: object) -> None:
     section = Section('file.yaml', 'part', {'x': value})
     message = re.escape(f'file.yaml: part.x = {value!r} must be a number in the range 0 to 1')
     with pytest.raises(ValueError, match=message):
         section.number('x', 0, 1)
 
 
-def test_a_number_that_yaml_takes_for_a_text_is_explained(tmp_path: Path) -> None:
+def test_a_number_that_yaml_reads_as_text_is_explained(tmp_path: Path) -> None:
     settings = load_settings(written(tmp_path, 'x: 1e-3\n'))
     with pytest.raises(ValueError, match=r"x = '1e-3' must be .*; write exponents as 1\.0e-3"):
         settings.number('x', 0, 1)
@@ -90,12 +90,12 @@ def test_a_number_that_yaml_takes_for_a_text_is_explained(tmp_path: Path) -> Non
         (lambda: SECTION.sections(), 'part.x = 2 must be a section'),
         (
             lambda: SECTION.check_keys('x', 'y'),
-            "part.name = 'left' is not known; it may hold x, y",
+            "part.name = 'left' is not known; known keys are x, y",
         ),
         (lambda: SECTION.section('sub').text('y'), 'part.sub.y = 1 must be a text'),
     ],
 )
-def test_a_complaint_names_file_key_and_limit(read: Callable[[], object], message: str) -> None:
+def test_an_error_names_file_key_and_limit(read: Callable[[], object], message: str) -> None:
     with pytest.raises(ValueError, match=re.escape(f'file.yaml: {message}')):
         read()
 
@@ -110,18 +110,18 @@ def test_a_whole_number_has_no_decimal_point() -> None:
     ('text', 'message'),
     [
         ('x: [1', 'is not YAML .*line'),
-        ('- 1\n- 2\n', 'holds list .* where sections of keys and values must be'),
-        ('', 'holds NoneType'),
+        ('- 1\n- 2\n', 'contains list .* instead of sections of keys and values'),
+        ('', 'contains NoneType'),
         ('1: 2\n', 'key 1 must be a text; put it in quotes'),
     ],
 )
-def test_a_file_that_is_no_settings_is_refused(tmp_path: Path, text: str, message: str) -> None:
+def test_a_file_without_settings_is_rejected(tmp_path: Path, text: str, message: str) -> None:
     path = written(tmp_path, text)
     with pytest.raises(ValueError, match=f'{re.escape(str(path))}: .*{message}'):
         load_settings(path)
 
 
-def test_a_file_that_is_absent_or_not_text_is_refused(tmp_path: Path) -> None:
+def test_a_file_that_is_absent_or_not_text_is_rejected(tmp_path: Path) -> None:
     with pytest.raises(ValueError, match=r'absent\.yaml: cannot be read .*; give a file'):
         load_settings(tmp_path / 'absent.yaml')
     (tmp_path / 'binary').write_bytes(b'\xff\xfe\x00')
@@ -130,7 +130,7 @@ def test_a_file_that_is_absent_or_not_text_is_refused(tmp_path: Path) -> None:
 
 
 @given(st.floats(0.02, 20), st.floats(0.01, 1.56), st.floats(1e-3, 10))
-def test_a_chain_has_the_ratio_and_the_scale_that_it_is_given(
+def test_a_chain_has_the_given_ratio_and_scale(
     ratio: float, rest_angle: float, spacing: float
 ) -> None:
     values = {**CHAIN, 'rotor_length_ratio': ratio, 'rest_angle': rest_angle, 'spacing': spacing}
@@ -138,7 +138,7 @@ def test_a_chain_has_the_ratio_and_the_scale_that_it_is_given(
     assert chain == Chain(7, spacing, ratio * spacing, rest_angle)
 
 
-def test_a_chain_takes_what_else_it_is_given() -> None:
+def test_a_chain_takes_optional_keys() -> None:
     values = {**CHAIN, 'mass': 3, 'stiffness': 2.0, 'damping': 0.1}
     chain = chain_from(Section('file.yaml', 'chain', values))
     assert (chain.mass, chain.stiffness, chain.damping) == (3, 2, 0.1)
@@ -149,13 +149,13 @@ def test_a_chain_takes_what_else_it_is_given() -> None:
     [
         ('rest_angle', 2, 'chain.rest_angle = 2 must be a number in the range 0.001 to 1.57'),
         ('number_of_rotors', 1, 'chain.number_of_rotors = 1 must be a whole number in the range'),
-        ('rotor_length', 0.1, 'chain.rotor_length = 0.1 is not known; it may hold number_of_rot'),
+        ('rotor_length', 0.1, 'chain.rotor_length = 0.1 is not known; known keys are number'),
         ('rotor_length_ratio', 0, 'chain.rotor_length_ratio = 0 must be a number in the range'),
         ('damping', -1, 'chain.damping = -1 must be a number in the range 0 to'),
         ('spacing', 1000, 'chain gives Chain.rotor_length = 500000.0 must lie in the range'),
     ],
 )
-def test_what_is_no_chain_is_refused(key: str, value: float, message: str) -> None:
+def test_an_invalid_chain_is_rejected(key: str, value: float, message: str) -> None:
     values = {**CHAIN, key: value}
     if key == 'spacing':
         values['rotor_length_ratio'] = 500
@@ -164,7 +164,7 @@ def test_what_is_no_chain_is_refused(key: str, value: float, message: str) -> No
 
 
 @pytest.mark.parametrize('key', list(CHAIN))
-def test_a_chain_needs_its_shape(key: str) -> None:
+def test_a_chain_requires_its_shape(key: str) -> None:
     values = {name: value for name, value in CHAIN.items() if name != key}
     with pytest.raises(ValueError, match=f'chain.{key} is missing; give'):
         chain_from(Section('file.yaml', 'chain', values))

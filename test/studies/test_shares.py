@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The interval of a share ends at probabilities that are so many standard deviations off."""
+"""The limits of a proportion interval are the stated number of standard deviations away."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from soliton_linkage_studies.figures.disorder import score_interval
 
 
 @given(st.integers(1, 1000), st.floats(0, 1), st.floats(0.5, 3))
-def test_a_share_is_so_many_standard_deviations_from_its_limits(
+def test_a_proportion_is_the_given_number_of_standard_deviations_from_its_limits(
     count: int, part: float, deviations: float
 ) -> None:
     share = round(part * count) / count
@@ -20,6 +20,6 @@ def test_a_share_is_so_many_standard_deviations_from_its_limits(
     assert 0 <= low <= share <= high <= 1
     assert high - low > 1 / (count / deviations**2 + 1) - 1e-15
     for limit in (low, high):
-        # A limit has the rounding of numbers near 1, which counts as a square near 0 and 1.
+        # A limit has the rounding error of numbers near 1, which is squared near 0 and 1.
         expected = deviations**2 * limit * (1 - limit) / count
         assert (limit - share) ** 2 == pytest.approx(expected, rel=1e-9, abs=1e-13)

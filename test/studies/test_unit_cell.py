@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The unit cell: its bar keeps its length along closed curves that change their number at d_c."""
+"""The bar of a unit cell keeps its length along closed curves, whose number changes at d_c."""
 
 from __future__ import annotations
 
@@ -43,8 +43,8 @@ LEANS = st.sampled_from([-1, 1])
 ANGLES = st.floats(-9, 9)
 RATIOS = st.floats(0.02, 20)
 REST_ANGLES = st.floats(0.01, 1.56)
-# How far two curves through the same places may lie apart [rad]: the tolerance of the tracing
-# by arc length, 1e-12, over a few hundred steps.
+# Largest distance of two curves through the same configurations [rad]: the tolerance 1e-12 of the
+# arc length integration, over a few hundred steps.
 TRACED = 1e-9
 
 
@@ -60,12 +60,12 @@ def near_transition(draw: st.DrawFn) -> tuple[Chain, Chain]:
 
 
 def extensions(chain: Chain, configurations: Array) -> Array:
-    """Length of the bar in staggered configurations beyond that at rest [m], (..., 2) to (...)."""
+    """Return the extension of the bar in staggered configurations [m], (..., 2) to (...)."""
     return chain.spring_extensions(staggered(configurations))[..., 0]
 
 
 def reference_partners(chain: Chain, theta_1: float) -> tuple[mpmath.mpf, list[mpmath.mpf]]:
-    """What the root is taken of [m^2], and the solutions, to forty digits."""
+    """Return the radicand [m^2] and the solutions with forty digits."""
     r, a, angle, rest = map(
         mpmath.mpf, (chain.rotor_length, chain.spacing, theta_1, chain.rest_angle)
     )
@@ -79,10 +79,10 @@ def reference_partners(chain: Chain, theta_1: float) -> tuple[mpmath.mpf, list[m
 
 
 @given(any_chain(2, 2), ANGLES)
-def test_the_partners_are_those_of_forty_digits(chain: Chain, angle: float) -> None:
+def test_the_partners_agree_with_forty_digit_solutions(chain: Chain, angle: float) -> None:
     with mpmath.workdps(40):
         square, expected = reference_partners(chain, angle)
-        # An error in the lengths turns the second rotor by as much over the root.
+        # A length error changes the second angle by this error over the root of the radicand.
         reach = chain.spacing + 2 * chain.rotor_length
         root = float(mpmath.sqrt(abs(square)))
         assume(root > 1e-6 * reach)
@@ -113,7 +113,7 @@ def test_a_fold_is_where_the_partners_meet(chain: Chain, share: float) -> None:
     below, above = fold - 1e-6 * share, fold + 1e-6 * share
     assert np.isnan(partner_angles(chain, above)).all()
     first, second = partner_angles(chain, below)
-    # The two branch off as the square root of the distance.
+    # The two solutions separate as the square root of the distance to the fold.
     wider_first, wider_second = partner_angles(chain, fold - 4e-6 * share)
     assert first < second
     ratio = (wider_second - wider_first) / (second - first)
@@ -135,7 +135,7 @@ def test_curves_close_and_keep_the_bar(chain: Chain) -> None:
 
 @settings(max_examples=8)
 @given(near_transition())
-def test_one_curve_falls_into_two_at_d_c_and_no_step_crosses_the_gap_between(
+def test_one_curve_splits_into_two_at_d_c_and_no_step_crosses_the_gap(
     pair: tuple[Chain, Chain],
 ) -> None:
     flipper, spinner = pair
@@ -153,7 +153,7 @@ def test_one_curve_falls_into_two_at_d_c_and_no_step_crosses_the_gap_between(
 @settings(max_examples=10)
 @given(any_chain(2, 2))
 def test_steps_along_a_curve_are_even_in_arc_length(chain: Chain) -> None:
-    # No chord is longer than its arc, and the chords of steps ever shorter add up to the arc.
+    # A chord is never longer than its arc, and the sum of ever shorter chords converges to it.
     curves, finer_ones = configuration_curves(chain, 200), configuration_curves(chain, 1600)
     for curve, finer in zip(curves, finer_ones, strict=True):
         assert np.abs(finer[::8] - curve).max() < TRACED
@@ -161,13 +161,13 @@ def test_steps_along_a_curve_are_even_in_arc_length(chain: Chain) -> None:
         arcs = np.linalg.norm(np.diff(finer, axis=0), axis=1).reshape(200, 8).sum(axis=1)
         step = arcs.max()
         assert (chords <= step * (1 + 1e-9)).all()
-        # A corner is rounder than it looks in eight chords, by less than an eighth.
+        # Eight chords underestimate the arc at a corner by less than an eighth.
         assert (arcs >= step * (1 - 1 / 8)).all()
         assert np.median(arcs) >= step * (1 - 1e-2)
 
 
 def on_a_curve(chain: Chain, configurations: Array, points: int = 400) -> Array:
-    """Distance of configurations from the curve of their component, in steps of the curve."""
+    """Return the distance of configurations from their curve, in steps of the curve."""
     curves = configuration_curves(chain, points)
     components = component_of(chain, configurations)
     nearest = []
@@ -194,7 +194,7 @@ def test_mirror_images_lie_on_the_curves(chain: Chain, place: int, turns: int) -
     first, second = curves[0][place]
     mirrored = np.array([[-second, -first], [second - np.pi, first + np.pi]])
     turned = mirrored + 2 * np.pi * np.array([turns, -turns])
-    # Angles of up to 22 rad are rounded twice, and each turns an end of the bar by up to r.
+    # Angles up to 22 rad are rounded twice, and each angle moves an end of the bar by up to r.
     limit = length_rounding(chain) + 64 * EPS * chain.rotor_length
     assert (np.abs(extensions(chain, turned)) <= limit).all()
     assert component_of(chain, turned).tolist() == ([1, 0] if spinner else [0, 0])
@@ -216,7 +216,7 @@ def test_a_component_of_a_spinner_holds_one_pair_of_ground_states(
 
 
 @pytest.mark.parametrize('example', [FLIPPER, WOBBLER, STRONG_WOBBLER])
-def test_a_round_of_a_flipper_visits_all_ground_states_in_turn(
+def test_the_curve_of_a_flipper_visits_all_ground_states_in_order(
     example: tuple[float, float],
 ) -> None:
     chain = chain_of(example, 2)
@@ -229,7 +229,7 @@ def test_a_round_of_a_flipper_visits_all_ground_states_in_turn(
 
 @lru_cache
 def perimeter(chain: Chain) -> float:
-    """Length of a component [rad], from its chords by Richardson's extrapolation."""
+    """Return the length of a component [rad] from its chords by Richardson extrapolation."""
     lengths = [
         float(
             np.linalg.norm(np.diff(configuration_curves(chain, points)[0], axis=0), axis=1).sum()
@@ -246,7 +246,7 @@ def perimeter(chain: Chain) -> float:
 def test_two_rotors_on_a_rigid_bar_run_along_the_curve(
     example: tuple[float, float], sense: int
 ) -> None:
-    # Both rotors have the same inertia: without a force the speed along the curve is constant.
+    # Both rotors have the same inertia, so without forces the speed along the curve is constant.
     chain = chain_of(example, 2)
     for curve in configuration_curves(chain, 200):
         angles = staggered(curve[::sense])
@@ -258,7 +258,7 @@ def test_two_rotors_on_a_rigid_bar_run_along_the_curve(
 
 
 @given(RATIOS, REST_ANGLES)
-def test_the_class_of_motion_is_that_of_the_chain(ratio: float, rest_angle: float) -> None:
+def test_motion_of_agrees_with_the_class_of_the_chain(ratio: float, rest_angle: float) -> None:
     chain = chain_of((ratio, rest_angle), 2)
     d, d_c = chain.lean_ratio, chain.critical_lean_ratio
     assume(abs(d - 1) > 8 * EPS and abs(d / d_c - 1) > 8 * EPS)
@@ -266,7 +266,7 @@ def test_the_class_of_motion_is_that_of_the_chain(ratio: float, rest_angle: floa
 
 
 @given(REST_ANGLES, st.floats(1e-14, 0.5), st.sampled_from([-1, 1]))
-def test_the_limits_part_the_classes(rest_angle: float, share: float, side: int) -> None:
+def test_the_limits_separate_the_classes(rest_angle: float, share: float, side: int) -> None:
     factor = 1 + side * share
     first, second = flipper_limit(rest_angle), spinner_limit(rest_angle)
     assert first < second

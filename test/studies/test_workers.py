@@ -87,7 +87,7 @@ def command_of(program: str, folder: Path) -> list[str]:
 
 
 def has_ended(process: int) -> bool:
-    """Whether a process runs no more; one that nobody waits for has ended as well."""
+    """Return whether a process has ended; a zombie counts as ended."""
     try:
         state = Path(f'/proc/{process}/stat').read_text().rsplit(')', 1)[1].split()[0]
     except OSError:
@@ -96,18 +96,18 @@ def has_ended(process: int) -> bool:
 
 
 @pytest.mark.parametrize('text', ['1', '2', '1000'])
-def test_a_number_of_processes_is_read(text: str) -> None:
+def test_a_number_of_processes_is_parsed(text: str) -> None:
     assert process_count(text) == int(text)
 
 
 @pytest.mark.parametrize('text', ['0', '-1', '1001', '1.5', 'two', '', '²', '٣'])
-def test_what_is_no_number_of_processes_is_refused(text: str) -> None:
+def test_an_invalid_number_of_processes_is_rejected(text: str) -> None:
     complaint = f'{text!r} must be a whole number from 1 to 1000'
     with pytest.raises(argparse.ArgumentTypeError, match=complaint):
         process_count(text)
 
 
-def test_each_process_has_one_thread_and_this_one_as_many_as_before(
+def test_each_process_has_one_thread_and_the_parent_is_unchanged(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     monkeypatch.setenv(THREADS[0], '7')
@@ -124,7 +124,7 @@ def test_a_process_is_prepared_before_it_works() -> None:
         assert result(processes, os.umask, 0o123) == 0o123
 
 
-def test_tasks_come_as_they_finish_those_submitted_meanwhile_too() -> None:
+def test_tasks_are_yielded_as_they_finish_including_later_submissions() -> None:
     with local_processes(2) as processes:
         slow = processes.submit(time.sleep, 1.0)
         for number in range(5):
@@ -140,7 +140,7 @@ def test_tasks_come_as_they_finish_those_submitted_meanwhile_too() -> None:
     assert set(finished) == {*range(6), None}
 
 
-def test_waiting_ends_after_the_time_that_it_is_given() -> None:
+def test_waiting_ends_after_its_timeout() -> None:
     with local_processes(1) as processes:
         future = processes.submit(time.sleep, 0.2)
         assert processes.next_finished(0.0) is None
@@ -149,7 +149,7 @@ def test_waiting_ends_after_the_time_that_it_is_given() -> None:
         assert finished is future
 
 
-def test_tasks_that_nobody_waits_for_are_done_before_the_processes_end(tmp_path: Path) -> None:
+def test_unawaited_tasks_finish_before_the_processes_end(tmp_path: Path) -> None:
     with local_processes(1) as processes:
         for name in 'abc':
             processes.submit((tmp_path / name).touch)
@@ -157,7 +157,7 @@ def test_tasks_that_nobody_waits_for_are_done_before_the_processes_end(tmp_path:
     assert not multiprocessing.active_children()
 
 
-def test_what_a_task_raises_comes_with_where_it_was_and_the_process_goes_on() -> None:
+def test_a_task_error_has_its_traceback_and_the_process_continues() -> None:
     with local_processes(1) as processes:
         with pytest.raises(ValueError, match='invalid literal') as raised:
             result(processes, int, 'seven')
@@ -165,7 +165,9 @@ def test_what_a_task_raises_comes_with_where_it_was_and_the_process_goes_on() ->
         assert result(processes, int, '7') == 7
 
 
-def test_a_task_that_the_process_cannot_import_is_told(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_task_that_the_process_cannot_import_is_reported(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
     def here() -> None:
         pass
 
@@ -191,13 +193,13 @@ def test_a_task_that_the_process_cannot_import_is_told(monkeypatch: pytest.Monke
         ((os._exit, 3), 'ended with 3 before its task was done$'),
     ],
 )
-def test_a_process_that_ends_too_early_is_told(task: Any, complaint: str) -> None:
+def test_a_process_that_ends_too_early_is_reported(task: Any, complaint: str) -> None:
     with pytest.raises(ChildProcessError, match=rf'process \d+ {complaint}'):
         work_beside_one_that_works(*task)
     assert not multiprocessing.active_children()
 
 
-def test_processes_end_at_once_where_the_work_fails_and_no_others_do() -> None:
+def test_only_the_processes_of_the_pool_end_if_the_work_fails() -> None:
     other = multiprocessing.get_context('spawn').Process(target=time.sleep, args=(600,))
     other.start()
     begun = time.monotonic()
@@ -226,7 +228,7 @@ def test_processes_end_when_their_parent_is_killed(tmp_path: Path) -> None:
             time.sleep(0.02)
 
 
-def test_ctrl_c_is_kept_from_the_first_processes_of_a_program_too(tmp_path: Path) -> None:
+def test_the_first_processes_of_a_program_do_not_receive_ctrl_c(tmp_path: Path) -> None:
     command = command_of(MASKS, tmp_path)
     said = subprocess.run(command, capture_output=True, text=True, check=True)
     assert said.stdout == '[True, True, True]\n'
@@ -234,7 +236,7 @@ def test_ctrl_c_is_kept_from_the_first_processes_of_a_program_too(tmp_path: Path
 
 @pytest.mark.parametrize('number', [signal.SIGINT, signal.SIGTERM])
 @pytest.mark.parametrize('delay', [0.0, 0.003])
-def test_an_interrupt_ends_it_while_results_are_sent(
+def test_an_interrupt_ends_the_pool_while_results_are_sent(
     number: int, delay: float, tmp_path: Path
 ) -> None:
     command = command_of(SENDING, tmp_path)
@@ -254,7 +256,7 @@ def test_an_interrupt_ends_it_while_results_are_sent(
 
 
 @pytest.mark.parametrize('number', [signal.SIGINT, signal.SIGTERM])
-def test_an_interrupt_that_is_held_comes_afterwards(number: int) -> None:
+def test_a_deferred_interrupt_is_raised_afterwards(number: int) -> None:
     reached = []
 
     def interrupted() -> None:
@@ -265,7 +267,7 @@ def test_an_interrupt_that_is_held_comes_afterwards(number: int) -> None:
 
     handler = signal.signal(signal.SIGTERM, signal.default_int_handler)
     ended = threading.Event()
-    # It takes the signal where the main thread blocks it.
+    # This thread receives the signal while the main thread blocks it.
     other = threading.Thread(target=ended.wait)
     other.start()
     try:
@@ -288,7 +290,7 @@ STUDY = SweepStudy(
 
 
 class Clock:
-    """Stands in for the module time: each row takes the seconds that are given for it."""
+    """Replacement of the module time, in which each row takes its given duration [s]."""
 
     def __init__(self, monkeypatch: pytest.MonkeyPatch, seconds: list[float]) -> None:
         self.now = 0.0
@@ -305,7 +307,7 @@ class Clock:
 
 
 class Here:
-    """Two workers that run tasks at once, in this thread."""
+    """Pool of two workers that run tasks immediately in this thread."""
 
     count = 2
 
@@ -340,7 +342,7 @@ def test_a_chunk_takes_about_a_second_or_one_row(
         assert sum(count for count, _ in pool.chunks if count > 5) > STUDY.rows / 2
 
 
-def test_rows_that_turn_out_slow_leave_their_chunk(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_slow_rows_are_removed_from_their_chunk(monkeypatch: pytest.MonkeyPatch) -> None:
     Clock(monkeypatch, [0.001] * 100 + [3.0] * 100)
     pool = Here()
     done = list(measure_rows(pool, STUDY, range(STUDY.rows)))
@@ -375,7 +377,7 @@ def test_a_cluster_that_does_not_answer_is_reported() -> None:
         pass
 
 
-def test_without_the_package_a_cluster_is_refused(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_without_the_package_a_cluster_is_rejected(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setitem(sys.modules, 'distributed', None)
     complaint = 'not installed; pip install distributed, or use --workers'
     with pytest.raises(ValueError, match=complaint), cluster('tcp://127.0.0.1:9'):

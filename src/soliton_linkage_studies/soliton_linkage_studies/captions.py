@@ -1,44 +1,44 @@
 # SPDX-License-Identifier: Apache-2.0
-"""How chains are called in pictures and tables."""
+"""Captions and labels of chains in pictures and tables."""
 
 from __future__ import annotations
 
 from soliton_linkage.linkage.chain import Chain
 
 LINKAGE = (
-    'Black crosses are the pivots, black bars the rotors - every other one grey where they reach '
-    'over their neighbours -, blue dots the masses at their ends; r is the length of a rotor, a '
-    'the distance of the pivots, θ̄ the angle of rest, d = 2 r sin θ̄ / a.'
+    'Black crosses are the pivots, black bars the rotors and blue dots the masses at their ends. '
+    'Where rotors overlap their neighbours, every other rotor is grey. r is the rotor length, a '
+    'the rotor spacing, θ̄ the rest angle, and d = 2 r sin θ̄ / a.'
 )
 """Symbols of pictures of a chain."""
-MODE = 'green arrows are the velocities of the masses in it, to one scale'
-"""Symbols of a zero mode."""
+MODE = 'green arrows are the velocities of the masses in this mode, all drawn to the same scale'
+"""Symbols of a zero mode; a caption continues with this clause."""
 PROJECTIONS = (
-    'Arrows beneath the pivots are the horizontal displacements u = r sin φ of the masses, in '
-    'rows where they would hide each other: purple ones lean right, orange ones left, the paler '
-    'the less they lean.'
+    'Arrows beneath the pivots are the horizontal displacements u = r sin φ of the masses. They '
+    'use several rows where they would overlap. Purple arrows lean right, orange arrows left; '
+    'paler arrows lean less.'
 )
-"""Symbols of projections."""
+"""Symbols of horizontal displacements."""
 
 
 def parameters(chain: Chain) -> str:
-    """Length of the rotors and rest angle: what the shape of a chain is."""
+    """Return the rotor length ratio r/a and the rest angle [rad], which define the shape."""
     return f'r/a = {chain.rotor_length / chain.spacing:g}, θ̄ = {chain.rest_angle:g}'
 
 
 def shape(chain: Chain) -> str:
-    """Parameters of a chain with its lean ratio d."""
+    """Return the shape parameters of a chain with its lean ratio d."""
     return f'{parameters(chain)}, d = {chain.lean_ratio:.2f}'
 
 
 def class_and_shape(chain: Chain) -> str:
-    """Class of a chain and its parameters r/a and theta_bar, as tables have them."""
+    """Return the motion class of a chain and (r/a, theta_bar) in the format of the tables."""
     ratio = chain.rotor_length / chain.spacing
     return f'{chain.motion.value} ({ratio:g}, {chain.rest_angle:g})'
 
 
 def description(chain: Chain) -> str:
-    """One line that says what a chain is like."""
+    """Return a one-line description: class, r/a, rest angle, lean ratio and rotor count."""
     return (
         f'{chain.motion.value}: r/a = {chain.rotor_length / chain.spacing:g}, '
         f'rest angle {chain.rest_angle:g} rad, d = {chain.lean_ratio:.2f}, '

@@ -3,7 +3,7 @@
 
 Pivots are crosses, rotors black bars, masses blue dots, springs dashed red lines (solid where
 they are rigid bars), and the zero mode is green arrows at the masses (paper, Fig. 1). Where
-rotors reach over their neighbours every other one is grey, and each has a white border.
+rotors overlap their neighbours, every other rotor is grey. Each rotor has a white border.
 """
 
 from __future__ import annotations
@@ -41,44 +41,44 @@ from soliton_linkage_studies.palette import (
 )
 
 _OUTSIDE = matplotlib.__version_info__ >= (3, 7)
-"""Whether a legend may be beyond the panels: before, it is drawn over them [1]."""
+"""Whether matplotlib can place a legend outside the panels; older versions cover them."""
 LEGEND_ABOVE: Literal['outside upper center', 'upper center'] = (
     'outside upper center' if _OUTSIDE else 'upper center'
 )
-"""Place of a legend of a figure: above its panels, where matplotlib can do so."""
+"""Location of a figure legend above the panels, if matplotlib supports it."""
 LEGEND_BELOW: Literal['outside lower center', 'lower center'] = (
     'outside lower center' if _OUTSIDE else 'lower center'
 )
-"""The same beneath them."""
+"""Location of a figure legend below the panels, if matplotlib supports it."""
 _MARGIN = 0.35
-"""Room around what a chain can reach [rotor spacings]."""
+"""Margin around the reach of a chain [rotor spacings]."""
 _ROW = 0.3
-"""Height of a row of projections [rotor spacings]."""
+"""Height of a row of displacement arrows [rotor spacings]."""
 _ARROW = 1.2
-"""Length of an arrow of a component 1 of a mode, over the longer of a and r."""
+"""Arrow length of a mode component 1, relative to the larger of a and r [1]."""
 
 
 def displacement(chain: Chain, angles: Array) -> Array:
-    """Horizontal displacements u_n = r sin(phi_n) of the masses [m], shape of the angles."""
+    """Return the horizontal displacements u_n = r sin(phi_n) [m], with the shape of angles."""
     return chain.positions(angles)[0]
 
 
 def pivot_points(chain: Chain) -> Array:
-    """Places of the pivots [m], (x, z) of each, shape (N, 2)."""
+    """Return the (x, z) coordinates of the pivots [m], shape (N, 2)."""
     offsets = np.cumsum(chain.spacings[: chain.number_of_rotors - 1])
     along = np.concatenate([[0.0], offsets])
     return np.column_stack([along, np.zeros_like(along)])
 
 
 def mass_points(chain: Chain, angles: Array) -> Array:
-    """Places of the masses [m], (x_n + r sin(phi_n), r cos(phi_n)), shape (N, 2)."""
+    """Return the mass coordinates (x_n + r sin(phi_n), r cos(phi_n)) [m], shape (N, 2)."""
     return pivot_points(chain) + np.column_stack(chain.positions(angles))
 
 
 def mode_arrows(chain: Chain, angles: Array, mode: Array) -> Array:
-    """Velocities of the masses in a mode, r t_n (cos(phi_n), -sin(phi_n)), shape (N, 2).
+    """Return the mass velocities r t_n (cos(phi_n), -sin(phi_n)) in a mode t, shape (N, 2).
 
-    In [m] for a mode in [rad], perpendicular to the rotors.
+    They are perpendicular to the rotors, and in [m] for a mode in [rad].
     """
     horizontal, vertical = chain.positions(angles)
     return np.column_stack([mode * vertical, -mode * horizontal])
@@ -87,7 +87,7 @@ def mode_arrows(chain: Chain, angles: Array, mode: Array) -> Array:
 def limits(
     chain: Chain, projections: bool = False, lowered: float = 0.0
 ) -> tuple[float, float, float, float]:
-    """Left, right, bottom and top [m] of what a chain can reach, and a margin."""
+    """Return the left, right, bottom and top [m] of the reach of a chain plus a margin."""
     margin = _MARGIN * chain.spacing
     reach = float(chain.rotor_lengths.max()) + margin
     bottom = float(_rows(chain).min()) - margin / 2 if projections else -reach
@@ -95,7 +95,7 @@ def limits(
 
 
 def lean_norm(chain: Chain) -> FuncNorm:
-    """Where displacements u [m] are in `LEAN_COLOURS`, by `lean_colour_scale`."""
+    """Return the norm that maps displacements u [m] to `LEAN_COLOURS`."""
     places, shares = lean_colour_scale(chain)
     return FuncNorm(
         (partial(_between, places, shares), partial(_between, shares, places)),
@@ -105,7 +105,7 @@ def lean_norm(chain: Chain) -> FuncNorm:
 
 
 class ChainPicture:
-    """The artists of one chain on axes, which `update` moves; the limits of the axes fit it."""
+    """Artists of one chain on axes, which `update` moves; the axis limits fit the chain."""
 
     def __init__(
         self,
@@ -119,10 +119,10 @@ class ChainPicture:
         arrow_length: float | None = None,
         lowered: float = 0.0,
     ) -> None:
-        """Draw a chain at angles [rad] with its mode [1], if one is given, shape (N,) each.
+        """Draw a chain at angles [rad] with an optional mode [1], each of shape (N,).
 
-        A component 1 of the mode is an arrow of `arrow_length` [m], for all rotors and times.
-        Odd rotors are drawn lower than they are [m], where rotors would hide each other.
+        A mode component 1 is an arrow of `arrow_length` [m], for all rotors and times.
+        Odd rotors are drawn `lowered` [m] below the others, so that rotors do not overlap.
         """
         self.chain = chain
         self.axes = axes
@@ -144,7 +144,7 @@ class ChainPicture:
 
     @property
     def artists(self) -> list[Artist]:
-        """Everything that `update` may move, from back to front."""
+        """Artists that `update` moves, from back to front."""
         moving = (
             self.springs,
             self.rotors,
@@ -156,9 +156,10 @@ class ChainPicture:
         return [artist for artist in moving if artist is not None]
 
     def update(self, angles: Array, mode: Array | None = None, tilt: float = 0.0) -> None:
-        """Move to angles [rad] and a mode [1], shape (N,); arrows hide where none is given.
+        """Move the artists to angles [rad] and a mode [1], each of shape (N,).
 
-        A tilt [rad] turns the chain about its middle and lowers its last rotor.
+        Without a mode its arrows are hidden. A positive tilt [rad] rotates the chain about
+        its middle and lowers its last rotor.
         """
         chain = self.chain
         pivots, masses = pivot_points(chain), mass_points(chain, angles)
@@ -185,9 +186,9 @@ class ChainPicture:
 
 
 def expand_limits(pictures: Sequence[ChainPicture]) -> tuple[float, float]:
-    """Widen the limits of pictures alike until the arrows of their modes lie within.
+    """Set the same limits on all pictures, wide enough for the arrows of their modes.
 
-    Returns the width and the height of what they show [m].
+    Returns the width and the height of the visible area [m].
     """
     shown = [picture.axes for picture in pictures]
     corners = [np.transpose([axes.get_xlim(), axes.get_ylim()]) for axes in shown]
@@ -205,7 +206,7 @@ def expand_limits(pictures: Sequence[ChainPicture]) -> tuple[float, float]:
 
 
 def add_legend(figure: Figure) -> None:
-    """Name the parts of pictures of chains beneath them, all in one row."""
+    """Add a one-row legend of the parts of a chain below the panels."""
     right, left = (f'u leans {side}' for side in ('right', 'left'))
     looks: list[tuple[str, str, str, Literal['', '-', '--']]] = [
         ('pivot', BLACK, 'x', ''),
@@ -232,20 +233,20 @@ def add_legend(figure: Figure) -> None:
 def mode_quiver(
     axes: Axes, chain: Chain, angles: Array, mode: Array, arrow_length: float | None = None
 ) -> Quiver:
-    """Arrows of a mode [1], shape (N,), at the masses, for `ChainPicture` to move.
+    """Draw the arrows of a mode [1], shape (N,), at the masses; return them.
 
-    They are the velocities of the masses times one factor, which makes an arrow of
-    `arrow_length` [m] of a component 1; by itself 1.2 times the longer of a and r.
+    An arrow is the velocity of a mass, scaled so that a mode component 1 has length
+    `arrow_length` [m]. The default is 1.2 times the larger of a and r.
     """
     vectors = _stretched(chain, angles, mode, arrow_length)
     return _quiver(axes, mass_points(chain, angles), vectors, 0.9 * _thickness(chain), GREEN)
 
 
 def projection_quiver(axes: Axes, chain: Chain, angles: Array, lowered: float = 0.0) -> Quiver:
-    """Arrows u_n = r sin(phi_n) [m] beneath the rotors, which `move_projections` moves.
+    """Draw the displacements u_n = r sin(phi_n) [m] as arrows below the rotors; return them.
 
-    Purple arrows lean right, orange ones left. Where rotors are longer than the spacing, their
-    arrows take turns in several rows.
+    Purple arrows point right, orange arrows left. If rotors are longer than the spacing, the
+    arrows alternate between several rows. `move_projections` moves them.
     """
     along = displacement(chain, angles)
     places = pivot_points(chain) + np.column_stack([np.zeros_like(along), _rows(chain) - lowered])
@@ -264,10 +265,10 @@ def move_projections(arrows: Quiver, chain: Chain, angles: Array) -> None:
 
 
 def draw_torus(axes: Axes, chain: Chain, curves: Sequence[Array]) -> Axes:
-    """Draw configurations of a unit cell, staggered angles [rad] of shape (K, 2) a curve.
+    """Draw the configuration space of a unit cell: curves of staggered angles [rad], (K, 2) each.
 
-    The square is the torus of both angles, its opposite sides one; triangles are the ground
-    states, purple ones lean right and orange ones left (paper, Fig. 4c).
+    The square is the torus of both angles; its opposite sides are identified. Triangles are the
+    ground states: purple states lean right, orange states left (paper, Fig. 4c).
     """
     for number, curve in enumerate(curves):
         colour = CURVE_COLOURS[number % len(CURVE_COLOURS)]
@@ -297,14 +298,13 @@ def draw_torus(axes: Axes, chain: Chain, curves: Sequence[Array]) -> Axes:
 
 
 def split_at_wraps(curve: Array) -> Array:
-    """Angles within -pi to pi [rad], shape (K + breaks, 2), a NaN where a curve leaves them."""
+    """Wrap angles to -pi ... pi [rad] and insert NaN at each wrap; shape (K + wraps, 2)."""
     wrapped = np.asarray(np.mod(curve + np.pi, 2 * np.pi) - np.pi)
     jumps = np.flatnonzero((np.abs(np.diff(wrapped, axis=0)) > np.pi).any(axis=1)) + 1
     return np.insert(wrapped, jumps, np.nan, axis=0)
 
 
 def _bars(axes: Axes, chain: Chain, rigid: bool) -> tuple[LineCollection, LineCollection]:
-    """Springs and rotors without a place."""
     thickness = _thickness(chain)
     springs = LineCollection(
         [],
@@ -328,7 +328,6 @@ def _bars(axes: Axes, chain: Chain, rigid: bool) -> tuple[LineCollection, LineCo
 
 
 def _points(axes: Axes, chain: Chain) -> tuple[Line2D, Line2D]:
-    """Pivots and masses without a place."""
     thickness = _thickness(chain)
     size = 3 * thickness
     (pivots,) = axes.plot(
@@ -366,12 +365,12 @@ def _stretched(chain: Chain, angles: Array, mode: Array, arrow_length: float | N
 
 
 def _thickness(chain: Chain) -> float:
-    """Of a rotor [points]."""
+    """Return the line width of a rotor [points]."""
     return min(max(50 / chain.number_of_rotors, 0.8), 5.0)
 
 
 def _rows(chain: Chain) -> Array:
-    """Height of the projection of each rotor [m], beneath all that the rotors reach, (N,)."""
+    """Return the height of each displacement arrow [m], below the reach of the rotors, (N,)."""
     rows = math.ceil(chain.rotor_length / chain.spacing)
     row = np.arange(chain.number_of_rotors) % rows
     reach = float(chain.rotor_lengths.max()) + _MARGIN * chain.spacing
@@ -379,13 +378,13 @@ def _rows(chain: Chain) -> Array:
 
 
 def _turned(tilt: float) -> Array:
-    """Matrix that points (x, z) are multiplied by to lower the end at x > 0, (2, 2)."""
+    """Return the rotation matrix that lowers the end at x > 0 as (x, z) @ matrix, (2, 2)."""
     sine, cosine = math.sin(tilt), math.cos(tilt)
     return np.array([[cosine, -sine], [sine, cosine]])
 
 
 def _between(places: Array, values: Array, wanted: ArrayLike) -> Array:
-    """Values at places in between, straight on beyond the first and the last."""
+    """Interpolate linearly between places and extrapolate linearly beyond both ends."""
     at = np.asarray(np.ma.filled(wanted, np.nan), dtype=np.float64)
     inside = np.interp(at, places, values)
     slopes = np.diff(values)[[0, -1]] / np.diff(places)[[0, -1]]

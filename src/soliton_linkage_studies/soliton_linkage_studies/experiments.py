@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The experiments of the paper: a chain at rest, kicked along its zero mode, and its wall."""
+"""Experiments of the paper: kick a chain at rest along its zero mode and measure its wall."""
 
 from __future__ import annotations
 
@@ -16,39 +16,45 @@ from soliton_linkage.solitons.static_wall import site_arc, static_wall
 from soliton_linkage.solitons.tanh_fit import order_field
 
 MIDDLE = 0.3
-"""Share of a chain about its middle in which a wall is measured: it is far from both edges [1]."""
+"""Central fraction of a chain in which a wall is measured, far from both edges [1]."""
 SNAPSHOTS = 10
-"""Frames of a wall that make its profile, as in the paper: ten places a rotor spacing."""
+"""Frames that make the profile of a wall: ten positions per rotor spacing, as in the paper."""
 DISTANCE_LABEL = 'n - X [rotor spacings]'
-"""Name of the places of rotors from a wall."""
+"""Axis label of the distance of a rotor from a wall."""
 
 _ARCTANH_REACH = 0.9
-"""Largest order field whose arctanh is fitted: beyond it rounding and wake make it run away."""
+"""Largest order field whose arctanh is fitted [1].
+
+Nearer to 1, arctanh amplifies rounding errors and the wake of the wall.
+"""
 _FRAMES = 600
-"""In which a chain is recorded while its wall crosses."""
+"""Number of frames in a recording of a crossing."""
 _SLACK = 1.1
-"""Times that a wall takes from edge to edge by theory, in which it has surely crossed [1]."""
+"""Recording time over the theoretical crossing time of a slow wall; it includes a margin [1]."""
 _TRANSIENT = 1.5
-"""Times that sound takes from edge to edge, in which the fastest wall has surely crossed [1]."""
+"""Shortest recording time over the time that sound needs from edge to edge [1].
+
+The fastest walls have crossed by then.
+"""
 
 
 def kick_rates(
     chain: Chain, angles: Array, kick: float, edge: Edge = Edge.LAST, anywhere: bool = False
 ) -> Array:
-    """Rates that send the wall away from an edge [rad/s], shape (N,).
+    """Return the rates that drive the wall away from an edge [rad/s], shape (N,).
 
-    phi_dot = (a / r) sqrt(k_e / M) v0 e with e the unit zero mode: the kick v0 is the speed of
-    the masses, r |phi_dot|, in units of a sqrt(k_e / M). Raises ValueError where the wall is
-    nearer the other edge, unless it may be anywhere.
+    phi_dot = (a / r) sqrt(k_e / M) v0 e with e the unit zero mode. The kick v0 is the speed of
+    the masses, r |phi_dot|, in units of a sqrt(k_e / M). Raises ValueError if the wall is
+    nearer to the other edge, unless `anywhere` is true.
     """
     speed = kick * chain.spacing / (chain.rotor_length * chain.time_unit)
     return speed * edge_mode(chain, angles, edge, anywhere)
 
 
 def record_kick(chain: Chain, kick: float, duration: float, frames: int) -> Recording:
-    """Record the right-leaning chain of springs, kicked at its last rotor.
+    """Record the right-leaning elastic chain after a kick at its last rotor.
 
-    The duration [time units sqrt(M / k_e)] is divided into as many periods as frames.
+    The duration [time units sqrt(M / k_e)] is divided into `frames` equal periods.
     """
     rest = chain.uniform_state(1)
     rates = kick_rates(chain, rest, kick)
@@ -57,21 +63,22 @@ def record_kick(chain: Chain, kick: float, duration: float, frames: int) -> Reco
 
 
 def record_moving_wall(chain: Chain, kick: float) -> tuple[Recording, float]:
-    """Record a kicked chain until its wall has crossed; also its speed [rotor spacings / s]."""
+    """Record a kicked chain until its wall has crossed; return the wall speed [spacings/s] too."""
     recording = record_kick(chain, kick, crossing_duration(chain, kick), _FRAMES)
     return recording, snapshots(chain, recording, 2).speed
 
 
 def crossing_duration(chain: Chain, kick: float) -> float:
-    """Time in which a kicked wall has crossed its chain, and some more [time units]."""
+    """Return a recording time in which a kicked wall crosses its chain [time units]."""
     fastest = (chain.number_of_rotors - 1) * chain.spacing / speed_of_sound(chain)
     return max(_SLACK * slow_crossing_time(chain, kick), _TRANSIENT * fastest / chain.time_unit)
 
 
 def slow_crossing_time(chain: Chain, kick: float) -> float:
-    """Time from edge to edge of a wall for which no spring gives way [time units].
+    """Return the crossing time of a wall whose springs do not stretch [time units].
 
-    (N - 1) Lambda / v0 with Lambda in units of the spacing, the way of a mass.
+    The time is (N - 1) Lambda / v0, where Lambda is the path of a mass per rotor spacing, in
+    units of the spacing.
     """
     way = site_arc(chain) * chain.rotor_length / chain.spacing
     return (chain.number_of_rotors - 1) * way / kick
@@ -79,7 +86,7 @@ def slow_crossing_time(chain: Chain, kick: float) -> float:
 
 @dataclass(frozen=True)
 class Snapshots:
-    """A wall on its way through the middle of a chain, in K frames of N rotors."""
+    """Wall that moves through the middle of a chain, in K frames of N rotors."""
 
     distances: Array
     """Signed distances n - X of the rotors from the wall [rotor spacings], shape (K, N)."""
@@ -88,14 +95,14 @@ class Snapshots:
     angles: Array
     """Actual angles [rad], shape (K, N)."""
     speed: float
-    """Of the wall [rotor spacings / s], the slope of a line through its places."""
+    """Wall speed [rotor spacings / s], the slope of a line fitted to its positions."""
 
 
 def snapshots(chain: Chain, recording: Recording, count: int, share: float = MIDDLE) -> Snapshots:
-    """Frames with the wall in the middle share of the chain, on its first way through.
+    """Return frames of the first passage of the wall through the middle of the chain.
 
-    The wall is where a line through the fields of two rotors passes through 0 (paper, Fig. 5).
-    Raises ValueError where it never came there.
+    `share` is the central fraction [1]. The wall position is the linearly interpolated zero of
+    the order field (paper, Fig. 5). Raises ValueError if fewer than `count` frames qualify.
     """
     fields, _ = order_field(chain, recording.angles)
     walls = wall_positions(chain, recording)
@@ -105,8 +112,8 @@ def snapshots(chain: Chain, recording: Recording, count: int, share: float = MID
     left = entered + int(np.argmin(np.append(inside[entered:], False)))
     if left - entered < count:
         raise ValueError(
-            f'the wall was in the middle of the chain in {left - entered} frames, of which '
-            f'{count} are wanted; kick it, record for longer, or record more frames'
+            f'the wall was in the middle of the chain in {left - entered} frames, but {count} are '
+            'required; kick it, record for longer, or record more frames'
         )
     slope = np.polyfit(recording.times[entered:left], walls[entered:left], 1)[0]
     chosen = np.linspace(entered, left - 1, count).round().astype(int)
@@ -120,9 +127,9 @@ def snapshots(chain: Chain, recording: Recording, count: int, share: float = MID
 
 
 def static_profile(chain: Chain, middle: float) -> tuple[Array, Array]:
-    """Rotors from the wall and order field of walls at rest at ten places a spacing, (K,) each.
+    """Return rotor distances and order field of static walls at ten positions per spacing.
 
-    Without edge rotors, which rest at one of two angles.
+    Both have shape (K,). Edge rotors are excluded, because each has two rest angles.
     """
     places, fields = [], []
     for beyond in np.arange(SNAPSHOTS) / SNAPSHOTS:
@@ -135,15 +142,15 @@ def static_profile(chain: Chain, middle: float) -> tuple[Array, Array]:
 
 
 def wall_positions(chain: Chain, recording: Recording) -> Array:
-    """Place of the wall in each frame [rotor spacings] by `zero_crossing`, or NaN, shape (T,)."""
+    """Return the `zero_crossing` of each frame [rotor spacings], NaN without one, shape (T,)."""
     fields, _ = order_field(chain, recording.angles)
     return np.array([zero_crossing(field) for field in fields])
 
 
 def zero_crossing(field: Array) -> float:
-    """Place where a field of shape (N,) first passes through 0 [rotor spacings], or NaN.
+    """Return the first zero of a field of shape (N,) [rotor spacings], NaN without one.
 
-    Edge rotors are left out: when they have toggled they say nothing about the wall.
+    Edge rotors are excluded, because their second rest angle changes the field without a wall.
     """
     negative = np.signbit(field[1:-1])
     crossings = np.flatnonzero(negative[1:] != negative[:-1])
@@ -154,9 +161,10 @@ def zero_crossing(field: Array) -> float:
 
 
 def arctanh_width(places: Array, fields: Array) -> float:
-    """Width of a wall m = -tanh(x / w) [rotor spacings], from the slope of arctanh m by x.
+    """Estimate the width w of a wall m = -tanh(x / w) from the slope of arctanh(m) over x.
 
-    Least squares over all points with |m| < 0.9 (paper, Fig. 5).
+    Returns rotor spacings. The fit is linear least squares over all points with |m| < 0.9
+    (paper, Fig. 5).
     """
     near = np.abs(fields) < _ARCTANH_REACH
     slope = np.polyfit(places[near], -np.arctanh(fields[near]), 1)[0]

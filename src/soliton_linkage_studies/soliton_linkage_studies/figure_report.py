@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Finished figures: the picture, its caption, its data, and what it says beside the paper."""
+"""Figure reports: the picture, its caption, its data, and its comparison with the paper."""
 
 from __future__ import annotations
 
@@ -18,38 +18,38 @@ from numpy.typing import ArrayLike
 from soliton_linkage_studies.formulas import Formula
 
 _RESOLUTION = 150
-"""Of pictures as PNG [pixels per inch]: 1200 to 2000 pixels across."""
+"""Resolution of PNG pictures [pixels per inch]; pictures are 1200 to 2000 pixels wide."""
 _DIGITS = 5
-"""Significant digits of numbers in a table, more than most theories are good for."""
+"""Significant digits of numbers in a table, more than the accuracy of most theories."""
 _LINE = 95
-"""Letters in a line of a caption."""
+"""Largest number of characters in a line of a caption."""
 _ROUNDING = 1e-11
-"""Error that a table shows as none: what rounding leaves of a sum of some thousand terms."""
+"""Error that a table shows as 0: the rounding error of a sum of some thousand terms [1]."""
 
 
 @dataclass(frozen=True)
 class Comparison:
-    """One quantity as the paper has it, as the corrected theory has it, and as measured."""
+    """One quantity: the value of the paper, of the corrected theory, and of the simulation."""
 
     quantity: str
-    """What it is, with the chain that it is of and its unit."""
+    """Name of the quantity, with its chain and its unit."""
     paper: str | Formula
-    """What the paper says, with its equation."""
+    """Value or formula of the paper, with the number of its equation."""
     theory: str | Formula
-    """What holds for the discrete chain: a formula, or where its number is from in words."""
+    """Formula for the discrete chain, or a text that names the source of `stated`."""
     measured: float
-    """What the simulated chain does."""
+    """Value measured on the simulated chain."""
     stated: float = math.nan
-    """The number of a theory in words, where it has one."""
+    """Number of a theory that is given as text; NaN if it has none."""
 
     @property
     def expected(self) -> float:
-        """The theory as a number, that of its formula; NaN where there is none."""
+        """Number of the theory: the value of its formula, or `stated`; NaN without either."""
         return self.theory.value if isinstance(self.theory, Formula) else self.stated
 
     @property
     def error(self) -> str:
-        """Relative distance of the measured number from the theory's, in per cent."""
+        """Relative error of the measured value against the theory [%], as text."""
         if not math.isfinite(self.expected):
             return ''
         if self.expected == 0:
@@ -60,21 +60,21 @@ class Comparison:
 
 @dataclass
 class FigureReport:
-    """A figure in the making: panels to draw on, and the data that was drawn."""
+    """Figure with the data drawn on it and the comparisons for the table."""
 
     figure: Figure
     caption: str
-    """What it shows, and each symbol, line and colour that no legend names."""
+    """Description of the figure and of each symbol, line and colour without a legend entry."""
     rows: list[tuple[str, str, float, float, str, str]] = field(default_factory=list)
-    """Every point drawn, as (panel, series, x, y, x_name, y_name)."""
+    """Drawn points, as (panel, series, x, y, x_name, y_name)."""
     comparisons: list[Comparison] = field(default_factory=list)
 
     def add_points(
         self, panel: str, series: str, names: tuple[str, str], x: ArrayLike, y: ArrayLike
     ) -> None:
-        """Keep points for the data of the figure, x and y of the same shape (K,).
+        """Add points to the data of the figure; x and y have the same shape (K,).
 
-        The names say what x and y are, with their units.
+        `names` are the quantities x and y with their units.
         """
         for across, up in zip(np.ravel(x), np.ravel(y), strict=True):
             self.rows.append((panel, series, float(across), float(up), *names))
@@ -87,7 +87,7 @@ class FigureReport:
         measured: float,
         stated: float = math.nan,
     ) -> None:
-        """Add a line to the table that sets paper, theory and measurement side by side."""
+        """Add a table row that compares paper, theory and measurement."""
         self.comparisons.append(Comparison(quantity, paper, theory, measured, stated))
 
     def save(self, folder: Path, name: str) -> None:
@@ -105,16 +105,16 @@ class FigureReport:
 
 
 def save_figure(figure: Figure, path: Path) -> None:
-    """Write a picture, of the kind that the suffix says; the same figure makes the same file."""
+    """Write a picture in the format of the suffix, without a date, so that files reproduce."""
     metadata = {'CreationDate': None} if path.suffix == '.pdf' else None
     figure.savefig(path, dpi=_RESOLUTION, metadata=metadata)
 
 
 def save_caption(caption: str, path: Path) -> None:
-    """Write a caption in lines that fit a page, its paragraphs apart, as Markdown reads it."""
+    """Write a caption as wrapped Markdown paragraphs; raises ValueError for an empty caption."""
     paragraphs = [' '.join(each.split()) for each in re.split(r'\n\s*\n', caption.strip())]
     if not any(paragraphs):
-        raise ValueError(f'{path.stem} has no caption; say what it shows and what its colours are')
+        raise ValueError(f'{path.stem} has no caption; describe what it shows and its colours')
     text = '\n\n'.join(textwrap.fill(each, _LINE) for each in paragraphs)
     path.write_text(f'{text}\n', encoding='utf-8')
 
@@ -122,10 +122,9 @@ def save_caption(caption: str, path: Path) -> None:
 def write_table(
     drawn: Mapping[str, Sequence[Comparison]], path: Path, order: Sequence[str]
 ) -> None:
-    """Write the comparisons of figures, by the name of the figure, as Markdown.
+    """Write the comparisons of figures as a Markdown table, in the given order of figure names.
 
-    Figures stand in the given order. Where the file is there, it keeps the rows of those that
-    were not drawn now.
+    If the file exists, the rows of figures that are not in `drawn` are kept.
     """
     rows = _rows_by_figure(path)
     for name, comparisons in drawn.items():
@@ -139,7 +138,7 @@ def write_table(
 
 
 def _rows_by_figure(path: Path) -> dict[str, list[str]]:
-    """Rows of a table as they are, by their first cell."""
+    """Return the rows of an existing table, grouped by their first cell."""
     rows: dict[str, list[str]] = {}
     if path.exists():
         for line in path.read_text(encoding='utf-8').splitlines():

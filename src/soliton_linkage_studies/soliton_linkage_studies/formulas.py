@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Formulas that are printed and computed from one text, so that a number is that of its formula.
+"""Formulas that are printed and evaluated from the same text, so that both always agree.
 
-They are written as on paper: `√(1 − v²/c²)`, `4 r² sin² θ̄`, `||q₊| − |q₋|| / r`. What stands side
-by side is multiplied, before anything is divided.
+They use mathematical notation: `√(1 − v²/c²)`, `4 r² sin² θ̄`, `||q₊| − |q₋|| / r`. Adjacent
+factors are multiplied, and this multiplication precedes division.
 """
 
 from __future__ import annotations
@@ -23,35 +23,35 @@ _FUNCTIONS: dict[str, Callable[[float], float]] = {
 }
 _CHOICES: dict[str, Callable[[float, float], float]] = {'min': min, 'max': max}
 _POWERS = {'²': 2, '³': 3, '⁴': 4}
-"""Exponents as they are printed [1]."""
+"""Exponents by their printed character [1]."""
 _ALIKE = str.maketrans('∣-', '|−')
-"""Bars as tables have them, and the minus of keyboards."""
+"""Characters that are replaced by the vertical bar and the minus sign of formulas."""
 _VALUE = re.compile(r'(?P<text>.*?) = (?P<value>\S+)(?: for (?P<values>[^()]*))?(?: \(.*\))?')
 
 
 @dataclass(frozen=True)
 class Formula:
-    """A formula and the values of its symbols; raises ValueError for what it does not know."""
+    """Formula and the values of its symbols; `value` raises ValueError for an unknown symbol."""
 
     text: str
     values: Mapping[str, float]
     remark: str = ''
-    """What else there is to say of it."""
+    """Note that is printed in parentheses after the formula."""
 
     @property
     def value(self) -> float:
-        """What the text gives with the values."""
+        """Value of the formula; raises ValueError if it cannot be parsed."""
         return _Reader(self.text, self.values).whole()
 
     def __str__(self) -> str:
-        """Return text, value, values and remark, from which `read_formula` has it again."""
+        """Return text, value, symbol values and remark in the format of `read_formula`."""
         symbols = ', '.join(f'{name} = {value:.8g}' for name, value in self.values.items())
         remark = f' ({self.remark})' if self.remark else ''
         return f'{self.text} = {self.value:.5g}{f" for {symbols}" if symbols else ""}{remark}'
 
 
 def chain_formula(text: str, chain: Chain, remark: str = '', **more: float) -> Formula:
-    """Return a formula of a chain, of whose symbols it prints those that it has."""
+    """Return a formula with the symbol values of a chain; only the symbols used are printed."""
     plus, minus = couplings(chain)
     values = {
         'r': chain.rotor_length,
@@ -69,10 +69,13 @@ def chain_formula(text: str, chain: Chain, remark: str = '', **more: float) -> F
 
 
 def read_formula(printed: str) -> tuple[Formula, float]:
-    """Return the formula of a printed one, and the value that is printed with it."""
+    """Parse a printed formula; return it and its printed value.
+
+    Raises ValueError if the text is not a printed formula.
+    """
     found = _VALUE.fullmatch(printed)
     if found is None:
-        raise ValueError(f'{printed!r} is no formula; print it as formula = value for symbols')
+        raise ValueError(f'{printed!r} is no formula; write it as formula = value for symbols')
     pairs = (each.split(' = ') for each in (found['values'] or '').split(', ') if each)
     return Formula(found['text'], {name: float(value) for name, value in pairs}), float(
         found['value']
@@ -86,7 +89,7 @@ def _tokens(text: str, values: Mapping[str, float]) -> list[str]:
 
 
 class _Reader:
-    """Reads a formula from left to right and computes it on the way."""
+    """Recursive-descent parser that evaluates a formula."""
 
     def __init__(self, text: str, values: Mapping[str, float]) -> None:
         self._text, self._values = text, {'π': math.pi, **values}
@@ -94,7 +97,7 @@ class _Reader:
         self._bars = 0
 
     def whole(self) -> float:
-        """Value of the whole text."""
+        """Evaluate the whole text."""
         value = self._sum()
         if self._next:
             raise self._complaint()
@@ -110,8 +113,8 @@ class _Reader:
         return self._tokens.pop(0)
 
     def _complaint(self) -> ValueError:
-        what = repr(self._next) if self._next else 'its end'
-        return ValueError(f'formula {self._text!r}: {what} is not expected; give it a value')
+        found = repr(self._next) if self._next else 'its end'
+        return ValueError(f'formula {self._text!r}: {found} is not expected; correct the text')
 
     def _sum(self) -> float:
         sign = -1 if self._next == '−' and self._take() else 1
@@ -170,7 +173,7 @@ class _Reader:
         raise self._complaint()
 
     def _inside(self) -> float:
-        """Sum within parentheses, in which bars open anew."""
+        """Evaluate a sum in parentheses, in which a vertical bar opens a new absolute value."""
         outer, self._bars = self._bars, 0
         value = self._sum()
         self._bars = outer

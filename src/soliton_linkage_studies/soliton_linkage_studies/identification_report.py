@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The report page of a chain that was identified: its lengths, and what bonds leave open."""
+"""Report page of an identified chain: lengths, encoder offsets and bond residuals."""
 
 from __future__ import annotations
 
@@ -16,19 +16,19 @@ from soliton_linkage_studies.figure_report import save_caption, save_figure
 from soliton_linkage_studies.palette import BLACK, BLUE, GREEN, PALE, RED
 
 _WORST = 3
-"""Bonds that are named as the worst [1]."""
+"""Number of worst bonds that are labelled [1]."""
 _CAPTION = """
-At the top by how much the length of each rotor (blue), the distance from its pivot to the next
-(green) and the length of the spring or bar between them (red) differ from their means, with one
-standard deviation on both sides. In the middle what each encoder reads too much. At the bottom the
-noise of a reading as each bond leaves it open; the black line is the noise from frame to frame,
-which knows of no chain, and bonds far above it are worst. Springs and bars stand between the two
-rotors that they join.
+Top: relative deviations of each rotor length (blue), pivot spacing (green) and spring or bar
+length (red) from their means, with error bars of one standard deviation. Middle: offset of each
+encoder with its standard deviation. Bottom: noise of a reading, estimated from the residual of
+each bond. The black line is the noise estimated from differences between frames, without a model
+of the chain. Bonds far above this line fit worst; the three worst are numbered. Springs and bars
+are drawn between the two rotors that they join.
 """
 
 
 def report_page(found: Identification) -> Figure:
-    """Page with the lengths, the offsets and the residuals of each bond."""
+    """Draw a page with the lengths, the encoder offsets and the residual noise of each bond."""
     figure = Figure(figsize=(8, 9), layout='constrained')
     lengths, offsets, bonds = figure.subplots(3, sharex=True, height_ratios=[3, 2, 2])
     _draw_lengths(lengths, found)
@@ -46,14 +46,14 @@ def save_report(found: Identification, folder: Path) -> None:
     page = report_page(found)
     for suffix in ('png', 'pdf'):
         save_figure(page, folder / f'identification.{suffix}')
-    words = [f'The chain: {description(found.chain)}.', *found.warnings]
-    save_caption('\n\n'.join([_CAPTION, *words]), folder / 'identification.txt')
+    paragraphs = [f'The chain: {description(found.chain)}.', *found.warnings]
+    save_caption('\n\n'.join([_CAPTION, *paragraphs]), folder / 'identification.txt')
 
 
 def _draw_lengths(axes: Axes, found: Identification) -> None:
     for name, label, colour in (
         ('rotor_length', 'rotor r', BLUE),
-        ('spacing', 'distance of pivots a', GREEN),
+        ('spacing', 'pivot spacing a', GREEN),
         ('rest_length', 'spring or bar l', RED),
     ):
         fractions = np.array(getattr(found.chain.deviations, name))
@@ -64,7 +64,7 @@ def _draw_lengths(axes: Axes, found: Identification) -> None:
             places + shift, 100 * fractions, spreads, fmt='o', ms=3, color=colour, label=label
         )
     axes.axhline(0, color=PALE, linewidth=0.8, zorder=0)
-    axes.set(ylabel='from the mean [%]')
+    axes.set(ylabel='deviation from the mean [%]')
     axes.legend(ncols=3, fontsize=8)
 
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What a sweep measures on one chain: numbers and classes that make a row of its table."""
+"""Measurements of a sweep on one chain: the numbers and classes of a table row."""
 
 from __future__ import annotations
 
@@ -25,49 +25,55 @@ BLOCKED = 'blocked'
 MECHANICS = ('elastic', 'rigid')
 OUTCOMES = ('returns', 'crosses', 'lost')
 _PIECE = 20
-"""Time units that are recorded before it is seen whether the wall has come back."""
+"""Duration recorded between two checks for the return of the wall [time units]."""
 _WALL_REACH = 4
-"""Widths of a wall, or depths of the zero mode, that belong to it: beyond is 2 % at most."""
+"""Half-width of the wall region, in wall widths or penetration depths [1].
+
+At most 2 % of the wall energy is outside.
+"""
 _JUMP = 5
-"""Rotors from frame to frame that no wall goes: the fastest go two."""
+"""Displacement between frames that indicates another wall [rotors]; the fastest walls move 2."""
 
 Value = float | int | str
 
 
 @dataclass(frozen=True)
 class SweepTrial:
-    """How a wall is sent through a chain; raises ValueError for what is out of range."""
+    """Parameters of a trial that sends a wall through a chain.
+
+    Raises ValueError for values out of range.
+    """
 
     kick: float = quantity(
         0.1, 'speed r |phi_dot| of the kick, norm over rotors', 'a sqrt(k_e / M)', 1e-9, 1e3
     )
-    mechanics: str = quantity('elastic', 'what joins rotors', choices=MECHANICS)
+    mechanics: str = quantity('elastic', 'connection between rotors', choices=MECHANICS)
     time_limit: float = quantity(
-        2000.0, 'time after which a wall is lost', 'sqrt(M / k_e)', 1.0, 1e6
+        2000.0, 'time after which a wall counts as lost', 'sqrt(M / k_e)', 1.0, 1e6
     )
-    tolerance: float = quantity(1e-7, 'error of the angles in a time unit', 'rad', 1e-13, 1e-2)
+    tolerance: float = quantity(1e-7, 'tolerance of the angles in a time unit', 'rad', 1e-13, 1e-2)
 
     def __post_init__(self) -> None:
-        """Refuse parameters out of their range."""
+        """Check the parameter ranges."""
         check_quantities(self)
 
 
 @dataclass(frozen=True)
 class Measure:
-    """A way to measure a chain, and what its picture shows."""
+    """Measurement of a chain and the column that its picture shows."""
 
     take: Callable[[Chain, SweepTrial], dict[str, Value]]
     columns: tuple[str, ...]
-    """What it returns, by name."""
+    """Names of the values that `take` returns."""
     shown: str
-    """The column that is drawn."""
+    """Name of the drawn column."""
     label: str
     classes: tuple[str, ...] = ()
-    """Values of that column, the best first; empty where it is a number."""
+    """Values of the drawn column, best first; empty for a numeric column."""
 
 
 def measure_motion(chain: Chain, _trial: SweepTrial) -> dict[str, Value]:
-    """Class of motion by the bonds of a chain, and the number of those that may stop a wall."""
+    """Return the motion class by the bonds, and the number of bonds that may stop a wall."""
     motion = motion_of_bonds(chain)
     return {
         'motion': motion.value if motion else BLOCKED,
@@ -76,11 +82,10 @@ def measure_motion(chain: Chain, _trial: SweepTrial) -> dict[str, Value]:
 
 
 def measure_speed(chain: Chain, trial: SweepTrial) -> dict[str, Value]:
-    """Speed [a sqrt(k_e / M)] of a wall kicked from the right edge, and what becomes of it.
+    """Measure the outcome, speed and phonon share of a wall kicked from the right edge.
 
-    The speed is the slope of the wall's path between the outer fifths of the chain; the share
-    of phonons that of the energy further than a few widths from the wall when it is half way.
-    Both are NaN where there is nothing to measure.
+    The speed [a sqrt(k_e / M)] is the slope of the wall's path between the outer fifths of the
+    chain. `phonons` is the result of `phonon_share`. Both are NaN without a crossing.
     """
     recording, track, crossings = send_wall(chain, trial)
     return {
@@ -91,7 +96,7 @@ def measure_speed(chain: Chain, trial: SweepTrial) -> dict[str, Value]:
 
 
 def measure_survival(chain: Chain, trial: SweepTrial) -> dict[str, Value]:
-    """Whether a wall crosses the chain and returns, with springs or with rigid bars."""
+    """Determine whether a wall crosses the chain and returns, with springs or rigid bars."""
     if trial.mechanics == 'elastic':
         crossed = len(send_wall(chain, trial)[2])
     else:
@@ -100,11 +105,11 @@ def measure_survival(chain: Chain, trial: SweepTrial) -> dict[str, Value]:
 
 
 def send_wall(chain: Chain, trial: SweepTrial) -> tuple[Recording, Track, tuple[Crossing, ...]]:
-    """Kick the wall of a chain of springs off its right edge until it has come back.
+    """Kick the wall of an elastic chain off its right edge; simulate until it returns.
 
-    Frames are a time unit apart, in which no wall goes further than a spacing or two. A path
-    that jumps has gone over to another wall, of a pair, and counts for no crossing. It ends with
-    the time limit where the wall does not return.
+    The frame period is one time unit, in which a wall moves by at most two spacings. A larger
+    jump means that the track changed to another wall, so that this crossing is discarded. If
+    the wall does not return, the simulation ends at the time limit.
     """
     angles = rest_state(chain, 1)
     rates = kick_rates(chain, angles, trial.kick, anywhere=True)
@@ -124,11 +129,11 @@ def send_wall(chain: Chain, trial: SweepTrial) -> tuple[Recording, Track, tuple[
 
 
 def phonon_share(chain: Chain, recording: Recording, track: Track, crossing: Crossing) -> float:
-    """Share of the energy that is not at the wall when it is half way through a crossing [1].
+    """Return the fraction of the energy outside the wall at the middle of a crossing [1].
 
-    Kinetic energy of the rotors and elastic energy of the springs further from the wall than
-    a few times its width or the penetration depth, whichever is larger; NaN where that leaves
-    less than half of the rotors.
+    Rotors and springs are outside if they are more than four times the wall width or the
+    penetration depth away, whichever is larger. Returns NaN if these are less than half of
+    the rotors.
     """
     under_way = (track.times >= crossing.start) & (track.times <= crossing.end)
     half_way = np.abs(track.sites - (chain.number_of_rotors - 1) / 2)
@@ -146,7 +151,7 @@ def phonon_share(chain: Chain, recording: Recording, track: Track, crossing: Cro
 
 
 def _unbroken(track: Track, crossing: Crossing) -> bool:
-    """Whether the path of a crossing is that of one wall."""
+    """Return whether the track of a crossing has no jump to another wall."""
     passage = (track.times >= crossing.start) & (track.times <= crossing.end)
     places = track.sites[passage]
     steps = np.diff(places[np.isfinite(places)])
@@ -154,7 +159,7 @@ def _unbroken(track: Track, crossing: Crossing) -> bool:
 
 
 def _joined(first: object, second: object, names: tuple[str, ...]) -> list[Array]:
-    """Arrays of two recordings or tracks, of which the second starts with the last frame."""
+    """Concatenate two recordings or tracks; the second repeats the last frame of the first."""
     return [np.concatenate([getattr(first, name), getattr(second, name)[1:]]) for name in names]
 
 
@@ -167,7 +172,7 @@ MEASURES = {
         measure_motion,
         ('motion', 'obstacles'),
         'motion',
-        'way of motion',
+        'class of motion',
         (*(motion.value for motion in Motion), BLOCKED),
     ),
     'speed': Measure(
@@ -177,6 +182,6 @@ MEASURES = {
         'speed of the wall [$a\\sqrt{k_e/M}$]',
     ),
     'survival': Measure(
-        measure_survival, ('outcome', 'obstacles'), 'outcome', 'what becomes of the wall', OUTCOMES
+        measure_survival, ('outcome', 'obstacles'), 'outcome', 'outcome of the wall', OUTCOMES
     ),
 }

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Carry walls along simulated chains, and show where they end and what phonons they wake.
+"""Steer walls to goals along simulated chains; measure position errors and excited phonons.
 
 Writes a table as Markdown and a picture as PNG and PDF with its data as CSV.
 """
@@ -33,80 +33,80 @@ from soliton_linkage_studies.program import run_parallel, run_study, study_parse
 from soliton_linkage_studies.settings import Section, chain_from, load_settings
 
 MoveKey = tuple[str, str]
-"""Names of a chain and of the condition that it is in."""
+"""Names of a chain and of a condition."""
 
 _TOLERANCE = 1e-8
-"""Error of the angles in a time unit [rad], far below the noise and the errors of a move."""
+"""Tolerance of the angles in a time unit [rad], far below the noise and the move errors."""
 _SEEN_BEFORE = 0.2
-"""How long the steering sees a wall at rest before it is given a goal [s]."""
+"""Duration for which the steering observes a wall at rest before it receives a goal [s]."""
 _LONGEST = 120.0
-"""After which a move that has not ended counts as not held [s]."""
+"""Time limit of a move, after which its outcome is NOT_HELD [s]."""
 _SAMPLE_EVERY = 20
-"""Frames from sample to sample: 80 ms at 250 Hz, which a picture resolves."""
+"""Frames per sample [1]: 80 ms at 250 Hz, about the resolution of the picture."""
 _DRAWS = 100
-"""Draws of a disorder, of which one is to let the wall pass."""
+"""Largest number of disorder draws until a wall can pass through the chain [1]."""
 
 
 @dataclass(frozen=True)
 class Condition:
-    """What a chain and its encoders are like."""
+    """Encoder noise, damping and disorder of a chain."""
 
     noise: float
     """Standard deviation of an angle [rad]."""
     decay: float
-    """Rate at which the motion of a rotor alone dies [1/s]."""
+    """Decay rate of the speed of a single rotor by damping [1/s]."""
     disorder: float
-    """Standard deviation of lengths, masses and stiffnesses, as a fraction."""
+    """Relative standard deviation of lengths, masses and stiffnesses [1]."""
 
 
 @dataclass(frozen=True)
 class MoveTask:
-    """A move to be made."""
+    """Move to simulate."""
 
     chain: Chain
     condition: Condition
     start: float
-    """Place that the wall is taken from [rotor spacings]."""
+    """Initial position of the wall [rotor spacings]."""
     goal: float
-    """Place that it is taken to [rotor spacings]."""
+    """Target position of the wall [rotor spacings]."""
     seed: int
     frame_rate: float
-    """[Hz]."""
+    """Frames per second [Hz]."""
     held: float
-    """How long it is watched after its arrival [s]."""
+    """Duration of the observation after the arrival [s]."""
     torque_limit: float
-    """Of an actuator [N m]."""
+    """Largest torque of an actuator [N m]."""
 
     def __call__(self) -> MoveRun:
-        """Make the move."""
-        return made(self)
+        """Simulate the move."""
+        return simulate_move(self)
 
 
 @dataclass(frozen=True)
 class MoveRun:
-    """A move that was made, sampled every few frames from its beginning."""
+    """Result of a move, sampled every few frames from its start."""
 
     outcome: Outcome
     duration: float
-    """From the goal to the arrival [s]."""
+    """Time from the goal command to the arrival [s]."""
     times: Array
-    """Since the goal was given [s], shape (T,)."""
+    """Time since the goal command [s], shape (T,)."""
     places: Array
-    """Of the wall [rotor spacings], shape (T,)."""
+    """Wall position [rotor spacings], shape (T,)."""
     aims: Array
-    """Where its reference trajectory has the wall [rotor spacings], (T,), NaN without one."""
+    """Reference position of the wall [rotor spacings], shape (T,), NaN without a trajectory."""
     phonon_energies: Array
-    """[J], shape (T,)."""
+    """Energy of the phonons [J], shape (T,)."""
     error: float
-    """Largest distance from the goal after the arrival [rotor spacings], NaN where it failed."""
+    """Largest distance from the goal after the arrival [spacings], NaN if the move failed."""
     energy_left: float
     """Energy of the phonons at the end [J]."""
     peak_energy: float
-    """Largest kinetic energy on the way [J]."""
+    """Largest kinetic energy during the move [J]."""
 
 
-def made(task: MoveTask) -> MoveRun:
-    """Make a move, in frames that torques follow one frame later."""
+def simulate_move(task: MoveTask) -> MoveRun:
+    """Simulate a move; the torques computed from a frame act one frame later."""
     orbit = UniformOrbit(task.chain)
     chain, start = _started(task, orbit)
     simulation = ElasticSimulation(chain, start, period=1 / task.frame_rate, tolerance=_TOLERANCE)
@@ -148,9 +148,9 @@ def made(task: MoveTask) -> MoveRun:
 
 
 def _started(task: MoveTask, orbit: UniformOrbit) -> tuple[Chain, Array]:
-    """Chain with the damping and disorder of the task, at rest with its wall at the start.
+    """Return the chain with damping and disorder, and its rest angles with the wall at the start.
 
-    In place of deviations that may stop a wall, or do not let it be there, others are drawn.
+    Deviations that may stop the wall, or have no such rest state, are drawn again.
     """
     damping = task.condition.decay * task.chain.moment_of_inertia
     chain = replace(task.chain, damping=damping)
@@ -177,27 +177,27 @@ def _started(task: MoveTask, orbit: UniformOrbit) -> tuple[Chain, Array]:
         except ValueError:
             continue
     raise ValueError(
-        f'no chain of {task.chain.motion.value}s with a disorder of {task.condition.disorder:g} '
-        f'lets a wall pass that begins at {task.start:.2f}, in {_DRAWS} draws; lower the '
-        'disorder'
+        f'a wall at {task.start:.2f} rotor spacings cannot pass through a '
+        f'{task.chain.motion.value} chain with disorder {task.condition.disorder:g}, in any of '
+        f'{_DRAWS} draws; lower the disorder'
     )
 
 
 _QUICK_MOVES = 2
-"""Moves of each chain and condition that a quick study makes."""
+"""Number of moves per chain and condition in a quick study [1]."""
 _KEYS = ('seed', 'frame_rate', 'moves', 'held', 'torque_limit', 'conditions', 'chains')
 
 
 @dataclass(frozen=True)
 class MoveStudy:
-    """The moves that a file of settings asks for."""
+    """Moves specified by a settings file."""
 
     tasks: dict[MoveKey, list[MoveTask]]
-    """By the names of chain and condition."""
+    """Tasks by the names of chain and condition."""
 
     @property
     def numbered(self) -> dict[tuple[MoveKey, int], MoveTask]:
-        """All moves, each by a key of its own."""
+        """All moves, each with a unique key."""
         return {
             (key, number): task
             for key, tasks in self.tasks.items()
@@ -206,7 +206,7 @@ class MoveStudy:
 
 
 def read_move_study(settings: Section, quick: bool) -> MoveStudy:
-    """Study of a file of settings; raises ValueError for what cannot be."""
+    """Parse the settings of a study; raises ValueError for invalid settings."""
     settings.check_keys(*_KEYS)
     seed = settings.whole_number('seed', 0, 2**31)
     frame_rate = settings.number('frame_rate', 10.0, 2000.0)
@@ -237,7 +237,7 @@ def read_move_study(settings: Section, quick: bool) -> MoveStudy:
 
 
 def runs_by_key(numbered: Mapping[tuple[MoveKey, int], MoveRun]) -> dict[MoveKey, list[MoveRun]]:
-    """Runs of `MoveStudy.numbered` by the names of chain and condition, in their order."""
+    """Group runs of `MoveStudy.numbered` by chain and condition, in their order."""
     runs: dict[MoveKey, list[MoveRun]] = {}
     for (key, _), run in numbered.items():
         runs.setdefault(key, []).append(run)
@@ -245,15 +245,15 @@ def runs_by_key(numbered: Mapping[tuple[MoveKey, int], MoveRun]) -> dict[MoveKey
 
 
 def table_lines(runs: Mapping[MoveKey, Sequence[MoveRun]]) -> list[str]:
-    """Lines of the table in Markdown."""
+    """Return the lines of the Markdown table."""
     lines = [
         '| chain | condition | reached | largest error [spacings] | phonons at the end [J] '
         '| over the peak energy of the wall | time [s] |',
         '| --- | --- | --- | --- | --- | --- | --- |',
     ]
-    for (name, title), made in runs.items():
-        reached = [run for run in made if run.outcome is Outcome.REACHED]
-        cells = [name, title, f'{len(reached)} of {len(made)}', '', '', '', '']
+    for (name, title), moves in runs.items():
+        reached = [run for run in moves if run.outcome is Outcome.REACHED]
+        cells = [name, title, f'{len(reached)} of {len(moves)}', '', '', '', '']
         if reached:
             left = max(run.energy_left for run in reached)
             share = max(run.energy_left / run.peak_energy for run in reached)
@@ -278,24 +278,24 @@ def _condition(section: Section) -> Condition:
 
 
 _CAPTION = """
-Walls on their way to goals in simulated chains, a column for each chain and a colour for each
-condition; each move is a line. (a) Place of the wall. (b) Absolute distance from the goal, down to
-{least:g}; the dashed grey line is {wanted:g} rotor spacings, at which it is to be held. (c) Energy
-of phonons, which is what is not in the motion of the wall, over the largest energy that the wall
-has on its way. Lines of conditions that do not differ lie on each other, the last on top.
+Walls that move to goals in simulated chains. Each column is a chain, each colour a condition and
+each line a move. (a) Position of the wall. (b) Absolute distance from the goal, at least
+{least:g}. The dashed grey line marks {wanted:g} rotor spacings, the required holding accuracy.
+(c) Phonon energy, which is the energy outside the wall motion, over the peak energy of the wall
+during a move. If conditions give equal results, their lines coincide and the last one is on top.
 """
 _WANTED = 0.1
-"""Distance from its goal at which a wall is to be held [rotor spacings]."""
+"""Required holding accuracy: largest distance from the goal [rotor spacings]."""
 _LEAST_ERROR = 1e-6
-"""Drawn in place of less, which its scale of logarithms would not hold [rotor spacings]."""
+"""Lower limit of the drawn distance on its logarithmic axis [rotor spacings]."""
 _LEAST_SHARE = 1e-16
-"""The same for a share of an energy: what rounding leaves of it [1]."""
+"""Lower limit of the drawn energy ratio, which is its rounding error [1]."""
 
 
 def draw_moves(
     tasks: Mapping[MoveKey, Sequence[MoveTask]], runs: Mapping[MoveKey, Sequence[MoveRun]]
 ) -> FigureReport:
-    """Places, distances from the goal and phonons against time, a column for each chain."""
+    """Draw positions, distances from the goal and phonons over time, one column per chain."""
     chains = list(dict.fromkeys(name for name, _ in tasks))
     conditions = list(dict.fromkeys(title for _, title in tasks))
     figure = Figure(figsize=(max(4.3 * len(chains), 6), 10), layout='constrained')
@@ -308,11 +308,11 @@ def draw_moves(
                 _draw_run(report, column, f'{name}, {title}', colour, task, run)
         column[0].set(title=name)
         column[1].axhline(_WANTED, color=GREY, linestyle='--', linewidth=0.8)
-        column[2].set(xlabel='time since the goal was given [s]')
-    panels[0, 0].set(ylabel='a  place [rotor spacings]')
-    panels[1, 0].set(ylabel='b  |place − goal| [rotor spacings]', yscale='log')
+        column[2].set(xlabel='time since the goal command [s]')
+    panels[0, 0].set(ylabel='a  position [rotor spacings]')
+    panels[1, 0].set(ylabel='b  |position − goal| [rotor spacings]', yscale='log')
     panels[2, 0].set(ylabel='c  phonons / peak energy of the wall [1]', yscale='log')
-    panels[1, 0].plot([], [], '--', color=GREY, linewidth=0.8, label=f'to be held: {_WANTED:g}')
+    panels[1, 0].plot([], [], '--', color=GREY, linewidth=0.8, label=f'required: {_WANTED:g}')
     for number, title in enumerate(conditions):
         panels[0, 0].plot([], [], color=COLOURS[number % len(COLOURS)], label=title)
     report.figure.legend(loc=LEGEND_ABOVE, ncols=len(conditions) + 1)
@@ -339,12 +339,12 @@ def _draw_run(
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Make the moves of a file of settings; return 1 where that fails, 130 on Ctrl-C."""
+    """Simulate the moves of a settings file; return 1 on failure, 130 after Ctrl-C."""
     parser = study_parser('moves', __doc__, 'fewer moves')
-    return run_study(parser, arguments, _made, 'nothing new is written')
+    return run_study(parser, arguments, _run, 'no files were written')
 
 
-def _made(options: argparse.Namespace) -> str:
+def _run(options: argparse.Namespace) -> str:
     study = read_move_study(load_settings(options.config), options.quick)
     options.output.mkdir(parents=True, exist_ok=True)
     runs = runs_by_key(run_parallel('moves', study.numbered, options.workers))

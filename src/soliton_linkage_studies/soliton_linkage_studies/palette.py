@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Colours of all pictures: one thing has one of them in every figure and film."""
+"""Colours of all pictures: each quantity has the same colour in every figure and film."""
 
 from __future__ import annotations
 
@@ -36,30 +36,35 @@ NAMES = {
     PURPLE: 'pink',
     WHITE: 'white',
 }
-"""What captions call them."""
+"""Names of the colours in captions."""
 
 MEASURED, PAPER, THEORY = BLUE, RED, BLACK
-"""Of what simulated chains do, of what the paper says, and of what corrected theory says."""
+"""Colours of simulated results, of the paper and of the corrected theory."""
 COLOURS = (BLUE, RED, GREEN, PURPLE, BLACK)
-"""Of things beside each other that have no colour of their own."""
+"""Colours of series that have no fixed colour."""
 MARKERS = 'os^Dv'
-"""Of points beside each other."""
+"""Markers of series of points."""
 CURVE_COLOURS = (BLUE, PURPLE)
-"""Of the components of a configuration space."""
+"""Colours of the components of a configuration space."""
 MECHANICS_COLOURS = {'elastic': BLUE, 'rigid': RED}
-"""Of chains of springs and of rigid bars."""
+"""Colours of chains with springs and with rigid bars."""
 OUTCOME_COLOURS = {'returns': GREEN, 'crosses': SKY, 'lost': DARK}
-"""Of what becomes of a wall."""
+"""Colours of the outcomes of a wall."""
 
 LEAN_COLOURS = 'PuOr'
 """Colour map of u: orange where the rotors lean left, purple where they lean right."""
 _REST = 0.30
-"""Of the map, from its middle to a uniform state at rest [1]: what overshoots it is darker."""
+"""Distance of a uniform rest state from the middle of the colour map [1].
+
+Larger displacements are darker.
+"""
 _NEAR_REST = ((0.95, 0.24), (1.0, _REST), (1.02, 0.36), (1.05, 0.41), (1.2, 0.46))
-"""Displacements over that at rest, and how far from the middle of the map: swings of a few per
-cent about rest are seen [1]."""
+"""Pairs (displacement over rest displacement, distance from the middle of the map) [1].
+
+The map is stretched here, so that oscillations of a few per cent about rest are visible.
+"""
 LEANS_RIGHT, LEANS_LEFT = (to_hex(colormaps[LEAN_COLOURS](0.5 + side * _REST)) for side in (1, -1))
-"""Of the uniform states that lean right and left."""
+"""Colours of the uniform states that lean right and left."""
 
 _SHADES = {
     Motion.FLIPPER: (BLUE, SKY, '#003a5c'),
@@ -67,13 +72,13 @@ _SHADES = {
     Motion.SPINNER: (GREEN, '#66c5ab', '#00523c'),
 }
 MOTION_COLOURS = {motion: shades[0] for motion, shades in _SHADES.items()}
-"""Of chains by the way in which their walls move."""
+"""Colours of chains by their class of motion."""
 
 
 def chain_colours(chains: Sequence[Chain]) -> list[str]:
-    """Return the colour of the class of each chain, in shades where several are of one.
+    """Return the class colour of each chain; chains of the same class get different shades.
 
-    The one of the largest lean ratio d has the colour of the class itself.
+    The chain with the largest lean ratio d gets the colour of the class itself.
     """
     order = sorted(range(len(chains)), key=lambda number: -chains[number].lean_ratio)
     found: dict[int, str] = {}
@@ -85,21 +90,21 @@ def chain_colours(chains: Sequence[Chain]) -> list[str]:
 
 
 def scale_colours(count: int) -> list[str]:
-    """Return colours of values in their order, from dark to light."""
+    """Return colours for `count` ordered values, from dark to light."""
     return [to_hex(colour) for colour in colormaps['viridis'](np.linspace(0.0, 0.82, count))]
 
 
 def tint(colour: str, share: float) -> str:
-    """Return a colour that is a share of another one, the rest white."""
+    """Mix a colour with white; `share` is the fraction of the colour."""
     red, green, blue = (share * part + 1 - share for part in to_rgb(colour))
     return to_hex((red, green, blue))
 
 
 def lean_colour_scale(chain: Chain) -> tuple[Array, Array]:
-    """Displacements u [m] and where the colour map has them [1], both (K,), lines in between.
+    """Return the nodes of the linear colour scale: displacements u [m] and map positions [1].
 
-    A uniform state has the same colours in all chains; swings about it are stretched, and not
-    even the length of a rotor is clipped.
+    Both have shape (K,). A uniform state has the same colour in all chains. The scale is
+    stretched about it and reaches the largest rotor length without clipping.
     """
     rest, largest = float(lean_ticks(chain)[3]), float(lean_ticks(chain)[4])
     near = [(share * rest, off) for share, off in _NEAR_REST if share * rest < 0.99 * largest]
@@ -111,7 +116,7 @@ def lean_colour_scale(chain: Chain) -> tuple[Array, Array]:
 
 
 def lean_colour_table(chain: Chain, levels: int) -> NDArray[np.uint8]:
-    """Red, green and blue of displacements from -r to r, evenly spaced, shape (levels, 3)."""
+    """Return RGB values of evenly spaced displacements from -r to r, shape (levels, 3)."""
     places, shares = lean_colour_scale(chain)
     largest = float(lean_ticks(chain)[4])
     offs = np.interp(np.linspace(-largest, largest, levels), places, shares)
@@ -119,7 +124,7 @@ def lean_colour_table(chain: Chain, levels: int) -> NDArray[np.uint8]:
 
 
 def lean_ticks(chain: Chain) -> Array:
-    """Displacements u [m] furthest and at rest to the left, none, at rest and furthest right."""
+    """Return the displacements u [m] of the ticks: -r, left rest, 0, right rest and r."""
     rest = chain.rotor_length * float(np.sin(chain.rest_angle))
     largest = float(chain.rotor_lengths.max())
     return np.array([-largest, -rest, 0.0, rest, largest])

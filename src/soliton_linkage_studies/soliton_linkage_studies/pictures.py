@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A recording on axes: its space-time picture and the path of its soliton."""
+"""Pictures of a recording: its kymograph and the track of its soliton."""
 
 from __future__ import annotations
 
@@ -27,35 +27,35 @@ from soliton_linkage_studies.palette import (
 )
 
 _KYMOGRAPH = """
-Horizontal displacement u = r sin φ of the mass of each rotor over time: purple where rotors lean
-right, orange where they lean left, white where they stand upright. The scale goes from −r to r,
-the length of the rotors, stretched about the two states of rest, so that swings of a few per cent
-are seen: what is darker than a state of rest swings beyond it, as the rotors beside the wall of a
-wobbling flipper do. The
-black line with a white border is the path of the soliton, where one is seen.
+Horizontal displacement u = r sin φ of the mass of each rotor over time: purple for rotors that
+lean right, orange for rotors that lean left, and white for upright rotors. The scale goes from −r
+to r, where r is the rotor length. It is stretched about the two rest states, so that oscillations
+of a few per cent are visible. Colours darker than a rest state show displacements beyond it, for
+example beside the wall of a wobbling flipper. The black line with a white border is the track of
+the soliton, where it is detected.
 
-An edge rotor has two angles at which its only spring has its rest length: after a reflection it
-waits at the other one, so that its row may have another colour than those of its neighbours.
+An edge rotor has two rest angles, because it has only one spring. After a reflection it rests at
+the other angle, so that its row may have a different colour from the neighbouring rows.
 """
 _TRACK = """
-At the top the place of the soliton, in the middle its velocity, positive towards the last rotor.
-Thin blue lines are what was measured frame by frame, with a band (pale blue) of twice its standard
-deviation on both sides, which may be thinner than the line; at the bottom are these standard
-deviations, of the place (blue) and of the velocity (dotted black), on a logarithmic scale. Dashed
-black lines are the mean velocities of crossings, slopes of straight lines through the places
-between the outer fifths of the chain. The thin grey line is a velocity of 0. There is no line
-where no soliton is seen, as at its reflections.
+Top: position of the soliton. Middle: its velocity, positive towards the last rotor. Thin blue
+lines are measurements of single frames. The pale blue band extends two standard deviations to both
+sides and may be thinner than the line. Bottom: these standard deviations of the position (blue)
+and the velocity (dotted black), on a logarithmic scale. Dashed black lines are the mean velocities
+of crossings, fitted to the positions between the outer fifths of the chain. The thin grey line
+marks velocity 0. Lines are interrupted in frames without a detected soliton, for example at
+reflections.
 """
 _NOTE = (
-    'An edge rotor has two angles of rest, so that its row may be paler. '
-    'Darker than at rest: a rotor swings beyond its rest.'
+    'An edge rotor has two rest angles, so its row may be paler. '
+    'Colours darker than at rest: the rotor leans beyond its rest angle.'
 )
 _MOST_COLUMNS = 2000
-"""Frames of a kymograph, of which more would not be pixels of their own."""
+"""Largest number of drawn frames; more would not be resolved by pixels [1]."""
 
 
 def kymograph(axes: Axes, chain: Chain, recording: Recording, track: Track) -> Axes:
-    """Draw u_n(t) as a picture of rotors against time, with the soliton's track over it."""
+    """Draw u_n(t) as an image of rotors over time, with the track of the soliton on it."""
     every = max(1, len(recording.times) // _MOST_COLUMNS)
     image = axes.imshow(
         displacement(chain, recording.angles[::every]).T,
@@ -82,16 +82,16 @@ def kymograph(axes: Axes, chain: Chain, recording: Recording, track: Track) -> A
 
 
 def track_places(axes: Axes, chain: Chain, track: Track) -> Axes:
-    """Draw the soliton's place over time, with a band of twice its standard deviation."""
+    """Draw the soliton position over time, with a band of two standard deviations."""
     axes.plot(track.times, track.sites, color=MEASURED, linewidth=0.8, label='measured')
     _draw_band(axes, track.times, track.sites, track.site_deviations)
-    axes.set(ylabel='place [rotor spacings]', ylim=(0, chain.number_of_rotors - 1))
+    axes.set(ylabel='position [rotor spacings]', ylim=(0, chain.number_of_rotors - 1))
     axes.set(xlabel='time [s]', title=description(chain))
     return axes
 
 
 def track_velocities(axes: Axes, track: Track, crossings: tuple[Crossing, ...]) -> Axes:
-    """Draw the soliton's velocity over time, its band, and the mean of each crossing over it."""
+    """Draw the soliton velocity over time, its band, and the mean velocity of each crossing."""
     axes.plot(track.times, track.site_rates, color=MEASURED, linewidth=0.8, label='measured')
     _draw_band(axes, track.times, track.site_rates, track.site_rate_deviations)
     for number, crossing in enumerate(crossings):
@@ -114,9 +114,9 @@ def track_velocities(axes: Axes, track: Track, crossings: tuple[Crossing, ...]) 
 
 
 def track_deviations(axes: Axes, track: Track) -> Axes:
-    """Draw the standard deviations of place and velocity over time."""
+    """Draw the standard deviations of position and velocity over time."""
     axes.semilogy(
-        track.times, track.site_deviations, color=MEASURED, label='place [rotor spacings]'
+        track.times, track.site_deviations, color=MEASURED, label='position [rotor spacings]'
     )
     axes.semilogy(
         track.times,
@@ -125,7 +125,7 @@ def track_deviations(axes: Axes, track: Track) -> Axes:
         color=BLACK,
         label='velocity [rotor spacings/s]',
     )
-    axes.set(xlabel='time [s]', ylabel='std [as named]')
+    axes.set(xlabel='time [s]', ylabel='standard deviation')
     axes.legend(loc='best', ncols=2, fontsize=8)
     return axes
 
@@ -138,7 +138,7 @@ def _draw_band(axes: Axes, times: Array, middle: Array, deviations: Array) -> No
 
 
 def kymograph_figure(chain: Chain, recording: Recording, track: Track) -> Figure:
-    """Return a figure of its own for `kymograph`."""
+    """Return a figure with only a `kymograph`."""
     figure = Figure(figsize=(8, 4.2), layout='constrained')
     kymograph(figure.subplots(), chain, recording, track)
     figure.supxlabel(_NOTE, fontsize=8)
@@ -146,7 +146,7 @@ def kymograph_figure(chain: Chain, recording: Recording, track: Track) -> Figure
 
 
 def track_figure(chain: Chain, track: Track, crossings: tuple[Crossing, ...]) -> Figure:
-    """Return a figure with the soliton's place, its velocity, and how well they are known."""
+    """Return a figure of soliton position and velocity, with standard deviations if available."""
     known = len(track.site_deviations) > 0
     figure = Figure(figsize=(8, 7 if known else 5.5), layout='constrained')
     ratios = [2, 2, 1][: 3 if known else 2]
@@ -166,7 +166,7 @@ def save_run(
     crossings: tuple[Crossing, ...],
     folder: Path,
 ) -> None:
-    """Draw kymograph.png and track.png into a folder, each with its caption beside it."""
+    """Write kymograph.png and track.png into a folder, each with a caption as .txt file."""
     for name, figure, caption in (
         ('kymograph', kymograph_figure(chain, recording, track), _KYMOGRAPH),
         ('track', track_figure(chain, track, crossings), _TRACK),

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Parameters of a soft actuator from its response to steps of the commanded pressure."""
+"""Identification of a pneumatic actuator from its step response and its steady torques."""
 
 from __future__ import annotations
 
@@ -12,32 +12,34 @@ from soliton_linkage.actuation.actuators import PneumaticActuator
 from soliton_linkage.linkage.chain import Array
 
 _FEWEST_READINGS = 4
-"""One more than there are unknowns: two time constants and the first pressure."""
+"""Fewest readings [1]: one more than the unknowns (two time constants, first pressure)."""
 _SHORTEST_STEP = 0.05
-"""Distance of the pressure from its command over the largest there was: below it, the first guess
-of a time constant leaves a reading out. The fit itself takes all readings."""
+"""Smallest pressure error, over the largest one, of readings used for the initial guess [1].
+
+The fit itself uses all readings.
+"""
 
 
 @dataclass(frozen=True)
 class StepResponse:
-    """What was recorded while the commanded pressure was stepped up and down again."""
+    """Record of a response to steps of the commanded pressure up and down."""
 
     times: Array
-    """Instants of the readings [s], shape (readings,), increasing."""
+    """Times of the readings [s], shape (readings,), increasing."""
     commands: Array
     """Pressure commanded from each reading until the next [Pa], shape (readings,)."""
     pressures: Array
     """Pressure read in the chamber [Pa], shape (readings,)."""
 
     def __post_init__(self) -> None:
-        """Refuse records that no time constants can be found in."""
+        """Raise ValueError for a record that does not determine the time constants."""
         columns = (self.times, self.commands, self.pressures)
         if len({column.shape for column in columns}) != 1 or self.times.ndim != 1:
             raise ValueError('times, commands and pressures must have one shape, (readings,)')
         if len(self.times) < _FEWEST_READINGS:
             raise ValueError(
-                f'a step response of {len(self.times)} readings must have {_FEWEST_READINGS} or '
-                'more; read more often or for longer'
+                f'a step response has {len(self.times)} readings, but must have at least '
+                f'{_FEWEST_READINGS}; record at a higher rate or for longer'
             )
         if not all(np.isfinite(column).all() for column in columns):
             raise ValueError('times, commands and pressures must be finite numbers')
@@ -47,26 +49,26 @@ class StepResponse:
 
 @dataclass(frozen=True)
 class PneumaticFit:
-    """Time constants that explain a step response best."""
+    """Least-squares time constants of a step response."""
 
     filling_time: float
-    """With which the pressure rises [s]."""
+    """Time constant of rising pressure [s]."""
     venting_time: float
-    """With which it falls [s]."""
+    """Time constant of falling pressure [s]."""
     filling_deviation: float
     """Standard deviation of the filling time [s], from the residuals."""
     venting_deviation: float
     """Standard deviation of the venting time [s]."""
     residual: float
-    """Root mean square of what is left unexplained [Pa]."""
+    """Root mean square of the residuals [Pa]."""
 
 
 def fit_step_response(response: StepResponse) -> PneumaticFit:
-    """Time constants of filling and venting from steps up and steps down, by least squares.
+    """Estimate the time constants of filling and venting by least squares.
 
-    It starts from dp/dt = (u - p) / tau integrated over all readings in between which the
-    pressure rises, tau_fill = sum (u - p) dt / sum dp, and likewise for those where it falls.
-    Raises ValueError where the command never stays above or never stays below the pressure.
+    The initial guess integrates dp/dt = (u - p) / tau over all intervals of rising pressure,
+    tau_fill = sum (u - p) dt / sum dp, and likewise over falling pressure for tau_vent.
+    Raises ValueError if the command never stays above or never stays below the pressure.
 
     >>> times = np.linspace(0, 1, 201)
     >>> commands = np.where(times < 0.5, 1e5, 0.0)
@@ -98,21 +100,25 @@ def fit_step_response(response: StepResponse) -> PneumaticFit:
 
 
 def fit_torque(pressures: Array, torques: Array) -> tuple[float, float]:
-    """Torque per pressure [N m/Pa] and saturation torque [N m] of steady readings, (readings,).
+    """Estimate the torque per pressure [N m/Pa] and the saturation torque [N m].
 
-    Least squares of clip(k p, -limit, limit). The limit is infinite unless it explains half of
-    what a straight line leaves over: more pressure would be needed to find it.
+    Both arrays hold steady readings of shape (readings,). The model is clip(k p, -limit, limit),
+    fitted by least squares. The limit is infinite unless it halves the residual of a straight
+    line; then a larger pressure is needed to determine it. Raises ValueError for fewer than two
+    readings or without a pressure other than 0.
     """
     order = np.argsort(np.abs(pressures))
     pressed, twisted = np.abs(pressures[order]), np.sign(pressures[order]) * torques[order]
     if len(pressed) < 2 or not pressed[-1] > 0:
-        raise ValueError('torques must be read at two pressures or more, one of them not 0')
-    # With the saturated readings known both are averages; they are the last so many.
+        raise ValueError(
+            'torques must be read at two pressures or more, one of them not 0; add readings'
+        )
+    # For a given number of saturated readings, the largest pressures, the fit is linear.
     fits = [_split_fit(pressed, twisted, count) for count in range(1, len(pressed) + 1)]
     straight = fits[-1]
     best = min((fit for fit in fits if fit is not None), default=None)
     if straight is None or best is None:
-        raise ValueError('torques must be read at pressures that are not 0')
+        raise ValueError('torques must be read at pressures that are not 0; add readings')
     rounding = float(np.finfo(np.float64).eps * np.linalg.norm(twisted) * len(twisted)) ** 2
     _, slope, limit = best if 2 * best[0] + rounding < straight[0] else straight
     return slope, limit
@@ -132,7 +138,7 @@ def _split_fit(pressed: Array, twisted: Array, linear: int) -> tuple[float, floa
 
 
 def _time_constant(response: StepResponse, sign: int) -> float:
-    """First guess of the time constant of rises (+1) or falls (-1) [s]."""
+    """Guess the time constant of rising (+1) or falling (-1) pressure [s]."""
     middle = (response.pressures[1:] + response.pressures[:-1]) / 2
     driven = response.commands[:-1] - middle
     reach = sign * driven > _SHORTEST_STEP * np.abs(driven).max()
@@ -140,7 +146,7 @@ def _time_constant(response: StepResponse, sign: int) -> float:
     name = 'filling' if sign > 0 else 'venting'
     if not sign * risen > 0:
         raise ValueError(
-            f'the {name} time cannot be told: the pressure never '
+            f'the {name} time cannot be estimated: the pressure never '
             f'{"rises" if sign > 0 else "falls"} towards its command; step the command up and '
             'down again and record both'
         )

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What the programs of the studies share: their command line, their progress, and their end."""
+"""Shared parts of the study programs: command line, progress line and exit status."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ Key = TypeVar('Key')
 Result = TypeVar('Result')
 
 INTERRUPTED = 130
-"""Exit status after Ctrl-C or SIGTERM: 128 + SIGINT, as shells have it."""
+"""Exit status after Ctrl-C or SIGTERM: 128 + SIGINT, the convention of shells."""
 
 _FAILURES = (ArithmeticError, ValueError, OSError, RuntimeError, subprocess.SubprocessError)
 
@@ -36,11 +36,16 @@ def study_parser(
     selective: bool = False,
     scheduler: bool = False,
 ) -> PlainParser:
-    """Command line of a study, whose help says what `--quick` is.
+    """Return the command-line parser of a study.
 
-    `--only` is for a selective one, `--scheduler` for one that a Dask cluster may do. A study that
-    chooses its folder itself, where none is given, says in `output` which. Where no settings are
-    given, it takes those that came with the suite under its name, or that of `config`.
+    Args:
+        name: Name of the subcommand and of its default output folder.
+        description: Help text of the study.
+        quick: Effect of `--quick`, for the help text.
+        output: Description of the default folder, if the study chooses it itself.
+        config: Name of the installed settings; by default the name of the study.
+        selective: Whether the study has the option `--only`.
+        scheduler: Whether a Dask cluster can run the study, by the option `--scheduler`.
     """
     parser = PlainParser(
         prog=f'soliton-linkage {name}',
@@ -54,18 +59,20 @@ def study_parser(
         type=Path,
         nargs='?' if default else None,
         default=default,
-        help=f'settings, as those in config/studies [{shown}]',
+        help=f'settings file, such as the files in config/studies [{shown}]',
     )
     folder = None if output else Path('out') / name
-    parser.add_argument('--output', type=Path, default=folder, help=f'folder [{output or folder}]')
-    parser.add_argument('--quick', action='store_true', help=f'{quick}, to try it out')
+    parser.add_argument(
+        '--output', type=Path, default=folder, help=f'output folder [{output or folder}]'
+    )
+    parser.add_argument('--quick', action='store_true', help=f'{quick}, for a first test')
     if selective:
-        help_only = 'by name, or by what comes before its first _ [all]'
+        help_only = 'full names, or their parts before the first _ [all]'
         parser.add_argument('--only', nargs='+', default=[], metavar='NAME', help=help_only)
     where = parser.add_mutually_exclusive_group()
     cores = os.cpu_count() or 1
     where.add_argument(
-        '--workers', type=process_count, default=cores, help='processes here [one a core]'
+        '--workers', type=process_count, default=cores, help='local processes [one per core]'
     )
     if scheduler:
         where.add_argument('--scheduler', help='address of a Dask cluster, tcp://host:8786')
@@ -78,9 +85,10 @@ def run_study(
     study: Callable[[argparse.Namespace], str],
     left: str,
 ) -> int:
-    """Run a study, which returns its last words; return the exit status of its program.
+    """Run a study and print the text that it returns; return the exit status.
 
-    That is 1 where it fails, and 130 after Ctrl-C or SIGTERM, when it is said what is `left`.
+    The status is 1 if the study fails, and 130 after Ctrl-C or SIGTERM. In the latter case the
+    program prints `left`, which describes the files that remain.
     """
     complete(parser)
     options = parser.parse_args(arguments)
@@ -100,7 +108,7 @@ def run_study(
 
 
 def installed_settings(name: str) -> Path | None:
-    """File of settings that came with the suite: installed beside it, or in its source tree."""
+    """Return the settings file of this name from the installation or the source tree, or None."""
     for folder in Path(__file__).resolve().parents:
         for place in ('share/soliton_linkage_studies/settings', 'config/studies'):
             path = folder / place / f'{name}.yaml'
@@ -110,20 +118,23 @@ def installed_settings(name: str) -> Path | None:
 
 
 def select_names(known: Sequence[str], asked: Sequence[str], option: str = '--only') -> list[str]:
-    """Names that an option asks for, all if it is empty; what comes before _ is enough."""
+    """Return the known names that an option selects, all names if it is empty.
+
+    The part of a name before its first _ suffices. Raises ValueError for an unknown name.
+    """
     for name in asked:
         if not any(name in _spoken(one) for one in known):
             names = ', '.join(known)
-            raise ValueError(f'{option} {name}: there is no such name; there are {names}')
+            raise ValueError(f'{option} {name}: unknown name; choose from {names}')
     return [name for name in known if not asked or not _spoken(name).isdisjoint(asked)]
 
 
 def run_parallel(
     title: str, tasks: Mapping[Key, Callable[[], Result]], workers: int
 ) -> dict[Key, Result]:
-    """Results of tasks by their keys, in the same order, from processes side by side.
+    """Run tasks in parallel processes; return their results by key, in the order of the tasks.
 
-    The tasks, which must go through `pickle`, are begun in that order.
+    Tasks start in this order and must be picklable.
     """
     progress = ProgressLine(title, len(tasks))
     begin = time.monotonic()

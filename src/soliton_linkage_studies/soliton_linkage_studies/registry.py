@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What a study offers by name, told by the modules that define it."""
+"""Registry of named entries, to which the modules of a package add themselves."""
 
 from __future__ import annotations
 
@@ -12,19 +12,19 @@ Entry = TypeVar('Entry')
 
 
 class Registry(Mapping[str, Entry]):
-    """Entries by name, each added by a module of a package or by any that was imported before.
+    """Entries by name, in alphabetical order, added by modules of a package or by other modules.
 
-    A new module in the package is found without being named anywhere. Names come in order.
+    The modules of the package are found automatically.
     """
 
     def __init__(self, package: str) -> None:
-        """Registry of a package, whose modules are imported when it is first looked into."""
+        """Create the registry of a package, whose modules are imported at the first access."""
         self._package = package
         self._entries: dict[str, Entry] = {}
         self._complete = False
 
     def add(self, name: str) -> Callable[[Entry], Entry]:
-        """Decorate what is to be offered by a name; raises ValueError for a name in use."""
+        """Return a decorator that adds an entry; it raises ValueError for a name in use."""
 
         def added(entry: Entry) -> Entry:
             if name in self._entries:
@@ -46,7 +46,7 @@ class Registry(Mapping[str, Entry]):
     def _all(self) -> dict[str, Entry]:
         if not self._complete:
             for module in pkgutil.iter_modules(importlib.import_module(self._package).__path__):
-                # The program is what looks into the registry, and may be running as __main__.
+                # The program module uses the registry, and may be running as __main__.
                 if module.name != 'program':
                     importlib.import_module(f'{self._package}.{module.name}')
             self._complete = True

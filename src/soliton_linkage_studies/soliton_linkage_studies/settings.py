@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Settings of studies, read from YAML; what is wrong in a file is said by file, key and value."""
+"""Settings of studies, read from YAML; errors name the file, the key and the value."""
 
 from __future__ import annotations
 
@@ -26,28 +26,28 @@ _CHAIN_KEYS = (
 
 @dataclass(frozen=True)
 class Section:
-    """Part of a file of settings; reading raises ValueError for what a key must not be."""
+    """Section of a settings file; its methods raise ValueError for missing or invalid values."""
 
     file: str
-    """Path of the file, for messages."""
+    """Path of the file, for error messages."""
     name: str
-    """Keys that lead to the section, joined by dots; empty for the whole file."""
+    """Dotted path of keys to the section; empty for the whole file."""
     values: Mapping[str, object]
 
     def error(self, key: str, what: str) -> ValueError:
-        """Return an error that names the file, the key and, where there is one, its value."""
+        """Return an error that names the file, the key and its value if it has one."""
         place = f'{self.file}: {self._full(key)}'
         value = f' = {self.values[key]!r}' if key in self.values else ''
         return ValueError(f'{place}{value} {what}')
 
     def check_keys(self, *keys: str) -> None:
-        """Refuse keys that nobody reads, which would be typing errors."""
+        """Raise ValueError for unknown keys, because they are typing errors."""
         for key in self.values:
             if key not in keys:
-                raise self.error(key, f'is not known; it may hold {", ".join(keys)}')
+                raise self.error(key, f'is not known; known keys are {", ".join(keys)}')
 
     def section(self, key: str) -> Section:
-        """Part of the section below a key."""
+        """Return the section below a key."""
         value = self._value(key, 'a section of keys')
         if not isinstance(value, Mapping):
             raise self.error(key, 'must be a section; indent its keys beneath it')
@@ -60,7 +60,7 @@ class Section:
     def number(
         self, key: str, minimum: float, maximum: float, default: float | None = None
     ) -> float:
-        """Finite number in a range, bounds included; the default where the key is absent."""
+        """Return a finite number in a closed range, or the default if the key is absent."""
         if default is not None and key not in self.values:
             return default
         wanted = f'a number in the range {minimum:g} to {maximum:g}'
@@ -69,7 +69,7 @@ class Section:
     def whole_number(
         self, key: str, minimum: int, maximum: int, default: int | None = None
     ) -> int:
-        """Whole number in a range, bounds included; the default where the key is absent."""
+        """Return a whole number in a closed range, or the default if the key is absent."""
         if default is not None and key not in self.values:
             return default
         wanted = f'a whole number in the range {minimum} to {maximum}'
@@ -80,7 +80,7 @@ class Section:
         return int(number)
 
     def numbers(self, key: str, minimum: float, maximum: float) -> tuple[float, ...]:
-        """List of one or more numbers, each in a range, bounds included."""
+        """Return a list of one or more numbers, each in a closed range."""
         wanted = f'a list of numbers in the range {minimum:g} to {maximum:g}'
         values = self._value(key, wanted)
         if not isinstance(values, Sequence) or isinstance(values, str) or not values:
@@ -88,7 +88,7 @@ class Section:
         return tuple(self._checked(key, value, minimum, maximum, wanted) for value in values)
 
     def text(self, key: str, choices: tuple[str, ...] = (), default: str | None = None) -> str:
-        """Text, one of the choices where there are any; the default where the key is absent."""
+        """Return a text, limited to the choices if any, or the default if the key is absent."""
         if default is not None and key not in self.values:
             return default
         wanted = f'one of {", ".join(choices)}' if choices else 'a text'
@@ -109,7 +109,7 @@ class Section:
             hint = '; write exponents as 1.0e-3' if isinstance(value, str) else ''
             raise self.error(key, f'must be {wanted}{hint}')
         if not (math.isfinite(value) and minimum <= value <= maximum):
-            raise self.error(key, f'must be {wanted}; choose one in it')
+            raise self.error(key, f'must be {wanted}; choose a value in this range')
         return float(value)
 
     def _full(self, key: str) -> str:
@@ -117,27 +117,27 @@ class Section:
 
 
 def load_settings(path: Path | str) -> Section:
-    """Read a YAML file; raises ValueError where it cannot be read or holds no section."""
+    """Read a YAML file; raises ValueError if it is unreadable or is not a mapping."""
     try:
         content = yaml.safe_load(Path(path).read_text(encoding='utf-8'))
     except (OSError, UnicodeDecodeError) as error:
-        raise ValueError(f'{path}: cannot be read ({error}); give a file of settings') from error
+        raise ValueError(f'{path}: cannot be read ({error}); give a settings file') from error
     except yaml.YAMLError as error:
         where = ' '.join(str(error).split())
-        raise ValueError(f'{path}: is not YAML ({where}); mend it there') from error
+        raise ValueError(f'{path}: is not YAML ({where}); correct the file there') from error
     if not isinstance(content, Mapping):
         raise ValueError(
-            f'{path}: holds {type(content).__name__} {str(content)[:40]!r} where sections of '
-            'keys and values must be; write key: value'
+            f'{path}: contains {type(content).__name__} {str(content)[:40]!r} instead of sections '
+            'of keys and values; write key: value'
         )
     return _section(str(path), '', content)
 
 
 def chain_from(section: Section) -> Chain:
-    """Chain of a section, with r/a as `rotor_length_ratio`; other keys as fields of `Chain`.
+    """Return the chain of a section: r/a as `rotor_length_ratio`, other keys as in `Chain`.
 
-    The ratio, `rest_angle` [rad] and `number_of_rotors` must be given; `spacing` [m], `mass`
-    [kg], `stiffness` [N/m] and `damping` [N m s/rad] need not.
+    The ratio, `rest_angle` [rad] and `number_of_rotors` are required. `spacing` [m], `mass`
+    [kg], `stiffness` [N/m] and `damping` [N m s/rad] are optional.
     """
     section.check_keys(*_CHAIN_KEYS)
     limits = {

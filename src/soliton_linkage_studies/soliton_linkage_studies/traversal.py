@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A wall on its way from edge to edge of a chain of rigid bars, whose deviations may stop it."""
+"""Simulation of a wall from edge to edge of a rigid-bar chain, whose deviations may stop it."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from soliton_linkage.linkage.chain import Chain, Motion
 from soliton_linkage.solitons.passage import find_obstacles
 
 _TOLERANCE = 1e-8
-"""Error of an angle of the bars in a step [rad]."""
+"""Tolerance of an angle in a step [rad]."""
 _FRAMES_A_SPACING = 4.0
 """Frames while a wall moves by a rotor spacing, or by its width [1]."""
 _FRAMES_A_SWING = 40.0
@@ -26,33 +26,37 @@ _DEPARTED = 1.5
 
 @dataclass(frozen=True)
 class Leg:
-    """The way of a wall from one edge of the chain towards the other."""
+    """Motion of a wall from one edge of the chain towards the other."""
 
     direction: int
     """+1 towards the last rotor, -1 towards rotor 0."""
     crossed: bool
     """Whether it reached the other edge."""
     furthest: float
-    """Where it was furthest from the edge that it left [rotor spacings]."""
+    """Wall position furthest from the edge that it left [rotor spacings]."""
     arc: float
     """Arc length of the motion [rad], the norm over all rotors."""
 
 
 def follow_wall(chain: Chain, edge: Edge = Edge.FIRST, legs: int = 2) -> tuple[Leg, ...]:
-    """Move the chain of rigid bars until its wall has crossed it a number of times.
+    """Simulate the chain with rigid bars until its wall has crossed it `legs` times.
 
-    It starts from the first edge, in the state at rest that leans left, or from the last, in
-    that which leans right. A leg that does not reach the other edge ends it: the wall has come
-    back, or the motion is longer than two turns of every rotor. The place of a wall is the
-    centre of the zero mode. A flipper's has reached an edge when the rotor there passes the line
-    from its pivot to its neighbour's mass, where the mode is on this rotor alone; it goes to the
-    nearest edge first. A spinner's has reached an edge when the mode is largest there. Raises
-    ValueError for periodic ends, for fewer legs than one and where there is no state to start
-    from, ArithmeticError where the bars jam.
+    From the first edge the simulation starts in the left-leaning rest state, from the last edge
+    in the right-leaning one. It ends early after a leg that does not reach the other edge: the
+    wall has turned back, or every rotor has turned twice on average.
+
+    The wall position is the centre of the zero mode. The wall of a flipper reaches an edge when
+    the edge rotor passes the line from its pivot to the mass of its neighbour, where the mode is
+    localised on this rotor. A flipper first moves to the nearest edge. The wall of a spinner
+    reaches an edge when the mode is largest there.
+
+    Raises:
+        ValueError: If the ends are periodic, `legs` is less than 1 or no rest state exists.
+        ArithmeticError: If the bars jam.
     """
     _check_ends(chain)
     if legs < 1:
-        raise ValueError(f'legs = {legs} must be 1 or more; give 2 for a way there and back')
+        raise ValueError(f'legs = {legs} must be 1 or more; give 2 for a crossing and a return')
     angles = rest_state(chain, 1 if edge is Edge.LAST else -1)
     mode = edge_mode(chain, angles, edge, anywhere=True)
     spinner = chain.motion is Motion.SPINNER
@@ -69,9 +73,9 @@ def follow_wall(chain: Chain, edge: Edge = Edge.FIRST, legs: int = 2) -> tuple[L
 
 
 def check_passable(chain: Chain) -> None:
-    """Raise ValueError where a wall does not pass through the chain and return.
+    """Raise ValueError if a wall cannot pass through the chain and return.
 
-    No wall passes through a chain with periodic ends, which has no edges.
+    Chains with periodic ends are rejected too, because they have no edges.
     """
     _check_ends(chain)
     obstacles = find_obstacles(chain)
@@ -91,17 +95,17 @@ def check_passable(chain: Chain) -> None:
 
 
 class _Walker:
-    """Moves a chain of rigid bars and watches its wall come to the edges."""
+    """Simulation of a rigid-bar chain that detects arrivals of the wall at the edges."""
 
     def __init__(self, simulation: RigidSimulation, edge: int) -> None:
         self._simulation = simulation
         self._last = simulation.chain.number_of_rotors - 1
         self._longest = 4 * math.pi * simulation.chain.number_of_rotors
         self._edge = edge
-        self._look()
+        self._update()
 
     def leg(self) -> Leg:
-        """Move from where the wall is now until it comes to an edge."""
+        """Simulate from the current wall position until the wall reaches an edge."""
         start, left = self._simulation.frame, self._edge
         direction = -1 if left else 1
         departure = furthest = self._centre
@@ -109,7 +113,7 @@ class _Walker:
         while arrived is None and arc <= self._longest:
             edges = self._edges
             self._simulation.advance()
-            self._look()
+            self._update()
             furthest = direction * max(direction * furthest, direction * self._centre)
             departed = direction * (furthest - departure) > _DEPARTED
             arrived = self._arrived(edges, left, departed)
@@ -118,8 +122,8 @@ class _Walker:
             self._edge = arrived
         return Leg(direction, arrived == self._last - left, furthest, arc)
 
-    def _look(self) -> None:
-        """Note where the mode is, and on which side of their neighbours the edge rotors are."""
+    def _update(self) -> None:
+        """Update the centre and peak of the mode and the side of each edge rotor."""
         chain, angles = self._simulation.chain, self._simulation.angles
         mode = zero_mode(chain, angles)
         first, second = rigidity_bands(chain, angles)
@@ -128,7 +132,7 @@ class _Walker:
         self._edges = (bool(first[0] > 0), bool(second[-1] > 0))
 
     def _arrived(self, before: tuple[bool, bool], left: int, departed: bool) -> int | None:
-        """Rotor of the edge that the wall has come to in the last frame, if any."""
+        """Return the edge rotor that the wall reached in the last frame, or None."""
         if self._simulation.chain.motion is not Motion.SPINNER:
             passed = [self._edges[0] != before[0], self._edges[1] != before[1]]
             return 0 if passed[0] else self._last if passed[1] else None
@@ -137,10 +141,10 @@ class _Walker:
 
 
 def _frame_arc(chain: Chain) -> float:
-    """Arc [rad] in which a wall goes a fraction of a spacing, at a speed of 1 rad/s its time.
+    """Return the arc length of a frame [rad], which is also its duration [s] at 1 rad/s.
 
-    A flipper's rotors turn by 2 theta_bar while the wall goes by its width. However little that
-    is, an edge rotor swings by about a / r, or a radian, before the wall comes back.
+    The rotors of a flipper turn by 2 theta_bar while the wall moves by its width. The lower limit
+    resolves the swing of an edge rotor at a reflection, about a / r but at most a radian.
     """
     spacings = 1 + chain.wall_width / chain.spacing
     of_wall = chain.rest_angle / (_FRAMES_A_SPACING * math.sqrt(spacings))

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The unit cell: two rotors and the bar between them, a four-bar linkage of one freedom.
+"""The unit cell: two rotors and the bar between them, a four-bar linkage of mobility 1.
 
 In staggered angles the bar keeps its length where
 
@@ -11,10 +11,10 @@ s = (theta_1 + theta_2) / 2 and the half difference delta = (theta_2 - theta_1) 
     sin(delta) = (r / a) (cos(theta_bar)^2 / cos(s) - cos(s)),
 
 so that the configurations are mapped to others by s -> -s, that is (theta_1, theta_2) ->
-(-theta_2, -theta_1), and by delta -> pi - delta, that is (theta_2 - pi, theta_1 + pi). Where
-lbar < 2 r - a, the same as r sin(theta_bar)^2 > a or d > d_c, no s = 0 is left and the two signs
-of s are two components: the spinner (paper, 'Phase diagram', fig. 4). Of a chain only the
-parameters enter that all its rotors share, no deviations.
+(-theta_2, -theta_1), and by delta -> pi - delta, that is (theta_2 - pi, theta_1 + pi). If
+lbar < 2 r - a, which is equivalent to r sin(theta_bar)^2 > a and to d > d_c, s = 0 is impossible
+and the two signs of s are two components: the spinner (paper, 'Phase diagram', fig. 4). Deviations
+of single rotors and springs are ignored.
 """
 
 from __future__ import annotations
@@ -32,22 +32,22 @@ from soliton_linkage.linkage.chain import Array, Chain, Motion
 Integers = NDArray[np.int64]
 
 _ARC_TOLERANCE = 1e-12
-"""Of a step along a curve, relative and [rad]: next to rounding, for curves next to d_c."""
+"""Relative and absolute [rad] tolerance along a curve, near rounding for curves near d_c."""
 _CLOSED = 1e-6
-"""Fraction of a turn by which the ends of a closed curve may be apart [1]."""
+"""Largest distance between the ends of a closed curve [turns]."""
 
 
 def partner_angles(chain: Chain, theta_1: ArrayLike) -> Array:
-    """Staggered theta_2 [rad] that the bar allows for each theta_1, shape (..., 2); NaN for none.
+    """Return both solutions theta_2 [rad] for each theta_1, shape (..., 2); NaN without one.
 
     The condition p cos(theta_2) + q sin(theta_2) = g, with p = r cos(theta_1),
     q = a - r sin(theta_1) and g = r cos(2 theta_bar) + a sin(theta_1), has the solutions
-    atan2(q, p) -+ atan2(sqrt(p^2 + q^2 - g^2), g). The root is taken of a product,
+    atan2(q, p) -+ atan2(sqrt(p^2 + q^2 - g^2), g). The radicand is evaluated as a product,
 
         p^2 + q^2 - g^2 = (lbar - 2 r cos(theta_bar)^2 - a sin(theta_1))
                           (lbar + 2 r cos(theta_bar)^2 + a sin(theta_1)),
 
-    whose first factor is counted from its value at theta_1 = pi / 2, which vanishes at d_c.
+    whose first factor is computed from its value at theta_1 = pi / 2, which is 0 at d_c.
     """
     factor, partners = _partners(chain, np.asarray(theta_1, dtype=np.float64))
     return np.where(factor[..., None] >= 0, partners, np.nan)
@@ -56,11 +56,11 @@ def partner_angles(chain: Chain, theta_1: ArrayLike) -> Array:
 def configuration_curves(chain: Chain, points: int = 400) -> tuple[Array, ...]:
     """Return the components of the cell's configuration space as closed curves on the torus.
 
-    Each has shape (points + 1, 2): staggered angles (theta_1, theta_2) [rad] in even steps of
-    arc length, continuous, the last the same configuration as the first. A flipper has one,
-    which bounds a disc, from s = 0 through the right- and then the left-leaning states. A
-    spinner has two, first that with sin(theta_1 + theta_2) > 0: along each theta_1 grows and
-    theta_2 falls by a turn, so that both actual angles grow by one.
+    Each has shape (points + 1, 2): continuous staggered angles (theta_1, theta_2) [rad] in equal
+    steps of arc length. The last configuration equals the first. A flipper has one curve, which
+    bounds a disc; it runs from s = 0 through the right-leaning, then the left-leaning states.
+    A spinner has two curves, the first with sin(theta_1 + theta_2) > 0. Along each, theta_1
+    grows and theta_2 falls by a turn, so that both actual angles grow by a turn.
     """
     arc = _Arc(chain)
     pieces = 2 if chain.motion is Motion.SPINNER else 4
@@ -76,9 +76,9 @@ def configuration_curves(chain: Chain, points: int = 400) -> tuple[Array, ...]:
 
 
 def windings(curve: ArrayLike) -> tuple[int, int]:
-    """Turns of theta_1 and of theta_2 along a closed, continuous curve of shape (K, 2) [rad].
+    """Return the winding numbers of theta_1 and theta_2 along a closed curve, (K, 2) [rad].
 
-    (0, 0) for a flipper, whose curve can be drawn together to a point, and (1, -1) for both of
+    They are (0, 0) for a flipper, whose curve is contractible, and (1, -1) for both curves of
     a spinner. Raises ValueError for a curve that does not close.
     """
     followed = np.asarray(curve, dtype=np.float64)
@@ -87,26 +87,26 @@ def windings(curve: ArrayLike) -> tuple[int, int]:
     if np.abs(turns - counts).max() > _CLOSED:
         raise ValueError(
             f'curve ends {turns[0]:.6g} and {turns[1]:.6g} turns from where it starts; give a '
-            'closed curve, its first configuration once more at its end'
+            'closed curve whose last configuration equals the first'
         )
     return int(counts[0]), int(counts[1])
 
 
 def ground_states(chain: Chain) -> Array:
-    """Staggered angles (theta, theta) of the four uniform states [rad], shape (4, 2).
+    """Return the staggered angles (theta, theta) of the four uniform states [rad], shape (4, 2).
 
-    theta = theta_bar, -theta_bar, pi - theta_bar and pi + theta_bar: leaning right and left,
-    and the same upside down.
+    theta_bar leans right and -theta_bar leans left; pi - theta_bar and pi + theta_bar are the
+    same states upside down.
     """
     angle = chain.rest_angle
     return np.repeat([angle, -angle, math.pi - angle, math.pi + angle], 2).reshape(4, 2)
 
 
 def component_of(chain: Chain, configurations: ArrayLike) -> Integers:
-    """Index in `configuration_curves` of the curve with each configuration, (..., 2) to (...).
+    """Return the index in `configuration_curves` of each configuration, (..., 2) to (...).
 
-    0 for all of a flipper. On a spinner sin(theta_1 + theta_2) does not vanish: 0 where it is
-    positive, as in the uniform states theta_bar and pi + theta_bar, and 1 in the other two.
+    The index is 0 for a flipper. For a spinner it is 0 if sin(theta_1 + theta_2) is positive, as
+    in the uniform states theta_bar and pi + theta_bar, and 1 if it is negative.
     """
     given = np.asarray(configurations, dtype=np.float64)
     if chain.motion is not Motion.SPINNER:
@@ -115,9 +115,9 @@ def component_of(chain: Chain, configurations: ArrayLike) -> Integers:
 
 
 def motion_of(ratios: ArrayLike, rest_angles: ArrayLike) -> Integers:
-    """Class of motion of chains of given r / a and theta_bar [rad], broadcast together.
+    """Return the class of motion for r / a and theta_bar [rad], broadcast together.
 
-    The number is the place in `tuple(Motion)`: 0 flipper, 1 wobbling flipper, 2 spinner; it
+    The number is the index in `tuple(Motion)`: 0 flipper, 1 wobbling flipper, 2 spinner; it
     grows with r / a.
     """
     sine = np.sin(np.asarray(rest_angles))
@@ -126,20 +126,20 @@ def motion_of(ratios: ArrayLike, rest_angles: ArrayLike) -> Integers:
 
 
 def flipper_limit(rest_angles: ArrayLike) -> Array:
-    """Ratio r / a above which flippers wobble, d = 1: 1 / (2 sin(theta_bar)), shape (...)."""
+    """Return r / a above which flippers wobble (d = 1): 1 / (2 sin(theta_bar)), shape (...)."""
     return np.asarray(0.5 / np.sin(np.asarray(rest_angles)))
 
 
 def spinner_limit(rest_angles: ArrayLike) -> Array:
-    """Ratio r / a above which rotors spin, d = d_c: 1 / sin(theta_bar)^2, shape (...)."""
+    """Return r / a above which rotors spin (d = d_c): 1 / sin(theta_bar)^2, shape (...)."""
     return np.asarray(1 / np.sin(np.asarray(rest_angles)) ** 2)
 
 
 class _Arc:
-    """The piece of a curve with s >= 0 and |delta| <= pi / 2; the rest are its mirror images.
+    """Piece of a curve with s >= 0 and |delta| <= pi / 2; the other pieces are mirror images.
 
-    On it s and delta grow together, so that |dtheta_1 / dtheta_2| <= 1: theta_2 is as good a
-    coordinate as the arc length, at any r / a and however near to d_c, and never has a fold.
+    On this piece s and delta grow together, so that |dtheta_1 / dtheta_2| <= 1. Therefore theta_2
+    is a regular coordinate without folds at any r / a, even near d_c.
     """
 
     def __init__(self, chain: Chain) -> None:
@@ -154,7 +154,7 @@ class _Arc:
         self._ends = (start, widest + math.pi / 2)
 
     def configurations(self, shares: Array) -> Array:
-        """Configurations at the given shares of the arc's length, shape (K, 2)."""
+        """Return the configurations at the given fractions of the arc length, shape (K, 2)."""
         start = self._ends[0]
         lengths = _solved(
             lambda theta_2, arc: 1 / self._rate(np.full_like(arc, theta_2)), self._ends, 0.0
@@ -180,7 +180,7 @@ class _Arc:
 
 
 def _solved(rate: Callable[..., Array], span: tuple[float, float], start: float) -> Any:
-    """Solution of y' = rate(x, y) with y = start at the beginning of the span."""
+    """Solve y' = rate(x, y) with y = start at the beginning of the span."""
     return solve_ivp(
         rate,
         span,
@@ -193,7 +193,10 @@ def _solved(rate: Callable[..., Array], span: tuple[float, float], start: float)
 
 
 def _partners(chain: Chain, theta_1: Array) -> tuple[Array, Array]:
-    """First factor below the root [m], and both theta_2 [rad], (..., 2), with 0 for it if less."""
+    """Return the first factor of the radicand [m] and both theta_2 [rad], shape (..., 2).
+
+    A negative factor counts as 0 in theta_2.
+    """
     r, a, lbar = chain.rotor_length, chain.spacing, chain.rest_length
     sine, cosine = np.sin(theta_1), np.cos(theta_1)
     height = 2 * r * math.cos(chain.rest_angle) ** 2

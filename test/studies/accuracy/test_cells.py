@@ -43,7 +43,7 @@ def test_a_cell_is_the_same_whichever_are_measured_beside_it() -> None:
 
 
 def test_cells_that_there_are_not_are_refused() -> None:
-    with pytest.raises(ValueError, match='--cells nothing: there is no such name'):
+    with pytest.raises(ValueError, match='--cells nothing: unknown name'):
         _ = CellStudy(1, 3, 10, ('nothing',)).rows
     assert CellStudy(1, 3, 10, ('outliers',)).rows == 6
 

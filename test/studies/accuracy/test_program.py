@@ -188,5 +188,5 @@ def test_settings_that_cannot_be_measured_are_named(
 def test_a_file_of_no_or_unknown_parts_is_refused(tmp_path: Path) -> None:
     with pytest.raises(ValueError, match='is empty; give one or more of single_frame'):
         accuracy.read_parts(load_settings(written({}, tmp_path / 'empty.yaml')), False)
-    with pytest.raises(ValueError, match='other = 1 is not known; it may hold single_frame'):
+    with pytest.raises(ValueError, match='other = 1 is not known; known keys are single_frame'):
         accuracy.read_parts(load_settings(written({'other': 1}, tmp_path / 'other.yaml')), False)

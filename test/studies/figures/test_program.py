@@ -98,7 +98,7 @@ def test_the_command_draws_what_is_asked_for_and_the_table(
     assert (output / 'anti_kink_cost.pdf').exists()
     assert 'are in' in capsys.readouterr().out
     assert figures.main([*arguments, 'anti_kink']) == 1
-    assert '--only anti_kink: there is no such name' in capsys.readouterr().err
+    assert '--only anti_kink: unknown name' in capsys.readouterr().err
     assert (output / 'table.md').read_text(encoding='utf-8').splitlines() == table
 
 
@@ -156,4 +156,4 @@ def test_a_figure_that_nobody_knows_is_refused(
     config = tmp_path / 'figures.yaml'
     config.write_text('figure_7: {}\n', encoding='utf-8')
     assert figures.main([str(config), '--output', str(tmp_path)]) == 1
-    assert 'figure_7 = {} is not known; it may hold' in capsys.readouterr().err
+    assert 'figure_7 = {} is not known; known keys are' in capsys.readouterr().err

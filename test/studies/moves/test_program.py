@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The command makes the moves that its settings ask for, and tabulates and draws them."""
+"""The command simulates the moves of its settings, tabulates them and draws them."""
 
 from __future__ import annotations
 
@@ -17,8 +17,8 @@ from soliton_linkage_studies.moves import (
     Condition,
     MoveRun,
     MoveTask,
-    made,
     read_move_study,
+    simulate_move,
     table_lines,
 )
 from soliton_linkage_studies.settings import load_settings
@@ -42,7 +42,9 @@ def written(settings: object, path: Path) -> Path:
     return path
 
 
-def test_it_writes_table_and_picture(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_the_command_writes_table_and_picture(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     output = tmp_path / 'out'
     path = written(SETTINGS, tmp_path / 'moves.yaml')
     assert moves.main([str(path), '--output', str(output), '--workers', '1']) == 0
@@ -54,10 +56,10 @@ def test_it_writes_table_and_picture(tmp_path: Path, capsys: pytest.CaptureFixtu
     assert '1 of 1' in capsys.readouterr().out
 
 
-def test_a_run_is_the_move_from_its_goal_to_its_end() -> None:
+def test_a_run_covers_the_move_from_its_goal_to_its_end() -> None:
     chain = chain_of(FLIPPER, 8)
     task = MoveTask(chain, Condition(0.0, 0.0, 0.0), 2.0, 5.0, 0, 100.0, 0.5, 0.1)
-    run = made(task)
+    run = simulate_move(task)
     assert run.outcome is Outcome.REACHED
     assert run.times[0] == 0
     assert run.times[-1] == pytest.approx(run.duration + 0.5, abs=0.25)
@@ -69,15 +71,15 @@ def test_a_run_is_the_move_from_its_goal_to_its_end() -> None:
     assert (run.phonon_energies >= 0).all()
 
 
-def test_a_goal_that_is_refused_is_said_to_be() -> None:
+def test_a_rejected_goal_is_reported() -> None:
     chain = chain_of(FLIPPER, 8)
-    run = made(MoveTask(chain, Condition(0.0, 0.0, 0.0), 2.0, 9.0, 0, 100.0, 0.0, 0.1))
+    run = simulate_move(MoveTask(chain, Condition(0.0, 0.0, 0.0), 2.0, 9.0, 0, 100.0, 0.0, 0.1))
     assert run.outcome is Outcome.OUT_OF_CHAIN
     assert math.isnan(run.error)
     assert run.duration == 0
 
 
-def test_the_table_holds_the_worst_of_what_was_reached() -> None:
+def test_the_table_contains_the_worst_of_the_reached_moves() -> None:
     times = np.zeros(1)
 
     def run(outcome: Outcome, error: float, left: float) -> MoveRun:
@@ -93,7 +95,7 @@ def test_the_table_holds_the_worst_of_what_was_reached() -> None:
     assert failed == '| c | d | 0 of 1 |  |  |  |  |'
 
 
-def test_the_settings_of_the_suite_are_read_and_quick_ones_are_fewer() -> None:
+def test_the_installed_settings_are_valid_and_a_quick_study_has_fewer_moves() -> None:
     settings = load_settings(CONFIG)
     study, quick = (read_move_study(settings, each) for each in (False, True))
     assert study.tasks.keys() == quick.tasks.keys()

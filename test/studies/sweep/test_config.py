@@ -129,7 +129,7 @@ def test_floats_are_written_so_that_they_are_read_as_they_were() -> None:
     [
         (f'measure: colour\n{GRID}', "measure = 'colour' must be one of motion, speed, survival"),
         (GRID, 'measure is missing; give one of motion'),
-        (f'measure: motion\nspeed: 3\n{GRID}', 'speed = 3 is not known; it may hold measure'),
+        (f'measure: motion\nspeed: 3\n{GRID}', 'speed = 3 is not known; known keys are measure'),
         ('measure: motion', 'sweep must name one parameter or more'),
         ('measure: motion\nsweep: 3', 'sweep = 3 must name one parameter or more'),
         ('measure: motion\nsweep: {length: [1]}', r'sweep.length = \[1\] is not known'),
