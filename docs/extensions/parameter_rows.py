@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What the fields of a dataclass say of the parameters that they are."""
+"""Table rows of parameters from the fields of a dataclass."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from soliton_linkage.linkage.quantities import Quantity, described_fields
 
 
 def parameter_rows(described: str, prefix: str = '') -> Iterator[tuple[str, str, str, str]]:
-    """Name, default, range and meaning of each parameter of MODULE:CLASS, as Markdown."""
+    """Yield name, default, range and meaning of each parameter of MODULE:CLASS, as Markdown."""
     module, _, name = described.partition(':')
     parameters = getattr(import_module(module), name)
     quantities = described_fields(parameters)
@@ -32,7 +32,7 @@ def shown(default: object) -> str:
 
 
 def allowed(one: Quantity) -> str:
-    """Return the range of a parameter in words."""
+    """Return the range of a parameter as text."""
     if one.choices:
         return ', '.join(f'`{choice}`' for choice in one.choices)
     low, high = one.minimum, one.maximum

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Docstrings are written to be read in a terminal; this makes reStructuredText of them."""
+"""Conversion of docstrings, which are written for the terminal, to reStructuredText."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from sphinx.application import Sphinx
 
 
 def fields_listed(described: Any, lines: list[str]) -> list[str]:
-    """Make a list of the lines `field: meaning` in the docstring of a dataclass or named tuple."""
+    """Convert to a list the lines `field: meaning` in the docstring of a dataclass or named tuple."""
     if dataclasses.is_dataclass(described):
         names = {field.name for field in dataclasses.fields(described)}
     else:
@@ -29,18 +29,18 @@ def fields_listed(described: Any, lines: list[str]) -> list[str]:
 
 
 def bars_kept(lines: list[str]) -> list[str]:
-    """Let `|x|` be the absolute value that it is."""
+    """Escape `|x|`, so that it stays an absolute value."""
     return [re.sub(r'(?<!\\)\|', r'\\|', line) for line in lines]
 
 
 def process(
     _app: Sphinx, _what: str, _name: str, described: Any, _options: Any, lines: list[str]
 ) -> None:
-    """Mend the lines of a docstring in place."""
+    """Convert the lines of a docstring in place."""
     lines[:] = bars_kept(fields_listed(described, lines))
 
 
 def setup(app: Sphinx) -> dict[str, Any]:
-    """Listen to autodoc."""
+    """Connect to autodoc."""
     app.connect('autodoc-process-docstring', process)
     return {'parallel_read_safe': True}

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Directives that take from the code what the pages would otherwise say a second time.
+"""Directives that insert parts of the code into the pages.
 
 {parameters} MODULE:CLASS [PREFIX]    a table of the parameters that a dataclass describes
 {notebook} PATH                       the cells of a notebook, one after the other
@@ -74,7 +74,7 @@ class CaptionedDirective(SphinxDirective):
 
 
 def beside(directive: SphinxDirective, path: str) -> Path:
-    """Return a file that is named from the folder of the page, on which the page depends."""
+    """Return a file that is relative to the folder of the page, and add it as a dependency."""
     _, absolute = directive.env.relfn2path(path)
     directive.env.note_dependency(absolute)
     return Path(absolute)
