@@ -11,7 +11,7 @@ from sphinx.application import Sphinx
 
 
 def fields_listed(described: Any, lines: list[str]) -> list[str]:
-    """Convert to a list the lines `field: meaning` in the docstring of a dataclass or named tuple."""
+    """Convert lines `field: meaning` in the docstring of a dataclass or tuple to a list."""
     if dataclasses.is_dataclass(described):
         names = {field.name for field in dataclasses.fields(described)}
     else:
