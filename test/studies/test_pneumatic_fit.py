@@ -71,7 +71,7 @@ def test_torques_that_do_not_saturate_have_no_limit() -> None:
 
 @pytest.mark.parametrize(
     ('times', 'complaint'),
-    [([0.0, 1.0, 2.0], '4 or more'), ([0.0, 1.0, 1.0, 2.0], 'must increase')],
+    [([0.0, 1.0, 2.0], 'must have at least 4'), ([0.0, 1.0, 1.0, 2.0], 'must increase')],
 )
 def test_invalid_records_are_rejected(times: list[float], complaint: str) -> None:
     column = np.zeros(len(times))

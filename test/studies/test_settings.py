@@ -122,7 +122,7 @@ def test_a_file_without_settings_is_rejected(tmp_path: Path, text: str, message:
 
 
 def test_a_file_that_is_absent_or_not_text_is_rejected(tmp_path: Path) -> None:
-    with pytest.raises(ValueError, match=r'absent\.yaml: cannot be read .*; give a file'):
+    with pytest.raises(ValueError, match=r'absent\.yaml: cannot be read .*; give a settings file'):
         load_settings(tmp_path / 'absent.yaml')
     (tmp_path / 'binary').write_bytes(b'\xff\xfe\x00')
     with pytest.raises(ValueError, match='binary: cannot be read'):

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Cells are drawn from their ranges, and measured the same whichever are chosen beside them."""
+"""Random cells cover their ranges, and the result of a cell does not depend on other cells."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from soliton_linkage_studies.accuracy.runs import CellStudy
 from soliton_linkage_studies.accuracy.walls import reach
 
 
-def test_cells_are_of_all_classes_and_from_the_whole_of_their_ranges() -> None:
+def test_cells_have_all_classes_and_cover_their_ranges() -> None:
     cells = random_cells(20200101, 99)
     motions = [cell.chain.motion for cell in cells]
     assert all(motions.count(motion) == 33 for motion in Motion)
@@ -32,7 +32,7 @@ def test_cells_are_of_all_classes_and_from_the_whole_of_their_ranges() -> None:
     assert random_cells(20200102, 2) != cells[:2]
 
 
-def test_a_cell_is_the_same_whichever_are_measured_beside_it() -> None:
+def test_a_cell_does_not_depend_on_the_other_selected_cells() -> None:
     alone, all_of_them = CellStudy(1, 3, 10, ('2',)), CellStudy(1, 3, 10)
     assert alone.rows == 1
     first, second = alone.cells(0), all_of_them.cells(2)
@@ -42,7 +42,7 @@ def test_a_cell_is_the_same_whichever_are_measured_beside_it() -> None:
     assert float(number) == 10
 
 
-def test_cells_that_there_are_not_are_refused() -> None:
+def test_unknown_cells_are_rejected() -> None:
     with pytest.raises(ValueError, match='--cells nothing: unknown name'):
         _ = CellStudy(1, 3, 10, ('nothing',)).rows
     assert CellStudy(1, 3, 10, ('outliers',)).rows == 6

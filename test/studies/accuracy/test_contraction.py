@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Speed and width of walls from noisy angles are those of the walls, within what is stated."""
+"""Measured speeds and widths of walls agree with the truth within the stated deviations."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ NOISE = 0.02
 
 
 def steady(chain: Chain, frames: int = 400) -> tuple[Array, Array]:
-    """Times and angles of bars that do not give way, from edge to edge at `SPEED`."""
+    """Return times and angles of a rigid-bar chain whose wall moves at `SPEED`."""
     orbit = UniformOrbit(chain)
     times = np.linspace(0, (chain.number_of_rotors - 1) / SPEED, frames)
     begin = orbit.arc_at(0.0, 0)
@@ -30,7 +30,7 @@ def speed_over_sound(chain: Chain) -> float:
 
 
 @pytest.mark.parametrize('example', [FLIPPER, SPINNER])
-def test_a_wall_that_moves_steadily_has_its_speed_and_its_width(
+def test_a_wall_at_constant_velocity_has_its_speed_and_width(
     example: tuple[float, float],
 ) -> None:
     chain = chain_of(example, 24)
@@ -46,15 +46,15 @@ def test_a_wall_that_moves_steadily_has_its_speed_and_its_width(
     assert noisy.width_deviation < 0.02
 
 
-def test_a_wall_that_is_never_in_the_middle_is_refused() -> None:
+def test_a_wall_that_never_reaches_the_middle_is_rejected() -> None:
     chain = chain_of(FLIPPER, 24)
     times, angles = steady(chain)
-    with pytest.raises(ValueError, match='in the middle of the chain in 0 frames, of which 10'):
+    with pytest.raises(ValueError, match='in the middle of the chain in 0 frames, but 10'):
         measured_passage(chain, times[:50], angles[:50])
 
 
-def test_a_wide_wall_at_rest_has_the_width_of_the_continuum() -> None:
-    """The discrete chain takes off a share of the order of d^2."""
+def test_a_wide_static_wall_has_the_continuum_width() -> None:
+    """The width in the discrete chain is smaller by a fraction of order d^2."""
     off = []
     for rest_angle in (0.2, 0.4):
         chain = chain_of((0.5, rest_angle), 80)

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Estimators are judged by the truth: exact frames have no error, the bound is sigma / Lambda."""
+"""Estimators are scored by the truth: exact frames have no error, the bound is sigma / Lambda."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ from soliton_linkage_studies.accuracy.estimators import (
     bound,
     errors,
     estimators_of,
-    inner_places,
+    inner_positions,
 )
 from soliton_linkage_studies.accuracy.frames import FrameStudy
 
@@ -33,7 +33,7 @@ ROTORS = 16
 
 
 @pytest.mark.parametrize('example', EXAMPLES)
-def test_the_bound_is_the_noise_over_what_the_angles_change_by_in_a_spacing(
+def test_the_bound_is_the_noise_over_the_angle_change_per_spacing(
     example: tuple[float, float],
 ) -> None:
     chain = chain_of(example, 60)
@@ -41,17 +41,17 @@ def test_the_bound_is_the_noise_over_what_the_angles_change_by_in_a_spacing(
     for place in (29.5, 29.8, 30.0):
         ahead, behind = (static_wall(chain, place + side * step / 2) for side in (1, -1))
         change = float(np.linalg.norm(np.sin(ahead - behind))) / step
-        # The angles change by a few rad over a spacing or more, and so do their derivatives; a
-        # difference is then off by a few times the square of the step.
+        # The angles and their derivatives change by a few rad per spacing, so that the error of a
+        # finite difference is a few times the square of the step.
         assert bound(chain, 0.03) == pytest.approx(0.03 / change, rel=10 * step**2)
 
 
 @pytest.mark.parametrize('example', [FLIPPER, WOBBLER, SPINNER])
-def test_the_orbit_has_no_error_in_exact_frames(example: tuple[float, float]) -> None:
+def test_the_orbit_estimator_has_no_error_in_exact_frames(example: tuple[float, float]) -> None:
     chain = chain_of(example, ROTORS)
     trial = EstimatorTrial(frames=30, noise=0.0, coarse_start=0.5, cold_every=6)
     found = errors(chain, trial, np.random.default_rng(1))
-    # A fit ends with a step of 1e-10 rad.
+    # A fit converges at a step of 1e-10 rad.
     limit = 1e-9 / UniformOrbit(chain).site_arc
     for name, count in ((ORBIT_NEAR, 30), (ORBIT_COLD, 5)):
         assert found[name].shape == (count, 2)
@@ -61,14 +61,14 @@ def test_the_orbit_has_no_error_in_exact_frames(example: tuple[float, float]) ->
 
 
 @pytest.mark.parametrize('example', [FLIPPER, SPINNER])
-def test_the_orbit_reaches_the_bound_and_its_interval_is_true(
+def test_the_orbit_estimator_reaches_the_bound_with_correct_coverage(
     example: tuple[float, float],
 ) -> None:
     chain = chain_of(example, ROTORS)
     trial = EstimatorTrial(frames=500, noise=0.01, coarse_start=0.5, cold_every=500)
     found, margins = errors(chain, trial, np.random.default_rng(2))[ORBIT_NEAR].T
     least = bound(chain, 0.01)
-    # Four standard errors each.
+    # The tolerance is four standard errors.
     assert abs(found.mean()) < 4 * least / math.sqrt(500)
     assert found.std() / least == pytest.approx(1, abs=4 / math.sqrt(2 * 500))
     covered = float((np.abs(found) <= margins).mean())
@@ -79,7 +79,7 @@ def test_the_orbit_reaches_the_bound_and_its_interval_is_true(
 def test_biases_between_rotors_are_odd_about_the_middle_of_a_bond(
     example: tuple[float, float],
 ) -> None:
-    """A flipper's wall beyond the middle is the mirror image of one before it."""
+    """Flipper walls on the two sides of the middle are mirror images."""
     chain = chain_of(example, 28)
     places, found = bias_by_place(chain, 21)
     assert places[[0, 10, 20]].tolist() == [0, 1, 2]
@@ -88,7 +88,7 @@ def test_biases_between_rotors_are_odd_about_the_middle_of_a_bond(
         assert bias[:11] == pytest.approx(-bias[10::-1], abs=1e-9)
         assert bias[:11] == pytest.approx(bias[10:], abs=1e-9)
         assert np.abs(bias).max() > 1e-4
-    # Hung bar by bar, the wall is where the orbit has it.
+    # The wall built bar by bar has the same position on the orbit.
     for name in (ORBIT_NEAR, ORBIT_COLD):
         assert np.abs(found[name]).max() < 1e-7
 
@@ -101,7 +101,7 @@ def test_the_first_crossing_of_u_is_far_from_the_wall_of_a_spinner() -> None:
 
 
 @pytest.mark.parametrize('example', EXAMPLES)
-def test_the_shifted_field_is_that_of_spinners(example: tuple[float, float]) -> None:
+def test_the_shifted_field_is_used_for_spinners_only(example: tuple[float, float]) -> None:
     chain = chain_of(example, ROTORS)
     assert (SHIFTED_CROSSING in estimators_of(chain)) == (chain.motion is Motion.SPINNER)
 
@@ -117,7 +117,7 @@ def test_the_shifted_field_is_that_of_spinners(example: tuple[float, float]) -> 
         (math.nan, False, True),
     ],
 )
-def test_what_is_lost_has_failed(
+def test_a_lost_estimate_is_a_failure(
     off_by_widths: float, other_leg: bool, failed: bool, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     chain = chain_of(FLIPPER, ROTORS)
@@ -137,9 +137,9 @@ def test_what_is_lost_has_failed(
 
 
 @pytest.mark.parametrize('example', EXAMPLES)
-def test_places_are_two_widths_from_both_edges(example: tuple[float, float]) -> None:
+def test_inner_positions_are_two_widths_from_both_edges(example: tuple[float, float]) -> None:
     chain = chain_of(example, 40)
-    low, high = inner_places(chain)
+    low, high = inner_positions(chain)
     assert low * chain.spacing == pytest.approx(2 * chain.wall_width)
     assert low + high == pytest.approx(39)
 
@@ -152,7 +152,7 @@ def study(frames: int, seed: int = 7) -> FrameStudy:
     return FrameStudy(CHAINS, (0.01, 0.02), trial, seed)
 
 
-def test_a_chunk_depends_on_the_seed_and_its_number_alone() -> None:
+def test_a_chunk_depends_only_on_the_seed_and_its_index() -> None:
     few, many = study(300), study(600)
     again = few.sample(0, 1, 0)
     for name, pairs in many.sample(0, 1, 0).items():
@@ -171,8 +171,8 @@ def test_every_frame_is_in_one_chunk(frames: int) -> None:
     assert min(sizes) > 0
 
 
-def test_lines_are_those_of_their_chain_and_noise() -> None:
-    """Samples that say which chain, noise and chunk they are of come out where they belong."""
+def test_lines_belong_to_their_chain_and_noise() -> None:
+    """Samples marked by chain, noise and chunk are assigned to the right line."""
     mine = study(500)
     samples = []
     for chain in CHAINS:

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The command writes what its settings ask for, the same from any number of processes."""
+"""The command writes the results of its settings, independent of the number of processes."""
 
 from __future__ import annotations
 
@@ -76,7 +76,7 @@ def written(settings: object, path: Path) -> Path:
     return path
 
 
-def test_all_is_written_and_tables_do_not_depend_on_the_process(
+def test_all_files_are_written_and_tables_do_not_depend_on_the_processes(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     config = written(SETTINGS, tmp_path / 'settings.yaml')
@@ -97,7 +97,7 @@ def test_all_is_written_and_tables_do_not_depend_on_the_process(
         assert (tmp_path / name).read_bytes() == (folder / name).read_bytes()
 
 
-def test_cells_are_measured_alone_and_compared_with_those_of_another_day(
+def test_cells_are_measured_alone_and_compared_with_an_earlier_table(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     config = written(SETTINGS | CELLS, tmp_path / 'settings.yaml')
@@ -114,7 +114,7 @@ def test_cells_are_measured_alone_and_compared_with_those_of_another_day(
     assert len(table.read_text(encoding='utf-8').splitlines()) == 2
     assert 'seed 7' in capsys.readouterr().out
 
-    # A table that is there is not measured again.
+    # An existing table is not measured again.
     marked = table.read_text(encoding='utf-8').replace(',12,', ',1200,')
     table.write_text(marked, encoding='utf-8')
     assert accuracy.main([*chosen, '--seed', '7', '--against', str(table)]) == 0
@@ -124,7 +124,7 @@ def test_cells_are_measured_alone_and_compared_with_those_of_another_day(
     assert 'differs in frames' in capsys.readouterr().err
 
 
-def test_the_settings_that_come_with_it_hold_every_part() -> None:
+def test_the_installed_settings_contain_every_part() -> None:
     settings = load_settings(CONFIG)
     assert set(settings.values) == {*accuracy.PARTS, accuracy.CELLS}
     for quick in (False, True):
@@ -133,7 +133,7 @@ def test_the_settings_that_come_with_it_hold_every_part() -> None:
         assert all(part.tasks() for part in parts)
 
 
-def test_quick_is_less_to_do() -> None:
+def test_a_quick_study_has_fewer_tasks() -> None:
     full, quick = (accuracy.read_parts(load_settings(CONFIG), quick) for quick in (False, True))
     for all_of_it, less in zip(full, quick, strict=True):
         assert len(less.tasks()) < len(all_of_it.tasks())
@@ -149,8 +149,8 @@ def test_quick_is_less_to_do() -> None:
             'single_frame',
             'chains',
             {'short': FLIPPER | {'number_of_rotors': 5}},
-            'short.number_of_rotors = 5 leaves no place two widths of a wall, 2.42 spacings, '
-            'from both edges; take 6 or more',
+            'short.number_of_rotors = 5 leaves no position two wall widths (2.42 spacings) from '
+            'both edges; use 6 or more',
         ),
         ('contraction', 'noise', -1, 'contraction.noise = -1 must be a number'),
         (
@@ -163,12 +163,12 @@ def test_quick_is_less_to_do() -> None:
                     'reference': {'kicks': [0.1], 'speeds': [0.1, 0.2], 'widths': [0.9]},
                 }
             },
-            'reference.speeds = [0.1, 0.2] must be as many as its kicks, 1',
+            'reference.speeds = [0.1, 0.2] must have one value per kick (1)',
         ),
         ('record', 'runs', 1, 'record.runs = 1 must be a whole number'),
     ],
 )
-def test_settings_that_cannot_be_measured_are_named(
+def test_invalid_settings_are_named(
     part: str,
     key: str,
     value: object,
@@ -185,7 +185,7 @@ def test_settings_that_cannot_be_measured_are_named(
     assert not (tmp_path / 'out').exists()
 
 
-def test_a_file_of_no_or_unknown_parts_is_refused(tmp_path: Path) -> None:
+def test_a_file_without_parts_or_with_unknown_parts_is_rejected(tmp_path: Path) -> None:
     with pytest.raises(ValueError, match='is empty; give one or more of single_frame'):
         accuracy.read_parts(load_settings(written({}, tmp_path / 'empty.yaml')), False)
     with pytest.raises(ValueError, match='other = 1 is not known; known keys are single_frame'):

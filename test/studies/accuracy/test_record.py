@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The record's bound is that of a straight line, and the filter's errors are as it states them."""
+"""The bound of a record is the bound of a line fit, and the filter has the stated errors."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ CHAINS = (chain_of(FLIPPER, 24), chain_of(SPINNER, 24))
 STUDY = RecordStudy(CHAINS, 0.05, speed=5.0, frame_rate=1000.0, frames=300, runs=4, seed=5)
 
 
-def test_the_bound_is_that_of_the_end_and_the_slope_of_a_straight_line() -> None:
+def test_the_bound_is_the_bound_of_end_and_slope_of_a_line_fit() -> None:
     of_place, of_velocity = STUDY.bounds(CHAINS[0])
     for number, frames in enumerate(STUDY.shown.tolist()):
         before = (np.arange(frames) - (frames - 1)) / STUDY.frame_rate
@@ -25,7 +25,7 @@ def test_the_bound_is_that_of_the_end_and_the_slope_of_a_straight_line() -> None
 
 
 @pytest.mark.parametrize('chain', [0, 1])
-def test_errors_of_the_filter_are_as_stated_and_near_the_bound(chain: int) -> None:
+def test_filter_errors_agree_with_the_stated_deviations_and_are_near_the_bound(chain: int) -> None:
     found = STUDY.run(chain, 0)
     assert found.shape == (4, len(STUDY.shown))
     errors, stated = found[:2], found[2:]
@@ -35,12 +35,12 @@ def test_errors_of_the_filter_are_as_stated_and_near_the_bound(chain: int) -> No
         assert stated[number, -1] == pytest.approx(least[-1], rel=0.2)
 
 
-def test_runs_differ_and_can_be_repeated() -> None:
+def test_runs_differ_and_are_reproducible() -> None:
     np.testing.assert_array_equal(STUDY.run(0, 1), STUDY.run(0, 1))
     assert STUDY.run(0, 1)[0, -1] != STUDY.run(0, 2)[0, -1]
 
 
-def test_frames_shown_begin_early_and_end_with_the_last() -> None:
+def test_evaluated_frames_start_early_and_end_with_the_last() -> None:
     shown = STUDY.shown
     assert shown[0] == 3
     assert shown[-1] == 300

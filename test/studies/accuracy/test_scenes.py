@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Scenes show walls that are where and as fast as they are said to be."""
+"""Walls in scenes have the stated positions and velocities."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from chains import FLIPPER, SPINNER, WOBBLER, chain_of
 from soliton_linkage.linear.bands import speed_of_sound
 from soliton_linkage.solitons.tanh_fit import find_solitons
 from soliton_linkage_studies.accuracy.cells import AccuracyCell
-from soliton_linkage_studies.accuracy.scenes import scene_of, smoothed
+from soliton_linkage_studies.accuracy.scenes import averages_and_slopes, scene_of
 
 FRAMES = 60
 CHAIN_OF = {example: chain_of(example, 12) for example in (FLIPPER, WOBBLER, SPINNER)}
@@ -24,7 +24,7 @@ def cell_of(example: tuple[float, float], rotors: int, **others: object) -> Accu
 
 
 @pytest.mark.parametrize('example', [FLIPPER, WOBBLER, SPINNER])
-def test_a_wall_without_phonons_goes_steadily_and_as_fast_as_asked_for(
+def test_a_wall_without_phonons_moves_at_the_requested_constant_speed(
     example: tuple[float, float],
 ) -> None:
     cell = cell_of(example, 30)
@@ -32,7 +32,7 @@ def test_a_wall_without_phonons_goes_steadily_and_as_fast_as_asked_for(
     assert scene.angles.shape == (FRAMES, 30)
     assert scene.places.shape == scene.instants.shape == scene.site_rates.shape == (FRAMES, 1)
     sound = speed_of_sound(cell.chain) / cell.chain.spacing
-    inner = scene.judged[:, 0]
+    inner = scene.scored[:, 0]
     assert np.abs(scene.site_rates[inner]) == pytest.approx(0.15 * sound, rel=0.2)
     assert scene.instants[inner] == pytest.approx(scene.places[inner], abs=0.01)
     period = cell.period * cell.chain.time_unit
@@ -42,18 +42,18 @@ def test_a_wall_without_phonons_goes_steadily_and_as_fast_as_asked_for(
 
 
 @pytest.mark.parametrize('example', [FLIPPER, WOBBLER, SPINNER])
-def test_a_wall_that_was_nudged_runs_on_from_where_it_has_come(
+def test_a_nudged_wall_moves_away_from_its_edge(
     example: tuple[float, float],
 ) -> None:
     scene = scene_of(cell_of(example, 12, nudged=True), FRAMES, np.random.default_rng(3))
     assert np.abs(np.diff(scene.instants[:, 0])).max() < 0.3
-    for frame in np.flatnonzero(scene.judged[:, 0])[::20]:
+    for frame in np.flatnonzero(scene.scored[:, 0])[::20]:
         (wall,) = find_solitons(CHAIN_OF[example], scene.angles[frame])
         assert wall.rotor == pytest.approx(scene.places[frame, 0], abs=0.7)
 
 
 @pytest.mark.parametrize('example', [FLIPPER, WOBBLER, SPINNER])
-def test_walls_of_both_charges_are_where_they_are_seen(example: tuple[float, float]) -> None:
+def test_walls_of_both_charges_have_their_detected_positions(example: tuple[float, float]) -> None:
     cell = cell_of(example, 70, walls=2)
     scene = scene_of(cell, FRAMES, np.random.default_rng(2))
     assert sorted(scene.charges) == [-1, 1]
@@ -64,55 +64,55 @@ def test_walls_of_both_charges_are_where_they_are_seen(example: tuple[float, flo
         assert places == pytest.approx(list(scene.places[frame]), abs=0.7)
 
 
-def test_pushes_change_the_rate_and_are_told() -> None:
-    cell = cell_of(FLIPPER, 30, pushes=3)
+def test_impulses_change_the_rate_and_are_reported() -> None:
+    cell = cell_of(FLIPPER, 30, impulses=3)
     scene = scene_of(cell, 4 * FRAMES, np.random.default_rng(1), 3)
-    assert len(scene.pushes) == len(scene.impulses) > 0
-    for frame, impulses in zip(scene.pushes, scene.impulses, strict=True):
+    assert len(scene.impulse_frames) == len(scene.impulses) > 0
+    for frame, impulses in zip(scene.impulse_frames, scene.impulses, strict=True):
         assert impulses.shape == (30,)
         assert scene.site_rates[frame] != pytest.approx(scene.site_rates[frame - 1], rel=1e-3)
 
 
-def test_disorder_is_of_the_chain_and_not_of_what_the_analyser_is_told() -> None:
+def test_disorder_changes_the_true_chain_but_not_the_configured_one() -> None:
     scene = scene_of(cell_of(FLIPPER, 16, disorder=0.05), FRAMES, np.random.default_rng(1))
     plain = scene_of(cell_of(FLIPPER, 16), FRAMES, np.random.default_rng(1))
     assert np.abs(np.sin(scene.angles[0]) - np.sin(plain.angles[0])).max() > 0.01
 
 
-@pytest.mark.parametrize('others', [{'nothing': True}, {'kick': 3.0}])
-def test_where_no_wall_need_be_none_is_claimed(others: dict[str, object]) -> None:
+@pytest.mark.parametrize('others', [{'noise_only': True}, {'kick': 3.0}])
+def test_scenes_without_intact_walls_state_none(others: dict[str, object]) -> None:
     scene = scene_of(cell_of(FLIPPER, 16, **others), FRAMES, np.random.default_rng(1))
     assert scene.charges == ()
     assert scene.angles.shape == (FRAMES, 16)
     assert scene.places.shape == (FRAMES, 0)
 
 
-def test_a_steady_way_is_its_own_mean_and_pushes_part_it() -> None:
-    way = np.concatenate([0.3 * np.arange(40), 12.0 - 0.1 * np.arange(60)])
-    means, slopes = smoothed(way, 5, [40])
-    assert means == pytest.approx(way)
+def test_a_linear_track_equals_its_average_and_impulses_divide_it() -> None:
+    track = np.concatenate([0.3 * np.arange(40), 12.0 - 0.1 * np.arange(60)])
+    means, slopes = averages_and_slopes(track, 5, [40])
+    assert means == pytest.approx(track)
     assert slopes[:40] == pytest.approx(0.3)
     assert slopes[40:] == pytest.approx(-0.1)
 
 
-def test_a_wave_of_the_length_of_the_mean_is_left_out() -> None:
+def test_a_wave_with_the_period_of_the_average_is_removed() -> None:
     frames = np.arange(200)
     wave = np.sin(2 * np.pi * frames / 21)
-    means, slopes = smoothed(0.01 * frames + wave, 10)
+    means, slopes = averages_and_slopes(0.01 * frames + wave, 10)
     inner = slice(30, -30)
     assert means[inner] == pytest.approx(0.01 * frames[inner], abs=1e-9)
     assert slopes[inner] == pytest.approx(0.01, abs=0.02)
 
 
-def test_a_piece_shorter_than_the_mean_is_its_own_mean() -> None:
-    means, slopes = smoothed(np.array([1.0, 5.0]), 9, [1])
+def test_a_piece_shorter_than_the_average_has_a_valid_average() -> None:
+    means, slopes = averages_and_slopes(np.array([1.0, 5.0]), 9, [1])
     assert means == pytest.approx([1.0, 5.0])
     assert slopes == pytest.approx([0.0, 0.0])
 
 
 @pytest.mark.parametrize('wide', [1, 2, 9])
-def test_slopes_of_a_bent_way_are_those_of_its_cubic(wide: int) -> None:
+def test_slopes_of_a_cubic_track_are_exact(wide: int) -> None:
     times = np.arange(100.0) - 50
-    _, slopes = smoothed(times**3 - 7 * times, wide, bent=True)
+    _, slopes = averages_and_slopes(times**3 - 7 * times, wide, cubic=True)
     inner = slice(30, -30)
     assert slopes[inner] == pytest.approx(3 * times[inner] ** 2 - 7)

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The integrator of the cells keeps the energy and goes where the simulator goes."""
+"""The integrator of the cells conserves energy and agrees with the simulator."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ def launched(chain: Chain, speed: float) -> tuple[np.ndarray, np.ndarray]:
 
 
 @pytest.mark.parametrize('example', [FLIPPER, WOBBLER, SPINNER])
-def test_it_goes_where_the_simulator_goes(example: tuple[float, float]) -> None:
+def test_the_integrator_agrees_with_the_simulator(example: tuple[float, float]) -> None:
     uniform = chain_of(example, 12)
     drawn = drawn_deviations(12, 3, spacing=0.02, rotor_length=0.02, stiffness=0.05, mass=0.05)
     for chain in (uniform, Chain(**{**vars_of(uniform), 'deviations': drawn})):
@@ -36,7 +36,7 @@ def vars_of(chain: Chain) -> dict[str, object]:
     return {name: getattr(chain, name) for name in chain.__dataclass_fields__}
 
 
-def test_it_keeps_the_energy_but_where_it_is_damped() -> None:
+def test_energy_is_conserved_except_for_damping() -> None:
     chain = chain_of(SPINNER, 20)
     angles, rates = launched(chain, 0.5)
     springs = Springs(chain, angles, rates, 0.5 * chain.time_unit)

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A line tells what errors are: true deviations make 1, failures are added up."""
+"""Statistics of errors: consistent deviations give an rms of 1, and failures are summed."""
 
 from __future__ import annotations
 
@@ -11,11 +11,11 @@ import numpy as np
 import pytest
 from chains import FLIPPER, SPINNER, chain_of
 
-from soliton_linkage_studies.accuracy.cells import GIVEN, given_of
+from soliton_linkage_studies.accuracy.cells import CELL_COLUMNS, cell_values
 from soliton_linkage_studies.accuracy.runs import CellStudy
 from soliton_linkage_studies.accuracy.statistics import (
     COLUMNS,
-    NUMBERS,
+    WALL_VALUES,
     Accuracy,
     Line,
     Scores,
@@ -28,12 +28,12 @@ from soliton_linkage_studies.accuracy.statistics import (
 
 
 def scores(random: np.random.Generator, scale: float, alike: int = 1) -> Scores:
-    drawn = np.repeat(random.standard_normal((100 // alike, len(NUMBERS))), alike, axis=0)
+    drawn = np.repeat(random.standard_normal((100 // alike, len(WALL_VALUES))), alike, axis=0)
     rows = [tuple(row) for row in (scale * drawn).tolist()]
-    return Scores(walls=rows, frames=100, looked_for=100, lost=1, false=2, wrong_leg=3)
+    return Scores(walls=rows, frames=100, expected=100, lost=1, false=2, wrong_leg=3)
 
 
-def test_true_deviations_make_a_root_mean_square_of_1() -> None:
+def test_consistent_deviations_give_a_root_mean_square_of_1() -> None:
     random = np.random.default_rng(1)
     line = line_of([scores(random, 1.0) for _ in range(50)])
     assert tuple(line) == COLUMNS
@@ -44,14 +44,14 @@ def test_true_deviations_make_a_root_mean_square_of_1() -> None:
     assert (line['lost'], line['false'], line['wrong_leg']) == (50, 100, 150)
 
 
-def test_frames_that_are_alike_tell_less() -> None:
+def test_correlated_frames_increase_the_standard_error() -> None:
     random = np.random.default_rng(2)
     apart, alike = ([scores(random, 1.0, count) for _ in range(50)] for count in (1, 25))
     assert line_of(alike)['place_rms_error'] > 3 * line_of(apart)['place_rms_error']
 
 
-def test_where_nothing_was_found_nothing_is_told_but_failures() -> None:
-    line = line_of([Scores(frames=9, looked_for=9, lost=9)])
+def test_a_cell_without_found_walls_reports_only_failures() -> None:
+    line = line_of([Scores(frames=9, expected=9, lost=9)])
     assert line['lost'] == 9
     assert math.isnan(line['place_rms'])
     assert math.isnan(line['rate_rms_error'])
@@ -60,7 +60,7 @@ def test_where_nothing_was_found_nothing_is_told_but_failures() -> None:
 COUNT = 40_000
 
 
-def test_a_normal_estimator_is_judged_as_what_it_is() -> None:
+def test_a_normal_estimator_has_its_known_statistics() -> None:
     errors = np.random.default_rng(1).normal(0.3, 0.02, COUNT)
     shifted = accuracy_of(np.column_stack([errors, np.full(COUNT, 1.0)]), 0.01)
     assert (shifted.frames, shifted.failures) == (COUNT, 0)
@@ -71,8 +71,8 @@ def test_a_normal_estimator_is_judged_as_what_it_is() -> None:
 
 
 @pytest.mark.parametrize('factor', [0.5, 1.0, 2.0])
-def test_coverage_of_a_normal_estimator_is_that_of_its_margins(factor: float) -> None:
-    """Margins of 1.96 standard deviations cover 95 %, others what the error function says."""
+def test_coverage_of_a_normal_estimator_follows_from_its_margins(factor: float) -> None:
+    """Margins of 1.96 standard deviations cover 95 %, others follow the error function."""
     errors = np.random.default_rng(2).normal(0.0, 0.02, COUNT)
     margin = 1.959963984540054 * factor
     found = accuracy_of(np.column_stack([errors, np.full(COUNT, 0.02 * margin)]), 0.02)
@@ -83,7 +83,7 @@ def test_coverage_of_a_normal_estimator_is_that_of_its_margins(factor: float) ->
     assert found.coverage == pytest.approx(expected, abs=limit)
 
 
-def test_failures_are_counted_and_left_out() -> None:
+def test_failures_are_counted_and_excluded() -> None:
     samples = np.array([[0.1, 0.2], [math.nan, 0.2], [0.3, 0.2], [math.nan, math.nan]])
     found = accuracy_of(samples, 0.1)
     assert (found.frames, found.failures) == (4, 2)
@@ -92,7 +92,7 @@ def test_failures_are_counted_and_left_out() -> None:
     assert found.coverage == 0.5
 
 
-def test_what_cannot_be_told_is_nan() -> None:
+def test_undefined_statistics_are_nan() -> None:
     without_margin = accuracy_of(np.array([[0.1, math.nan], [0.2, math.nan]]), 0.1)
     assert math.isnan(without_margin.coverage)
     assert without_margin.bias == pytest.approx(0.15)
@@ -104,12 +104,12 @@ def test_what_cannot_be_told_is_nan() -> None:
         assert math.isnan(found.coverage)
 
 
-def test_the_table_holds_its_lines(tmp_path: Path) -> None:
+def test_the_table_contains_its_lines(tmp_path: Path) -> None:
     flipper, spinner = chain_of(FLIPPER, 20), chain_of(SPINNER, 20)
-    judged = Accuracy(1000, 3, -0.01234567, 0.0001, 0.02, 0.016, 0.945)
+    scored = Accuracy(1000, 3, -0.01234567, 0.0001, 0.02, 0.016, 0.945)
     unstated = Accuracy(10, 0, 0.5, 0.1, 0.02, 0.01, math.nan)
     write_lines(
-        [Line(flipper, 0.05, 'one', judged), Line(spinner, 0.2, 'two', unstated)], tmp_path
+        [Line(flipper, 0.05, 'one', scored), Line(spinner, 0.2, 'two', unstated)], tmp_path
     )
     text = (tmp_path / 'table.md').read_text(encoding='utf-8').splitlines()
     cells = [[cell.strip() for cell in line.strip('|').split('|')] for line in text]
@@ -128,7 +128,7 @@ def test_the_table_holds_its_lines(tmp_path: Path) -> None:
     with (tmp_path / 'table.csv').open(encoding='utf-8', newline='') as file:
         rows = list(csv.DictReader(file))
     assert [row['class'] for row in rows] == ['flipper', 'spinner']
-    assert float(rows[0]['bias [spacings]']) == pytest.approx(judged.bias, rel=1e-5)
+    assert float(rows[0]['bias [spacings]']) == pytest.approx(scored.bias, rel=1e-5)
     assert float(rows[0]['std / bound']) == pytest.approx(1.25)
     assert float(rows[0]['coverage of 95 % [%]']) == pytest.approx(94.5)
     assert rows[1]['coverage of 95 % [%]'] == ''
@@ -139,7 +139,7 @@ NOT_STATED = {'place_rms': '', 'lost': 1000, 'place_beyond_4': ''}
 
 
 def row(**others: object) -> dict[str, str]:
-    plain = dict.fromkeys((*GIVEN, *COLUMNS, 'failure'), '')
+    plain = dict.fromkeys((*CELL_COLUMNS, *COLUMNS, 'failure'), '')
     known = {'cell': '3', 'class': 'flipper', 'frames': 1000, 'lost': 0, 'false': 0}
     known |= {
         'wrong_leg': 0,
@@ -163,7 +163,9 @@ def row(**others: object) -> dict[str, str]:
         ({'place_rms': ''}, {}, 'states no place'),
     ],
 )
-def test_what_got_worse_is_said(now: dict[str, object], was: dict[str, object], what: str) -> None:
+def test_worse_results_are_reported(
+    now: dict[str, object], was: dict[str, object], what: str
+) -> None:
     said = worse_cells([row(**now)], [row(**was)])
     assert said == ['1 of 1 cells are worse', f'3 (flipper): {what}']
 
@@ -181,18 +183,18 @@ def test_what_got_worse_is_said(now: dict[str, object], was: dict[str, object], 
         ({'error_rms': 3.0}, {'place_rms': 90}),
     ],
 )
-def test_what_chance_or_progress_makes_is_not(
+def test_insignificant_changes_and_improvements_are_not_reported(
     now: dict[str, object], was: dict[str, object]
 ) -> None:
     assert worse_cells([row(**now)], [row(**was)]) == ['0 of 1 cells are worse']
 
 
-def test_other_cells_are_refused() -> None:
+def test_tables_of_other_cells_are_rejected() -> None:
     study = CellStudy(1, 3, 10)
     cell = study.all[1]
     with pytest.raises(ValueError, match='is no table of cells; give a cells'):
         check_comparable(study.all, study.seed, [{'cell': '1'}])
-    same = row() | {'cell': cell.name} | dict(zip(GIVEN, given_of(cell), strict=True))
+    same = row() | {'cell': cell.name} | dict(zip(CELL_COLUMNS, cell_values(cell), strict=True))
     check_comparable(study.all, study.seed, [row(**same)])
     with pytest.raises(ValueError, match='no cell of seed 1 is in the earlier table; give the'):
         check_comparable(study.all, study.seed, [row(**same | {'noise': 0.3})])

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A sweep's file says a grid, or is refused with file, key, value, limit and remedy."""
+"""A sweep file defines a grid, or is rejected with file, key, value, limit and remedy."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ def study_of(tmp_path: Path, content: str, quick: bool = False) -> SweepStudy:
 
 
 @given(st.lists(st.integers(1, 4), min_size=1, max_size=3), st.integers(1, 3))
-def test_rows_run_through_the_grid_as_nested_loops_do(sizes: list[int], seeds: int) -> None:
+def test_rows_have_the_order_of_nested_loops_over_the_grid(sizes: list[int], seeds: int) -> None:
     names = ('rest_angle', 'rotor_length_ratio', 'kick')
     axes = [
         Axis(name, tuple(0.1 * (1 + place) for place in range(size)))
@@ -37,11 +37,11 @@ def test_rows_run_through_the_grid_as_nested_loops_do(sizes: list[int], seeds: i
     ]
     study = SweepStudy('any', 'motion', {}, tuple(axes), tuple(range(5, 5 + seeds)))
     loops = itertools.product(*(axis.values for axis in axes), study.seeds)
-    places = [study.place(row) for row in range(study.rows)]
+    places = [study.point(row) for row in range(study.rows)]
     assert [(*values.values(), seed) for values, seed in places] == list(loops)
 
 
-def test_ranges_have_both_ends_and_even_steps_on_their_scale(tmp_path: Path) -> None:
+def test_ranges_include_both_ends_and_have_equal_steps_on_their_scale(tmp_path: Path) -> None:
     study = study_of(
         tmp_path,
         """
@@ -78,7 +78,7 @@ def test_parameters_become_the_chain_its_deviations_and_the_trial() -> None:
     assert trial == SweepTrial(kick=0.3, mechanics='rigid')
 
 
-def test_what_is_swept_goes_before_what_is_given(tmp_path: Path) -> None:
+def test_axis_values_override_fixed_parameters(tmp_path: Path) -> None:
     study = study_of(
         tmp_path,
         """
@@ -87,13 +87,13 @@ def test_what_is_swept_goes_before_what_is_given(tmp_path: Path) -> None:
         sweep: {rotor_length_ratio: [3.0], rest_angle: [1.1]}
         """,
     )
-    values, seed = study.place(0)
+    values, seed = study.point(0)
     chain, _ = trial_of({**study.parameters, **values}, seed)
     assert (chain.rotor_length, chain.rest_angle) == (3.0 * chain.spacing, 1.1)
 
 
 @pytest.mark.parametrize('path', SWEEPS, ids=lambda path: path.stem)
-def test_the_sweeps_of_the_project_are_read_and_thinned(path: Path) -> None:
+def test_the_installed_sweeps_are_valid_and_a_quick_sweep_is_coarser(path: Path) -> None:
     whole, quick = read_sweep_study(path), read_sweep_study(path, quick=True)
     assert quick.name == f'{whole.name}-quick'
     assert quick.rows < whole.rows
@@ -109,7 +109,7 @@ def test_seeds_are_counted_or_listed(tmp_path: Path) -> None:
     assert study_of(tmp_path, f'measure: motion\n{GRID}').seeds == (0,)
 
 
-def test_a_chain_that_physics_refuses_is_a_row_with_its_reason() -> None:
+def test_an_impossible_chain_gives_a_row_with_its_error() -> None:
     axis = Axis('deviations.rotor_length', (0.0, 1.0))
     study = SweepStudy('any', 'motion', {'number_of_rotors': 40}, (axis,), (0,))
     assert study.cells(0) == ['0', '0.0', '0', 'flipper', '0', '']
@@ -118,7 +118,7 @@ def test_a_chain_that_physics_refuses_is_a_row_with_its_reason() -> None:
     assert 'must be a finite number above -1' in failure
 
 
-def test_floats_are_written_so_that_they_are_read_as_they_were() -> None:
+def test_floats_are_written_without_loss_of_digits() -> None:
     values = tuple(np.geomspace(0.1, 1, 7).tolist())
     study = SweepStudy('any', 'motion', {}, (Axis('rest_angle', values),), (0,))
     assert tuple(float(study.cells(row)[1]) for row in range(study.rows)) == values
@@ -130,8 +130,8 @@ def test_floats_are_written_so_that_they_are_read_as_they_were() -> None:
         (f'measure: colour\n{GRID}', "measure = 'colour' must be one of motion, speed, survival"),
         (GRID, 'measure is missing; give one of motion'),
         (f'measure: motion\nspeed: 3\n{GRID}', 'speed = 3 is not known; known keys are measure'),
-        ('measure: motion', 'sweep must name one parameter or more'),
-        ('measure: motion\nsweep: 3', 'sweep = 3 must name one parameter or more'),
+        ('measure: motion', 'sweep must contain one or more parameters'),
+        ('measure: motion\nsweep: 3', 'sweep = 3 must contain one or more parameters'),
         ('measure: motion\nsweep: {length: [1]}', r'sweep.length = \[1\] is not known'),
         ('measure: motion\nsweep: {kick: 3}', 'sweep.kick = 3 must be a list of 1 to 10000'),
         ('measure: motion\nsweep: {kick: []}', r'sweep.kick = \[\] must be a list of 1 to'),
@@ -139,7 +139,7 @@ def test_floats_are_written_so_that_they_are_read_as_they_were() -> None:
             'measure: motion\nsweep: {rest_angle: [0.5, 2.0]}',
             'sweep.rest_angle.1 = 2.0 must be a number in the range 0.001 to 1.57',
         ),
-        ('measure: motion\nsweep: {kick: [0.1, 0.1]}', 'has the same value twice; give each once'),
+        ('measure: motion\nsweep: {kick: [0.1, 0.1]}', 'has duplicate values; remove them or'),
         (
             'measure: motion\nsweep: {kick: {from: 0.1, to: 1.0}}',
             'sweep.kick.points is missing; give a whole number in the range 2 to 10000',
@@ -167,11 +167,11 @@ def test_floats_are_written_so_that_they_are_read_as_they_were() -> None:
         ),
         (
             'measure: motion\nsweep: {rotor_length: [0.1], rotor_length_ratio: [1.0]}',
-            'gives rotor_length and its ratio; give one of them',
+            'contains rotor_length and rotor_length_ratio; remove one',
         ),
         (
             'measure: motion\nchain: {rotor_length: 0.1, rotor_length_ratio: 1.0}\n' + GRID,
-            'gives rotor_length and its ratio; give one of them',
+            'contains rotor_length and rotor_length_ratio; remove one',
         ),
         (
             'measure: motion\ndeviations: {mass: 2.0}\n' + GRID,
@@ -184,17 +184,17 @@ def test_floats_are_written_so_that_they_are_read_as_they_were() -> None:
         ),
         (
             'measure: motion\nchain: {periodic: true}\n' + GRID,
-            'chain.periodic = True is not known; sweeps are of chains with free ends, leave it',
+            'chain.periodic = True is not known; sweeps use chains with free ends, remove it',
         ),
         (f'measure: motion\nseeds: 0\n{GRID}', 'seeds = 0 must be a whole number in the range 1'),
-        (f'measure: motion\nseeds: [1, 1]\n{GRID}', 'must be one seed or more, each once'),
-        (f'measure: motion\nseeds: []\n{GRID}', 'must be one seed or more, each once'),
+        (f'measure: motion\nseeds: [1, 1]\n{GRID}', 'must be a list of different seeds, or'),
+        (f'measure: motion\nseeds: []\n{GRID}', 'must be a list of different seeds, or'),
         (
             'measure: motion\nseeds: 10000\nsweep: {kick: {from: 0.1, to: 1.0, points: 5000}}',
-            'makes 50000000 rows, over 10000000; take fewer points or seeds',
+            'makes 50000000 rows, over 10000000; reduce the points or seeds',
         ),
     ],
 )
-def test_what_is_wrong_in_a_file_is_said(content: str, complaint: str, tmp_path: Path) -> None:
+def test_errors_in_a_file_are_reported(content: str, complaint: str, tmp_path: Path) -> None:
     with pytest.raises(ValueError, match=f'mine.yaml: .*{complaint}'):
         study_of(tmp_path, content)

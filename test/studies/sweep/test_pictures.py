@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Pictures of sweeps show each point where it is, in the colour of its class or its number."""
+"""Sweep pictures show each point at its coordinates, in the colour of its class or number."""
 
 from __future__ import annotations
 
@@ -14,9 +14,9 @@ from soliton_linkage.linkage.chain import Chain, Motion
 from soliton_linkage_studies.palette import BLUE, MOTION_COLOURS, RED
 from soliton_linkage_studies.sweep.config import Axis, SweepStudy
 from soliton_linkage_studies.sweep.pictures import (
+    class_label,
     draw_sweep,
     numbers,
-    said_of,
     shares,
     sweep_figure,
 )
@@ -27,7 +27,7 @@ KICKS = Axis('kick', (0.1, 0.2, 0.3, 0.4, 0.5, 0.6))
 
 
 def drawn(study: SweepStudy, rows: list[dict[str, str]]) -> Any:
-    """Axes that a sweep is drawn on."""
+    """Return axes on which a sweep is drawn."""
     return draw_sweep(Figure().subplots(), study, rows)
 
 
@@ -36,10 +36,10 @@ def rows_of(study: SweepStudy) -> list[dict[str, str]]:
 
 
 def speed_rows(study: SweepStudy, speed: Any) -> list[dict[str, str]]:
-    """Rows of a sweep of speeds that are a function of the values of the axes and the seed."""
+    """Return sweep rows whose speeds are a function of the axis values and the seed."""
     rows = []
     for row in range(study.rows):
-        values, seed = study.place(row)
+        values, seed = study.point(row)
         rows.append({'outcome': 'returns', 'speed': repr(speed(*values.values(), seed))})
     return rows
 
@@ -70,7 +70,7 @@ def test_a_map_of_classes_has_the_motion_of_each_chain_between_its_limits() -> N
         assert 2 * ratios * np.sin(angles) == pytest.approx(lean(angles), rel=1e-12)
 
 
-def test_colours_fade_with_the_share_of_seeds_in_the_commonest_class() -> None:
+def test_colours_are_paler_for_fewer_seeds_in_the_most_frequent_class() -> None:
     study = SweepStudy('map', 'motion', {}, (RATIOS, ANGLES), (0, 1, 2, 3))
     rows = rows_of(study)
     for row in rows[:4]:
@@ -98,7 +98,7 @@ def test_a_map_of_numbers_shows_means_over_the_seeds_that_have_one() -> None:
     assert axes.figure.axes[1].get_ylabel() == study.measure.label
 
 
-def test_a_curve_of_numbers_has_their_median_and_their_spread() -> None:
+def test_a_curve_of_numbers_shows_median_and_range() -> None:
     study = SweepStudy('curve', 'speed', {}, (KICKS,), (0, 1, 7))
     rows = speed_rows(study, lambda kick, seed: kick + seed)
     assert numbers(study, rows).shape == (6, 3)
@@ -114,14 +114,14 @@ def test_a_curve_of_numbers_has_their_median_and_their_spread() -> None:
     assert (band.y0, band.y1) == pytest.approx((0.1, 0.6 + 7))
 
 
-def test_a_second_axis_of_few_values_makes_a_curve_of_each() -> None:
+def test_a_second_axis_with_few_values_makes_one_curve_per_value() -> None:
     mechanics = Axis('mechanics', ('elastic', 'rigid'))
     scales = Axis('deviations.scale', KICKS.values)
     for axes_of_study in ((mechanics, scales), (scales, mechanics)):
         study = SweepStudy('curves', 'survival', {}, axes_of_study, (0, 1))
         rows = []
         for row in range(study.rows):
-            values, seed = study.place(row)
+            values, seed = study.point(row)
             good = values['mechanics'] == 'elastic' or seed == 1
             rows.append({'outcome': 'returns' if good else 'lost'})
         axes = drawn(study, rows)
@@ -129,11 +129,11 @@ def test_a_second_axis_of_few_values_makes_a_curve_of_each() -> None:
         assert heights == {'elastic': {1.0}, 'rigid': {0.5}}
 
 
-def test_one_axis_of_classes_makes_a_curve_of_the_share_of_each() -> None:
+def test_one_axis_with_classes_makes_one_curve_per_class() -> None:
     study = SweepStudy('curves', 'motion', {'rest_angle': 0.97}, (RATIOS,), (0,))
     lines = drawn(study, rows_of(study)).lines
     assert [line.get_label() for line in lines] == [
-        said_of(name) for name in study.measure.classes
+        class_label(name) for name in study.measure.classes
     ]
     heights = np.array([line.get_ydata() for line in lines])
     assert np.array_equal(heights.sum(axis=0), np.ones(9))
@@ -144,13 +144,13 @@ def test_more_than_two_axes_are_not_drawn() -> None:
     assert sweep_figure(study, []) is None
 
 
-def test_shares_are_shown_from_0_to_1_with_their_errors_in_colours_that_differ() -> None:
+def test_fractions_are_drawn_from_0_to_1_with_errors_in_distinct_colours() -> None:
     mechanics = Axis('mechanics', ('elastic', 'rigid'))
     scales = Axis('deviations.scale', KICKS.values)
     study = SweepStudy('curves', 'survival', {}, (mechanics, scales), tuple(range(8)))
     rows = []
     for row in range(study.rows):
-        values, seed = study.place(row)
+        values, seed = study.point(row)
         good = values['mechanics'] == 'elastic' or seed < 2
         rows.append({'outcome': 'returns' if good else 'lost'})
     axes = drawn(study, rows)
@@ -170,7 +170,7 @@ def test_shares_are_shown_from_0_to_1_with_their_errors_in_colours_that_differ()
     assert 'standard error' in axes.get_ylabel()
 
 
-def test_no_pixel_of_a_map_shows_an_angle_that_there_is_not() -> None:
+def test_map_pixels_stay_within_the_range_of_rest_angles() -> None:
     angles = Axis('rest_angle', tuple(np.linspace(0.05, 1.55, 8).tolist()))
     study = SweepStudy('map', 'motion', {'number_of_rotors': 3}, (RATIOS, angles), (0,))
     axes = drawn(study, rows_of(study))

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The command sweep: the same table however many processes, interruptions and clusters."""
+"""The sweep table does not depend on processes, interruptions or clusters."""
 
 from __future__ import annotations
 
@@ -40,7 +40,7 @@ def config(tmp_path: Path) -> Path:
 
 @pytest.fixture(scope='module')
 def swept(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """What one process makes of the small study."""
+    """Run the small study with one process; return its folder."""
     folder = tmp_path_factory.mktemp('swept')
     config = written(folder / 'small.yaml', SMALL)
     assert main([str(config), '--output', str(folder / 'out'), '--workers', '1']) == 0
@@ -53,7 +53,7 @@ def written(path: Path, content: str) -> Path:
 
 
 def started(*arguments: object) -> subprocess.Popen[str]:
-    """Start the command in a process group of its own."""
+    """Start the command in a separate process group."""
     return subprocess.Popen(
         [sys.executable, '-m', 'soliton_linkage_studies.sweep.program', *map(str, arguments)],
         stdout=subprocess.PIPE,
@@ -75,7 +75,7 @@ def lines_in(path: Path) -> int:
 
 
 def is_empty(group: int) -> bool:
-    """Whether no process of a group runs any more; one that nobody waits for does not run."""
+    """Return whether all processes of a group have ended; zombies count as ended."""
     for path in Path('/proc').glob('[0-9]*/stat'):
         try:
             state, _, of_group = path.read_text().rsplit(')', 1)[1].split()[:3]
@@ -100,7 +100,7 @@ def test_the_table_does_not_depend_on_the_number_of_processes(
     assert '168 rows in' in written_out.err
 
 
-def test_the_same_command_on_a_whole_table_draws_it_again(
+def test_the_same_command_on_a_complete_table_redraws_it(
     config: Path, swept: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     output = shutil.copytree(swept, tmp_path / 'out')
@@ -112,7 +112,7 @@ def test_the_same_command_on_a_whole_table_draws_it_again(
 
 
 @pytest.mark.parametrize('sent', [signal.SIGINT, signal.SIGKILL])
-def test_an_interrupted_sweep_goes_on_to_the_same_table(
+def test_an_interrupted_sweep_continues_to_the_same_table(
     sent: signal.Signals, tmp_path: Path, whole_table: bytes, capsys: pytest.CaptureFixture[str]
 ) -> None:
     config = written(tmp_path / 'long.yaml', LONG)
@@ -133,7 +133,7 @@ def test_an_interrupted_sweep_goes_on_to_the_same_table(
             file.write(b'17,0.2,0.')
     else:
         assert process.returncode == 130
-        assert errors.endswith('sweep: stopped; the same command goes on where it was\n')
+        assert errors.endswith('sweep: stopped; the same command continues the measurement\n')
         assert 'Traceback' not in errors
     measured = lines_in(part)
     assert main([str(config), '--output', str(folder), '--workers', '1']) == 0
@@ -161,7 +161,7 @@ def test_a_cluster_gives_the_same_table(config: Path, swept: Path, tmp_path: Pat
     assert (tmp_path / 'small.csv').read_bytes() == (swept / 'small.csv').read_bytes()
 
 
-def test_a_quick_look_is_a_table_of_its_own(
+def test_a_quick_sweep_has_a_separate_table(
     config: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.chdir(tmp_path)
@@ -173,10 +173,10 @@ def test_rows_that_fail_are_counted(tmp_path: Path, capsys: pytest.CaptureFixtur
     content = 'measure: motion\nseeds: 2\nsweep: {deviations.mass: [0.0, 1.0]}'
     config = written(tmp_path / 'mine.yaml', content)
     assert main([str(config), '--output', str(tmp_path / 'out'), '--workers', '1']) == 0
-    assert '; 2 rows hold a failure' in capsys.readouterr().out
+    assert '; 2 rows have a failure' in capsys.readouterr().out
 
 
-def test_what_is_wrong_is_one_line(
+def test_an_error_is_one_line(
     swept: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     wrong = written(tmp_path / 'wrong.yaml', SMALL.replace('motion', 'colour'))
@@ -185,18 +185,18 @@ def test_what_is_wrong_is_one_line(
     other = written(tmp_path / 'small.yaml', SMALL.replace('seeds: 3', 'seeds: 4'))
     assert main([str(other), '--output', str(swept), '--workers', '1']) == 1
     error = capsys.readouterr().err
-    assert 'holds rows of another configuration, which differs in seeds' in error
+    assert 'contains rows of another configuration, which differs in seeds' in error
     assert error.count('\n') == 1
 
 
-def test_every_rate_is_that_since_the_start(
+def test_rates_are_averages_since_the_start(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     now, remarks = 0.0, []
 
     def measured(_pool: object, study: SweepStudy, rows: list[int]) -> Iterator[list[list[str]]]:
         nonlocal now
-        # Processes take 5 s to start; the second chunk comes with the first.
+        # Processes take 5 s to start; both chunks finish at the same time.
         for chunk, seconds in ((rows[:1], 5.0), (rows[1:2], 0.0), (rows[2:], 15.0)):
             now += seconds
             yield [study.cells(row) for row in chunk]

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A sweep's table holds each row once, in order, whatever interrupted it."""
+"""A sweep table contains each row once and in order, despite interruptions."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ def written(folder: Path, order: list[int]) -> bytes:
 
 
 @given(order=st.permutations(range(STUDY.rows)))
-def test_rows_are_in_order_whichever_came_first(
+def test_rows_are_sorted_independent_of_their_arrival(
     order: list[int], tmp_path_factory: pytest.TempPathFactory
 ) -> None:
     folder = tmp_path_factory.mktemp('table')
@@ -40,7 +40,7 @@ def test_rows_are_in_order_whichever_came_first(
     assert tuple(rows[0]) == STUDY.columns
 
 
-def test_a_table_goes_on_from_any_byte_at_which_it_was_cut_off(tmp_path: Path) -> None:
+def test_a_table_continues_after_truncation_at_any_byte(tmp_path: Path) -> None:
     whole = written(tmp_path / 'whole', list(range(STUDY.rows)))
     folder = tmp_path / 'cut'
     with Table(STUDY, folder) as table:
@@ -60,7 +60,7 @@ def test_a_table_goes_on_from_any_byte_at_which_it_was_cut_off(tmp_path: Path) -
         (folder / 'mine.csv').unlink()
 
 
-def test_a_finished_table_lacks_nothing_and_leaves_no_part_file(tmp_path: Path) -> None:
+def test_a_finished_table_is_complete_and_leaves_no_part_file(tmp_path: Path) -> None:
     whole = written(tmp_path, list(range(STUDY.rows)))
     with Table(STUDY, tmp_path) as table:
         assert table.missing == []
@@ -86,20 +86,20 @@ def test_a_finished_table_lacks_nothing_and_leaves_no_part_file(tmp_path: Path) 
         ),
     ],
 )
-def test_rows_of_another_configuration_are_not_mixed_in(
+def test_rows_of_another_configuration_are_rejected(
     changed: SweepStudy, key: str, tmp_path: Path
 ) -> None:
     with Table(STUDY, tmp_path) as table:
         table.append(CELLS[:2])
-    complaint = f'holds rows of another configuration, which differs in {key}; give another'
+    complaint = f'contains rows of another configuration, which differs in {key}; give another'
     with pytest.raises(ValueError, match=complaint):
         Table(changed, tmp_path)
     with Table(STUDY, tmp_path) as table:
         assert table.missing == list(range(2, STUDY.rows))
 
 
-def test_two_sweeps_do_not_write_to_one_table(tmp_path: Path) -> None:
-    busy = pytest.raises(ValueError, match='is being written by another sweep; wait for it')
+def test_two_sweeps_cannot_write_to_the_same_table(tmp_path: Path) -> None:
+    busy = pytest.raises(ValueError, match=r'another sweep is writing to .*; wait for it')
     with Table(STUDY, tmp_path), busy:
         Table(STUDY, tmp_path)
     with Table(STUDY, tmp_path):

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The estimators of a wall measured against the bound, and what the analyser states against truth.
+"""Errors of estimators against the Cramer-Rao bound, and of the analyser against the truth.
 
-A new estimator of one frame is an entry of `estimators.ESTIMATORS` with its test.
+To add an estimator of single frames, add an entry to `estimators.ESTIMATORS` and a test.
 """

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Cells: which chain, which walls, and what is done to the readings of its encoders."""
+"""Test cells: combinations of a chain, its walls and the errors of its encoders."""
 
 from __future__ import annotations
 
@@ -17,82 +17,88 @@ from soliton_linkage_studies.accuracy.walls import reach
 
 _MOTIONS = tuple(Motion)
 _ROTORS = (10, 200)
-"""Of a chain [1]."""
+"""Range of the number of rotors [1]."""
 _NOISES = (0.001, 0.1)
-"""Standard deviation of an angle [rad]."""
+"""Range of the standard deviation of an angle [rad]."""
 _SPEEDS = (0.02, 0.9)
-"""Over that of sound [1]."""
+"""Range of the wall speed over the speed of sound [1]."""
 _PERIODS = (0.05, 0.5)
-"""Of frames [time units]: 1000 to 100 a second of a chain of 0.02 kg and 50 N/m."""
+"""Range of the frame period [time units]: 1000 to 100 Hz for 0.02 kg and 50 N/m."""
 _RUNS = (50, 400)
-"""Frames of a record."""
+"""Range of the number of frames in a record [1]."""
 _PHONONS = (0.001, 0.03)
-"""Rates of rotors [rad / time unit], rms."""
+"""Range of the rms rotor rate of the phonons [rad / time unit]."""
 _REST_ANGLES = (0.3, 1.3)
-"""Of chains [rad]."""
+"""Range of the rest angle [rad]."""
 _NEAREST = 0.02
-"""Least distance of d from d_c, relative [1]."""
+"""Smallest relative distance of d from d_c [1]."""
 _FLIPPERS = (0.1, 1.0)
-"""Lean ratios d of flippers [1]."""
+"""Range of the lean ratio d of flippers [1]."""
 _WIDEST = 3.0
 """Largest d of spinners, over d_c [1]."""
 _LONGEST = 4.0
-"""Largest r / a, the paper's."""
+"""Largest r / a, as in the paper [1]."""
 _APART = 1.6
-"""Rotors for each of several walls, over those that it needs alone [1]: they have a way to go."""
+"""Rotors per wall in cells with several walls, over the rotors of a single wall [1].
+
+The walls need room to move.
+"""
 _SEVERAL = (1, 1, 1, 2, 4)
-"""Numbers of walls, as likely as each other."""
+"""Numbers of walls, drawn with equal probability."""
 
 
 @dataclass(frozen=True)
 class AccuracyCell:
-    """Chain, walls and readings of one line of the table."""
+    """Chain, walls and encoder errors of one row of the table."""
 
     name: str
     chain: Chain
-    """As the analyser is told."""
+    """Chain without disorder, with which the analyser is configured."""
     noise: float
     """Standard deviation of an angle [rad]."""
     speed: float
-    """Of the walls over that of sound, as wanted [1]."""
+    """Nominal wall speed over the speed of sound [1]."""
     period: float
-    """From frame to frame [time units]."""
+    """Frame period [time units]."""
     run: int
-    """Frames of a record, after which an analyser begins anew."""
+    """Frames of a record; each record starts with a new analyser [1]."""
     phonons: float = 0.0
-    """Rates of rotors beside those of the walls [rad / time unit], rms."""
+    """Rms rotor rate of the phonons [rad / time unit]."""
     walls: int = 1
     nudged: bool = False
-    """Whether the wall was kicked off the first edge, and runs among the phonons of that."""
+    """Whether the wall starts by a kick at the first edge, which also excites phonons."""
     outliers: float = 0.0
-    """Share of readings that are anything [1]."""
-    wrong: float = 0.0
-    """Error of one reading, anywhere, in the last frame of a record [rad]."""
+    """Fraction of readings that are replaced by uniformly random angles [1]."""
+    wrong_reading: float = 0.0
+    """Error of one random reading in the last frame of a record [rad]."""
     disorder: float = 0.0
-    """Of r, a, k and M, of which the analyser is not told: standard deviation, relative [1]."""
-    pushes: int = 0
-    """Of the wall by hand in all records together."""
-    told: bool = False
-    """Whether the analyser is told of the pushes."""
+    """Relative standard deviation of r, a, k and M, unknown to the analyser [1]."""
+    impulses: int = 0
+    """Number of impulses on the wall in all records together [1]."""
+    impulses_known: bool = False
+    """Whether the analyser receives the impulses."""
     unseen: str = ''
-    """Rotors that give no angle: '', 'edges', 'all but one' or 'all but three'."""
+    """Rotors without encoder: '', 'edges', 'all but one' or 'all but three'."""
     kick: float = 0.0
-    """Rate of a kick of the edge that breaks the wall up [rad / time unit]; 0 for none."""
-    nothing: bool = False
-    """Whether angles are noise alone."""
+    """Rate of an edge kick that destroys the wall [rad / time unit]; 0 for no kick."""
+    noise_only: bool = False
+    """Whether angles are uniformly random."""
     degrees: bool = False
-    """Whether angles are in degrees, of which the analyser is not told."""
-    told_chain: Chain | None = None
-    """Another chain that the analyser is told; then, as with degrees, no place is to be stated."""
+    """Whether the analyser receives degrees in place of radians."""
+    configured_chain: Chain | None = None
+    """Wrong chain with which the analyser is configured, if not None.
+
+    Then, as with degrees, the analyser should state no wall position.
+    """
 
     @property
-    def misread(self) -> bool:
-        """Whether the analyser cannot understand what it gets."""
-        return self.nothing or self.degrees or self.told_chain is not None
+    def invalid_input(self) -> bool:
+        """Whether the readings do not match the configured chain, so that any wall is false."""
+        return self.noise_only or self.degrees or self.configured_chain is not None
 
 
 def random_cells(seed: int, count: int) -> list[AccuracyCell]:
-    """Cells drawn at random from the ranges, the classes by turns."""
+    """Draw cells at random from the ranges; the motion classes alternate."""
     return [_drawn(number, np.random.default_rng([seed, number])) for number in range(count)]
 
 
@@ -115,7 +121,7 @@ def _drawn(number: int, random: np.random.Generator) -> AccuracyCell:
 
 
 def _chain(motion: Motion, walls: int, random: np.random.Generator) -> Chain:
-    """Chain that is long enough for its walls, some widths apart."""
+    """Draw a chain that is long enough for its walls, some widths apart."""
     while True:
         rotors = round(_between(_ROTORS, random))
         rest_angle = float(random.uniform(*_REST_ANGLES))
@@ -132,26 +138,26 @@ def _chain(motion: Motion, walls: int, random: np.random.Generator) -> Chain:
 
 
 def chain_of(rotors: int, rest_angle: float, lean_ratio: float) -> Chain:
-    """Chain with a lean ratio d, otherwise that of the suite's default."""
+    """Return a chain with a lean ratio d and the default spacing, mass and stiffness."""
     length = lean_ratio * Chain.spacing / (2 * math.sin(rest_angle))
     return Chain(rotors, Chain.spacing, length, rest_angle)
 
 
 def _between(ends: tuple[float, float], random: np.random.Generator) -> float:
-    """A number between two, its logarithm evenly spread."""
+    """Draw a number from a range, uniform in its logarithm."""
     return float(np.exp(random.uniform(*np.log(ends))))
 
 
 _LEANS = {'flipper': (33, 0.9, 0.7), 'wobbler': (33, 0.8, 1.6), 'spinner': (33, 1.1, 3.4)}
 """Rotors, rest angle [rad] and lean ratio d of a chain of each class."""
 _OTHER = 1.3
-"""Rotors of another chain, over those of this one [1]."""
+"""Lean ratio of the wrong configured chain, over the lean ratio of the true chain [1]."""
 _DISORDERS = (0.01, 0.03, 0.05, 0.1)
-"""Standard deviations of r, a, k and M, relative."""
+"""Relative standard deviations of r, a, k and M [1]."""
 
 
 def hard_cells() -> list[AccuracyCell]:
-    """All of them, by names that say what is hard."""
+    """Return the hard cells, whose names describe the difficulty."""
     chains = {name: chain_of(*lean) for name, lean in _LEANS.items()}
     each = [cell for name, chain in chains.items() for cell in _of_class(name, chain)]
     return each + _of_few()
@@ -164,15 +170,15 @@ def _of_class(name: str, chain: Chain) -> list[AccuracyCell]:
         'nudged': {'nudged': True, 'run': 2000},
         'outliers_1': {'outliers': 0.01},
         'outliers_5': {'outliers': 0.05},
-        'wrong_reading': {'wrong': 3.0, 'run': 15},
+        'wrong_reading': {'wrong_reading': 3.0, 'run': 15},
         'edges_unseen': {'unseen': 'edges'},
         'three_seen': {'unseen': 'all but three'},
         'one_seen': {'unseen': 'all but one'},
-        'noise_alone': {'nothing': True},
+        'noise_alone': {'noise_only': True},
         'degrees': {'degrees': True},
-        'other_chain': {'told_chain': other},
-        'pushed': {'pushes': 50, 'run': 600},
-        'pushes_told': {'pushes': 50, 'run': 600, 'told': True},
+        'other_chain': {'configured_chain': other},
+        'pushed': {'impulses': 50, 'run': 600},
+        'pushes_told': {'impulses': 50, 'run': 600, 'impulses_known': True},
         **{f'disorder_{100 * share:g}': {'disorder': share} for share in _DISORDERS},
     }
     cells = [replace(plain, name=f'{case}_{name}', **given) for case, given in cases.items()]
@@ -180,7 +186,7 @@ def _of_class(name: str, chain: Chain) -> list[AccuracyCell]:
 
 
 def _of_few() -> list[AccuracyCell]:
-    """Cases of one class."""
+    """Return the hard cells that exist for single motion classes only."""
     flipper, wobbler, spinner = (chain_of(*lean) for lean in _LEANS.values())
     pair = chain_of(60, 0.9, 0.7)
     cells = [
@@ -209,7 +215,7 @@ def _of_few() -> list[AccuracyCell]:
     return cells
 
 
-_GIVEN: dict[str, Callable[[AccuracyCell], object]] = {
+_CELL_VALUES: dict[str, Callable[[AccuracyCell], object]] = {
     'class': lambda cell: cell.chain.motion.value,
     'rotors': lambda cell: cell.chain.number_of_rotors,
     'rotor_length_ratio': lambda cell: cell.chain.rotor_length / cell.chain.spacing,
@@ -223,12 +229,15 @@ _GIVEN: dict[str, Callable[[AccuracyCell], object]] = {
     'phonons': lambda cell: cell.phonons,
     'walls': lambda cell: cell.walls,
 }
-GIVEN = tuple(_GIVEN)
-"""Columns of a cell: noise [rad], speed over that of sound, period [time units], frames of a
-record, phonons [rad / time unit]."""
+CELL_COLUMNS = tuple(_CELL_VALUES)
+"""Columns that describe a cell.
+
+Units: noise [rad], speed over the speed of sound [1], period [time units], run [frames of a
+record], phonons [rad / time unit].
+"""
 
 
-def given_of(cell: AccuracyCell) -> list[str]:
-    """Return the columns `GIVEN` of a cell, as text."""
-    values = (of(cell) for of in _GIVEN.values())
+def cell_values(cell: AccuracyCell) -> list[str]:
+    """Return the columns `CELL_COLUMNS` of a cell, as text."""
+    values = (of(cell) for of in _CELL_VALUES.values())
     return [f'{each:.6g}' if isinstance(each, float) else str(each) for each in values]

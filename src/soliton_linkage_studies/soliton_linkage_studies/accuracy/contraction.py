@@ -29,64 +29,67 @@ from soliton_linkage_studies.settings import Section, chain_from
 
 _CAPTION = """
 Lorentz contraction of walls (paper, Figs. 5 and 6), measured by the analyser from {source} with
-encoder noise of {noise:g} rad; a panel for each chain, named by its class and (r/a, θ̄). Blue dots
-are width, over that at rest, and speed, over that of sound, while the wall is in the middle of its
-chain: the mean of the widths that the analyser gives and the slope of a line through its places.
-Bars are two standard deviations on both sides, of a single width and of the way between two
-places; where they are not seen they are smaller than the dot. The red line is the √(1 − v²/c²) of
-the paper. Diamonds are walls of the same chains by an independent integrator, without noise, whose
-widths are those of a fitted tanh.
+encoder noise of {noise:g} rad. Each panel is a chain, named by its class and (r/a, θ̄). Blue dots
+show the width over the width at rest, and the speed over the speed of sound, while the wall is in
+the middle of its chain. The width is the mean of the widths that the analyser reports, the speed
+is the slope of a line fitted to the positions. Error bars are two standard deviations on both
+sides; invisible bars are smaller than the dot. The red line is √(1 − v²/c²) from the paper.
+Diamonds are walls of the same chains, simulated without noise by an independent integrator; their
+widths are from fits of tanh.
 """
 SIMULATED, RECORDED = 'contraction_simulated', 'contraction_recorded'
-"""Names of pictures and tables of walls that were simulated here, and that nodes have recorded."""
+"""File names of results for simulated walls and for walls recorded by the nodes."""
 _SOURCES = {SIMULATED: 'simulated frames', RECORDED: 'bags that the nodes recorded'}
 _QUICK_EVERY = 4
-"""Of how many kicks a quick study takes one."""
+"""A quick study uses one of this many kicks [1]."""
 _QUICK_FRAMES = 400
-"""Most frames of a wall in a quick study."""
+"""Largest number of frames per wall in a quick study [1]."""
 _FEWEST_FRAMES = 10
-"""With the wall in the middle of its chain, of which a mean and its spread mean something."""
+"""Fewest frames with the wall in the middle of its chain for a mean and a deviation [1]."""
 
 
 @dataclass(frozen=True)
 class ContractedWall:
-    """Speed and width of one wall, as measured."""
+    """Measured speed and width of one wall."""
 
     speed: float
-    """Over that of sound [1]."""
+    """Speed over the speed of sound [1]."""
     speed_deviation: float
     """Standard deviation of the speed [1]."""
     width: float
-    """Over that at rest [1]."""
+    """Width over the width at rest [1]."""
     width_deviation: float
     """Standard deviation of the width [1]."""
 
 
 @dataclass(frozen=True)
 class Walls:
-    """One chain and the kicks that it gets [a sqrt(k_e / M)]."""
+    """One chain and its kicks [a sqrt(k_e / M)]."""
 
     name: str
     chain: Chain
     kicks: tuple[float, ...]
     reference: Mapping[float, tuple[float, float]]
-    """Speed [a sqrt(k_e / M)] and width of a tanh, over that of a slow wall in the continuum [1],
-    of noiseless walls by an independent integrator, by their kicks."""
+    """Speed [a sqrt(k_e / M)] and relative width [1] of noiseless walls, by kick.
+
+    They were simulated by an independent integrator. The width is from a tanh fit, relative to a
+    slow wall in the continuum.
+    """
 
 
 @dataclass(frozen=True)
 class ContractionStudy:
-    """Chains, their kicks, and the noise of their encoders."""
+    """Study of wall contraction: chains, kicks and encoder noise."""
 
     walls: tuple[Walls, ...]
     noise: float
     """Standard deviation of an angle [rad]."""
     frames: int
-    """From one edge of the chain to the other."""
+    """Frames of a passage from edge to edge [1]."""
     seed: int
 
     def tasks(self) -> list[Callable[[], Any]]:
-        """Passages of all walls, then the widths of the walls at rest."""
+        """Return the tasks: passages of all walls, then the widths of the walls at rest."""
         return [
             *(
                 partial(self.passage, number, kick)
@@ -97,7 +100,7 @@ class ContractionStudy:
         ]
 
     def write(self, results: Sequence[Any], folder: Path, name: str = SIMULATED) -> None:
-        """Write table and picture of the results of the tasks, under the name of their source."""
+        """Write table and picture of the results of the tasks, under the given file name."""
         figure = Figure(figsize=(6 * len(self.walls), 5), layout='constrained')
         caption = _CAPTION.format(source=_SOURCES[name], noise=self.noise)
         report = FigureReport(figure, caption)
@@ -112,12 +115,12 @@ class ContractionStudy:
         write_table(lines, folder / f'{name}.md', list(lines))
 
     def duration(self, walls: int, kick: int) -> float:
-        """Time in which a wall crosses its chain [time units sqrt(M / k_e)], and some more."""
+        """Return the duration of the recording of a crossing [time units sqrt(M / k_e)]."""
         chain, kicks = self.walls[walls].chain, self.walls[walls].kicks
         return crossing_duration(chain, kicks[kick])
 
     def passage(self, walls: int, kick: int) -> ContractedWall:
-        """Kick a chain, both by number, and measure its wall from noisy angles."""
+        """Simulate a kick, with chain and kick given by index, and measure the wall."""
         chain, kicks = self.walls[walls].chain, self.walls[walls].kicks
         generator = np.random.default_rng([self.seed, walls, kick])
         recording = record_kick(chain, kicks[kick], self.duration(walls, kick), self.frames)
@@ -126,10 +129,10 @@ class ContractionStudy:
 
 
 def measured_passage(chain: Chain, times: Array, angles: Array) -> ContractedWall:
-    """Speed and width of a wall in noisy frames, times [s] of shape (T,), angles [rad] (T, N).
+    """Measure speed and width of a wall with the analyser, in the middle of the chain.
 
-    As the analyser reports them while the wall is in the middle of the chain. Raises ValueError
-    where it is not there in ten frames.
+    `times` [s] has shape (T,), the noisy `angles` [rad] have shape (T, N). Raises ValueError if
+    the wall is there in fewer than ten frames.
     """
     analyser = Analyser(chain)
     stamps = np.rint(1e9 * times).astype(np.int64).tolist()
@@ -142,12 +145,13 @@ def measured_passage(chain: Chain, times: Array, angles: Array) -> ContractedWal
 def passage_of(
     chain: Chain, times: Array, frames: Sequence[tuple[AnalysedSoliton, ...]]
 ) -> ContractedWall:
-    """Speed and width of the only wall of frames at times [s], (T,), first through the middle.
+    """Measure speed and width of a wall on its first passage through the middle of the chain.
 
-    The speed is the slope of a line through its places, as well known as the way between two of
-    them: what moves all places alike does not change it. The width is the mean over the frames,
-    which rest on largely the same frames before, with the standard deviation of the surest.
-    Raises ValueError where the wall is not there in ten frames.
+    `times` [s] has shape (T,); only frames with exactly one wall are used. The speed is the slope
+    of a line fitted to the positions. Its deviation is from the median position deviation at
+    both ends of the path, because a common error of all positions does not change the slope. The
+    width is the mean over the frames. Its deviation is the smallest deviation of a frame, because
+    the widths of successive frames are correlated. Raises ValueError for fewer than ten frames.
     """
     middle = (chain.number_of_rotors - 1) / 2
     alone = [
@@ -159,8 +163,8 @@ def passage_of(
     inside = [each for each in alone[entered:left] if math.isfinite(each[1].width_deviation)]
     if len(inside) < _FEWEST_FRAMES:
         raise ValueError(
-            f'the wall was in the middle of the chain in {len(inside)} frames, of which '
-            f'{_FEWEST_FRAMES} are wanted; record more frames, or kick it less'
+            f'the wall was in the middle of the chain in {len(inside)} frames, but '
+            f'{_FEWEST_FRAMES} are required; record more frames or reduce the kick'
         )
     sound, at_rest = speed_of_sound(chain), chain.wall_width
     seen = np.array([time for time, _ in inside])
@@ -176,9 +180,9 @@ def passage_of(
 
 
 def rest_width(chain: Chain) -> float:
-    """Width of a tanh fitted to a wall at rest, over that of the continuum [1].
+    """Return the tanh width of a static wall over its width in the continuum [1].
 
-    The mean over places between a rotor and the next but one, where a wall is again the same.
+    The result is a mean over positions within one period of the chain, which is two spacings.
     """
     middle = chain.number_of_rotors // 2 - 1
     walls = np.array([static_wall(chain, middle + place) for place in np.arange(0, 2, 0.1)])
@@ -186,7 +190,7 @@ def rest_width(chain: Chain) -> float:
 
 
 def read_contraction_study(section: Section, quick: bool) -> ContractionStudy:
-    """Read the settings; raises ValueError for what cannot be studied."""
+    """Read the settings; raises ValueError for invalid settings."""
     section.check_keys('chains', 'noise', 'frames', 'seed')
     frames = section.whole_number('frames', 50, 1_000_000)
     return ContractionStudy(
@@ -210,7 +214,7 @@ def _walls(name: str, section: Section, quick: bool) -> Walls:
     for key, values in found.items():
         if len(values) != len(known_kicks):
             raise known.error(
-                key, f'must be as many as its kicks, {len(known_kicks)}; give one a kick'
+                key, f'must have one value per kick ({len(known_kicks)}); add or remove values'
             )
     pairs = zip(found['speeds'], found['widths'], strict=True)
     reference = dict(zip(known_kicks, pairs, strict=True))
@@ -219,7 +223,7 @@ def _walls(name: str, section: Section, quick: bool) -> Walls:
 
 
 def _widths(chain: Chain, angles: Array) -> Array:
-    """Widths of the only walls of frames, (T, N), those that can be told, over w_0 [1]."""
+    """Return the finite tanh widths of frames with exactly one wall, over w_0 [1]."""
     found = [find_solitons(chain, frame) for frame in angles]
     widths = np.array([walls[0].width for walls in found if len(walls) == 1])
     return np.asarray(widths[np.isfinite(widths)] / chain.wall_width)
@@ -242,7 +246,7 @@ def _draw(
         color=BLACK,
         markerfacecolor='none',
         markersize=11,
-        label='independent integrator, no noise, a tanh',
+        label='independent integrator, no noise, tanh fit',
     )
     axes.errorbar(
         speeds,
@@ -267,7 +271,7 @@ def _draw(
 def _comparisons(
     walls: Walls, passages: Sequence[ContractedWall], rest: float
 ) -> list[Comparison]:
-    """Lines of the table: speed and width of each passage, beside the reference, if any."""
+    """Return the table rows: speed and width of each passage, and the reference if any."""
     chain = walls.chain
     sound = speed_of_sound(chain) / chain.spacing * chain.time_unit
     lines = []

@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
-"""How well one noisy frame tells the place of a wall: estimators, tried on walls of known place.
+"""Estimators of the wall position from one noisy frame, and their errors on known walls.
 
-With independent noise of standard deviation sigma [rad] in every angle no unbiased estimate of
-the place has a standard deviation below sigma / Lambda [rotor spacings] (the bound of Cramer and
-Rao). Places count the arc of the zero-energy orbit, as in `UniformOrbit`.
+If every angle has independent noise of standard deviation sigma [rad], the Cramer-Rao bound of the
+position is sigma / Lambda [rotor spacings]. Positions are proportional to the arc length of the
+zero-energy orbit, as in `UniformOrbit`.
 """
 
 from __future__ import annotations
@@ -30,57 +30,57 @@ ORBIT_NEAR = 'nearest point of the orbit'
 ORBIT_COLD = 'the same, cold'
 
 _FROM_EDGE = 2.0
-"""Widths of a wall from an edge, at which the edge changes its shape by 2 % of it."""
+"""Distance from an edge, in wall widths, at which the edge changes the wall shape by 2 % [1]."""
 _LOST_WIDTHS = 2.0
-"""Widths of a wall by which an estimate that is of this wall is off at most."""
+"""Largest position error of a successful estimate [wall widths]."""
 _LOST_BOUNDS = 6.0
-"""Least standard deviations by which it is off at most, where noise hides the wall."""
+"""Largest position error of a successful estimate, in Cramer-Rao bounds, if this is larger [1]."""
 _QUANTILE = 0.975
-"""Probability below the upper end of an interval of 95 %."""
+"""Probability below the upper limit of a 95 % interval [1]."""
 
 
 @dataclass(frozen=True)
 class Estimate:
-    """Where an estimator has a wall; what it does not tell is NaN or None."""
+    """Estimate of a wall; quantities that the estimator does not provide are NaN or None."""
 
     place: float
-    """Of the wall [rotor spacings]."""
+    """Wall position [rotor spacings]."""
     margin: float = math.nan
-    """Half the stated interval of 95 % [rotor spacings]."""
+    """Half the width of the stated 95 % interval [rotor spacings]."""
     leg: int | None = None
-    """Of the orbit."""
+    """Leg of the orbit."""
 
 
 @dataclass(frozen=True)
 class EstimatorTrial:
-    """Frames to try estimators on."""
+    """Parameters of the frames on which estimators are tested."""
 
     frames: int
     noise: float
     """Standard deviation of an angle [rad]."""
     coarse_start: float
-    """Largest error of the guess that a fit starts from [rotor spacings]."""
+    """Largest error of the initial guess of a fit [rotor spacings]."""
     cold_every: int
-    """The cold search, the slowest by far, takes every so many frames."""
+    """Frames per test of the search without a guess, which is slow [1]."""
 
 
 Estimator = Callable[[UniformOrbit, Array, float], Estimate]
-"""Takes the orbit, angles [rad] of shape (N,) and a coarse guess of the arc length [rad]."""
+"""Function of the orbit, angles [rad] of shape (N,) and a guess of the arc length [rad]."""
 
 
 def bound(chain: Chain, noise: float) -> float:
-    """Least standard deviation of the place [rotor spacings], sigma / Lambda."""
+    """Return the Cramer-Rao bound of the position, sigma / Lambda [rotor spacings]."""
     return noise / site_arc(chain)
 
 
-def inner_places(chain: Chain) -> tuple[float, float]:
-    """Least and largest place [rotor spacings] that is two widths of a wall from both edges."""
+def inner_positions(chain: Chain) -> tuple[float, float]:
+    """Return the range of positions two wall widths from both edges [rotor spacings]."""
     low = _FROM_EDGE * chain.wall_width / chain.spacing
     return low, chain.number_of_rotors - 1 - low
 
 
 def estimators_of(chain: Chain) -> dict[str, Estimator]:
-    """Estimators of the place of a wall by their names; the shifted field is that of spinners."""
+    """Return the estimators of a chain by name; the shifted field is for spinners only."""
     return {
         name: estimator
         for name, estimator in ESTIMATORS.items()
@@ -91,11 +91,11 @@ def estimators_of(chain: Chain) -> dict[str, Estimator]:
 def errors(
     chain: Chain, trial: EstimatorTrial, generator: np.random.Generator
 ) -> dict[str, Array]:
-    """Errors and margins [rotor spacings] by estimator, shape (frames tried, 2) each.
+    """Return errors and margins [rotor spacings] by estimator, shape (tested frames, 2) each.
 
-    Walls are at random inner places on all legs. An error is NaN where the estimator failed: it
-    told no place or not one alone, one that is off by more than two widths of the wall and by
-    six times the bound, or another leg.
+    Walls are at random positions within `inner_positions`, on all legs. An error is NaN if the
+    estimator failed: it found no wall or several walls, its error exceeds both two wall widths
+    and six times the bound, or its leg is wrong.
     """
     orbit = orbit_of(chain)
     lost = max(
@@ -104,7 +104,7 @@ def errors(
     )
     found: dict[str, list[tuple[float, float]]] = {name: [] for name in estimators_of(chain)}
     for frame in range(trial.frames):
-        place = float(generator.uniform(*inner_places(chain)))
+        place = float(generator.uniform(*inner_positions(chain)))
         leg = int(generator.integers(orbit.number_of_legs))
         arc = orbit.arc_at(place, leg)
         noise = trial.noise * generator.standard_normal(chain.number_of_rotors)
@@ -121,10 +121,10 @@ def errors(
 
 
 def bias_by_place(chain: Chain, points: int) -> tuple[Array, dict[str, Array]]:
-    """Places from an even rotor in the middle to the next but one, and errors without noise.
+    """Return the noiseless bias of each estimator over one period of the chain.
 
-    Places beyond that rotor and errors by estimator, both [rotor spacings], shape (points,)
-    each. The walls are hung bar by bar, so that they owe nothing to the orbit.
+    Returns positions relative to an even rotor and errors by estimator, each [rotor spacings]
+    and of shape (points,). The walls are from `static_wall`, which is independent of the orbit.
     """
     orbit = orbit_of(chain)
     rotor = 2 * (chain.number_of_rotors // 4)
@@ -142,23 +142,23 @@ def bias_by_place(chain: Chain, points: int) -> tuple[Array, dict[str, Array]]:
 
 @cache
 def orbit_of(chain: Chain) -> UniformOrbit:
-    """Orbit of a chain, built once in a process."""
+    """Return the orbit of a chain, cached per process."""
     return UniformOrbit(chain)
 
 
 def _crossing_of_u(_orbit: UniformOrbit, angles: Array, _guess: float) -> Estimate:
-    """Where u = r sin(theta) first passes through 0 (paper, Fig. 5)."""
+    """Estimate the position from the first zero of u = r sin(theta) (paper, Fig. 5)."""
     return Estimate(zero_crossing(np.sin(staggered(angles))))
 
 
 def _crossing_of_shifted_field(orbit: UniformOrbit, angles: Array, _guess: float) -> Estimate:
-    """Where cos(theta - theta_bar) first passes through 0 (paper, Fig. 6)."""
+    """Estimate the position from the first zero of cos(theta - theta_bar) (paper, Fig. 6)."""
     field, _ = order_field(orbit.chain, angles)
     return Estimate(zero_crossing(field))
 
 
 def _tanh_fit(orbit: UniformOrbit, angles: Array, _guess: float) -> Estimate:
-    """Place of the only wall that `find_solitons` finds, its interval that of a normal error."""
+    """Estimate the position with `find_solitons`; the interval assumes a normal error."""
     walls = find_solitons(orbit.chain, angles)
     if len(walls) != 1:
         return Estimate(math.nan)
@@ -175,7 +175,7 @@ def _orbit_cold(orbit: UniformOrbit, angles: Array, _guess: float) -> Estimate:
 
 
 def _orbit_estimate(orbit: UniformOrbit, fit: NearestPoint) -> Estimate:
-    """Interval by Student's distribution: the noise is told by the frame's own misfit."""
+    """Return the estimate with a Student interval, because the misfit estimates the noise."""
     freedom = len(orbit.segment(fit.arc).angles) - 1
     deviation = fit.misfit / math.sqrt(fit.information) / orbit.site_arc
     margin = float(stdtrit(freedom, _QUANTILE)) * deviation

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Monte Carlo of the estimators of one frame: their table, and pictures of it."""
+"""Monte Carlo study of the single-frame estimators: table and pictures."""
 
 from __future__ import annotations
 
@@ -20,33 +20,36 @@ from soliton_linkage_studies.accuracy.estimators import (
     bound,
     errors,
     estimators_of,
-    inner_places,
+    inner_positions,
 )
 from soliton_linkage_studies.accuracy.pictures import draw_accuracy, draw_bias
 from soliton_linkage_studies.accuracy.statistics import Line, accuracy_of, write_lines
 from soliton_linkage_studies.settings import Section, chain_from
 
 _CHUNK = 250
-"""Frames of a task: a second or two; another number draws other frames from the same seed."""
+"""Frames per task, about one second of work [1].
+
+A different number changes the frames that a seed gives.
+"""
 _QUICK_FRAMES = 400
-"""Most frames of each chain and noise in a quick study."""
+"""Largest number of frames per chain and noise in a quick study [1]."""
 _POINTS = 81
-"""Places of walls between a rotor and the next but one, 40 a spacing."""
+"""Wall positions over two spacings, 40 per spacing [1]."""
 
 
 @dataclass(frozen=True)
 class FrameStudy:
-    """Which chains, how much noise, and how many frames of each."""
+    """Study of estimators: chains, noise and number of frames."""
 
     chains: tuple[Chain, ...]
     noises: tuple[float, ...]
     """Standard deviations of an angle [rad]."""
     trial: EstimatorTrial
-    """Of each chain, with each noise."""
+    """Parameters for each combination of chain and noise."""
     seed: int
 
     def tasks(self) -> list[Callable[[], Any]]:
-        """Errors in chunks of frames, each with a seed of its own, and biases of each chain."""
+        """Return the tasks: errors in chunks of frames with individual seeds, then biases."""
         cells = product(range(len(self.chains)), range(len(self.noises)), range(self._chunks))
         return [
             *(partial(self.sample, *numbers) for numbers in cells),
@@ -62,9 +65,9 @@ class FrameStudy:
         draw_bias(biases).save(folder, 'bias_by_place')
 
     def sample(self, chain: int, noise: int, chunk: int) -> dict[str, Array]:
-        """Errors and margins by estimator [rotor spacings], of chain, noise and chunk by number.
+        """Return errors and margins by estimator [rotor spacings].
 
-        They depend on the seed and these numbers alone.
+        `chain`, `noise` and `chunk` are indices; the result depends only on them and the seed.
         """
         frames = min(_CHUNK, self.trial.frames - chunk * _CHUNK)
         trial = replace(self.trial, frames=frames, noise=self.noises[noise])
@@ -72,7 +75,7 @@ class FrameStudy:
         return errors(self.chains[chain], trial, generator)
 
     def lines(self, samples: Sequence[dict[str, Array]]) -> list[Line]:
-        """Lines of the table, from the samples of all chains, noises and chunks in that order."""
+        """Return the table rows; samples are ordered by chain, noise and chunk."""
         lines = []
         cells = list(product(self.chains, self.noises))
         for cell, (chain, noise) in enumerate(cells):
@@ -89,7 +92,7 @@ class FrameStudy:
 
 
 def read_frame_study(section: Section, quick: bool) -> FrameStudy:
-    """Read the settings; raises ValueError for what cannot be studied."""
+    """Read the settings; raises ValueError for invalid settings."""
     section.check_keys('chains', 'noises', 'frames', 'cold_every', 'coarse_start', 'seed')
     frames = section.whole_number('frames', 2, 10_000_000)
     trial = EstimatorTrial(
@@ -107,14 +110,14 @@ def read_frame_study(section: Section, quick: bool) -> FrameStudy:
 
 
 def _chain_of(section: Section) -> Chain:
-    """Chain that is long enough for a wall to be two widths from both edges."""
+    """Return the chain; raises ValueError if no position is two wall widths from both edges."""
     chain = chain_from(section)
-    low, high = inner_places(chain)
+    low, high = inner_positions(chain)
     if low >= high:
         fewest = math.floor(2 * low) + 2
         raise section.error(
             'number_of_rotors',
-            f'leaves no place two widths of a wall, {low:.3g} spacings, from both edges; take '
+            f'leaves no position two wall widths ({low:.3g} spacings) from both edges; use '
             f'{fewest} or more',
         )
     return chain

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Pictures of how well estimators tell the place of a wall."""
+"""Pictures and tables of the errors of estimators and of the analyser."""
 
 from __future__ import annotations
 
@@ -34,48 +34,49 @@ from soliton_linkage_studies.palette import (
 from soliton_linkage_studies.sweep.table import markdown_table
 
 _ESTIMATORS = """
-Estimators, a colour and a marker each: the zero crossing of u, for spinners also that of
-cos(θ − θ̄); a fit of tanh; the nearest point of the orbit of the chain, found from a guess, and the
-same found cold, without one. Chains are named by class and (r/a, θ̄).
+Each estimator has a colour and a marker: the zero crossing of u; for spinners also the zero
+crossing of cos(θ − θ̄); a tanh fit; the nearest point of the orbit of the chain, found from an
+initial guess; and the same found without a guess ("cold"). Chains are named by class and (r/a,
+θ̄).
 """
 _FRAMES = f"""
-How well single frames of noisy angles tell the place of a wall, a column for each noise.
-(a) Standard deviation of the error over its least, the bound of Cramér and Rao, which is the
-dashed line at 1; an estimator that is biased may be below it. (b) Absolute bias, hollow where it
-is within {{significant:g}} standard errors of 0, so that chance can make it; the dashed line is
-{{unbiased:g}} rotor spacings, below which an estimator is taken for unbiased. (c) Share of the
-frames in which the stated interval of 95 % holds the place; the dashed line is at 95 %. Those that
-state no interval have no point. Thin pale grey lines part the chains.
+Errors of the wall position estimated from single noisy frames, one column per noise.
+(a) Standard deviation of the error over the Cramér-Rao bound. The dashed line at 1 is the bound; a
+biased estimator may be below it. (b) Absolute bias. Markers are hollow if the bias is within
+{{significant:g}} standard errors of 0 and therefore not significant. The dashed line marks
+{{unbiased:g}} rotor spacings, below which an estimator counts as unbiased. (c) Fraction of frames
+whose stated 95 % interval contains the position. The dashed line marks 95 %. Estimators without an
+interval have no point. Thin pale grey lines separate the chains.
 
 {_ESTIMATORS}
 """
 _BIASES = f"""
-Absolute bias of estimators without noise against the place of the wall between two even rotors, a
-panel for each chain. Bias changes sign where a line dips: by symmetry at a rotor and half
-way between rotors. The thin dashed grey line is {{unbiased:g}} rotor spacings, below which an
-estimator is taken for unbiased; less than {{rounding:g}} is drawn as that.
+Absolute bias of estimators without noise over the wall position between two even rotors, one panel
+per chain. The bias changes sign where a line dips: by symmetry at a rotor and half way between
+rotors. The thin dashed grey line marks {{unbiased:g}} rotor spacings, below which an estimator
+counts as unbiased. Values below {{rounding:g}} are drawn at this limit.
 
 {_ESTIMATORS}
 """
 _STYLES = dict(zip(ESTIMATORS, cycle(zip(COLOURS, MARKERS, strict=True)), strict=False))
 """Colour and marker of each estimator."""
 _SIZE = 6
-"""Of a marker [points]."""
+"""Marker size [points]."""
 _OFFSET = 0.15
-"""From estimator to estimator of a chain, the chains being 1 apart."""
+"""Horizontal offset between the estimators of a chain; the distance of chains is 1."""
 _SIGNIFICANT = 3.0
-"""Standard errors from which on a bias is taken for one: chance makes it so in 0.3 %."""
+"""Threshold of a significant bias [standard errors]; its false-positive rate is 0.3 %."""
 _UNBIASED = 0.002
-"""Bias that is drawn as a limit [rotor spacings], far below any bound on the spread."""
+"""Largest bias of an unbiased estimator [rotor spacings], far below every Cramer-Rao bound."""
 _LEAST_BIAS = 1e-5
-"""Lower end of the scale of a bias [rotor spacings]."""
+"""Lower limit of the bias axis [rotor spacings]."""
 _ROUNDING = 1e-12
-"""Drawn in place of a bias without noise that is less [rotor spacings]."""
+"""Lower limit of a drawn noiseless bias [rotor spacings]."""
 _BEYOND = 'place beyond an even rotor [rotor spacings]'
 
 
 def draw_accuracy(lines: Sequence[Line]) -> FigureReport:
-    """Spread over its bound, bias and coverage, in a column of panels for each noise."""
+    """Draw standard deviation over its bound, bias and coverage, one column per noise."""
     noises = sorted({line.noise for line in lines})
     chains = list(dict.fromkeys(line.chain for line in lines))
     width = 1.5 + 0.6 * (len(chains) + 1) * len(noises)
@@ -96,17 +97,17 @@ def draw_accuracy(lines: Sequence[Line]) -> FigureReport:
     handles.append(_handle(f'hollow: within {_SIGNIFICANT:g} standard errors of 0', GREY, 'o'))
     handles[-1].set_markerfacecolor(WHITE)
     report.figure.legend(handles=handles, loc=LEGEND_ABOVE, ncols=4)
-    for axes, words in zip(
+    for axes, label in zip(
         panels[:, 0],
-        ('bound of Cramér and Rao', f'unbiased below {_UNBIASED:g}', 'stated 95 %'),
+        ('Cramér-Rao bound', f'unbiased below {_UNBIASED:g}', 'stated 95 %'),
         strict=True,
     ):
-        axes.legend(handles=[_level(words)], loc='best', fontsize=8)
+        axes.legend(handles=[_level(label)], loc='best', fontsize=8)
     return report
 
 
 def draw_bias(biases: Sequence[tuple[Chain, tuple[Array, dict[str, Array]]]]) -> FigureReport:
-    """Bias without noise against the place between rotors, a panel for each chain."""
+    """Draw the noiseless bias over the position between rotors, one panel per chain."""
     rows = (len(biases) + 2) // 3
     caption = _BIASES.format(unbiased=_UNBIASED, rounding=_ROUNDING)
     report = FigureReport(Figure(figsize=(13, 1 + 3.6 * rows), layout='constrained'), caption)
@@ -126,7 +127,7 @@ def draw_bias(biases: Sequence[tuple[Chain, tuple[Array, dict[str, Array]]]]) ->
         axes.axhline(_UNBIASED, color=GREY, linewidth=0.8, linestyle='--')
         axes.set(title=class_and_shape(chain), yscale='log', ylim=(_ROUNDING, 9))
     for axes in panels[-1]:
-        axes.set(xlabel=_BEYOND)
+        axes.set(xlabel='position beyond an even rotor [rotor spacings]')
     for axes in panels[:, 0]:
         axes.set(ylabel='|bias| [rotor spacings]')
     handles = [
@@ -165,7 +166,7 @@ def _dress(column: Sequence[Axes], noise: float, names: Sequence[str]) -> None:
 
 
 def _dashes(name: str) -> Literal['-', ':']:
-    """Return the style of a line, which lets that beneath a cold search be seen."""
+    """Return the line style; the dotted cold search lets the line below it show."""
     return ':' if name == ORBIT_COLD else '-'
 
 
@@ -173,26 +174,25 @@ def _handle(name: str, colour: str, marker: str) -> Line2D:
     return Line2D([], [], color=colour, marker=marker, linestyle='', markersize=_SIZE, label=name)
 
 
-def _level(words: str) -> Line2D:
-    return Line2D([], [], color=GREY, linewidth=0.8, linestyle='--', label=words)
+def _level(label: str) -> Line2D:
+    return Line2D([], [], color=GREY, linewidth=0.8, linestyle='--', label=label)
 
 
 _CAPTION = """
-What the analyser states against what is true, in cells of {frames} frames each, drawn at random
-with the seed {seed}, and in named hard cases, on the right: blue are flippers, orange wobbling
-flippers, green spinners. (a) Root mean square of the error of the place over its stated standard
-deviation, and (b) the same of the rate; bars are standard errors by the jackknife over records,
-the dashed lines are at 0.95 and 1.05. (c) Failures for each 10,000 frames, nothing where there
-are none: walls that were lost (discs), walls that are none (triangles), and frames with the
-wrong leg (black crosses). The true place is the nearest point of the static path to the noiseless
-frame, on the mean of a period of the slowest phonon, or of the passage of a rotor where that is
-shorter, and the true rate is the slope over three times as long.
+Errors of the analyser in cells of {frames} frames each. Random cells, drawn with seed {seed}, are
+on the left, and named hard cases on the right. Flippers are blue, wobbling flippers orange and
+spinners green. (a) Root mean square of the position error over its stated standard deviation.
+(b) The same for the rate. Error bars are jackknife standard errors over records. Dashed lines mark
+0.95 and 1.05. (c) Failures per 10,000 frames, if any: lost walls (discs), false walls (triangles)
+and frames with the wrong leg (black crosses). The true position is the point of the static path
+nearest to the noiseless frame, averaged over a period of the slowest phonon, or over the passage
+of a rotor if that is shorter. The true rate is the slope over three times this duration.
 """
 _COLOURS = {Motion.FLIPPER: BLUE, Motion.WOBBLING_FLIPPER: ORANGE, Motion.SPINNER: GREEN}
 _LIMITS = (0.95, 1.05)
-"""Of root mean squares that are as they should be [1]."""
+"""Range of the root mean square for consistent stated deviations [1]."""
 _MOST = 20.0
-"""Largest normalised error that is drawn where it is."""
+"""Largest drawn normalised error; larger errors are drawn at this limit [1]."""
 _SHOWN = (
     ('cell', '', ''),
     ('class', '', ''),
@@ -221,7 +221,7 @@ _SHOWN = (
 
 
 def draw_cells(rows: Sequence[Row], seed: int, frames: int) -> FigureReport:
-    """Normalised errors and failures of all cells."""
+    """Draw the normalised errors and the failures of all cells."""
     width = max(10.0, 3 + 0.16 * len(rows))
     figure = Figure(figsize=(width, 11), layout='constrained')
     report = FigureReport(figure, _CAPTION.format(seed=seed, frames=frames))
@@ -234,9 +234,9 @@ def draw_cells(rows: Sequence[Row], seed: int, frames: int) -> FigureReport:
         axes.set(yscale='log')
     for number, row in enumerate(rows):
         _draw_failures(report, panels[2], number, row)
-    panels[0].set(ylabel='a  error of the place / stated, rms [1]')
-    panels[1].set(ylabel='b  error of the rate / stated, rms [1]')
-    panels[2].set(ylabel='c  failures in 10,000 frames [1]', yscale='log')
+    panels[0].set(ylabel='a  position error / stated, rms [1]')
+    panels[1].set(ylabel='b  rate error / stated, rms [1]')
+    panels[2].set(ylabel='c  failures per 10,000 frames [1]', yscale='log')
     names = [row['cell'] for row in rows]
     panels[2].set_xticks(range(len(rows)), names, rotation=90, fontsize=7)
     hard = next((n for n, name in enumerate(names) if not name.isdecimal()), len(names))

@@ -1,10 +1,10 @@
 # SPDX-License-Identifier: Apache-2.0
 """Measure the errors of estimators, and check the deviations that the analyser states.
 
-Estimators are compared with their bound, contraction of walls with theory, and stated deviations
-with errors, in cells drawn at random and in hard cases; rigid bars take a million steps.
-Writes tables as Markdown and CSV and pictures as PNG and PDF. They depend on the settings and the
-seed of the cells alone, not on the number of processes, nor on interruptions.
+The study compares estimators with their bound, the contraction of walls with theory, and stated
+deviations with errors, in random and hard cells. It also runs a million steps of rigid bars.
+Writes tables as Markdown and CSV and pictures as PNG and PDF. They depend only on the settings and
+the seed of the cells, not on the number of processes or on interruptions.
 """
 
 from __future__ import annotations
@@ -31,10 +31,10 @@ from soliton_linkage_studies.sweep.table import fill_table, read_rows
 
 
 class AccuracyPart(Protocol):
-    """A study that a file of settings may ask for."""
+    """Study that a settings file can contain."""
 
     def tasks(self) -> list[Callable[[], Any]]:
-        """Return the measurements, in pieces for other processes."""
+        """Return the measurements, as tasks for other processes."""
 
     def write(self, results: Sequence[Any], folder: Path) -> None:
         """Write tables and pictures into a folder, from the results of the tasks in order."""
@@ -47,17 +47,23 @@ PARTS: dict[str, Callable[[Section, bool], AccuracyPart]] = {
     'rigid_steps': read_rigid_steps,
 }
 CELLS = 'cells'
-_LEFT = 'of the cells, the same command with the same --seed goes on where it was'
+_LEFT = 'finished cells are kept; the same command with the same --seed continues'
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Run the studies of a file of settings; return 1 if that fails, 130 on Ctrl-C."""
+    """Run the studies of a settings file; return 1 on failure, 130 after Ctrl-C."""
     parser = study_parser('accuracy', __doc__, 'fewer frames', selective=True)
-    cells = parser.add_argument_group('cells of the analyser, which alone are measured then')
-    cells.add_argument('--cells', nargs='+', default=[], metavar='NAME', help='these [all]')
-    cells.add_argument('--frames', type=_count, help='of each cell [as the settings say]')
-    cells.add_argument('--seed', type=_count, help='that draws them [the date, 20261231]')
-    cells.add_argument('--against', type=Path, metavar='CSV', help='earlier table: what is worse')
+    cells = parser.add_argument_group(
+        'cells of the analyser (with any of these options only the cells are measured)'
+    )
+    cells.add_argument(
+        '--cells', nargs='+', default=[], metavar='NAME', help='cells to measure [all]'
+    )
+    cells.add_argument('--frames', type=_count, help='frames of each cell [from the settings]')
+    cells.add_argument(
+        '--seed', type=_count, help='seed of the random cells [the date as YYYYMMDD]'
+    )
+    cells.add_argument('--against', type=Path, metavar='CSV', help='earlier table to compare with')
     return run_study(parser, arguments, _written, _LEFT)
 
 
@@ -85,7 +91,7 @@ def _written(options: argparse.Namespace) -> str:
 def read_parts(
     settings: Section, quick: bool, names: Sequence[str] | None = None
 ) -> list[AccuracyPart]:
-    """Read the named parts of a file of settings [all]; raises ValueError for wrong settings."""
+    """Read the named parts of the settings, by default all; raises ValueError if invalid."""
     settings.check_keys(*PARTS, CELLS)
     if not settings.values:
         raise ValueError(f'{settings.file}: is empty; give one or more of {", ".join(PARTS)}')
@@ -94,7 +100,10 @@ def read_parts(
 
 
 def _measure(parts: Sequence[AccuracyPart], folder: Path, workers: int) -> None:
-    """Measure and write parts; a random order of tasks makes the estimated time left fair."""
+    """Measure and write parts.
+
+    The task order is random, so that the estimate of the remaining time is realistic.
+    """
     tasks = [task for part in parts for task in part.tasks()]
     order = np.random.default_rng(0).permutation(len(tasks)).tolist()
     done = run_parallel('accuracy', {number: tasks[number] for number in order}, workers)
@@ -104,7 +113,7 @@ def _measure(parts: Sequence[AccuracyPart], folder: Path, workers: int) -> None:
 
 
 def _fill_cells(study: CellStudy, folder: Path, workers: int, against: Path | None) -> list[str]:
-    """Measure the cells that are missing in a folder, and draw all; return a summary."""
+    """Measure the cells that are missing in a folder and draw all cells; return a summary."""
     earlier = read_rows(against) if against else []
     if against:
         check_comparable(study.all, study.seed, earlier)

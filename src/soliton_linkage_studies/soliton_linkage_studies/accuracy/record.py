@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
-"""How well all frames so far tell the place and the velocity of a wall that moves steadily.
+"""Errors of the recursive estimator on a wall at constant velocity, over the number of frames.
 
-The bound of Cramer and Rao is that of a straight line through n frames dt apart, each of which
-tells the place to sigma / Lambda: a variance of 2 (2 n - 1) / (n (n + 1)) of its square for the
-place at the last frame, and 12 / (n (n^2 - 1) dt^2) of it for the velocity.
+The Cramer-Rao bound is the bound of a line fit to n frames with period dt, each with the position
+variance s^2 = (sigma / Lambda)^2. The variance is 2 (2 n - 1) / (n (n + 1)) s^2 for the position
+at the last frame, and 12 / (n (n^2 - 1) dt^2) s^2 for the velocity.
 """
 
 from __future__ import annotations
@@ -28,47 +28,46 @@ from soliton_linkage_studies.palette import MEASURED, RED, THEORY
 from soliton_linkage_studies.settings import Section, chain_from
 
 _CAPTION = """
-How well all frames so far tell place and velocity of a wall that moves steadily with {speed:g}
-rotor spacings/s, from angles with noise of {noise:g} rad at {rate:g} frames/s, against the time
-since the first frame; a column for each chain, named by its class and (r/a, θ̄). (a) Error of the
-place. (b) Error of the velocity over the velocity. Blue lines are root mean squares over {runs}
-runs, dashed red lines the deviations that the recursive estimator states, dotted black lines the
-least possible, the bound of Cramér and Rao.
+Errors of the recursive estimator over the time since the first frame, for a wall at a constant
+velocity of {speed:g} rotor spacings/s, angle noise of {noise:g} rad and {rate:g} frames/s. Each
+column is a chain, named by its class and (r/a, θ̄). (a) Error of the position. (b) Relative error
+of the velocity. Blue lines are root mean squares over {runs} runs. Dashed red lines are the
+standard deviations stated by the estimator. Dotted black lines are the Cramér-Rao bound.
 """
 _CLEAR = 8.0
-"""Rotors from an edge at which a run begins and ends where its way leaves the room."""
+"""Distance from the edges at which a run starts and ends, if its path allows it [rotors]."""
 _QUICK_RUNS = 4
-"""Most runs of each chain in a quick study."""
+"""Largest number of runs per chain in a quick study [1]."""
 _SHOWN = 60
-"""Numbers of frames that are looked at, of which some fall together."""
+"""Number of evaluated frame counts, before duplicates are removed [1]."""
 _FEWEST = 3
-"""Frames of which place and velocity are more than a line through them."""
+"""Smallest evaluated frame count [1]; two frames determine a line without residuals."""
 _QUANTITIES = ('place [rotor spacings]', 'velocity, relative')
 
 
 @dataclass(frozen=True)
 class RecordStudy:
-    """Chains whose walls move steadily, seen by noisy encoders in several runs."""
+    """Study of walls at constant velocity, with noisy encoders and several runs per chain."""
 
     chains: tuple[Chain, ...]
     noise: float
     """Standard deviation of an angle [rad]."""
     speed: float
-    """Of the walls [rotor spacings / s]."""
+    """Wall speed [rotor spacings / s]."""
     frame_rate: float
     """Frames a second [Hz]."""
     frames: int
-    """Of each run."""
+    """Frames per run [1]."""
     runs: int
     seed: int
 
     @property
     def shown(self) -> Array:
-        """Numbers of frames that are looked at, evenly spaced on a scale of logarithms."""
+        """Evaluated frame counts, evenly spaced on a logarithmic scale."""
         return np.unique(np.geomspace(_FEWEST, self.frames, _SHOWN).round().astype(np.int64))
 
     def tasks(self) -> list[Callable[[], Any]]:
-        """All runs of all chains."""
+        """Return the tasks: all runs of all chains."""
         return [
             partial(self.run, chain, run)
             for chain in range(len(self.chains))
@@ -94,12 +93,13 @@ class RecordStudy:
         write_table({'record': report.comparisons}, folder / 'record.md', ['record'])
 
     def run(self, chain: int, run: int) -> Array:
-        """Errors of place and velocity and their stated deviations, shape (4, frames shown).
+        """Simulate a run; return errors of position and velocity and their stated deviations.
 
-        Places in [rotor spacings], velocities over the true one. A run is on any leg of the
-        orbit, and as far from the edges as its way leaves room for, up to eight rotors.
+        The shape is (4, evaluated frames), with positions in [rotor spacings] and velocities
+        relative to the true velocity. The leg of the orbit is random. The distance from the edges
+        is as large as the path allows, up to eight rotors.
         """
-        # Nothing else of the command needs the filter.
+        # This import is slow, and the other parts of the command do not need it.
         from soliton_linkage.estimation.orbit_filter import OrbitFilter
 
         orbit = orbit_of(self.chains[chain])
@@ -126,7 +126,7 @@ class RecordStudy:
         return np.array(found).T
 
     def _begin(self, orbit: UniformOrbit, generator: np.random.Generator) -> float:
-        """Arc length [rad] at which a run begins."""
+        """Draw the arc length at the start of a run [rad]."""
         last = orbit.chain.number_of_rotors - 1.0
         room = max(last - self.speed * self.frames / self.frame_rate, 0.0)
         clear = min(_CLEAR, room / 2)
@@ -135,7 +135,7 @@ class RecordStudy:
         return orbit.arc_at(ahead if leg % 2 == 0 else last - ahead, leg)
 
     def bounds(self, chain: Chain) -> tuple[Array, Array]:
-        """Least deviations of the place [rotor spacings] and of the relative velocity [1]."""
+        """Return the Cramer-Rao bounds of position [rotor spacings] and relative velocity [1]."""
         n = self.shown.astype(np.float64)
         single = bound(chain, self.noise)
         of_place = single * np.sqrt(2 * (2 * n - 1) / (n * (n + 1)))
@@ -160,7 +160,7 @@ class RecordStudy:
         column[0].set(title=class_and_shape(chain))
         column[1].set(xlabel='time since the first frame [s]')
         if chain == self.chains[0]:
-            column[0].set(ylabel='a  error of the place [rotor spacings]')
+            column[0].set(ylabel='a  error of the position [rotor spacings]')
             column[1].set(ylabel='b  relative error of the velocity [1]')
 
     def _compare(self, report: FigureReport, chain: Chain, runs: Array) -> None:
@@ -178,7 +178,7 @@ class RecordStudy:
 
 
 def read_record_study(section: Section, quick: bool) -> RecordStudy:
-    """Read the settings; raises ValueError for what cannot be studied."""
+    """Read the settings; raises ValueError for invalid settings."""
     section.check_keys('chains', 'noise', 'speed', 'frame_rate', 'frames', 'runs', 'seed')
     runs = section.whole_number('runs', 2, 100_000)
     return RecordStudy(
@@ -193,5 +193,5 @@ def read_record_study(section: Section, quick: bool) -> RecordStudy:
 
 
 def _root_mean_square(values: Array) -> Array:
-    """Over the runs, which are on the first axis."""
+    """Return the root mean square over the first axis, the runs."""
     return np.asarray(np.sqrt(np.mean(values**2, axis=0)))

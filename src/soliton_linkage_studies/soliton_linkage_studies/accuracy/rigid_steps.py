@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What is left of lengths and energy after very many steps of rigid bars."""
+"""Errors of bar lengths and energy after many steps of the rigid-bar simulation."""
 
 from __future__ import annotations
 
@@ -23,34 +23,34 @@ from soliton_linkage_studies.palette import GREY, MARKERS, chain_colours
 from soliton_linkage_studies.settings import Section, chain_from
 
 _CAPTION = """
-Chains of rigid bars that swing in tilted gravity, after up to {steps:,} steps of the solver, a
-colour and a marker for each class of chain. (a) Largest error of the length of a bar over its
-length. (b) Absolute error of the energy over the largest kinetic or potential energy there was.
-Each point is the largest of the steps since the point before; the dashed grey line is the
-rounding of a number, {rounding:.1e}. Less than a hundredth of it is drawn as that.
+Chains of rigid bars that swing in tilted gravity, for up to {steps:,} solver steps. Each class of
+chain has a colour and a marker. (a) Largest relative error of a bar length. (b) Absolute error of
+the energy over the largest kinetic or potential energy so far. Each point is the maximum since the
+previous point. The dashed grey line is the rounding error {rounding:.1e} of a number. Values below
+a hundredth of it are drawn at this limit.
 """
 _ROUNDING = float(np.finfo(np.float64).eps)
 _POINTS = 60
-"""On a scale of logarithms [1]."""
+"""Number of points, evenly spaced on a logarithmic scale [1]."""
 _QUICK_STEPS = 1000
-"""In a quick study [1]."""
+"""Largest number of steps in a quick study [1]."""
 _PERIOD = 0.1
-"""Of frames [time units]; a step is as long as the tolerance allows."""
+"""Frame period [time units]; the tolerance determines the step size."""
 _QUANTITIES = ('length', 'energy')
 
 
 @dataclass(frozen=True)
 class RigidSteps:
-    """Chains, how they begin, and how many steps they take."""
+    """Study of step errors: chains, initial speed, gravity and number of steps."""
 
     chains: tuple[Chain, ...]
     steps: int
     speed: float
-    """Of the rotors at the start, norm over them [rad / time unit]."""
+    """Initial speed, the norm over all rotors [rad / time unit]."""
     gravity: Gravity
 
     def tasks(self) -> list[Callable[[], Any]]:
-        """The way of each chain."""
+        """Return one task per chain."""
         return [partial(self.errors, chain) for chain in self.chains]
 
     def write(self, results: Sequence[Any], folder: Path) -> None:
@@ -83,7 +83,7 @@ class RigidSteps:
         )
 
     def errors(self, chain: Chain) -> tuple[Array, Array, Array]:
-        """Numbers of steps, and largest errors of lengths and energy since the one before."""
+        """Return step counts, and the largest length and energy errors after the previous."""
         angles = chain.uniform_state(-1)
         rates = self.speed / chain.time_unit * mode_towards_last(chain, angles)
         period = _PERIOD * chain.time_unit
@@ -105,7 +105,7 @@ class RigidSteps:
 
 
 def read_rigid_steps(section: Section, quick: bool) -> RigidSteps:
-    """Read the settings; raises ValueError for what cannot be studied."""
+    """Read the settings; raises ValueError for invalid settings."""
     section.check_keys('chains', 'steps', 'speed', 'acceleration', 'tilt')
     steps = section.whole_number('steps', 100, 100_000_000)
     acceleration = section.number('acceleration', 0.0, 1e3)

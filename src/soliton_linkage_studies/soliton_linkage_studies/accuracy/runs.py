@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What an analyser makes of noisy records of a scene: normalised errors and failures."""
+"""Evaluation of the analyser on noisy records of scenes: normalised errors and failures."""
 
 from __future__ import annotations
 
@@ -19,9 +19,9 @@ from soliton_linkage.estimation.estimates import AnalysedSoliton
 from soliton_linkage.linear.bands import speed_of_sound
 from soliton_linkage.linkage.chain import Array, Motion
 from soliton_linkage_studies.accuracy.cells import (
-    GIVEN,
+    CELL_COLUMNS,
     AccuracyCell,
-    given_of,
+    cell_values,
     hard_cells,
     random_cells,
 )
@@ -33,35 +33,35 @@ from soliton_linkage_studies.settings import Section
 from soliton_linkage_studies.sweep.table import fingerprint
 
 _LOST_WIDTHS = 2.0
-"""Widths of a wall by which an estimate that is of this wall is off at most, or"""
+"""Largest error of an estimate that counts as found [wall widths]."""
 _LOST = 1.0
-"""rotor spacings, or"""
+"""The same in rotor spacings; the largest of the three limits applies."""
 _LOST_DEVIATIONS = 6.0
-"""of its own standard deviations, where these are below"""
-_SURE = 0.25
-"""of the chain: a wall stated with more is nowhere, and false."""
-_ELSEWHERE = 0.5
-"""Misfit of the rotors about a stated wall from which on there is none [rad], rms."""
+"""The same in stated standard deviations."""
+_LARGEST_DEVIATION = 0.25
+"""Stated deviation over the chain length above which a wall counts as false [1]."""
+_FALSE_MISFIT = 0.5
+"""Rms misfit of the rotors about a stated wall above which it is false [rad]."""
 _CORE = 2.5
-"""Reach of these rotors [rotor spacings]."""
+"""Distance from the wall of the rotors in this misfit [rotor spacings]."""
 _SCENES = 8
-"""Of a cell, from which records are drawn."""
+"""Largest number of scenes per cell, from which records are drawn [1]."""
 _LONGER = 2
-"""Frames of a scene, over those of a record."""
+"""Frames of a scene over frames of a record [1]."""
 _NEAR = 3.0
-"""Rotors beside a wall of which one reading is wrong in half of the records [rotor spacings]."""
+"""Largest distance of the wrong reading from the wall in half of the records [rotor spacings]."""
 
 
 def records(cell: AccuracyCell, frames: int, random: np.random.Generator) -> Iterator[Scores]:
-    """Scores of records with so many frames together."""
+    """Simulate records with `frames` frames in total; yield the scores of each record."""
     run = min(cell.run, frames)
-    left, fresh = frames, Analyser(cell.told_chain or cell.chain)
+    left, fresh = frames, Analyser(cell.configured_chain or cell.chain)
     scenes: list[WallScene] = []
     count = math.ceil(frames / run)
-    pushes = math.ceil(cell.pushes / min(_SCENES, count))
+    impulses = math.ceil(cell.impulses / min(_SCENES, count))
     for number in range(10 * count):
         if number < min(_SCENES, count):
-            scenes.append(scene_of(cell, min(_LONGER * run, frames), random, pushes))
+            scenes.append(scene_of(cell, min(_LONGER * run, frames), random, impulses))
         scene = scenes[number % len(scenes)]
         length = min(run, left, len(scene.angles))
         begin = int(random.integers(len(scene.angles) - length + 1))
@@ -78,13 +78,13 @@ def record(
     frames: range,
     random: np.random.Generator,
 ) -> Scores:
-    """Have a copy of a fresh analyser follow the frames of a record, and judge what it says."""
+    """Run a copy of a new analyser on the frames of a record; return its scores."""
     analyser, scores = deepcopy(fresh), Scores()
     if scene.charges:
         sound = speed_of_sound(cell.chain) / cell.chain.spacing
         scores.speed = float(np.median(np.abs(scene.site_rates), axis=0).max()) / sound
-    twin = deepcopy(fresh) if cell.wrong else None
-    seen = _seen(cell, random)
+    twin = deepcopy(fresh) if cell.wrong_reading else None
+    seen = _rotors_with_encoder(cell, random)
     period = cell.period * cell.chain.time_unit
     for number, frame in enumerate(frames):
         angles = scene.angles[frame] + cell.noise * random.standard_normal(len(seen))
@@ -96,20 +96,20 @@ def record(
         stamp = round(1e9 * number * period)
         clean = twin.analyse(stamp, angles) if twin else None
         last = frame == frames[-1]
-        if last and cell.wrong:
-            angles[_spoilt(scene.places[frame, 0], len(angles), random)] += cell.wrong
-        if cell.told and frame in scene.pushes:
-            analyser.apply_impulse(stamp, scene.impulses[scene.pushes.index(frame)])
-        said = analyser.analyse(stamp, angles)
-        assert said is not None
-        if last or not cell.wrong:
-            _judge(cell, scene, frame, said, scores)
+        if last and cell.wrong_reading:
+            angles[_wrong_rotor(scene.places[frame, 0], len(angles), random)] += cell.wrong_reading
+        if cell.impulses_known and frame in scene.impulse_frames:
+            analyser.apply_impulse(stamp, scene.impulses[scene.impulse_frames.index(frame)])
+        analysis = analyser.analyse(stamp, angles)
+        assert analysis is not None
+        if last or not cell.wrong_reading:
+            _score(cell, scene, frame, analysis, scores)
         if last and clean is not None:
-            _compare(cell, said, clean, scores)
+            _score_shift(cell, analysis, clean, scores)
     return scores
 
 
-def _seen(
+def _rotors_with_encoder(
     cell: AccuracyCell, random: np.random.Generator
 ) -> np.ndarray[tuple[int], np.dtype[np.bool_]]:
     rotors = cell.chain.number_of_rotors
@@ -123,53 +123,53 @@ def _seen(
     return seen
 
 
-def _spoilt(place: float, rotors: int, random: np.random.Generator) -> int:
-    """The rotor whose reading is wrong: any, or one next to the wall."""
+def _wrong_rotor(place: float, rotors: int, random: np.random.Generator) -> int:
+    """Draw the rotor with the wrong reading: with equal chance any rotor or one near the wall."""
     if random.integers(2):
         return int(random.integers(rotors))
     return min(max(round(place + random.uniform(-_NEAR, _NEAR)), 0), rotors - 1)
 
 
-def _judge(
-    cell: AccuracyCell, scene: WallScene, frame: int, said: Analysis, scores: Scores
+def _score(
+    cell: AccuracyCell, scene: WallScene, frame: int, analysis: Analysis, scores: Scores
 ) -> None:
     scores.frames += 1
-    stated = [each for each in said.solitons if math.isfinite(each.position_deviation)]
-    if cell.misread or not scene.charges:
+    stated = [each for each in analysis.solitons if math.isfinite(each.position_deviation)]
+    if cell.invalid_input or not scene.charges:
         scores.false += sum(_is_false(cell, scene.angles[frame], wall) for wall in stated)
         return
-    if said.energies is not None and said.energies.kinetic_deviation > 0:
-        off = said.energies.kinetic - scene.kinetic[frame]
-        scores.kinetic.append(float(off / said.energies.kinetic_deviation))
+    if analysis.energies is not None and analysis.energies.kinetic_deviation > 0:
+        off = analysis.energies.kinetic - scene.kinetic[frame]
+        scores.kinetic.append(float(off / analysis.energies.kinetic_deviation))
     for number, charge in enumerate(scene.charges):
         instant = float(scene.instants[frame, number])
-        near = [wall for wall in stated if wall.charge == charge and _of(cell, wall, instant)]
+        near = [wall for wall in stated if wall.charge == charge and _matches(cell, wall, instant)]
         near.sort(key=lambda wall: abs(wall.rotor - instant))
         for wall in near[:1]:
             stated.remove(wall)
-        if not scene.judged[frame, number]:
+        if not scene.scored[frame, number]:
             continue
-        scores.looked_for += 1
+        scores.expected += 1
         scores.lost += not near
         for wall in near[:1]:
-            scores.walls.append(_numbers(cell, scene, frame, number, wall))
-    if scene.judged[frame].all():
+            scores.walls.append(_wall_values(cell, scene, frame, number, wall))
+    if scene.scored[frame].all():
         scores.false += len(stated)
-        if scene.legs[frame] >= 0 and said.cycle.leg >= 0:
-            scores.wrong_leg += said.cycle.leg != scene.legs[frame]
+        if scene.legs[frame] >= 0 and analysis.cycle.leg >= 0:
+            scores.wrong_leg += analysis.cycle.leg != scene.legs[frame]
 
 
-def _of(cell: AccuracyCell, wall: AnalysedSoliton, place: float) -> bool:
-    """Whether a stated wall is the one at a place."""
+def _matches(cell: AccuracyCell, wall: AnalysedSoliton, place: float) -> bool:
+    """Return whether a stated wall matches the true wall at a position."""
     chain = cell.chain
     deviation = wall.position_deviation / chain.spacing
-    if deviation > _SURE * chain.number_of_rotors:
+    if deviation > _LARGEST_DEVIATION * chain.number_of_rotors:
         return False
     limit = max(_LOST_WIDTHS * chain.wall_width / chain.spacing, _LOST)
     return abs(wall.rotor - place) < max(limit, _LOST_DEVIATIONS * deviation)
 
 
-def _numbers(
+def _wall_values(
     cell: AccuracyCell, scene: WallScene, frame: int, number: int, wall: AnalysedSoliton
 ) -> tuple[float, ...]:
     spacing = cell.chain.spacing
@@ -189,9 +189,12 @@ def _numbers(
 
 
 def _is_false(cell: AccuracyCell, angles: Array, wall: AnalysedSoliton) -> bool:
-    """Whether there is no wall where one is stated: none looks like these rotors."""
+    """Return whether the rotors about a stated wall match no wall configuration."""
     chain = cell.chain
-    if cell.misread or wall.position_deviation > _SURE * chain.number_of_rotors * chain.spacing:
+    if (
+        cell.invalid_input
+        or wall.position_deviation > _LARGEST_DEVIATION * chain.number_of_rotors * chain.spacing
+    ):
         return True
     inner = chain.number_of_rotors - 1
     legs = (0, 1) if chain.motion is Motion.SPINNER and wall.charge > 0 else (0,)
@@ -201,30 +204,30 @@ def _is_false(cell: AccuracyCell, angles: Array, wall: AnalysedSoliton) -> bool:
         for leg in legs
         for image in (angles, math.pi - angles)
     )
-    return off > _ELSEWHERE
+    return off > _FALSE_MISFIT
 
 
-def _compare(cell: AccuracyCell, said: Analysis, clean: Analysis, scores: Scores) -> None:
-    """How far a wrong reading moved the only wall, where it was there before."""
+def _score_shift(cell: AccuracyCell, analysis: Analysis, clean: Analysis, scores: Scores) -> None:
+    """Score the shift of the only wall by a wrong reading, in stated deviations."""
     if len(clean.solitons) != 1:
         return
     before = clean.solitons[0]
-    if not said.solitons or not math.isfinite(before.position_deviation):
+    if not analysis.solitons or not math.isfinite(before.position_deviation):
         return
-    after = min(said.solitons, key=lambda wall: abs(wall.rotor - before.rotor))
+    after = min(analysis.solitons, key=lambda wall: abs(wall.rotor - before.rotor))
     moved = abs(after.position - before.position)
     scores.shifts.append(float(moved / after.position_deviation))
 
 
 _QUICK_FRAMES = 200
-"""Of each cell in a quick study [1]."""
+"""Largest number of frames per cell in a quick study [1]."""
 _QUICK_CELLS = 15
-"""Of them drawn at random, five of a class [1]."""
+"""Number of random cells in a quick study, five per class [1]."""
 
 
 @dataclass(frozen=True)
 class CellStudy:
-    """Cells drawn by a seed, and hard ones, of which some may be chosen by name."""
+    """Study of random and hard cells, optionally limited to the names in `only`."""
 
     seed: int
     count: int
@@ -234,7 +237,7 @@ class CellStudy:
 
     @cached_property
     def all(self) -> list[AccuracyCell]:
-        """The cells in the order of the rows."""
+        """Cells in the order of the rows; raises ValueError for an unknown name."""
         known = [*random_cells(self.seed, self.count), *hard_cells()]
         names = select_names([cell.name for cell in known], self.only, '--cells')
         return [cell for cell in known if cell.name in names]
@@ -242,7 +245,7 @@ class CellStudy:
     @property
     def columns(self) -> tuple[str, ...]:
         """Names of the columns of the table."""
-        return ('row', 'cell', *GIVEN, *COLUMNS, 'failure')
+        return ('row', 'cell', *CELL_COLUMNS, *COLUMNS, 'failure')
 
     @property
     def rows(self) -> int:
@@ -250,11 +253,11 @@ class CellStudy:
         return len(self.all)
 
     def cells(self, row: int) -> list[str]:
-        """Measure a cell, as text; where it cannot be it says why."""
+        """Measure a cell; return its columns as text, with the error if the measurement fails."""
         cell = self.all[row]
         line: dict[str, float] = {}
         failure = ''
-        # A seed of its own, whichever cells are chosen beside it.
+        # The seed depends on the name, so that a selection of cells does not change the results.
         name = int.from_bytes(cell.name.encode(), 'big')
         random = np.random.default_rng([self.seed, name])
         try:
@@ -262,10 +265,10 @@ class CellStudy:
         except (ArithmeticError, ValueError) as error:
             failure = ' '.join(str(error).split())
         measured = [number_text(line.get(name, math.nan)) for name in COLUMNS]
-        return [str(row), cell.name, *given_of(cell), *measured, failure]
+        return [str(row), cell.name, *cell_values(cell), *measured, failure]
 
     def described(self) -> dict[str, Any]:
-        """All that the rows depend on, the estimator among it."""
+        """Return everything that determines the rows, including a fingerprint of the estimator."""
         return {
             'seed': self.seed,
             'frames': self.frames,
@@ -277,7 +280,7 @@ class CellStudy:
 def read_cell_study(
     section: Section, quick: bool, seed: int, frames: int | None, only: Sequence[str]
 ) -> CellStudy:
-    """Read the settings; raises ValueError for what cannot be studied."""
+    """Read the settings; raises ValueError for invalid settings."""
     section.check_keys('count', 'frames')
     count = section.whole_number('count', 0, 10_000)
     wanted = frames or section.whole_number('frames', 1, 10_000_000)

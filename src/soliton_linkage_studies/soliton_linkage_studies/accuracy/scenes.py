@@ -1,11 +1,11 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Noiseless frames of chains of springs, and the true places of the walls in them.
+"""Noiseless frames of elastic chains, and the true positions of the walls in them.
 
-The place of a wall is the nearest point of its static path to the noiseless frame, averaged over
-one period of the slowest phonon, or over the passage of a rotor if that is shorter: phonons that
-only shake the wall do not count, slower motion does. Its rate is the slope of a line through the
-places of three times as long; for slow walls, whose speed springs modulate between rotors, that of
-a cubic. Impulses divide a record: no mean reaches across them.
+The position of a wall is the point of its static path nearest to the noiseless frame. It is
+averaged over one period of the slowest phonon, or over the passage of a rotor if that is shorter,
+so that oscillations by phonons do not count. The rate is the slope of a line fitted to positions
+over three times this duration. For slow walls, whose speed varies between rotors, it is the slope
+of a cubic. Averages never extend across an impulse.
 """
 
 from __future__ import annotations
@@ -29,46 +29,49 @@ from soliton_linkage_studies.accuracy.cells import AccuracyCell
 from soliton_linkage_studies.accuracy.springs import Springs
 from soliton_linkage_studies.accuracy.walls import (
     WallPath,
-    dress,
-    dressed,
+    add_motion,
     is_broken,
     launch_speed,
     left_of,
     nearest_arc,
     reach,
+    steady_wall,
     wall_path,
 )
 
 _SLOW = 0.25
-"""Largest way of a slow wall in a period of the slowest phonon [rotor spacings]."""
+"""Largest displacement of a slow wall in a period of the slowest phonon [rotor spacings]."""
 _SETTLED = (20, 400)
-"""Frames between a kick and the begin of a scene."""
-# Of scenes with one wall:
+"""Range of the number of frames between a kick and the start of a scene [1]."""
+# Scenes with one wall:
 _FROM_EDGE = 1.0
-"""Places nearer to an edge are not judged, because the edge absorbs a wall [rotor spacings]."""
+"""Distance from an edge within which walls are not scored [rotor spacings].
+
+The edge absorbs the wall there.
+"""
 _BEGIN = 2.0
 """Least distance from an edge at the start [rotor spacings]."""
 _SAMPLES = 200
-"""Samples of the orbit next to the first edge, to find a chain at rest on it [1]."""
+"""Samples of the orbit near the first edge, to locate the rest state on it [1]."""
 _LEGS = 2.0
-"""Longest way of a nudged wall before the scene begins [legs]."""
+"""Longest path of a nudged wall before the scene starts [legs]."""
 _CHAINS = 200
-"""Most chains with deviations that are drawn to find one that a wall passes."""
-_PUSHED = 1.5
+"""Largest number of disorder draws until a wall can pass through the chain [1]."""
+_IMPULSE_REACH = 1.5
 """Reach of an impulse beside the wall [rotor spacings]."""
-_HARDEST = 0.5
+_LARGEST_IMPULSE = 0.5
 """Largest change of the speed by an impulse, over the speed [1]."""
-# Of scenes with several walls:
+# Scenes with several walls:
 _FEWEST = 20
 """Fewest frames of a scene [1]."""
 _DRAWS = 20
-"""Most draws of places to find walls that need so many frames to meet or break up."""
+"""Largest number of draws until the walls stay intact and apart for `_FEWEST` frames [1]."""
 _SLOWER = 0.7
-"""Factor of the speed of anti-kinks from draw to draw [1]."""
+"""Factor on the speed of anti-kinks after each draw [1]."""
 _JITTER = 0.05
-"""Spread of the places of the walls at the start, over their distance [1]."""
+"""Random shift of the initial wall positions, over their distance [1]."""
 _CORE = 3.0
-"""Reach of the rotors that show whether a wall is broken [rotor spacings]."""
+"""Distance from a wall of the rotors that determine whether it is intact [rotor spacings]."""
 
 
 @dataclass(frozen=True)
@@ -80,28 +83,31 @@ class WallScene:
     kinetic: Array
     """Kinetic energy [J], shape (T,)."""
     places: Array
-    """Places of the walls [rotor spacings], shape (T, K)."""
+    """Averaged positions of the walls [rotor spacings], shape (T, K)."""
     instants: Array
-    """The same without a mean over time."""
+    """Positions without average over time [rotor spacings], shape (T, K)."""
     site_rates: Array
-    """Rates of the places [rotor spacings / s], shape (T, K)."""
+    """Velocities of the walls [rotor spacings / s], shape (T, K)."""
     charges: tuple[int, ...]
     legs: Array
-    """Leg of the orbit of a wall that is alone, else -1, shape (T,)."""
-    judged: NDArray[np.bool_]
+    """Leg of the orbit for a single wall, otherwise -1, shape (T,)."""
+    scored: NDArray[np.bool_]
     """Whether a wall is far enough from the edges and from others, shape (T, K)."""
-    pushes: tuple[int, ...] = ()
+    impulse_frames: tuple[int, ...] = ()
     """First frames after an impulse."""
     impulses: tuple[Array, ...] = ()
     """Angular impulses [N m s], shape (N,) each."""
 
 
 def scene_of(
-    cell: AccuracyCell, frames: int, random: np.random.Generator, pushes: int = 0
+    cell: AccuracyCell, frames: int, random: np.random.Generator, impulse_count: int = 0
 ) -> WallScene:
-    """Simulate at least so many frames, fewer if several walls meet, with impulses on one wall."""
+    """Simulate a scene of at least `frames` frames, or fewer if several walls meet.
+
+    `impulse_count` is the number of impulses on a single wall.
+    """
     chain = cell.chain
-    if cell.nothing:
+    if cell.noise_only:
         angles = random.uniform(-math.pi, math.pi, (frames, chain.number_of_rotors))
         return _without_walls(angles, np.full(frames, math.nan))
     if cell.kick:
@@ -114,7 +120,7 @@ def scene_of(
         return _without_walls(motion.angles, np.asarray(chain.kinetic_energy(motion.rates)))
     if cell.walls > 1:
         return _several_walls(cell, frames, random)
-    return _single_wall(cell, frames, random, pushes)
+    return _single_wall(cell, frames, random, impulse_count)
 
 
 def _without_walls(angles: Array, kinetic: Array) -> WallScene:
@@ -124,17 +130,17 @@ def _without_walls(angles: Array, kinetic: Array) -> WallScene:
 
 
 def frames_beside(speed: float, cell: AccuracyCell) -> int:
-    """Half the frames of a mean, of a wall with a speed [rotor spacings / s]."""
+    """Return the half-width of the average [frames] for a wall speed [rotor spacings / s]."""
     time = 1 / max(abs(speed), gap(cell.chain) / (2 * math.pi))
     return max(round(time / (cell.period * cell.chain.time_unit) / 2), 1)
 
 
-def smoothed(
-    values: Array, beside: int, breaks: list[int] | None = None, bent: bool = False
+def averages_and_slopes(
+    values: Array, beside: int, breaks: list[int] | None = None, cubic: bool = False
 ) -> tuple[Array, Array]:
-    """Means over so many values beside each, and slopes over thrice as many, between breaks.
+    """Return averages over `beside` values on both sides, and slopes over three times as many.
 
-    Slopes are those of lines, or of cubics through bent ways.
+    Windows do not extend across `breaks`. Slopes are from lines, or from cubics if `cubic`.
     """
     means, slopes = np.empty_like(values), np.empty_like(values)
     for begin, end in pairwise([0, *(breaks or []), len(values)]):
@@ -143,7 +149,7 @@ def smoothed(
             about = min(beside, len(piece) - 1)
             wide = min(3 * beside, len(piece) - 1)
             means[begin:end] = _convolved(piece, np.full(2 * about + 1, 1 / (2 * about + 1)))
-            order = min(3 if bent else 1, max(2 * wide - 1, 0))
+            order = min(3 if cubic else 1, max(2 * wide - 1, 0))
             slopes[begin:end] = _convolved(
                 piece, savgol_coeffs(2 * wide + 1, order, deriv=1, use='dot')
             )
@@ -151,7 +157,7 @@ def smoothed(
 
 
 def _convolved(values: Array, weights: Array) -> Array:
-    """Weighted sums about each value, of odd reflections at the ends."""
+    """Convolve with weights; the values are continued by odd reflection at both ends."""
     beside = len(weights) // 2
     if not beside:
         return np.asarray(weights[0] * values)
@@ -173,9 +179,9 @@ class _Start:
 
 
 def _single_wall(
-    cell: AccuracyCell, frames: int, random: np.random.Generator, pushes: int
+    cell: AccuracyCell, frames: int, random: np.random.Generator, impulse_count: int
 ) -> WallScene:
-    """A wall anywhere on its orbit; impulses are spread over the scene and its margins."""
+    """Simulate a wall from a random orbit position, with impulses at random frames."""
     start = _started(cell, random)
     springs, orbit = start.springs, start.orbit
     chain, last = cell.chain, cell.chain.number_of_rotors - 1
@@ -183,32 +189,32 @@ def _single_wall(
     beside = frames_beside(start.speed, cell)
     margin = 3 * beside
     total = frames + 2 * margin
-    at = sorted(random.choice(np.arange(1, total - 1), pushes, replace=False).tolist())
+    at = sorted(random.choice(np.arange(1, total - 1), impulse_count, replace=False).tolist())
     angles: list[Array] = []
     kinetic: list[float] = []
-    way: list[float] = []
+    raw: list[float] = []
     impulses: list[Array] = []
     for frame in range(total):
         if frame:
             springs.advance()
-        guess = 2 * way[-1] - way[-2] if frame > 1 else way[0] if frame else start.arc
+        guess = 2 * raw[-1] - raw[-2] if frame > 1 else raw[0] if frame else start.arc
         arc = nearest_arc(orbit, springs.angles, guess)
         if frame in at:
-            impulses.append(_push(start, arc, random))
+            impulses.append(_apply_impulse(start, arc, random))
         angles.append(springs.angles.copy())
         kinetic.append(float(springs.chain.kinetic_energy(springs.rates)))
-        way.append(arc)
+        raw.append(arc)
     slow = abs(start.speed) < _SLOW * gap(chain) / (2 * math.pi)
-    means, slopes = smoothed(np.array(way), beside, at, slow)
+    means, slopes = averages_and_slopes(np.array(raw), beside, at, slow)
     kept = slice(margin, total - margin)
     arcs, arc_rates = means[kept], slopes[kept] / springs.period
     places = np.array([orbit.site(arc) for arc in arcs])
-    instants = np.array([orbit.site(arc) for arc in way[kept]])
+    instants = np.array([orbit.site(arc) for arc in raw[kept]])
     legs = np.array([orbit.leg(arc) for arc in arcs])
     spacing = np.array([orbit.site_arc_at(arc) for arc in arcs])
     inner = np.minimum(places, instants) > _FROM_EDGE
     inner &= np.maximum(places, instants) < last - _FROM_EDGE
-    pushed = [
+    in_scene = [
         (frame - margin, impulse)
         for frame, impulse in zip(at, impulses, strict=True)
         if 0 < frame - margin < frames
@@ -221,9 +227,9 @@ def _single_wall(
         site_rates=(np.where(legs % 2 == 0, 1, -1) * arc_rates / spacing)[:, None],
         charges=(1,),
         legs=legs,
-        judged=inner[:, None],
-        pushes=tuple(frame for frame, _ in pushed),
-        impulses=tuple(impulse for _, impulse in pushed),
+        scored=inner[:, None],
+        impulse_frames=tuple(frame for frame, _ in in_scene),
+        impulses=tuple(impulse for _, impulse in in_scene),
     )
 
 
@@ -241,16 +247,16 @@ def _started(cell: AccuracyCell, random: np.random.Generator) -> _Start:
         rates = sense * speed * orbit.site_arc * orbit.tangent(arc)
         springs = Springs(orbit.chain, orbit.configuration(arc), rates, period)
         return _Start(springs, orbit, arc, speed)
-    wall = dressed(chain, leg if chain.motion is Motion.SPINNER else 0, cell.speed)
+    wall = steady_wall(chain, leg if chain.motion is Motion.SPINNER else 0, cell.speed)
     shift = 2 * round((place - wall.place) / 2)
     arc = orbit.arc_at(wall.place + shift, leg)
     angles, rates = orbit.configuration(arc), np.zeros(last + 1)
-    dress(wall, shift, angles, rates, sense if leg % 2 == 0 else -sense)
+    add_motion(wall, shift, angles, rates, sense if leg % 2 == 0 else -sense)
     return _Start(Springs(chain, angles, rates, period), orbit, arc, wall.speed)
 
 
 def _nudged(cell: AccuracyCell, orbit: Orbit, random: np.random.Generator) -> _Start:
-    """A wall that was kicked off the first edge and has run for up to two legs."""
+    """Kick a wall off the first edge and let it run for up to two legs."""
     chain = cell.chain
     left = chain.uniform_state(1) + math.pi
     angles = left if chain.motion is Motion.SPINNER else chain.uniform_state(-1)
@@ -267,18 +273,18 @@ def _nudged(cell: AccuracyCell, orbit: Orbit, random: np.random.Generator) -> _S
     return _Start(springs, orbit, arcs[1], speed)
 
 
-def _push(start: _Start, arc: float, random: np.random.Generator) -> Array:
-    """Push the rotors next to the wall; return the impulses [N m s]."""
+def _apply_impulse(start: _Start, arc: float, random: np.random.Generator) -> Array:
+    """Apply a random impulse to the rotors near the wall; return the angular impulses [N m s]."""
     orbit = start.orbit
-    near = np.abs(np.arange(orbit.chain.number_of_rotors) - orbit.site(arc)) < _PUSHED
-    change = start.speed * random.uniform(-_HARDEST, _HARDEST)
+    near = np.abs(np.arange(orbit.chain.number_of_rotors) - orbit.site(arc)) < _IMPULSE_REACH
+    change = start.speed * random.uniform(-_LARGEST_IMPULSE, _LARGEST_IMPULSE)
     rates = near * orbit.tangent(arc) * orbit.site_arc * change
     start.springs.rates += rates
     return np.asarray(orbit.chain.moments_of_inertia * rates)
 
 
 def _orbit(cell: AccuracyCell, random: np.random.Generator) -> Orbit:
-    """Orbit of the true chain, whose deviations are drawn until a wall passes it."""
+    """Return the orbit of the true chain; deviations are drawn until a wall can pass."""
     if not cell.disorder:
         return _uniform_orbit(cell.chain)
     for _ in range(_CHAINS):
@@ -294,7 +300,10 @@ def _orbit(cell: AccuracyCell, random: np.random.Generator) -> Orbit:
             return orbit_of(replace(cell.chain, deviations=drawn))
         except (ValueError, ArithmeticError):
             continue
-    raise ArithmeticError(f'cell {cell.name}: no wall passes {cell.disorder:g} of disorder')
+    raise ArithmeticError(
+        f'cell {cell.name}: disorder {cell.disorder:g} blocks the wall in all {_CHAINS} draws; '
+        'lower it'
+    )
 
 
 @cache
@@ -303,7 +312,10 @@ def _uniform_orbit(chain: Chain) -> Orbit:
 
 
 def _several_walls(cell: AccuracyCell, frames: int, random: np.random.Generator) -> WallScene:
-    """Kinks and anti-kinks in turn until they meet; raises ArithmeticError for few frames."""
+    """Simulate alternating kinks and anti-kinks until they meet.
+
+    Raises ArithmeticError if they meet too early.
+    """
     for draw in range(_DRAWS):
         begins = 1 if random.integers(2) else -1
         charges = tuple(begins * (-1) ** number for number in range(cell.walls))
@@ -313,7 +325,9 @@ def _several_walls(cell: AccuracyCell, frames: int, random: np.random.Generator)
         scene = _followed(cell, frames, charges, walls)
         if len(scene.angles) >= min(_FEWEST, frames):
             return scene
-    raise ArithmeticError(f'cell {cell.name}: walls have no room for {_FEWEST} frames')
+    raise ArithmeticError(
+        f'cell {cell.name}: walls meet within {_FEWEST} frames; use a longer chain'
+    )
 
 
 @dataclass(frozen=True)
@@ -322,7 +336,7 @@ class _MovingWalls:
     paths: list[WallPath]
     places: list[float]
     speeds: list[float]
-    """[rotor spacings / s]"""
+    """Speeds of the walls [rotor spacings / s]."""
 
 
 def _placed(
@@ -340,15 +354,15 @@ def _placed(
         place = near / 2 + distance * (number + 0.5 + aside)
         sense = 1 if random.integers(2) else -1
         if charge > 0:
-            wall = dressed(chain, leg, cell.speed)
+            wall = steady_wall(chain, leg, cell.speed)
             shift = 2 * round((place - wall.place) / 2)
             place, speed = wall.place + shift, wall.speed
-            dress(wall, shift, angles, rates, sense)
+            add_motion(wall, shift, angles, rates, sense)
         else:
-            place = path.snapped(place) if slower == 1 else path.at_rest(place)
+            place = path.nearest_allowed(place) if slower == 1 else path.nearest_minimum(place)
             speed = slower * cell.speed * speed_of_sound(chain) / chain.spacing
-            rates += sense * speed * path.moving(rotors, place)
-        angles += path.added(rotors, place)
+            rates += sense * speed * path.derivative(rotors, place)
+        angles += path.relative_angles(rotors, place)
         paths.append(path)
         places.append(place)
         speeds.append(speed)
@@ -363,12 +377,12 @@ def _followed(
     last = chain.number_of_rotors - 1
     angles: list[Array] = []
     kinetic: list[float] = []
-    way: list[Array] = []
+    raw: list[Array] = []
     places = walls.places
     for frame in range(frames):
         if frame:
             springs.advance()
-        guesses = places if len(way) < 2 else (2 * way[-1] - way[-2]).tolist()
+        guesses = places if len(raw) < 2 else (2 * raw[-1] - raw[-2]).tolist()
         both = zip(walls.paths, guesses, strict=True)
         places = [path.nearest(springs.angles, guess, near) for path, guess in both]
         apart = np.diff([-near, *places, last + near])
@@ -378,10 +392,12 @@ def _followed(
             break
         angles.append(springs.angles.copy())
         kinetic.append(float(chain.kinetic_energy(springs.rates)))
-        way.append(np.array(places))
-    track = np.array(way).reshape(-1, len(charges))
+        raw.append(np.array(places))
+    track = np.array(raw).reshape(-1, len(charges))
     beside = [frames_beside(speed, cell) for speed in walls.speeds]
-    means = [smoothed(column, count) for column, count in zip(track.T, beside, strict=True)]
+    means = [
+        averages_and_slopes(column, count) for column, count in zip(track.T, beside, strict=True)
+    ]
     return WallScene(
         angles=np.array(angles),
         kinetic=np.array(kinetic),
@@ -390,5 +406,5 @@ def _followed(
         site_rates=np.stack([slope / springs.period for _, slope in means], axis=1),
         charges=charges,
         legs=np.full(len(angles), -1),
-        judged=np.ones(track.shape, dtype=bool),
+        scored=np.ones(track.shape, dtype=bool),
     )

@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Motion of chains of springs, by an integrator that is independent of the simulator.
+"""Integrator of elastic chains that is independent of the simulator.
 
-It shares the geometry of a spring. Suzuki's composition of five leapfrogs, symplectic and of
-fourth order, moves the rotors:
+Both share only the geometry of a spring. The integrator is Suzuki's composition of five leapfrog
+steps, which is symplectic and of fourth order:
 
     x += w h v / 2,  v += w h F(x) / I,  x += w h v / 2  for w = p, p, 1 - 4 p, p, p,
 
@@ -23,18 +23,18 @@ from soliton_linkage.linkage.springs import spring_between
 _spring = compile_loop(spring_between, inlined=True)
 
 _STEP = 0.1
-"""Longest step in time units [1]: a wall of v = 0.9 c then keeps its energy to 1e-6."""
+"""Largest step [time units]; with it a wall at v = 0.9 c conserves energy to 1e-6."""
 _SHARE = 1 / (4 - 4 ** (1 / 3))
 """Weight p of a leapfrog [1]."""
 _WEIGHTS = np.array([_SHARE, _SHARE, 1 - 4 * _SHARE, _SHARE, _SHARE])
-"""Of the five, over the step [1]."""
+"""Weights of the five leapfrog steps, over the step [1]."""
 
 
 class Springs:
-    """A chain of springs, from frame to frame."""
+    """Simulation of an elastic chain, frame by frame."""
 
     def __init__(self, chain: Chain, angles: Array, rates: Array, period: float) -> None:
-        """Start from angles [rad] and rates [rad/s], (N,); frames are a period [s] apart."""
+        """Start from angles [rad] and rates [rad/s], each (N,), with a frame period [s]."""
         self.chain, self.period = chain, period
         self.angles, self.rates = angles.copy(), rates.copy()
         self._steps = math.ceil(period / (_STEP * chain.time_unit))
@@ -44,14 +44,14 @@ class Springs:
         self._lengths, self._inertias = chain.rotor_lengths, chain.moments_of_inertia
 
     def advance(self, damping: Array | None = None) -> None:
-        """Go on by a period, rates falling by e in a time 1 / damping [1/s], shape (N,)."""
+        """Advance by one period; `damping` [1/s], shape (N,), is the decay rate of the rates."""
         step = self.period / self._steps
         kept = np.ones(len(self.angles)) if damping is None else np.exp(-damping * step)
         given = (self._lengths, self._inertias, self._bonds, kept)
         _advance(self.angles, self.rates, *given, _WEIGHTS * step, self._steps)
 
     def record(self, frames: int) -> Recording:
-        """Record frames, of which the first is the present one."""
+        """Record a number of frames, starting with the current one."""
         angles = np.empty((frames, len(self.angles)))
         rates = np.empty_like(angles)
         for frame in range(frames):
@@ -64,7 +64,7 @@ class Springs:
 
 @compiled(const_f8_1d, const_f8_1d, const_f8_2d, f8_1d)
 def _pull(angles: Array, lengths: Array, bonds: Array, torques: Array) -> None:
-    """Torques of springs [N m]: k (l - lbar) along the line between the masses."""
+    """Compute the spring torques [N m]; the force k (l - lbar) acts between the masses."""
     torques[:] = 0.0
     right, up = lengths[0] * math.sin(angles[0]), lengths[0] * math.cos(angles[0])
     for n in range(len(angles) - 1):
@@ -89,7 +89,7 @@ def _advance(
     steps: Array,
     count: int,
 ) -> None:
-    """Move rotors by a count of compositions of leapfrogs of given steps [s]."""
+    """Advance the rotors by `count` compositions of leapfrogs with the given steps [s]."""
     torques = np.empty(len(angles))
     for _ in range(count):
         for step in steps:

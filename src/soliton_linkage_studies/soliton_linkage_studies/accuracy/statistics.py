@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Statistics of errors: of estimators, of cells of the analyser, and of two tables of cells."""
+"""Error statistics of estimators and analyser cells, and comparison of two cell tables."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from soliton_linkage.linkage.chain import Array, Chain
-from soliton_linkage_studies.accuracy.cells import GIVEN, AccuracyCell, given_of
+from soliton_linkage_studies.accuracy.cells import CELL_COLUMNS, AccuracyCell, cell_values
 from soliton_linkage_studies.captions import class_and_shape
 from soliton_linkage_studies.sweep.table import markdown_table
 
@@ -45,15 +45,23 @@ COLUMNS = (
     'false',
     'wrong_leg',
 )
-"""Of a cell: speed of its fastest wall over that of sound. Errors of place and rate are over their
-stated deviations: root mean square and its standard error, 99 % and largest of their sizes, shares
-beyond 4 and within 1 and 2 [%], mean; `instant` is the place without a mean over time. Then error
-of the place and its median stated deviation [rotor spacings], and by how many stated deviations
-one wrong reading moved it. Walls are lost or false, frames have the wrong leg."""
+"""Measured columns of a cell.
 
-NUMBERS = ('place', 'instant', 'rate', 'error', 'deviation', 'rate_error')
-"""Of each wall that was found: errors over deviations of place, of place without mean over time
-and of rate, error and deviation of the place [rotor spacings], and relative error of the rate."""
+`speed` is the speed of the fastest wall over the speed of sound. `place` and `rate` are errors
+over their stated deviations: root mean square and its standard error, 99 % quantile and maximum of
+the absolute value, fractions beyond 4 and within 1 and 2 [%], and mean. `instant` compares with
+the position without average over time. `error_rms` and `deviation_median` are the position error
+and its stated deviation [rotor spacings]. `shift_max` is the largest shift by a wrong reading, in
+stated deviations. `lost` and `false` count walls, `wrong_leg` counts frames.
+"""
+
+WALL_VALUES = ('place', 'instant', 'rate', 'error', 'deviation', 'rate_error')
+"""Values of each found wall.
+
+`place`, `instant` (position without average over time) and `rate` are errors over their stated
+deviations [1]. `error` and `deviation` are the position error and its stated deviation [rotor
+spacings]. `rate_error` is the relative error of the rate [1].
+"""
 
 _COLUMNS = (
     'class',
@@ -70,18 +78,21 @@ _COLUMNS = (
     'coverage of 95 % [%]',
     'failures',
 )
-_TRUE = (0.95, 1.05)
-"""Root mean squares of normalised errors that are as they should be."""
+_CONSISTENT = (0.95, 1.05)
+"""Range of the rms normalised error for consistent stated deviations [1]."""
 _SIGNIFICANT = 3.0
-"""Standard errors from which on a difference is no chance: 1 in 400."""
-_UNKNOWN = 0.3
-"""Standard error, relative, of what one record tells."""
+"""Threshold of a significant difference [standard errors]; false-positive rate 1 in 400."""
+_SINGLE_RECORD = 0.3
+"""Relative standard error if there is only one record [1]."""
 _LARGER = 1.1
-"""Ratio of errors from which on they are larger."""
-_BELIEVED = 2.0
-"""Root mean square of normalised errors up to which a place is better stated than not [1]."""
+"""Ratio of errors above which the error counts as larger [1]."""
+_USEFUL = 2.0
+"""Largest rms normalised error at which a stated position is useful [1]."""
 _FEWER = 0.01
-"""Share of walls that were lost, and are found now, from which on errors are of other walls."""
+"""Decrease of the lost fraction above which errors are not compared [1].
+
+The errors then include walls that were lost in the earlier table.
+"""
 _FAILURES = ('lost', 'false', 'wrong_leg')
 _ERRORS = ('place_rms', 'place_rms_error', 'rate_rms', 'rate_rms_error', 'error_rms')
 _COMPARED = (*_ERRORS, *_FAILURES, 'frames', 'failure', 'place_beyond_4', 'walls_looked_for')
@@ -101,19 +112,19 @@ Row = Mapping[str, str]
 
 @dataclass
 class Scores:
-    """Of the frames of one record."""
+    """Scores of the frames of one record."""
 
     walls: list[tuple[float, ...]] = field(default_factory=list)
-    """`NUMBERS` of walls that were found."""
+    """Values `WALL_VALUES` of found walls."""
     kinetic: list[float] = field(default_factory=list)
-    """Errors of the kinetic energy over its deviation."""
+    """Errors of the kinetic energy over its stated deviation [1]."""
     shifts: list[float] = field(default_factory=list)
-    """By how much a wrong reading moved the place, in stated deviations."""
+    """Shifts of the position by a wrong reading, in stated deviations [1]."""
     speed: float = 0.0
-    """Of the fastest wall of the scene, over that of sound [1]."""
+    """Speed of the fastest wall of the scene over the speed of sound [1]."""
     frames: int = 0
-    looked_for: int = 0
-    """Walls that were to be found."""
+    expected: int = 0
+    """Number of true walls in the scored frames [1]."""
     lost: int = 0
     false: int = 0
     wrong_leg: int = 0
@@ -121,11 +132,11 @@ class Scores:
 
 def line_of(scores: Sequence[Scores]) -> dict[str, float]:
     """Return the columns of a cell from the scores of its records."""
-    found = [np.array(each.walls).reshape(-1, len(NUMBERS)) for each in scores]
+    found = [np.array(each.walls).reshape(-1, len(WALL_VALUES)) for each in scores]
     line = {
         'speed': float(np.median([each.speed for each in scores])),
         'frames': sum(each.frames for each in scores),
-        'walls_looked_for': sum(each.looked_for for each in scores),
+        'walls_looked_for': sum(each.expected for each in scores),
         'lost': sum(each.lost for each in scores),
         'false': sum(each.false for each in scores),
         'wrong_leg': sum(each.wrong_leg for each in scores),
@@ -200,7 +211,7 @@ class Accuracy:
     bound: float
     """Least standard deviation of an unbiased estimator [rotor spacings]."""
     coverage: float
-    """Share of the frames whose stated interval contains the place; NaN without interval."""
+    """Fraction of frames whose stated interval contains the position; NaN without interval."""
 
     @property
     def ratio(self) -> float:
@@ -220,7 +231,7 @@ class Line:
 
 
 def accuracy_of(samples: Array, bound: float) -> Accuracy:
-    """Return the statistics of errors and margins, shape (frames, 2), NaN where it failed."""
+    """Return the statistics of errors and margins, shape (frames, 2); NaN errors are failures."""
     succeeded = samples[np.isfinite(samples[:, 0])]
     errors, margins = succeeded.T
     known = len(errors) > 1
@@ -280,56 +291,58 @@ def number_text(number: float) -> str:
 
 def check_comparable(cells: Sequence[AccuracyCell], seed: int, earlier: Sequence[Row]) -> None:
     """Raise ValueError if an earlier table contains none of the cells of a seed."""
-    if not earlier or not {'cell', *GIVEN, *_COMPARED} <= earlier[0].keys():
-        raise ValueError('what to compare with is no table of cells; give a cells.csv')
+    if not earlier or not {'cell', *CELL_COLUMNS, *_COMPARED} <= earlier[0].keys():
+        raise ValueError('the earlier table is no table of cells; give a cells.csv')
     known = {_key(row) for row in earlier}
-    if known.isdisjoint((cell.name, *given_of(cell)) for cell in cells):
+    if known.isdisjoint((cell.name, *cell_values(cell)) for cell in cells):
         raise ValueError(
-            f'no cell of seed {seed} is in the earlier table; give the --seed of that one'
+            f'no cell of seed {seed} is in the earlier table; give the --seed of that table'
         )
 
 
 def worse_cells(rows: Sequence[Row], earlier: Sequence[Row]) -> list[str]:
-    """Return the number of worse cells of those in both tables, and a line for each."""
+    """Return a summary line and one line per worse cell, of the cells in both tables."""
     before = {_key(row): row for row in earlier}
     both = [(row, before[_key(row)]) for row in rows if _key(row) in before]
-    said = [
-        f'{row["cell"]} ({row["class"]}): {"; ".join(what)}'
+    worse = [
+        f'{row["cell"]} ({row["class"]}): {"; ".join(changes)}'
         for row, old in both
-        if (what := _worse(row, old))
+        if (changes := _worse(row, old))
     ]
-    return [f'{len(said)} of {len(both)} cells are worse', *said]
+    return [f'{len(worse)} of {len(both)} cells are worse', *worse]
 
 
 def _key(row: Row) -> tuple[str, ...]:
-    return row['cell'], *(row[name] for name in GIVEN)
+    return row['cell'], *(row[name] for name in CELL_COLUMNS)
 
 
 def _worse(row: Row, old: Row) -> list[str]:
-    what = [row['failure']] if row['failure'] and not old['failure'] else []
-    believed = _number(old['place_rms']) < _BELIEVED
+    changes = [row['failure']] if row['failure'] and not old['failure'] else []
+    useful = _number(old['place_rms']) < _USEFUL
     for name in ('place', 'rate'):
-        what += _less_true(name, row, old, believed)
+        changes += _less_consistent(name, row, old, useful)
     now, was = _number(row['error_rms']), _number(old['error_rms'])
-    if believed and now > _LARGER * was and not _rate(old, 'lost') > _rate(row, 'lost') + _FEWER:
-        what.append(f'error {now:.3g} after {was:.3g} spacings')
-    return what + [each for name in _FAILURES for each in _more_failures(name, row, old)]
+    if useful and now > _LARGER * was and not _rate(old, 'lost') > _rate(row, 'lost') + _FEWER:
+        changes.append(f'error {now:.3g} after {was:.3g} spacings')
+    return changes + [each for name in _FAILURES for each in _more_failures(name, row, old)]
 
 
-def _less_true(name: str, row: Row, old: Row, believed: bool) -> list[str]:
+def _less_consistent(name: str, row: Row, old: Row, useful: bool) -> list[str]:
     now, was = _number(row[f'{name}_rms']), _number(old[f'{name}_rms'])
     if math.isnan(now):
-        return [f'states no {name}'] if believed and was > 0 else []
+        return [f'states no {name}'] if useful and was > 0 else []
     chance = math.hypot(
         _number(row[f'{name}_rms_error']) / now, _number(old[f'{name}_rms_error']) / was
     )
-    if _off(now) - _off(was) > _SIGNIFICANT * (chance if math.isfinite(chance) else _UNKNOWN):
+    if _inconsistency(now) - _inconsistency(was) > _SIGNIFICANT * (
+        chance if math.isfinite(chance) else _SINGLE_RECORD
+    ):
         return [f'{name} rms {now:.3g} after {was:.3g}']
     return []
 
 
 def _more_failures(name: str, row: Row, old: Row) -> list[str]:
-    """Report more failures than chance makes; a misplaced wall counts as lost."""
+    """Report a significant increase of failures; a misplaced wall counts as lost."""
     share, earlier = _rate(row, name), _rate(old, name)
     misplaced = _misplaced(row), _misplaced(old)
     if name == 'lost' and math.isfinite(sum(misplaced)):
@@ -343,18 +356,18 @@ def _more_failures(name: str, row: Row, old: Row) -> list[str]:
 
 
 def _misplaced(row: Row) -> float:
-    """Share of the frames whose wall has an error over four stated deviations."""
+    """Return the fraction of frames with an error above four stated deviations."""
     found = _number(row['walls_looked_for']) - _number(row['lost'])
     if not found:
         return 0.0
     return _number(row['place_beyond_4']) / 100 * found / max(_number(row['frames']), 1.0)
 
 
-def _off(rms: float) -> float:
-    """Distance of a root mean square from `_TRUE`, as a logarithm."""
+def _inconsistency(rms: float) -> float:
+    """Return the logarithmic distance of a root mean square from the range `_CONSISTENT`."""
     if not rms > 0:
         return 0.0
-    low, high = _TRUE
+    low, high = _CONSISTENT
     return max(math.log(rms / high), math.log(low / rms), 0.0)
 
 

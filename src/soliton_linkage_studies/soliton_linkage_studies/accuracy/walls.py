@@ -1,9 +1,10 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Where walls truly are in noiseless frames: the nearest point of their static path.
+"""True positions of walls in noiseless frames: the nearest point of their static path.
 
-A kink costs nothing anywhere: its path is that of static walls, hung bar by bar. That of an
-anti-kink are states of least energy, `anti_kink_path`. Where it is pinned instead, it rests in
-balance, and its place is that of the sum of the field, `resting_anti_kink`.
+A kink has zero energy at every position, so its path consists of static walls (`static_wall`). The
+path of an anti-kink consists of states of least energy (`anti_kink_path`). A pinned anti-kink has
+only its equilibrium, whose position is defined by the sum of the order field
+(`resting_anti_kink`).
 """
 
 from __future__ import annotations
@@ -28,64 +29,65 @@ from soliton_linkage.solitons.static_wall import static_wall
 from soliton_linkage_studies.accuracy.springs import Springs
 
 _SAMPLES = 65
-"""Of a path, over the two spacings after which it repeats: splines of them are good to 1e-6."""
+"""Samples of a path over its period of two spacings; the spline error is 1e-6 [1]."""
 _LONGEST = 0.3
-"""Step of the way to the nearest point [rad]."""
+"""Largest Gauss-Newton step to the nearest point [rad]."""
 _GAUSS_STEPS = 6
-"""At most, to the nearest point; from frame to frame two do [1]."""
+"""Largest number of Gauss-Newton steps [1]; two suffice between successive frames."""
 _CLOSE = 1e-6
-"""Step towards the nearest point that is the last [rad]."""
+"""Step size at which the search for the nearest point has converged [rad]."""
 
 
 def reach(chain: Chain) -> float:
-    """Rotors on either side that a wall bends by more than a hundredth [rotor spacings]."""
+    """Return the half-width in which a wall changes the angles by over 1 % [rotor spacings]."""
     return 2.5 * max(chain.wall_width, penetration_depth(chain)) / chain.spacing + 3
 
 
 def extent(chain: Chain) -> int:
-    """Rotors on either side of a path, beyond which a wall bends nothing [1], even."""
+    """Return the even number of rotors on each side of a wall that a path contains [1]."""
     return 2 * math.ceil((3 * reach(chain)) / 2)
 
 
 @dataclass(frozen=True)
 class WallPath:
-    """A wall at any place of an endless chain."""
+    """Static path of a wall in an infinite chain."""
 
     charge: int
-    beside: int
-    """Place in its window from which on to two spacings beyond a wall is [rotor spacings]."""
+    base: int
+    """First wall position in the window; the path continues for two spacings [rotor spacings]."""
     spline: CubicSpline | None
-    """Angles of the window against the place in it [rotor spacings], shape (M,)."""
+    """Angles of the window [rad], shape (M,), over the position in it [rotor spacings]."""
     resting: Array
-    """Angles of the window at the place `home`."""
-    home: float
+    """Angles of the window at `rest_position` [rad], shape (M,)."""
+    rest_position: float
+    """Position of least energy in the window [rotor spacings]."""
     left: Array
-    """Angles of an even and of an odd rotor far on the left [rad], shape (2,)."""
+    """Angles of an even and of an odd rotor far to the left [rad], shape (2,)."""
 
     @property
     def pinned(self) -> bool:
-        """Whether the wall rests at places two spacings apart alone."""
+        """Whether the wall can rest only at positions two spacings apart."""
         return self.spline is None
 
     def window(self, place: float) -> tuple[int, Array, Array]:
-        """First rotor, angles [rad] and their change with the place [rad/spacing], (M,) each."""
+        """Return first rotor, angles [rad] and their derivative [rad/spacing], (M,) each."""
         if self.spline is None:
-            shift = 2 * round((place - self.home) / 2)
+            shift = 2 * round((place - self.rest_position) / 2)
             return shift, self.resting, np.zeros_like(self.resting)
-        shift = 2 * math.floor((place - self.beside) / 2)
+        shift = 2 * math.floor((place - self.base) / 2)
         within = place - shift
         return shift, self.spline(within), self.spline(within, 1)
 
-    def snapped(self, place: float) -> float:
-        """The place nearest to a place where the wall can be."""
-        return self.at_rest(place) if self.pinned else place
+    def nearest_allowed(self, place: float) -> float:
+        """Return the nearest allowed position of the wall [rotor spacings]."""
+        return self.nearest_minimum(place) if self.pinned else place
 
-    def at_rest(self, place: float) -> float:
-        """The nearest place like `home`, where an anti-kink costs least."""
-        return self.home + 2 * round((place - self.home) / 2)
+    def nearest_minimum(self, place: float) -> float:
+        """Return the nearest position of least energy [rotor spacings]."""
+        return self.rest_position + 2 * round((place - self.rest_position) / 2)
 
-    def added(self, rotors: int, place: float) -> Array:
-        """What the wall adds to the domain on its left, shape (rotors,) [rad]."""
+    def relative_angles(self, rotors: int, place: float) -> Array:
+        """Return the angles relative to the domain left of the wall [rad], shape (rotors,)."""
         first, angles, _ = self.window(place)
         base = self._left(len(angles))
         added = np.zeros(rotors)
@@ -97,8 +99,8 @@ class WallPath:
         added[beyond] = ends[(beyond - first - len(angles) + 1) % 2]
         return added
 
-    def moving(self, rotors: int, place: float) -> Array:
-        """How the angles change with the place [rad/spacing], shape (rotors,)."""
+    def derivative(self, rotors: int, place: float) -> Array:
+        """Return the derivative of the angles by the position [rad/spacing], shape (rotors,)."""
         first, _, slope = self.window(place)
         moving = np.zeros(rotors)
         numbers = np.arange(first, first + len(slope))
@@ -107,9 +109,12 @@ class WallPath:
         return moving
 
     def nearest(self, angles: Array, place: float, within: float) -> float:
-        """Place of the nearest static wall, from one close by, by the rotors so far from it."""
+        """Return the position of the nearest static wall [rotor spacings].
+
+        The search starts at `place` and uses the rotors `within` this distance from the wall.
+        """
         if self.pinned:
-            return self.snapped(place)
+            return self.nearest_allowed(place)
         numbers = np.arange(len(angles))
         for _ in range(_GAUSS_STEPS):
             first, wall, slope = self.window(place)
@@ -126,7 +131,7 @@ class WallPath:
         return place
 
     def misfit(self, angles: Array, place: float, within: float) -> float:
-        """Root mean square of what a static wall leaves of the rotors so far from it [rad]."""
+        """Return the rms deviation from a static wall [rad] of the rotors `within` a distance."""
         first, wall, _ = self.window(place)
         low, high = max(first, 0), min(first + len(wall), len(angles))
         near = np.abs(np.arange(low, high) - place) < within
@@ -138,7 +143,10 @@ class WallPath:
 
 
 def nearest_arc(orbit: Orbit, angles: Array, arc: float) -> float:
-    """Arc length [rad] of the nearest configuration on an orbit, from one close by."""
+    """Return the arc length of the nearest configuration on an orbit [rad].
+
+    The search starts at `arc`.
+    """
     for _ in range(_GAUSS_STEPS):
         about = orbit.segment(arc)
         off = wrapped(angles[about.first : about.first + len(about.angles)] - about.angles)
@@ -152,7 +160,7 @@ def nearest_arc(orbit: Orbit, angles: Array, arc: float) -> float:
 
 @cache
 def wall_path(chain: Chain, charge: int, leg: int = 0) -> WallPath:
-    """Path of a wall of a charge far from the edges; kinks of spinners have one for each leg."""
+    """Return the path of a wall far from the edges; kinks of spinners have one path per leg."""
     beside = extent(chain)
     window = replace(chain, number_of_rotors=2 * beside + 3, deviations=NO_DEVIATIONS)
     places = np.linspace(beside, beside + 2, _SAMPLES)
@@ -166,117 +174,126 @@ def wall_path(chain: Chain, charge: int, leg: int = 0) -> WallPath:
     try:
         counted, found = anti_kink_path(window, beside)
     except ArithmeticError:
-        home, rest = resting_anti_kink(window, beside + 0.5)
-        return WallPath(-1, beside, None, rest, home, left)
+        rest_position, rest = resting_anti_kink(window, beside + 0.5)
+        return WallPath(-1, beside, None, rest, rest_position, left)
     least = int(np.argmin(window.elastic_energy(found)))
     spline = CubicSpline(counted, found)
     return WallPath(-1, beside, spline, found[least], float(counted[least]), left)
 
 
 _SETTLING = (60.0, 400.0)
-"""Time in which a wall loses its phonons [time units]."""
+"""Range of the time in which a wall loses its phonons [time units]."""
 _ABSORPTION = 0.5
-"""Damping of rotors that a settling wall does not reach [1 / time unit]."""
+"""Damping of the rotors outside a settling wall [1 / time unit]."""
 _BROKEN = 0.15
-"""Misfit of what is no wall any more, over the swing of a rotor [1]."""
+"""Misfit above which a wall is destroyed, over the swing of a rotor [1]."""
 _STEP = 0.5
-"""From place to place of a settling wall [time units]."""
+"""Period at which the position of a settling wall is measured [time units]."""
 _SLOWER = 0.8
-"""Factor of the speed that is tried where a wall breaks up."""
+"""Factor on the speed after an attempt in which the wall is destroyed [1]."""
 _TRIES = 25
-"""Speeds that are tried, the last 1 / 200 of the first [1]."""
+"""Number of attempted speeds; the last one is 1 / 200 of the first [1]."""
 
 
 @dataclass(frozen=True)
-class Dressed:
-    """A wall that moves without phonons: what it has beside the static one."""
+class SteadyWall:
+    """Wall that moves without phonons, as a difference from the static wall."""
 
     place: float
-    """In a long chain [rotor spacings]."""
+    """Position in a long chain [rotor spacings]."""
     first: int
-    """Rotor of it from which on it is known."""
-    beside: Array
-    """Angles beside those of the static wall [rad], shape (M,)."""
+    """First rotor of the arrays in this chain."""
+    offsets: Array
+    """Angles relative to the static wall [rad], shape (M,)."""
     rates: Array
-    """Of the same rotors [rad/s], shape (M,)."""
+    """Rates of the same rotors [rad/s], shape (M,)."""
     speed: float
-    """Of the wall [rotor spacings / s]."""
+    """Wall speed [rotor spacings / s]."""
 
 
 def launch_speed(chain: Chain, share: float) -> float:
-    """Speed [rotor spacings / s] of a static wall that ends at a share of that of sound."""
+    """Return the initial speed of a static wall that settles at a fraction of the sound speed.
+
+    The unit is [rotor spacings / s].
+    """
     sound = speed_of_sound(chain) / chain.spacing
     return sound * math.sqrt(2 * (1 / math.sqrt(1 - share**2) - 1))
 
 
 @lru_cache(maxsize=8)
-def dressed(chain: Chain, leg: int, share: float) -> Dressed:
-    """A wall in motion in a long chain, as fast as asked for or as it stays whole."""
+def steady_wall(chain: Chain, leg: int, share: float) -> SteadyWall:
+    """Return a moving wall without phonons, at the given or the largest stable speed.
+
+    `share` is the speed over the speed of sound [1]. Raises ArithmeticError if every attempted
+    speed destroys the wall.
+    """
     speed = launch_speed(chain, share)
     for _ in range(_TRIES):
         found = _settled(chain, wall_path(chain, 1, leg), speed)
         if found is not None:
             return found
         speed *= _SLOWER
-    raise ArithmeticError(f'no wall stays whole in a chain with d = {chain.lean_ratio:.4g}')
+    raise ArithmeticError(
+        f'every moving wall is destroyed in a chain with d = {chain.lean_ratio:.4g}'
+    )
 
 
-def _settled(chain: Chain, path: WallPath, speed: float) -> Dressed | None:
-    """The wall after its phonons have left it, None where it breaks up."""
+def _settled(chain: Chain, path: WallPath, speed: float) -> SteadyWall | None:
+    """Simulate a wall until its phonons have left; return None if it is destroyed."""
     near, unit = reach(chain), chain.time_unit
     shortest, longest = _SETTLING
     time = min(max(2 * near / (speed * unit), shortest), longest)
     rotors = math.ceil(6 * near + 1.3 * speed * unit * time)
     long = replace(chain, number_of_rotors=rotors + rotors % 2)
     springs = _launched(long, path, 3 * near, speed)
-    way = _way(springs, path, 3 * near, near, round(time / _STEP))
-    if way is None:
+    track = _positions(springs, path, 3 * near, near, round(time / _STEP))
+    if track is None:
         return None
-    late = np.array(way[-len(way) // 3 :])
+    late = np.array(track[-len(track) // 3 :])
     found = float(np.polyfit(np.arange(len(late)), late, 1)[0]) / springs.period
     if found <= 0:
         return None
-    first = 2 * (round(way[-1] - 1.5 * near) // 2)
+    first = 2 * (round(track[-1] - 1.5 * near) // 2)
     window = slice(first, first + 2 * round(1.5 * near) + 1)
-    static = left_of(long, 1) + path.added(long.number_of_rotors, way[-1])
+    static = left_of(long, 1) + path.relative_angles(long.number_of_rotors, track[-1])
     beside = wrapped(springs.angles - static)[window]
-    return Dressed(way[-1], first, beside, springs.rates[window].copy(), found)
+    return SteadyWall(track[-1], first, beside, springs.rates[window].copy(), found)
 
 
 def _launched(chain: Chain, path: WallPath, place: float, speed: float) -> Springs:
     rotors = chain.number_of_rotors
-    static = left_of(chain, 1) + path.added(rotors, place)
-    return Springs(chain, static, speed * path.moving(rotors, place), _STEP * chain.time_unit)
+    static = left_of(chain, 1) + path.relative_angles(rotors, place)
+    return Springs(chain, static, speed * path.derivative(rotors, place), _STEP * chain.time_unit)
 
 
-def _way(
+def _positions(
     springs: Springs, path: WallPath, place: float, near: float, frames: int
 ) -> list[float] | None:
-    """Places of a wall while its phonons are absorbed, None where it breaks up."""
+    """Return the wall positions while its phonons are absorbed, None if it is destroyed."""
     chain = springs.chain
     rotors = np.arange(chain.number_of_rotors)
-    way = [place]
+    track = [place]
     for _ in range(frames):
         springs.advance(_ABSORPTION / chain.time_unit * (np.abs(rotors - place) > near))
-        ahead = way[-1] - way[-2] if len(way) > 1 else 0.0
-        place = path.nearest(springs.angles, way[-1] + ahead, near)
-        way.append(place)
+        ahead = track[-1] - track[-2] if len(track) > 1 else 0.0
+        place = path.nearest(springs.angles, track[-1] + ahead, near)
+        track.append(place)
         inside = near < place < chain.number_of_rotors - 1 - near
         if not inside or is_broken(path, chain, springs.angles, place, near):
             return None
-    return way
+    return track
 
 
-def dress(wall: Dressed, shift: int, angles: Array, rates: Array, sense: int) -> None:
-    """Add to a static wall what it has in motion, its rotors shifted."""
-    numbers = np.arange(len(wall.beside)) + wall.first + shift
+def add_motion(wall: SteadyWall, shift: int, angles: Array, rates: Array, sense: int) -> None:
+    """Add the motion of a wall to a static wall, shifted by a number of rotors."""
+    numbers = np.arange(len(wall.offsets)) + wall.first + shift
     inside = (numbers >= 0) & (numbers < len(angles))
-    angles[numbers[inside]] += wall.beside[inside]
+    angles[numbers[inside]] += wall.offsets[inside]
     rates[numbers[inside]] += sense * wall.rates[inside]
 
 
 def left_of(chain: Chain, charge: int) -> Array:
-    """Domain on the left of a wall of a charge, shape (N,) [rad]."""
+    """Return the domain left of a wall of a charge [rad], shape (N,)."""
     if charge > 0:
         return chain.uniform_state(1)
     if chain.motion is Motion.SPINNER:
@@ -285,6 +302,6 @@ def left_of(chain: Chain, charge: int) -> Array:
 
 
 def is_broken(path: WallPath, chain: Chain, angles: Array, place: float, within: float) -> bool:
-    """Whether the rotors so far from a place make no wall any more."""
+    """Return whether the rotors within a distance of a position form no wall."""
     swing = math.pi if chain.motion is Motion.SPINNER else 2 * chain.rest_angle
     return path.misfit(angles, place, within) > _BROKEN * swing

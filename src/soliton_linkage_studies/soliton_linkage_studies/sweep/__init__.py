@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What becomes of walls over grids of parameters, as a table that survives any interruption.
+"""Sweeps: measurements of walls over parameter grids, in a table that survives interruptions.
 
-A new measure is an entry of `soliton_linkage_studies.measures.MEASURES`, a file of settings and a
-test.
+To add a measure, add an entry to `soliton_linkage_studies.measures.MEASURES`, a settings file and
+a test.
 """

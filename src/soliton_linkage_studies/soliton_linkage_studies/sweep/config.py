@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What a sweep runs over, as its YAML file says it."""
+"""Configuration of a sweep, read from its YAML file."""
 
 from __future__ import annotations
 
@@ -21,17 +21,17 @@ _SECTIONS = ('measure', 'chain', 'deviations', 'trial', 'seeds', 'sweep')
 _DEVIATIONS = tuple(f.name for f in fields(Deviations))
 _FRACTIONS = (*_DEVIATIONS, 'scale')
 _MOST_POINTS = 10_000
-"""Of an axis; more are a typing error."""
+"""Largest number of points of an axis [1]; more are a typing error."""
 _MOST_ROWS = 10_000_000
-"""Of a table, which takes a gigabyte then."""
+"""Largest number of rows of a table [1], which is about a gigabyte."""
 _QUICK_POINTS = 8
-"""Most points of an axis in a quick look."""
+"""Largest number of points of an axis in a quick sweep [1]."""
 _QUICK_SEEDS = 2
-"""Most seeds in a quick look."""
+"""Largest number of seeds in a quick sweep [1]."""
 
 
 def _limits() -> dict[str, tuple[float, float]]:
-    """Least and largest value of each parameter that is a number."""
+    """Return the smallest and largest value of each numeric parameter."""
     described = {**described_fields(Chain), **described_fields(SweepTrial)}
     limits = {
         name: (one.minimum, one.maximum)
@@ -51,7 +51,7 @@ _LENGTHS = {'rotor_length', 'rotor_length_ratio'}
 
 @dataclass(frozen=True)
 class Axis:
-    """A parameter that is swept."""
+    """Swept parameter with its values."""
 
     name: str
     values: tuple[Value, ...]
@@ -60,21 +60,21 @@ class Axis:
 
 @dataclass(frozen=True)
 class SweepStudy:
-    """A measure, taken at each point of a grid of parameters and with each seed.
+    """Measurement at each point of a parameter grid, with each seed.
 
-    Its rows are numbered in the order of the grid: the seed changes fastest, then the last axis.
+    Rows are numbered in grid order: the seed changes fastest, then the last axis.
     """
 
     name: str
     measure_name: str
     parameters: dict[str, Value]
-    """Those of every point, by name; an axis goes before them."""
+    """Parameters of all points, by name; the values of an axis override them."""
     axes: tuple[Axis, ...]
     seeds: tuple[int, ...]
 
     @property
     def measure(self) -> Measure:
-        """The measure that it takes."""
+        """Measure of each row."""
         return MEASURES[self.measure_name]
 
     @property
@@ -88,8 +88,8 @@ class SweepStudy:
         """Number of rows of its table."""
         return math.prod(len(axis.values) for axis in self.axes) * len(self.seeds)
 
-    def place(self, row: int) -> tuple[dict[str, Value], int]:
-        """Values of the axes, by name, and the seed of a row."""
+    def point(self, row: int) -> tuple[dict[str, Value], int]:
+        """Return the axis values by name, and the seed, of a row."""
         rest, seed = divmod(row, len(self.seeds))
         values: dict[str, Value] = {}
         for axis in reversed(self.axes):
@@ -98,8 +98,8 @@ class SweepStudy:
         return {axis.name: values[axis.name] for axis in self.axes}, self.seeds[seed]
 
     def cells(self, row: int) -> list[str]:
-        """Measure a row of the table, as text; where the physics fails it says why."""
-        values, seed = self.place(row)
+        """Measure a row; return its columns as text, with the error if the measurement fails."""
+        values, seed = self.point(row)
         measured, failure = [''] * len(self.measure.columns), ''
         try:
             taken = self.measure.take(*trial_of({**self.parameters, **values}, seed))
@@ -109,7 +109,7 @@ class SweepStudy:
         return [str(row), *map(_text, values.values()), str(seed), *measured, failure]
 
     def described(self) -> dict[str, Any]:
-        """All that its rows depend on, in the types of YAML."""
+        """Return everything that determines the rows, in the types of YAML."""
         return {
             'measure': self.measure_name,
             'parameters': dict(sorted(self.parameters.items())),
@@ -119,12 +119,12 @@ class SweepStudy:
 
 
 def trial_of(parameters: Mapping[str, Value], seed: int) -> tuple[Chain, SweepTrial]:
-    """Build a chain with the deviations that a seed draws, and the trial of its wall.
+    """Build a chain with random deviations, and the trial of its wall.
 
-    Parameters are fields of `Chain` and `SweepTrial`, `rotor_length_ratio` for r / a in place of
-    `rotor_length`, for fields of `Deviations` standard deviations `deviations.<field>` as
-    fractions of the parameter, and `deviations.scale`, a factor of all of these. Raises
-    ValueError for parameters and deviations that no chain has.
+    Parameters are fields of `Chain` and `SweepTrial`. `rotor_length_ratio` (r / a) may replace
+    `rotor_length`. `deviations.<field>` is the relative standard deviation of a field of
+    `Deviations`, and `deviations.scale` is a factor on all of them. The seed determines the
+    deviations. Raises ValueError for invalid parameters or deviations.
     """
     given: dict[str, Any] = {name: parameters[name] for name in _CHAIN if name in parameters}
     if 'rotor_length_ratio' in parameters:
@@ -142,20 +142,20 @@ def trial_of(parameters: Mapping[str, Value], seed: int) -> tuple[Chain, SweepTr
 
 
 def read_sweep_study(path: Path, quick: bool = False) -> SweepStudy:
-    """Read a sweep from a YAML file; quick thins its grid to a few points an axis.
+    """Read a sweep from a YAML file; `quick` reduces the grid to a few points per axis.
 
-    Raises ValueError that names the file, the key, its value and what it must be.
+    Raises ValueError with the file, the key, its value and the limit.
     """
     settings = load_settings(path)
     settings.check_keys(*_SECTIONS)
     parameters = _parameters(settings)
     if not isinstance(settings.values.get('sweep'), Mapping) or not settings.values['sweep']:
-        raise settings.error('sweep', 'must name one parameter or more, each with its values')
+        raise settings.error('sweep', 'must contain one or more parameters with their values')
     axes = _axes(settings.section('sweep'))
     swept = _LENGTHS & {axis.name for axis in axes}
     if swept == _LENGTHS or parameters.keys() >= _LENGTHS:
         section = 'sweep' if swept else 'chain'
-        raise settings.error(section, 'gives rotor_length and its ratio; give one of them')
+        raise settings.error(section, 'contains rotor_length and rotor_length_ratio; remove one')
     if swept:
         parameters = {key: parameters[key] for key in parameters.keys() - _LENGTHS}
     seeds = _seeds(settings)
@@ -179,7 +179,7 @@ def _parameters(settings: Section) -> dict[str, Value]:
         section = settings.section(name)
         if 'periodic' in section.values:
             raise section.error(
-                'periodic', 'is not known; sweeps are of chains with free ends, leave it out'
+                'periodic', 'is not known; sweeps use chains with free ends, remove it'
             )
         section.check_keys(*allowed)
         for key in section.values:
@@ -202,7 +202,7 @@ def _axes(section: Section) -> tuple[Axis, ...]:
 
 
 def _axis(section: Section, name: str) -> Axis:
-    """Read values listed, or a range with both ends and as many points as it says."""
+    """Read a list of values, or a range with both ends and a number of points."""
     content = section.values[name]
     if isinstance(content, Mapping):
         axis = _range(section.section(name), name)
@@ -216,7 +216,7 @@ def _axis(section: Section, name: str) -> Axis:
             '{from: 0.1, to: 1.0, points: 10, scale: linear}',
         )
     if len(set(axis.values)) < len(axis.values):
-        raise section.error(name, 'has the same value twice; give each once, or fewer points')
+        raise section.error(name, 'has duplicate values; remove them or reduce the points')
     return axis
 
 
@@ -239,33 +239,33 @@ def _range(section: Section, name: str) -> Axis:
 
 
 def _numbered(content: list[Any]) -> list[tuple[str, Any]]:
-    """Return the values of a list with their numbers as keys."""
+    """Return the values of a list with their indices as keys."""
     return [(str(number), value) for number, value in enumerate(content)]
 
 
 def _thinned(axis: Axis) -> Axis:
     points = len(axis.values)
     kept = np.unique(np.linspace(0, points - 1, min(points, _QUICK_POINTS)).round().astype(int))
-    return Axis(axis.name, tuple(axis.values[place] for place in kept), axis.logarithmic)
+    return Axis(axis.name, tuple(axis.values[index] for index in kept), axis.logarithmic)
 
 
 def _seeds(settings: Section) -> tuple[int, ...]:
-    """Read the seeds, listed, or so many from 0 on."""
+    """Read a list of seeds, or a number of seeds that count from 0."""
     content = settings.values.get('seeds', 1)
     if not isinstance(content, list):
         return tuple(range(settings.whole_number('seeds', 1, _MOST_POINTS, 1)))
     section = Section(settings.file, 'seeds', dict(_numbered(content)))
     seeds = tuple(section.whole_number(key, 0, 2**32) for key in section.values)
     if not seeds or len(set(seeds)) < len(seeds):
-        raise settings.error('seeds', 'must be one seed or more, each once; or their number')
+        raise settings.error('seeds', 'must be a list of different seeds, or their number')
     return seeds
 
 
 def _check(settings: Section, study: SweepStudy) -> None:
-    """Refuse more rows than make sense, and values that go with no chain, axis by axis."""
+    """Reject too many rows, and axis values for which no chain exists."""
     if study.rows > _MOST_ROWS:
         raise settings.error(
-            'sweep', f'makes {study.rows} rows, over {_MOST_ROWS}; take fewer points or seeds'
+            'sweep', f'makes {study.rows} rows, over {_MOST_ROWS}; reduce the points or seeds'
         )
     first = {axis.name: axis.values[0] for axis in study.axes}
     for axis in study.axes:

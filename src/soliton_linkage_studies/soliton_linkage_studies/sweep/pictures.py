@@ -36,22 +36,25 @@ from soliton_linkage_studies.sweep.config import Axis, SweepStudy
 from soliton_linkage_studies.unit_cell import flipper_limit, spinner_limit
 
 _MOST_CURVES = 5
-"""Values of an axis that make curves beside each other; more make a map."""
+"""Largest number of axis values drawn as curves; more values make a map [1]."""
 CLASS_COLOURS = {
     **{motion.value: colour for motion, colour in MOTION_COLOURS.items()},
     BLOCKED: DARK,
     **OUTCOME_COLOURS,
 }
-"""By the value that a measure has."""
-_SAID = {
+"""Colours of the classes of all measures."""
+_CLASS_LABELS = {
     BLOCKED: 'blocked: a bond may stop the wall',
     'returns': 'crosses and returns',
     'crosses': 'crosses, does not return',
     'lost': 'does not cross',
 }
-"""Classes whose names do not say what they are."""
+"""Labels of classes whose names need an explanation."""
 _ASIDE = 0.16
-"""From curve to curve [of the least distance of two points], so that bars do not hide bars."""
+"""Offset between curves, over the smallest distance of two points [1].
+
+It prevents overlap of the error bars.
+"""
 _NAMES = {
     'rotor_length_ratio': ('$r/a$', 'rotor length over spacing, $r/a$ [1]'),
     'rotor_length': ('$r$ [m]', 'rotor length $r$ [m]'),
@@ -69,15 +72,15 @@ _NAMES = {
 }
 """Short and long name of a parameter, with its unit."""
 _LIMITS = (
-    ' The solid line is d = 2 r sin θ̄ / a = 1, beyond which flippers wobble, the dashed one '
-    'd = d_c = 2 / sin θ̄, beyond which walls spin, in chains without deviations.'
+    ' For chains without deviations, flippers wobble beyond the solid line '
+    'd = 2 r sin θ̄ / a = 1, and walls spin beyond the dashed line d = d_c = 2 / sin θ̄.'
 )
 _SIGNS = ((r'\sqrt{k_e/M}', '√(k_e/M)'), (r'\bar\theta', 'θ̄'), (r'\dot\phi', 'φ̇'), ('$', ''))
-"""Signs of mathematics as pictures are written with them, and plainly."""
+"""Replacements of TeX notation by plain text."""
 
 
 def sweep_figure(study: SweepStudy, rows: Sequence[dict[str, str]]) -> Figure | None:
-    """Return a figure of its own for `draw_sweep`; none for more than two axes."""
+    """Return a figure with `draw_sweep`, or None for more than two axes."""
     if len(study.axes) > 2:
         return None
     figure = Figure(figsize=(7.5, 5.2), layout='constrained')
@@ -86,9 +89,10 @@ def sweep_figure(study: SweepStudy, rows: Sequence[dict[str, str]]) -> Figure | 
 
 
 def draw_sweep(axes: Axes, study: SweepStudy, rows: Sequence[dict[str, str]]) -> Axes:
-    """Draw a table of one or two axes.
+    """Draw a table with one or two axes.
 
-    Two axes of many values make a map, one makes curves, as does one more of few values.
+    Two axes with many values make a map. One axis, or a second axis with few values, makes
+    curves.
     """
     if is_map(study.axes):
         _draw_map(axes, study, rows)
@@ -99,9 +103,9 @@ def draw_sweep(axes: Axes, study: SweepStudy, rows: Sequence[dict[str, str]]) ->
 
 
 def shares(study: SweepStudy, rows: Sequence[dict[str, str]]) -> Array:
-    """Share of the seeds in each class at each point, shape (*axes, classes).
+    """Return the fraction of seeds in each class at each point, shape (*axes, classes).
 
-    Rows with a failure count in none.
+    Rows with a failure belong to no class.
     """
     shown = np.array([row[study.measure.shown] for row in rows])
     each = np.stack([shown == name for name in study.measure.classes], axis=-1)
@@ -109,30 +113,30 @@ def shares(study: SweepStudy, rows: Sequence[dict[str, str]]) -> Array:
 
 
 def numbers(study: SweepStudy, rows: Sequence[dict[str, str]]) -> Array:
-    """Numbers of each point and seed, NaN where there is none, shape (*axes, seeds)."""
+    """Return the numbers of each point and seed, NaN if missing, shape (*axes, seeds)."""
     shown = [float(row[study.measure.shown] or 'nan') for row in rows]
     return np.array(shown).reshape(_shape(study))
 
 
 def is_map(axes: Sequence[Axis]) -> bool:
-    """Whether two of the axes of a sweep are long enough for a map."""
+    """Return whether two axes of a sweep have enough values for a map."""
     return sum(len(axis.values) > _MOST_CURVES for axis in axes) == 2
 
 
 def curve_axes(axes: Sequence[Axis]) -> tuple[Axis, list[Axis]]:
-    """Return the longest axis, along which curves are drawn, and those that make many of them."""
+    """Return the longest axis, along which curves are drawn, and the other axes."""
     along = max(axes, key=lambda axis: len(axis.values))
     return along, [axis for axis in axes if axis is not along]
 
 
 def shows_limits(axes: Sequence[Axis]) -> bool:
-    """Whether the limits of the classes can be drawn over a map."""
+    """Return whether the class limits can be drawn over a map."""
     return {axis.name for axis in axes} == {'rotor_length_ratio', 'rest_angle'}
 
 
-def said_of(name: str) -> str:
-    """Return what a class or another value is called where people read it."""
-    return _SAID.get(name, name)
+def class_label(name: str) -> str:
+    """Return the label of a class or of another value."""
+    return _CLASS_LABELS.get(name, name)
 
 
 def _shape(study: SweepStudy) -> tuple[int, ...]:
@@ -140,7 +144,7 @@ def _shape(study: SweepStudy) -> tuple[int, ...]:
 
 
 def _draw_map(axes: Axes, study: SweepStudy, rows: Sequence[dict[str, str]]) -> None:
-    """Draw the first axis across and the second upwards, with what theory says over it."""
+    """Draw the first axis horizontally and the second vertically, with theoretical limits."""
     across, up = study.axes
     edges = _edges(across), _edges(up)
     if study.measure.classes:
@@ -159,25 +163,25 @@ def _draw_map(axes: Axes, study: SweepStudy, rows: Sequence[dict[str, str]]) -> 
 
 
 def _draw_limits(axes: Axes, across: Axis, up: Axis) -> None:
-    """Draw d = 1 and d = d_c = 2 / sin(theta_bar) where the map is over r / a and theta_bar."""
+    """Draw d = 1 and d = d_c = 2 / sin(theta_bar) if the map is over r / a and theta_bar."""
     if not shows_limits((across, up)):
         return
     limits = axes.get_xlim(), axes.get_ylim()
     angles = np.linspace(*(limits[1] if up.name == 'rest_angle' else limits[0]), 400)
     angles = angles[(angles > 0) & (angles < np.pi / 2)]
-    for ratios, style, words in (
+    for ratios, style, label in (
         (flipper_limit(angles), '-', '$d = 1$'),
         (spinner_limit(angles), '--', r'$d = d_c = 2/\sin\bar\theta$'),
     ):
         line = (ratios, angles) if up.name == 'rest_angle' else (angles, ratios)
         effects = [withStroke(linewidth=4, foreground=WHITE)]
-        axes.plot(*line, style, color=BLACK, label=words, path_effects=effects)
+        axes.plot(*line, style, color=BLACK, label=label, path_effects=effects)
     axes.set(xlim=limits[0], ylim=limits[1])
     axes.legend(loc='upper center', bbox_to_anchor=(0.5, -0.28), ncols=2, frameon=False)
 
 
 def _draw_curves(axes: Axes, study: SweepStudy, rows: Sequence[dict[str, str]]) -> None:
-    """Draw shares of classes, or medians of numbers with all seeds, over the longest axis."""
+    """Draw class fractions, or medians of numbers with all seeds, over the longest axis."""
     along, families = curve_axes(study.axes)
     of_classes = bool(study.measure.classes)
     values = shares(study, rows) if of_classes else numbers(study, rows)
@@ -185,7 +189,7 @@ def _draw_curves(axes: Axes, study: SweepStudy, rows: Sequence[dict[str, str]]) 
     if families and of_classes:
         values = values[..., :1]
     if families:
-        names = [_said(families[0].name, value) for value in families[0].values]
+        names = [_value_label(families[0].name, value) for value in families[0].values]
         curves = [values[:, number] for number in range(len(names))]
     elif of_classes:
         names = list(study.measure.classes)
@@ -197,7 +201,7 @@ def _draw_curves(axes: Axes, study: SweepStudy, rows: Sequence[dict[str, str]]) 
         looks = {
             'color': colours[number],
             'marker': MARKERS[number % len(MARKERS)],
-            'label': said_of(name),
+            'label': class_label(name),
         }
         if of_classes:
             aside = _ASIDE * (number - (len(curves) - 1) / 2)
@@ -215,7 +219,7 @@ def _draw_curves(axes: Axes, study: SweepStudy, rows: Sequence[dict[str, str]]) 
 
 
 def _curve_colours(family: Axis | None, names: Sequence[str]) -> list[str]:
-    """Colours of curves: those of their classes or mechanics, or of numbers in their order."""
+    """Return the colours of curves: by class or mechanics, or a scale for numeric values."""
     if family is not None and _numeric(family):
         return scale_colours(len(names))
     known = {**CLASS_COLOURS, **MECHANICS_COLOURS}
@@ -225,14 +229,14 @@ def _curve_colours(family: Axis | None, names: Sequence[str]) -> list[str]:
 def _draw_shares(
     axes: Axes, along: Axis, share: Array, seeds: int, aside: float, looks: Mapping[str, Any]
 ) -> None:
-    """Draw a share of the seeds as a line, and its statistical error as bars, a bit aside."""
+    """Draw a fraction of the seeds as a line with error bars, shifted by `aside`."""
     places = _beside(along, aside)
     axes.vlines(places, *score_interval(share, seeds), color=looks['color'], linewidth=1.5)
     axes.plot(places, share, '-', markersize=5, clip_on=False, zorder=3, **looks)
 
 
 def _draw_curve(axes: Axes, along: Axis, curve: Array, looks: Mapping[str, Any]) -> None:
-    """Draw the median over the last axis as a line, its spread as a band, and all as dots."""
+    """Draw the median over the last axis as a line, the range as a band, and seeds as dots."""
     places, colour = _places(along), looks['color']
     seen = np.isfinite(curve).any(axis=-1)
     middle, low, high = (
@@ -246,7 +250,7 @@ def _draw_curve(axes: Axes, along: Axis, curve: Array, looks: Mapping[str, Any])
 
 
 def _scale_is_fraction(study: SweepStudy) -> bool:
-    """Whether the scale of the deviations is their standard deviation."""
+    """Return whether the scale of the deviations equals their standard deviation."""
     names = (key for key in study.parameters if key.startswith('deviations.'))
     return all(study.parameters[name] == 1 for name in names)
 
@@ -255,13 +259,13 @@ def _curve_label(study: SweepStudy, families: bool) -> str:
     measure = study.measure
     if not measure.classes:
         return measure.label
-    best = said_of(measure.classes[0])
-    share = f'share of walls: {best}' if families else f'share, {measure.label}'
+    best = class_label(measure.classes[0])
+    share = f'fraction of walls: {best}' if families else f'fraction, {measure.label}'
     return f'{share} [1] (bars: standard error)'
 
 
 def _blended(each: Array, classes: Sequence[str]) -> Array:
-    """Colours of the commonest class, the paler the fewer seeds are in it, shape (..., 3)."""
+    """Return the colour of the most frequent class, paler for fewer seeds, shape (..., 3)."""
     colours = np.array([to_rgb(CLASS_COLOURS[name]) for name in classes])
     share = each.max(axis=-1, keepdims=True)
     commonest = colours[each.argmax(axis=-1)]
@@ -269,10 +273,10 @@ def _blended(each: Array, classes: Sequence[str]) -> Array:
 
 
 def _label_classes(axes: Axes, classes: Sequence[str], seeds: int) -> None:
-    handles = [Patch(color=CLASS_COLOURS[name], label=said_of(name)) for name in classes]
+    handles = [Patch(color=CLASS_COLOURS[name], label=class_label(name)) for name in classes]
     if seeds > 1:
         half = tint(CLASS_COLOURS[classes[0]], 0.5)
-        handles.append(Patch(color=half, label='paler: of fewer seeds'))
+        handles.append(Patch(color=half, label='paler: fewer seeds'))
     legend = axes.legend(
         handles=handles,
         loc='upper center',
@@ -299,16 +303,16 @@ def _scale_axes(axes: Axes, across: Axis, up: Axis | None) -> None:
 
 
 def _tick_plainly(axis: XAxis | YAxis) -> None:
-    """Label 1, 2 and 5 of each decade of a logarithmic axis, as numbers without powers."""
+    """Label 1, 2 and 5 of each decade of a logarithmic axis, without powers of ten."""
     axis.set_major_locator(LogLocator(subs=(1, 2, 5)))
     axis.set_major_formatter('{x:g}')
     axis.set_minor_formatter('')
 
 
 def _edges(axis: Axis) -> Array:
-    """Bounds of the pixels around the values of an axis, half way on its scale.
+    """Return the pixel edges, half way between the axis values on their scale.
 
-    No parameter is below 0, and no rest angle beyond pi / 2.
+    They are limited to the parameter range: at least 0, and at most pi / 2 for a rest angle.
     """
     values = np.array(axis.values, dtype=np.float64)
     if axis.logarithmic:
@@ -321,12 +325,12 @@ def _edges(axis: Axis) -> Array:
 
 
 def _places(axis: Axis) -> Array:
-    """Where the values of an axis are drawn."""
+    """Return the coordinates of the axis values."""
     return np.array(axis.values if _numeric(axis) else range(len(axis.values)), dtype=np.float64)
 
 
 def _beside(axis: Axis, aside: float) -> Array:
-    """Where values of an axis are drawn that stand aside, by a share of the least distance."""
+    """Return coordinates that are shifted by a fraction of the smallest distance."""
     scaled = np.log(_places(axis)) if axis.logarithmic else _places(axis)
     least = float(np.diff(np.sort(scaled)).min()) if len(scaled) > 1 else 1.0
     moved = scaled + aside * least
@@ -344,7 +348,7 @@ def _label(name: str) -> str:
     return name.replace('deviations.', 'deviation of ').replace('_', ' ') + unit
 
 
-def _said(name: str, value: Value) -> str:
+def _value_label(name: str, value: Value) -> str:
     if isinstance(value, str):
         return value
     short = _NAMES.get(name, (_label(name),))[0]
@@ -353,26 +357,26 @@ def _said(name: str, value: Value) -> str:
 
 
 def title(study: SweepStudy) -> str:
-    """Say what is the same at all points, in as many lines as it takes."""
-    unsaid = {'time_limit', 'tolerance', *(axis.name for axis in study.axes)}
+    """Return a wrapped text of the parameters that are the same at all points."""
+    omitted = {'time_limit', 'tolerance', *(axis.name for axis in study.axes)}
     deviating: dict[Value, list[str]] = {}
-    said = []
+    parts = []
     for key, value in study.parameters.items():
         if key.startswith('deviations.') and key != 'deviations.scale':
             name = key.removeprefix('deviations.').replace('_', ' ')
             deviating.setdefault(value, []).append(name)
-        elif key not in unsaid:
-            said.append(_said(key, value))
+        elif key not in omitted:
+            parts.append(_value_label(key, value))
     for value, names in deviating.items():
-        share = '' if value == 1 and 'deviations.scale' in unsaid else f' by {value:g}'
-        said.append(f'deviations{share} of {", ".join(sorted(names))}')
-    return '\n'.join(textwrap.wrap('; '.join([*said, f'{len(study.seeds)} seeds']), 95))
+        share = '' if value == 1 and 'deviations.scale' in omitted else f' by {value:g}'
+        parts.append(f'deviations{share} of {", ".join(sorted(names))}')
+    return '\n'.join(textwrap.wrap('; '.join([*parts, f'{len(study.seeds)} seeds']), 95))
 
 
 def sweep_caption(study: SweepStudy) -> str:
-    """Say what the picture of a sweep shows: each symbol, colour and line of it."""
+    """Return the caption of a sweep picture, with each symbol, colour and line."""
     label = study.measure.label
-    text = f'{label[0].upper()}{label[1:]}, of chains with {title(study)}. {_described(study)}'
+    text = f'{label[0].upper()}{label[1:]} of chains with {title(study)}. {_described(study)}'
     for sign, plain in _SIGNS:
         text = text.replace(sign, plain)
     return text
@@ -380,27 +384,27 @@ def sweep_caption(study: SweepStudy) -> str:
 
 def _described(study: SweepStudy) -> str:
     classes, seeds = study.measure.classes, len(study.seeds)
-    colours = ', '.join(f'{said_of(name)} ({NAMES[CLASS_COLOURS[name]]})' for name in classes)
+    colours = ', '.join(f'{class_label(name)} ({NAMES[CLASS_COLOURS[name]]})' for name in classes)
     if is_map(study.axes):
         limits = _LIMITS if shows_limits(study.axes) else ''
         if not classes:
-            return f'Each point has the colour of the mean of its {seeds} seeds.{limits}'
+            return f'The colour of a point is the mean of its {seeds} seeds.{limits}'
         return (
-            f'Each point has the colour of the class of most of its {seeds} seeds, the paler the '
-            f'fewer they are: {colours}.{limits}'
+            f'The colour of a point is its most frequent class in {seeds} seeds, paler for fewer '
+            f'seeds: {colours}.{limits}'
         )
     _, families = curve_axes(study.axes)
     if not classes:
         return (
-            f'Lines join the medians of {seeds} seeds (markers), dots are the seeds, and a pale '
-            'band reaches from the least to the largest of them.'
+            f'Lines join the medians of {seeds} seeds (markers), dots are single seeds, and the '
+            'pale band is the range from the smallest to the largest value.'
         )
     shown = (
-        f'{said_of(classes[0])}, a curve for each of the {families[0].name}'
+        f'{class_label(classes[0])}, one curve per value of {families[0].name}'
         if families
         else colours
     )
     return (
-        f'Points are shares of {seeds} seeds: {shown}. Bars are their standard errors (score '
-        'interval); curves stand a bit aside of each other, so that their bars can be told apart.'
+        f'Points are fractions of {seeds} seeds: {shown}. Bars are standard errors (score '
+        'interval). Curves are shifted horizontally, so that their bars do not overlap.'
     )

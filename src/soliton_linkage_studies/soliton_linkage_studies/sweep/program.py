@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Sweep the parameters of a chain over a grid, with seeds for its deviations: table and picture.
+"""Sweep chain parameters over a grid, with seeds for the deviations; write table and picture.
 
-An interrupted sweep goes on with the same command. Its table depends neither on interruptions
-nor on the number of workers.
+After an interruption the same command continues the sweep. The table does not depend on
+interruptions or on the number of workers.
 """
 
 from __future__ import annotations
@@ -20,19 +20,19 @@ from soliton_linkage_studies.sweep.table import RESUMES, fill_table
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Run a sweep; return 0, 1 where something is wrong, or 130 after Ctrl-C or SIGTERM."""
+    """Run a sweep; return 0, 1 on failure, or 130 after Ctrl-C or SIGTERM."""
     parser = study_parser(
         'sweep',
         __doc__,
-        'a thinner grid',
-        'out/sweeps/NAME OF CONFIG',
+        'a coarser grid',
+        'out/sweeps/NAME_OF_CONFIG',
         config='phase_diagram',
         scheduler=True,
     )
-    return run_study(parser, arguments, _swept, RESUMES)
+    return run_study(parser, arguments, _run, RESUMES)
 
 
-def _swept(options: argparse.Namespace) -> str:
+def _run(options: argparse.Namespace) -> str:
     study = read_sweep_study(options.config, options.quick)
     folder = options.output or Path('out/sweeps') / study.name
     path, rows = fill_table(study, folder, options.workers, options.scheduler)
@@ -44,8 +44,8 @@ def _swept(options: argparse.Namespace) -> str:
             save_figure(figure, each)
         save_caption(sweep_caption(study), folder / f'{study.name}.txt')
     failed = sum(bool(row['failure']) for row in rows)
-    remark = f'; {failed} rows hold a failure' if failed else ''
-    return f'{study.rows} rows in {", ".join(map(str, paths))}{remark}'
+    note = f'; {failed} rows have a failure' if failed else ''
+    return f'{study.rows} rows in {", ".join(map(str, paths))}{note}'
 
 
 if __name__ == '__main__':

@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The table of a sweep, which survives any interruption.
+"""Table of a sweep, which survives interruptions.
 
-Rows are appended as they come to a part file, next to a copy of the configuration; when all are
-there they are sorted into the table, which takes its name in one step.
+Finished rows are appended to a part file, next to a copy of the configuration. When all rows are
+finished, they are sorted into the table, which is renamed atomically.
 """
 
 from __future__ import annotations
@@ -23,13 +23,13 @@ import yaml
 from soliton_linkage.progress import ProgressLine
 from soliton_linkage_studies.workers import Pool, Rows, cluster, local_processes, measure_rows
 
-RESUMES = 'the same command goes on where it was'
+RESUMES = 'the same command continues the measurement'
 
 _CONFIGURATION = 'configuration.yaml'
 
 
 class Tabulated(Rows, Protocol):
-    """A study whose rows are measured one by one, such as a sweep."""
+    """Study whose rows are measured one by one, such as a sweep."""
 
     @property
     def name(self) -> str:
@@ -37,24 +37,24 @@ class Tabulated(Rows, Protocol):
 
     @property
     def columns(self) -> tuple[str, ...]:
-        """Names of the columns, the number of the row first."""
+        """Names of the columns; the first is the row number."""
 
     @property
     def rows(self) -> int:
         """Number of rows."""
 
     def described(self) -> dict[str, Any]:
-        """Return everything that the rows depend on, in the types of YAML."""
+        """Return everything that determines the rows, in the types of YAML."""
 
 
 class Table:
-    """Rows of a sweep in a folder, open for more; a context manager.
+    """Context manager of a sweep table in a folder, to which rows are appended.
 
-    Raises ValueError where the folder is of another configuration, or another sweep is writing.
+    Raises ValueError if the folder has another configuration or another sweep writes to it.
     """
 
     def __init__(self, study: Tabulated, folder: Path) -> None:
-        """Open the table of a sweep, with the rows that are there already."""
+        """Open the table of a sweep and read its existing rows."""
         self.path = folder / f'{study.name}.csv'
         self._study = study
         folder.mkdir(parents=True, exist_ok=True)
@@ -80,18 +80,18 @@ class Table:
 
     @property
     def missing(self) -> list[int]:
-        """Numbers of the rows that are not there yet."""
+        """Numbers of the rows that are not measured yet."""
         return [row for row in range(self._study.rows) if row not in self._lines]
 
     def append(self, cells: Sequence[Sequence[str]]) -> None:
-        """Add rows, each once, as they come."""
+        """Append rows in any order; each row at most once."""
         lines = {int(row[0]): _line(row) for row in cells}
         self._part.write(''.join(lines.values()))
         self._part.flush()
         self._lines |= lines
 
     def finish(self) -> None:
-        """Write the table with its rows in order, when all are there, and drop the part file."""
+        """Write the complete table in row order and delete the part file."""
         ordered = [_line(self._study.columns)]
         ordered += [self._lines[row] for row in range(self._study.rows)]
         _write(self.path, ''.join(ordered))
@@ -102,12 +102,11 @@ class Table:
             fcntl.flock(self._part, fcntl.LOCK_EX | fcntl.LOCK_NB)
         except BlockingIOError:
             raise ValueError(
-                f'{folder} is being written by another sweep; wait for it, or give another '
-                '--output'
+                f'another sweep is writing to {folder}; wait for it, or give another --output'
             ) from None
 
     def _configure(self, folder: Path) -> None:
-        """Compare the configuration with that of the rows in the folder, or write it down."""
+        """Compare the configuration with the copy in the folder, or write this copy."""
         copy = folder / _CONFIGURATION
         if not copy.exists():
             _write(copy, yaml.safe_dump(self._study.described(), sort_keys=False))
@@ -117,15 +116,14 @@ class Table:
         for key, value in asked.items():
             if not isinstance(earlier, dict) or earlier.get(key) != value:
                 raise ValueError(
-                    f'{folder} holds rows of another configuration, which differs in {key}; give '
-                    f'another --output, or delete {folder} to start anew'
+                    f'{folder} contains rows of another configuration, which differs in {key}; '
+                    f'give another --output, or delete {folder} to restart'
                 )
 
     def _read(self) -> dict[int, str]:
-        """Rows of the table or of the part file, by number, as lines.
+        """Return the lines of the table or of the part file, by row number.
 
-        A last line that was cut off is dropped from the file too, so that the next row does
-        not continue it.
+        An incomplete last line is removed from the file, so that the next row starts a new line.
         """
         if self.path.exists():
             return _by_number(self.path.read_text(encoding='utf-8').splitlines(True)[1:])
@@ -141,9 +139,9 @@ class Table:
 def fill_table(
     study: Tabulated, folder: Path, workers: int, scheduler: str = ''
 ) -> tuple[Path, list[dict[str, str]]]:
-    """Measure the rows that a table lacks, here or on a Dask cluster; return its path and rows.
+    """Measure the missing rows of a table, here or on a Dask cluster; return its path and rows.
 
-    Raises ChildProcessError if a worker ends early; the rows so far are kept.
+    Raises ChildProcessError if a worker ends early; finished rows are kept.
     """
     with Table(study, folder) as table:
         missing = table.missing
@@ -170,13 +168,13 @@ def _fill(study: Tabulated, table: Table, missing: list[int], pool: Pool) -> Non
         elapsed = max(time.monotonic() - begin, 1e-9)
         minutes, seconds = divmod(round(elapsed * (len(missing) - done) / done), 60)
         left = f'{minutes} min {seconds} s' if minutes else f'{seconds} s'
-        said = f'{total + done} of {study.rows} rows, {done / elapsed:.3g} a second, {left} left'
-        line.show(total + done, said)
+        status = f'{total + done} of {study.rows} rows, {done / elapsed:.3g} a second, {left} left'
+        line.show(total + done, status)
     line.end(f'{study.name}: {done} rows in {elapsed:.1f} s, {done / elapsed:.3g} a second')
 
 
 def read_rows(path: Path) -> list[dict[str, str]]:
-    """Rows of a table as text, by the name of the column."""
+    """Return the rows of a table as text, by column name."""
     with path.open(encoding='utf-8', newline='') as file:
         return list(csv.DictReader(file))
 
@@ -208,10 +206,10 @@ def _line(cells: Sequence[str]) -> str:
 
 
 def _write(path: Path, text: str) -> None:
-    """Write a file so that its name never stands for a part of it."""
-    passing = path.with_name(f'{path.name}.new')
-    with passing.open('w', encoding='utf-8', newline='') as file:
+    """Write a file atomically: write a temporary file, then rename it."""
+    temporary = path.with_name(f'{path.name}.new')
+    with temporary.open('w', encoding='utf-8', newline='') as file:
         file.write(text)
         file.flush()
         os.fsync(file.fileno())
-    passing.replace(path)
+    temporary.replace(path)
