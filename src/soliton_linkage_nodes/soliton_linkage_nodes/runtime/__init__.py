@@ -1,2 +1,2 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What every node stands on: parameters, diagnostics, topics, pacing, signals."""
+"""Runtime of every node: parameters, diagnostics, topics, pacing, signals."""

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Nodes as processes of their own, none of which outlives the one that started them."""
+"""Child processes of nodes, which end with their parent, and private ROS domains."""
 
 from __future__ import annotations
 
@@ -23,20 +23,20 @@ from ament_index_python.packages import (
 
 _PACKAGE = 'soliton_linkage_nodes'
 START_LIMIT = 60.0
-"""How long nodes may take until they hear each other, on a busy machine [s]."""
+"""Longest time until nodes have discovered each other, on a busy machine [s]."""
 _PARENT_DEATH_SIGNAL = 1
-"""PR_SET_PDEATHSIG of prctl(2)."""
-_LONGEST_END = 10.0
-"""Time for a node to end, before it is killed [s]: a recorder may have to wait for its disk."""
+"""PR_SET_PDEATHSIG of prctl(2), so that no node outlives a parent that was killed."""
+_STOP_LIMIT = 10.0
+"""Time for a node to end before it is killed [s]: a recorder may wait for its disk."""
 _LOG_TAIL = 5
-"""Lines of a log that are told when a node has ended."""
+"""Log lines that are shown when a node has ended."""
 _DOMAINS = 100
-"""Numbers of the domains that the coordinator gives away, from 1 on."""
+"""Number of domains of the coordinator, from 1 on."""
 _C_LIBRARY = ctypes.CDLL(None)
 
 
 class ChildProcesses:
-    """Processes of the suite's nodes, each with a log file of what it says."""
+    """Processes of nodes of the suite, each with a log file of its output."""
 
     def __init__(self, log_folder: Path) -> None:
         self._log_folder = log_folder
@@ -50,7 +50,7 @@ class ChildProcesses:
         environment: dict[str, str],
         own: Sequence[str] = (),
     ) -> None:
-        """Start a node with its ROS arguments, and its own before them."""
+        """Start a node with ROS arguments, after its own."""
         executable = Path(get_package_prefix(_PACKAGE), 'lib', _PACKAGE, node)
         with self._log(node).open('wb') as log:
             self._running[node] = subprocess.Popen(
@@ -64,20 +64,20 @@ class ChildProcesses:
             )
 
     def check(self) -> None:
-        """Raise RuntimeError, with what it said last, where a process has ended."""
+        """Raise RuntimeError, with the last output, if a process has ended."""
         for node, process in self._running.items():
             if process.poll() is not None:
-                raise RuntimeError(self._obituary(node, process.returncode))
+                raise RuntimeError(self._ended(node, process.returncode))
 
     def wait(self, node: str, seconds: float) -> bool:
-        """Wait for a process to end; False where it has not, RuntimeError where it failed."""
+        """Wait for a process to end; return False after a time [s]; RuntimeError if it failed."""
         try:
             code = self._running[node].wait(seconds)
         except subprocess.TimeoutExpired:
             return False
         del self._running[node]
         if code:
-            raise RuntimeError(self._obituary(node, code))
+            raise RuntimeError(self._ended(node, code))
         return True
 
     def stop(self, nodes: Sequence[str] | None = None) -> dict[str, int]:
@@ -85,39 +85,38 @@ class ChildProcesses:
         chosen = {node: self._running.pop(node) for node in nodes or tuple(self._running)}
         for process in chosen.values():
             process.terminate()
-        deadline = time.monotonic() + _LONGEST_END
+        deadline = time.monotonic() + _STOP_LIMIT
         return {node: _end(process, deadline) for node, process in chosen.items()}
 
     def output(self, node: str) -> str:
-        """What a process has said so far."""
+        """Return the output of a process so far."""
         return self._log(node).read_text(encoding='utf-8', errors='replace')
 
     def _log(self, node: str) -> Path:
         return self._log_folder / f'{node}.log'
 
-    def _obituary(self, node: str, code: int) -> str:
+    def _ended(self, node: str, code: int) -> str:
         tail = '\n  '.join(self.output(node).splitlines()[-_LOG_TAIL:])
-        return f'{node} ended with exit code {code}; it said, in {self._log(node)}:\n  {tail}'
+        return f'{node} ended with exit code {code}; last lines of {self._log(node)}:\n  {tail}'
 
 
-def page_address(said: str) -> str | None:
-    """Address of the page in what live_view said, None before it serves one."""
-    found = re.search(r'open (http://\S+)', said)
+def page_address(output: str) -> str | None:
+    """Return the address of the page from the output of live_view, None before it serves one."""
+    found = re.search(r'open (http://\S+)', output)
     return found[1] if found else None
 
 
 def has_display() -> bool:
-    """Whether a browser that is opened here would be seen."""
+    """Return whether a browser can be shown."""
     return bool(os.environ.get('DISPLAY') or os.environ.get('WAYLAND_DISPLAY'))
 
 
 @contextmanager
 def private_domain() -> Iterator[None]:
-    """Keep this process and its children to a domain of their own on this machine.
+    """Put this process and its children into a free ROS domain of this machine.
 
-    It is any of those that are free, not the first: that one may have been left just now, and
-    what ran on it may still be ending. The block must let no OSError pass, which the coordinator
-    would take for a domain that is in use.
+    The domain is drawn at random, because nodes on the last one used may still be ending. The
+    block must not raise OSError, which the coordinator takes for a domain in use.
     """
     with domain_coordinator.domain_id(lambda: random.randint(1, _DOMAINS)) as domain:
         os.environ['ROS_DOMAIN_ID'] = str(domain)
@@ -128,24 +127,20 @@ def private_domain() -> Iterator[None]:
 
 
 def restrict_to_loopback() -> None:
-    """Let no other machine reach this process and its children.
+    """Make this process and its children unreachable from other machines.
 
-    LOCALHOST alone leaves sockets of Fast DDS open to all, and has it use shared memory: what a
-    process leaves there half made, that was killed at its start, all others then wait for.
+    With LOCALHOST alone, Fast DDS still opens its sockets to all interfaces and uses shared
+    memory. A process that is killed at its start leaves a segment there that blocks all others.
     """
     os.environ['ROS_AUTOMATIC_DISCOVERY_RANGE'] = 'LOCALHOST'
-    profile = _share() / 'config' / 'loopback.xml'
+    try:
+        profile = Path(get_package_share_directory(_PACKAGE), 'config', 'loopback.xml')
+    except PackageNotFoundError:
+        return
     middleware = os.environ.get('RMW_IMPLEMENTATION') or 'rmw_fastrtps_cpp'
     if middleware.startswith('rmw_fastrtps') and profile.is_file():
         os.environ['FASTRTPS_DEFAULT_PROFILES_FILE'] = str(profile)
         os.environ['ROS_AUTOMATIC_DISCOVERY_RANGE'] = 'SYSTEM_DEFAULT'
-
-
-def _share() -> Path:
-    try:
-        return Path(get_package_share_directory('soliton_linkage_nodes'))
-    except PackageNotFoundError:
-        return Path()
 
 
 def _end(process: subprocess.Popen[bytes], deadline: float) -> int:

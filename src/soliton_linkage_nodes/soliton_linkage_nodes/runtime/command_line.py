@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The command line of a node: its help, and what it does not know."""
+"""Command line of a node: its help, and rejection of unknown arguments."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from typing import Any, get_type_hints
 from rclpy.node import Node
 from rclpy.utilities import remove_ros_args
 
-from soliton_linkage.linkage.quantities import Quantity, described_fields
+from soliton_linkage.linkage.quantities import described_fields
 from soliton_linkage_nodes.runtime.parameters import (
     describe_range,
     description_with_unit,
@@ -27,26 +27,25 @@ from soliton_linkage_nodes.runtime.parameters import (
 NodeClass = Callable[[], Node]
 """The class of a node that needs no arguments."""
 USAGE = 2
-"""Exit code of a program whose arguments are wrong, as argparse has it."""
+"""Exit code of a program with wrong arguments, that of argparse."""
 _WIDTH = 96
-"""Columns of the help, that of a usual window and of the sources."""
-_PACKAGE = 'soliton_linkage_nodes'
+"""Columns of the help [1]."""
 _ROS_OPTIONS = ('--params-file', '-p', '--param', '-r', '--remap', '--log-level')
 _EXAMPLES = ('-p NAME:=VALUE', '--params-file FILE', '-r NAME:=OTHER_NAME')
 _PATHS = ('bag', 'output')
-"""Parameters that a bare path is meant for, where a node has one."""
+"""Parameters that a bare path is proposed for."""
 
 
 def check_arguments(node: NodeClass, arguments: Sequence[str]) -> None:
-    """Print the help of a node and exit, or refuse arguments that it does not know with code 2.
+    """Print the help of a node and exit, or reject unknown arguments with exit code 2.
 
-    What follows `--ros-args` is left to ROS.
+    Arguments after `--ros-args` are left to ROS.
     """
     if {'-h', '--help'} & set(arguments):
         try:
             print(help_text(node), flush=True)
         except BrokenPipeError:
-            # A pager has closed the pipe; Python would complain once more as it ends.
+            # A pager has closed the pipe; Python would report that again at its end.
             os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         sys.exit(0)
     try:
@@ -54,22 +53,20 @@ def check_arguments(node: NodeClass, arguments: Sequence[str]) -> None:
     except RuntimeError:
         return
     if unknown:
-        meant = _meant(node, unknown)
-        known = f'try: {_command(node)} {meant}' if meant else f'see {_command(node)} --help'
-        print(
-            f'{executable_name(node)} does not know {" ".join(unknown)!r}; {known}',
-            file=sys.stderr,
-        )
+        proposal = _proposal(node, unknown)
+        remedy = f'try: {_command(node)} {proposal}' if proposal else f'see {_command(node)} --help'
+        text = ' '.join(unknown)
+        print(f'{executable_name(node)} does not know {text!r}; {remedy}', file=sys.stderr)
         sys.exit(USAGE)
 
 
 def executable_name(node: NodeClass) -> str:
-    """Name of the executable of a node and, unless it is remapped, of the node itself."""
+    """Return the name of the executable of a node, which is the default name of the node."""
     return re.sub(r'(?<!^)(?=[A-Z])', '_', node.__name__).lower()
 
 
 def parameter_names(node: NodeClass) -> set[str]:
-    """Names of the parameters that a node has whatever it is given."""
+    """Return the names of the parameters that a node always has."""
     return {
         prefix + name
         for group, prefix in _groups(node).items()
@@ -78,15 +75,14 @@ def parameter_names(node: NodeClass) -> set[str]:
 
 
 def help_text(node: NodeClass) -> str:
-    """What a node does, its topics, services and parameters, from its docstring and these."""
-    told = inspect.cleandoc(node.__doc__ or '').replace('`', '')
+    """Return the help of a node from its docstring and its parameters."""
     parameters = [
-        line for group, prefix in _groups(node).items() for line in _described(group, prefix)
+        line for group, prefix in _groups(node).items() for line in _describe(group, prefix)
     ]
     lines = [
-        f'{executable_name(node)}: {told}',
+        f'{executable_name(node)}: {inspect.cleandoc(node.__doc__ or "").replace("`", "")}',
         '',
-        'Run it with parameters by hand, from a file, or with other names of topics:',
+        'Set parameters one by one or from a file, or rename topics:',
         *(f'  {_command(node)} --ros-args {example}' for example in _EXAMPLES),
         *(['', 'Parameters, with their defaults:', *parameters] if parameters else []),
     ]
@@ -94,27 +90,24 @@ def help_text(node: NodeClass) -> str:
 
 
 def _groups(node: NodeClass) -> dict[type, str]:
-    """Prefix of the parameters of a node by the dataclasses whose fields they are."""
+    """Return the prefix of the parameters of each dataclass of a node."""
     groups: dict[type, str] = getattr(node, 'PARAMETERS', {})
     return groups
 
 
-def _described(group: type, prefix: str) -> Iterator[str]:
-    kinds, quantities = get_type_hints(group), described_fields(group)
+def _describe(group: type, prefix: str) -> Iterator[str]:
+    types, quantities = get_type_hints(group), described_fields(group)
     for field in dataclasses.fields(group):
         if field.name in quantities:
             described = quantities[field.name]
-            kind = type_name(kinds[field.name])
+            kind = type_name(types[field.name])
             yield f'  {prefix}{field.name}:={_as_yaml(field.default)}  ({kind})'
+            adjustable = 'adjustable at run time' if described.adjustable else ''
+            parts = (description_with_unit(described), describe_range(described), adjustable)
+            text = '; '.join(filter(None, parts))
             yield from textwrap.wrap(
-                _meaning(described), _WIDTH, initial_indent=' ' * 6, subsequent_indent=' ' * 6
+                text, _WIDTH, initial_indent=' ' * 6, subsequent_indent=' ' * 6
             )
-
-
-def _meaning(described: Quantity) -> str:
-    changes = 'can be changed at run time' if described.adjustable else ''
-    parts = (description_with_unit(described), describe_range(described), changes)
-    return '; '.join(filter(None, parts))
 
 
 def _as_yaml(value: Any) -> str:
@@ -124,12 +117,13 @@ def _as_yaml(value: Any) -> str:
 
 
 def _command(node: NodeClass) -> str:
-    runner = f'ros2 run {_PACKAGE}' if shutil.which('ros2') else 'soliton-linkage run'
+    installed = shutil.which('ros2')
+    runner = 'ros2 run soliton_linkage_nodes' if installed else 'soliton-linkage run'
     return f'{runner} {executable_name(node)}'
 
 
-def _meant(node: NodeClass, unknown: Sequence[str]) -> str | None:
-    """Arguments that may be meant by those that are unknown; None where nothing comes near."""
+def _proposal(node: NodeClass, unknown: Sequence[str]) -> str | None:
+    """Return the arguments that the user probably meant, None without a guess."""
     first, rest = unknown[0], unknown[1:]
     known = parameter_names(node)
     option, _, value = first.partition('=')

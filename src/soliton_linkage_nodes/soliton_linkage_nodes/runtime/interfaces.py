@@ -32,52 +32,52 @@ from soliton_linkage_msgs.msg import (
 )
 
 _DEEPEST_QUEUE = 1000
-"""Messages: a second of a rotor chain at 1000 Hz, longer than any stall of a subscriber."""
+"""Largest depth of a stream [messages]: one second at 1000 Hz."""
 _QUEUE_BYTES = 64 * 2**20
-"""What the queues of a stream may take of the memory of each end."""
+"""Largest memory of the queue of a stream at each end [B]."""
 _LONGEST_RECORD = 100_000
-"""Messages that may wait: 100 s at 1000 Hz; memory is taken for those that do."""
+"""Depth for a whole record [messages]: 100 s at 1000 Hz. Only waiting messages take memory."""
 ACKNOWLEDGEMENT_LIMIT = 0.5
-"""How long a node that goes waits until it was heard [s]: longer than a busy machine takes."""
+"""Longest wait for acknowledgements at the end of a node [s], enough on a busy machine."""
+_POLL_INTERVAL = 0.02
+"""Poll interval while waiting for subscribers [s]."""
+_DISCOVERY_TIME = 1.0
+"""Time without a new subscriber after which all are discovered [s]."""
 
 
-def stream_qos(message_size: int = 0) -> QoSProfile:
-    """Reliable and as deep as 64 MiB of messages allow, 10 to 1000: a stall loses nothing."""
-    affordable = _QUEUE_BYTES // max(message_size, 1)
-    depth = int(min(_DEEPEST_QUEUE, max(10, affordable)))
+def reliable_qos(depth: int) -> QoSProfile:
+    """Return a reliable and volatile quality of service."""
     return QoSProfile(depth=depth, reliability=ReliabilityPolicy.RELIABLE)
 
 
-def lossless_stream_qos() -> QoSProfile:
-    """Reliable and so deep that nothing is lost where all of a record comes at once.
+def stream_qos(message_size: int = 0) -> QoSProfile:
+    """Return a reliable quality of service as deep as 64 MiB of messages allow, 10 to 1000."""
+    affordable = _QUEUE_BYTES // max(message_size, 1)
+    return reliable_qos(int(min(_DEEPEST_QUEUE, max(10, affordable))))
 
-    Both ends need it: who publishes keeps what a subscriber that is busy does not yet have.
-    """
-    return QoSProfile(depth=_LONGEST_RECORD, reliability=ReliabilityPolicy.RELIABLE)
+
+def lossless_stream_qos() -> QoSProfile:
+    """Return a quality of service that holds a whole record; both ends need it."""
+    return reliable_qos(_LONGEST_RECORD)
 
 
 def command_qos() -> QoSProfile:
-    """Reliable and volatile: a late joiner must not replay a kick."""
-    return QoSProfile(depth=100, reliability=ReliabilityPolicy.RELIABLE)
+    """Return a volatile quality of service, so that a late joiner does not repeat a kick."""
+    return reliable_qos(100)
 
 
 def image_qos() -> QoSProfile:
-    """Reliable and shallow: who shows a picture wants the newest."""
-    return QoSProfile(depth=5, reliability=ReliabilityPolicy.RELIABLE)
+    """Return a shallow quality of service, because a display needs only the newest picture."""
+    return reliable_qos(5)
 
 
 def latched_qos(depth: int = 1) -> QoSProfile:
-    """Reliable and transient local: a late joiner gets the last messages."""
+    """Return a transient local quality of service: a late joiner receives the last messages."""
     return QoSProfile(
         depth=depth,
         reliability=ReliabilityPolicy.RELIABLE,
         durability=DurabilityPolicy.TRANSIENT_LOCAL,
     )
-
-
-def wait_for_acknowledgements(publisher: Publisher) -> None:
-    """Wait, not for long, until those who listen have what was published: before a node goes."""
-    publisher.wait_for_all_acked(Duration(seconds=ACKNOWLEDGEMENT_LIMIT))
 
 
 @dataclass(frozen=True)
@@ -90,15 +90,15 @@ class Topic:
 
     @property
     def latched(self) -> bool:
-        """Whether a late joiner gets the last message."""
+        """Whether a late joiner receives the last message."""
         return bool(self.qos.durability == DurabilityPolicy.TRANSIENT_LOCAL)
 
     def publisher(self, node: Node) -> Publisher:
-        """Publisher of a node on this topic."""
+        """Create a publisher."""
         return node.create_publisher(self.type, self.name, self.qos)
 
     def subscribe(self, node: Node, take: Callable[[Any], None], raw: bool = False) -> None:
-        """Have a node take each message of this topic, or its CDR bytes where it is `raw`."""
+        """Pass each message, or its CDR bytes if `raw`, to `take`."""
         node.create_subscription(self.type, self.name, take, self.qos, raw=raw)
 
 
@@ -133,36 +133,21 @@ MOVE_SOLITON = 'move_soliton'
 """Name of the action."""
 
 SUITE_TOPICS = (
-    CHAIN,
-    IDENTIFIED_CHAIN,
-    JOINT_STATES,
-    JOINT_STATE_DEVIATIONS,
-    NUDGE,
-    EDGE_COMMAND,
-    JOINT_COMMANDS,
-    EFFORT_COMMANDS,
-    JOINT_TRAJECTORY,
-    LAST_KICK,
-    DELIVERY,
-    DELIVERED_IMPULSES,
-    ROTOR_IMPULSES,
-    ROTOR_TORQUES,
-    TILT,
-    SOLITON_STATE,
-    SOLITON_EVENTS,
+    *(CHAIN, IDENTIFIED_CHAIN, JOINT_STATES, JOINT_STATE_DEVIATIONS, NUDGE, EDGE_COMMAND),
+    *(JOINT_COMMANDS, EFFORT_COMMANDS, JOINT_TRAJECTORY, LAST_KICK, DELIVERY),
+    *(DELIVERED_IMPULSES, ROTOR_IMPULSES, ROTOR_TORQUES, TILT, SOLITON_STATE, SOLITON_EVENTS),
     DIAGNOSTICS,
 )
-"""What the nodes say and hear, and bags hold."""
+"""Topics of the nodes, which bags contain."""
 DISPLAY_TOPICS = (ROBOT_DESCRIPTION, MARKERS, SOLITON_POSE, KYMOGRAPH)
-"""What is drawn of that for viewers; bags need not hold it."""
+"""Topics for viewers, which are computed from the others."""
 CAMERA_TOPICS = (IMAGE, COMPRESSED_IMAGE, CAMERA_INFO, CAMERA_OVERLAY)
-"""Of cameras in place of encoders."""
+"""Topics of cameras that replace encoders."""
 
 
-_POLL_INTERVAL = 0.02
-"""Between two looks at who listens [s]: short to a person, long to a processor."""
-_TIME_TO_MEET_ANOTHER = 1.0
-"""Without a further subscriber, after which none is expected [s]: discovery takes less."""
+def wait_for_acknowledgements(publisher: Publisher) -> None:
+    """Wait up to 0.5 s until all subscribers have received the published messages."""
+    publisher.wait_for_all_acked(Duration(seconds=ACKNOWLEDGEMENT_LIMIT))
 
 
 def wait_for_subscriber(
@@ -171,17 +156,14 @@ def wait_for_subscriber(
     stopping: threading.Event | None = None,
     fewest: int = 1,
 ) -> bool:
-    """Wait until a topic has a subscriber, or as many as asked for.
+    """Wait until a topic has `fewest` subscribers and no other was discovered for a second.
 
-    False where it has not in time, or is told to stop.
-
-    Subscribers are met one after the other, so that after the first one it waits until no
-    other has come for a second.
+    Returns False after a time [s], or if `stopping` is set.
     """
     stopped = stopping or threading.Event()
     deadline = time.monotonic() + seconds
     met, met_at = 0, 0.0
-    while met < fewest or time.monotonic() - met_at < _TIME_TO_MEET_ANOTHER:
+    while met < fewest or time.monotonic() - met_at < _DISCOVERY_TIME:
         matched = publisher.get_subscription_count()
         if matched != met:
             met, met_at = matched, time.monotonic()

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Nodes that are configured, activated, deactivated and cleaned up, by themselves or when told."""
+"""Lifecycle nodes, which start by themselves or on the request of a manager."""
 
 from __future__ import annotations
 
@@ -23,40 +23,38 @@ class ManagedParameters:
     """Parameters of every managed node."""
 
     autostart: bool = quantity(
-        True, 'whether to configure and activate by itself, without a manager of lifecycles'
+        True, 'whether the node configures and activates itself, without a lifecycle manager'
     )
     real_time: bool = quantity(
-        False, 'whether to go before ordinary threads, where the system allows it, while it waits'
+        False,
+        'whether the node has real-time priority while it is mostly idle, if the system allows it',
     )
 
 
 class ManagedNode(GuardedNode, LifecycleNode):
-    """A node with the lifecycle of ROS: unconfigured, inactive, active.
+    """Node with the lifecycle of ROS: unconfigured, inactive, active.
 
-    A subclass says in `PARAMETERS` what is declared at once, and in four methods what is done:
-    `configure` makes what takes long, topics too, `activate` begins, `deactivate` stops at once,
-    `cleanup` closes what is no topic, service or timer: those that `configure` has made are
-    destroyed after it. Where `configure` or `activate` raise ValueError or OSError, the node says
-    why and stays as it was; a node that starts by itself raises that to who creates it.
+    A subclass lists the parameters to declare in `PARAMETERS` and overrides four methods:
+    `configure` creates topics and everything slow, `activate` starts, `deactivate` stops at once,
+    `cleanup` closes the rest. Topics, timers and services of `configure` are destroyed after
+    `cleanup`. If `configure` or `activate` raises, the node logs the error and keeps its state; a
+    node that starts by itself raises the error in its constructor.
     """
 
     PARAMETERS: ClassVar[dict[type, str]] = {}
 
     def __init__(self, name: str, **kwargs: Any) -> None:
-        """Declare the parameters and, unless a manager is to do it, configure and activate."""
+        """Declare the parameters and, unless a manager does that, configure and activate."""
         super().__init__(name, **kwargs)
-        self._inactive = f'{self.get_name()} is not active; activate it first'
         self.active = False
-        """Whether it does its work."""
         self.configured = False
-        """Whether it has what it works with."""
         self._leaving = False
-        self._failed_of: Exception | None = None
-        self._of_all: set[Any] = set()
+        self._failure: Exception | None = None
+        self._permanent: set[Any] = set()
         managed = declare(self, ManagedParameters)
         self.real_time = managed.real_time
         self.starting = managed.autostart
-        """Whether it is configuring and activating itself."""
+        """Whether the node is configuring and activating itself."""
         self.declare_parameters_of_node()
         reject_unknown(self)
 
@@ -64,77 +62,77 @@ class ManagedNode(GuardedNode, LifecycleNode):
             if self.configured:
                 self.follow_parameters()
 
-        self.add_post_set_parameters_callback(self.guarded('take up parameters', follow))
+        self.add_post_set_parameters_callback(self.guarded('apply parameters', follow))
         self._reject_impossible_transitions()
         if managed.autostart:
             self._start()
 
     def declare_parameters_of_node(self) -> None:
-        """Declare all of `PARAMETERS`; ValueError where a value is not allowed."""
+        """Declare all of `PARAMETERS`; ValueError if a value is not allowed."""
         for group, prefix in self.PARAMETERS.items():
             declare(self, group, prefix)
 
     def configure(self) -> None:
-        """Make what takes long, and the topics."""
+        """Create topics and everything slow."""
 
     def activate(self) -> None:
-        """Begin."""
+        """Start."""
 
     def deactivate(self) -> None:
         """Stop at once; `active` is False already."""
 
     def cleanup(self) -> None:
-        """Close what `configure` has opened."""
+        """Close what `configure` has opened, except topics, timers and services."""
 
     def follow_parameters(self) -> None:
-        """Take up what parameters have been changed to."""
+        """Apply changed parameters."""
 
     def while_active(self, take: Callable[[Any], None]) -> Callable[[Any], None]:
-        """Return what takes messages while the node is active, and lets others go."""
+        """Return a callback that drops messages unless the node is active."""
 
-        def take_or_not(message: Any) -> None:
+        def take_or_drop(message: Any) -> None:
             if self.active:
                 take(message)
 
-        return take_or_not
+        return take_or_drop
 
     def check_active(self) -> None:
-        """Raise ValueError where the node is not active."""
+        """Raise ValueError unless the node is active."""
         if not self.active:
-            raise ValueError(self._inactive)
+            raise ValueError(f'{self.get_name()} is not active; activate it first')
 
     def reporting(self, report: Callable[[], Report]) -> Callable[[], Report]:
-        """Return a report that says where the node is not active."""
+        """Return a report that covers the inactive state."""
         return lambda: report() if self.active else Report('not active')
 
     def on_configure(self, state: LifecycleState) -> TransitionCallbackReturn:
-        """Configure, or leave nothing behind."""
-        self._of_all = {each for kind in _DESTROYERS for each in getattr(self, kind)}
-        self.configured = self._carried_out(self.configure)
+        """Configure, or destroy everything that was created."""
+        self._permanent = {each for kind in _DESTROYERS for each in getattr(self, kind)}
+        self.configured = self._run(self.configure)
         if not self.configured:
-            self._destroy_what_was_made()
+            self._destroy_entities()
         return self._answer(self.configured, 'configured')
 
     def on_activate(self, state: LifecycleState) -> TransitionCallbackReturn:
         """Activate."""
-        self.active = self._carried_out(self.activate)
+        self.active = self._run(self.activate)
         return self._answer(self.active, 'activated')
 
     def on_deactivate(self, state: LifecycleState) -> TransitionCallbackReturn:
-        """Deactivate; nothing keeps it from that."""
+        """Deactivate, also if `deactivate` raises."""
         self.active = False
-        self._carried_out(self.deactivate)
+        self._run(self.deactivate)
         return self._answer(True, 'deactivated')
 
     def on_cleanup(self, state: LifecycleState) -> TransitionCallbackReturn:
-        """Clean up; nothing keeps it from that."""
+        """Clean up, also if `cleanup` raises."""
         self.configured = False
-        self._carried_out(self.cleanup)
-        self._destroy_what_was_made()
+        self._run(self.cleanup)
+        self._destroy_entities()
         return self._answer(True, 'cleaned up')
 
     def on_shutdown(self, state: LifecycleState) -> TransitionCallbackReturn:
-        """Deactivate and clean up, as far as there is need to."""
+        """Deactivate and clean up if necessary."""
         if self.active:
             self.on_deactivate(state)
         if self.configured:
@@ -142,7 +140,7 @@ class ManagedNode(GuardedNode, LifecycleNode):
         return TransitionCallbackReturn.SUCCESS
 
     def destroy_node(self) -> None:
-        """Deactivate and clean up, then go; raises what cleaning up raises."""
+        """Deactivate, clean up and destroy; raises the exceptions of `cleanup`."""
         self._leaving = True
         try:
             if self.active:
@@ -156,47 +154,52 @@ class ManagedNode(GuardedNode, LifecycleNode):
     def _start(self) -> None:
         for transition in (self.trigger_configure, self.trigger_activate):
             if transition() != TransitionCallbackReturn.SUCCESS:
-                raise self._failed_of or RuntimeError(f'{self.get_name()} could not start')
+                raise self._failure or RuntimeError(f'{self.get_name()} could not start')
         self.starting = False
 
-    def _carried_out(self, act: Callable[[], None]) -> bool:
+    def _run(self, act: Callable[[], None]) -> bool:
         try:
             act()
         except Exception as error:
-            self._failed_of = error
+            self._failure = error
             if not self.starting:
                 expected = isinstance(error, (ValueError, OSError))
                 self.get_logger().error(str(error) if expected else traceback.format_exc())
             return False
         return True
 
-    def _answer(self, done: bool, what: str) -> TransitionCallbackReturn:
+    def _answer(self, done: bool, state: str) -> TransitionCallbackReturn:
         if done and not self.starting and not self._leaving:
-            self.get_logger().info(what)
+            self.get_logger().info(state)
         return TransitionCallbackReturn.SUCCESS if done else TransitionCallbackReturn.FAILURE
 
-    def _destroy_what_was_made(self) -> None:
-        self._unattended = frozenset()
+    def _destroy_entities(self) -> None:
+        """Destroy what `configure` has created."""
+        self._undispatched = frozenset()
         for kind, destroy in _DESTROYERS.items():
-            for entity in [each for each in getattr(self, kind) if each not in self._of_all]:
+            for entity in [each for each in getattr(self, kind) if each not in self._permanent]:
                 destroy(self, entity)
 
     def _reject_impossible_transitions(self) -> None:
-        """Answer a transition that is impossible in this state; rclpy raises into the executor.
+        """Reject a transition that the present state does not have.
 
-        Without this any client that asks for one ends the node.
+        rclpy raises RCLError into the executor, which ends the process: measured with rclpy of
+        Jazzy by one call of `change_state` with the id 250. Its handler is a private method that
+        a subclass cannot override, hence the replaced callback.
         """
-        name = self.resolve_service_name('~/change_state')
-        (service,) = (each for each in self.services if each.service_name == name)
+        service = self._service_change_state
         change = service.callback
 
         def change_or_reject(request: Any, response: Any) -> Any:
             try:
                 return change(request, response)
             except rclpy_implementation.RCLError:
-                asked = request.transition.label or request.transition.id
+                transition = request.transition.label or request.transition.id
                 _, state = self._state_machine.current_state
-                self.get_logger().warning(f'no transition {asked} from state {state}')
+                self.get_logger().warning(
+                    f'rejected transition {transition}: state {state} does not have it; ask '
+                    '~/get_available_transitions for those that it has'
+                )
                 response.success = False
                 return response
 
@@ -210,4 +213,4 @@ _DESTROYERS: dict[str, Callable[[Any, Any], Any]] = {
     'clients': Node.destroy_client,
     'publishers': Node.destroy_publisher,
 }
-"""How a node destroys what it has of each kind; those that call it back go first."""
+"""Destructors of the entities of a node, those with callbacks first."""

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Files of parameters, and what a node that was started with some should say about them."""
+"""Parameter files, and notices about the ones that a node was started with."""
 
 from __future__ import annotations
 
@@ -12,91 +12,91 @@ from typing import Any, NamedTuple
 import yaml
 from rclpy.node import Node
 
-from soliton_linkage_nodes.runtime.parameters import given
+from soliton_linkage_nodes.runtime.parameters import overrides
 
 _PARAMETERS = 'ros__parameters'
 _WILDCARDS = {'**': r'(/\w+)*', '*': r'/\w+'}
 
 
 class Notice(NamedTuple):
-    """Something to be said in one line, and whether it is a warning."""
+    """A line to log."""
 
     text: str
     warning: bool
 
 
-def resolve_path(argument: str, given: str, known: Mapping[str, Path]) -> Path:
-    """Return the path that a known name means, or that is given itself, to a launch file.
+def resolve_path(argument: str, value: str, known: Mapping[str, Path]) -> Path:
+    """Return the path of a launch argument, which is a known name or a path.
 
-    Raises ValueError, which names the argument, where nothing is there.
+    Raises ValueError, which names the argument, if nothing is there.
     """
-    path = known.get(given, Path(given))
+    path = known.get(value, Path(value))
     if not path.exists():
         raise ValueError(
-            f'{argument}:={given} is not there and none of {", ".join(sorted(known))}; '
-            f'paths are looked for from {Path.cwd()}'
+            f'{argument}:={value} does not exist and is none of {", ".join(sorted(known))}; '
+            f'give one of these, or a path from {Path.cwd()}'
         )
     return path
 
 
 def read_sections(path: Path) -> dict[str, dict[str, Any]]:
-    """Parameters of a file by the pattern of the nodes that they are for, and by their name.
+    """Return the parameters of a file by the node pattern of their section and by their name.
 
-    Raises OSError, or ValueError where it is no file of parameters.
+    Raises OSError, or ValueError if it is no parameter file.
     """
     try:
         sections = dict(_sections(yaml.safe_load(path.read_text(encoding='utf-8')), ''))
     except (UnicodeDecodeError, yaml.YAMLError, AttributeError) as error:
         reason = ' '.join(str(error).split())
-        raise ValueError(f'{path} is no file of parameters: {reason}') from error
+        raise ValueError(f'{path} is no parameter file: {reason}') from error
     if not sections:
-        raise ValueError(f'{path} is no file of parameters: it has no {_PARAMETERS}')
+        raise ValueError(f'{path} is no parameter file: it has no {_PARAMETERS}')
     return sections
 
 
-def concerns(pattern: str, node: str) -> bool:
-    """Whether the pattern of a section names a node, given by its full name."""
+def matches(pattern: str, node: str) -> bool:
+    """Return whether the node pattern of a section matches the full name of a node."""
     tokens = pattern.strip('/').split('/')
     expression = ''.join(_WILDCARDS.get(token, '/' + re.escape(token)) for token in tokens)
     return re.fullmatch(expression, node) is not None
 
 
-def notices(node: Node, arguments: Sequence[str], beside: Sequence[Node] = ()) -> Iterator[Notice]:
-    """What is to be said of the files and the `-p` that a node was started with.
+def notices(node: Node, arguments: Sequence[str], others: Sequence[Node] = ()) -> Iterator[Notice]:
+    """Yield notices about the parameter files and the `-p` that a node was started with.
 
-    Files may be for the nodes beside it alone, which have been started with the same arguments.
+    A file may be for `others` alone, nodes that were started with the same arguments.
     """
     name = node.get_fully_qualified_name()
-    started = [name, *(other.get_fully_qualified_name() for other in beside)]
-    by_hand = dict(_rules(arguments, node.get_name()))
+    started = [name, *(other.get_fully_qualified_name() for other in others)]
+    typed = dict(_rules(arguments, node.get_name()))
     for path in map(Path, _values_of(arguments, '--params-file')):
         try:
             sections = read_sections(path)
         except (OSError, ValueError):
             continue
-        named = [held for pattern, held in sections.items() if concerns(pattern, name)]
-        if not any(concerns(pattern, one) for pattern in sections for one in started):
-            others = ', '.join(sections)
+        if not any(matches(pattern, one) for pattern in sections for one in started):
             remedy = f'begin its section with /**/{node.get_name()}:'
-            yield Notice(f'{path} has parameters for {others}, not for {name}; {remedy}', True)
-        held = {key: value for section in named for key, value in section.items()}
-        for parameter in sorted(held.keys() & by_hand.keys()):
-            yield from _conflict(node, parameter, held[parameter], by_hand[parameter], path)
+            text = f'{path} has parameters for {", ".join(sections)}, not for {name}; {remedy}'
+            yield Notice(text, True)
+        own = [values for pattern, values in sections.items() if matches(pattern, name)]
+        filed = {key: value for values in own for key, value in values.items()}
+        for parameter in sorted(filed.keys() & typed.keys()):
+            yield from _conflict(node, parameter, filed[parameter], typed[parameter], path)
 
 
-def _conflict(node: Node, name: str, held: Any, rule: str, path: Path) -> Iterator[Notice]:
-    """Say which of two values of a parameter counts, where they differ."""
-    if name not in given(node):
+def _conflict(node: Node, name: str, filed: Any, rule: str, path: Path) -> Iterator[Notice]:
+    """Yield a notice about the value that a node uses, if file and `-p` differ."""
+    if name not in overrides(node):
         return
-    taken, typed = given(node)[name].value, rule.partition(':=')[2]
-    if _number(held) == _number(typed):
+    used, typed = overrides(node)[name].value, rule.partition(':=')[2]
+    if _number(filed) == _number(typed):
         return
-    if _number(taken) == _number(held):
+    if _number(used) == _number(filed):
         alone = node.get_namespace() == '/'
         remedy = f'write -p {node.get_name()}:{name}:={typed} after it' if alone else 'change it'
-        yield Notice(f'{name} = {held} of {path} overrides -p {rule}; {remedy}', True)
+        yield Notice(f'{name} = {filed} of {path} overrides -p {rule}; {remedy}', True)
     else:
-        yield Notice(f'-p {rule} overrides {name} = {held} of {path}', False)
+        yield Notice(f'-p {rule} overrides {name} = {filed} of {path}', False)
 
 
 def _sections(content: Mapping[str, Any], above: str) -> Iterator[tuple[str, dict[str, Any]]]:
@@ -116,20 +116,19 @@ def _flattened(values: Mapping[str, Any], above: str) -> Iterator[tuple[str, Any
 
 
 def _rules(arguments: Sequence[str], node: str) -> Iterator[tuple[str, str]]:
-    """Rule of each parameter that is given by `-p` to all nodes or to this one, by its name."""
+    """Yield name and rule of each `-p` for this node or for all."""
     for rule in [*_values_of(arguments, '-p'), *_values_of(arguments, '--param')]:
-        whom, _, name = rule.partition(':=')[0].rpartition(':')
-        if whom in ('', node):
+        target, _, name = rule.partition(':=')[0].rpartition(':')
+        if target in ('', node):
             yield name, rule
 
 
 def _values_of(arguments: Sequence[str], option: str) -> list[str]:
-    pairs = pairwise(arguments)
-    return [value for name, value in pairs if name == option]
+    return [value for name, value in pairwise(arguments) if name == option]
 
 
 def _number(value: Any) -> Any:
-    """Value for a comparison, in which 1e-3 is a number although YAML 1.1 takes it for a text."""
+    """Return a value for a comparison, in which 1e-3 is a number, unlike in YAML 1.1."""
     try:
         read = yaml.safe_load(value) if isinstance(value, str) else value
         return float(read) if isinstance(read, (str, int, float)) else read

@@ -20,7 +20,7 @@ from rclpy.node import Node
 from rclpy.parameter import Parameter
 
 from soliton_linkage.linkage.quantities import Quantity, described_fields
-from soliton_linkage_nodes.runtime.guarded import unknown
+from soliton_linkage_nodes.runtime.guarded import unknown_parameter
 
 Parameters = TypeVar('Parameters')
 
@@ -42,26 +42,26 @@ _EXAMPLES = {
     Parameter.Type.DOUBLE_ARRAY: 'a list of numbers such as [1.0, 0.5]',
 }
 _SHARED = 'chain.'
-_TAKING: WeakSet[Node] = WeakSet()
-"""Nodes that take whole numbers where numbers with a point are meant."""
+_CONVERTING: WeakSet[Node] = WeakSet()
+"""Nodes with a callback that converts changes at run time."""
 _LARGEST_INTEGER = 2**63 - 1
-"""That a ROS parameter holds, which is an int64."""
+"""Largest value of an int64, the type of an integer parameter."""
 
 
 def declare(node: Node, parameters: type[Parameters], prefix: str = '') -> Parameters:
     """Declare the described fields of a dataclass as parameters and return their values in it.
 
-    Fields without a description keep their default. What is declared already keeps its value.
-    Raises ValueError, naming parameter, value, limit and remedy, where one is not allowed.
+    Fields without a description keep their default. Declared parameters keep their value.
+    Raises ValueError, with parameter, value, limit and remedy, if a value is not allowed.
     """
     quantities = described_fields(parameters)
     if quantities and all(node.has_parameter(prefix + name) for name in quantities):
         return current(node, parameters, prefix)
-    _take_whole_numbers(node)
-    kinds = get_type_hints(parameters)
+    _convert_changes(node)
+    types = get_type_hints(parameters)
     values = {
         field.name: _declare_one(
-            node, prefix + field.name, kinds[field.name], field.default, quantities[field.name]
+            node, prefix + field.name, types[field.name], field.default, quantities[field.name]
         )
         for field in dataclasses.fields(cast(Any, parameters))
         if field.name in quantities
@@ -70,64 +70,61 @@ def declare(node: Node, parameters: type[Parameters], prefix: str = '') -> Param
         prefix + name: described for name, described in quantities.items() if described.adjustable
     }
     if adjustable:
-        node.add_on_set_parameters_callback(lambda changes: _judge(adjustable, changes))
+        node.add_on_set_parameters_callback(lambda changes: _check(adjustable, changes))
     return parameters(**values)
 
 
 def current(node: Node, parameters: type[Parameters], prefix: str = '') -> Parameters:
-    """Return the values that the declared fields of a dataclass have now."""
+    """Return the present values of the declared fields of a dataclass."""
+    types = get_type_hints(parameters)
     values = {
         name: node.get_parameter(prefix + name).value for name in described_fields(parameters)
     }
-    kinds = get_type_hints(parameters)
-    return parameters(**{name: _kept(_TYPES[kinds[name]], values[name]) for name in values})
+    return parameters(**{n: _field_value(_TYPES[types[n]], value) for n, value in values.items()})
 
 
 def reject_unknown(node: Node) -> None:
-    """Raise ValueError for a parameter that was given to a node and that it has not declared.
+    """Raise ValueError for a parameter that a node was given and has not declared.
 
     The parameters `chain.*` may be given to every node, whether it needs them or not.
     """
     declared = set(node.get_parameters_by_prefix(''))
     knows_chain = any(name.startswith(_SHARED) for name in declared)
-    for name in sorted(given(node).keys() - declared):
-        if name.startswith(_SHARED) and not knows_chain:
-            continue
-        raise ValueError(unknown(node, name, declared))
+    for name in sorted(overrides(node).keys() - declared):
+        if knows_chain or not name.startswith(_SHARED):
+            raise ValueError(unknown_parameter(node, name, declared))
 
 
-def given(node: Node) -> Mapping[str, Parameter]:
-    """Parameters that a node was given from outside; rclpy has no public name for them."""
-    overrides: dict[str, Parameter] = node._parameter_overrides
-    return overrides
+def overrides(node: Node) -> Mapping[str, Parameter]:
+    """Return the parameters that a node was given; rclpy has no public name for them."""
+    given: dict[str, Parameter] = node._parameter_overrides
+    return given
 
 
 def type_name(kind: Any) -> str:
-    """Name that ROS has for the type of a field."""
+    """Return the name of the parameter type of a field."""
     return _TYPES[kind].name.lower()
 
 
 def description_with_unit(described: Quantity) -> str:
-    """What a parameter means, and its unit in brackets."""
+    """Return a description with its unit in brackets."""
     return described.description + (f' [{described.unit}]' if described.unit else '')
 
 
 def describe_range(described: Quantity) -> str:
-    """Values that a parameter may have, empty for any."""
+    """Return the allowed values of a parameter, empty for any."""
     low, high = described.minimum, described.maximum
     if described.choices:
         return f'one of {", ".join(described.choices)}'
-    if low is None and high is None:
-        return ''
-    if high is None:
-        return f'{low:g} or more'
-    return f'{high:g} or less' if low is None else f'{low:g} to {high:g}'
+    if low is None:
+        return '' if high is None else f'{high:g} or less'
+    return f'{low:g} or more' if high is None else f'{low:g} to {high:g}'
 
 
-def _judge(
+def _check(
     adjustable: Mapping[str, Quantity], changes: Sequence[Parameter]
 ) -> SetParametersResult:
-    """Refuse a change at run time that rclpy, which knows no choices, would let pass."""
+    """Reject a change at run time that rclpy does not check, such as one of the choices."""
     for change in changes:
         complaint = change.name in adjustable and adjustable[change.name].complaint(change.value)
         if complaint:
@@ -136,29 +133,28 @@ def _judge(
     return SetParametersResult(successful=True)
 
 
-def _take_whole_numbers(node: Node) -> None:
-    """Have a node take changes at run time in the types that are meant, as it takes files."""
-    # rclpy joins what such callbacks return, so that there must be one.
-    if node not in _TAKING:
-        _TAKING.add(node)
+def _convert_changes(node: Node) -> None:
+    """Convert the types of changes at run time as those of files, once for a node."""
+    # rclpy concatenates the results of several such callbacks.
+    if node not in _CONVERTING:
+        _CONVERTING.add(node)
         node.add_pre_set_parameters_callback(
-            lambda changes: [_meant(node, change) for change in changes]
+            lambda changes: [_convert_change(node, change) for change in changes]
         )
 
 
-def _meant(node: Node, change: Parameter) -> Parameter:
-    """Return a change at run time in the type that its parameter has, where it can be meant."""
+def _convert_change(node: Node, change: Parameter) -> Parameter:
     if not node.has_parameter(change.name) or change.type_ is Parameter.Type.NOT_SET:
         return change
     kind = Parameter.Type(node.describe_parameter(change.name).type)
-    value = _taken(kind, change.value)
+    value = _convert(kind, change.value)
     return Parameter(change.name, kind, value) if kind.check(value) else change
 
 
-def _taken(kind: Parameter.Type, value: Any) -> Any:
-    """Whole numbers as those with a point where these are meant, and nothing as an empty list.
+def _convert(kind: Parameter.Type, value: Any) -> Any:
+    """Return a whole number as a float if the type is one, and an empty list of any type.
 
-    An empty list comes without a value from files and as one of bytes or bools from elsewhere.
+    An empty list has no value in a file, and is one of bytes or bools elsewhere.
     """
     if kind in _LISTS and isinstance(value, (NoneType, list, tuple, array)):
         elements = list(value or ())
@@ -170,29 +166,24 @@ def _taken(kind: Parameter.Type, value: Any) -> Any:
 
 
 def _declare_one(node: Node, name: str, kind: Any, default: Any, described: Quantity) -> Any:
-    type_, outside = _TYPES[kind], given(node).get(name)
-    value = default if outside is None else _taken(type_, outside.value)
-    right = type_.check(value) and (type_ is Parameter.Type.BOOL or not isinstance(value, bool))
-    complaint = described.complaint(value) if right else f'must be {_EXAMPLES[type_]}'
+    type_, override = _TYPES[kind], overrides(node).get(name)
+    value = default if override is None else _convert(type_, override.value)
+    fits = type_.check(value) and (type_ is Parameter.Type.BOOL or not isinstance(value, bool))
+    complaint = described.complaint(value) if fits else f'must be {_EXAMPLES[type_]}'
     if complaint:
         raise ValueError(f'parameter {name} of {node.get_name()} = {value!r} {complaint}')
     descriptor = _descriptor(type_, described)
     if type_ in _LISTS:
-        _declare_list(node, Parameter(name, type_, list(value)), descriptor)
+        # rclpy infers the type of a list from its elements, and has none for an empty one.
+        node.declare_parameter(name, type_, ignore_override=True)
+        node.set_parameters([Parameter(name, type_, list(value))])
+        node.set_descriptor(name, descriptor)
     else:
         node.declare_parameter(name, value, descriptor, ignore_override=True)
-    return _kept(type_, value)
+    return _field_value(type_, value)
 
 
-def _declare_list(node: Node, parameter: Parameter, descriptor: ParameterDescriptor) -> None:
-    """Declare a list that may be empty: rclpy infers the type from what is in it."""
-    node.declare_parameter(parameter.name, parameter.type_, ignore_override=True)
-    node.set_parameters([parameter])
-    node.set_descriptor(parameter.name, descriptor)
-
-
-def _kept(type_: Parameter.Type, value: Any) -> Any:
-    """Value of a parameter as a field holds it."""
+def _field_value(type_: Parameter.Type, value: Any) -> Any:
     return tuple(value) if type_ in _LISTS else value
 
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Processes of nodes: they start, or report in one line why not, and stop on a signal."""
+"""Processes of nodes: start, or one line with the reason of a failure, and stop on a signal."""
 
 from __future__ import annotations
 
@@ -29,6 +29,16 @@ from soliton_linkage_nodes.runtime.parameters import reject_unknown
 
 _SPIN = 0.02
 """Poll interval of a condition while no message comes [s]."""
+_SHARE_OF_PERIOD = 0.1
+"""Switch interval of the interpreter, in frame periods [1]. With the default of 5 ms a frame of
+1000 Hz is five periods late. Sensitivity: at 0.5x, waiting threads wake twice as often; at 2x,
+frames are late by another tenth of a period."""
+_SHORTEST_INTERVAL = 1e-4
+"""Shortest switch interval [s]: a switch takes some microseconds."""
+_MIXED = 'Sequence should be of same type'
+"""Error of rcl for a list such as [1, 0.5]."""
+_LONGEST_WAIT = 0.1
+"""Longest time between two checks for a signal [s]."""
 
 
 def spin_until(
@@ -50,7 +60,7 @@ class WaitingNode(Node):
     """Node of a program that spins it while it waits for answers; it takes no parameters."""
 
     def __init__(self, name: str, stopping: threading.Event, **kwargs: Any) -> None:
-        """Join the graph; an event that is set in `stopping` interrupts `wait`."""
+        """Join the graph; setting `stopping` interrupts `wait`."""
         super().__init__(name, **kwargs)
         self.stopping = stopping
         reject_unknown(self)
@@ -66,35 +76,19 @@ class WaitingNode(Node):
         return spin_until(self._waiting, condition, seconds)
 
     def destroy_node(self) -> None:
-        """Shut the executor down, which would otherwise keep the node in the graph."""
+        """Destroy the node and its executor, which would otherwise keep it in the graph."""
         self._waiting.shutdown()
         super().destroy_node()
-
-
-_SHARE_OF_PERIOD = 0.1
-"""Switch interval of the interpreter, in periods of the frames [1]. With the default of 5 ms a
-frame of 1000 Hz is five periods late. Sensitivity: at 0.5x, waiting threads wake twice as often;
-at 2x, frames are late by another tenth of a period."""
-_SHORTEST_TURN = 1e-4
-"""Shortest switch interval [s]: a switch takes some microseconds."""
-_MIXED = 'Sequence should be of same type'
-"""Error of rcl for a list such as [1, 0.5]."""
-_LONGEST_WAIT = 0.1
-"""Longest time between two checks for a signal [s]."""
 
 
 def stop_on_signals() -> threading.Event:
     """Return an event that SIGINT and SIGTERM set.
 
-    rclpy's own handlers shut the context down at once, and what is still queued is lost.
+    rclpy's own handlers shut the context down at once, and queued messages are lost.
     """
     stopping = threading.Event()
-
-    def stop(_number: int, _frame: Any) -> None:
-        stopping.set()
-
-    signal.signal(signal.SIGINT, stop)
-    signal.signal(signal.SIGTERM, stop)
+    for number in (signal.SIGINT, signal.SIGTERM):
+        signal.signal(number, lambda _number, _frame: stopping.set())
     return stopping
 
 
@@ -132,15 +126,15 @@ def run(create_node: Callable[[], Node], finished: Callable[[Any], bool] | None 
     """Spin a node of a class until SIGINT, SIGTERM or its end, and end the process.
 
     `finished` returns whether the node has finished, or raises its failure, because executors
-    print a trace of what callbacks raise. The exit code is 0; 1 after one line if the node could
-    not start or continue; 2 after one line if an argument is unknown.
+    print a trace of exceptions in callbacks. The exit code is 0; 1 after one line if the node
+    could not start or continue; 2 after one line if an argument is unknown.
     """
     check_arguments(create_node, sys.argv[1:])
     run_together([Component(create_node, finished)], sys.argv)
 
 
 class Component(NamedTuple):
-    """Constructor of a node, and a function that tells whether it has finished."""
+    """Constructor of a node, and a function that returns whether the node has finished."""
 
     create: Callable[[], Node]
     finished: Callable[[Any], bool] | None = None
@@ -154,7 +148,7 @@ def run_together(components: Sequence[Component], arguments: list[str]) -> None:
         initialise(arguments)
         warnings.showwarning = _log_warning
         gc.collect()
-        # It has half the cost of other executors. Its spin() hangs in Jazzy, turns do not.
+        # It takes half the time of other executors. In Jazzy its spin() hangs, slices do not.
         executor = EventsExecutor()
         with ExitStack() as stack:
             nodes = []
@@ -167,8 +161,8 @@ def run_together(components: Sequence[Component], arguments: list[str]) -> None:
                     (log.warning if notice.warning else log.info)(notice.text)
             rates = [node.frame_rate for node in nodes if hasattr(node, 'frame_rate')]
             if rates:
-                turn = max(_SHARE_OF_PERIOD / max(rates), _SHORTEST_TURN)
-                sys.setswitchinterval(min(turn, sys.getswitchinterval()))
+                interval = max(_SHARE_OF_PERIOD / max(rates), _SHORTEST_INTERVAL)
+                sys.setswitchinterval(min(interval, sys.getswitchinterval()))
             # A collection that includes these permanent objects takes 40 ms.
             gc.freeze()
             _spin(executor, list(zip(components, nodes, strict=True)), stopping)
@@ -176,7 +170,7 @@ def run_together(components: Sequence[Component], arguments: list[str]) -> None:
         get_logger('soliton_linkage').fatal(str(error))
         code = 1
     except MemoryError as error:
-        get_logger('soliton_linkage').fatal(f'memory is used up ({error}); see ulimit -a')
+        get_logger('soliton_linkage').fatal(f'out of memory ({error}); see ulimit -a')
         code = 1
     finally:
         rclpy.try_shutdown()
@@ -199,34 +193,32 @@ def _log_warning(
 
 
 def _spin(
-    executor: Any,
-    nodes: Sequence[tuple[Component, Node]],
-    stopping: threading.Event,
+    executor: Any, nodes: Sequence[tuple[Component, Node]], stopping: threading.Event
 ) -> None:
     for _, node in nodes:
         executor.add_node(node)
     priority = IdlePriority(any(getattr(node, 'real_time', False) for _, node in nodes))
-    with Turns() as turns:
+    with SpinSlices() as slices:
         while not stopping.is_set():
             if any(component.finished and component.finished(node) for component, node in nodes):
                 break
-            executor.spin_until_future_complete(turns.begin(), _LONGEST_WAIT)
+            executor.spin_until_future_complete(slices.begin(), _LONGEST_WAIT)
             priority.update()
 
 
-class Turns:
-    """Thread that ends the turns of an executor, in which it takes all that comes.
+class SpinSlices:
+    """Thread that ends each slice of spinning after 0.1 s.
 
-    A turn for each callback would take as long as ten lines of Python. The executor checks its own
-    time limit only while nothing waits for it.
+    A slice for each callback would take as long as ten lines of Python. The executor checks its
+    own time limit only while no message waits.
     """
 
     def __init__(self) -> None:
-        self._turn = Future()
+        self._slice = Future()
         self._over = threading.Event()
         self._thread = threading.Thread(target=self._end_each, daemon=True)
 
-    def __enter__(self) -> Turns:
+    def __enter__(self) -> SpinSlices:
         self._thread.start()
         return self
 
@@ -235,10 +227,10 @@ class Turns:
         self._thread.join()
 
     def begin(self) -> Future:
-        """Return a future that is done when the turn is over."""
-        self._turn = Future()
-        return self._turn
+        """Return a future that is done at the end of the slice."""
+        self._slice = Future()
+        return self._slice
 
     def _end_each(self) -> None:
         while not self._over.wait(_LONGEST_WAIT):
-            self._turn.set_result(None)
+            self._slice.set_result(None)
