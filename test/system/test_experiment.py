@@ -87,7 +87,7 @@ def test_a_soliton_crosses_is_recorded_and_replayed_alike(start: Start, tmp_path
     assert summary['replayed_messages'] == frames_in(tmp_path / f'{SCENARIO}_0')
     assert summary['largest_replay_difference_rotors'] == 0
     assert 0 < summary['publish_rate_hz'] < 1.05 * RATE
-    # A busy machine is late, and then says so.
+    # A busy machine is late and reports it.
     assert summary['missed_deadlines'] or summary['publish_rate_hz'] > 0.95 * RATE
     assert abs(summary['energy_drift']) < 1e-8
     speeds = [crossing.site_rate for crossing in run.crossings]
@@ -208,7 +208,7 @@ def assert_it_stops(
 def assert_live_analysis_is_that_of_the_recording(bag: Path) -> None:
     """To the last bit, without any node, from the frames that the live one was in time for.
 
-    It analysed those too whose states went out before the recorder heard of it: the first ones.
+    It also analysed the first frames, whose states it published before the recorder discovered it.
     """
     with open_bag(bag) as reader:
         live = {str(state.header.stamp): state for _, state in read_topic(reader, 'soliton_state')}

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Any number of chains, each in a namespace, in a process a core, with recorders if asked for."""
+"""Launch chains, each in a namespace, with one process for each core and optional recorders."""
 
 import os
 from pathlib import Path
@@ -19,11 +19,11 @@ NAMED = {path.stem: path for path in sorted(EXAMPLES.glob('*.yaml'))}
 BAGS = ('each', 'one')
 SUITE = ('simulator', 'edge_actuator', 'soliton_analyser', 'soliton_steering')
 RESPAWN = {'respawn': True, 'respawn_delay': 1.0, 'respawn_max_retries': 100}
-"""What dies is begun anew after a second [s], but not for ever what cannot start."""
+"""Restart of processes that died, after 1 s; limited, for processes that cannot start."""
 
 
 def chains_of(path):
-    """Return the namespaces that a file of parameters names, in its order; ValueError for none."""
+    """Return the namespaces of a parameter file in its order; ValueError if there is none."""
     sections = yaml.safe_load(path.read_text(encoding='utf-8'))
     firsts = [section.strip('/').split('/')[0] for section in sections]
     chains = [name for name in dict.fromkeys(firsts) if not name.startswith('*')]
@@ -33,7 +33,7 @@ def chains_of(path):
 
 
 def recorder(record, chains, path):
-    """Return a recorder of all that the chains publish, in one bag."""
+    """Return a recorder of all topics of the chains, with one bag."""
     pattern = f'^/({"|".join(chains)})/'
     return Node(
         package=PACKAGE,
@@ -46,7 +46,7 @@ def recorder(record, chains, path):
 
 
 def suite(chains, record, path):
-    """Return the nodes of chains in one process, with a recorder of each where it has a bag."""
+    """Return one process with the nodes of chains, and a recorder of each if `record` is set."""
     nodes = [*SUITE, *(['bag_recorder'] if record else [])]
     rules = [
         f'{chain}/bag_recorder:{rule}'
@@ -68,14 +68,14 @@ def suite(chains, record, path):
 
 
 def shared(chains, processes):
-    """Return the chains of each of so many processes; ValueError for a number that is none."""
+    """Return the chains of each process; ValueError for an invalid number of processes."""
     if not (processes.isdecimal() and int(processes)):
         raise ValueError(f'processes:={processes} must be a whole number above 0')
     return [chains[first :: int(processes)] for first in range(min(int(processes), len(chains)))]
 
 
 def processes(context):
-    """Return the recorder of all, if there is to be one, and the processes of the chains."""
+    """Return the common recorder, if requested, and the processes of the chains."""
     given, record, bags, number = (
         context.perform_substitution(LaunchConfiguration(name))
         for name in ('chains', 'record', 'bags', 'processes')
@@ -90,13 +90,13 @@ def processes(context):
 
 
 def generate_launch_description():
-    """Return the processes that the chains of a file share."""
+    """Return the launch arguments and the processes."""
     return LaunchDescription(
         [
             DeclareLaunchArgument(
                 'chains',
                 default_value='three_motions',
-                description=f'parameters: {", ".join(NAMED)}, or the path of a file like them',
+                description=f'parameters: {", ".join(NAMED)}, or the path of a parameter file',
             ),
             DeclareLaunchArgument(
                 'record', default_value='', description='bag to record; empty for none'
@@ -104,12 +104,12 @@ def generate_launch_description():
             DeclareLaunchArgument(
                 'bags',
                 default_value='each',
-                description='each: a bag of each chain, its name added; one: one bag for all',
+                description='each: one bag for each chain, its name appended; one: one for all',
             ),
             DeclareLaunchArgument(
                 'processes',
                 default_value=str(len(os.sched_getaffinity(0))),
-                description='that the chains share: one for each core; more take more time',
+                description='number of processes; more than the number of cores is slower',
             ),
             OpaqueFunction(function=processes),
         ]

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A recorded chain, played into a fresh analyser until the bag is at its end."""
+"""Launch an analyser and play a recorded chain to it until the end of the bag."""
 
 from pathlib import Path
 
@@ -23,30 +23,30 @@ from soliton_linkage_nodes.runtime.parameter_files import resolve_path
 
 PACKAGE = 'soliton_linkage_nodes'
 BAGS = Path(get_package_share_directory(PACKAGE), 'bags')
-BESIDE = DELIVERED_IMPULSES.name, JOINT_STATE_DEVIATIONS.name
+OPTIONAL = DELIVERED_IMPULSES.name, JOINT_STATE_DEVIATIONS.name
 NAMED = {path.name: path for path in sorted(BAGS.iterdir()) if path.is_dir()}
 
 
-def heard_of(bag):
-    """Return the topics of a bag that the analyser hears: impulses and deviations are in some."""
+def analysed_topics(bag):
+    """Return the topics of a bag for the analyser; impulses and deviations are optional."""
     with open_bag(bag) as reader:
-        found = [full_name(reader, name) for name in BESIDE]
+        found = [full_name(reader, name) for name in OPTIONAL]
         return ['chain', 'joint_states', *filter(None, found)]
 
 
 def nodes(context):
-    """Return the analyser and the player, which ends the launch when it ends."""
+    """Return the analyser and the player, whose end stops the launch."""
     given, rate = (
         context.perform_substitution(LaunchConfiguration(name)) for name in ('bag', 'rate')
     )
-    # Where there is no bag nothing begins: launch leaves behind what it has started by then.
+    # Fail on a missing bag before any process starts, because launch would leave it running.
     bag = resolve_path('bag', given, NAMED)
     player = Node(
         package=PACKAGE,
         executable='bag_player',
         output='screen',
         parameters=[
-            {'bag': str(bag), 'rate': float(rate), 'topics': heard_of(bag)},
+            {'bag': str(bag), 'rate': float(rate), 'topics': analysed_topics(bag)},
         ],
     )
     return [
@@ -59,16 +59,18 @@ def nodes(context):
 
 
 def generate_launch_description():
-    """Return the arguments and the nodes."""
+    """Return the launch arguments and the nodes."""
     return LaunchDescription(
         [
             DeclareLaunchArgument(
                 'bag',
                 default_value='flipper_0',
-                description=f'bag to play: {", ".join(NAMED)}, or the path of one',
+                description=f'bag to play: {", ".join(NAMED)}, or the path of a bag',
             ),
             DeclareLaunchArgument(
-                'rate', default_value='1.0', description='how much faster than recorded'
+                'rate',
+                default_value='1.0',
+                description='rate of playback over the rate of recording',
             ),
             OpaqueFunction(function=nodes),
         ]

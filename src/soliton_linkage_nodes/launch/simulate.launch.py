@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The simulated chain, or a real one, with actuator, analyser, steering and pictures."""
+"""Launch a simulated or real chain with actuator, analyser, steering and visualisation."""
 
 from itertools import pairwise
 from pathlib import Path
@@ -24,25 +24,25 @@ PACKAGE = 'soliton_linkage_nodes'
 CONFIGURATIONS = Path(get_package_share_directory(PACKAGE), 'config')
 NAMED = {path.stem: path for path in sorted(CONFIGURATIONS.glob('*.yaml'))}
 IN_ORDER = ('bag_recorder', 'soliton_analyser', 'soliton_steering', 'edge_actuator')
-"""The nodes that hear, which come before the one that speaks."""
+"""Subscribing nodes in the order of their start, before the publisher of joint states."""
 RESPAWN = {'respawn': True, 'respawn_delay': 1.0, 'respawn_max_retries': 100}
-"""What dies is begun anew after a second [s], but not for ever what cannot start."""
+"""Restart of processes that died, after 1 s; limited, for processes that cannot start."""
 
 
 def nodes(context):
-    """Return the first of the nodes; each begins the next, once."""
+    """Return the first node; the start of each node launches the next one, once."""
     config, namespace, record, port = (
         context.perform_substitution(LaunchConfiguration(name))
         for name in ('config', 'namespace', 'record', 'port')
     )
     path = str(resolve_path('config', config, NAMED))
     given = {
-        # A recorder that has died goes on with its bag.
+        # A recorder that was restarted continues its bag.
         'bag_recorder': [{'output': record, 'append': True}],
         'serial_encoders': [{'port': port, 'chain_from': 'parameters'}],
     }
-    hearing = IN_ORDER if record else IN_ORDER[1:]
-    speaking = 'serial_encoders' if port else 'simulator'
+    subscribers = IN_ORDER if record else IN_ORDER[1:]
+    publisher = 'serial_encoders' if port else 'simulator'
     actions = [
         Node(
             package=PACKAGE,
@@ -53,7 +53,7 @@ def nodes(context):
             parameters=given.get(name, []),
             **RESPAWN,
         )
-        for name in (*hearing, speaking)
+        for name in (*subscribers, publisher)
     ]
     handlers = [
         RegisterEventHandler(OnProcessStart(target_action=one, on_start=[other], handle_once=True))
@@ -63,24 +63,26 @@ def nodes(context):
 
 
 def generate_launch_description():
-    """Return the nodes, all in one namespace and with one parameter file."""
+    """Return the launch arguments and the nodes, with one namespace and parameter file."""
     return LaunchDescription(
         [
             DeclareLaunchArgument(
                 'config',
                 default_value='flipper',
-                description=f'parameters: {", ".join(NAMED)}, or the path of a file like them',
+                description=f'parameters: {", ".join(NAMED)}, or the path of a parameter file',
             ),
-            DeclareLaunchArgument('namespace', default_value='', description='of all nodes'),
+            DeclareLaunchArgument(
+                'namespace', default_value='', description='namespace of all nodes'
+            ),
             DeclareLaunchArgument(
                 'record',
                 default_value='',
-                description='bag to record, _0 is added; empty for none',
+                description='bag to record, with _0 appended; empty for none',
             ),
             DeclareLaunchArgument(
                 'port',
                 default_value='',
-                description='serial port of a controller in place of the simulator; empty for it',
+                description='serial port of a controller; empty for the simulator',
             ),
             DeclareLaunchArgument(
                 'draw',

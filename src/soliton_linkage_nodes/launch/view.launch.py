@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What draws a chain, its frames where robot_state_publisher is installed, and a viewer."""
+"""Launch the visualisation, robot_state_publisher if installed, and a viewer."""
 
 import re
 import shutil
@@ -34,13 +34,13 @@ LAYOUTS = {
 TOPICS = '|'.join(
     re.escape(t.name) for t in (*SUITE_TOPICS, *DISPLAY_TOPICS) if not t.name.startswith('/')
 )
-# Each chain has a tree of frames of its own, in its namespace.
+# Each chain has its own frame tree, in its namespace.
 FRAMES = [('/tf', 'tf'), ('/tf_static', 'tf_static')]
 ADDRESS, PORT = '127.0.0.1', 8765
 
 
 def installed(package):
-    """Whether a ROS package is installed."""
+    """Return whether a ROS package is installed."""
     try:
         get_package_prefix(package)
     except PackageNotFoundError:
@@ -49,7 +49,7 @@ def installed(package):
 
 
 def layout_in(namespace, view):
-    """Return the path of a viewer's layout whose topics are those of a namespace."""
+    """Return the path of a viewer layout with topics in a namespace."""
     path = CONFIGURATIONS / 'views' / LAYOUTS[view]
     prefix = namespace.strip('/')
     if not prefix:
@@ -62,7 +62,7 @@ def layout_in(namespace, view):
 
 
 def frames(namespace, config):
-    """Return what publishes the frames of the links, where it is installed."""
+    """Return the publisher of the link frames, if it is installed."""
     if not installed('robot_state_publisher'):
         return []
     return [
@@ -71,7 +71,7 @@ def frames(namespace, config):
             executable='robot_state_publisher',
             namespace=namespace,
             parameters=[{'robot_description': description_of_file(config)}],
-            # The visualisation publishes the description, of the chain that there is.
+            # The visualisation publishes the description of the present chain.
             remappings=[*FRAMES, ('robot_description', '~/robot_description')],
         )
     ]
@@ -94,7 +94,7 @@ def rviz(namespace, layout):
 
 
 def foxglove(namespace, layout):
-    """Return a server, of this suite where there is no foxglove_bridge."""
+    """Return foxglove_bridge or, if it is missing, the server of this suite."""
     if installed('foxglove_bridge'):
         served = {'package': 'foxglove_bridge', 'executable': 'foxglove_bridge'}
         served['parameters'] = [{'address': ADDRESS, 'port': PORT}]
@@ -108,12 +108,12 @@ def foxglove(namespace, layout):
                 'sudo apt install ros-jazzy-foxglove-bridge, or: pip install foxglove-sdk'
             )
         ]
-    told = f'open ws://{ADDRESS}:{PORT} in Foxglove or Lichtblick, with the layout {layout}'
-    return [Node(output='screen', **served), LogInfo(msg=told)]
+    hint = f'open ws://{ADDRESS}:{PORT} in Foxglove or Lichtblick, with the layout {layout}'
+    return [Node(output='screen', **served), LogInfo(msg=hint)]
 
 
 def plotjuggler(namespace, layout):
-    """Return PlotJuggler, version 4 where there are two."""
+    """Return PlotJuggler, preferably version 4."""
     arguments = ['--layout', layout]
     if shutil.which('plotjuggler4'):
         return [ExecuteProcess(cmd=['plotjuggler4', *arguments])]
@@ -137,16 +137,18 @@ def rqt(namespace, layout):
             )
         ]
     arguments = ['--perspective-file', layout]
-    # The monitor hears an aggregator where there is one; here it hears the nodes.
-    heard = [('/diagnostics_agg', '/diagnostics')]
-    return [Node(package='rqt_gui', executable='rqt_gui', arguments=arguments, remappings=heard)]
+    # The monitor expects an aggregator; the remapping connects it to the nodes directly.
+    remappings = [('/diagnostics_agg', '/diagnostics')]
+    return [
+        Node(package='rqt_gui', executable='rqt_gui', arguments=arguments, remappings=remappings)
+    ]
 
 
 VIEWERS = {'rviz': rviz, 'foxglove': foxglove, 'plotjuggler': plotjuggler, 'rqt': rqt}
 
 
 def view_of(context):
-    """Return the nodes; raises ValueError where the parameter file is none."""
+    """Return the nodes; ValueError for an invalid parameter file."""
     config, namespace, view = (
         context.perform_substitution(LaunchConfiguration(name))
         for name in ('config', 'namespace', 'view')
@@ -164,15 +166,17 @@ def view_of(context):
 
 
 def generate_launch_description():
-    """Return the arguments and what comes of them."""
+    """Return the launch arguments and the nodes."""
     return LaunchDescription(
         [
             DeclareLaunchArgument(
                 'config',
                 default_value='flipper',
-                description=f'parameters: {", ".join(NAMED)}, or the path of a file like them',
+                description=f'parameters: {", ".join(NAMED)}, or the path of a parameter file',
             ),
-            DeclareLaunchArgument('namespace', default_value='', description='of the chain'),
+            DeclareLaunchArgument(
+                'namespace', default_value='', description='namespace of the chain'
+            ),
             DeclareLaunchArgument(
                 'view',
                 default_value='none',

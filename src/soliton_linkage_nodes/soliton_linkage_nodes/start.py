@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """Entry points of all nodes and programs.
 
-A signal ends a program at once while it is being imported, which takes a second, many on a busy
-machine. A KeyboardInterrupt would print a trace there, or get lost in a library.
+A signal ends a program at once during its import, which takes a second, or many on a busy machine.
+A KeyboardInterrupt would print a trace there, or a library would discard it.
 """
 
 from __future__ import annotations
@@ -12,7 +12,7 @@ from functools import partial
 from importlib import import_module
 
 INTERRUPTED = 130
-"""Exit code of a program that Ctrl-C ended, as in shells: 128 and the number of SIGINT."""
+"""Exit code of a program that Ctrl-C ended: 128 plus the number of SIGINT, as in shells."""
 
 
 def _start(program: str) -> None:
@@ -21,7 +21,7 @@ def _start(program: str) -> None:
     try:
         import_module(f'soliton_linkage_nodes.{program}').main()
     finally:
-        # Python removes its handlers before it has ended, and a second signal would kill it.
+        # Python removes its handlers before it ends; a second signal would then kill it.
         signal.signal(signal.SIGINT, signal.SIG_IGN)
         signal.signal(signal.SIGTERM, signal.SIG_IGN)
 

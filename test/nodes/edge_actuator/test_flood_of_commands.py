@@ -29,7 +29,7 @@ STALE = Header(stamp=time_to_msg(10**18))
 
 
 def flood() -> list[tuple[interfaces.Topic, Any]]:
-    """Return commands of which one in ten is right."""
+    """Return commands, one in ten valid."""
     joints = interfaces.JOINT_COMMANDS
     wrong: list[tuple[interfaces.Topic, Any]] = [
         (interfaces.NUDGE, Float64(data=math.nan)),

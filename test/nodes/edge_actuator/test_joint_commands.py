@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Tools that know ros2_control drive the chain as they are; what is wrong is refused whole."""
+"""ros2_control tools drive the chain without changes; invalid commands are rejected whole."""
 
 from __future__ import annotations
 
@@ -203,12 +203,12 @@ WRONG: list[tuple[interfaces.Topic, Any, str]] = [
             joint_names=['rotor_1'],
             points=[JointTrajectoryPoint(effort=[1e-3])],
         ),
-        'from now, the limit is 600 s; send shorter ones, or raise longest_command',
+        'from now, the limit is 600 s; send a shorter command, or raise longest_command',
     ),
     (
         JOINTS,
         JointState(header=FAR_AHEAD, name=['rotor_1'], effort=[1e-3]),
-        'ahead, the limit is 0.05 s; set the clocks',
+        'ahead, the limit is 0.05 s; synchronise the clocks',
     ),
     (TRAJECTORY, trajectory(['wheel'], GOOD_POINT), "'wheel', which has no actuator"),
     (
@@ -225,7 +225,7 @@ WRONG: list[tuple[interfaces.Topic, Any, str]] = [
             joint_names=['rotor_1'],
             points=[JointTrajectoryPoint(positions=[1.0], effort=[1e-3])],
         ),
-        'point 0 of /edge_actuator/joint_trajectory asks for positions',
+        'point 0 of /edge_actuator/joint_trajectory commands positions',
     ),
     (
         TRAJECTORY,
@@ -234,7 +234,7 @@ WRONG: list[tuple[interfaces.Topic, Any, str]] = [
             joint_names=['rotor_1'],
             points=[JointTrajectoryPoint(effort=[1e-3])],
         ),
-        '/edge_actuator/joint_trajectory was over',
+        '/edge_actuator/joint_trajectory ended',
     ),
 ]
 

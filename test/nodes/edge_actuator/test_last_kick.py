@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What the last kick says was delivered is what the simulated chain has gained."""
+"""The reported delivery of the last kick equals the gain of the simulated chain."""
 
 from __future__ import annotations
 

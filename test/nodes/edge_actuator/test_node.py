@@ -217,7 +217,7 @@ WRONG: list[tuple[dict[str, Any], str]] = [
     (FULL_KICK | {'edge': 3}, 'edge = 3 must be one of 0, 1, 2'),
     (FULL_KICK | {'kind': 3}, 'kind = 3 must be one of 0, 1, 2'),
     (FULL_KICK | {'ramp_up': 0.1}, 'ramp_up of a kick = 0.1 s must be 0'),
-    (FULL_KICK | {'header': LONG_AGO}, 's old, the limit is 0.5 s; send it in time, or'),
+    (FULL_KICK | {'header': LONG_AGO}, 's old, the limit is 0.5 s; send it earlier, or'),
     (FULL_KICK | {'edge': EdgeCommand.LAST}, 'nearer the first edge than the last'),
     (FULL_PRESSURE | {'edge': EdgeCommand.LAST}, 'nearer the first edge than the last'),
     (FULL_PRESSURE | {'value': math.nan}, 'pressure = nan Pa must be a finite number'),
@@ -262,7 +262,7 @@ def test_a_wrong_nudge_is_refused(bench: Bench, value: float) -> None:
 
 def test_without_any_joint_states_commands_are_refused(bench: Bench) -> None:
     bench.nudge(1.0)
-    assert 'no fresh joint_states: none has come, the limit is 60 s' in bench.refusal()
+    assert 'no fresh joint_states: none received, the limit is 60 s' in bench.refusal()
     bench.command(**FULL_PRESSURE)
     assert 'start or resume the simulator' in bench.refusal(2)
     assert bench.torques == []
@@ -284,7 +284,7 @@ def test_without_a_chain_commands_are_refused(graph: Graph, named: NamedChain) -
     bench = Bench(graph, named)
     bench.joints(named.chain.uniform_state(LEFT))
     bench.nudge(1.0)
-    assert 'the chain is not known yet; publish chain or set chain_from' in bench.refusal()
+    assert 'the chain is unknown; publish chain or set chain_from' in bench.refusal()
 
 
 def test_a_frame_that_is_read_again_is_not_late(
@@ -300,7 +300,7 @@ def test_a_frame_that_is_read_again_is_not_late(
     bench.joints(named.chain.uniform_state(LEFT), stamp=0.01)
     bench.nudge(1.0)
     bench.next_impulses()
-    assert 'joint_states come late: the stamp of one is the same as' in said()
+    assert 'joint_states are not in order: a stamp is equal to the previous one' in said()
 
 
 def test_warnings_have_the_real_names_of_topics(graph: Graph, said: Callable[[], str]) -> None:

@@ -65,7 +65,7 @@ def test_it_subscribes_while_a_page_shows_the_pictures_and_keeps_the_newest(
     [
         (b'', '0 bytes of format .* are no JPEG; send jpeg'),
         (b'\x89PNG and so on', '14 bytes of format .* are no JPEG; send jpeg'),
-        (JPEG.ljust(4_000_001), 'a picture of 4000001 bytes is above 4000000; send smaller ones'),
+        (JPEG.ljust(4_000_001), 'a picture of 4000001 bytes exceeds the limit of 4000000'),
     ],
     ids=['empty', 'png', 'large'],
 )

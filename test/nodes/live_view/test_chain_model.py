@@ -108,7 +108,7 @@ def test_joints_of_another_chain_are_rejected() -> None:
     model.set_chain(chain)
     model.update_joints(joints(chain.joint_names, chain.chain.uniform_state(1)))
     model.update_joints(joints(('wheel',), np.array([1.0])))
-    assert "none of the 5 rotors, whose first is 'rotor_0'" in model.error
+    assert "none of the 5 rotors, such as 'rotor_0'" in model.error
     assert shown(model)[0]['rotors'] == 5
     model.update_joints(joints(chain.joint_names, chain.chain.uniform_state(-1)))
     assert model.error == ''

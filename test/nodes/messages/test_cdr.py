@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Bytes are read and written as ROS does, whatever came before and whoever wrote them."""
+"""Decoders and buffers agree with the serialization of ROS, for any previous message."""
 
 from __future__ import annotations
 
@@ -188,7 +188,9 @@ def test_bytes_that_are_no_joint_states_are_refused(known: bool) -> None:
     if known:
         decoder.decode(whole)
     for size in range(len(whole) - 12):
-        with pytest.raises(ValueError, match=f'joint_states of {size} bytes are no sensor_msgs'):
+        with pytest.raises(
+            ValueError, match=f'joint_states of {size} bytes is no valid sensor_msgs'
+        ):
             decoder.decode(whole[:size])
     assert_same(decoder, message, whole)
 
@@ -216,7 +218,7 @@ def test_bytes_that_are_no_impulses_are_refused(known: bool) -> None:
     if known:
         decoder.decode(whole)
     for size in range(len(whole)):
-        with pytest.raises(ValueError, match=f'rotor_impulses of {size} bytes are no'):
+        with pytest.raises(ValueError, match=f'rotor_impulses of {size} bytes is no valid'):
             decoder.decode(whole[:size])
     assert_as_of_the_message(decoder, message, whole)
 

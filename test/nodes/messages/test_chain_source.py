@@ -29,7 +29,7 @@ pytestmark = pytest.mark.usefixtures('often')
 
 
 class Learner(GuardedNode):
-    """Wants to know the chain."""
+    """Node that needs the chain."""
 
     def __init__(self, **kwargs: Any) -> None:
         super().__init__('learner', **kwargs)
@@ -79,7 +79,7 @@ def test_the_chain_can_change(graph: Graph, named: NamedChain) -> None:
     assert learner.learnt == [named, other]
 
 
-def test_a_chain_that_changes_is_told_of_once(
+def test_a_chain_that_changes_is_logged_once(
     graph: Graph, named: NamedChain, said: Callable[[], str]
 ) -> None:
     learner = graph.start(Learner)
@@ -89,20 +89,22 @@ def test_a_chain_that_changes_is_told_of_once(
         publisher.publish(chain_to_msg(chain, time_to_msg(0)))
         graph.until(lambda number=number: len(learner.learnt) == number, 'the chain')
     lines = said().splitlines()
-    (first,) = [line for line in lines if '/chain tells of a chain of 8 rotors (flipper' in line]
+    (first,) = [line for line in lines if '/chain describes a chain of 8 rotors (flipper' in line]
     assert 'changed' not in first
     (change,) = [line for line in lines if 'the chain has changed' in line]
-    assert "2 rotors (flipper, a = 0.1 m, r = 0.05 m, rest angle 0.97 rad), named 'left'" in change
+    assert (
+        "2 rotors (flipper, a = 0.1 m, r = 0.05 m, rest angle 0.97 rad), joints 'left'" in change
+    )
 
 
-def test_two_publishers_of_the_chain_are_told_of(
+def test_two_publishers_of_the_chain_are_reported(
     graph: Graph, monkeypatch: pytest.MonkeyPatch, said: Callable[[], str]
 ) -> None:
     monkeypatch.setattr(subscriptions, '_POLL_PERIOD', 0.05)
     graph.start(Learner)
     graph.speak(interfaces.CHAIN)
     graph.speak(interfaces.CHAIN)
-    graph.until(lambda: '2 publishers of /chain' in said(), 'the warning')
+    graph.until(lambda: '2 nodes publish /chain' in said(), 'the warning')
 
 
 def test_a_message_that_describes_no_chain_changes_nothing(
@@ -180,12 +182,12 @@ CONFIG = Path(__file__).parents[3] / 'config'
 @pytest.mark.parametrize(
     ('content', 'complaint'),
     [
-        ('just words', 'is no file of parameters'),
+        ('just words', 'is no parameter file'),
         ('/**: {ros__parameters: {chain.weight: 1.0}}', 'chain.weight is unknown; known: '),
         ('/**: {ros__parameters: {chain.mass: -1.0}}', 'mass = -1.0 must lie in the range'),
         (
             '/**: {ros__parameters: {chain.number_of_rotors: 3, joint_names: [a, b]}}',
-            'joint_names has 2 names for 3 rotors; name one joint a rotor',
+            'joint_names has 2 names for 3 rotors; give one name for each rotor',
         ),
     ],
 )

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Messages and physics types carry the same, and what a message gets wrong is said in a line."""
+"""Messages and physics types have equal content, and errors are one line."""
 
 from __future__ import annotations
 
@@ -216,7 +216,9 @@ def test_a_message_that_describes_no_chain_is_refused(
 
 def test_angles_that_no_encoder_shows_are_refused() -> None:
     message = joint_state(position=[0.0, 1e308, 0.0, 0.0, 0.0])
-    complaint = 'position of rotor_1 = 1e+308 must lie in the range -1e+09 to 1e+09; mend what'
+    complaint = (
+        'position of rotor_1 = 1e+308 must lie in the range -1e+09 to 1e+09; check its publisher'
+    )
     with pytest.raises(ValueError, match=re.escape(complaint)):
         conversions.frame_from_msg(NAMED, message)
 

@@ -53,11 +53,15 @@ def test_whole_numbers_are_taken_for_numbers_with_a_point() -> None:
     [
         (Float64, '{dato: 1}', "std_msgs/msg/Float64 has no field 'dato'; it has data"),
         (Float64, '{data: x}', "std_msgs/msg/Float64: data = 'x' must be of type double"),
-        (Float64, '1', '1 must be fields of std_msgs/msg/Float64, as {data: ...}'),
+        (Float64, '1', '1 must be a mapping of the fields of std_msgs/msg/Float64: {data: ...}'),
         (Float64, '{data: [', "'{data: [' is not YAML: "),
         (JointState, '{name: 3}', 'name = 3 must be of type sequence<string>'),
         (JointState, '{header: {stamp: {sec: x}}}', "Time: sec = 'x' must be of type int32"),
-        (DiagnosticArray, '{status: [1]}', '1 must be fields of diagnostic_msgs/msg/Diagno'),
+        (
+            DiagnosticArray,
+            '{status: [1]}',
+            '1 must be a mapping of the fields of diagnostic_msgs/msg/Diagno',
+        ),
         (SetBool.Request, '{dato: 1}', "std_srvs/srv/SetBool has no field 'dato'; it has data"),
         (ByteMultiArray, '{data: 1}', 'data = 1 must be of type sequence<octet>'),
     ],
@@ -77,8 +81,8 @@ def test_types_are_found_by_their_names() -> None:
 @pytest.mark.parametrize(
     ('name', 'complaint'),
     [
-        ('Float64', "'Float64' must be the name of a type, as PACKAGE/msg/NAME"),
-        ('std_srvs/srv/SetBool', 'must be the name of a type, as PACKAGE/msg/NAME'),
+        ('Float64', "'Float64' must be a type name such as PACKAGE/msg/NAME"),
+        ('std_srvs/srv/SetBool', 'must be a type name such as PACKAGE/msg/NAME'),
         ('std_msgs/msg/Float63', 'std_msgs/msg/Float63: std_msgs.msg has no Float63'),
         ('no_msgs/msg/Float64', 'no_msgs/msg/Float64: the package no_msgs is not installed'),
     ],

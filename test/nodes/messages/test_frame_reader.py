@@ -94,7 +94,7 @@ def test_frames_in_the_order_of_the_rotors_are_read_without_sharing_memory() -> 
     ('message', 'complaint'),
     [
         (joint_state(name=[]), 'position has 5 values for 0 names'),
-        (joint_state(name=list('abcde')), 'has none of the 5 rotors, whose first is'),
+        (joint_state(name=list('abcde')), 'has none of the 5 rotors, such as'),
         (joint_state(name=['rotor_1'] * 5), "'rotor_1' twice; name each joint once"),
         (joint_state(position=[1.0]), 'position has 1 values for 5 names'),
         (joint_state(velocity=[1.0]), 'velocity has 1 values for 5 names'),
@@ -121,7 +121,7 @@ CHAINS = (
 
 
 def states(chain: Chain) -> list[Array]:
-    """States of a chain, of which those of a spinner have turned often."""
+    """States of a chain; the rotors of a spinner have turned several times."""
     walls = [with_soliton(chain, place, 0.0).angles for place in (1.0, 8.3, 17.0)]
     turned = [angles + 2 * np.pi * np.arange(20) for angles in walls]
     return [chain.uniform_state(-1), chain.uniform_state(1), *walls, *turned]
@@ -155,7 +155,7 @@ def test_each_mistake_is_told_once() -> None:
     for stamp in (3 * SECOND, 3 * SECOND, 2 * SECOND + 1, 0, 0):
         watch.check(stamp, angles)
     assert [line.split(';')[0] for line in told] == [
-        'joint_states come late: the stamp of one is the same as that of the one before',
+        'joint_states are not in order: a stamp is equal to the previous one',
         'joint_states have no stamps',
     ]
 

@@ -38,7 +38,7 @@ SOLITON = AnalysedSoliton(7, 3.25, 0.325, -1.0, 0.12, 0.125, 1, 1e-4, 1e-5, 1e-6
 
 
 def analysed() -> Analysis:
-    """A wobbling wall in the middle of its chain, and everything that there is to tell of it."""
+    """A wobbling wall in the middle of its chain, with all quantities known."""
     chain = Chain(number_of_rotors=16, rotor_length=0.12, rest_angle=0.77)
     cycle, analyser = UniformOrbit(chain), Analyser(chain)
     generator = np.random.default_rng(6)

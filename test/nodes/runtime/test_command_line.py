@@ -89,7 +89,7 @@ def test_help_ends_well(arguments: list[str], capsys: pytest.CaptureFixture[str]
     with pytest.raises(SystemExit) as ended:
         check_arguments(BagRecorder, arguments)
     assert ended.value.code == 0
-    assert capsys.readouterr().out.startswith('bag_recorder: Records topics')
+    assert capsys.readouterr().out.startswith('bag_recorder: Node that records')
 
 
 @pytest.mark.parametrize(

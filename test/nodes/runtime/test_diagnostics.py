@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A node reports once a second; what it refuses is counted, said once, and told on."""
+"""A node reports once a second, counts rejected input and logs each kind once."""
 
 from __future__ import annotations
 

@@ -62,8 +62,8 @@ def test_publishers_and_subscribers_agree_with_the_table(graph: Graph, tmp_path:
                 assert endpoint.topic_type == type_name(topic.type)
                 assert endpoint.qos_profile.reliability == topic.qos.reliability
                 assert endpoint.qos_profile.durability == topic.qos.durability
-    # Depths are not told to others: ask the nodes themselves. Who must hear a whole replay keeps
-    # more than the table says, nobody less.
+    # Discovery does not transmit depths, so the nodes are queried. A node that receives a whole
+    # replay has a larger depth than the table; no node has a smaller one.
     depths = {
         (endpoint.topic_name, endpoint.qos_profile.depth)
         for node in nodes
@@ -71,7 +71,7 @@ def test_publishers_and_subscribers_agree_with_the_table(graph: Graph, tmp_path:
     }
     for topic in interfaces.SUITE_TOPICS:
         name = topic.name if topic.name.startswith('/') else f'/lab/{topic.name}'
-        # The recorder's inlets, which alone hear some, are in a node of their own.
+        # The subscriptions of the recorder belong to a separate node.
         own = [depth for other, depth in depths if other == name]
         assert min(own, default=topic.qos.depth) == topic.qos.depth
 

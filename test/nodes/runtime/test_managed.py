@@ -68,7 +68,7 @@ def topics(node: ManagedNode) -> set[str]:
 def needed(
     named: NamedChain, tmp_path: Path, terminal: PseudoTerminal
 ) -> dict[type, dict[str, Any]]:
-    """What nodes cannot do without."""
+    """Parameter that nodes require."""
     bag = write_bag(tmp_path / 'bag', run_of(named, 200, gap=10**7))
     played = {'bag': str(bag), 'subscriber_timeout': 0.0}
     return {
@@ -137,11 +137,11 @@ def test_a_transition_that_there_is_not_is_refused_and_nothing_dies(
     assert not change(graph, node, CONFIGURE)
     assert not change(graph, node, 250)
     assert state(graph, node) == State.PRIMARY_STATE_ACTIVE
-    assert f'no transition {CONFIGURE} from state active' in said()
+    assert f'rejected transition {CONFIGURE}: state active' in said()
 
 
 class Fragile(ManagedNode):
-    """Fails where it is told to."""
+    """Node that fails in a chosen transition."""
 
     FAILING: ClassVar[set[str]] = set()
 
@@ -163,7 +163,7 @@ class Fragile(ManagedNode):
 
     def fail(self, where: str) -> None:
         if where in self.FAILING:
-            raise ValueError(f'{where} fails; mend it')
+            raise ValueError(f'{where} fails; fix it')
 
 
 def test_what_cannot_be_configured_says_why_and_can_be_asked_again(
@@ -175,7 +175,7 @@ def test_what_cannot_be_configured_says_why_and_can_be_asked_again(
     assert not change(graph, node, CONFIGURE)
     assert state(graph, node) == State.PRIMARY_STATE_UNCONFIGURED
     assert topics(node) == before
-    assert 'configure fails; mend it' in said()
+    assert 'configure fails; fix it' in said()
     Fragile.FAILING.remove('configure')
     assert change(graph, node, CONFIGURE)
     assert not change(graph, node, ACTIVATE)
@@ -192,7 +192,7 @@ def test_nothing_keeps_a_node_from_stopping(
     assert change(graph, node, DEACTIVATE)
     assert change(graph, node, CLEAN_UP)
     assert state(graph, node) == State.PRIMARY_STATE_UNCONFIGURED
-    assert 'cleanup fails; mend it' in said()
+    assert 'cleanup fails; fix it' in said()
     Fragile.FAILING.clear()
 
 
@@ -200,7 +200,7 @@ def test_a_node_that_starts_by_itself_raises_what_it_fails_of(
     graph: Graph, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(Fragile, 'FAILING', {'activate'})
-    with pytest.raises(ValueError, match='activate fails; mend it'):
+    with pytest.raises(ValueError, match='activate fails; fix it'):
         graph.start(Fragile)
 
 

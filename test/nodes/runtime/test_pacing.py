@@ -23,7 +23,7 @@ START = 123_456_789
 
 
 class Clock:
-    """Stands in for the module time."""
+    """Replacement of the module time."""
 
     def __init__(self) -> None:
         self.now = START
@@ -200,8 +200,8 @@ def test_stop_ends_a_long_wait() -> None:
 
 
 @pytest.fixture
-def goes_first(monkeypatch: pytest.MonkeyPatch) -> list[bool]:
-    """What a loop asked for."""
+def requests(monkeypatch: pytest.MonkeyPatch) -> list[bool]:
+    """Requests of a loop for priority."""
     asked: list[bool] = []
     monkeypatch.setattr(pacing, 'raise_priority', asked.append)
     return asked
@@ -212,15 +212,15 @@ def goes_first(monkeypatch: pytest.MonkeyPatch) -> list[bool]:
     [(100.0, True, [True, False, True]), (100.0, False, []), (math.inf, True, [False])],
 )
 def test_it_has_priority_if_asked_for_and_while_it_keeps_its_rate(
-    clock: Clock, goes_first: list[bool], rate: float, first: bool, asked: list[bool]
+    clock: Clock, requests: list[bool], rate: float, first: bool, asked: list[bool]
 ) -> None:
     stall = {10: SECOND // 20}
     instants(clock, rate, 40, lambda call: stall.get(call, 0), first=first)
-    assert goes_first == asked
+    assert requests == asked
 
 
 def policies_of_a_thread() -> list[int]:
-    """Of a thread before it goes first, while it does, of one that it begins, and afterwards."""
+    """Return the policies of a thread: before priority, with it, of a child thread, afterwards."""
     seen: list[int] = []
 
     def note() -> None:
@@ -246,7 +246,7 @@ def allowed() -> bool:
     return os.geteuid() == 0 and policies_of_a_thread()[1] == os.SCHED_FIFO
 
 
-def test_a_thread_goes_first_and_so_do_those_that_it_begins() -> None:
+def test_a_thread_requests_and_so_do_those_that_it_begins() -> None:
     if not allowed():
         pytest.skip('this user may not go first')
     ordinary = os.SCHED_OTHER
@@ -276,7 +276,7 @@ def test_a_thread_that_has_ended_is_passed_over() -> None:
 
 
 @pytest.mark.parametrize('first', [False, True])
-def test_a_thread_lets_others_go_where_it_goes_first_itself(
+def test_a_thread_lets_others_go_where_it_requests_itself(
     monkeypatch: pytest.MonkeyPatch, first: bool
 ) -> None:
     if first and not allowed():

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Files of parameters say for which nodes they are, and a node says what it does with them."""
+"""Parameter files name the nodes they apply to, and a node logs which values it uses."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from rclpy.node import Node
 
 from soliton_linkage_nodes.bags.recorder import BagRecorder
 from soliton_linkage_nodes.edge_actuator.node import EdgeActuator
-from soliton_linkage_nodes.runtime.parameter_files import concerns, notices, read_sections
+from soliton_linkage_nodes.runtime.parameter_files import matches, notices, read_sections
 from soliton_linkage_nodes.simulator.node import Simulator
 from soliton_linkage_nodes.soliton_analyser.node import SolitonAnalyser
 from soliton_linkage_nodes.soliton_steering.node import SolitonSteering
@@ -42,7 +42,7 @@ ALL = '/**: {ros__parameters: {chain.spacing: 0.2}}\n'
 def test_which_nodes_a_section_is_for(
     graph: Graph, tmp_path: Path, pattern: str, node: str, named: bool
 ) -> None:
-    assert concerns(pattern, node) == named
+    assert matches(pattern, node) == named
     path = tmp_path / 'file.yaml'
     path.write_text(f'{pattern}: {{ros__parameters: {{x: 5}}}}\n')
     namespace, _, name = node.rpartition('/')
@@ -66,9 +66,7 @@ def test_names_are_joined(tmp_path: Path) -> None:
 def test_what_is_no_file_of_parameters_is_refused(tmp_path: Path, content: str) -> None:
     path = tmp_path / 'file.yaml'
     path.write_text(content)
-    with pytest.raises(
-        ValueError, match=f'{re.escape(str(path))} is no file of parameters'
-    ) as said:
+    with pytest.raises(ValueError, match=f'{re.escape(str(path))} is no parameter file') as said:
         read_sections(path)
     assert '\n' not in str(said.value)
 

@@ -158,7 +158,7 @@ def change(graph: Graph, **values: Any) -> list[SetParametersResult]:
 
 
 def section(node: str) -> str:
-    """Return the key of a node in the files of parameters, or that of all nodes."""
+    """Return the key of a node, or of all nodes, in parameter files."""
     return node if node == '/**' else f'/**/{node}'
 
 

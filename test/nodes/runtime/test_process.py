@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Every node starts as a process or says in one line why not, and stops when it is told to."""
+"""Every node starts as a process or logs the reason in one line, and stops on a signal."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from std_msgs.msg import Float64
 
 from soliton_linkage_nodes.bags.recorder import BagRecorder
 from soliton_linkage_nodes.messages.conversions import NamedChain
-from soliton_linkage_nodes.runtime.process import Turns, initialise
+from soliton_linkage_nodes.runtime.process import SpinSlices, initialise
 
 NODES = (
     'simulator',
@@ -100,9 +100,9 @@ def test_a_turn_ends_where_messages_never_do(graph: Graph) -> None:
     node.create_subscription(Float64, 'echo', answer_twice, 10)
     graph.until(publisher.get_subscription_count, 'a listener')
     publisher.publish(Float64())
-    with Turns() as turns:
+    with SpinSlices() as slices:
         while len(heard) < 10:
-            executor.spin_until_future_complete(turns.begin(), 0.1)
+            executor.spin_until_future_complete(slices.begin(), 0.1)
     executor.remove_node(node)
     node.destroy_node()
     assert len(heard) < MOST_HEARD

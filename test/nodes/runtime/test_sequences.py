@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Lost messages, publishers and lag are known from sequence numbers and times of sending."""
+"""Sequence numbers and source times identify lost messages, publishers and lag."""
 
 from __future__ import annotations
 
@@ -32,14 +32,14 @@ def test_of_two_publishers_the_first_is_kept_whatever_their_numbers(
         stream('second', second, 2 * max(later, 2 * period) + 1, 2 * other_period, 100),
     )
     taken = [who for at, who, number in both if kept.take(number, at * MILLISECOND, lambda: 2)]
-    # Where numbers and times say the same, one or two may be taken for the other's.
+    # If numbers and times agree, one or two messages may be assigned to the other publisher.
     assert taken.count('second') <= 2
     assert taken.count('first') >= 398
     assert kept.lost <= 2
 
 
 @given(st.lists(st.booleans(), min_size=1, max_size=200))
-def test_what_never_came_of_one_publisher_is_lost(came: list[bool]) -> None:
+def test_missing_messages_of_one_publisher_are_lost(came: list[bool]) -> None:
     kept = PublisherArbitration()
     numbers = [number for number, here in enumerate([True, *came, True]) if here]
     for number in numbers:
@@ -48,7 +48,7 @@ def test_what_never_came_of_one_publisher_is_lost(came: list[bool]) -> None:
 
 
 @given(st.lists(st.tuples(st.integers(1, 50), st.integers(0, 400)), min_size=1, max_size=50))
-def test_one_that_is_alone_is_kept_to_however_unevenly_its_messages_come(
+def test_a_single_publisher_is_kept_with_uneven_periods(
     steps: list[tuple[int, int]],
 ) -> None:
     kept = PublisherArbitration()

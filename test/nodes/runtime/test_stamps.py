@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What came last grows old by the clock on the wall; what never came is too old."""
+"""The last message ages with the wall clock; without a message the age is infinite."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ def test_what_came_grows_old_and_is_renewed(monkeypatch: pytest.MonkeyPatch) -> 
     now = 100.0
     monkeypatch.setattr(stamps.time, 'monotonic', lambda: now)
     watched = Freshness(0.5)
-    assert (watched.age, watched.stale, str(watched)) == (math.inf, True, 'none has come')
+    assert (watched.age, watched.stale, str(watched)) == (math.inf, True, 'none received')
     watched.renew()
     now = 100.5
     assert (watched.age, watched.stale) == (0.5, False)

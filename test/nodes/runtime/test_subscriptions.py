@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Joint states are heard in whatever quality of service they are offered."""
+"""A subscription receives joint states with any offered quality of service."""
 
 from __future__ import annotations
 
@@ -37,7 +37,7 @@ def looking_often(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 def listen(graph: Graph) -> list[JointState]:
-    """Return a list to which all joint states are added that a node of its own hears."""
+    """Return a list of the joint states that a separate node receives."""
     heard: list[JointState] = []
     node = graph.start(lambda **kwargs: GuardedNode('listener', **kwargs))
     diagnostics = Diagnostics(node, 'listening', lambda: Report('well'))
@@ -46,7 +46,7 @@ def listen(graph: Graph) -> list[JointState]:
 
 
 def speak(graph: Graph, qos: QoSProfile) -> Publisher:
-    """Return a publisher of joint states that somebody listens to."""
+    """Return a publisher of joint states that has a subscriber."""
     return graph.speak(replace(interfaces.JOINT_STATES, qos=qos))
 
 
@@ -95,13 +95,13 @@ def test_several_publishers_are_named_once(graph: Graph, said: Callable[[], str]
     speak(graph, RELIABLE)
     speak(graph, qos_profile_sensor_data)
     complaint = (
-        '2 publishers of /joint_states, of which the one that was heard first is kept to: /user, '
-        '/user; stop all but one'
+        '2 nodes publish /joint_states: /user, /user; only messages of the first one received are '
+        'used; stop the others'
     )
     graph.until(lambda: complaint in said(), 'the warning')
     third = speak(graph, RELIABLE)
     graph.until(third.get_subscription_count, 'a subscriber')
-    assert said().count('publishers of /joint_states') == 1
+    assert said().count('nodes publish /joint_states') == 1
     assert 'offering incompatible' not in said()
 
 
@@ -114,7 +114,7 @@ def test_what_all_publishers_offer_is_asked_for() -> None:
 
 
 class Listener:
-    """Hears joint states, and takes a while for each."""
+    """Node that receives joint states and needs time for each."""
 
     def __init__(
         self, graph: Graph, longest_lag: float = 60.0, takes: float = 0.0, latest: bool = False
@@ -184,7 +184,7 @@ def test_the_first_of_two_publishers_is_kept_to_until_it_is_gone(graph: Graph) -
         DiagnosticStatus.WARN,
         '5',
     )
-    assert 'the one that was heard first is kept to' in status.message
+    assert 'only messages of the first one received are used' in status.message
     graph.user.destroy_publisher(first)
     assert_heard(graph, second, listener.heard, 'second')
 

@@ -39,7 +39,7 @@ def begin_bars(state: State, gravity: Gravity = NO_GRAVITY) -> Simulation:
 
 
 class Published:
-    """What a control has published: the numbers of the frames and their angles."""
+    """Frames that a control has published: their numbers and angles."""
 
     def __init__(
         self,
@@ -64,7 +64,7 @@ class Published:
         self.rates.append(simulation.rates.copy())
 
     def _tell(self, number: int, impulses: Array) -> None:
-        assert number == len(self.numbers), 'kicks are told before their frame'
+        assert number == len(self.numbers), 'kicks are announced before their frame'
         self.told[number] = impulses
 
 
@@ -297,7 +297,7 @@ def test_the_status_has_the_energy_that_a_kick_gave_and_the_damping_took() -> No
 
 @pytest.fixture
 def endless(monkeypatch: pytest.MonkeyPatch) -> threading.Event:
-    """Let no frame be ever computed, and tell when one is being."""
+    """Block the computation of frames, and signal its start."""
     begun = threading.Event()
 
     def step(simulation: ElasticSimulation) -> None:

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The simulator's ledger says what commands did to the chain, through resets and to the frame."""
+"""The topic delivery has the exact effect of commands on the chain, also after resets."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ IMPULSE = RotorImpulses(name=['rotor_1'], impulse=[3e-4])
 
 
 class Rig:
-    """A paused simulator that is stepped, and what it measured."""
+    """A paused simulator that is stepped, and its deliveries."""
 
     def __init__(self, graph: Graph) -> None:
         self.graph = graph
@@ -46,7 +46,7 @@ class Rig:
         self.graph.until(lambda: self.node.control.status.pending > pending, 'the command')
 
     def step(self, periods: int) -> None:
-        """Go on one by one: a latched topic keeps the last message alone."""
+        """Step one by one, because a latched topic keeps only the last message."""
         for _ in range(periods):
             assert self.node.control.step(1) is None
             self.graph.next_report('simulator')

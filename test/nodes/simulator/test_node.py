@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What the simulator publishes is the simulation of the physics at its stamps, bit for bit."""
+"""The simulator publishes the simulation of the physics at its stamps, bit for bit."""
 
 from __future__ import annotations
 
@@ -243,4 +243,4 @@ def test_commands_of_another_time_are_refused(graph: Graph, seconds: int, when: 
     )
     graph.until(lambda: stream.node.diagnostics.rejected == 2, 'two refusals')
     last = values(graph.next_report('simulator'))['last rejection']
-    assert f'{when}, the limit is 10 s; stamp it with now or with 0, or raise stamp_' in last
+    assert f'{when}, the limit is 10 s; use the present time or 0, or raise stamp_' in last

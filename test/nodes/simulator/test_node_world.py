@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The world of the simulator by topics, services and parameters: what it shows is its physics."""
+"""Topics, services and parameters of the simulator agree with its physics."""
 
 from __future__ import annotations
 
@@ -39,7 +39,7 @@ GIVEN = {'chain.number_of_rotors': ROTORS, 'publish_rate': RATE}
 
 
 class Paused:
-    """A simulator that takes steps when it is told to."""
+    """A simulator that is stepped on request."""
 
     def __init__(self, graph: Graph, parameters: dict[str, Any] | None = None) -> None:
         self.graph = graph
@@ -82,7 +82,7 @@ class Paused:
 
 
 def assert_shown(frames: list[JointState], simulation: Simulation) -> None:
-    """Assert that frames are those of a simulation, from its current one on."""
+    """Assert that frames equal a simulation, from its current frame on."""
     for frame in frames:
         assert list(frame.position) == simulation.angles.tolist()
         assert list(frame.velocity) == simulation.rates.tolist()

@@ -142,7 +142,7 @@ def test_a_motion_too_fast_to_compute_pauses_until_a_reset(graph: Graph, steppin
         graph.until(lambda: stream.node.control.status.pending, 'the kick')
         response = step(graph, 10)
         assert not response.success
-        assert 'call ~/reset to go on' in response.message
+        assert 'call ~/reset to continue' in response.message
     graph.until(lambda: stream.node.control.status.failure, 'the failure')
     frames = settled(stream)
     report = graph.next_report('simulator')
@@ -150,7 +150,7 @@ def test_a_motion_too_fast_to_compute_pauses_until_a_reset(graph: Graph, steppin
     assert report.message.startswith('paused, ')
     for response in (pause(graph, False), step(graph, 1)):
         assert not response.success
-        assert 'call ~/reset to go on' in response.message
+        assert 'call ~/reset to continue' in response.message
     assert len(stream.frames) == frames
     assert reset(graph).success
     if stepping:

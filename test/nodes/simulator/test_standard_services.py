@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The standard's services do what the simulator's own do, and say so in the standard's words.
+"""The services of simulation_interfaces act like the simulator's own, with standard codes.
 
 The package of the standard may not be installed: classes with its constants and fields stand in.
 """
@@ -47,7 +47,7 @@ UNSUPPORTED, OK, FAILED, ALREADY = 0, 1, 4, 101
 
 
 class Services:
-    """Stands in for the simulator's own services and the simulation that they control."""
+    """Replacement of the simulator's own services and their simulation."""
 
     def __init__(self) -> None:
         self.control = self

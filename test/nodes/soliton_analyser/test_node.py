@@ -82,7 +82,7 @@ def expected_of(named: NamedChain, frames: Sequence[JointState]) -> list[Any]:
 
 
 def same(one: Any, other: Any) -> bool:
-    """Whether two states say the same, where NaN is like NaN."""
+    """Return whether two states are equal, with NaN equal to NaN."""
     return repr(one) == repr(other)
 
 
@@ -161,7 +161,7 @@ def test_frames_that_come_before_the_chain_are_analysed_once_it_is_known(graph: 
         joints.publish(frame)
     graph.until(lambda: reports, 'a report')
     said = (
-        'waiting for the topic chain; where there is none, set chain_from to parameters or to '
+        'waiting for the topic chain; if no node publishes it, set chain_from to parameters or '
         'nowhere'
     )
     assert (reports[-1].message, reports[-1].level) == (said, reports[-1].WARN)
@@ -268,7 +268,7 @@ def test_parameters_of_the_chain_take_the_place_of_the_topic(
         ({'velocity': [0.0] * 9}, 'joint_states.velocity has 9 values for 8 names'),
         (
             {'name': [f'wheel_{n}' for n in range(8)]},
-            "has none of the 8 rotors, whose first is 'rotor_0'; tell the names of the joints",
+            "has none of the 8 rotors, such as 'rotor_0'; set the parameter joint_names",
         ),
         ({'name': ['rotor_0'] * 8}, "'rotor_0' twice"),
         ({'name': [], 'position': [], 'velocity': []}, 'has none of the 8 rotors'),
@@ -306,7 +306,7 @@ def test_bytes_that_are_no_joint_states_are_refused(graph: Graph, named: NamedCh
     joints.publish(right)
     graph.until(lambda: states, 'a state')
     graph.until(lambda: reports and values(reports[-1])['rejected'] == '1', 'the refusal')
-    said = 'joint_states of 200 bytes are no sensor_msgs/JointState'
+    said = 'joint_states of 200 bytes is no valid sensor_msgs/JointState'
     assert said in values(reports[-1])['last rejection']
     assert same(states[0], expected_of(named, [right])[0])
 
@@ -411,7 +411,9 @@ def test_late_frames_get_no_state_and_are_counted(graph: Graph, named: NamedChai
     assert [state.header for state in states] == [frame.header for frame in frames]
 
 
-@pytest.mark.parametrize(('spoiled', 'said'), [(1, '1 of 16 rotors are not seen'), (0, 'soliton')])
+@pytest.mark.parametrize(
+    ('spoiled', 'said'), [(1, '1 of 16 rotors are not visible'), (0, 'soliton')]
+)
 def test_rotors_that_are_not_seen_are_said(graph: Graph, spoiled: int, said: str) -> None:
     chain, speed = CHAINS['flipper']
     named = named_chain(chain)
@@ -439,11 +441,11 @@ def test_angles_of_another_class_than_the_parameters_are_said(graph: Graph) -> N
     publisher = graph.speak(interfaces.JOINT_STATES)
     for frame in frames_of(named_chain(chain), speed):
         publisher.publish(frame)
-    said = 'the angles are those of a spinner'
+    said = 'the angles show a spinner'
     graph.until(lambda: any(said in r.message for r in reports), 'a warning')
     report = next(r for r in reports if said in r.message)
     assert report.level == report.WARN
-    assert 'the parameters those of a flipper' in report.message
+    assert 'the parameters specify a flipper' in report.message
 
 
 def test_a_second_chain_that_contradicts_is_not_believed_until_the_first_is_gone(
@@ -454,16 +456,16 @@ def test_a_second_chain_that_contradicts_is_not_believed_until_the_first_is_gone
     graph.start(SolitonAnalyser)
     first = graph.speak(interfaces.CHAIN)
     first.publish(chain_to_msg(true, time_to_msg(0)))
-    graph.until(lambda: 'tells of a chain of 16 rotors (flipper' in said(), 'the chain')
+    graph.until(lambda: 'describes a chain of 16 rotors (flipper' in said(), 'the chain')
     second = graph.speak(interfaces.CHAIN)
     second.publish(chain_to_msg(false, time_to_msg(0)))
-    warning = '2 publishers of /chain, of which the one that was heard first is kept to'
+    warning = '2 nodes publish /chain'
     graph.until(lambda: any(warning in r.message for r in reports), 'the warning')
     assert said().count(warning) == 1
     assert 'spinner' not in said()
     graph.user.destroy_publisher(first)
     graph.until(lambda: 'the chain has changed' in said(), 'the other chain')
-    assert 'tells of a chain of 16 rotors (spinner' in said()
+    assert 'describes a chain of 16 rotors (spinner' in said()
 
 
 def test_angles_that_the_chain_cannot_explain_are_said(graph: Graph) -> None:
@@ -474,7 +476,7 @@ def test_angles_that_the_chain_cannot_explain_are_said(graph: Graph) -> None:
     publisher = graph.speak(interfaces.JOINT_STATES)
     for frame in frames_of(named_chain(chain), speed):
         publisher.publish(frame)
-    said = 'the angles miss the configurations of the chain by'
+    said = 'the misfit of the angles is'
     graph.until(lambda: any(said in r.message for r in reports), 'a warning')
     report = next(r for r in reports if said in r.message)
     assert report.level == report.WARN

@@ -135,13 +135,13 @@ def test_a_goal_on_the_way_takes_the_place_of_the_one_before(graph: Graph) -> No
     second = bench.send(2.0)
     ended = bench.result(first)
     assert (ended.status, ended.result.outcome) == (GoalStatus.STATUS_ABORTED, Result.PREEMPTED)
-    assert 'another goal, rotor 2, has taken its place' in ended.result.message
+    assert 'another goal, rotor 2, replaced this one' in ended.result.message
     assert bench.result(second).result.outcome == Result.REACHED
     # On the orbit of the chain with its deviations.
     assert bench.place == pytest.approx(2.0, abs=0.05)
 
 
-def test_cancelled_it_stops_and_holds_and_let_go_it_is_free(graph: Graph) -> None:
+def test_cancel_holds_the_soliton_and_release_frees_it(graph: Graph) -> None:
     bench = Bench(graph)
     handle = bench.send(6.0)
     graph.until(lambda: bench.feedback and bench.feedback[-1].rotor > 1, 'a wall on its way')
@@ -218,7 +218,7 @@ def test_a_wall_that_is_somewhere_else_all_at_once_is_lost(graph: Graph) -> None
     assert graph.call(Reset, 'simulator/reset', state=state).success
     ended = bench.result(handle)
     assert ended.result.outcome == Result.SOLITON_LOST
-    assert 'let go' in ended.result.message
+    assert 'released' in ended.result.message
     bench.after(10)
     assert bench.move(4.0).result.outcome == Result.REACHED
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Laws of what is drawn in space."""
+"""Laws of the drawing in space."""
 
 from __future__ import annotations
 
@@ -93,4 +93,4 @@ def test_a_wall_spans_two_standard_deviations_to_each_side(
     deviation: float, length: float
 ) -> None:
     (box,) = ChainScene(CHAIN).boxes([(0.3, deviation), (float('nan'), 0.1)])
-    assert (box.place, box.length) == (0.3, pytest.approx(length))
+    assert (box.position, box.length) == (0.3, pytest.approx(length))

@@ -1,2 +1,2 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The node that turns commands into torques and impulses, and reports the last kick."""
+"""Node that converts commands to torques and impulses, and reports the last kick."""

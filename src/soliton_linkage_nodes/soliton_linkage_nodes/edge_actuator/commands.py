@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The commands to the actuators: each is checked whole, then carried out or rejected."""
+"""Commands to the actuators, which are executed or rejected as a whole."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ _MOST_KICKS_WAITING = 50
 
 @dataclass(frozen=True)
 class ActuatedChain:
-    """A chain, the actuators on its joints, and their driver."""
+    """Chain with the actuators of its joints and their driver."""
 
     named: NamedChain
     joints: JointActuators
@@ -148,7 +148,5 @@ class Commands:
         """Return the chain; raise ValueError if it or a subscriber is missing."""
         self._publishers.check_connected(at_once)
         if self.chain is None:
-            raise ValueError(
-                'the chain is not known yet; publish chain or set chain_from to parameters'
-            )
+            raise ValueError('the chain is unknown; publish chain or set chain_from to parameters')
         return self.chain

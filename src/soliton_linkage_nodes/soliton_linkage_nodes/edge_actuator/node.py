@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The edge actuator: actuators that drive the chain along its zero mode or joint by joint."""
+"""Edge actuator node, which drives the chain along its zero mode or joint by joint."""
 
 from __future__ import annotations
 
@@ -36,20 +36,20 @@ from soliton_linkage_nodes.runtime.process import run
 from soliton_linkage_nodes.runtime.subscriptions import CountedSubscription, StreamSubscription
 
 _POLL_INTERVAL = 0.02
-"""Poll interval for frames of an idle chain [s]: short beside state_timeout, and short enough to
-keep the code path of a kick in the caches."""
+"""Poll interval for frames of an idle chain [s], shorter than state_timeout, and short enough
+to keep the code path of a kick in the caches."""
 _IDLE_AFTER = 1.0
-"""Time without commands after which the chain is idle [s]: to change takes 1 ms."""
+"""Time without commands after which the chain is idle [s]; a change takes 1 ms."""
 
 
 class EdgeActuator(ManagedNode):
-    """Turns commands into impulses and torques, and reports what they did.
+    """Node that converts commands to impulses and torques, and reports their effect.
 
     Subscribes to `nudge` [rad/s], `edge_command`, `joint_commands`, `~/commands` and
     `~/joint_trajectory` [N m], `joint_states`, `delivery` and, unless parameters specify the
     chain, to `chain`. Publishes `rotor_impulses` [N m s], `rotor_torques` [N m], `last_kick`
     (latched) and `/diagnostics`. Each of `joints` has a parameter `torque_limits.<joint>` [N m],
-    and the parameters of the actuator are those of the kind that is chosen.
+    and the parameter `actuator` selects the parameters of its kind.
     """
 
     PARAMETERS = PARAMETERS
@@ -59,7 +59,7 @@ class EdgeActuator(ManagedNode):
         super().__init__('edge_actuator', **kwargs)
 
     def declare_parameters_of_node(self) -> None:
-        """Declare common parameters, limits of joints, and those of the kind of actuator."""
+        """Declare common parameters, torque limits of joints, and parameters of the actuator."""
         settings = declare(self, EdgeActuatorParameters)
         self._torque_limits = declare_torque_limits(self, settings)
         self.actuator = declare(self, actuator_type(settings.actuator))
@@ -184,7 +184,7 @@ class EdgeActuator(ManagedNode):
             raise
 
     def _attend(self) -> None:
-        """Take each frame when it comes while the chain is driven, and for a while after that."""
+        """Take each frame when it arrives while the chain is driven and shortly afterwards."""
         now, chain = time.monotonic(), self.commands.chain
         if chain is not None and chain.driver.busy:
             self._busy_until = now

@@ -19,39 +19,38 @@ from soliton_linkage_nodes.runtime.parameters import declare
 
 @dataclass(frozen=True)
 class EdgeActuatorParameters:
-    """Parameters of the node besides those of the actuators at the edges."""
+    """Parameters of the node except for the edge actuators."""
 
     actuator: str = quantity('pneumatic', 'kind of the actuators at the edges')
     nudge_edge: str = quantity(
         'nearest',
-        'edge that nudges are for; nearest is the one that the zero mode is nearer to',
+        'edge of nudges; nearest is the edge nearer to the zero mode',
         choices=tuple(edge.value for edge in Edge),
         adjustable=True,
     )
     nudge_as: str = quantity(
         'kick',
-        'what a nudge is: a kick at once, or a pressure of nudge_duration with the same impulse',
+        'effect of a nudge: a kick at once, or a pressure of nudge_duration with the same impulse',
         choices=(CommandKind.KICK.value, CommandKind.PRESSURE.value),
         adjustable=True,
     )
     nudge_duration: float = quantity(
-        0.1, 'how long the pressure of a nudge lasts', 's', 1e-3, 60.0, adjustable=True
+        0.1, 'duration of the pressure of a nudge', 's', 1e-3, 60.0, adjustable=True
     )
     state_timeout: float = quantity(
         0.2, 'age beyond which joint_states are too old to act on', 's', 1e-3, 60.0
     )
     command_timeout: float = quantity(
         0.5,
-        'how long torques of joints are held without a new command, and age beyond which '
-        'commands are refused, 0 for never',
+        'time for which torques of joints are held without a new command, and largest age of a '
+        'command; 0 for no limit',
         's',
         0.0,
         86_400.0,
     )
     longest_command: float = quantity(
         600.0,
-        'how long a command may last, and how far ahead one may lie; half of it refuses shorter '
-        'ones, twice takes longer ones, and nothing else changes',
+        'largest duration of a command, and largest time that its stamp may lie ahead',
         's',
         1e-3,
         86_400.0,
@@ -59,13 +58,12 @@ class EdgeActuatorParameters:
     speed_limit: float = quantity(100.0, 'largest speed of a kick', 'rad/s', 0.0, 1e6)
     torque_limit: float = quantity(
         0.1,
-        'largest torque of a pulse along the unit zero mode, and of a joint without a limit of '
-        'its own',
+        'largest torque of a pulse along the unit zero mode, and of a joint without its own limit',
         'N m',
         0.0,
         1e6,
     )
-    joints: tuple[str, ...] = quantity((), 'joints that carry an actuator; empty for all of them')
+    joints: tuple[str, ...] = quantity((), 'joints with an actuator; empty for all joints')
 
 
 PARAMETERS: dict[type, str] = {
@@ -75,13 +73,13 @@ PARAMETERS: dict[type, str] = {
     ChainSourceParameters: '',
     **CHAIN_PARAMETERS,
 }
-"""The prefix of all parameters of the node, by their dataclasses."""
+"""Prefix of the parameters of the node, by dataclass."""
 
 
 def declare_torque_limits(node: Node, settings: EdgeActuatorParameters) -> Mapping[str, float]:
     """Declare `torque_limits.<joint>` of each of `joints` and return them by joint [N m].
 
-    Raises ValueError where the joints are not names, each once.
+    Raises ValueError for an invalid or duplicate name.
     """
     own = settings.torque_limit
     fields = [

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The joint states that an edge actuator receives, and its publishers."""
+"""Received joint states of an edge actuator, and its publishers."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ from soliton_linkage_nodes.runtime.stamps import SECOND, Freshness
 
 
 class LatestFrames:
-    """The last two frames of joint states, decoded when they are read."""
+    """Last two frames of joint states, decoded when they are read."""
 
     def __init__(self, longest: float, watch: Callable[[int, Array], None]) -> None:
         """Reject joint states that are older than `longest` [s].
@@ -103,7 +103,7 @@ class ActuatorPublishers:
 
     @property
     def measured(self) -> bool:
-        """Whether a node publishes what is delivered."""
+        """Whether a node publishes `delivery`."""
         return bool(self._node.count_publishers(interfaces.DELIVERY.name))
 
     def check_connected(self, at_once: bool) -> None:

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Joint states from pictures with stamps, live or of a film."""
+"""Joint states from pictures with stamps, from a live camera or a film."""
 
 from __future__ import annotations
 
@@ -27,23 +27,21 @@ from soliton_linkage_nodes.runtime.stamps import SECOND, time_to_msg
 
 @dataclass(frozen=True)
 class CameraParameters:
-    """When a camera exposes, and what the chain wears."""
+    """Exposure of a camera, and markers of the chain."""
 
     row_time: float = quantity(
         0.0,
-        'time from the exposure of a row of the picture to that of the next, 0 of a global '
-        'shutter; a phone has about 2e-5',
+        'time between the exposures of successive rows of the picture, 0 for a global shutter; '
+        'about 2e-5 for a phone',
         's',
         0.0,
         1e-3,
     )
-    exposure: float = quantity(
-        0.0, 'how long each row is exposed, 0 where that is not known', 's', 0.0, 1.0
-    )
+    exposure: float = quantity(0.0, 'exposure time of each row, 0 if unknown', 's', 0.0, 1.0)
     markers_worn: bool = quantity(
         True,
-        'whether pivots and masses wear markers; else rotors are dark on a light ground, and do '
-        'not touch',
+        'whether pivots and masses carry markers; otherwise the rotors must be dark on a light '
+        'background and must not touch',
     )
 
 
@@ -83,13 +81,13 @@ class CameraMeasurement:
     def measure(self, stamp: int, picture: Picture) -> CameraReading:
         """Return the angles in a picture whose exposure began at a stamp [ns].
 
-        Raises ValueError if the picture is not later than the one before, or has not the size of
+        Raises ValueError if the picture is not later than the one before, or its size differs from
         the calibration.
         """
         if stamp <= self._last:
             raise ValueError(
-                f'its stamp is {(self._last - stamp) / SECOND:g} s before that of the picture '
-                'before; send pictures in the order in which they were taken'
+                f'its stamp is {(self._last - stamp) / SECOND:g} s before the previous stamp; '
+                'publish pictures in the order of their stamps'
             )
         if self._first is None:
             self._first = stamp
@@ -102,12 +100,14 @@ class CameraMeasurement:
         return CameraReading(stamp + round(frame.delay * SECOND), frame)
 
     def _opened(self, picture: Picture) -> AngleCamera | DarkRotors:
-        told = self._parameters
+        parameters = self._parameters
         height, width = picture.shape[:2]
         camera = self._camera or uncalibrated_camera(width, height)
-        camera = replace(camera, row_time=told.row_time, exposure=told.exposure)
+        camera = replace(camera, row_time=parameters.row_time, exposure=parameters.exposure)
         layout = MarkerLayout(self._named.chain, self._markers)
-        return AngleCamera(layout, camera) if told.markers_worn else DarkRotors(layout, camera)
+        return (
+            AngleCamera(layout, camera) if parameters.markers_worn else DarkRotors(layout, camera)
+        )
 
 
 def angles_to_msg(named: NamedChain, seen: CameraReading) -> JointState:
@@ -122,13 +122,13 @@ def deviations_to_msg(named: NamedChain, seen: CameraReading) -> JointState:
 
 def describe_reading(measurement: CameraMeasurement, seen: CameraReading) -> str:
     """Return a sentence about a picture and those before it."""
-    told = [seen.frame.status or 'all rotors are seen']
+    parts = [seen.frame.status or 'all rotors are visible']
     if measurement.moves:
         times = 'once' if measurement.moves == 1 else f'{measurement.moves} times'
-        told.append(f'the camera has moved {times}')
+        parts.append(f'the camera has moved {times}')
     if measurement.gaps.missing:
-        told.append(f'{measurement.gaps.missing} pictures are missing')
-    return '; '.join(told)
+        parts.append(f'{measurement.gaps.missing} pictures are missing')
+    return '; '.join(parts)
 
 
 def median_deviation(frame: AngleFrame) -> float:
@@ -148,7 +148,7 @@ def _to_msg(named: NamedChain, stamp: int, values: Array) -> JointState:
 def walls_on_overlay(
     solitons: tuple[AnalysedSoliton, ...], spacing: float, since: float = 0.0
 ) -> list[WallMark]:
-    """Return the walls of a chain of a spacing [m] after a time [s]."""
+    """Return the wall marks, extrapolated by `since` [s]; the pivot spacing is in [m]."""
     return [
         WallMark(
             each.rotor + (each.velocity * since / spacing if math.isfinite(each.velocity) else 0),

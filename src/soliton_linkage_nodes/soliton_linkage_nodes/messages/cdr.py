@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Messages of a stamp, names and arrays of one double a name, as their CDR bytes.
+"""Fast CDR decoding and encoding of messages with a stamp, names and one double for each name.
 
-Names are most of the cost of such a message and never change. Decoders tell by their bytes that
-they are those of the message before and take the arrays from behind them; buffers overwrite the
-stamp and the arrays in place.
+Most of the time for such a message is spent on its names, which never change. Decoders compare the
+bytes of the names with the message before and read only the arrays; buffers overwrite the stamp
+and the arrays in place.
 """
 
 from __future__ import annotations
@@ -37,30 +37,29 @@ _LITTLE_ENDIAN = b'\x00\x01'
 _STAMP = struct.Struct('<4xiI')
 _COUNT = struct.Struct('<I')
 _ENCAPSULATION_BYTES = 4
-"""Before the message itself: how it is encoded."""
+"""Size of the encapsulation header [B]."""
 _DOUBLES = np.dtype('<f8')
-_NOTHING = np.zeros(0)
-"""An empty sequence."""
+_EMPTY = np.zeros(0)
 
 
 class Layout:
-    """Where in its bytes a message with a certain frame and names has its arrays of doubles.
+    """Byte layout of messages with a given frame and given names.
 
-    CDR writes a string as the length of its bytes with the final zero, and them; a sequence as
-    its count and the elements. Counts begin at multiples of 4 bytes, doubles at multiples of 8,
-    from the end of the 4 bytes of the encapsulation header. What lies between can be anything.
+    CDR encodes a string as its length and its bytes with a final zero, and a sequence as its
+    count and its elements. Counts are aligned to 4 bytes and doubles to 8, from the end of the
+    encapsulation header. Padding bytes are arbitrary.
     """
 
     def __init__(self, frame_id: str, name: tuple[str, ...]) -> None:
-        """Lay out what stands between the stamp and the arrays."""
+        """Compute the bytes between stamp and arrays, and a mask of the padding."""
         self.frame_id, self.name = frame_id, name
         texts = [text.encode() + b'\x00' for text in (frame_id, *name)]
         head = [_COUNT.pack(len(text)) + text + bytes(-len(text) % 4) for text in texts]
-        meant = [b'\xff' * (4 + len(text)) + bytes(-len(text) % 4) for text in texts]
+        mask = [b'\xff' * (4 + len(text)) + bytes(-len(text) % 4) for text in texts]
         head.insert(1, _COUNT.pack(len(name)))
-        meant.insert(1, b'\xff' * 4)
+        mask.insert(1, b'\xff' * 4)
         self._head = np.frombuffer(b''.join(head), '<u4')
-        self._meant = np.frombuffer(b''.join(meant), '<u4')
+        self._mask = np.frombuffer(b''.join(mask), '<u4')
         self._end = _STAMP.size + self._head.nbytes
         self._fitted = self._head.tobytes()
 
@@ -71,18 +70,18 @@ class Layout:
         if serialized.startswith(self._fitted, _STAMP.size):
             return True
         head = np.frombuffer(serialized, '<u4', len(self._head), _STAMP.size)
-        if ((head ^ self._head) & self._meant).any():
+        if ((head ^ self._head) & self._mask).any():
             return False
         self._fitted = head.tobytes()
         return True
 
     def stamp(self, serialized: bytes) -> tuple[int, int]:
-        """Seconds and nanoseconds since the epoch of a message that fits."""
+        """Return seconds and nanoseconds since the epoch of a message that fits."""
         seconds, nanoseconds = _STAMP.unpack_from(serialized)
         return seconds, nanoseconds
 
     def arrays(self, serialized: bytes | bytearray, number: int) -> list[Array]:
-        """The first arrays of a message that fits, maybe unaligned views of it."""
+        """Return the first arrays of a message that fits, as views that may be unaligned."""
         arrays, end = [], self._end
         for _ in range(number):
             (count,) = _COUNT.unpack_from(serialized, end)
@@ -91,13 +90,13 @@ class Layout:
                 begin += -end % 8
                 arrays.append(np.frombuffer(serialized, _DOUBLES, count, begin))
             else:
-                arrays.append(_NOTHING)
+                arrays.append(_EMPTY)
             end = begin + 8 * count
         return arrays
 
 
 class JointStateDecoder:
-    """Decoder of joint states, fast if frame and names are those of the message before."""
+    """Decoder of joint states, fast if frame and names equal the message before."""
 
     def __init__(self) -> None:
         self._layout: Layout | None = None
@@ -110,14 +109,14 @@ class JointStateDecoder:
                 stamp, arrays = layout.stamp(serialized), layout.arrays(serialized, 2)
                 return JointStates(*stamp, layout.frame_id, layout.name, *arrays)
             message = deserialize_message(serialized, JointState)
-        except Exception as error:  # that of rclpy has no public name
+        except Exception as error:  # the type of rclpy has no public name
             raise _damaged('joint_states', serialized, 'sensor_msgs/JointState', error) from error
         joints = joint_states_from_msg(message)
         self._layout = Layout(joints.frame_id, joints.name)
         return joints
 
     def stamp(self, serialized: bytes) -> int:
-        """Return the stamp alone of joint states [ns]; ValueError if damaged."""
+        """Return only the stamp of joint states [ns]; ValueError if damaged."""
         layout = self._layout
         if layout is not None and layout.fits(serialized):
             seconds, nanoseconds = layout.stamp(serialized)
@@ -126,23 +125,23 @@ class JointStateDecoder:
 
 
 class _RotorDecoder:
-    """Decoder of one value a rotor, fast if frame and names are those of the message before."""
+    """Decoder of one value for each rotor, fast if frame and names equal the message before."""
 
     _type: Any
     _topic: str
     _arrays: int
-    """How many there are up to that of the values."""
+    """Number of arrays up to and including the values."""
     _from_msg: Callable[[Mapping[str, int], Any, float], Array]
 
     def __init__(self, rotors: Mapping[str, int], largest: float) -> None:
-        """Number of each rotor by its name, and the largest value accepted."""
+        """Accept values up to `largest` for rotors whose numbers are given by name."""
         self._rotors = rotors
         self._largest = largest
         self._layout: Layout | None = None
         self._order = np.zeros(0, dtype=np.intp)
 
     def decode(self, serialized: bytes) -> Array:
-        """Return the value of each rotor, shape (N,); ValueError unless all are acceptable."""
+        """Return the value of each rotor, shape (N,); ValueError if any is rejected."""
         layout = self._layout
         try:
             if layout is not None and layout.fits(serialized):
@@ -152,7 +151,7 @@ class _RotorDecoder:
                     values[self._order] = given
                     return values
             message = deserialize_message(serialized, self._type)
-        except Exception as error:  # that of rclpy has no public name
+        except Exception as error:  # the type of rclpy has no public name
             raise _damaged(self._topic, serialized, self._type.__name__, error) from error
         values = self._from_msg(self._rotors, message, self._largest)
         self._layout = Layout(message.header.frame_id, tuple(message.name))
@@ -176,7 +175,7 @@ class TorqueDecoder(_RotorDecoder):
 
 def _damaged(topic: str, serialized: bytes, type_name: str, error: Exception) -> ValueError:
     return ValueError(
-        f'{topic} of {len(serialized)} bytes are no {type_name}: {error}; mend what publishes them'
+        f'{topic} of {len(serialized)} bytes is no valid {type_name}: {error}; check its publisher'
     )
 
 
@@ -184,7 +183,7 @@ class _MessageBuffer:
     """Serialized message that begins with a stamp, whose last arrays are overwritten in place."""
 
     def __init__(self, message: Any, arrays: int) -> None:
-        """Lay out a message that has so many arrays of one double a joint."""
+        """Lay out a message with a number of arrays, each with one double for each joint."""
         self._bytes = bytearray(serialize_message(message))
         layout = Layout(message.header.frame_id, tuple(message.name))
         self._arrays = layout.arrays(self._bytes, arrays)
@@ -194,14 +193,14 @@ class _MessageBuffer:
         return len(self._bytes)
 
     def fill(self, stamp: int, *values: Array) -> bytearray:
-        """Return the message of a stamp [ns]; the next call overwrites it."""
+        """Return the message with a stamp [ns]; the next call overwrites it."""
         self._stamp[0], self._stamp[1] = divmod(stamp, SECOND)
         for array, filling in zip(self._arrays[-len(values) :], values, strict=True):
             array[...] = filling
         return self._bytes
 
     def write(self, stamp: int, *values: Array) -> bytes:
-        """Return the same as `fill`, as a message of its own."""
+        """Return a copy of the message with a stamp [ns]."""
         return bytes(self.fill(stamp, *values))
 
 
@@ -228,7 +227,7 @@ class TorqueBuffer(_MessageBuffer):
 
 
 def read_stamp(serialized: bytes) -> int:
-    """Stamp of a message that begins with a header [ns], 0 where it is not little-endian."""
+    """Return the stamp of a message that begins with a header [ns], 0 if it is big-endian."""
     if not serialized.startswith(_LITTLE_ENDIAN):
         return 0
     seconds, nanoseconds = _STAMP.unpack_from(serialized)
@@ -236,7 +235,7 @@ def read_stamp(serialized: bytes) -> int:
 
 
 def publish_buffer(publisher: Publisher, serialized: bytearray) -> None:
-    """Publish a serialized message; `Publisher.publish` takes bytes only, which are a copy."""
+    """Publish a serialized message without the copy that `Publisher.publish` needs."""
     handle = publisher.handle
     with handle:
         handle.publish_raw(serialized)

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Where a node learns the chain from: the topic of a simulator, or its own parameters."""
+"""Source of the chain of a node: the topic `chain` or the parameters of the node."""
 
 from __future__ import annotations
 
@@ -36,26 +36,26 @@ Group = TypeVar('Group')
 
 @dataclass(frozen=True)
 class ChainSourceParameters:
-    """Which of the two it is."""
+    """Source of the chain, and names of its joints."""
 
     chain_from: str = quantity(
         'topic',
-        'whether the chain is learnt from the topic chain or from the parameters chain.*',
+        'source of the chain: the topic chain or the parameters chain.*',
         choices=('topic', 'parameters'),
     )
     joint_names: tuple[str, ...] = quantity(
-        (), 'names of the joints, rotor 0 first; empty for those that the chain has'
+        (), 'names of the joints, rotor 0 first; empty for the names in the chain'
     )
 
 
 @dataclass(frozen=True)
 class OptionalChainSourceParameters(ChainSourceParameters):
-    """The same of a node that can do without."""
+    """The same for a node that can work without a chain."""
 
     chain_from: str = quantity(
         'topic',
-        'whether the chain is learnt from the topic chain, from the parameters chain.*, or is '
-        'not known',
+        'source of the chain: the topic chain, the parameters chain.*, or nowhere if the chain is '
+        'unknown',
         choices=('topic', 'parameters', 'nowhere'),
     )
 
@@ -66,19 +66,19 @@ CHAIN_PARAMETERS: dict[type, str] = {
     Disorder: 'chain.disorder.',
     KnownEncoders: 'chain.encoders.',
 }
-"""The prefix of the parameters that describe a chain, by the dataclass of their values."""
+"""Prefix of the parameters that describe a chain, by dataclass."""
 
 
 def declare_chain(node: Node) -> NamedChain:
-    """Declare the parameters `chain.*` and return the chain, whose joints have their usual names.
+    """Declare the parameters `chain.*` and return the chain with default joint names.
 
-    Raises ValueError where they describe none.
+    Raises ValueError if they are invalid.
     """
     return chain_of(lambda kind: declare(node, kind, CHAIN_PARAMETERS[kind]))
 
 
 def chain_of(read: Callable[[Any], Any]) -> NamedChain:
-    """Chain with its deviations and encoders, each dataclass of `CHAIN_PARAMETERS` being read."""
+    """Return the chain with deviations and encoders; `read` returns an instance of a dataclass."""
     chain: Chain = read(Chain)
     given: Deviations = read(Deviations)
     disorder: Disorder = read(Disorder)
@@ -89,104 +89,104 @@ def chain_of(read: Callable[[Any], Any]) -> NamedChain:
 
 
 def describe_chain(chain: Chain) -> str:
-    """A chain in a few words, such as its number of rotors and its class of motion."""
+    """Return a short description: number of rotors, class of motion and lengths."""
     shape = 'a ring' if chain.periodic else 'a chain'
-    alike = '' if chain.deviations == NO_DEVIATIONS else ', with deviations'
+    deviations = '' if chain.deviations == NO_DEVIATIONS else ', with deviations'
     return (
         f'{shape} of {chain.number_of_rotors} rotors ({chain.motion.value}, '
         f'a = {chain.spacing:g} m, r = {chain.rotor_length:g} m, '
-        f'rest angle {chain.rest_angle:g} rad{alike})'
+        f'rest angle {chain.rest_angle:g} rad{deviations})'
     )
 
 
 def declare_chain_source(
     node: Node, parameters: type[ChainSourceParameters] = ChainSourceParameters
 ) -> None:
-    """Declare the parameters of a `ChainSource`; ValueError where they describe no chain."""
+    """Declare the parameters of a `ChainSource`; ValueError if they describe no chain."""
     check_names('parameter joint_names', declare(node, parameters).joint_names)
     declare_chain(node)
 
 
 class ChainSource:
-    """The chain that a node works on; None until it is known."""
+    """Source of the chain of a node, from parameters or the topic `chain`."""
 
     def __init__(
         self,
         node: GuardedNode,
         diagnostics: Diagnostics,
-        learnt: Callable[[NamedChain], None] = lambda named: None,
+        on_chain: Callable[[NamedChain], None] = lambda named: None,
         parameters: type[ChainSourceParameters] = ChainSourceParameters,
     ) -> None:
-        """Read the parameters or listen to the topic; `learnt` is called with each chain.
+        """Read the parameters or subscribe to the topic; `on_chain` is called with each chain.
 
-        The node says which chain it learns from the topic, and when that is another one.
-
-        Raises ValueError where the parameters describe no chain.
+        The node logs each new chain of the topic. Raises ValueError if the parameters describe no
+        chain.
         """
         self.named: NamedChain | None = None
+        """The chain, None until it is known."""
         self._subscription: StreamSubscription | None = None
         self._logger = node.get_logger()
         self._topic = node.resolve_topic_name(interfaces.CHAIN.name)
-        self._learnt = learnt
+        self._callback = on_chain
         self.parameters = declare(node, parameters)
         check_names('parameter joint_names', self.parameters.joint_names)
         given = declare_chain(node)
         self._encoder_offsets = given.encoder_offsets
         if self.parameters.chain_from == 'parameters':
-            self._learn(given)
+            self._set(given)
         elif self.parameters.chain_from == 'topic':
             take = diagnostics.guarded('chain', self._on_chain)
             self._subscription = StreamSubscription(node, interfaces.CHAIN, take, diagnostics)
 
     @property
     def description(self) -> str:
-        """Which chain it is, or where it will come from."""
+        """Description of the chain, or of its source while it is unknown."""
         if self.named is not None:
             return describe_chain(self.named.chain)
         known = self.parameters.chain_from == 'topic'
-        return f'the chain of {self._topic}' if known else 'a chain that is not known'
+        return f'the chain of {self._topic}' if known else 'an unknown chain'
 
     def resubscribe(self) -> None:
-        """Hear the chain again: another has taken the place of who told it."""
+        """Receive the latched chain again, because another publisher replaced the first."""
         if self._subscription is not None:
             self._subscription.resubscribe()
 
     def _on_chain(self, message: msg.Chain) -> None:
         before = self.named
-        self._learn(chain_from_msg(message))
+        self._set(chain_from_msg(message))
         if self.named == before or self.named is None:
             return
-        told = f'{self._topic} tells of {describe_chain(self.named.chain)}'
+        text = f'{self._topic} describes {describe_chain(self.named.chain)}'
         if before is None:
-            self._logger.info(told)
+            self._logger.info(text)
         else:
             self._logger.warning(
-                f'{told}, named {self.named.joint_names[0]!r} to {self.named.joint_names[-1]!r}: '
-                f'the chain has changed, it was {describe_chain(before.chain)}'
+                f'{text}, joints {self.named.joint_names[0]!r} to {self.named.joint_names[-1]!r}: '
+                f'the chain has changed, before it was {describe_chain(before.chain)}'
             )
 
-    def _learn(self, named: NamedChain) -> None:
+    def _set(self, named: NamedChain) -> None:
         joints = self.parameters.joint_names
         if joints and len(joints) != named.rotors:
             raise ValueError(
                 f'parameter joint_names has {len(joints)} names for a chain of {named.rotors} '
-                'rotors; name one joint a rotor'
+                'rotors; give one name for each rotor'
             )
         names = joints or named.joint_names
         offsets = self._encoder_offsets or named.encoder_offsets
         self.named = NamedChain(named.chain, names, offsets)
-        self._learnt(self.named)
+        self._callback(self.named)
 
 
 _LONGEST_VALUE = 40
-"""Longest value that is printed [characters]: those of many rotors are lists of thousands."""
+"""Longest value that is printed [characters], because lists may have thousands of values."""
 
 
 class ParameterFile:
-    """Values of a parameter file by their name, for whatever nodes they are."""
+    """Values of a parameter file by name, for all of its nodes."""
 
     def __init__(self, path: Path) -> None:
-        """Read it; ValueError if it is no parameter file."""
+        """Read the file; ValueError if it is no parameter file."""
         self.path = path
         try:
             sections = read_sections(path).values()
@@ -216,7 +216,7 @@ class ParameterFile:
 
 
 def chain_of_file(path: Path) -> NamedChain:
-    """Return the chain of a parameter file, by its chain.* and joints; ValueError for none."""
+    """Return the chain of a parameter file, with its joint names; ValueError if it is invalid."""
     file = ParameterFile(path)
     file.check('chain.', CHAIN_PARAMETERS)
     named = chain_of(lambda kind: file.read(kind, CHAIN_PARAMETERS[kind]))
@@ -225,7 +225,7 @@ def chain_of_file(path: Path) -> NamedChain:
     if len(joints) != named.rotors:
         raise ValueError(
             f'{path}: joint_names has {len(joints)} names for {named.rotors} rotors; '
-            'name one joint a rotor'
+            'give one name for each rotor'
         )
     return replace(named, joint_names=joints)
 
@@ -239,7 +239,7 @@ def markers_of_file(path: Path) -> MarkerSettings:
 
 
 def differences(one: NamedChain, other: NamedChain) -> str:
-    """What of a chain is not that of another, by name, value and the other's value."""
+    """Return the parameters of a chain that differ from another one, with both values."""
     pairs = [
         (name, getattr(one.chain, name), getattr(other.chain, name))
         for name in (field.name for field in fields(Chain))

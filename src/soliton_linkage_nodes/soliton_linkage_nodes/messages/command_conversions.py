@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Commands and what became of them: messages to physics types and back."""
+"""Conversions of commands and their effects: messages to physics types and back."""
 
 from __future__ import annotations
 
@@ -26,30 +26,30 @@ _KINDS = {getattr(msg.EdgeCommand, kind.name): kind for kind in CommandKind}
 
 @dataclass(frozen=True)
 class JointActuators:
-    """Joints that carry an actuator of their own, and the largest torque of each [N m]."""
+    """Joints with an actuator, their rotors, and the largest torque of each [N m]."""
 
     names: tuple[str, ...]
     rotors: Rotors
     limits: Array
 
     def checked(self, source: str, names: Sequence[str], torques: Array) -> tuple[Rotors, Array]:
-        """Rotors of the named joints, and torques [N m] of shape (..., named) within limits.
+        """Return the rotors of the named joints and their torques [N m], shape (..., named).
 
-        Raises ValueError unless each joint is named once and carries an actuator, and each has
-        a torque that is finite and within its limit.
+        Raises ValueError for a joint without an actuator or named twice, and for a torque that is
+        missing, not finite or beyond the limit of its joint.
         """
         check_names(source, names)
         places = {name: place for place, name in enumerate(self.names)}
         for name in names:
             if name not in places:
                 raise ValueError(
-                    f'{source} names joint {name!r}, which has no actuator; those of '
-                    f'{self.names[0]!r} to {self.names[-1]!r} have, or list it in joints'
+                    f'{source} names joint {name!r}, which has no actuator; choose from '
+                    f'{self.names[0]!r} to {self.names[-1]!r}, or add it to the parameter joints'
                 )
         if torques.shape[-1] != len(names):
             raise ValueError(
-                f'{source} has {torques.shape[-1]} efforts for {len(names)} joints; give each '
-                'one effort'
+                f'{source} has {torques.shape[-1]} efforts for {len(names)} joints; give '
+                'one effort for each joint'
             )
         order = np.array([places[name] for name in names], dtype=np.intp)
         for name, limit, column in zip(names, self.limits[order], torques.T, strict=True):
@@ -59,7 +59,7 @@ class JointActuators:
             if abs(worst) > limit:
                 raise ValueError(
                     f'{source} of {name} = {worst:g} N m must lie in the range {-limit:g} to '
-                    f'{limit:g} N m; ask for less or raise its torque limit'
+                    f'{limit:g} N m; reduce it or raise the torque limit of the joint'
                 )
         return self.rotors[order], torques
 
@@ -67,7 +67,7 @@ class JointActuators:
 def joint_actuators(
     named: NamedChain, names: Sequence[str], limit_of: Callable[[str], float]
 ) -> JointActuators:
-    """Actuators of the named joints, or of all; raises ValueError for what is no joint."""
+    """Return the actuators of the named joints, or of all; ValueError for an unknown joint."""
     chosen = tuple(names) or named.joint_names
     for name in chosen:
         if name not in named.numbers:
@@ -83,7 +83,7 @@ def joint_actuators(
 
 
 def edge_command_from_msg(message: msg.EdgeCommand) -> EdgeCommand:
-    """Command to the actuator at an edge; raises ValueError where the message is none."""
+    """Return the command to an edge actuator; ValueError if edge or kind is unknown."""
     for name, known in (('edge', _EDGES), ('kind', _KINDS)):
         code = getattr(message, name)
         if code not in known:
@@ -99,7 +99,7 @@ def edge_command_from_msg(message: msg.EdgeCommand) -> EdgeCommand:
 
 
 def edge_command_to_msg(command: EdgeCommand) -> msg.EdgeCommand:
-    """Command to the actuator at an edge as a message."""
+    """Return the message of a command to an edge actuator."""
     return msg.EdgeCommand(
         edge=next(code for code, edge in _EDGES.items() if edge is command.edge),
         kind=next(code for code, kind in _KINDS.items() if kind is command.kind),
@@ -113,13 +113,13 @@ def edge_command_to_msg(command: EdgeCommand) -> msg.EdgeCommand:
 def efforts_from_msg(
     actuators: JointActuators, source: str, message: JointState
 ) -> tuple[Rotors, Array]:
-    """Rotors and torques [N m] of the topic `source`; ValueError unless all are acceptable."""
+    """Return rotors and torques [N m] of the topic `source`; ValueError if any is rejected."""
     if message.position or message.velocity:
         raise ValueError(
-            f'{source} asks for positions or velocities; the actuators take effort alone'
+            f'{source} commands positions or velocities; the actuators accept only effort'
         )
     if not message.name:
-        raise ValueError(f'{source} names no joint; name those that it is for')
+        raise ValueError(f'{source} names no joint; fill the field name')
     efforts = np.asarray(message.effort, dtype=np.float64)
     return actuators.checked(f'{source}.effort', message.name, efforts)
 
@@ -127,7 +127,7 @@ def efforts_from_msg(
 def efforts_from_array(
     actuators: JointActuators, source: str, message: Float64MultiArray
 ) -> tuple[Rotors, Array]:
-    """Rotors and their torques [N m] in the order of the actuators; ValueError if any is wrong."""
+    """Return rotors and torques [N m] in the order of the actuators; ValueError if rejected."""
     torques = np.asarray(message.data, dtype=np.float64)
     return actuators.checked(f'{source}.data', actuators.names, torques)
 
@@ -135,22 +135,22 @@ def efforts_from_array(
 def trajectory_from_msg(
     actuators: JointActuators, source: str, message: JointTrajectory
 ) -> tuple[Rotors, Array, Array]:
-    """Rotors, instants from the start [s] and torques [N m] of shape (points, named).
+    """Return rotors, times from the start [s] and torques [N m], shape (points, named).
 
-    Raises ValueError unless all are acceptable.
+    Raises ValueError if any of them is rejected.
     """
     if not message.joint_names:
-        raise ValueError(f'{source} has points but no joints; name those that they are for')
+        raise ValueError(f'{source} has points but no joints; fill joint_names')
     for number, point in enumerate(message.points):
         if len(point.positions) or len(point.velocities) or len(point.accelerations):
             raise ValueError(
-                f'point {number} of {source} asks for positions, velocities or '
-                'accelerations; the actuators take effort alone'
+                f'point {number} of {source} commands positions, velocities or '
+                'accelerations; the actuators accept only effort'
             )
         if len(point.effort) != len(message.joint_names):
             raise ValueError(
                 f'point {number} of {source} has {len(point.effort)} efforts for '
-                f'{len(message.joint_names)} joints; give each one effort'
+                f'{len(message.joint_names)} joints; give one effort for each joint'
             )
     instants = np.array([time_from_msg(point.time_from_start) for point in message.points])
     if instants[0] < 0 or np.any(np.diff(instants) <= 0):
@@ -163,7 +163,7 @@ def trajectory_from_msg(
 
 
 def delivery_to_msg(delivered: DeliveryTotals) -> msg.Delivery:
-    """What was delivered to the chain as a message."""
+    """Return the message of the impulses and torques delivered to the chain."""
     return msg.Delivery(
         header=Header(stamp=time_to_msg(delivered.stamp), frame_id=FRAME),
         impulses=delivered.impulses,
@@ -175,7 +175,7 @@ def delivery_to_msg(delivered: DeliveryTotals) -> msg.Delivery:
 
 
 def delivery_from_msg(message: msg.Delivery) -> DeliveryTotals:
-    """What was delivered to the chain."""
+    """Return the totals delivered to the chain from a message."""
     return DeliveryTotals(
         time_from_msg(message.header.stamp),
         message.impulses,
@@ -187,7 +187,7 @@ def delivery_from_msg(message: msg.Delivery) -> DeliveryTotals:
 
 
 def last_kick_to_msg(named: NamedChain, kick: KickReport) -> msg.LastKick:
-    """Kick that is over as a message; joints that got nothing are left out."""
+    """Return the message of a finished kick; joints without an impulse are omitted."""
     acted_on = np.flatnonzero(kick.impulse)
     return msg.LastKick(
         header=Header(stamp=time_to_msg(kick.stamp), frame_id=FRAME),
@@ -206,47 +206,47 @@ def last_kick_to_msg(named: NamedChain, kick: KickReport) -> msg.LastKick:
 
 @dataclass(frozen=True)
 class StampRule:
-    """Which stamps and durations commands may have; a stamp of 0 means now.
+    """Limits of the stamps and durations of commands; a stamp of 0 means now.
 
-    oldest: age of a command [s], 0 for as old as it may be long.
-    longest: time that a command may last or lie ahead [s].
+    oldest: largest age of a command [s], 0 for the value of `longest`.
+    longest: largest duration of a command, and largest time that it may lie ahead [s].
     """
 
     oldest: float
     longest: float
 
     def check_at_once(self, source: str, stamp: int, now: int) -> None:
-        """Raise ValueError for a command to be carried out at once, of a stamp and time [ns]."""
+        """Raise ValueError if an immediate command is too old or too far ahead; times in [ns]."""
         age = self._age(stamp, now)
         limit = self.oldest or self.longest
         if age > limit:
             raise ValueError(
-                f'{source} is {age:.3g} s old, the limit is {limit:g} s; send it in time, or with '
-                'a stamp of 0, which means now, or raise command_timeout'
+                f'{source} is {age:.3g} s old, the limit is {limit:g} s; send it earlier, or with '
+                'stamp 0, which means now, or raise command_timeout'
             )
         if -age > limit:
             raise ValueError(
-                f'{source} is of {-age:.3g} s ahead, the limit is {limit:g} s; set the clocks, or '
-                'send it with a stamp of 0, which means now'
+                f'{source} has a stamp {-age:.3g} s ahead, the limit is {limit:g} s; synchronise '
+                'the clocks, or send it with stamp 0, which means now'
             )
 
     def delay(self, source: str, stamp: int, now: int, duration: float) -> float:
-        """Time until a command begins that lasts for a duration [s]; ValueError where refused."""
+        """Return the time until a command with a duration starts [s]; ValueError if rejected."""
         delay = -self._age(stamp, now)
         if delay + duration < 0:
             raise ValueError(
-                f'{source} was over {-duration - delay:.3g} s ago; send it in time, or with a '
-                'stamp of 0, which means now'
+                f'{source} ended {-duration - delay:.3g} s ago; send it earlier, or with stamp 0, '
+                'which means now'
             )
         self.check_length(source, max(delay, 0.0) + duration)
         return delay
 
     def check_length(self, source: str, ends: float) -> None:
-        """Raise ValueError for a command that ends too late after now [s]."""
+        """Raise ValueError if a command ends later than `longest` after now; its end is in [s]."""
         if ends > self.longest:
             raise ValueError(
                 f'{source} ends {ends:.3g} s from now, the limit is {self.longest:g} s; send '
-                'shorter ones, or raise longest_command'
+                'a shorter command, or raise longest_command'
             )
 
     @staticmethod

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The types of named chains and their frames; messages to physics types and back."""
+"""Named chains and their frames; conversions of messages to physics types and back."""
 
 from __future__ import annotations
 
@@ -24,11 +24,11 @@ from soliton_linkage_msgs import msg
 from soliton_linkage_nodes.runtime.stamps import SECOND
 
 FRAME = 'linkage'
-"""In which the pivots stand along x."""
-_FARTHEST = 1e6
-"""Angle that a reset may turn a rotor to [rad]: beyond, solvers lose the digits of small steps."""
-_FASTEST = 1e6
-"""Rate that a reset may give a rotor [rad/s], a bullet's at a millimetre."""
+"""Coordinate frame whose x axis runs along the pivots."""
+_LARGEST_ANGLE = 1e6
+"""Largest angle of a reset [rad]. Beyond it, rounding exceeds the small steps of solvers."""
+_LARGEST_RATE = 1e6
+"""Largest rate of a reset [rad/s]."""
 _CHAIN_FIELDS = tuple(
     f.name for f in fields(Chain) if f.name not in ('number_of_rotors', 'deviations')
 )
@@ -45,7 +45,7 @@ class NamedChain:
     chain: Chain
     joint_names: tuple[str, ...]
     encoder_offsets: tuple[float, ...] = ()
-    """What positions of joint states are known to be too large by [rad], one a rotor or none."""
+    """Known offsets of the encoders, position less angle [rad]: one for each rotor, or none."""
 
     def __post_init__(self) -> None:
         check_one_each(KnownEncoders(self.encoder_offsets).offsets, self.rotors)
@@ -63,14 +63,14 @@ class NamedChain:
 
 @dataclass(frozen=True)
 class Frame:
-    """One frame of joint states in the order of the rotors; rates are None where unknown."""
+    """One frame of joint states in the order of the rotors; rates are None if unknown."""
 
     angles: Array
     rates: Array | None
 
 
 class JointStates(NamedTuple):
-    """A JointState without its efforts; positions and velocities are empty where it has none."""
+    """A JointState without efforts; positions and velocities may be empty."""
 
     seconds: int
     nanoseconds: int
@@ -86,12 +86,12 @@ class JointStates(NamedTuple):
 
 
 def default_joint_names(number_of_rotors: int) -> tuple[str, ...]:
-    """Return the names that joints have unless a chain message says otherwise."""
+    """Return the default names of the joints."""
     return tuple(f'rotor_{rotor}' for rotor in range(number_of_rotors))
 
 
 def chain_to_msg(named: NamedChain, stamp: Time) -> msg.Chain:
-    """A chain, its joint names and what is known of its encoders as a message."""
+    """Return the message of a chain with its joint names and encoder offsets."""
     chain = named.chain
     deviations = {f'{name}_deviations': getattr(chain.deviations, name) for name in _DEVIATIONS}
     return msg.Chain(
@@ -104,7 +104,7 @@ def chain_to_msg(named: NamedChain, stamp: Time) -> msg.Chain:
 
 
 def chain_from_msg(message: msg.Chain) -> NamedChain:
-    """The chain that a message describes; raises ValueError where it describes none."""
+    """Return the chain of a message; ValueError if it is invalid."""
     names = tuple(message.joint_names)
     check_names('chain.joint_names', names)
     parameters = {name: getattr(message, name) for name in _CHAIN_FIELDS}
@@ -116,7 +116,7 @@ def chain_from_msg(message: msg.Chain) -> NamedChain:
 
 
 def joint_states_from_msg(message: JointState) -> JointStates:
-    """Joint states of a message."""
+    """Return the joint states of a message."""
     header = message.header
     return JointStates(
         header.stamp.sec,
@@ -129,7 +129,7 @@ def joint_states_from_msg(message: JointState) -> JointStates:
 
 
 def frame_to_msg(named: NamedChain, frame: Frame, efforts: Array, stamp: Time) -> JointState:
-    """Angles, rates and torques of a frame as joint states."""
+    """Return joint states with the angles, rates and torques of a frame."""
     return JointState(
         header=Header(stamp=stamp, frame_id=FRAME),
         name=list(named.joint_names),
@@ -140,11 +140,11 @@ def frame_to_msg(named: NamedChain, frame: Frame, efforts: Array, stamp: Time) -
 
 
 def frame_from_msg(named: NamedChain, message: JointState | JointStates) -> Frame:
-    """Angles and rates in the order of the rotors, whatever the order of the joints.
+    """Return angles and rates in the order of the rotors, from joints in any order.
 
-    Known offsets of encoders are taken off. Joints that are no rotors are passed over. Raises
-    ValueError where a rotor is missing or named twice, an array has the wrong length or a value
-    is not finite.
+    Known encoder offsets are subtracted. Joints that belong to no rotor are ignored. Raises
+    ValueError if a rotor is missing or named twice, an array has the wrong length or a value is
+    not finite.
     """
     order = _order(named.joint_names, message.name)
     angles = np.asarray(message.position, dtype=np.float64)
@@ -158,12 +158,12 @@ def frame_from_msg(named: NamedChain, message: JointState | JointStates) -> Fram
 
 
 def without_offsets(positions: Array, encoder_offsets: Sequence[float] | Array) -> Array:
-    """Angles [rad], (N,), of which encoders show positions [rad] too large by known offsets."""
+    """Return the angles [rad], (N,), from encoder positions and known offsets [rad]."""
     return positions - encoder_offsets if len(encoder_offsets) else positions
 
 
 def impulses_to_msg(named: NamedChain, impulses: Array, stamp: Time) -> msg.RotorImpulses:
-    """Angular impulses of all rotors [N m s] as a message."""
+    """Return the message of the angular impulses of all rotors [N m s]."""
     return msg.RotorImpulses(
         header=Header(stamp=stamp, frame_id=FRAME),
         name=list(named.joint_names),
@@ -174,22 +174,22 @@ def impulses_to_msg(named: NamedChain, impulses: Array, stamp: Time) -> msg.Roto
 def impulses_from_msg(
     rotors: Mapping[str, int], message: msg.RotorImpulses, largest: float
 ) -> Array:
-    """Angular impulse of each rotor [N m s]; raises ValueError unless all are acceptable."""
+    """Return the angular impulse of each rotor [N m s]; ValueError if any is rejected."""
     return _by_rotor(rotors, 'rotor_impulses.impulse', message.name, message.impulse, largest)
 
 
 def state_from_reset(named: NamedChain, request: Any, now: State) -> State:
-    """Angles and rates that a `Reset.Request` names; other joints stay where they are, at rest.
+    """Return the state of a `Reset.Request`; other joints keep their angle and come to rest.
 
-    Raises ValueError for a joint that is unknown or named twice, and unless each has an angle
-    and, where there are any, a rate that are finite.
+    Raises ValueError for a joint that is unknown or named twice, and for an angle or rate that is
+    missing or not finite. Rates may all be absent.
     """
     rotors = named.numbers
-    what = 'start from angles and rates that rotors have'
-    given = _by_rotor(rotors, 'reset.angle', request.name, request.angle, _FARTHEST, what)
+    remedy = 'reset to smaller angles and rates'
+    given = _by_rotor(rotors, 'reset.angle', request.name, request.angle, _LARGEST_ANGLE, remedy)
     rates = np.zeros(named.rotors)
     if len(request.rate):
-        rates = _by_rotor(rotors, 'reset.rate', request.name, request.rate, _FASTEST, what)
+        rates = _by_rotor(rotors, 'reset.rate', request.name, request.rate, _LARGEST_RATE, remedy)
     angles = now.angles.copy()
     at = [rotors[name] for name in request.name]
     angles[at] = given[at]
@@ -197,7 +197,7 @@ def state_from_reset(named: NamedChain, request: Any, now: State) -> State:
 
 
 def torques_to_msg(named: NamedChain, torques: Array, stamp: Time) -> JointState:
-    """Torques of all rotors [N m] as joint states that hold efforts only."""
+    """Return joint states with only efforts, the torques of all rotors [N m]."""
     return JointState(
         header=Header(stamp=stamp, frame_id=FRAME),
         name=list(named.joint_names),
@@ -206,12 +206,12 @@ def torques_to_msg(named: NamedChain, torques: Array, stamp: Time) -> JointState
 
 
 def torques_from_msg(rotors: Mapping[str, int], message: JointState, largest: float) -> Array:
-    """Torque of each rotor [N m]; raises ValueError unless all are acceptable."""
+    """Return the torque of each rotor [N m]; ValueError if any is rejected."""
     return _by_rotor(rotors, 'rotor_torques.effort', message.name, message.effort, largest)
 
 
 def check_names(source: str, names: Sequence[str]) -> None:
-    """Raise ValueError for a name that stands twice."""
+    """Raise ValueError for a duplicate name."""
     if len(set(names)) != len(names):
         twice = next(name for name in names if list(names).count(name) > 1)
         raise ValueError(f'{source} has {twice!r} twice; name each joint once')
@@ -238,7 +238,7 @@ def _by_rotor(
     names: Sequence[str],
     values: Sequence[float],
     largest: float,
-    remedy: str = 'send less or raise the limit parameter',
+    remedy: str = 'send a smaller value or raise the limit parameter',
 ) -> Array:
     array = np.asarray(values, dtype=np.float64)
     check_names(source, names)
@@ -262,7 +262,7 @@ def check_length(source: str, names: Sequence[str], values: Sequence[float] | Ar
     """Raise ValueError unless there are as many values as names."""
     if len(values) != len(names):
         raise ValueError(
-            f'{source} has {len(values)} values for {len(names)} names; give one a name'
+            f'{source} has {len(values)} values for {len(names)} names; give one for each name'
         )
 
 
@@ -272,11 +272,11 @@ def _check_array(source: str, names: Sequence[str], values: Array) -> None:
     if known.all():
         return
     worst = int(np.argmin(known))
-    told = f'{source} of {names[worst]} = {values[worst]:g}'
+    value = f'{source} of {names[worst]} = {values[worst]:g}'
     if not math.isfinite(values[worst]):
-        raise ValueError(f'{told} must be a finite number')
+        raise ValueError(f'{value} must be a finite number')
     if source.startswith('joint_states'):
         raise ValueError(
-            f'{told} must lie in the range {-LARGEST_ANGLE:g} to {LARGEST_ANGLE:g}; mend what '
-            'publishes it'
+            f'{value} must lie in the range {-LARGEST_ANGLE:g} to {LARGEST_ANGLE:g}; check '
+            'its publisher'
         )

@@ -14,18 +14,18 @@ import yaml
 
 _SEQUENCE = re.compile(r'^(?:sequence<(?P<item>[^,>]+)(?:, \d+)?>|(?P<element>.+)\[\d+\])$')
 _WIDTH = 100
-"""Of a line of YAML [characters]."""
+"""Length of a line of YAML [characters]."""
 
 
 def interface_type(name: str, kind: str) -> Any:
-    """Type by its name, as 'std_msgs/msg/Float64' or 'std_msgs/Float64', of a kind as 'msg'.
+    """Return a type by name, such as 'std_msgs/Float64', and kind, such as 'msg'.
 
-    Raises ValueError where there is none.
+    Raises ValueError if it does not exist.
     """
     package, _, rest = name.partition('/')
     middle, _, last = rest.rpartition('/')
     if not (package and last) or middle not in ('', kind):
-        raise ValueError(f'{name!r} must be the name of a type, as PACKAGE/{kind}/NAME')
+        raise ValueError(f'{name!r} must be a type name such as PACKAGE/{kind}/NAME')
     try:
         return getattr(import_module(f'{package}.{kind}'), last)
     except ModuleNotFoundError as error:
@@ -35,7 +35,7 @@ def interface_type(name: str, kind: str) -> Any:
 
 
 def plain(value: Any) -> Any:
-    """A message, or a value of one of its fields, as YAML can have it."""
+    """Return a message or field value as dictionaries, lists and plain values."""
     if hasattr(value, 'get_fields_and_field_types'):
         return {name: plain(getattr(value, name)) for name in value.get_fields_and_field_types()}
     if isinstance(value, (array.array, np.ndarray)):
@@ -48,7 +48,7 @@ def plain(value: Any) -> Any:
 
 
 def to_yaml(value: Any) -> str:
-    """YAML of a message or of a field, with lists of numbers in as few lines as may be."""
+    """Return the YAML text of a message or field, with each list of numbers in flow style."""
     text: str = yaml.dump(
         plain(value), Dumper=_Dumper, sort_keys=False, width=_WIDTH, allow_unicode=True
     )
@@ -65,7 +65,7 @@ _Dumper.add_representer(list, _list_in_lines)
 
 
 def read(message_type: Any, text: str) -> Any:
-    """Message with the fields that YAML as '{data: 0.25}' gives; ValueError where it cannot be."""
+    """Return a message from YAML such as '{data: 0.25}'; ValueError if the text is invalid."""
     try:
         values = yaml.safe_load(text or '{}')
     except yaml.YAMLError as error:
@@ -74,13 +74,13 @@ def read(message_type: Any, text: str) -> Any:
 
 
 def built(message_type: Any, values: Any) -> Any:
-    """Message with the fields that a mapping gives; ValueError where it cannot be."""
+    """Return a message with the fields of a mapping; ValueError if a field is invalid."""
     types = message_type.get_fields_and_field_types()
     name = _name(message_type)
     if not isinstance(values, Mapping):
         shape = ', '.join(f'{field}: ...' for field in types)
-        raise ValueError(f'{values!r} must be fields of {name}, as {{{shape}}}')
-    # What is wrong and not checked would end the process as it is published.
+        raise ValueError(f'{values!r} must be a mapping of the fields of {name}: {{{shape}}}')
+    # Without this check, publishing an invalid field would end the process.
     message = message_type(check_fields=True)
     for field, value in values.items():
         if field not in types:
@@ -105,7 +105,7 @@ def built(message_type: Any, values: Any) -> Any:
 
 
 def _converted(present: Any, value: Any) -> Any:
-    """A value in the type of the present value of the field."""
+    """Convert a value to the type of the present value of the field."""
     if isinstance(present, float):
         return float(value)
     if isinstance(present, bytes):

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""From joint states to what they show: the one way of the live node, replays and offline work."""
+"""Analysis of joint states, shared by the live node, replays and offline programs."""
 
 from __future__ import annotations
 
@@ -15,14 +15,14 @@ from soliton_linkage_nodes.messages.conversions import Frame, JointStates, Named
 from soliton_linkage_nodes.messages.frame_reader import FrameReader
 
 _MOST_WAITING = 1000
-"""Deviations that wait for their frames [1]: as many as frames may wait."""
+"""Largest number of deviations that wait for their frames [1], as for frames."""
 
 
 class JointStateAnalysis:
-    """Analyses joint states of a chain that is told first, or is not known."""
+    """Analysis of the joint states of a chain, which may be unknown."""
 
     def __init__(self, noise: float | None = None) -> None:
-        """Wait for a chain; the noise of its angles is in rad, None to have it estimated."""
+        """Wait for a chain; `noise` of the angles is in [rad], None to estimate it."""
         self._noise = noise
         self._named: NamedChain | None = None
         self._reader: FrameReader | None = None
@@ -32,7 +32,7 @@ class JointStateAnalysis:
         self.analyser: FrameAnalyser | None = None
         self.latest: Analysis | None = None
         self.frame: Frame | None = None
-        """The frame that was read last."""
+        """Last frame that was read."""
 
     @property
     def joint_names(self) -> tuple[str, ...]:
@@ -41,11 +41,11 @@ class JointStateAnalysis:
 
     @property
     def spacing(self) -> float:
-        """Distance between neighbouring pivots [m], NaN where the chain is not known."""
+        """Distance between neighbouring pivots [m], NaN if the chain is unknown."""
         return math.nan if self._named is None else self._named.chain.spacing
 
     def set_chain(self, named: NamedChain) -> None:
-        """Analyse the frames of this chain from now on; what is known of it already is kept."""
+        """Analyse frames of this chain from now on; the same chain keeps its estimates."""
         if named == self._named:
             return
         if self._named is None or named.chain != self._named.chain:
@@ -56,25 +56,24 @@ class JointStateAnalysis:
         self._deviation_reader, self._deviations = FrameReader(named.joint_names), {}
 
     def set_joints(self, joint_names: Sequence[str]) -> None:
-        """Analyse the frames of joints of which nothing is known but their order."""
+        """Analyse frames of an unknown chain, whose joints are given in order."""
         self.analyser = UnknownChainAnalyser(len(joint_names))
         self._named, self._reader = None, FrameReader(joint_names)
         self._impulses = self._deviation_reader = None
 
     def add_impulses(self, serialized: bytes) -> None:
-        """Take `delivered_impulses`, as CDR bytes, for what acts on a wall from their stamp on.
+        """Add the impulses of `delivered_impulses`, as CDR bytes, which act from their stamp on.
 
-        Of a chain that is not known they tell nothing. Raises ValueError for impulses that are
-        refused.
+        They are ignored if the chain is unknown. Raises ValueError for invalid impulses.
         """
         if isinstance(self.analyser, Analyser) and self._impulses is not None:
             impulses = self._impulses.decode(serialized)
             self.analyser.apply_impulse(read_stamp(serialized) or None, impulses)
 
     def add_deviations(self, deviations: JointStates) -> None:
-        """Take `joint_state_deviations` for those of the angles of that stamp, which come later.
+        """Add standard deviations for the angles of the same stamp, which arrive later.
 
-        Of a chain that is not known they tell nothing. Raises ValueError for what is refused.
+        They are ignored if the chain is unknown. Raises ValueError for invalid deviations.
         """
         if self._deviation_reader is None:
             return
@@ -84,12 +83,14 @@ class JointStateAnalysis:
             del self._deviations[next(iter(self._deviations))]
 
     def analyse(self, joints: JointStates) -> Analysis | None:
-        """What a frame shows, None for one that is not later than the one before.
+        """Analyse a frame; return None if it is not later than the one before.
 
-        Raises ValueError for joint states that are refused, and before any chain is known.
+        Raises ValueError for invalid joint states, and before a chain or joints are set.
         """
         if self.analyser is None or self._reader is None:
-            raise ValueError('joint_states came before the chain was known; tell it first')
+            raise ValueError(
+                'joint_states arrived before the chain; set the chain or the joints first'
+            )
         frame = self.frame = self._reader.read(joints)
         stamp = joints.stamp
         deviations = self._deviations.pop(stamp, None)

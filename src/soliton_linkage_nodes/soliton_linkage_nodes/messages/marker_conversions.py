@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What is drawn, as the messages that the viewers of ROS show."""
+"""Conversions of drawings to messages for ROS viewers."""
 
 from __future__ import annotations
 
@@ -20,28 +20,28 @@ from soliton_linkage_nodes.messages.conversions import NamedChain
 
 
 class Wall(NamedTuple):
-    """Where a wall is."""
+    """Position and charge of a wall."""
 
     position: float
-    """Along the chain [m]."""
+    """Position along the chain [m]."""
     deviation: float
-    """Its standard deviation [m]."""
+    """Standard deviation of the position [m]."""
     rotor: float
-    """The same place [rotor spacings]."""
+    """Position [rotor spacings]."""
     charge: int
 
 
 def lines_to_msg(
-    header: Header, name: str, points: Array, colours: Array, width: float, balls: bool = False
+    header: Header, name: str, points: Array, colours: Array, width: float, spheres: bool = False
 ) -> Marker:
-    """Lines between each two of the points [m], or balls at them, with a colour a point."""
+    """Return lines between pairs of points [m], or spheres at them, each point with a colour."""
     return Marker(
         header=header,
         ns=name,
-        type=Marker.SPHERE_LIST if balls else Marker.LINE_LIST,
+        type=Marker.SPHERE_LIST if spheres else Marker.LINE_LIST,
         action=Marker.ADD if len(points) else Marker.DELETE,
         pose=_upright(),
-        scale=Vector3(x=width, y=width, z=width) if balls else Vector3(x=width),
+        scale=Vector3(x=width, y=width, z=width) if spheres else Vector3(x=width),
         points=[Point(x=x, y=y, z=z) for x, y, z in points.tolist()],
         colors=[ColorRGBA(r=r, g=g, b=b, a=a) for r, g, b, a in colours.tolist()],
     )
@@ -55,7 +55,7 @@ def box_to_msg(
     size: Sequence[float],
     colour: Sequence[float],
 ) -> Marker:
-    """A box of a size [m] about its centre [m], in red, green, blue and opacity [1]."""
+    """Return a box by its centre and size [m]; colour: red, green, blue, opacity [1]."""
     red, green, blue, opacity = colour
     x, y, z = size
     pose = _upright()
@@ -75,37 +75,37 @@ def box_to_msg(
 def text_to_msg(
     header: Header,
     name: str,
-    place: Sequence[float],
+    position: Sequence[float],
     size: float,
     colour: Sequence[float],
     text: str,
 ) -> Marker:
-    """A text of a size [m] at its place [m], in red, green, blue and opacity [1]."""
-    marker = box_to_msg(header, name, 0, place, (0.0, 0.0, size), colour)
+    """Return a text by its position and height [m]; colour: red, green, blue, opacity [1]."""
+    marker = box_to_msg(header, name, 0, position, (0.0, 0.0, size), colour)
     marker.type, marker.text = Marker.TEXT_VIEW_FACING, text
     return marker
 
 
 def walls_from_msg(message: msg.SolitonState) -> list[Wall]:
-    """Walls of a state, from rotor 0 on."""
+    """Return the walls of a state in order of their position."""
     return [
         Wall(each.position, each.position_deviation, each.rotor, int(each.charge))
         for each in message.solitons
     ]
 
 
-def pose_to_msg(header: Header, place: float, deviation: float) -> PoseWithCovarianceStamped:
-    """Where something is along the chain [m], with its standard deviation [m]."""
+def pose_to_msg(header: Header, position: float, deviation: float) -> PoseWithCovarianceStamped:
+    """Return a pose on the axis of the chain, with its standard deviation, both [m]."""
     pose = _upright()
-    pose.position.x = place
+    pose.position.x = position
     covariance = np.zeros((6, 6))
     covariance[0, 0] = deviation**2
-    held = PoseWithCovariance(pose=pose, covariance=covariance.ravel())
-    return PoseWithCovarianceStamped(header=header, pose=held)
+    estimate = PoseWithCovariance(pose=pose, covariance=covariance.ravel())
+    return PoseWithCovarianceStamped(header=header, pose=estimate)
 
 
 def picture_to_msg(header: Header, pixels: NDArray[np.uint8]) -> Image:
-    """A picture of red, green and blue, shape (rows, columns, 3)."""
+    """Return an image message from RGB pixels, shape (rows, columns, 3)."""
     rows, columns, colours = pixels.shape
     return Image(
         header=header,
@@ -118,7 +118,7 @@ def picture_to_msg(header: Header, pixels: NDArray[np.uint8]) -> Image:
 
 
 def kick_from_msg(named: NamedChain, message: msg.LastKick) -> Array:
-    """Impulse of each rotor [N m s], shape (N,), 0 for those that it does not name."""
+    """Return the impulse of each rotor [N m s], shape (N,), 0 for joints that are not named."""
     impulses = np.zeros(named.rotors)
     for name, impulse in zip(message.name, message.impulse, strict=False):
         if name in named.numbers:

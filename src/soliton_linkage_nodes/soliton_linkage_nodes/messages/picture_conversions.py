@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Pictures and cameras as messages, and calibration files of camera_calibration."""
+"""Conversions of pictures and cameras to messages, and calibration files of camera_calibration."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from soliton_linkage.vision.opencv import Picture, opencv
 from soliton_linkage_nodes.runtime.stamps import time_to_msg
 
 _QUALITY = 80
-"""Of JPEG [1]: letters are sharp, and a picture of 1280 x 720 pixels has some 150 kB."""
+"""Quality of JPEG [1]. Letters are sharp; a picture of 1280 x 720 pixels has about 150 kB."""
 
 _CHANNELS = {
     'bgr8': (3, [0, 1, 2]),
@@ -28,21 +28,21 @@ _CHANNELS = {
     'mono8': (1, [0]),
     '8UC1': (1, [0]),
 }
-"""Bytes of a pixel, and which of them are blue, green and red."""
-_BEGIN_OF_JPEG = b'\xff\xd8\xff'
+"""Bytes of a pixel, and the indices of blue, green and red in it."""
+_JPEG_HEADER = b'\xff\xd8\xff'
 _MODELS = {'plumb_bob': 5, 'rational_polynomial': 8}
-"""Coefficients of the models of lenses [1]."""
+"""Number of coefficients of each lens model [1]."""
 
 
 def picture_from_msg(message: Image) -> Picture:
-    """Blue, green and red, (height, width, 3), or grey, (height, width).
+    """Return pixels in BGR, (height, width, 3), or grey, (height, width).
 
-    Raises ValueError for another encoding, and for fewer bytes than it has pixels.
+    Raises ValueError for another encoding, and if the message has too few bytes for its size.
     """
     if message.encoding not in _CHANNELS:
         raise ValueError(
             f'encoding {message.encoding!r} is none of {", ".join(_CHANNELS)}; convert the '
-            'pictures, or set what the camera sends'
+            'pictures or change the encoding of the camera'
         )
     channels, order = _CHANNELS[message.encoding]
     height, width, step = message.height, message.width, message.step
@@ -57,17 +57,19 @@ def picture_from_msg(message: Image) -> Picture:
 
 
 def jpeg_from_msg(message: CompressedImage, most: int) -> bytes:
-    """Bytes of a JPEG; ValueError where it is none, or has more than so many."""
+    """Return the bytes of a JPEG; ValueError if it is none or has more than `most` bytes."""
     data = bytes(message.data)
     if len(data) > most:
-        raise ValueError(f'a picture of {len(data)} bytes is above {most}; send smaller ones')
-    if not data.startswith(_BEGIN_OF_JPEG):
+        raise ValueError(
+            f'a picture of {len(data)} bytes exceeds the limit of {most}; send smaller pictures'
+        )
+    if not data.startswith(_JPEG_HEADER):
         raise ValueError(f'{len(data)} bytes of format {message.format!r} are no JPEG; send jpeg')
     return data
 
 
 def picture_from_compressed_msg(message: CompressedImage) -> Picture:
-    """Return blue, green and red, (height, width, 3); ValueError if it cannot be decoded."""
+    """Return pixels in BGR, (height, width, 3); ValueError if they cannot be decoded."""
     cv2 = opencv()
     data = np.frombuffer(message.data, dtype=np.uint8)
     picture = cv2.imdecode(data, cv2.IMREAD_COLOR) if len(data) else None
@@ -79,7 +81,7 @@ def picture_from_compressed_msg(message: CompressedImage) -> Picture:
 
 
 def picture_to_compressed_msg(stamp: int, frame_id: str, picture: Picture) -> CompressedImage:
-    """Return a JPEG of blue, green and red, (height, width, 3), with a stamp [ns]."""
+    """Return a JPEG message from BGR pixels, (height, width, 3), with a stamp [ns]."""
     cv2 = opencv()
     _, data = cv2.imencode('.jpg', picture, [cv2.IMWRITE_JPEG_QUALITY, _QUALITY])
     return CompressedImage(
@@ -108,7 +110,7 @@ def read_camera(path: Path) -> Camera:
 
 
 def write_camera(path: Path, camera: Camera, name: str = 'camera') -> None:
-    """Write a calibration file that camera drivers of ROS read, too."""
+    """Write a calibration file for this suite and for ROS camera drivers."""
     model = (
         'plumb_bob' if len(camera.distortion) <= _MODELS['plumb_bob'] else 'rational_polynomial'
     )
@@ -146,7 +148,7 @@ def camera_from_msg(message: CameraInfo) -> Camera | None:
 def _camera(width: int, height: int, model: str, matrix: Any, distortion: Any) -> Camera:
     numbers = [float(each) for each in matrix]
     if len(numbers) != 9:
-        raise ValueError(f'a camera matrix has 9 numbers, and this one {len(numbers)}')
+        raise ValueError(f'camera matrix has {len(numbers)} numbers; it must have 9')
     if model not in _MODELS and len(distortion):
         raise ValueError(f'distortion_model {model!r} is none of {", ".join(_MODELS)}')
     return Camera(

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Analyses as SolitonState messages, and as rows of a table, and solitons of messages."""
+"""Conversions of analyses to messages and rows of tables, and of messages to solitons."""
 
 from __future__ import annotations
 
@@ -33,10 +33,10 @@ _STATUSES = {status: getattr(msg.SolitonState, status.name) for status in Tracki
 
 
 class NumberFields:
-    """The fields of a message of plain numbers, two or more, and what fills them.
+    """Two or more numeric fields of a message, and the attributes that fill them.
 
-    Each is filled by the attribute of the same name, or by that whose path is given. Raises
-    TypeError where a class has no attribute for a field.
+    Each field takes its value from the attribute of the same name, or from the given attribute
+    path. Raises TypeError if a class has no attribute for a field.
     """
 
     def __init__(
@@ -45,7 +45,7 @@ class NumberFields:
         filled_by: type,
         paths: Mapping[str, str] | None = None,
     ) -> None:
-        """Fill fields of these names from instances of a dataclass."""
+        """Fill the fields from instances of the class `filled_by`."""
         self.names = tuple(names)
         paths = {name: (paths or {}).get(name, name) for name in names}
         for name, path in paths.items():
@@ -53,7 +53,7 @@ class NumberFields:
         self._values = attrgetter(*paths.values())
 
     def __call__(self, filled_by: Any) -> tuple[Any, ...]:
-        """Values of the fields; NaN where there is nothing to fill them."""
+        """Return the values of the fields, NaN for None."""
         if filled_by is None:
             return len(self.names) * (math.nan,)
         values: tuple[Any, ...] = self._values(filled_by)
@@ -70,13 +70,13 @@ def _check_path(filled_by: Any, field: str, path: str) -> None:
         if attribute not in hints and not hasattr(filled_by, attribute):
             raise TypeError(
                 f'field {field} of SolitonState has no source: {filled_by.__name__} has no '
-                f'{attribute}; add it, or leave it out of the message'
+                f'{attribute}; add the attribute or remove the field from the message'
             )
         filled_by = hints.get(attribute)
 
 
 def _kinds(message_type: Any) -> dict[str, str]:
-    """Kind of each field of a message by its name, in their order."""
+    """Return the type of each field of a message by name, in order."""
     return dict(message_type.get_fields_and_field_types())
 
 
@@ -106,7 +106,7 @@ _REST = NumberFields(
     {'noise': 'estimate.noise', 'misfit': 'estimate.misfit'},
 )
 _NO_SIDES = (0, 0, math.nan, math.nan, 0, math.nan)
-"""Where no topology can be told: the first fields of its message."""
+"""First fields of a Topology message if the topology is unknown."""
 _NO_EDGES = (False, False, math.nan, math.nan)
 _ROTORS = 'rotor spacings'
 _UNITS = {
@@ -127,11 +127,11 @@ _UNITS = {
     **dict.fromkeys(_ENERGIES.names, 'J'),
     **dict.fromkeys(_WOBBLE.names, 'm'),
 }
-"""Of the fields of SolitonState and of the messages in it; the others are plain numbers."""
+"""Units of the fields of SolitonState and its nested messages; other fields have no unit."""
 
 
 def state_to_msg(analysis: Analysis, joints: JointStates) -> msg.SolitonState:
-    """SolitonState of the frame that was analysed."""
+    """Return the SolitonState of an analysed frame."""
     stamp = Time(sec=joints.seconds, nanosec=joints.nanoseconds)
     values = {
         'header': Header(stamp=stamp, frame_id=joints.frame_id),
@@ -150,10 +150,10 @@ def state_to_msg(analysis: Analysis, joints: JointStates) -> msg.SolitonState:
 
 
 def columns() -> list[str]:
-    """Names of the columns of a table of states, those of the fields of SolitonState, with units.
+    """Return the column names of a table of states: the fields of SolitonState with units.
 
-    Fields of the nested messages have the name of theirs before them, those of the first
-    soliton `soliton_`, and a unit stands behind in brackets: `soliton_velocity [m/s]`.
+    A field of a nested message begins with the name of that message, a field of the first soliton
+    with `soliton_`. Units are in brackets, for example `soliton_velocity [m/s]`.
     """
     names = ['stamp [ns]']
     for name in list(_STATE)[1:]:
@@ -172,7 +172,7 @@ def _column(message: str, field: str) -> str:
 
 
 def row(analysis: Analysis, joints: JointStates) -> tuple[Any, ...]:
-    """A state as a row of the table; the soliton's cells are NaN where there is none."""
+    """Return a state as a row of the table, with NaN in the cells of a missing soliton."""
     solitons = analysis.solitons
     return (
         joints.stamp,
@@ -184,7 +184,7 @@ def row(analysis: Analysis, joints: JointStates) -> tuple[Any, ...]:
 
 
 def _leading(analysis: Analysis) -> tuple[int, str, int, float, int]:
-    """Fields of a state between the header and the solitons."""
+    """Return the fields of a state between the header and the solitons."""
     motion, measured = analysis.motion, analysis.measured_motion
     return (
         _MOTIONS[motion],
@@ -196,7 +196,7 @@ def _leading(analysis: Analysis) -> tuple[int, str, int, float, int]:
 
 
 def _following(analysis: Analysis) -> tuple[Any, ...]:
-    """Fields of a state after the solitons, those of the nested messages one after the other."""
+    """Return the fields of a state after the solitons, with nested messages flattened."""
     return (
         *_CYCLE(analysis),
         *_topology(analysis.topology, analysis.edge_rotors),
@@ -225,7 +225,7 @@ def solitons_from_msg(message: msg.SolitonState) -> tuple[AnalysedSoliton, ...]:
 
 
 KINDS = {kind: getattr(msg.SolitonEvent, kind.name) for kind in EventKind}
-"""Numbers of the kinds of events in messages."""
+"""Code of each kind of event in messages."""
 _EVENT_FIELDS = (
     *('rotor', 'ids_before', 'ids_after', 'charge_before', 'charge_after'),
     *('energy_before', 'energy_after', 'collisions'),
@@ -244,13 +244,13 @@ EVENT_COLUMNS = (
     'energy_after [J]',
     'collisions',
 )
-"""Columns of a table of events; names of walls are apart by spaces."""
+"""Columns of a table of events; ids of walls are separated by spaces."""
 
 
 def events_to_msgs(
     analysis: Analysis, joints: JointStates, spacing: float
 ) -> list[msg.SolitonEvent]:
-    """SolitonEvents of a frame that was analysed, of a chain with a spacing [m]."""
+    """Return the SolitonEvents of an analysed frame; the pivot spacing is in [m]."""
     return [
         msg.SolitonEvent(
             header=Header(stamp=time_to_msg(joints.stamp), frame_id=joints.frame_id),
@@ -265,7 +265,7 @@ def events_to_msgs(
 
 
 def event_rows(analysis: Analysis, joints: JointStates, spacing: float) -> list[tuple[Any, ...]]:
-    """The same events as rows of the table."""
+    """Return the events of an analysed frame as rows of the table."""
     rows = []
     for event in analysis.events:
         rotor, *others = (getattr(event, name) for name in _EVENT_FIELDS)
@@ -276,5 +276,5 @@ def event_rows(analysis: Analysis, joints: JointStates, spacing: float) -> list[
 
 
 def _instant(analysis: Analysis, joints: JointStates, event: SolitonEvent) -> int:
-    """When an event happened, by the clock of the frames [ns]."""
+    """Return the time of an event on the clock of the frames [ns]."""
     return joints.stamp - round((analysis.estimate.time - event.time) * SECOND)

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What a page shows of messages, as numbers and words, and what is done there, as messages."""
+"""Conversions of messages to numbers and texts for displays, and of user input to messages."""
 
 from __future__ import annotations
 
@@ -19,8 +19,8 @@ from soliton_linkage_nodes.runtime.stamps import SECOND, time_from_msg
 
 Numbers = dict[str, float]
 
-_BEYOND_INTEGERS = 2**63
-"""Least whole number that a ROS parameter, an int64, does not hold [1]."""
+_INT64_END = 2**63
+"""Smallest integer above the range of an int64 parameter [1]."""
 
 OUTCOMES = {
     getattr(MoveSoliton.Result, name): name.lower().replace('_', ' ')
@@ -29,15 +29,15 @@ OUTCOMES = {
         *('SOLITON_LOST', 'NOT_HELD', 'INVALID_SPEED'),
     )
 } | {
-    MoveSoliton.Result.OUT_OF_CHAIN: 'out of the chain',
-    MoveSoliton.Result.PREEMPTED: 'another goal took its place',
+    MoveSoliton.Result.OUT_OF_CHAIN: 'outside the chain',
+    MoveSoliton.Result.PREEMPTED: 'replaced by another goal',
 }
-"""Outcomes of a move, in words."""
+"""Text of each outcome of a move."""
 STATES = {
     name: getattr(Reset.Request, name.upper().replace('-', '_'))
     for name in ('initial', 'left-leaning', 'right-leaning', 'soliton', 'angles')
 }
-"""States that a simulation may be reset to."""
+"""Code of each state of a reset."""
 _EDGES = {name: getattr(msg.EdgeCommand, name.upper()) for name in ('nearest', 'first', 'last')}
 _KINDS = {name: getattr(msg.EdgeCommand, name.upper()) for name in ('kick', 'pulse', 'pressure')}
 _TYPES: Mapping[int, tuple[type[bool | int | float | str], str]] = {
@@ -46,7 +46,7 @@ _TYPES: Mapping[int, tuple[type[bool | int | float | str], str]] = {
     ParameterType.PARAMETER_DOUBLE: (float, 'double_value'),
     ParameterType.PARAMETER_STRING: (str, 'string_value'),
 }
-"""Python type and field of the value, by type of a parameter."""
+"""Python type and field name of the value for each parameter type."""
 _SOLITON = (
     *('rotor', 'position', 'position_deviation', 'velocity', 'velocity_deviation', 'width'),
 )
@@ -59,23 +59,23 @@ _TOPOLOGY = (
 
 @dataclass(frozen=True)
 class NodeReport:
-    """What a node last said of itself on /diagnostics."""
+    """Last report of a node on /diagnostics."""
 
     node: str
-    """Full name, or the part before the colon where the report has no hardware_id."""
+    """Full name, or the part before the colon if the report has no hardware_id."""
     level: int
-    """0 all is well, 1 a warning, 2 an error, 3 stale."""
+    """0 OK, 1 warning, 2 error, 3 stale."""
     message: str
     figures: Mapping[str, str]
 
 
 @dataclass(frozen=True)
 class AdjustableParameter:
-    """A parameter that may be changed while its node runs."""
+    """Parameter that can be changed while its node runs."""
 
     name: str
     kind: str
-    """One of bool, int, float and str."""
+    """Name of the Python type: bool, int, float or str."""
     value: bool | int | float | str
     description: str
     minimum: float | None
@@ -84,7 +84,7 @@ class AdjustableParameter:
 
 
 def state_numbers(message: msg.SolitonState) -> Numbers:
-    """Numbers of a state by name, of its first soliton among them; NaN where there is none."""
+    """Return the numbers of a state and its first soliton by name, NaN without a soliton."""
     first = message.solitons[0] if message.solitons else None
     cycle, energies = message.cycle, message.energies
     return {
@@ -105,7 +105,7 @@ def state_numbers(message: msg.SolitonState) -> Numbers:
 
 
 def soliton_values(message: msg.SolitonState) -> list[float]:
-    """Place [rotor spacings], its standard deviation [m] and charge of each soliton, in a row."""
+    """Return position [rotor spacings], deviation [m] and charge of all solitons as a list."""
     return [
         value
         for soliton in message.solitons
@@ -114,7 +114,7 @@ def soliton_values(message: msg.SolitonState) -> list[float]:
 
 
 def reports_from_msg(message: DiagnosticArray) -> list[NodeReport]:
-    """What nodes say of themselves."""
+    """Return the node reports of a diagnostics message."""
     return [
         NodeReport(
             status.hardware_id or status.name.partition(':')[0],
@@ -127,7 +127,7 @@ def reports_from_msg(message: DiagnosticArray) -> list[NodeReport]:
 
 
 def figure(figures: Mapping[str, str], name: str) -> float:
-    """A figure that a node reported, NaN where it told none."""
+    """Return a reported figure as a number, NaN if it is missing or no finite number."""
     try:
         value = float(figures.get(name, 'nan'))
     except ValueError:
@@ -136,14 +136,14 @@ def figure(figures: Mapping[str, str], name: str) -> float:
 
 
 def number_to_msg(value: float) -> Float64:
-    """A single number as a message, of a nudge [rad/s] or a tilt [rad]."""
+    """Return the message of a number, such as a nudge [rad/s] or a tilt [rad]."""
     return Float64(data=_finite('value', value))
 
 
 def edge_command_of(
     kind: str, edge: str, value: float, duration: float, ramp_up: float, ramp_down: float
 ) -> msg.EdgeCommand:
-    """Command to the actuator at an edge; raises ValueError for what is no finite number."""
+    """Return a command to an edge actuator; ValueError for an unknown name or infinite number."""
     return msg.EdgeCommand(
         kind=_chosen('kind', kind, _KINDS),
         edge=_chosen('edge', edge, _EDGES),
@@ -160,7 +160,7 @@ def reset_request(
     velocity: float,
     joints: Mapping[str, float] | None = None,
 ) -> Reset.Request:
-    """Request to put a chain into a state, with joints and their angles [rad] where named."""
+    """Return a request to reset the chain; `joints` holds angles [rad] by joint name."""
     named = joints or {}
     return Reset.Request(
         state=_chosen('state', state, STATES),
@@ -172,19 +172,19 @@ def reset_request(
 
 
 def step_request(periods: float) -> Step.Request:
-    """Request to go on by a number of periods while paused; ValueError where it is none."""
+    """Return a request to advance a paused simulation; ValueError for an invalid number."""
     if not (_finite('periods', periods) == int(periods) and 1 <= periods < 2**32):
         raise ValueError(f'periods = {periods} must be a whole number of 1 or more')
     return Step.Request(periods=int(periods))
 
 
 def move_goal(rotor: float, speed: float) -> MoveSoliton.Goal:
-    """Goal of a move of the soliton."""
+    """Return a goal: position [rotor spacings] and speed [rotor spacings/s]."""
     return MoveSoliton.Goal(rotor=_finite('rotor', rotor), speed=_finite('speed', speed))
 
 
 def is_adjustable(descriptor: ParameterDescriptor) -> bool:
-    """Whether a parameter may be changed and is of a kind that a page can show."""
+    """Return whether a parameter can change at run time and has a supported type."""
     own = descriptor.name != 'use_sim_time' and not descriptor.name.startswith('qos_overrides.')
     return bool(own and not descriptor.read_only and descriptor.type in _TYPES)
 
@@ -192,7 +192,7 @@ def is_adjustable(descriptor: ParameterDescriptor) -> bool:
 def adjustable_parameters(
     descriptors: Sequence[ParameterDescriptor], values: Sequence[ParameterValue]
 ) -> list[AdjustableParameter]:
-    """Parameters of these descriptions, with their values as far as these were told."""
+    """Return the parameters of these descriptors that have a value."""
     found = []
     for descriptor, value in zip(descriptors, values, strict=False):
         kind, field = _TYPES[descriptor.type]
@@ -214,7 +214,7 @@ def adjustable_parameters(
 
 
 def parameter_value(parameter: AdjustableParameter, value: Any) -> ParameterValue:
-    """A value for a parameter; raises ValueError where it is not of its kind."""
+    """Return the message of a parameter value; ValueError if its type is wrong."""
     code, kind, field = next(
         (code, kind, field)
         for code, (kind, field) in _TYPES.items()
@@ -222,7 +222,7 @@ def parameter_value(parameter: AdjustableParameter, value: Any) -> ParameterValu
     )
     try:
         converted = kind(value)
-        if kind is int and not -_BEYOND_INTEGERS <= int(converted) < _BEYOND_INTEGERS:
+        if kind is int and not -_INT64_END <= int(converted) < _INT64_END:
             raise OverflowError
     except (TypeError, ValueError, OverflowError) as error:
         raise ValueError(

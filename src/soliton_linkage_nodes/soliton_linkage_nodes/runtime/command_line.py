@@ -27,7 +27,7 @@ from soliton_linkage_nodes.runtime.parameters import (
 NodeClass = Callable[[], Node]
 """The class of a node that needs no arguments."""
 USAGE = 2
-"""Exit code of a program with wrong arguments, that of argparse."""
+"""Exit code of a program with wrong arguments, as in argparse."""
 _WIDTH = 96
 """Columns of the help [1]."""
 _ROS_OPTIONS = ('--params-file', '-p', '--param', '-r', '--remap', '--log-level')
@@ -54,7 +54,9 @@ def check_arguments(node: NodeClass, arguments: Sequence[str]) -> None:
         return
     if unknown:
         proposal = _proposal(node, unknown)
-        remedy = f'try: {_command(node)} {proposal}' if proposal else f'see {_command(node)} --help'
+        remedy = (
+            f'try: {_command(node)} {proposal}' if proposal else f'see {_command(node)} --help'
+        )
         text = ' '.join(unknown)
         print(f'{executable_name(node)} does not know {text!r}; {remedy}', file=sys.stderr)
         sys.exit(USAGE)

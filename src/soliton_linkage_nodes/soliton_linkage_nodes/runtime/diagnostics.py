@@ -18,7 +18,7 @@ from soliton_linkage_nodes.runtime.guarded import describe_error
 from soliton_linkage_nodes.runtime.interfaces import DIAGNOSTICS
 
 _PERIOD = 1.0
-"""Period of the reports [s], that of ROS's own updater."""
+"""Period of the reports [s], as in diagnostic_updater."""
 MOST_LINES = 100
 """Largest number of log lines of a throttle in a period [1]."""
 _NUMBERS = re.compile(r'[-+]?(?:\d+\.?\d*(?:e[-+]?\d+)?|\binf\b|\bnan\b)')

@@ -5,7 +5,7 @@ from __future__ import annotations
 
 import difflib
 import traceback
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from functools import wraps
 from pathlib import Path
 from typing import Any
@@ -40,6 +40,7 @@ class GuardedNode(Node):
     """Node that drops the message, logs and continues if a callback raises, except MemoryError."""
 
     _undispatched: frozenset[Subscription] = frozenset()
+    _finalisers: Mapping[Subscription, Callable[[], None]] = {}
 
     @property
     def subscriptions(self) -> Iterator[Subscription]:
@@ -59,7 +60,14 @@ class GuardedNode(Node):
     def destroy_subscription(self, subscription: Subscription) -> bool:
         """Destroy a subscription, dispatched or not."""
         self._undispatched -= {subscription}
+        if subscription in self._finalisers:
+            self._finalisers[subscription]()
+            self._finalisers = {k: v for k, v in self._finalisers.items() if k != subscription}
         return bool(super().destroy_subscription(subscription))
+
+    def before_destroying(self, subscription: Subscription, finalise: Callable[[], None]) -> None:
+        """Call `finalise` before a subscription is destroyed."""
+        self._finalisers = {**self._finalisers, subscription: finalise}
 
     def create_subscription(
         self, msg_type: Any, topic: str, callback: Callable[..., Any], *args: Any, **kwargs: Any

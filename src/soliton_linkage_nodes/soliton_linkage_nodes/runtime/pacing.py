@@ -49,7 +49,7 @@ def yield_core() -> None:
 class IdlePriority:
     """Real-time priority of a process while it is mostly idle, so that overload harms no other.
 
-    By default it is that of the calling thread and of the middleware's threads.
+    The default are the calling thread and the threads of the middleware.
     """
 
     def __init__(self, real_time: bool, threads: Sequence[int] | None = None) -> None:
@@ -107,7 +107,7 @@ class PacedLoop:
     """Thread that calls a function at t0 + k / rate, computed from k = 0, 1, ... alone.
 
     A late call is made at once, and the next deadlines stay. If the loop is more than 0.1 s
-    behind, all later deadlines are postponed by that much, so that there is no burst. A changed
+    behind, all later deadlines are postponed equally, so that there is no burst. A changed
     rate counts from the moment of the change, as t0. At an infinite rate each call follows the
     last, after a pause if that returned False because it had nothing to do.
 

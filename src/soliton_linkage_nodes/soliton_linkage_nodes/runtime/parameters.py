@@ -134,7 +134,7 @@ def _check(
 
 
 def _convert_changes(node: Node) -> None:
-    """Convert the types of changes at run time as those of files, once for a node."""
+    """Convert the types of changes at run time like values of files, once for a node."""
     # rclpy concatenates the results of several such callbacks.
     if node not in _CONVERTING:
         _CONVERTING.add(node)

@@ -93,14 +93,14 @@ def stop_on_signals() -> threading.Event:
 
 
 def interrupt_on_signals() -> None:
-    """Let SIGINT and SIGTERM raise KeyboardInterrupt, in a program that computes."""
+    """Make SIGINT and SIGTERM raise KeyboardInterrupt, in a program that computes."""
     signal.signal(signal.SIGINT, signal.default_int_handler)
     signal.signal(signal.SIGTERM, signal.default_int_handler)
 
 
 @contextmanager
 def interruptible(stopping: threading.Event) -> Iterator[None]:
-    """Let SIGINT and SIGTERM raise KeyboardInterrupt, at once if `stopping` is set."""
+    """Make SIGINT and SIGTERM raise KeyboardInterrupt, at once if `stopping` is set."""
     handlers = {number: signal.getsignal(number) for number in (signal.SIGINT, signal.SIGTERM)}
     interrupt_on_signals()
     try:

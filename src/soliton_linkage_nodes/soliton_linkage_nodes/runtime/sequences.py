@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Sequence numbers and times of received messages: lost ones, their publisher, and the lag."""
+"""Lost messages, publishers and lag, from sequence numbers and source times of messages."""
 
 from __future__ import annotations
 
@@ -11,27 +11,27 @@ from dataclasses import dataclass
 from soliton_linkage_nodes.runtime.stamps import SECOND
 
 _SILENCE = 0.5
-"""Of the publisher that is kept to while another speaks, after which that takes its place [s]:
-one that was killed is known to the graph for 20 s more."""
+"""Silence of the selected publisher after which another replaces it [s]. The graph lists a
+publisher that was killed for another 20 s."""
 _SILENT_PERIODS = 5
-"""The same in periods of its messages, of one that speaks seldom [1]."""
+"""The same in periods of its messages, for a slow publisher [1]."""
 _MEMORY = 20
 """Messages over which the period of a publisher is averaged [1]."""
-_UNLIKE = 3.0
-"""How many times longer or shorter than its messages take a gap may last to be its own [1]."""
+_GAP_RATIO = 3.0
+"""Largest ratio between the length of a gap and the expected time of its messages [1]."""
 _NANOSECOND = 1e-9
-"""[s]."""
-_CLOCKS_MEMORY = 10.0
-"""How long the quickest message tells the difference of two clocks [s], which drift apart."""
+"""One nanosecond [s]."""
+_OFFSET_WINDOW = 10.0
+"""Time over which the quickest message gives the offset of two clocks [s], because they drift."""
 
 
 class SequenceGaps:
-    """Counts the messages of a topic that were published and never taken.
+    """Counter of the messages of a topic that were published and never received.
 
-    Each publisher numbers its messages 1, 2, 3, ...; a taken message does not say whose it is.
-    It is put down to the publisher whose number it continues, or else to the one that is
-    closest behind. A publisher that begins anew takes the place of the one that has been silent
-    for longest. What a publisher sent before it was first heard does not count.
+    Each publisher numbers its messages 1, 2, 3, ...; a message does not identify its publisher.
+    It is assigned to the publisher whose numbers it continues, or else to the one closest behind.
+    A new publisher replaces the one that has been silent for longest. Messages before the first
+    one received from a publisher do not count.
     """
 
     def __init__(self) -> None:
@@ -39,7 +39,7 @@ class SequenceGaps:
         self._last: list[int] = []
 
     def take(self, number: int, publishers: int) -> None:
-        """Account for a message, on a topic with so many publishers."""
+        """Count the messages missing before this one, given the number of publishers."""
         if self._last == [number - 1]:
             self._last[0] = number
             return
@@ -57,7 +57,7 @@ class SequenceGaps:
 
 @dataclass
 class _Publisher:
-    """The number of its last message, when it was sent [ns], and the time between two [ns]."""
+    """Last message of a publisher: its number and source time [ns]; mean period [ns]."""
 
     number: int
     sent: int
@@ -65,13 +65,13 @@ class _Publisher:
 
     @property
     def silence(self) -> float:
-        """After which it counts as silent [s]."""
+        """Time without messages after which the publisher counts as silent [s]."""
         if math.isnan(self.period):
             return _SILENCE
         return max(_SILENCE, _SILENT_PERIODS * self.period * _NANOSECOND)
 
     def advance(self, number: int, sent: int) -> int:
-        """Go on to a message, and return how many before it are missing."""
+        """Record a message and return the number of messages missing before it."""
         apart = (sent - self.sent) / (number - self.number)
         if math.isnan(self.period):
             self.period = apart
@@ -80,55 +80,55 @@ class _Publisher:
         self.number, self.sent = number, sent
         return missing
 
-    def unlikeness(self, number: int, sent: int) -> float:
-        """How little a message fits behind the last, 0 for the next at its time."""
+    def time_mismatch(self, number: int, sent: int) -> float:
+        """Return the log ratio of elapsed and expected time, 0 for the next message on time."""
         count, took = number - self.number, sent - self.sent
         if count <= 0:
             return math.inf
         expected = count * self.period
         if not (expected > 0 and took > 0):
-            return 0.0 if count == 1 else math.log(_UNLIKE)
+            return 0.0 if count == 1 else math.log(_GAP_RATIO)
         return abs(math.log(took / expected))
 
 
 class PublisherArbitration:
-    """Tells the messages of the publisher that was heard first from those of others.
+    """Selection of the messages of one publisher, the first one received.
 
-    Each publisher numbers its messages 1, 2, 3, ...; a message does not say whose it is. It is
-    that of the publisher whose number it continues, or, after a gap, of the one that has taken
-    as long for so many; one that is alone may take any time short of silence. What is missing of
-    the one that is kept to is counted.
+    Each publisher numbers its messages 1, 2, 3, ...; a message does not identify its publisher.
+    It is assigned to the publisher whose numbers it continues or, after a gap, to the one whose
+    period explains the length of the gap. A single publisher may pause for any time short of
+    silence. Missing messages of the selected publisher are counted.
     """
 
     def __init__(self) -> None:
         self.lost = 0
-        """Messages that were sent and never came."""
+        """Number of messages that were published and never received."""
         self.foreign = 0
-        """Messages of other publishers."""
+        """Number of messages of other publishers."""
         self.successions = 0
-        """How often another publisher took the place of one that fell silent."""
-        self._kept: _Publisher | None = None
+        """Number of times that another publisher replaced a silent one."""
+        self._selected: _Publisher | None = None
         self._others: list[_Publisher] = []
         self._others_since: float | None = None
 
     def take(self, number: int, sent: int, publishers: Callable[[], int]) -> bool:
-        """Whether to keep a message of a number, sent at an instant [ns]; others are counted.
+        """Return whether to keep a message with this number and source time [ns]; count others.
 
-        `publishers` tells how many there are, and is asked only where that matters.
+        `publishers` returns the number of publishers; it is called only if the number matters.
         """
-        kept = self._kept
-        if kept is None:
-            self._kept = _Publisher(number, sent)
+        selected = self._selected
+        if selected is None:
+            self._selected = _Publisher(number, sent)
             return True
-        if number == kept.number + 1 and not self._others:
-            kept.advance(number, sent)
+        if number == selected.number + 1 and not self._others:
+            selected.advance(number, sent)
             return True
-        return self._sort(kept, number, sent, publishers())
+        return self._assign(selected, number, sent, publishers())
 
-    def _sort(self, kept: _Publisher, number: int, sent: int, publishers: int) -> bool:
-        owner = self._owner(kept, number, sent, publishers)
-        if owner is kept:
-            self.lost += kept.advance(number, sent)
+    def _assign(self, selected: _Publisher, number: int, sent: int, publishers: int) -> bool:
+        owner = self._owner(selected, number, sent, publishers)
+        if owner is selected:
+            self.lost += selected.advance(number, sent)
             self._others_since = None
             if publishers < 2:
                 self._others.clear()
@@ -141,48 +141,52 @@ class PublisherArbitration:
         now = time.monotonic()
         if self._others_since is None:
             self._others_since = now
-        if publishers >= 2 and now - self._others_since < kept.silence:
+        if publishers >= 2 and now - self._others_since < selected.silence:
             self.foreign += 1
             return False
         self.successions += 1
-        self._kept, self._others_since = owner, None
+        self._selected, self._others_since = owner, None
         self._others = [other for other in self._others if other is not owner]
         return True
 
     def _owner(
-        self, kept: _Publisher, number: int, sent: int, publishers: int
+        self, selected: _Publisher, number: int, sent: int, publishers: int
     ) -> _Publisher | None:
-        """Publisher that a message fits best, None where it is that of another."""
+        """Return the publisher that a message fits best, None for a new one."""
         alone = publishers < 2 and not self._others
-        if alone and number > kept.number and (sent - kept.sent) * _NANOSECOND < kept.silence:
-            return kept
-        known = [kept, *self._others]
+        if (
+            alone
+            and number > selected.number
+            and (sent - selected.sent) * _NANOSECOND < selected.silence
+        ):
+            return selected
+        known = [selected, *self._others]
         following = [each for each in known if number == each.number + 1] or known
-        best = min(following, key=lambda each: each.unlikeness(number, sent))
-        unlikely = best.unlikeness(number, sent) > math.log(_UNLIKE)
+        best = min(following, key=lambda each: each.time_mismatch(number, sent))
+        unlikely = best.time_mismatch(number, sent) > math.log(_GAP_RATIO)
         if number == best.number + 1 and (len(known) >= publishers or not unlikely):
             return best
         return None if unlikely else best
 
 
 class Lag:
-    """Tells whether a node has been behind its messages for too long.
+    """Monitor of the time that a node lags behind its messages.
 
-    The quickest message of the last seconds tells how the clocks of both ends differ.
+    The quickest message of the last 10 s gives the offset between the clocks of both ends.
     """
 
     def __init__(self, longest: float) -> None:
-        """Being behind by `longest` [s], for as long, is too long; 0 for never."""
+        """Report a lag that exceeds `longest` [s] for longer than `longest`; 0: never."""
         self._longest = longest or math.inf
         self._least: list[int] = []
         self._since = 0.0
         self._behind_since: float | None = None
 
     def too_long(self, sent: int) -> bool:
-        """Whether, by a message that was sent at an instant [ns], it is behind for too long."""
+        """Return whether the lag is too long, from a message with this source time [ns]."""
         now = time.monotonic()
         apart = time.time_ns() - sent
-        if not self._least or now - self._since > _CLOCKS_MEMORY:
+        if not self._least or now - self._since > _OFFSET_WINDOW:
             self._since = now
             self._least = [*self._least[-1:], apart]
         self._least[-1] = min(self._least[-1], apart)

@@ -10,65 +10,64 @@ from builtin_interfaces.msg import Time
 from rclpy.clock import Clock
 
 SECOND = 10**9
-"""Nanoseconds."""
+"""One second [ns]."""
 
 
 def time_to_msg(nanoseconds: int) -> Time:
-    """Time since the epoch [ns] as a message."""
+    """Return a time since the epoch [ns] as a message."""
     seconds, rest = divmod(nanoseconds, SECOND)
     return Time(sec=seconds, nanosec=rest)
 
 
 def time_from_msg(stamp: Time) -> int:
-    """Time since the epoch [ns]."""
+    """Return the time since the epoch [ns] of a message."""
     return int(stamp.sec) * SECOND + int(stamp.nanosec)
 
 
 def nanoseconds_of(clock: Clock) -> int:
-    """What a clock says [ns], without the objects that `Clock.now` makes of it."""
+    """Return the time of a clock [ns], without the objects that `Clock.now` creates."""
     handle = clock.handle
     with handle:
         return int(handle.get_now().nanoseconds)
 
 
 class Freshness:
-    """Tells whether what came last is young enough to act on."""
+    """Age of the last message, with a limit."""
 
     def __init__(self, longest: float) -> None:
-        """What is older than `longest` [s] is too old; so is what never came."""
+        """Count a message older than `longest` [s], or none at all, as stale."""
         self._longest = longest
-        self._came_at = -math.inf
+        self._arrival = -math.inf
 
     def renew(self) -> None:
-        """Note that something came."""
-        self._came_at = time.monotonic()
+        """Record that a message arrived."""
+        self._arrival = time.monotonic()
 
     @property
     def age(self) -> float:
-        """Of what came last [s], infinite where nothing did."""
-        return time.monotonic() - self._came_at
+        """Age of the last message [s], infinite without one."""
+        return time.monotonic() - self._arrival
 
     @property
     def stale(self) -> bool:
-        """Whether it is too old."""
+        """Whether the last message is too old."""
         return self.age > self._longest
 
     def __str__(self) -> str:
         age = self.age
-        return 'none has come' if math.isinf(age) else f'the last is {age:.3g} s old'
+        return 'none received' if math.isinf(age) else f'the last is {age:.3g} s old'
 
 
-_SHORTEST = 10.0
-"""Time from which on a drift is told [s]: ways of messages differ by milliseconds, so that it is
-known to 100 ppm by then, which is what a poor quartz drifts."""
+_DRIFT_TIME = 10.0
+"""Shortest time for an estimate of the drift [s]. Transport times vary by milliseconds, so that
+the drift is then known to 100 ppm, the drift of a poor quartz."""
 
 
 class ClockMonitor:
-    """Compares stamps with when they come; the quickest message of a while tells the difference.
+    """Monitor of the offset between message stamps and the clock, for diagnostics only.
 
-    Stamps of a simulation that was paused, or of a bag, differ from the clock as well. Nothing
-    that a node does depends on the difference: that of messages is reckoned by their stamps
-    alone, their age by when they come.
+    The message with the shortest transport time gives the offset. Stamps of a simulation that was
+    paused, or of a bag, also differ from the clock.
     """
 
     def __init__(self) -> None:
@@ -77,21 +76,21 @@ class ClockMonitor:
         self._first: tuple[int, int] | None = None
 
     def note(self, stamp: int, now: int) -> None:
-        """Take note of a message's stamp and of the time when it came, both [ns]."""
+        """Record the stamp of a message and its arrival, both [ns]."""
         behind = now - stamp
         if self._least is None or behind < self._least:
             self._least, self._latest = behind, now
 
     def figures(self) -> dict[str, float]:
-        """What the messages since the last call tell; nothing where none has come."""
+        """Return offset and drift from the messages since the last call, empty without any."""
         if self._least is None:
             return {}
         least, at, self._least = self._least, self._latest, None
-        told = {'stamps behind the clock [s]': least / SECOND}
+        values = {'stamps behind the clock [s]': least / SECOND}
         if self._first is None:
             self._first = (at, least)
         elapsed = (at - self._first[0]) / SECOND
-        if elapsed >= _SHORTEST:
+        if elapsed >= _DRIFT_TIME:
             drift = 1e6 * (least - self._first[1]) / SECOND / elapsed
-            told['drift of stamps against the clock [ppm]'] = drift
-        return told
+            values['drift of stamps against the clock [ppm]'] = drift
+        return values

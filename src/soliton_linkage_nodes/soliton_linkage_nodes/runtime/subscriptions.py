@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Subscriptions: quality of service that follows the publishers, and lost messages counted."""
+"""Subscriptions that adapt their quality of service to the publishers and count lost messages."""
 
 from __future__ import annotations
 
@@ -39,7 +39,7 @@ def _ignore(_message: Any) -> None:
     pass
 
 
-def _informed(take: Callable[[Any, Info], None]) -> Callable[..., None]:
+def _with_info(take: Callable[[Any, Info], None]) -> Callable[..., None]:
     """Return a callback for a message with its information.
 
     Executors pass two arguments, except the EventsExecutor, which passes one pair.
@@ -87,14 +87,14 @@ class AdaptiveSubscription:
 
     @property
     def as_requested(self) -> bool:
-        """Whether the quality of service is that of the topic."""
+        """Whether the quality of service equals the default of the topic."""
         return _same_offer(self.qos, self.topic.qos)
 
     @property
     def changed(self) -> bool:
-        """Whether publishers came or went since the last call; of a GuardedNode only.
+        """Whether publishers appeared or disappeared since the last call; GuardedNode only.
 
-        To ask the graph for publishers takes a hundred times as long, and longer with more nodes.
+        A query of the graph takes at least 100 times as long, and longer with more nodes.
         """
         changed = False
         for event in self._events:
@@ -115,8 +115,8 @@ class AdaptiveSubscription:
     def newest(self) -> Any:
         """Return the next message that waits, None if there is none.
 
-        With a queue of one message this is the newest. To call back for each of a thousand
-        messages a second, of which sixty are shown, would cost ten times as much.
+        With a queue of one message this is the newest. A display shows 60 of 1000 messages a
+        second; a callback for each message would take ten times as long.
         """
         message, info = next(self.waiting(), (None, None))
         if info is not None:
@@ -124,7 +124,7 @@ class AdaptiveSubscription:
         return message
 
     def adapt(self, before: Callable[[], object] = lambda: None) -> bool:
-        """Ask the graph, and return whether it subscribed again, after a call of `before`."""
+        """Call `before`, subscribe again and return True if publishers require it, else False."""
         self.publishers = self._ask()
         qos = self._qos_for_all() if self.publishers else self.qos
         if _same_offer(qos, self.qos):
@@ -160,7 +160,7 @@ class AdaptiveSubscription:
             self._take,
             self.qos,
             raw=self._raw,
-            # The default callbacks of rclpy warn of offers that `adapt` deals with.
+            # The default callbacks of rclpy warn of incompatible offers, which `adapt` handles.
             event_callbacks=SubscriptionEventCallbacks(use_default_callbacks=False),
         )
         self._events: list[Any] = []
@@ -170,7 +170,7 @@ class AdaptiveSubscription:
                 self._events = [
                     rclpy_implementation.EventHandle(handle, kind) for kind in _PUBLISHERS_CHANGE
                 ]
-            # They would keep the subscription alive.
+            # Event handles would keep the subscription alive.
             self._node.before_destroying(subscription, self._end_events)
         return subscription
 
@@ -206,9 +206,9 @@ def subscribe_newest(
 class StreamSubscription:
     """Subscription of a node that receives one stream of messages, from one publisher at a time.
 
-    If several publish, the messages of the one that was received first are kept until it falls
-    silent or is gone. Logs and diagnostics report this, and lost messages. A node that has been
-    behind for longer than `longest_lag` [s] skips all waiting messages but the newest.
+    If several nodes publish, the messages of the first one received are kept until it falls silent
+    or is gone. Logs and diagnostics report several publishers and lost messages. A node that lags
+    for longer than `longest_lag` [s] skips all waiting messages except the newest.
     """
 
     def __init__(
@@ -230,7 +230,7 @@ class StreamSubscription:
         self.skipped = 0
         """Number of messages that were skipped."""
         self.dispatched = True
-        """Whether each message is taken when it comes."""
+        """Whether the executor takes each message when it arrives."""
         self._node = node
         self._topic = topic
         self._full_name = node.resolve_topic_name(topic.name)
@@ -238,8 +238,8 @@ class StreamSubscription:
         self._on_takeover = on_takeover
         self._latest = latest
         self._lag = Lag(longest_lag)
-        self._kept = PublisherArbitration()
-        self._adaptive = AdaptiveSubscription(node, topic, _informed(self._take_informed), raw)
+        self._arbitration = PublisherArbitration()
+        self._adaptive = AdaptiveSubscription(node, topic, _with_info(self._take_with_info), raw)
         self._publishers: list[str] = []
         self._unsettled = True
         self._lost_before = self._skipped_before = 0
@@ -249,14 +249,14 @@ class StreamSubscription:
 
     def resubscribe(self) -> None:
         """Subscribe again, so that latched messages are received again."""
-        lost, foreign = self._kept.lost, self._kept.foreign
-        self._kept = PublisherArbitration()
-        self._kept.lost, self._kept.foreign = lost, foreign
+        lost, foreign = self._arbitration.lost, self._arbitration.foreign
+        self._arbitration = PublisherArbitration()
+        self._arbitration.lost, self._arbitration.foreign = lost, foreign
         self._adaptive.resubscribe()
-        self._attend_as_before()
+        self._restore_dispatch()
 
     def dispatch(self, dispatched: bool) -> None:
-        """Take each message when it comes, or leave them to `take_waiting`."""
+        """Take each message when it arrives, or leave messages to `take_waiting`."""
         if dispatched is not self.dispatched:
             self.dispatched = dispatched
             self._node.dispatch(self._adaptive.subscription, dispatched)
@@ -265,7 +265,7 @@ class StreamSubscription:
         """Take and return the messages that wait, the oldest first."""
         return [message for message, info in self._adaptive.waiting() if self._keeps(info)]
 
-    def _take_informed(self, message: Any, info: Info) -> None:
+    def _take_with_info(self, message: Any, info: Info) -> None:
         if not self._keeps(info):
             return
         late = not self._topic.latched and self._lag.too_long(info['source_timestamp'])
@@ -276,10 +276,10 @@ class StreamSubscription:
         self._take(message)
 
     def _keeps(self, info: Info) -> bool:
-        number, successions = info['publication_sequence_number'], self._kept.successions
+        number, successions = info['publication_sequence_number'], self._arbitration.successions
         count = self._adaptive.subscription.get_publisher_count
-        if number is None or self._kept.take(number, info['source_timestamp'], count):
-            if self._kept.successions != successions:
+        if number is None or self._arbitration.take(number, info['source_timestamp'], count):
+            if self._arbitration.successions != successions:
                 self._on_takeover()
             return True
         return False
@@ -289,12 +289,11 @@ class StreamSubscription:
         if not (self._adaptive.changed or self._unsettled):
             return
         if self._adaptive.adapt():
-            self._attend_as_before()
+            self._restore_dispatch()
             qos = self._adaptive.qos
             self._node.get_logger().info(
-                f'{self._full_name} is offered '
-                f'{qos.reliability.name.lower()} and {qos.durability.name.lower()}, and so '
-                'subscribed to'
+                f'subscribed to {self._full_name} as {qos.reliability.name.lower()} and '
+                f'{qos.durability.name.lower()}, because a publisher offers no more'
             )
         offered = self._adaptive.publishers
         names = sorted(f'{info.node_namespace.rstrip("/")}/{info.node_name}' for info in offered)
@@ -305,33 +304,36 @@ class StreamSubscription:
         )
         if len(names) > 1 and len(before) < 2:
             self._node.get_logger().warning(self._warning())
-        elif len(names) < len(before) and self._topic.latched and self._kept.foreign:
+        elif len(names) < len(before) and self._topic.latched and self._arbitration.foreign:
             self.resubscribe()
 
-    def _attend_as_before(self) -> None:
+    def _restore_dispatch(self) -> None:
         if not self.dispatched:
             self._node.dispatch(self._adaptive.subscription, False)
 
     def _watch(self) -> tuple[str, Mapping[str, Any]]:
         name = self._topic.name
-        lost, self._lost_before = self._kept.lost - self._lost_before, self._kept.lost
+        lost, self._lost_before = (
+            self._arbitration.lost - self._lost_before,
+            self._arbitration.lost,
+        )
         skipped, self._skipped_before = self.skipped - self._skipped_before, self.skipped
         figures = {
             f'publishers of {name}': len(self._publishers),
-            f'{name} of others': self._kept.foreign,
-            f'lost {name}': self._kept.lost,
+            f'{name} of others': self._arbitration.foreign,
+            f'lost {name}': self._arbitration.lost,
             f'skipped {name}': self.skipped,
         }
         concerns = []
         if len(self._publishers) > 1:
             concerns.append(self._warning())
-        # Of a queue of one message, and for who wants the newest, the others go on purpose.
+        # With a queue of one message, or with `latest`, other messages are dropped on purpose.
         lost = lost if self._topic.qos.depth > 1 else 0
         skipped = 0 if self._latest else skipped
         if lost or skipped:
             loss = (
-                f'{lost} messages of {self._full_name} were lost and {skipped} skipped, as this '
-                'node was stopped or too slow'
+                f'{lost} messages of {self._full_name} were lost and {skipped} skipped, because '
+                'this node was stopped or too slow'
             )
             self._node.get_logger().warning(loss)
             concerns.append(loss)
@@ -339,14 +341,14 @@ class StreamSubscription:
 
     def _warning(self) -> str:
         return (
-            f'{len(self._publishers)} publishers of {self._full_name}, of which '
-            f'the one that was heard first is kept to: {", ".join(self._publishers)}; stop all '
-            'but one'
+            f'{len(self._publishers)} nodes publish {self._full_name}: '
+            f'{", ".join(self._publishers)}; only messages of the first one received are used; '
+            'stop the others'
         )
 
 
 class CountedSubscription:
-    """Subscription to commands of any publishers, which reports lost messages."""
+    """Subscription to commands of any number of publishers, which reports lost messages."""
 
     def __init__(
         self,
@@ -362,18 +364,18 @@ class CountedSubscription:
         self._topic, self._raw = topic, raw
         self._lost_before = 0
         self._subscription = node.create_subscription(
-            topic.type, topic.name, _informed(self._take_informed), topic.qos, raw=raw
+            topic.type, topic.name, _with_info(self._take_with_info), topic.qos, raw=raw
         )
         diagnostics.monitors.append(self._watch)
 
     def take_waiting(self) -> None:
-        """Take now the messages that wait."""
+        """Take the messages that wait."""
         handle = self._subscription.handle
         with handle:
             while (taken := handle.take_message(self._topic.type, self._raw)) is not None:
-                self._take_informed(*taken)
+                self._take_with_info(*taken)
 
-    def _take_informed(self, message: Any, info: Info) -> None:
+    def _take_with_info(self, message: Any, info: Info) -> None:
         number = info['publication_sequence_number']
         if number is not None:
             self._gaps.take(number, self._subscription.get_publisher_count())
@@ -382,7 +384,7 @@ class CountedSubscription:
     def _watch(self) -> tuple[str, Mapping[str, Any]]:
         lost, self._lost_before = self._gaps.lost - self._lost_before, self._gaps.lost
         concern = (
-            f'{lost} messages of {self._subscription.topic_name} were lost, as this node was '
-            'stopped or too slow'
+            f'{lost} messages of {self._subscription.topic_name} were lost, because this node '
+            'was stopped or too slow'
         )
         return concern if lost else '', {f'lost {self._topic.name}': self._gaps.lost}

@@ -21,7 +21,7 @@ _LONGEST_TRIAL = 1.0
 _LEAST_PROGRESS = 1e-3
 """Share of a frame that must be computed in that time [1]: a frame of 1000 s is rejected."""
 _MOST_KICKS = 10_000
-"""Kicks that may wait for a frame: those of a second on the fastest topic."""
+"""Largest number of kicks that wait for a frame [1], enough for 1 s on the fastest topic."""
 
 
 @dataclass(frozen=True)
@@ -53,7 +53,7 @@ class _Pending:
 
 
 class SimulationControl:
-    """Publishes the frames of a simulation one by one and applies commands between them.
+    """Loop that publishes the frames of a simulation and applies commands between them.
 
     Commands act at the instant of the next published frame: all waiting kicks, and the latest
     torques and gravity. That frame has the rates right after the kicks. Torques end
@@ -133,7 +133,7 @@ class SimulationControl:
         """Apply angular impulses [N m s], shape (N,); return the reason of a rejection."""
         with self._lock:
             if len(self._commands.kicks) >= _MOST_KICKS:
-                return f'{_MOST_KICKS} kicks wait for the next frame already; let time go on'
+                return f'{_MOST_KICKS} kicks already wait for the next frame; wait for a frame'
             self._commands.kicks.append(impulses)
             self._commands.count += 1
             return None
@@ -188,10 +188,10 @@ class SimulationControl:
                 self._failure, self._paused = None, False
 
     def stop(self) -> None:
-        """Abandon the frame that is being computed; publish no other before `go_on`."""
+        """Abandon the frame that is being computed; publish no other before `resume`."""
         self._stopping = True
 
-    def go_on(self) -> None:
+    def resume(self) -> None:
         """Continue after a stop with the abandoned frame."""
         self._stopping = False
 
@@ -209,12 +209,12 @@ class SimulationControl:
         failure: Exception | None = None
         self._abandoned = simulation
         try:
-            while not (simulation.ready or self._failure or self._forsaken(simulation)):
+            while not (simulation.ready or self._failure or self._abandons(simulation)):
                 simulation.step()
         except Exception as error:
             failure = error
         with self._lock:
-            if self._failure is None and not self._forsaken(simulation):
+            if self._failure is None and not self._abandons(simulation):
                 try:
                     if failure is None:
                         simulation.advance()
@@ -224,13 +224,13 @@ class SimulationControl:
                 if failure is not None:
                     self._fail(failure)
 
-    def _forsaken(self, simulation: Simulation) -> bool:
+    def _abandons(self, simulation: Simulation) -> bool:
         return self._stopping or simulation is not self._simulation
 
     def _fail(self, error: Exception) -> None:
         self._paused = True
         expected = isinstance(error, (ArithmeticError, ValueError))
-        self._failure = f'{error if expected else describe_error(error)}; call ~/reset to go on'
+        self._failure = f'{error if expected else describe_error(error)}; call ~/reset to continue'
 
     def _carry_out_commands(self) -> None:
         simulation = self._simulation

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The topics on which a simulator publishes its frames and what commands did to the chain."""
+"""Publishers of a simulator: frames, chain, and the effects of commands."""
 
 from __future__ import annotations
 
@@ -149,7 +149,7 @@ class FramePublisher:
         return int(self._joint_states.qos_profile.depth)
 
     def begin(self) -> None:
-        """Publish the chain and take the present as the time of the first frame, once."""
+        """Publish the chain once, and use the present as the time of the first frame."""
         if self.epoch is not None:
             return
         self.epoch = Clock(clock_type=ClockType.SYSTEM_TIME).now().nanoseconds

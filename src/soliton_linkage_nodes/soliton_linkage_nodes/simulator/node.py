@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The simulator: a chain of rotors in place of a real one."""
+"""Simulator node, which replaces a real chain."""
 
 from __future__ import annotations
 
@@ -43,13 +43,13 @@ _POLL_INTERVAL = 0.02
 
 
 class Simulator(ManagedNode):
-    """Publishes the angles of a simulated chain at a fixed rate.
+    """Node that publishes the angles of a simulated chain at a fixed rate.
 
     Publishes `joint_states` [rad, rad/s, N m], `chain` and `delivery` (latched), the impulses that
-    act at a frame before it as `delivered_impulses` [N m s], `/diagnostics` and, if asked to,
-    `/clock`. Subscribes to `rotor_impulses` [N m s], `rotor_torques` [N m] and
+    act at a frame before it as `delivered_impulses` [N m s], `/diagnostics` and, with
+    `publish_clock`, `/clock`. Subscribes to `rotor_impulses` [N m s], `rotor_torques` [N m] and
     `tilt` [rad], which sets the parameter `gravity.tilt`. Serves `~/pause`, `~/step`, `~/reset`,
-    and those of the package simulation_interfaces where that is installed. A change of a
+    and the services of simulation_interfaces if that package is installed. A change of a
     parameter acts at the instant of a frame.
     """
 
@@ -88,7 +88,7 @@ class Simulator(ManagedNode):
         )
         self.diagnostics = Diagnostics(self, 'simulation', self.reporting(self._report))
         self._obstacles = find_obstacles(chain)
-        self._listen()
+        self._subscribe()
         services = SimulationServices(
             self, self.named, world, self.control, period, self.frames.depth
         )
@@ -97,18 +97,18 @@ class Simulator(ManagedNode):
         if self._obstacles:
             self.get_logger().warning(describe_obstacles(self._obstacles))
         steady = Clock(clock_type=ClockType.STEADY_TIME)
-        self._beginning = self.create_timer(_POLL_INTERVAL, self._begin, clock=steady)
-        self._beginning.cancel()
+        self._start_timer = self.create_timer(_POLL_INTERVAL, self._begin, clock=steady)
+        self._start_timer.cancel()
 
     def activate(self) -> None:
         """Publish the chain and start or continue the simulation loop."""
-        self.control.go_on()
-        self._beginning.reset()
+        self.control.resume()
+        self._start_timer.reset()
         self._begin()
 
     def deactivate(self) -> None:
         """Stop the simulation loop and drop all torques."""
-        self._beginning.cancel()
+        self._start_timer.cancel()
         self.control.stop()
         self.loop.stop()
         self.control.hold(np.zeros(self.named.rotors))
@@ -127,11 +127,11 @@ class Simulator(ManagedNode):
     def _begin(self) -> None:
         """Start the simulation loop once there are enough subscribers."""
         if self.frames.subscribers >= self.settings.subscribers:
-            self._beginning.cancel()
+            self._start_timer.cancel()
             self.frames.begin()
             self.loop.start()
 
-    def _listen(self) -> None:
+    def _subscribe(self) -> None:
         guarded = self.diagnostics.guarded
         for topic, callback in (
             (interfaces.ROTOR_IMPULSES, self._on_impulses),
@@ -144,7 +144,7 @@ class Simulator(ManagedNode):
     def _on_impulses(self, serialized: bytes) -> None:
         self.check_active()
         impulses = self._impulses.decode(serialized)
-        self._check_made('rotor_impulses', read_stamp(serialized))
+        self._check_stamp('rotor_impulses', read_stamp(serialized))
         complaint = self.control.kick(impulses) if impulses.any() else None
         if complaint:
             raise ValueError(complaint)
@@ -152,10 +152,10 @@ class Simulator(ManagedNode):
     def _on_torques(self, serialized: bytes) -> None:
         self.check_active()
         torques = self._torques.decode(serialized)
-        self._check_made('rotor_torques', read_stamp(serialized))
+        self._check_stamp('rotor_torques', read_stamp(serialized))
         self.control.hold(torques)
 
-    def _check_made(self, source: str, stamp: int) -> None:
+    def _check_stamp(self, source: str, stamp: int) -> None:
         """Raise ValueError if a stamp [ns] is far from the clock and from the last frame."""
         limit = self.settings.stamp_tolerance
         if not (stamp and limit):
@@ -164,8 +164,8 @@ class Simulator(ManagedNode):
         apart = min(abs(clock - stamp), abs(frames - stamp)) / SECOND
         if apart > limit:
             raise ValueError(
-                f'{source} is of {apart:.3g} s {"ahead" if stamp > clock else "ago"}, the limit '
-                f'is {limit:g} s; stamp it with now or with 0, or raise stamp_tolerance'
+                f'{source} has a stamp {apart:.3g} s {"ahead" if stamp > clock else "ago"}, the '
+                f'limit is {limit:g} s; use the present time or 0, or raise stamp_tolerance'
             )
 
     def _on_tilt(self, message: Float64) -> None:
@@ -177,7 +177,7 @@ class Simulator(ManagedNode):
             raise ValueError(result.reason)
         if not self.get_parameter('gravity.acceleration').value:
             self.get_logger().warning(
-                'tilt does nothing without gravity; set gravity.acceleration', once=True
+                'tilt has no effect without gravity; set gravity.acceleration', once=True
             )
 
     def follow_parameters(self) -> None:
@@ -193,10 +193,10 @@ class Simulator(ManagedNode):
         return max(real_time_factor, _SLOWEST) * self.settings.publish_rate
 
     def _report(self) -> Report:
-        if not self._beginning.is_canceled():
-            heard, wanted = self.frames.subscribers, self.settings.subscribers
+        if not self._start_timer.is_canceled():
+            present, required = self.frames.subscribers, self.settings.subscribers
             return Report(
-                f'waiting for {wanted} subscribers of joint_states, there are {heard}',
+                f'waiting for {required} subscribers of joint_states, there are {present}',
                 warning=True,
             )
         gravity = current(self, Gravity, PARAMETERS[Gravity])

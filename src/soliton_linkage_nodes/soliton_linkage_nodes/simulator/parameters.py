@@ -15,14 +15,14 @@ from soliton_linkage_nodes.runtime.managed import ManagedParameters
 
 @dataclass(frozen=True)
 class SimulatorParameters(WorldParameters):
-    """Parameters of the simulator besides those of chain, gravity and sensors."""
+    """Parameters of the simulator except chain, gravity and sensors."""
 
     publish_rate: float = quantity(
         500.0, 'rate of joint_states in simulated time', 'Hz', 1.0, 10_000.0
     )
     real_time_factor: float = quantity(
         1.0,
-        'simulated time over that of the clock, 0 for as fast as possible',
+        'simulated time over clock time, 0 for as fast as possible',
         '',
         0.0,
         1000.0,
@@ -40,8 +40,8 @@ class SimulatorParameters(WorldParameters):
     )
     stamp_tolerance: float = quantity(
         10.0,
-        'by how much the stamp of impulses and torques may differ from the clock and from that of '
-        'the frames, 0 for any; half of it refuses what waited for less long, twice takes more',
+        'largest difference between the stamp of a command and both clock and last frame, 0 for '
+        'no limit. Sensitivity: at 0.5x messages may wait half as long',
         's',
         0.0,
         86_400.0,
@@ -50,15 +50,15 @@ class SimulatorParameters(WorldParameters):
     torque_limit: float = quantity(10.0, 'largest torque accepted', 'N m', 0.0, 1e6)
     energy_drift_limit: float = quantity(
         1e-3,
-        'energy that the solver may gain or lose, over the largest there was, before that is a '
-        'warning; half of it warns earlier, twice later, and nothing else changes',
+        'relative energy drift of the solver above which the node warns. Sensitivity: at 0.5x it '
+        'warns earlier; at 2x later',
         '',
         0.0,
         1.0,
     )
     publish_clock: bool = quantity(False, 'whether to publish the simulated time on /clock')
     subscribers: int = quantity(
-        0, 'number of subscribers of joint_states to wait for before time begins', '', 0, 1000
+        0, 'number of subscribers of joint_states to wait for before the first frame', '', 0, 1000
     )
 
 
@@ -69,4 +69,4 @@ PARAMETERS: dict[type, str] = {
     EncoderErrors: 'sensors.',
     **CHAIN_PARAMETERS,
 }
-"""The prefix of all parameters of the node, by their dataclasses."""
+"""Prefix of the parameters of the node, by dataclass."""

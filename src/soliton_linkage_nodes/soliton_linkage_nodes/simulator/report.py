@@ -21,7 +21,7 @@ of the second, and one may be late."""
 
 
 class SimulationReport:
-    """Reports on a simulation, with the rates since the previous report."""
+    """Report of a simulation, with the rates since the previous report."""
 
     def __init__(
         self,
@@ -30,7 +30,7 @@ class SimulationReport:
         settings: SimulatorParameters,
         complain: Callable[[str], object],
     ) -> None:
-        """`complain` is called once for each trouble of the simulation."""
+        """Call `complain` once for each fault of the simulation."""
         self._control = control
         self._loop = loop
         self._publish_rate = settings.publish_rate
@@ -49,10 +49,10 @@ class SimulationReport:
         late = 0 if status.paused else punctuality.missed - missed_before
         overdue = (now - before) * min(self._loop.rate, self._publish_rate) > _FRAMES_OVERDUE
         slow = not status.paused and not rate and overdue
-        message, trouble = self._message(status, late, slow)
-        if trouble and trouble != self._logged:
-            self._complain(trouble)
-        self._logged = trouble
+        message, fault = self._message(status, late, slow)
+        if fault and fault != self._logged:
+            self._complain(fault)
+        self._logged = fault
         return Report(
             message,
             {
@@ -67,31 +67,31 @@ class SimulationReport:
                 'energy drift': status.energy_drift,
                 **world,
             },
-            warning=bool(trouble or late),
+            warning=bool(fault or late),
         )
 
     def _message(self, status: SimulationStatus, late: int, slow: bool) -> tuple[str, str]:
-        """Return the state of the simulation, and the trouble to log, empty for none."""
+        """Return the state of the simulation, and the fault to log, empty for none."""
         if status.failure:
             return (f'paused, {status.failure}',) * 2
         if slow:
             steps = self._control.simulation.steps_per_frame
             message = (
                 f'the next frame takes long to compute, {steps:.1g} steps of the solver at least; '
-                'take softer springs, heavier masses, less damping or slower rotors'
+                'use softer springs, heavier masses, less damping or slower rotors'
             )
             return message, message
-        trouble = ''
+        fault = ''
         if abs(status.energy_drift) > self._drift_limit:
-            trouble = (
-                f'the solver has gained or lost more of the energy than energy_drift_limit = '
-                f'{self._drift_limit:g} allows; take a smaller tolerance'
+            fault = (
+                f'the energy drift of the solver exceeds energy_drift_limit = '
+                f'{self._drift_limit:g}; use a smaller tolerance'
             )
         if status.paused:
-            return 'paused', trouble
+            return 'paused', fault
         if late:
-            return f'{late} deadlines missed in the last second', trouble
-        return trouble or 'on time', trouble
+            return f'{late} deadlines missed in the last second', fault
+        return fault or 'on time', fault
 
 
 def describe_simulation(chain: Chain, settings: SimulatorParameters) -> str:

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The services that pause, step and reset a simulation, the node's own and the standard's."""
+"""Services that pause, step and reset a simulation, also for simulation_interfaces."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ _STANDARD_FEATURES = (
 
 
 class SimulationServices:
-    """The services `~/pause`, `~/step` and `~/reset` of a simulation.
+    """Services `~/pause`, `~/step` and `~/reset` of a simulation.
 
     A method returns None, or the reason of a rejection, which changes nothing.
     """
@@ -128,7 +128,7 @@ def serve_standard(node: Node, services: SimulationServices) -> StandardServices
 
 
 class StandardServices:
-    """The standard's services, answered by those that pause, step and reset.
+    """Services of simulation_interfaces, implemented with pause, step and reset.
 
     A simulation is stopped while it is paused in its initial state after a request to stop.
     """

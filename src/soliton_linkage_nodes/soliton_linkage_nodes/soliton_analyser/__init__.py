@@ -1,2 +1,2 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The node that says where the soliton is, and what live and offline analysis share."""
+"""Node that estimates the position of the soliton from joint states."""

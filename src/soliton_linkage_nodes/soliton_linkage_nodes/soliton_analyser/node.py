@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The soliton analyser: where the chain is on its cycle, and what each frame shows of it."""
+"""Soliton analyser: walls, topology, energies and phase of the orbit for each frame."""
 
 from __future__ import annotations
 
@@ -40,22 +40,23 @@ class AnalyserParameters:
     """Parameters of the analyser."""
 
     noise: float = quantity(
-        0.0, "standard deviation of the encoders' noise, 0 to have it estimated", 'rad', 0.0, 1.0
+        0.0, "standard deviation of the encoders' noise, 0 to estimate it", 'rad', 0.0, 1.0
     )
     longest_lag: float = quantity(
         LONGEST_LAG,
-        'how long the analysis may be behind the frames before it skips those that wait, 0 for '
-        'ever, as where a bag is played faster than it is analysed, and states then wait for '
-        'subscribers that are busy; half of it skips more and is current sooner, twice skips '
-        'less and is current later',
+        'longest time that the analysis may lag behind the frames before it skips waiting frames; '
+        '0: never skip, and keep states for slow subscribers, for example while a bag is played '
+        'faster than it is analysed. Sensitivity: at 0.5x it skips more frames and catches up '
+        'earlier; at 2x it skips fewer and catches up later',
         's',
         0.0,
         60.0,
     )
     misfit_limit: float = quantity(
         0.1,
-        "root mean square by which angles may miss the chain's configurations before that is a "
-        'warning; half of it warns of weaker phonons too, twice of grossly wrong chains alone',
+        "root mean square distance of the angles from the chain's configurations above which the "
+        'node warns. Sensitivity: at 0.5x it also warns of weaker phonons; at 2x only of grossly '
+        'wrong chains',
         'rad',
         1e-3,
         10.0,
@@ -63,12 +64,12 @@ class AnalyserParameters:
 
 
 class SolitonAnalyser(ManagedNode):
-    """Publishes what each frame of joint states shows, and where the chain is on its cycle.
+    """Node that estimates solitons, topology, energies and the phase of the orbit for each frame.
 
-    Subscribes to `joint_states` [rad, rad/s], to `joint_state_deviations` [rad], by which they
-    count, to `delivered_impulses` [N m s], which change the rate of a wall, and, unless told the
-    chain by parameters, to `chain`. Publishes `soliton_state`, what happens to walls on
-    `soliton_events`, and `/diagnostics`.
+    Subscribes to `joint_states` [rad, rad/s], to `joint_state_deviations` [rad], which weight the
+    angles, to `delivered_impulses` [N m s], which change the velocity of a wall, and to `chain`
+    unless parameters specify the chain. Publishes `soliton_state`, births, reflections and
+    collisions of walls on `soliton_events`, and `/diagnostics`.
     """
 
     PARAMETERS: ClassVar[dict[type, str]] = {
@@ -79,11 +80,11 @@ class SolitonAnalyser(ManagedNode):
     }
 
     def __init__(self, **kwargs: Any) -> None:
-        """Be configured and activated, unless a manager is to do that."""
+        """Configure and activate the node, unless a manager does that."""
         super().__init__('soliton_analyser', **kwargs)
 
     def configure(self) -> None:
-        """Learn the chain and its orbit, and listen to its joints."""
+        """Read the parameters and open the topics."""
         self.waiting: deque[tuple[Callable[[bytes], None], bytes]] = deque()
         self._decoder = JointStateDecoder()
         self._stamps = ClockMonitor()
@@ -104,14 +105,18 @@ class SolitonAnalyser(ManagedNode):
         )
         self._encoders = EncoderMonitor(self.get_logger().warning)
         topic = interfaces.DELIVERED_IMPULSES
-        self._push = self.diagnostics.guarded(topic.name, self._analysis.add_impulses)
-        push = self.while_active(partial(self._act_or_wait, self._push))
-        self._impulses = CountedSubscription(self, topic, push, self.diagnostics, raw=True)
+        self._apply_impulses = self.diagnostics.guarded(topic.name, self._analysis.add_impulses)
+        take_impulses = self.while_active(partial(self._act_or_wait, self._apply_impulses))
+        self._impulses = CountedSubscription(
+            self, topic, take_impulses, self.diagnostics, raw=True
+        )
         topic = interfaces.JOINT_STATE_DEVIATIONS
         self._deviation_decoder = JointStateDecoder()
-        self._weigh = self.diagnostics.guarded(topic.name, self._weigh_decoded)
-        weigh = self.while_active(partial(self._act_or_wait, self._weigh))
-        self._deviations = CountedSubscription(self, topic, weigh, self.diagnostics, raw=True)
+        self._apply_deviations = self.diagnostics.guarded(topic.name, self._add_deviations)
+        take_deviations = self.while_active(partial(self._act_or_wait, self._apply_deviations))
+        self._deviations = CountedSubscription(
+            self, topic, take_deviations, self.diagnostics, raw=True
+        )
         take = self.while_active(self.take)
         StreamSubscription(
             self,
@@ -126,25 +131,25 @@ class SolitonAnalyser(ManagedNode):
         self.get_logger().info(f'analysing {name} of {self._source.description}')
 
     def deactivate(self) -> None:
-        """Forget what waits for a chain."""
+        """Drop the messages that wait for a chain."""
         self.waiting.clear()
 
     def _on_chain(self, named: NamedChain) -> None:
-        """Take what came before the chain was known."""
+        """Set the chain and process the messages that waited for it."""
         self._analysis.set_chain(named)
         while self.waiting:
             act, serialized = self.waiting.popleft()
             act(serialized)
 
     def take(self, serialized: bytes) -> None:
-        """Analyse joint states and publish what they show, once the chain is known."""
-        # Topics wait in no order of each other: what acts at a frame must be known before it.
+        """Analyse joint states and publish the result, once the chain is known."""
+        # The order of messages of different topics is arbitrary; a frame needs its impulses first.
         self._impulses.take_waiting()
         self._deviations.take_waiting()
         self._act_or_wait(self._analyse, serialized)
 
     def _act_or_wait(self, act: Callable[[bytes], None], serialized: bytes) -> None:
-        """Act on a message once the chain is known, in the order in which messages came."""
+        """Process a message once the chain is known, in the order of arrival."""
         chain_may_come = self._source.parameters.chain_from != 'nowhere'
         if self._analysis.analyser is None and chain_may_come:
             self.waiting.append((act, serialized))
@@ -155,7 +160,7 @@ class SolitonAnalyser(ManagedNode):
         else:
             act(serialized)
 
-    def _weigh_decoded(self, serialized: bytes) -> None:
+    def _add_deviations(self, serialized: bytes) -> None:
         self._analysis.add_deviations(self._deviation_decoder.decode(serialized))
 
     def _analyse(self, serialized: bytes) -> None:
@@ -200,12 +205,12 @@ class SolitonAnalyser(ManagedNode):
     def _waits_for(self) -> str:
         if self._analysis.analyser is None and self._source.parameters.chain_from == 'topic':
             return (
-                'waiting for the topic chain; where there is none, set chain_from to parameters '
-                'or to nowhere'
+                'waiting for the topic chain; if no node publishes it, set chain_from to '
+                'parameters or nowhere'
             )
         return 'waiting for joint_states'
 
 
 def main() -> None:
-    """Run the analyser until it is told to stop."""
+    """Run the analyser."""
     run(SolitonAnalyser)

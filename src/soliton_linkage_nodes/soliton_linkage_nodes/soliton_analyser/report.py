@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What an analyser says about itself: what it sees, and where that is not what it was told."""
+"""Report of an analyser: status, figures, and disagreement with the parameters."""
 
 from __future__ import annotations
 
@@ -13,16 +13,16 @@ from soliton_linkage.estimation.estimates import TrackingStatus
 from soliton_linkage.linear.bands import gap
 from soliton_linkage_nodes.messages.joint_state_analysis import JointStateAnalysis
 
-_OF_NOISE = 3.0
-"""How many times the noise of the angles their misfit may be, however large that is [1]."""
-_SURE_TO_DISAGREE = 0.999
-"""Confidence in another class of motion above which the parameters are called wrong [1]."""
+_MISFIT_OVER_NOISE = 3.0
+"""Largest misfit over the noise of the angles that needs no warning [1]."""
+_CONTRADICTION_CONFIDENCE = 0.999
+"""Confidence in another class of motion above which the node warns [1]."""
 
 
 def describe(analysis: JointStateAnalysis, misfit_limit: float) -> tuple[str, bool]:
-    """How the analysis is doing, in a sentence, and whether that is a warning.
+    """Return the status of the analysis as a sentence, and whether it is a warning.
 
-    It is one where angles miss the chain's configurations by more than a limit [rad].
+    A misfit of the angles above `misfit_limit` [rad] is a warning.
     """
     analyser, latest = analysis.analyser, analysis.latest
     if analyser is None or latest is None:
@@ -31,20 +31,20 @@ def describe(analysis: JointStateAnalysis, misfit_limit: float) -> tuple[str, bo
     if disagreement:
         return disagreement, True
     if latest.unseen:
-        return f'{latest.unseen} of {len(analysis.joint_names)} rotors are not seen', True
+        return f'{latest.unseen} of {len(analysis.joint_names)} rotors are not visible', True
     alone = len(latest.solitons) < 2 and not analyser.limitation
     if alone and latest.estimate.status is TrackingStatus.LOST:
         return (
-            'the angles are not those of one wall of the chain; unless several run or it broke '
-            'up, check that joint_states are in rad, and the parameters in chain',
+            'the angles do not fit one wall of the chain; if the chain has one wall, check the '
+            'parameters in chain and that joint_states are in rad',
             True,
         )
     misfit = latest.estimate.misfit
-    explained = max(misfit_limit, _OF_NOISE * latest.estimate.noise, _swing(analysis))
+    explained = max(misfit_limit, _MISFIT_OVER_NOISE * latest.estimate.noise, _swing(analysis))
     if misfit > explained:
         return (
-            f'the angles miss the configurations of the chain by {misfit:.3g} rad, more than the '
-            f'misfit_limit of {misfit_limit:g} rad; check who publishes chain, and its parameters',
+            f'the misfit of the angles is {misfit:.3g} rad, above the misfit_limit of '
+            f'{misfit_limit:g} rad; check the parameters in chain and its publisher',
             True,
         )
     solitons = f'{len(latest.solitons)} solitons, {latest.status.value}'
@@ -54,22 +54,22 @@ def describe(analysis: JointStateAnalysis, misfit_limit: float) -> tuple[str, bo
 
 
 def _disagreement(latest: Analysis) -> str:
-    """Say so where the angles speak for another class of motion than the parameters."""
-    told, shown = latest.motion, latest.measured_motion
-    sure = shown.confidence > _SURE_TO_DISAGREE
-    if told is None or shown.motion is None or shown.motion is told or not sure:
+    """Return a warning if angles and parameters give different classes of motion, else empty."""
+    specified, measured = latest.motion, latest.measured_motion
+    certain = measured.confidence > _CONTRADICTION_CONFIDENCE
+    if None in (specified, measured.motion) or measured.motion is specified or not certain:
         return ''
     return (
-        f'the angles are those of a {shown.motion.value} (confidence {shown.confidence:.4f}), '
-        f'the parameters those of a {told.value}; check chain.rotor_length, chain.spacing and '
+        f'the angles show a {measured.motion.value} (confidence {measured.confidence:.4f}), the '
+        f'parameters specify a {specified.value}; check chain.rotor_length, chain.spacing and '
         'chain.rest_angle'
     )
 
 
 def _swing(analysis: JointStateAnalysis) -> float:
-    """Root mean square that vibrations of the rotors' rates may have, at most [rad]: w / omega_0.
+    """Return the largest RMS angle of vibrations [rad] that explains the rates: w / omega_0.
 
-    None vibrates more slowly than with omega_0, the gap of the phonons.
+    Phonons have frequencies of at least omega_0, the band gap.
     """
     frame, analyser = analysis.frame, analysis.analyser
     if frame is None or frame.rates is None or not isinstance(analyser, Analyser):
@@ -82,7 +82,7 @@ def _swing(analysis: JointStateAnalysis) -> float:
 
 
 def figures(analysis: JointStateAnalysis) -> dict[str, Any]:
-    """Figures of the analysis."""
+    """Return the figures of the analysis for /diagnostics."""
     analyser, latest = analysis.analyser, analysis.latest
     if analyser is None or latest is None:
         return {}

@@ -1,2 +1,2 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The node that carries a soliton to a place on demand."""
+"""Node that moves a soliton to a requested position."""

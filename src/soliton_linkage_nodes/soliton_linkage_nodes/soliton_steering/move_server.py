@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The action move_soliton, of which one goal at a time is under way."""
+"""Server of the action move_soliton, with one active goal at a time."""
 
 from __future__ import annotations
 
@@ -17,11 +17,11 @@ from soliton_linkage_nodes.runtime import interfaces
 from soliton_linkage_nodes.runtime.guarded import ACTION_QOS, GuardedNode
 
 _FEEDBACK_PERIOD = 0.1
-"""Shortest time between two messages of feedback [s], which a person reads."""
+"""Shortest time between feedback messages [s], which are for users."""
 
 
 class MoveServer(ActionServer):
-    """An action server whose goals end when they are concluded, not when a function returns."""
+    """Action server whose goals end by a call of `conclude`, not when a callback returns."""
 
     def __init__(
         self,
@@ -29,7 +29,7 @@ class MoveServer(ActionServer):
         take: Callable[[ServerGoalHandle], None],
         cancel: Callable[[ServerGoalHandle], CancelResponse],
     ) -> None:
-        """Serve; `take` is called with each goal, `cancel` with each that is to be cancelled."""
+        """Call `take` with each goal, and `cancel` with each goal whose client requests that."""
         super().__init__(
             node,
             MoveSoliton,
@@ -39,58 +39,62 @@ class MoveServer(ActionServer):
             cancel_callback=cancel,
             **ACTION_QOS,
         )
-        self._begin_or_refuse = take
+        self._on_goal = take
         self.goal: ServerGoalHandle | None = None
-        """The goal that is under way."""
+        """Active goal, None without one."""
         self.begun = 0
-        """How many goals were."""
+        """Number of goals that were started."""
         self.start = math.nan
-        """Where the soliton was when the last began [rotor spacings]."""
+        """Position of the soliton at the start of the last goal [rotor spacings]."""
         self.ended: MoveResult | None = None
-        """How the last ended that was under way."""
-        self._of = node
-        self._told_at = -math.inf
+        """Result of the last goal that was active."""
+        self._node_of_server = node
+        self._feedback_time = -math.inf
 
     def notify_execute(self, goal_handle: ServerGoalHandle, execute_callback: Any) -> None:
-        """Leave a goal that executes to the callbacks of its node."""
+        """Do nothing, because the callbacks of the node execute the goal."""
 
     def _take(self, handle: ServerGoalHandle) -> None:
         try:
-            self._begin_or_refuse(handle)
+            self._on_goal(handle)
         except MemoryError:
             raise
         except Exception as error:
-            failure = self._of.fail('begin a move', error)
+            failure = self._node_of_server.fail('start a move', error)
             self.end(handle, MoveResult(Outcome.NOT_HELD, failure, math.nan))
 
-    def begin(self, handle: ServerGoalHandle, place: float) -> None:
-        """Have a goal under way, from a place on [rotor spacings]."""
-        self.goal, self.start = handle, place
+    def begin(self, handle: ServerGoalHandle, position: float) -> None:
+        """Make a goal the active one, given the position of the soliton [rotor spacings]."""
+        self.goal, self.start = handle, position
         self.begun += 1
 
-    def tell(self, wall: WallState | None, phonon_energy: float) -> None:
-        """Publish feedback on the goal that is under way, now and then."""
+    def publish_feedback(self, wall: WallState | None, phonon_energy: float) -> None:
+        """Publish feedback on the active goal, at most every 0.1 s."""
         now = time.monotonic()
-        if self.goal is not None and wall is not None and now - self._told_at >= _FEEDBACK_PERIOD:
-            self._told_at = now
+        if (
+            self.goal is not None
+            and wall is not None
+            and now - self._feedback_time >= _FEEDBACK_PERIOD
+        ):
+            self._feedback_time = now
             self.goal.publish_feedback(move_feedback_to_msg(wall, phonon_energy))
 
     def conclude(self, ended: MoveResult) -> None:
-        """End the goal that is under way, if any."""
+        """End the active goal, if there is one."""
         handle, self.goal = self.goal, None
         if handle is not None:
             self.ended = ended
             self.end(handle, ended)
 
     def end(self, handle: ServerGoalHandle, ended: MoveResult) -> None:
-        """Bring a goal to its terminal state and send its result."""
+        """Set the terminal state of a goal and send its result."""
         if ended.outcome is Outcome.REACHED:
             handle.succeed()
         elif ended.outcome is Outcome.STOPPED and handle.is_cancel_requested:
             handle.canceled()
         else:
             handle.abort()
-        if self._of.executor is not None:
+        if self._node_of_server.executor is not None:
             super().notify_execute(handle, lambda _: move_result_to_msg(ended))
 
 
@@ -102,12 +106,12 @@ _OUTCOMES = {
 
 
 def move_result_to_msg(ended: MoveResult) -> MoveSoliton.Result:
-    """How a move of the soliton ended, as the result of the action."""
+    """Return the result message of a move."""
     return MoveSoliton.Result(
         outcome=_OUTCOMES[ended.outcome], message=ended.message, rotor=ended.place
     )
 
 
 def move_feedback_to_msg(wall: WallState, phonon_energy: float) -> MoveSoliton.Feedback:
-    """Where the soliton is on its way, with the energy of the phonons [J]."""
+    """Return the feedback message of a move, with the energy of the phonons [J]."""
     return MoveSoliton.Feedback(rotor=wall.place, speed=wall.speed, phonon_energy=phonon_energy)

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The steering: carries the soliton to a place on demand and holds it there."""
+"""Steering node: moves the soliton to a requested position and holds it there."""
 
 from __future__ import annotations
 
@@ -38,30 +38,30 @@ from soliton_linkage_nodes.soliton_steering.steered_chain import (
     SteeredChain,
 )
 
-_WATCH_PERIOD = 0.02
-"""Between two looks at the age of the joint states [s]: short beside the usual state_timeout."""
-_REMEMBERED = 200
-"""Frames that a move begins from [1]: as many as the observer remembers at 1000 Hz."""
-_GLANCED_AT = 8
-"""Frames from which it tells where a free wall is [1]: a place takes one, phonons four."""
+_POLL_INTERVAL = 0.02
+"""Poll interval for the age of the joint states [s], short compared with state_timeout."""
+_OBSERVER_FRAMES = 200
+"""Number of frames before a move that are observed [1], the observer's memory at 1000 Hz."""
+_REPORT_FRAMES = 8
+"""Number of frames for a report on a free wall [1]: one for the position, four for phonons."""
 
 
 class SolitonSteering(ManagedNode):
-    """Carries the soliton along the chain, by torques along the instantaneous zero mode.
+    """Node that moves the soliton along the chain with torques along the instantaneous zero mode.
 
     Serves the action `move_soliton` and `~/release`. Subscribes to `joint_states` and, unless
-    told the chain by parameters, to `chain`. Publishes `rotor_torques` [N m] while it moves or
-    holds a soliton, and `/diagnostics`. Time is that of the joint states.
+    parameters specify the chain, to `chain`. Publishes `rotor_torques` [N m] while it moves or
+    holds a soliton, and `/diagnostics`. The stamps of the joint states are its clock.
     """
 
     PARAMETERS = PARAMETERS
 
     def __init__(self, **kwargs: Any) -> None:
-        """Be configured and activated, unless a manager is to do that."""
+        """Configure and activate the node, unless a manager does that."""
         super().__init__('soliton_steering', **kwargs)
 
     def configure(self) -> None:
-        """Connect the topics, learn the chain and open the action."""
+        """Open the topics and the action."""
         self.settings = current(self, SolitonSteeringParameters)
         self.chain: SteeredChain | None = None
         self.freshness = Freshness(self.settings.state_timeout)
@@ -70,13 +70,13 @@ class SolitonSteering(ManagedNode):
             self, 'steering', self.reporting(self._report)
         )
         self.torques = interfaces.ROTOR_TORQUES.publisher(self)
-        self._recent: deque[bytes] = deque(maxlen=_REMEMBERED)
+        self._recent: deque[bytes] = deque(maxlen=_OBSERVER_FRAMES)
         take_chain = diagnostics.guarded('chain', self._on_chain)
         source = ChainSource(self, diagnostics, take_chain)
         self._encoders = EncoderMonitor(self.get_logger().warning)
         self.server = MoveServer(self, self._on_goal, self._on_cancel)
         take_frame = self.while_active(self._on_joint_states)
-        self._see, self._remember, self._take = (
+        self._observe, self._keep_frames, self._take = (
             diagnostics.guarded('joint_states', each)
             for each in (self._observe_free, self._keep, take_frame)
         )
@@ -87,26 +87,26 @@ class SolitonSteering(ManagedNode):
             diagnostics,
             raw=True,
             on_takeover=source.resubscribe,
-            # What has waited in a queue is too old to act on.
+            # Messages that waited in a queue are too old for feedback control.
             latest=True,
         )
         self._joint_states.dispatch(False)
         self.create_service(Trigger, '~/release', self._on_release)
         steady = Clock(clock_type=ClockType.STEADY_TIME)
-        self._watch = self.create_timer(_WATCH_PERIOD, self._on_watch, clock=steady)
+        self._watch = self.create_timer(_POLL_INTERVAL, self._on_watch, clock=steady)
         actuated = len(self.settings.actuated_joints) or 'all'
         self.get_logger().info(
             f'steering the soliton of {source.description} by {actuated} joints'
         )
 
     @property
-    def place(self) -> float:
-        """Of the soliton [rotor spacings], NaN where there is none."""
-        return math.nan if self.chain is None else self.chain.place
+    def site(self) -> float:
+        """Position of the soliton [rotor spacings], NaN without one."""
+        return math.nan if self.chain is None else self.chain.site
 
     def deactivate(self) -> None:
-        """Let the soliton go and end the goal."""
-        self._let_go('the steering is stopped')
+        """Release the soliton and end the goal."""
+        self._release('the steering is stopped')
         interfaces.wait_for_acknowledgements(self.torques)
 
     def cleanup(self) -> None:
@@ -114,9 +114,9 @@ class SolitonSteering(ManagedNode):
         self.server.destroy()
 
     def _on_chain(self, named: NamedChain) -> None:
-        """Learn the chain; a chain other than the last ends what was done with that."""
+        """Set the chain; a new chain ends the move of the one before."""
         if self.chain is None or named != self.chain.named:
-            self._let_go('the chain has been replaced by another')
+            self._release('the chain has been replaced by another')
             self._recent.clear()
             self.chain = None
             self.chain = SteeredChain(named, self.settings)
@@ -124,12 +124,12 @@ class SolitonSteering(ManagedNode):
 
     @property
     def holding(self) -> bool:
-        """Whether it moves or holds a soliton, so that each frame matters at once."""
+        """Whether the node moves or holds a soliton, so that each frame is needed at once."""
         return self.chain is not None and self.chain.steering.holding
 
     def _on_joint_states(self, serialized: bytes) -> None:
         if self.chain is None or not self.holding:
-            self._remember([serialized])
+            self._keep_frames([serialized])
             return
         stamp, frame = self._read(self.chain, serialized)
         self._encoders.check(stamp, frame.angles)
@@ -141,16 +141,16 @@ class SolitonSteering(ManagedNode):
             if ended.outcome is Outcome.SOLITON_LOST:
                 self.get_logger().warning(ended.message)
             self.server.conclude(ended)
-        self.server.tell(self.chain.wall, self.chain.phonon_energy)
+        self.server.publish_feedback(self.chain.wall, self.chain.phonon_energy)
         self._joint_states.dispatch(self.holding)
 
     def _read(self, chain: SteeredChain, serialized: bytes) -> tuple[int, Frame]:
-        """Stamp [ns] and frame of joint states; ValueError where they do not show the chain."""
+        """Return stamp [ns] and frame of joint states; ValueError if they do not fit the chain."""
         joints = self._decoder.decode(serialized)
         return joints.stamp, frame_from_msg(chain.named, joints)
 
     def _keep(self, frames: list[bytes]) -> None:
-        """Keep the frames of a free chain for when they are needed, and look at the newest."""
+        """Keep the frames of a free chain for a later move, and check the newest one."""
         if not (frames and self.active):
             return
         self._recent.extend(frames)
@@ -159,39 +159,39 @@ class SolitonSteering(ManagedNode):
             self._encoders.check(stamp, frame.angles)
             self.freshness.renew()
 
-    def _look(self, frames: int) -> None:
-        """See where a free wall is and how fast, from so many frames of late."""
+    def _observe_recent(self, frames: int) -> None:
+        """Estimate position and velocity of a free wall from this number of recent frames."""
         if self.chain is None or self.holding:
             return
-        self._remember(self._joint_states.take_waiting())
-        self.chain.begin_anew()
+        self._keep_frames(self._joint_states.take_waiting())
+        self.chain.reset()
         for serialized in list(self._recent)[-frames:]:
-            self._see(self.chain, serialized)
+            self._observe(self.chain, serialized)
 
     def _observe_free(self, chain: SteeredChain, serialized: bytes) -> None:
         chain.observe(*self._read(chain, serialized))
 
     def _on_goal(self, handle: ServerGoalHandle) -> None:
-        """Begin a move, in place of the one that is under way."""
+        """Start a move, which replaces the active one."""
         handle.execute()
-        self._look(_REMEMBERED)
-        refused = self._refusal(handle.request)
-        if refused is not None:
-            self.diagnostics.reject('move_soliton', refused.message)
-            self.server.end(handle, refused)
+        self._observe_recent(_OBSERVER_FRAMES)
+        rejection = self._start_move(handle.request)
+        if rejection is not None:
+            self.diagnostics.reject('move_soliton', rejection.message)
+            self.server.end(handle, rejection)
             return
-        place = self.place
+        site = self.site
         message = (
-            f'another goal, rotor {handle.request.rotor:g}, has taken its place when the '
-            f'soliton was at rotor {place:.3f}'
+            f'another goal, rotor {handle.request.rotor:g}, replaced this one when the soliton '
+            f'was at rotor {site:.3f}'
         )
-        self.server.conclude(MoveResult(Outcome.PREEMPTED, message, place))
-        self.server.begin(handle, place)
+        self.server.conclude(MoveResult(Outcome.PREEMPTED, message, site))
+        self.server.begin(handle, site)
         self._recent.clear()
         self._joint_states.dispatch(True)
 
-    def _refusal(self, request: MoveSoliton.Goal) -> MoveResult | None:
-        """Begin the move of a request, or tell why not."""
+    def _start_move(self, request: MoveSoliton.Goal) -> MoveResult | None:
+        """Start the move of a request, or return the reason of a rejection."""
         if not self.active:
             return MoveResult(
                 Outcome.OUT_OF_REACH, 'the steering is not active; activate it first', math.nan
@@ -199,7 +199,7 @@ class SolitonSteering(ManagedNode):
         if self.chain is None:
             return MoveResult(
                 Outcome.NO_SOLITON,
-                'the chain is not known; publish chain or set chain_from to parameters',
+                'the chain is unknown; publish chain or set chain_from to parameters',
                 math.nan,
             )
         if self.freshness.stale:
@@ -210,7 +210,7 @@ class SolitonSteering(ManagedNode):
             return MoveResult(
                 Outcome.OUT_OF_REACH,
                 'nothing subscribes to rotor_torques; start the simulator first',
-                self.place,
+                self.site,
             )
         return self.chain.steering.move(request.rotor, request.speed)
 
@@ -220,32 +220,32 @@ class SolitonSteering(ManagedNode):
         return CancelResponse.ACCEPT
 
     def _on_release(self, _request: Any, response: Any) -> Any:
-        response.success = self._let_go('it was released', Outcome.STOPPED)
-        response.message = 'let go' if response.success else 'no soliton is held'
+        response.success = self._release('release was requested', Outcome.STOPPED)
+        response.message = 'released' if response.success else 'no soliton is held'
         return response
 
     def _on_watch(self) -> None:
-        """Keep the frames of a free wall, or see that those of a held one go on."""
+        """Keep the frames of a free wall; release a held one if frames have stopped."""
         waiting = self._joint_states.take_waiting()
         if not self.holding:
-            self._remember(waiting)
+            self._keep_frames(waiting)
         elif waiting:
             self._take(waiting[-1])
         elif self.freshness.stale:
-            self._let_go(f'joint_states have stopped: {self.freshness}')
+            self._release(f'joint_states have stopped: {self.freshness}')
 
-    def _let_go(self, why: str, outcome: Outcome = Outcome.SOLITON_LOST) -> bool:
-        """Let go of a soliton that is moved or held, and end its move; False where none is."""
+    def _release(self, reason: str, outcome: Outcome = Outcome.SOLITON_LOST) -> bool:
+        """Release a soliton that is moved or held, and end its move; return False without one."""
         if self.chain is None or not self.chain.steering.holding:
             return False
-        place = self.place
+        site = self.site
         self.chain.steering.release()
         self._joint_states.dispatch(False)
         self._send(np.zeros(self.chain.named.rotors))
-        where = '' if math.isnan(place) else f', at rotor {place:.3f}'
-        message = f'{why}; the soliton is let go{where}'
+        where = '' if math.isnan(site) else f', at rotor {site:.3f}'
+        message = f'{reason}; the soliton is released{where}'
         self.get_logger().info(message)
-        self.server.conclude(MoveResult(outcome, message, place))
+        self.server.conclude(MoveResult(outcome, message, site))
         return True
 
     def _send(self, torques: Array) -> None:
@@ -254,17 +254,17 @@ class SolitonSteering(ManagedNode):
             publish_buffer(self.torques, self._buffer.fill(now, torques))
 
     def _report(self) -> Report:
-        self._look(_GLANCED_AT)
+        self._observe_recent(_REPORT_FRAMES)
         return report(self.chain, self.freshness.stale, self.server)
 
 
 def main() -> None:
-    """Run the steering until it is told to stop."""
+    """Run the steering."""
     run(SolitonSteering)
 
 
 def report(chain: SteeredChain | None, silent: bool, server: MoveServer) -> Report:
-    """Report of a chain that may be `silent`, and of the moves of its soliton."""
+    """Return the report of a chain and its moves; `silent` means that frames have stopped."""
     goal, ended = server.goal, server.ended
     wall = None if chain is None or silent else chain.wall
     message = (
@@ -281,7 +281,7 @@ def report(chain: SteeredChain | None, silent: bool, server: MoveServer) -> Repo
         else 'ready'
     )
     values = {
-        'rotor': math.nan if chain is None else chain.place,
+        'rotor': math.nan if chain is None else chain.site,
         'phonon energy [J]': math.nan if chain is None else chain.phonon_energy,
         'moves begun': server.begun,
         'move from rotor': math.nan if goal is None else server.start,

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A chain whose soliton is steered, frame by frame."""
+"""Chain whose soliton is steered, frame by frame."""
 
 from __future__ import annotations
 
@@ -22,24 +22,24 @@ from soliton_linkage_nodes.runtime.stamps import SECOND
 
 @dataclass(frozen=True)
 class SolitonSteeringParameters:
-    """Parameters of the steering."""
+    """Parameters of the steering node."""
 
     actuated_joints: tuple[str, ...] = quantity(
-        (), 'joints that carry an actuator; empty for all of them'
+        (), 'joints with an actuator; empty for all joints'
     )
     torque_limit: float = quantity(0.1, 'largest torque of an actuator', 'N m', 1e-9, 1e6)
     strain_limit: float = quantity(
         0.1,
-        'angle by which springs may give way, where not all joints carry actuators',
+        'largest strain angle of the springs, if some joints have no actuator',
         'rad',
         1e-6,
         1.0,
     )
     tolerance: float = quantity(
-        0.1, 'distance from its goal at which a soliton has arrived', 'rotor spacings', 1e-3, 1.0
+        0.1, 'distance from the goal at which a move has succeeded', 'rotor spacings', 1e-3, 1.0
     )
     state_timeout: float = quantity(
-        0.5, 'time without joint_states after which a soliton is lost', 's', 1e-2, 60.0
+        0.5, 'time without joint_states after which a soliton is released as lost', 's', 1e-2, 60.0
     )
 
 
@@ -49,18 +49,18 @@ PARAMETERS: dict[type, str] = {
     ChainSourceParameters: '',
     **CHAIN_PARAMETERS,
 }
-"""The prefix of all parameters of the node, by their dataclasses."""
+"""Prefix of the parameters of the node, by dataclass."""
 
 
 class SteeredChain:
-    """The steering of a named chain, and the phonons that it leaves."""
+    """Steering of a named chain, with an estimate of the phonons."""
 
     def __init__(self, named: NamedChain, settings: SolitonSteeringParameters) -> None:
-        """Steer with the given actuators; raises ValueError where the chain does not allow it."""
+        """Steer with the given actuators; ValueError if the chain does not allow it."""
         self.named = named
         rotors = _rotors(named, settings.actuated_joints)
         self.limitation = ''
-        """Why the deviations of the chain count for nothing, if they do."""
+        """Reason why the deviations of the chain are ignored, empty if they are used."""
         try:
             orbit = orbit_of(named.chain)
         except (ValueError, ArithmeticError) as error:
@@ -73,26 +73,26 @@ class SteeredChain:
 
     @property
     def wall(self) -> WallState | None:
-        """The soliton, None where there is none."""
+        """The soliton, None without one."""
         return self.steering.wall
 
     @property
-    def place(self) -> float:
-        """Of the soliton [rotor spacings], NaN where there is none."""
+    def site(self) -> float:
+        """Position of the soliton [rotor spacings], NaN without one."""
         return math.nan if self.wall is None else self.wall.place
 
     @property
     def phonon_energy(self) -> float:
-        """Beside the soliton [J]."""
+        """Energy of the phonons [J]."""
         return self._phonons.energy
 
-    def begin_anew(self) -> None:
-        """Know of no frame, as at first; not while a wall is held."""
+    def reset(self) -> None:
+        """Discard all frames; not allowed while a wall is held."""
         self.steering.forget()
         self._phonons = PhononEnergyEstimator(self.steering.orbit)
 
     def observe(self, stamp: int, frame: Frame) -> tuple[Array | None, MoveResult | None]:
-        """Torques to send with a frame of a stamp [ns], and the end of a move, where there are."""
+        """Return the torques for a frame with a stamp [ns], and the result if a move ended."""
         if self._epoch is None:
             self._epoch = stamp
         instant = (stamp - self._epoch) / SECOND
@@ -105,11 +105,11 @@ class SteeredChain:
 
 
 def _rotors(named: NamedChain, joints: tuple[str, ...]) -> tuple[int, ...]:
-    """Numbers of the rotors that joints belong to."""
+    """Return the rotor numbers of joints."""
     for joint in joints:
         if joint not in named.numbers:
             raise ValueError(
                 f'actuated_joints names {joint!r}, which is none of {named.joint_names[0]!r} to '
-                f'{named.joint_names[-1]!r}; name joints of the chain, or none for all of them'
+                f'{named.joint_names[-1]!r}; choose from these, or leave it empty for all'
             )
     return tuple(named.numbers[joint] for joint in joints)

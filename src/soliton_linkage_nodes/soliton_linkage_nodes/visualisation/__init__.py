@@ -1,2 +1,2 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The visualisation: the chain as the viewers of ROS draw it."""
+"""Node that draws the chain for ROS viewers."""

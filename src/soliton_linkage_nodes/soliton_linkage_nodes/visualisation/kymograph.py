@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""How far the rotors lean over the last seconds, as a picture with the track of the walls."""
+"""Kymograph: lean of the rotors over the last seconds, with the track of the walls."""
 
 from __future__ import annotations
 
@@ -15,29 +15,29 @@ from soliton_linkage.linkage.chain import Array, Chain, displacement
 Pixels = NDArray[np.uint8]
 
 _COLUMN_RATE = 30.0
-"""Columns a second [Hz]: what an eye tells apart."""
+"""Rate of columns [Hz], equal to a usual refresh rate."""
 _HEIGHT = 400
-"""Rows that a picture has at least, so that viewers need not blur a short chain [1]."""
+"""Smallest number of rows [1], so that viewers do not blur the picture of a short chain."""
 _MOST_ROWS = 1000
-"""Of a longer chain every other rotor is shown, or less, for a screen has no more rows [1]."""
+"""Largest number of rotors shown [1], as a screen has no more rows; longer chains are thinned."""
 _LEVELS = 2048
-"""Steps from the furthest left to the furthest right [1]: near rest colours change fast."""
+"""Number of colours [1], large because colours change fast near the rest state."""
 _BLANK, _TRACK, _BORDER = 217, 0, 255
-"""Greys of what is not known yet, of the track and of its border: they are no leans [1]."""
+"""Grey levels of missing data, of the track and of its border [1], distinct from all leans."""
 _HALF_BORDER, _HALF_TRACK = 2, 1
-"""Rows beside the middle of the track [1]."""
+"""Half widths of the border and of the track [rows]."""
 _JUMP = 0.25
-"""Of a chain [1]: what goes further between two columns was put there, and is not joined."""
+"""Longest step of a wall that is drawn as a line, over the chain [1]. A longer one is a reset."""
 
 
 class Kymograph:
-    """Keeps the leans of the last seconds, and draws them when they are asked for.
+    """Buffer of the leans of the last seconds, drawn on request.
 
     Time runs to the right, rotor 0 is at the bottom; purple leans right, orange left.
     """
 
     def __init__(self, chain: Chain, length: float) -> None:
-        """Keep so many seconds of this chain."""
+        """Keep the last `length` [s] of this chain."""
         self.chain = chain
         self.columns = max(2, round(length * _COLUMN_RATE))
         self._every = -(-chain.number_of_rotors // _MOST_ROWS)
@@ -47,7 +47,7 @@ class Kymograph:
         self._table: Pixels | None = None
 
     def add(self, stamp: float, angles: Array, walls: Sequence[float]) -> None:
-        """Add the angles [rad] of an instant [s] with the places of walls [rotor spacings]."""
+        """Add the angles [rad] at a time [s] and the positions of walls [rotor spacings]."""
         if self._stamps and stamp < self._stamps[-1]:
             for kept in (self._stamps, self._leans, self._walls):
                 kept.clear()
@@ -59,9 +59,9 @@ class Kymograph:
         self._walls.append(tuple(walls))
 
     def picture(self) -> Pixels:
-        """The last seconds, red, green and blue, shape (rows, columns, 3)."""
+        """Return the picture in RGB, shape (rows, columns, 3)."""
         if self._table is None:
-            # matplotlib takes half a second and 25 MB, which only who looks has to spend.
+            # matplotlib takes half a second and 25 MB; it is imported only for subscribers.
             from soliton_linkage_studies.palette import lean_colour_table
 
             self._table = lean_colour_table(self.chain, _LEVELS)
@@ -84,7 +84,7 @@ class Kymograph:
         return picture
 
     def _draw_track(self, picture: Pixels, shown: NDArray[np.intp], rows: float) -> None:
-        """Draw the places of walls, joined where as many walls follow in the next column."""
+        """Draw the walls; connect them to the next column if it has the same number of walls."""
         xs, ys = [np.zeros(0, dtype=np.intp)], [np.zeros(0)]
         columns = [
             (x, self._walls[column]) for x, column in enumerate(shown.tolist()) if column >= 0

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The visualisation: the chain for RViz, Foxglove and other viewers of ROS."""
+"""Visualisation: the chain for RViz, Foxglove and other ROS viewers."""
 
 from __future__ import annotations
 
@@ -43,12 +43,12 @@ _SEARCH_PERIOD = 0.5
 class VisualisationParameters:
     """Parameters of the node."""
 
-    marker_rate: float = quantity(30.0, 'most markers and poses a second', 'Hz', 0.1, 30.0)
-    kymograph_rate: float = quantity(10.0, 'most pictures a second', 'Hz', 0.1, 30.0)
-    kymograph_length: float = quantity(20.0, 'time that a picture shows', 's', 1.0, 600.0)
+    marker_rate: float = quantity(30.0, 'highest rate of markers and poses', 'Hz', 0.1, 30.0)
+    kymograph_rate: float = quantity(10.0, 'highest rate of pictures', 'Hz', 0.1, 30.0)
+    kymograph_length: float = quantity(20.0, 'time span of a picture', 's', 1.0, 600.0)
     kick_shown: float = quantity(
         3.0,
-        'how long the last kick is shown after its end, 0 for until the next',
+        'time for which the last kick is shown after its end, 0 until the next kick',
         's',
         0.0,
         86_400.0,
@@ -56,7 +56,7 @@ class VisualisationParameters:
 
 
 class Visualisation(GuardedNode):
-    """Draws a chain for RViz, Foxglove and the like, as far as there are subscribers.
+    """Node that draws a chain for RViz, Foxglove and other viewers, if there are subscribers.
 
     Subscribes to `joint_states`, `soliton_state`, `last_kick`, `/diagnostics` and, unless
     parameters specify the chain, to `chain`. Publishes `robot_description` (URDF, latched),
@@ -101,7 +101,7 @@ class Visualisation(GuardedNode):
         reject_unknown(self)
         steady = Clock(clock_type=ClockType.STEADY_TIME)
         self.create_timer(1 / settings.marker_rate, self._draw, clock=steady)
-        self.get_logger().info(f'drawing {self._source.description} for whoever subscribes')
+        self.get_logger().info(f'drawing {self._source.description} for subscribers')
 
     def _on_chain(self, named: NamedChain) -> None:
         if named == self.observed.named:

@@ -35,7 +35,7 @@ _FRESH = 1.0
 _SILENT = 3.0
 """Age after which the report of a node is dropped [s]; nodes report once a second."""
 _MOST_REPORTS = 100
-"""Diagnostics taken at a time: those of a second of many nodes."""
+"""Largest number of diagnostics messages read at once [1], enough for 1 s of many nodes."""
 _LEVELS = ('OK', 'WARN', 'ERROR', 'STALE')
 
 
@@ -88,7 +88,7 @@ class ObservedChain:
 
     @property
     def walls(self) -> list[Wall]:
-        """Solitons, none if their stamp is far from that of the angles."""
+        """Solitons, none if their stamp is far from the stamp of the angles."""
         apart = self.seconds - time_from_msg(self.state_stamp) / SECOND
         return self._walls if abs(apart) < _FRESH else []
 
@@ -121,7 +121,7 @@ class ObservedChain:
             self.frames += 1
 
     def describe(self) -> str:
-        """Return lines with phase, energies and the reports of nodes, as far as they are known."""
+        """Return lines with phase, energies and the reports of nodes if known."""
         numbers, lines = self.numbers, []
         if math.isfinite(numbers.get('phase', math.nan)):
             lines.append(

@@ -61,7 +61,7 @@ class DrawingPublisher:
 
 
 class MarkerPublisher(DrawingPublisher):
-    """The chain in space."""
+    """Publisher of the chain in space."""
 
     name = 'markers'
 
@@ -108,7 +108,7 @@ class MarkerPublisher(DrawingPublisher):
                 header,
                 _WALLS,
                 number,
-                (box.place, 0.0, 0.0),
+                (box.position, 0.0, 0.0),
                 (box.length, scene.width, box.height),
                 (*shares(RED), _OPACITY),
             )
@@ -122,7 +122,7 @@ class MarkerPublisher(DrawingPublisher):
 
 
 class PosePublisher(DrawingPublisher):
-    """The position of the first soliton."""
+    """Publisher of the position of the first soliton."""
 
     name = 'soliton_pose'
 
@@ -140,7 +140,7 @@ class PosePublisher(DrawingPublisher):
 
 
 class KymographPublisher(DrawingPublisher):
-    """The last seconds as a picture."""
+    """Publisher of the last seconds as a picture."""
 
     name = 'kymograph'
 

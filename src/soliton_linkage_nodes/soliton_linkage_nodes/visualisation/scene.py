@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What is drawn of a chain in space: lines, points and boxes with their colours."""
+"""Drawing of a chain in space: lines, spheres and boxes with their colours."""
 
 from __future__ import annotations
 
@@ -15,68 +15,71 @@ from soliton_linkage.linkage.chain import Array, Chain
 
 _LONGEST = 1.2
 """Length of an arrow of size 1 over the larger of rotor length and spacing [1]."""
-_LEAST = 0.02
-"""Arrows that are shorter than this share of the longest one are left out [1]."""
+_SHORTEST_ARROW = 0.02
+"""Smallest length of an arrow over the longest one [1]; shorter arrows are omitted."""
 _HEAD = (0.3, 0.15)
-"""Length and half the width of an arrow's head, over its length [1]."""
-_OVER = 2.5
-"""Height of a wall over the length of a rotor [1]: it is seen above and below."""
+"""Length and half width of an arrow head, over the length of the arrow [1]."""
+_WALL_HEIGHT = 2.5
+"""Height of a wall over the length of a rotor [1], so that it is visible above and below."""
 _LETTERS = 40
-"""Length of a chain over the height of letters [1]: a line of figures is as long as half of it."""
+"""Length of a chain over the height of letters [1]; a text line takes half the length."""
 _AT_REST = 1e-4
-"""Extension over length at rest below which a spring is at rest to the eye [1]."""
-_FADING = 0.98
-"""By which the end of the scale of extensions follows a smaller one, from picture to picture [1]:
-about a second at 30 Hz."""
+"""Relative extension of a spring at the lower limit of the colour scale [1]."""
+_DECAY = 0.98
+"""Decay factor of the colour scale of extensions for each picture [1]: about 1 s at 30 Hz."""
 
 
 class Shape(NamedTuple):
-    """Lines, each from an even point to the next, or else balls at the points."""
+    """Lines, each from an even point to the next, or spheres at the points."""
 
     name: str
     points: Array
-    """Places [m], shape (K, 3)."""
+    """Positions [m], shape (K, 3)."""
     colours: Array
     """Red, green, blue and opacity of each point [1], shape (K, 4)."""
     width: float
-    """Of lines, or diameter of balls [m]."""
-    balls: bool = False
+    """Width of lines, or diameter of spheres [m]."""
+    spheres: bool = False
 
 
 class WallBox(NamedTuple):
-    """A wall from two standard deviations before to two after it."""
+    """Box around a wall, plus and minus two standard deviations."""
 
-    place: float
-    """Along the chain [m]."""
+    position: float
+    """Position along the chain [m]."""
     length: float
-    """Along the chain [m]: four standard deviations, or just visible where that is less."""
+    """Size along the chain [m]: four standard deviations, with a visible minimum."""
     height: float
-    """Across the chain [m]."""
+    """Size across the chain [m]."""
 
 
 class ChainScene:
-    """Draws configurations of a chain."""
+    """Drawing of the configurations of a chain."""
 
     def __init__(self, chain: Chain) -> None:
         """Draw this chain."""
         self.chain = chain
         self.width = min(chain.spacing, chain.rotor_length) / 12
-        """Of the rods [m]."""
+        """Width of the rods [m]."""
         middle, length = float(chain.pivots[-1]) / 2, float(chain.pivots[-1]) + chain.spacing
         self.lettering = length / _LETTERS
         """Height of letters [m]."""
-        self.above = middle, 0.0, _OVER * float(chain.rotor_lengths.max()) + 2 * self.lettering
-        """Place of what is written [m]."""
+        self.above = (
+            middle,
+            0.0,
+            _WALL_HEIGHT * float(chain.rotor_lengths.max()) + 2 * self.lettering,
+        )
+        """Position of the text [m]."""
         self._size = _LONGEST * max(chain.rotor_length, chain.spacing)
         self._largest = 0.0
 
     def masses(self, angles: Array) -> Array:
-        """Places of the masses [m], shape (N, 3)."""
+        """Return the positions of the masses [m], shape (N, 3)."""
         horizontal, vertical = self.chain.positions(angles)
         return np.array([self.chain.pivots + horizontal, np.zeros_like(vertical), vertical]).T
 
     def shapes(self, angles: Array) -> list[Shape]:
-        """The chain at these angles [rad]; what hangs on an angle that is NaN is left out."""
+        """Return the chain at these angles [rad], without parts whose angle is NaN."""
         masses = self.masses(angles)
         known = np.isfinite(angles)
         return [
@@ -87,16 +90,16 @@ class ChainScene:
         ]
 
     def kick(self, angles: Array, impulses: Array) -> Shape:
-        """Impulses of rotors [N m s], shape (N,), as arrows at their masses."""
+        """Return the impulses of the rotors [N m s], shape (N,), as arrows at their masses."""
         return self._arrows('last_kick', self.masses(angles), angles, impulses, PURPLE)
 
     def boxes(self, walls: Sequence[tuple[float, float]]) -> list[WallBox]:
-        """Walls by their place [m] and its standard deviation [m]."""
-        height = _OVER * float(self.chain.rotor_lengths.max())
+        """Return boxes of walls, given by position and standard deviation [m]."""
+        height = _WALL_HEIGHT * float(self.chain.rotor_lengths.max())
         return [
-            WallBox(place, max(4 * deviation, self.width), height)
-            for place, deviation in walls
-            if math.isfinite(place) and math.isfinite(deviation)
+            WallBox(position, max(4 * deviation, self.width), height)
+            for position, deviation in walls
+            if math.isfinite(position) and math.isfinite(deviation)
         ]
 
     def _rods(self, masses: Array, known: Array) -> Shape:
@@ -108,12 +111,12 @@ class ChainScene:
         return Shape('rotors', ends, np.repeat(colours[known], 2, axis=0), self.width)
 
     def _springs(self, masses: Array, angles: Array) -> Shape:
-        """Red where they are longer than at rest, blue where shorter, grey between."""
+        """Return the springs: red if extended, blue if compressed, grey at rest length."""
         extensions = self.chain.spring_extensions(angles)
         known = np.isfinite(extensions)
         largest = float(np.abs(extensions[known]).max(initial=0.0))
         least = _AT_REST * self.chain.rest_length
-        self._largest = max(largest, _FADING * self._largest, least)
+        self._largest = max(largest, _DECAY * self._largest, least)
         share = (extensions / self._largest)[known, None]
         ends = np.where(share > 0, _of(RED, 1), _of(BLUE, 1))
         colours = np.abs(share) * ends + (1 - np.abs(share)) * _of(GREY, 1)
@@ -129,9 +132,9 @@ class ChainScene:
         return self._arrows('zero_mode', masses, angles, mode, GREEN)
 
     def _arrows(self, name: str, masses: Array, angles: Array, sizes: Array, colour: str) -> Shape:
-        """Arrows along the way of the masses, the longest of them of the same length."""
+        """Return arrows along the motion of the masses; the longest has a fixed length."""
         largest = float(np.abs(sizes).max(initial=0.0))
-        shown = np.isfinite(angles) & (np.abs(sizes) > _LEAST * largest)
+        shown = np.isfinite(angles) & (np.abs(sizes) > _SHORTEST_ARROW * largest)
         ahead = np.array([np.cos(angles), np.zeros_like(angles), -np.sin(angles)]).T[shown]
         aside = ahead[:, [2, 1, 0]] * [1, 1, -1]
         scale = (self._size * sizes[shown] / (largest or 1.0))[:, None]

@@ -26,7 +26,7 @@ def test_a_click_moves_the_soliton_and_release_ends_the_hold(at_rest: Visit, vie
     assert move.state == 'reached'
     visit.has_text('move', 'reached')
     visit.click('release')
-    visit.notifies('let go')
+    visit.notifies('released')
 
 
 def test_a_move_is_cancelled_and_a_goal_outside_the_chain_is_rejected(
@@ -43,7 +43,7 @@ def test_a_move_is_cancelled_and_a_goal_outside_the_chain_is_rejected(
     visit.has_text('move', 'cancelled')
     visit.fill('to rotor', 40)
     visit.click('carry')
-    visit.has_text('move', 'out of the chain')
+    visit.has_text('move', 'outside the chain')
     visit.click('release')
     visit.page.focus('#live-chain')
     visit.page.keyboard.press('Escape')
