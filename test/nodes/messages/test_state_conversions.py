@@ -212,11 +212,11 @@ def test_a_new_field_is_filled_by_the_attribute_of_its_name() -> None:
     assert number_fields.names[-1] == 'mark'
 
 
-def test_a_field_that_nothing_fills_is_said_at_once() -> None:
+def test_a_field_without_a_source_is_rejected() -> None:
     marked = [*msg.Soliton.get_fields_and_field_types(), 'mark']
     with pytest.raises(TypeError, match='field mark of SolitonState has no source: AnalysedSol'):
         NumberFields(marked, AnalysedSoliton)
-    with pytest.raises(TypeError, match='MotionClass has no mark; add it'):
+    with pytest.raises(TypeError, match='MotionClass has no mark; add the attribute'):
         NumberFields(['mark'], Analysis, {'mark': 'measured_motion.mark'})
 
 

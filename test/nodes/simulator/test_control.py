@@ -210,7 +210,7 @@ def test_kicks_that_wait_for_too_long_are_refused(monkeypatch: pytest.MonkeyPatc
     published = Published()
     published.control.pause(True)
     assert [published.control.kick(KICK) is None for _ in range(3)] == [True, True, False]
-    assert '2 kicks wait for the next frame already' in str(published.control.kick(KICK))
+    assert '2 kicks already wait for the next frame' in str(published.control.kick(KICK))
     published.control.step(1)
     assert published.control.kick(KICK) is None
 
