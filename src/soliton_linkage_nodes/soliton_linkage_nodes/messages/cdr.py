@@ -40,6 +40,7 @@ _ENCAPSULATION_BYTES = 4
 """Size of the encapsulation header [B]."""
 _DOUBLES = np.dtype('<f8')
 _EMPTY = np.zeros(0)
+"""Empty sequence of doubles."""
 
 
 class Layout:
