@@ -3,9 +3,13 @@
 
 from __future__ import annotations
 
+import os
 import signal
+import subprocess
+import sys
 from collections.abc import Callable
 from importlib.metadata import distribution
+from pathlib import Path
 
 import pytest
 from programs import Program, signalled
@@ -49,6 +53,18 @@ TOOLS = (
 def test_these_are_the_programs() -> None:
     installed = distribution('soliton_linkage_nodes').entry_points
     assert installed.select(group='console_scripts').names == {*NODES, *TOOLS}
+
+
+def test_a_closed_pipe_ends_a_program_without_a_traceback() -> None:
+    reading, writing = os.pipe()
+    os.close(reading)
+    call = 'from soliton_linkage_nodes.start import robot_description; robot_description()'
+    config = Path(__file__).parents[2] / 'config/flipper.yaml'
+    ended = subprocess.run(
+        [sys.executable, '-c', call, str(config)], stdout=writing, stderr=subprocess.PIPE
+    )
+    os.close(writing)
+    assert (ended.returncode, ended.stderr) == (programs.CLOSED_PIPE, b'')
 
 
 def file_of(program: str) -> str:

@@ -127,7 +127,9 @@ def test_a_nudge_that_sends_no_soliton_is_said_so(start: Start, tmp_path: Path) 
     process = start(configuration, tmp_path / 'out')
     said = process.communicate(timeout=LONGEST_RUN)[0]
     assert process.returncode == 1
-    complaint = 'within 2 s after a nudge of 0 rad/s, none is seen now; nudge harder or raise'
+    complaint = (
+        'within 2 s after a nudge of 0 rad/s, no soliton is visible now; nudge harder or raise'
+    )
     assert complaint in said.splitlines()[-1]
     assert 'Traceback' not in said
     assert_nothing_runs(tmp_path / 'out')

@@ -1,27 +1,38 @@
 # SPDX-License-Identifier: Apache-2.0
 """Entry points of all nodes and programs.
 
-A signal ends a program at once during its import, which takes a second, or many on a busy machine.
-A KeyboardInterrupt would print a trace there, or a library would discard it.
+A signal ends a program at once during its import, which takes seconds on a busy machine.
+Otherwise a KeyboardInterrupt would print a traceback there, or get lost in a library.
 """
 
 from __future__ import annotations
 
+import os
 import signal
+import sys
 from functools import partial
 from importlib import import_module
 
 INTERRUPTED = 130
-"""Exit code of a program that Ctrl-C ended: 128 plus the number of SIGINT, as in shells."""
+"""Exit code after Ctrl-C, as in shells: 128 plus the number of SIGINT."""
+CLOSED_PIPE = 141
+"""Exit code after a closed standard output, as in shells: 128 plus the number of SIGPIPE."""
 
 
 def _start(program: str) -> None:
     """Import a program and run it."""
     signal.signal(signal.SIGINT, signal.SIG_DFL)
     try:
-        import_module(f'soliton_linkage_nodes.{program}').main()
+        try:
+            import_module(f'soliton_linkage_nodes.{program}').main()
+        finally:
+            sys.stdout.flush()
+    except BrokenPipeError:
+        # Python would write to the closed pipe again at its exit.
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        sys.exit(CLOSED_PIPE)
     finally:
-        # Python removes its handlers before it ends; a second signal would then kill it.
+        # Python removes its handlers before its exit, so that a second signal would kill it.
         signal.signal(signal.SIGINT, signal.SIG_IGN)
         signal.signal(signal.SIGTERM, signal.SIG_IGN)
 

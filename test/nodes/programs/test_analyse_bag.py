@@ -269,10 +269,10 @@ def test_a_chain_that_is_not_that_of_the_bag_is_asked_for_twice(
     with pytest.raises(SystemExit) as end:
         main([str(bag), '--chain', str(given), *output])
     changed = f'rest_angle 0.5 for {NAMED.chain.rest_angle:g}'
-    assert f'in place of which --chain puts {changed}; leave --chain out' in str(end.value)
+    assert f'{changed}; omit --chain' in str(end.value)
     assert 'rest_angle' not in capsys.readouterr().err
     main([str(bag), '--chain', str(given), '--override', *output])
-    assert f'in place of the chain of the bag {changed}\n' in capsys.readouterr().err
+    assert f'--chain replaces the chain of the bag: {changed}\n' in capsys.readouterr().err
 
 
 @pytest.mark.parametrize('noise', ['-1', '0', 'nan', 'inf', 'much'])
@@ -281,7 +281,7 @@ def test_what_is_no_noise_is_refused(noise: str, capsys: pytest.CaptureFixture[s
         main(['bag', '--noise', noise])
     assert end.value.code == 2
     (line,) = capsys.readouterr().err.splitlines()
-    assert f'{noise} is no noise of an encoder, which is above 0 and at most 1 rad' in line
+    assert f'noise {noise} must be above 0 and at most 1 rad' in line
 
 
 def test_of_many_frames_that_are_refused_a_few_are_told(
@@ -292,8 +292,8 @@ def test_of_many_frames_that_are_refused_a_few_are_told(
         message.position = message.position[:3]
     main([str(bag_of(tmp_path, messages)), '--output', str(tmp_path / 'out')])
     said = capsys.readouterr().err
-    assert said.count('refused joint_states') == 4
-    assert 'refused joint_states: 20 in all' in said
+    assert said.count('rejected joint_states') == 4
+    assert 'rejected joint_states: 20 in all' in said
 
 
 def test_frames_that_are_refused_are_passed_over(
@@ -304,8 +304,8 @@ def test_frames_that_are_refused_are_passed_over(
     messages.insert(31, messages[30])
     main([str(bag_of(tmp_path, messages)), '--output', str(tmp_path / 'out')])
     said = capsys.readouterr().err
-    assert 'refused joint_states: joint_states.position has 3 values for 10 names' in said
-    assert '1 were late' in said
+    assert 'rejected joint_states: joint_states.position has 3 values for 10 names' in said
+    assert '1 late frames skipped' in said
     assert len(rows(tmp_path / 'out')) == len(frames()) - 1
 
 

@@ -47,29 +47,29 @@ def test_it_says_what_the_actuator_and_the_simulator_did(graph: Graph) -> None:
     said = nudged(graph, -2.5)
     assert said.startswith('a kick of -2.5 rad/s at the first edge; an impulse of ')
     graph.until(lambda: kicks, 'the kick')
-    assert said.endswith(f'a work of {kicks[0].work:.3g} J, as the simulator measured')
+    assert said.endswith(f'a work of {kicks[0].work:.3g} J, measured by the simulator')
     # Neither what was kicked before nor a recorder that listens counts as an answer.
     refused = 'speed = 500 rad/s must lie in the range -100 to 100 rad/s'
-    assert f'/edge_actuator refused it: {refused}' in nudged(graph, 500.0)
+    assert f'/edge_actuator rejected it: {refused}' in nudged(graph, 500.0)
     assert [message.data for message in nudges] == [-2.5, 500.0]
 
 
 def test_an_actuator_without_a_simulator_says_what_it_lacks(graph: Graph) -> None:
     graph.start(EdgeActuator)
     said = nudged(graph, 10.0, timeout=1.0)
-    assert said.startswith('/edge_actuator refused it: nothing subscribes to rotor_impulses')
+    assert said.startswith('/edge_actuator rejected it: nothing subscribes to rotor_impulses')
 
 
 def test_a_subscriber_that_is_no_actuator_does_not_do(graph: Graph) -> None:
     heard = graph.hear(interfaces.NUDGE)
     graph.hear(interfaces.LAST_KICK)
     said = nudged(graph, 10.0, timeout=1.0)
-    assert said == ('no actuator, only /user, hears /nudge after 1 s; start edge_actuator first')
+    assert said == ('only /user subscribes to /nudge after 1 s; start edge_actuator first')
     assert heard == []
 
 
 def test_what_the_simulator_did_not_do_is_a_failure() -> None:
-    with pytest.raises(ValueError, match='the simulator did not carry it out'):
+    with pytest.raises(ValueError, match='the simulator did not execute it'):
         described(LastKick(cut_short=True, measured=True))
 
 
@@ -89,7 +89,7 @@ def test_as_a_person_runs_it_in_a_namespace(graph: Graph, start: Callable[..., P
         (
             ['10', '--timeout', '0.5'],
             1,
-            'nudge: nothing hears /nudge after 0.5 s; start edge_actuator first',
+            'nudge: no node subscribes to /nudge after 0.5 s; start edge_actuator first',
         ),
         (['hard'], 2, "nudge: argument speed: 'hard' must be a finite number; see nudge --help"),
     ],

@@ -25,8 +25,8 @@ def test_a_whole_bag_is_said_to_be_whole(
     assert said[0] == f'{bag}: mcap, run_0_0.mcap'
     assert said[1] == '52 messages in 0.050 s'
     assert '  /joint_states  sensor_msgs/msg/JointState  50' in said
-    assert 'lost when recorded: not known' in said
-    assert said[-1] == 'whole'
+    assert 'lost when recorded: unknown' in said
+    assert said[-1] == 'complete'
 
 
 @pytest.mark.parametrize('storage', ['mcap', 'sqlite3'])
@@ -38,7 +38,7 @@ def test_a_cut_bag_is_recovered_beside_it(
     data.write_bytes(data.read_bytes()[:100_000])
     checked = start('check_bag', str(bag))
     assert checked.wait() == 1
-    assert checked.said[-1].startswith(f'damaged; recover_bag {bag} makes')
+    assert checked.said[-1].startswith(f'damaged; recover_bag {bag} writes')
     program = start('recover_bag', str(bag))
     assert program.wait() == 0
     with open_bag(tmp_path / 'run_0_recovered_0') as reader:
@@ -49,8 +49,8 @@ def test_a_cut_bag_is_recovered_beside_it(
     lost = re.search(r', (\d+) lost into', program.said[-1])
     again = start('check_bag', str(tmp_path / 'run_0_recovered_0'))
     assert again.wait() == 1
-    assert again.said[-1] == 'whole'
-    told = f'lost before it was recovered: {lost[1] if lost else "an unknown number"} ('
+    assert again.said[-1] == 'complete'
+    told = f'lost by damage before recovery: {lost[1] if lost else "an unknown number"} ('
     assert again.said[-2].startswith(told)
     assert again.said[-2].endswith('; when recorded: not known')
 

@@ -139,8 +139,8 @@ def test_a_rule_that_is_for_none_is_left_to_ros(rule: str) -> None:
 @pytest.mark.parametrize(
     ('arguments', 'complaint'),
     [
-        (['encoders'], "'encoders' is none of simulator, serial_encoders"),
-        (['left/simulator', '--ros-args', '-r', '__ns:=/lab'], '__ns:= is for all nodes'),
+        (['encoders'], "unknown node 'encoders'; choose from simulator, serial_encoders"),
+        (['left/simulator', '--ros-args', '-r', '__ns:=/lab'], '__ns:= applies to all nodes'),
     ],
 )
 def test_what_cannot_be_run_is_refused_in_one_line(

@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Analyse bags without any node: tables of what frames show and of events, and pictures.
+"""Analyse bags without any node: write tables of soliton states and events, and pictures.
 
-Of many bags each has a folder, and a row in bags.csv. They are analysed side by side, and the
-same command goes on where it was interrupted.
+Of several bags each gets a folder and a row in bags.csv. They are analysed in parallel. An
+interrupted command continues when you repeat it.
 """
 
 from __future__ import annotations
@@ -90,11 +90,11 @@ class BagBatch:
 
     @property
     def rows(self) -> int:
-        """How many bags there are."""
+        """Number of bags."""
         return len(self.bags)
 
     def described(self) -> dict[str, Any]:
-        """What decides the rows."""
+        """Return the inputs that determine the rows."""
         return {
             'bags': [str(bag) for _, bag in self.bags],
             'chain': str(self.chain) if self.chain else None,
@@ -102,11 +102,11 @@ class BagBatch:
         }
 
     def cells(self, row: int) -> list[str]:
-        """Analyse a bag into its folder, and return what its row holds."""
+        """Analyse a bag into its folder, and return the cells of its row."""
         name, bag = self.bags[row]
         given = chain_of_file(self.chain) if self.chain else None
         try:
-            # Processes side by side would write over each other's lines.
+            # Parallel processes would overwrite each other's progress lines.
             with redirect_stdout(io.StringIO()), redirect_stderr(io.StringIO()):
                 measured = self._measured(name, bag, given)
             failure = ''
@@ -122,7 +122,7 @@ class BagBatch:
 
 
 def summary(states: Iterable[dict[str, str]]) -> list[str]:
-    """Cells from the motion on, of the rows of a table of states."""
+    """Return the cells from `motion` to `mean noise` for the rows of a table of states."""
     motions: Counter[str] = Counter()
     stamps: list[int] = []
     tracked = seen = 0
@@ -142,9 +142,9 @@ def summary(states: Iterable[dict[str, str]]) -> list[str]:
 
 
 def named_bags(paths: Sequence[Path]) -> tuple[tuple[str, Path], ...]:
-    """Bags with names that are different; those of one name have that of their folder before it.
+    """Return the bags with unique names; bags with equal names get the name of their folder too.
 
-    Raises ValueError where one is given twice.
+    Raises ValueError if a bag is given twice.
     """
     bags = [path.resolve() for path in paths]
     twice = [str(bag) for bag, count in Counter(bags).items() if count > 1]
@@ -159,9 +159,9 @@ def named_bags(paths: Sequence[Path]) -> tuple[tuple[str, Path], ...]:
 
 
 def analyse_many(study: BagBatch, workers: int, scheduler: str | None = None) -> int:
-    """Analyse the bags that are not in the table yet; return how many could not be.
+    """Analyse the bags that are not in the table yet; return the number of failures.
 
-    Where a process has ended, others go on with what is left, as long as there is progress.
+    If a worker process dies, other processes continue with the remaining bags.
     """
     with Table(study, study.folder) as table:
         while missing := table.missing:
@@ -172,7 +172,7 @@ def analyse_many(study: BagBatch, workers: int, scheduler: str | None = None) ->
             except ChildProcessError as error:
                 if table.missing == missing:
                     raise
-                print(f'analyse_bag: {error}; others go on', file=sys.stderr)
+                print(f'analyse_bag: {error}; other processes continue', file=sys.stderr)
         table.finish()
     failed = [each for each in read_rows(table.path) if each['failure']]
     for each in failed:
@@ -191,11 +191,11 @@ def _fill(study: BagBatch, table: Table, pool: Pool) -> None:
 
 
 _MOST_DRAWN = 4000
-"""Frames that a picture shows at most, more than it has columns."""
+"""Largest number of frames in a picture; a picture has fewer columns."""
 
 
 class PictureFrames:
-    """Frames for the pictures, evenly thinned out so that any bag fits into memory."""
+    """Evenly selected frames for the pictures, so that any bag fits into memory."""
 
     def __init__(self, named: NamedChain) -> None:
         self._reader = FrameReader(named.joint_names, named.encoder_offsets)
@@ -203,7 +203,7 @@ class PictureFrames:
         self._kept: list[tuple[int, Array, tuple[AnalysedSoliton, ...]]] = []
 
     def add(self, joints: JointStates, analysis: Analysis) -> None:
-        """Keep a frame if it is one of those to be drawn."""
+        """Keep a frame if it is to be drawn."""
         if self._count % self._every == 0:
             self._kept.append((joints.stamp, self._reader.read(joints).angles, analysis.solitons))
             if len(self._kept) > _MOST_DRAWN:
@@ -227,7 +227,7 @@ def analyse(
     noise: float | None = None,
     limits: BagLimits = DEFAULT_LIMITS,
 ) -> int:
-    """Write soliton_state.csv, soliton_events.csv and two pictures; return how many frames."""
+    """Write soliton_state.csv, soliton_events.csv, two pictures; return the number of frames."""
     frames = late = 0
     with open_bag(bag, limits) as reader:
         total = find_topic(reader, 'joint_states').msgcount
@@ -254,14 +254,14 @@ def analyse(
     if not frames:
         raise ValueError(f'bag {str(bag)!r} has no frame that could be analysed')
     drawn.draw(named.chain, folder)
-    progress.end(f'{frames} frames of {bag} analyse_frames, {late} were late; see {folder}')
+    progress.end(f'{frames} frames of {bag} analysed, {late} late frames skipped; see {folder}')
     return frames
 
 
 def check_override(
     bag: Path, given: NamedChain, override: bool, limits: BagLimits = DEFAULT_LIMITS
 ) -> None:
-    """Say that a chain takes the place of the bag's own; ValueError unless that is wanted."""
+    """Report that a chain replaces the chain of the bag; ValueError without `override`."""
     with open_bag(bag, limits) as reader:
         try:
             own = read_chain(reader)
@@ -270,15 +270,15 @@ def check_override(
     changed = differences(given, own)
     if changed and not override:
         raise ValueError(
-            f'bag {str(bag)!r} has a chain of its own, in place of which --chain puts {changed}; '
-            'leave --chain out, or add --override if the bag is wrong'
+            f'--chain differs from the chain of bag {str(bag)!r}: {changed}; '
+            'omit --chain, or add --override if the chain of the bag is wrong'
         )
     if changed:
-        print(f'analyse_bag: in place of the chain of the bag {changed}', file=sys.stderr)
+        print(f'analyse_bag: --chain replaces the chain of the bag: {changed}', file=sys.stderr)
 
 
 def main(arguments: Sequence[str] | None = None) -> None:
-    """Analyse a bag; exit with 1 where that fails, 130 on Ctrl-C."""
+    """Analyse bags; exit with 1 after a failure, 130 after Ctrl-C."""
     options = _parser().parse(arguments)
     with exit_on_failure('analyse_bag'):
         try:
@@ -294,7 +294,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
                 failed = analyse_many(_many(options), options.workers, options.scheduler)
                 sys.exit(min(failed, 1))
         except KeyboardInterrupt:
-            print('\nanalyse_bag: stopped; the table holds the frames so far', file=sys.stderr)
+            print('\nanalyse_bag: stopped; the table contains the frames so far', file=sys.stderr)
             raise
 
 
@@ -308,14 +308,18 @@ def _many(options: argparse.Namespace) -> BagBatch:
 def _parser() -> PlainParser:
     parser = PlainParser(prog='analyse_bag', description=__doc__)
     parser.add_argument(
-        'bags', type=Path, nargs='+', metavar='bag', help='directory of a bag, as bags/flipper_0'
+        'bags',
+        type=Path,
+        nargs='+',
+        metavar='bag',
+        help='directory of a bag, such as bags/flipper_0',
     )
     parser.add_argument(
         '--output',
         type=Path,
         default=Path('out/analysis'),
-        help='folder for soliton_state.csv, soliton_events.csv, kymograph.png and track.png, or '
-        'for one folder a bag and bags.csv (%(default)s)',
+        help='folder for soliton_state.csv, soliton_events.csv, kymograph.png and track.png; for '
+        'several bags, one folder for each bag and bags.csv (%(default)s)',
     )
     parser.add_argument(
         '--chain',
@@ -324,12 +328,12 @@ def _parser() -> PlainParser:
         help='parameter file with chain.* in SI units, for a bag without the topic chain',
     )
     parser.add_argument(
-        '--override', action='store_true', help='let --chain replace a chain that the bag has'
+        '--override', action='store_true', help='let --chain replace the chain of the bag'
     )
     parser.add_argument(
         '--noise',
         type=_noise,
-        help="standard deviation of the encoders' noise [rad], above 0 and up to 1 (estimated)",
+        help='standard deviation of the encoder noise [rad], above 0 and at most 1 (estimated)',
     )
     add_limits(parser)
     where = parser.add_mutually_exclusive_group()
@@ -337,7 +341,7 @@ def _parser() -> PlainParser:
         '--workers',
         type=process_count,
         default=os.cpu_count() or 1,
-        help='processes for many bags (one a core)',
+        help='number of processes for several bags (one for each core)',
     )
     where.add_argument('--scheduler', help='address of a Dask cluster that shares the files')
     return parser
@@ -350,7 +354,6 @@ def _noise(text: str) -> float:
         noise = math.nan
     if not 0 < noise <= 1:
         raise argparse.ArgumentTypeError(
-            f'{text} is no noise of an encoder, which is above 0 and at most 1 rad; leave it out '
-            'to have it estimated'
+            f'noise {text.strip()} must be above 0 and at most 1 rad; omit it to have it estimated'
         )
     return noise

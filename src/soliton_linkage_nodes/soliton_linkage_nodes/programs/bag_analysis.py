@@ -32,17 +32,17 @@ from soliton_linkage_nodes.messages.joint_state_analysis import JointStateAnalys
 from soliton_linkage_nodes.runtime import interfaces
 from soliton_linkage_nodes.runtime.stamps import time_from_msg
 
-_MOST_TOLD = 3
-"""Messages of a topic that are refused, of which it is said why: a bag may be full of them."""
+_MAX_LINES = 3
+"""Largest number of lines about rejected messages of a topic."""
 
 
 def analyse_frames(
     reader: Reader, given: NamedChain | None = None, noise: float | None = None
 ) -> Iterator[tuple[JointStates, Analysis | None]]:
-    """Yield each frame of a bag with what it shows, None where it is late, as the live node does.
+    """Yield each frame of a bag with its analysis, None if it is late, as the live node does.
 
-    The chain is the given one or that of the bag. What is refused is passed over, with a word on
-    stderr of the first few. Raises ValueError where the bag has no frames, or no chain.
+    The chain is the given one, or the one in the bag. Rejected messages are skipped; the first few
+    are reported on stderr. Raises ValueError if the bag has no frames or no chain.
     """
     analysis = JointStateAnalysis(noise)
     joints = find_topic(reader, interfaces.JOINT_STATES.name)
@@ -55,17 +55,17 @@ def analyse_frames(
         analysis.set_chain(given)
     decode_joints = _decoder(joints)
     chain_decoders = {connection.id: decoder(connection) for connection in connections[1:]}
-    pushes = _beside(reader, joints, interfaces.DELIVERED_IMPULSES)
+    impulses = _beside(reader, joints, interfaces.DELIVERED_IMPULSES)
     deviations = _beside(reader, joints, interfaces.JOINT_STATE_DEVIATIONS)
     deviation_decoders = {each.id: _decoder(each) for each in deviations}
-    refusals: Counter[str] = Counter()
-    wanted = [*connections, *pushes, *deviations]
+    rejections: Counter[str] = Counter()
+    wanted = [*connections, *impulses, *deviations]
     for connection, _, serialized in read_messages(reader, wanted):
         if connection.id in chain_decoders:
             analysis.set_chain(chain_from_msg(chain_decoders[connection.id](serialized)))
             continue
         try:
-            if connection in pushes:
+            if connection in impulses:
                 analysis.add_impulses(serialized)
                 continue
             if connection.id in deviation_decoders:
@@ -75,24 +75,24 @@ def analyse_frames(
             found = analysis.analyse(frame)
         except ValueError as error:
             topic = connection.topic.rpartition('/')[2]
-            refusals[topic] += 1
-            if refusals[topic] <= _MOST_TOLD:
-                print(f'refused {topic}: {error}', file=sys.stderr)
+            rejections[topic] += 1
+            if rejections[topic] <= _MAX_LINES:
+                print(f'rejected {topic}: {error}', file=sys.stderr)
             continue
         yield frame, found
-    for topic, count in refusals.items():
-        if count > _MOST_TOLD:
-            print(f'refused {topic}: {count} in all', file=sys.stderr)
+    for topic, count in rejections.items():
+        if count > _MAX_LINES:
+            print(f'rejected {topic}: {count} in all', file=sys.stderr)
 
 
 def _beside(reader: Reader, joints: Connection, topic: interfaces.Topic) -> list[Connection]:
-    """Connections of a topic of the chain of joint states, where a bag has any."""
+    """Return the connections of a topic in the namespace of the joint states."""
     name = f'{joints.topic.rpartition("/")[0]}/{topic.name}'
     return [connection for connection in reader.connections if connection.topic == name]
 
 
 def _decoder(connection: Connection) -> Callable[[bytes], JointStates]:
-    """What decodes the joint states of a topic, whatever definition they were recorded with."""
+    """Return a decoder of the joint states of a topic, for any version of their definition."""
     if not is_older(connection):
         return JointStateDecoder().decode
     decode = decoder(connection)
@@ -100,7 +100,7 @@ def _decoder(connection: Connection) -> Callable[[bytes], JointStates]:
 
 
 def read_chain(reader: Reader) -> NamedChain:
-    """Return the last chain that a bag holds."""
+    """Return the last chain in a bag."""
     chains = [message for _, message in read_topic(reader, 'chain')]
     if not chains:
         raise ValueError(f'bag {str(reader.path)!r} has no message on the topic chain')

@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Calibrate a camera by pictures or a film of a chessboard, such as the last of print_markers.
+"""Calibrate a camera with pictures or a film of a chessboard, such as print_markers makes.
 
-Show the whole board in a dozen pictures, tilted differently in each, and in all parts of the
-picture. The file is that of camera_calibration in ROS, which camera drivers take too.
+Take a dozen pictures of the whole board, tilted differently in each, and in all parts of the
+picture. The file has the format of ROS's camera_calibration, which camera drivers read too.
 """
 
 from __future__ import annotations
@@ -24,11 +24,11 @@ from soliton_linkage_nodes.runtime.process import interrupt_on_signals
 
 _PICTURES = ('.jpg', '.jpeg', '.png', '.tif', '.tiff', '.bmp')
 _STRIDE = 10
-"""Of the pictures of a film, one in so many is looked at: to find the board takes 0.1 s."""
+"""Interval of the pictures that are used from a film, because finding the board takes 0.1 s."""
 _CORNERS = Quantity('inner corners', '', 2, 100)
-"""More than any board has [1]."""
+"""No board has more than 100 [1]."""
 _SQUARE = Quantity('side of a square', 'm', 1e-4, 10.0)
-"""From what microscopes see to walls [m]."""
+"""From a microscope's field of view to a wall [m]."""
 
 
 def main(arguments: Sequence[str] | None = None) -> None:
@@ -69,5 +69,5 @@ def _pictures(paths: Sequence[Path]) -> Iterator[Picture]:
             continue
         picture = cv2.imread(str(path))
         if picture is None:
-            raise ValueError(f'picture {str(path)!r} is not there or cannot be read')
+            raise ValueError(f'picture {str(path)!r} does not exist or cannot be read')
         yield np.asarray(picture)

@@ -20,25 +20,25 @@ from soliton_linkage_nodes.messages.conversions import NamedChain, chain_from_ms
 from soliton_linkage_nodes.messages.frame_reader import FrameReader
 from soliton_linkage_nodes.runtime import interfaces
 
-LEGEND = '/ leans right, \\ leans left, | is upright, ? is not seen, O is a soliton'
+LEGEND = '/ leans right, \\ leans left, | is upright, ? is missing, O is a soliton'
 _UPRIGHT = 1 / 3
-"""Part of the lean at rest below which a rotor is drawn upright [1]."""
+"""Displacement relative to the rest state below which a rotor is drawn upright [1]."""
 _FEWEST = 10
-"""Marks that are drawn however long the remark is."""
+"""Smallest number of marks, also beside a long remark."""
 
 
 class ChainLine:
-    """Draws the chain of the topics `chain` and `joint_states`, that of rotor 0 on the left."""
+    """Drawing of the chain of the topics `chain` and `joint_states`, with rotor 0 on the left."""
 
     def __init__(self, node: Node) -> None:
-        """Listen by a node, to encoders that send as best they can too."""
+        """Subscribe through a node, also to best-effort encoders."""
         self._node = node
         self._line = ProgressLine('', 0)
         self._chain: tuple[NamedChain, FrameReader] | None = None
         self._decoder = JointStateDecoder()
         self._serialized: bytes | None = None
-        self.heard_at = -math.inf
-        """When joint states came last, on the monotonic clock [s]."""
+        self.received_at = -math.inf
+        """Arrival time of the last joint states, on the monotonic clock [s]."""
         self._explained = False
         latest = QoSProfile(depth=1, reliability=ReliabilityPolicy.BEST_EFFORT)
         chain, joints = interfaces.CHAIN, interfaces.JOINT_STATES
@@ -51,20 +51,20 @@ class ChainLine:
 
     @property
     def missing(self) -> list[str]:
-        """Topics of which nothing has been heard."""
-        heard = {
+        """Topics without any message yet."""
+        received = {
             interfaces.CHAIN.name: self._chain,
             interfaces.JOINT_STATES.name: self._serialized,
         }
-        return [name for name, message in heard.items() if message is None]
+        return [name for name, message in received.items() if message is None]
 
     @property
     def spacing(self) -> float:
-        """Of the rotors [m], NaN where the chain is not known."""
+        """Spacing of the rotors [m], NaN if the chain is unknown."""
         return math.nan if self._chain is None else self._chain[0].chain.spacing
 
     def show(self, solitons: Sequence[float], remark: str) -> None:
-        """Draw the chain, with solitons at these rotors, and a remark, if that is due."""
+        """Draw the chain with solitons at these rotors and a remark, if a drawing is due."""
         if not self._line.due:
             return
         if self._chain is None or self._serialized is None:
@@ -79,7 +79,7 @@ class ChainLine:
         self._draw(named.chain, angles, solitons, remark)
 
     def end(self, remark: str = '') -> None:
-        """Replace the line by a last one, and listen no more."""
+        """Replace the line by a final one, and remove the subscriptions."""
         self._line.end(remark)
         for subscription in self._subscriptions:
             self._node.destroy_subscription(subscription)
@@ -89,9 +89,9 @@ class ChainLine:
         marks = drawn(np.sin(angles) / math.sin(chain.rest_angle), solitons, room)
         if not self._explained:
             self._explained = True
-            each = f'; {chain.number_of_rotors / len(marks):.3g} rotors a mark'
+            each = f'; {chain.number_of_rotors / len(marks):.3g} rotors per mark'
             self._line.note(
-                f'{chain.number_of_rotors} rotors from rotor 0 on: {LEGEND}'
+                f'{chain.number_of_rotors} rotors, rotor 0 first: {LEGEND}'
                 f'{each if len(marks) < chain.number_of_rotors else ""}'
             )
         self._line.show_text(f'[{marks}]  {remark}')
@@ -100,20 +100,20 @@ class ChainLine:
         try:
             named = chain_from_msg(message)
         except ValueError as error:
-            self._line.note(f'refused chain: {error}')
+            self._line.note(f'rejected chain: {error}')
             return
         self._chain = (named, FrameReader(named.joint_names))
         self._explained = False
 
     def _on_joint_states(self, serialized: Any) -> None:
-        self._serialized, self.heard_at = serialized, time.monotonic()
+        self._serialized, self.received_at = serialized, time.monotonic()
 
 
 def drawn(leans: Array, solitons: Sequence[float], room: int) -> str:
-    """A mark a rotor, or a mark for several where there is room for fewer.
+    """Return one mark for each rotor, or for several rotors if there is less room.
 
-    `leans` are sines of the angles, in units of that of the rest angle, shape (N,), NaN where
-    a rotor is not seen; solitons are at rotors, which need not be whole.
+    `leans` are sines of the angles over the sine of the rest angle, shape (N,), NaN for missing
+    rotors. `solitons` are site coordinates [rotor spacings].
     """
     shares = np.array_split(leans, min(room, len(leans)))
     marks = [_mark(share) for share in shares]

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Say whether a bag is whole, what it holds, and what was lost when it was recorded."""
+"""Report whether a bag is complete, its content, and the losses during recording."""
 
 from __future__ import annotations
 
@@ -18,14 +18,14 @@ from soliton_linkage_nodes.programs.command_line import (
 )
 
 _DAMAGE = 'damage'
-"""Text of a bag that was recovered of another, with what was wrong with that."""
+"""Key of the custom data of a recovered bag that describes the damage of the original."""
 
 
 def main() -> None:
-    """Check a bag; the exit code is 1 where it is damaged or messages were lost."""
+    """Check a bag; exit with 1 if it is damaged or messages were lost."""
     parser = PlainParser(
         prog='check_bag',
-        description=f'{__doc__} The exit code is 1 where it is damaged or messages were lost.',
+        description=f'{__doc__} The exit code is 1 if it is damaged or messages were lost.',
     )
     parser.add_argument('bag', type=Path, help='directory of the bag, or one file of it')
     add_limits(parser)
@@ -55,25 +55,25 @@ def _lines(report: BagReport) -> Iterator[str]:
         if key in report.custom_data:
             yield f'{key.replace("_", " ")}: {report.custom_data[key]}'
     if report.unverified:
-        yield f'{report.unverified} messages have no checksum: changes in them go unnoticed'
+        yield f'{report.unverified} messages have no checksum: changes are not detected'
     yield _losses(report, sum(lost.values()))
     yield from report.damage
     if report.damage:
-        yield f'damaged; recover_bag {report.path} makes a whole bag of what is intact'
+        yield f'damaged; recover_bag {report.path} writes the intact messages to a new bag'
     else:
-        yield 'whole'
+        yield 'complete'
 
 
 def _losses(report: BagReport, when_recorded: int) -> str:
-    """What is not in the bag, be it that it was never recorded or that damage took it."""
+    """Describe the messages that were lost during recording or by damage."""
     known = 'lost_messages' in report.custom_data
-    recorded = f'{when_recorded or "nothing"}' if known else 'not known'
+    recorded = f'{when_recorded or "nothing"}' if known else 'unknown'
     if _DAMAGE not in report.custom_data:
         return f'lost when recorded: {recorded}'
     count = parse_count(report.custom_data.get('lost_in_damage'))
     damage = report.custom_data[_DAMAGE]
     return (
-        f'lost before it was recovered: {count or "an unknown number"} ({damage}); '
+        f'lost by damage before recovery: {count or "an unknown number"} ({damage}); '
         f'when recorded: {recorded}'
     )
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The command line of a program, and its end: what is wrong is said in one line."""
+"""Command line of a program, and its end after an error, with one line."""
 
 from __future__ import annotations
 
@@ -18,13 +18,13 @@ from soliton_linkage.linkage.quantities import Quantity, described_fields
 from soliton_linkage_nodes.bags.guards import BagLimits
 from soliton_linkage_nodes.start import INTERRUPTED
 
-_PLACE_IN_ROS = re.compile(r', at /\S+:\d+')
+_SOURCE_LOCATION = re.compile(r', at /\S+:\d+')
 
 
 def parse_own_arguments(
     parser: PlainParser, arguments: Sequence[str] | None = None
 ) -> argparse.Namespace:
-    """Return the options that are given beside the arguments of ROS."""
+    """Return the options of the program, without the arguments of ROS."""
     try:
         own = remove_ros_args(sys.argv[1:] if arguments is None else arguments)
     except RuntimeError as error:
@@ -33,7 +33,7 @@ def parse_own_arguments(
 
 
 def number(described: Quantity, kind: type[float] = float) -> Callable[[str], float]:
-    """Return what reads a number of an argument and refuses what the quantity cannot be."""
+    """Return a parser of a number that rejects values outside the range of the quantity."""
 
     def read(text: str) -> float:
         try:
@@ -49,21 +49,23 @@ def number(described: Quantity, kind: type[float] = float) -> Callable[[str], fl
 
 
 def reason(error: Exception) -> str:
-    """What an error says to a person, in one line where it is one of files or of ROS."""
+    """Return the text of an error; errors of files and of ROS become one line."""
     if isinstance(error, OSError) and error.filename is not None and error.strerror:
         return f'{error.filename}: {error.strerror}'
-    return _PLACE_IN_ROS.sub('', str(error))
+    return _SOURCE_LOCATION.sub('', str(error))
 
 
 @contextmanager
 def exit_on_failure(program: str) -> Iterator[None]:
-    """End the program with one line and 1 where it fails of what it was given, 130 on Ctrl-C."""
+    """Exit with one line and 1 after an error, with 130 after Ctrl-C."""
     try:
         yield
     except KeyboardInterrupt:
         sys.exit(INTERRUPTED)
+    except BrokenPipeError:
+        raise
     except (OSError, RuntimeError, ValueError) as error:
-        # In a terminal a line of progress may be standing there.
+        # A terminal may still show a progress line.
         line = '\r\x1b[K' if sys.stderr.isatty() else ''
         sys.exit(f'{line}{program}: {reason(error)}')
 
@@ -81,6 +83,6 @@ def add_limits(parser: argparse.ArgumentParser) -> None:
 
 
 def limits_of(options: argparse.Namespace) -> BagLimits:
-    """Limits that were given."""
+    """Return the limits of the options."""
     names = [each.name for each in dataclasses.fields(BagLimits)]
     return BagLimits(**{name: getattr(options, name) for name in names})

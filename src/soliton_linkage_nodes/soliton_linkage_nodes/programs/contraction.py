@@ -2,7 +2,7 @@
 """Lorentz contraction measured by the analyser alone, from bags of walls at a dozen speeds.
 
 Each wall is nudged into a simulated chain with noisy encoders and recorded by the nodes; the
-bags are then analyse_frames, and speeds and widths drawn and set beside theory.
+bags are then analysed, and speeds and widths are compared with theory.
 """
 
 from __future__ import annotations
@@ -46,7 +46,7 @@ _RATE = 250.0
 _SECONDS = 6.0
 """Duration of a recording [s]."""
 _WAY = 0.8
-"""Duration over that of the study's simulation: a recording ends before the far edge [1]."""
+"""Duration over that of the simulation, so that recordings end before the far edge [1]."""
 _POLL_INTERVAL = 0.1
 """Poll interval while the nudge is sent [s]."""
 _UNLIMITED = 1e6
@@ -111,12 +111,12 @@ def measure(bag: Path) -> ContractedWall:
 def main(arguments: Sequence[str] | None = None) -> None:
     """Record, measure and draw; exit with 1 if that fails, 130 on Ctrl-C."""
     parser = PlainParser(prog='contraction', description=__doc__)
-    settings = 'settings, as config/studies/accuracy.yaml [those that came with the suite]'
+    settings = 'settings, such as config/studies/accuracy.yaml (those of the suite)'
     default = installed_settings('accuracy')
     parser.add_argument('config', type=Path, nargs='?', default=default, help=settings)
     output = 'folder for the bags, the table and the picture (%(default)s)'
     parser.add_argument('--output', type=Path, default=Path('out/contraction'), help=output)
-    parser.add_argument('--quick', action='store_true', help='every fourth wall, to try it out')
+    parser.add_argument('--quick', action='store_true', help='every fourth wall only')
     options = parser.parse(arguments)
     stopping = stop_on_signals()
     with exit_on_failure('contraction'):
@@ -158,7 +158,7 @@ def _measured(
         try:
             passages.append(measured(number, kick))
         except (RuntimeError, ValueError) as error:
-            print(f'\ncontraction: {which}, is recorded once more, for {error}', file=sys.stderr)
+            print(f'\ncontraction: {which}, is recorded again, because: {error}', file=sys.stderr)
             passages.append(measured(number, kick))
     progress.end(f'{len(runs)} walls recorded and measured')
     return passages

@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
-"""See the angles of a chain in a film, and write them into a bag that analyse_bag takes.
+"""Measure the angles of a chain in a film, and write them to a bag for analyse_bag.
 
 The bag has the topics chain, joint_states and joint_state_deviations: the standard deviation of
-each angle. The stamps are those of the film, which may have any rate of pictures. With --overlay
-it also writes the film with the markers that were found and the walls drawn over it.
+each angle. The stamps come from the film, which may have any frame rate. With --overlay it also
+writes the film with the detected markers and the walls.
 """
 
 from __future__ import annotations
@@ -55,7 +55,7 @@ from soliton_linkage_nodes.runtime.stamps import SECOND, time_to_msg
 from soliton_linkage_nodes.start import INTERRUPTED
 
 _OVERLAY_QUALITY = 23
-"""Quality of H.264 [1]: that of players."""
+"""Quality of H.264 [1], the default of encoders for players."""
 
 
 class FilmSummary(NamedTuple):
@@ -75,9 +75,9 @@ class FilmSummary(NamedTuple):
 
 
 def film_to_bag(
-    footage: Video,
+    video: Video,
     named: NamedChain,
-    sight: CameraMeasurement,
+    measurement: CameraMeasurement,
     output: Path,
     overlay: Path | None = None,
     stopping: threading.Event | None = None,
@@ -90,18 +90,18 @@ def film_to_bag(
     seen: list[tuple[float, float]] = []
     last, ended_by = 'it has no pictures', ''
     failure: ValueError | None = None
-    progress = ProgressLine('seeing', footage.frames)
+    progress = ProgressLine('measuring', video.frames)
 
-    def looked() -> Iterator[tuple[TimedPicture, CameraReading]]:
+    def measured() -> Iterator[tuple[TimedPicture, CameraReading]]:
         nonlocal last, ended_by, failure
-        start = round(footage.start * SECOND)
+        start = round(video.start * SECOND)
         try:
-            for count, taken in enumerate(footage.pictures, start=1):
+            for count, taken in enumerate(video.pictures, start=1):
                 if stopping is not None and stopping.is_set():
                     ended_by = 'a signal'
                     return
-                shown = sight.measure(start + round(taken.time * SECOND), taken.picture)
-                last = describe_reading(sight, shown)
+                shown = measurement.measure(start + round(taken.time * SECOND), taken.picture)
+                last = describe_reading(measurement, shown)
                 progress.show(count, f'{count} pictures, {last}')
                 if shown.frame.seen:
                     bag.write(shown)
@@ -113,10 +113,10 @@ def film_to_bag(
 
     try:
         if overlay is None:
-            deque(looked(), maxlen=0)
+            deque(measured(), maxlen=0)
         else:
             overlay.parent.mkdir(parents=True, exist_ok=True)
-            write_video(overlay, _drawn(looked(), named), _OVERLAY_QUALITY)
+            write_video(overlay, _drawn(measured(), named), _OVERLAY_QUALITY)
     finally:
         progress.clear()
         bag.close(ended_by)
@@ -127,11 +127,11 @@ def film_to_bag(
 
 
 def _drawn(
-    looked: Iterable[tuple[TimedPicture, CameraReading]], named: NamedChain
+    measured: Iterable[tuple[TimedPicture, CameraReading]], named: NamedChain
 ) -> Iterator[TimedPicture]:
     """Yield pictures with their measurement and the walls of the frames so far."""
     analyser = Analyser(named.chain)
-    for taken, seen in looked:
+    for taken, seen in measured:
         walls = []
         if seen.frame.seen:
             frame = seen.frame
@@ -176,9 +176,9 @@ class _AngleBag:
 
 
 def main(arguments: Sequence[str] | None = None) -> None:
-    """See the angles of a film; exit with 1 where that fails, 130 on Ctrl-C.
+    """Measure the angles of a film; exit with 1 after a failure, 130 after Ctrl-C.
 
-    To a camera Ctrl-C is the end.
+    For a camera, Ctrl-C is the normal end.
     """
     options = _parser().parse(arguments)
     with exit_on_failure('film_encoders'):
@@ -186,26 +186,26 @@ def main(arguments: Sequence[str] | None = None) -> None:
         named = chain_of_file(options.chain)
         lens = read_camera(options.camera_info) if options.camera_info else None
         parameters = CameraParameters(options.row_time, options.exposure, not options.unmarked)
-        sight = CameraMeasurement(
+        measurement = CameraMeasurement(
             named, markers_of_file(options.markers or options.chain), parameters, lens
         )
-        account = film_to_bag(
-            _footage(options), named, sight, options.output, options.overlay, stopping
+        result = film_to_bag(
+            _video(options), named, measurement, options.output, options.overlay, stopping
         )
-        told = f' --chain {options.chain}' if named.encoder_offsets else ''
+        option = f' --chain {options.chain}' if named.encoder_offsets else ''
         print(
-            f'{account.pictures} pictures, in which {account.shares:.1%} of the rotors are seen '
-            f'to {1e3 * account.deviation:.2g} mrad; {account.last}\n{account.bag} has the '
-            f'angles: analyse_bag {account.bag}{told}',
+            f'{result.pictures} pictures, with {result.shares:.1%} of the rotors visible, to '
+            f'{1e3 * result.deviation:.2g} mrad; {result.last}\n{result.bag} has the '
+            f'angles: analyse_bag {result.bag}{option}',
             file=sys.stderr,
         )
         if stopping.is_set():
             sys.exit(INTERRUPTED if options.camera is None else 0)
-        if account.ended_by:
-            raise ValueError(account.ended_by)
+        if result.ended_by:
+            raise ValueError(result.ended_by)
 
 
-def _footage(options: argparse.Namespace) -> Video:
+def _video(options: argparse.Namespace) -> Video:
     if options.camera is None:
         return read_video(options.film)
     return Video(time.time(), 0, capture_camera(options.camera))
@@ -229,8 +229,8 @@ def _parser() -> PlainParser:
         '--markers',
         type=Path,
         metavar='FILE',
-        help='parameter file that the markers were printed for, where --chain is another one, as '
-        'of identify_chain',
+        help='parameter file with which the markers were printed, if --chain is another one, '
+        'such as a file of identify_chain',
     )
     parser.add_argument(
         '--overlay', type=Path, metavar='FILM', help='film to write, such as out/overlay.mp4'
@@ -239,7 +239,10 @@ def _parser() -> PlainParser:
         '--camera-info', type=Path, metavar='FILE', help='calibration by calibrate_camera'
     )
     parser.add_argument(
-        '--output', type=Path, default=Path('out/film'), help='bag, to which _0 is added'
+        '--output',
+        type=Path,
+        default=Path('out/film'),
+        help='path of the bag; _0 is appended (%(default)s)',
     )
     quantities = described_fields(CameraParameters)
     for name in ('row_time', 'exposure'):
@@ -253,6 +256,6 @@ def _parser() -> PlainParser:
     parser.add_argument(
         '--unmarked',
         action='store_true',
-        help='the rotors wear no markers: they are dark on a light ground, and do not touch',
+        help='the rotors have no markers; they are dark on a light background and do not touch',
     )
     return parser

@@ -1,9 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Identify the chain of a bag in which a soliton has passed: every length with its deviation.
+"""Identify the chain of a bag in which a soliton has passed: each length with its deviation.
 
-Of several bags all tell of one chain, with the same encoders, as where it is tilted otherwise.
-Writes chain.yaml, which every node takes, lengths.csv, and a report page with the residuals of
-each bond.
+Several bags must show the same chain with the same encoders, for example at different tilts.
+Writes chain.yaml for all nodes, lengths.csv, and a report with the residuals of each bond.
 """
 
 from __future__ import annotations
@@ -48,51 +47,51 @@ from soliton_linkage_studies.identification_report import save_report
 
 @dataclass(frozen=True)
 class IdentificationOptions:
-    """What angles do not tell."""
+    """Information that the angles do not contain."""
 
     spacing: float | None = None
-    """Mean distance of neighbouring pivots [m]; None for that of the chain that is told."""
+    """Mean distance of neighbouring pivots [m]; None for the spacing of the given chain."""
     tolerance: float | None = None
-    """Standard deviation by which lengths of one kind differ [1], None to have it learnt."""
+    """Standard deviation by which lengths of one kind differ [1], None to estimate it."""
     span: tuple[float, float] = (0.0, math.inf)
-    """Times from the first frame on between which frames count [s]."""
+    """First and last time of the frames to use, from the first frame [s]."""
     gravity: float = 0.0
-    """In the plane of the chain [m/s^2]."""
+    """Gravity in the plane of the chain [m/s^2]."""
     tilts: tuple[float, ...] = ()
-    """Of each bag at its begin [rad], none for 0."""
+    """Tilt of the chain at the start of each bag [rad]; empty for 0."""
 
 
 def identify_bags(
     bags: Sequence[Path],
     folder: Path,
     given: NamedChain | None = None,
-    circumstances: IdentificationOptions = IdentificationOptions(),
+    assumptions: IdentificationOptions = IdentificationOptions(),
     limits: BagLimits = DEFAULT_LIMITS,
 ) -> Identification:
-    """Write chain.yaml, lengths.csv and identification.png and .pdf; return what was found."""
-    spacing = circumstances.spacing
+    """Write chain.yaml, lengths.csv and identification.png and .pdf; return the result."""
+    spacing = assumptions.spacing
     recordings = []
     told = given
-    for bag, tilt in _tilted(bags, circumstances.tilts):
+    for bag, tilt in _tilted(bags, assumptions.tilts):
         with open_bag(bag, limits) as reader:
-            told = told or _told(reader)
-            record = read_joints(reader, told, circumstances.span)
-        recordings.append(record.readings(Gravity(circumstances.gravity, tilt)))
+            told = told or _recorded_chain(reader)
+            record = read_joints(reader, told, assumptions.span)
+        recordings.append(record.readings(Gravity(assumptions.gravity, tilt)))
     chain = Chain() if told is None else told.chain
     known = not (spacing is None and told is None)
     if spacing is not None:
         chain = dataclasses.replace(chain, spacing=spacing)
-    elif not known and not circumstances.gravity:
+    elif not known and not assumptions.gravity:
         print(
-            'identify_chain: angles do not tell the scale of a chain; all lengths are for a mean '
-            f'spacing of {chain.spacing:g} m, unless --spacing says otherwise',
+            'identify_chain: angles do not determine the scale of a chain; lengths assume a mean '
+            f'spacing of {chain.spacing:g} m; give the true one with --spacing',
             file=sys.stderr,
         )
     readings = join_recordings(recordings)
     frames, rotors = readings.angles.shape
     progress = ProgressLine('identifying', 0)
     progress.show(0, f'{frames} frames of {rotors} rotors')
-    found = identify(readings, chain, circumstances.tolerance, known)
+    found = identify(readings, chain, assumptions.tolerance, known)
     folder.mkdir(parents=True, exist_ok=True)
     names = ', '.join(bag.name for bag in bags)
     write_parameters(found, readings.joints, names, folder / 'chain.yaml')
@@ -103,12 +102,12 @@ def identify_bags(
 
 
 def main(arguments: Sequence[str] | None = None) -> None:
-    """Identify the chain of bags; exit with 1 where that fails, 130 on Ctrl-C."""
+    """Identify the chain of bags; exit with 1 after a failure, 130 after Ctrl-C."""
     options = _parser().parse(arguments)
     with exit_on_failure('identify_chain'):
         interrupt_on_signals()
         given = chain_of_file(options.chain) if options.chain else None
-        circumstances = IdentificationOptions(
+        assumptions = IdentificationOptions(
             options.spacing,
             options.tolerance,
             (options.begin, options.end),
@@ -117,9 +116,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
         )
         print(
             summary(
-                identify_bags(
-                    options.bags, options.output, given, circumstances, limits_of(options)
-                )
+                identify_bags(options.bags, options.output, given, assumptions, limits_of(options))
             )
         )
 
@@ -127,12 +124,12 @@ def main(arguments: Sequence[str] | None = None) -> None:
 def _tilted(bags: Sequence[Path], tilts: Sequence[float]) -> Iterator[tuple[Path, float]]:
     if tilts and len(tilts) != len(bags):
         raise ValueError(
-            f'--tilt has {len(tilts)} values for {len(bags)} bags; give one a bag, or none'
+            f'--tilt has {len(tilts)} values for {len(bags)} bags; give one for each bag, or none'
         )
     return zip(bags, tilts or [0.0] * len(bags), strict=True)
 
 
-def _told(reader: Reader) -> NamedChain | None:
+def _recorded_chain(reader: Reader) -> NamedChain | None:
     try:
         return read_chain(reader)
     except ValueError:
@@ -142,7 +139,11 @@ def _told(reader: Reader) -> NamedChain | None:
 def _parser() -> PlainParser:
     parser = PlainParser(prog='identify_chain', description=__doc__)
     parser.add_argument(
-        'bags', type=Path, nargs='+', metavar='bag', help='directory of a bag, as bags/flipper_0'
+        'bags',
+        type=Path,
+        nargs='+',
+        metavar='bag',
+        help='directory of a bag, such as bags/flipper_0',
     )
     parser.add_argument(
         '--output',
@@ -155,21 +156,21 @@ def _parser() -> PlainParser:
         type=Path,
         metavar='FILE',
         help='parameter file with the names of the joints, chain.spacing, chain.mass, ..., in '
-        "place of the bag's topic chain; its other lengths do not count",
+        'place of the topic chain of the bag; its other lengths are ignored',
     )
-    _add_circumstances(parser)
+    _add_assumptions(parser)
     _add_span(parser)
     add_limits(parser)
     return parser
 
 
-def _add_circumstances(parser: PlainParser) -> None:
-    """What angles do not tell."""
+def _add_assumptions(parser: PlainParser) -> None:
+    """Add options for information that the angles do not contain."""
     parser.add_argument(
         '--spacing',
         type=number(described_fields(Chain)['spacing']),
         metavar='METRES',
-        help='mean distance of neighbouring pivots [m], which only gravity tells',
+        help='mean distance of neighbouring pivots [m]; without it, gravity determines the scale',
     )
     fields = described_fields(Gravity)
     parser.add_argument(
@@ -177,8 +178,7 @@ def _add_circumstances(parser: PlainParser) -> None:
         type=number(fields['acceleration']),
         default=0.0,
         metavar='ACCELERATION',
-        help='of free masses in the plane of the chain [m/s^2], 9.81 where it stands upright '
-        '(%(default)s)',
+        help='gravity in the plane of the chain [m/s^2], 9.81 if it stands upright (%(default)s)',
     )
     parser.add_argument(
         '--tilt',
@@ -186,48 +186,49 @@ def _add_circumstances(parser: PlainParser) -> None:
         nargs='+',
         default=[],
         metavar='RADIANS',
-        help='of the chain in each bag, above 0 where the last rotor is the lower end [rad] (0, '
-        'then as the topic tilt says)',
+        help='tilt of the chain in each bag, positive if the last rotor is lower [rad] (0, then '
+        'the topic tilt)',
     )
     parser.add_argument(
         '--tolerance',
         type=number(Quantity('tolerance', '', 1e-4, 1.0)),
         metavar='FRACTION',
-        help='standard deviation by which lengths of one kind differ from each other [1] (learnt '
-        'from the angles)',
+        help='standard deviation by which lengths of one kind differ from each other [1] '
+        '(estimated from the angles)',
     )
 
 
 def _add_span(parser: PlainParser) -> None:
-    """Which frames count."""
+    """Add options for the frames to use."""
     time = Quantity('time', 's', 0.0)
     parser.add_argument(
         '--begin',
         type=number(time),
         default=0.0,
         metavar='SECONDS',
-        help='time from the first frame on from which frames count, as after a kick by hand [s] '
-        '(%(default)s)',
+        help='time of the first frame to use, for example after a kick by hand [s] (%(default)s)',
     )
     parser.add_argument(
         '--end',
         type=number(time),
         default=math.inf,
         metavar='SECONDS',
-        help='time until which frames count [s] (%(default)s)',
+        help='time of the last frame to use [s] (%(default)s)',
     )
 
 
 _FEWEST_FRAMES = 50
-"""That are looked at [1]: a wall passes a rotor or two in them."""
+"""Smallest number of frames [1]: a wall passes a rotor or two in them."""
 _MOST_FRAMES = 8000
 """Frames that are adjusted together [1]: bars of 40 rotors take some ten seconds."""
 
 
-def read_joints(reader: Reader, told: NamedChain | None, span: tuple[float, float]) -> JointRecord:
-    """Angles, their standard deviations, pushes and tilts, in the order of a chain's joints.
+def read_joints(
+    reader: Reader, known: NamedChain | None, span: tuple[float, float]
+) -> JointRecord:
+    """Read angles, standard deviations, impulses and tilts, in the order of the joints of a chain.
 
-    Frames count in a span of times from the first on [s].
+    `span` contains the first and last time of the frames to use, from the first frame [s].
     """
     joints = find_topic(reader, 'joint_states')
     others = {
@@ -248,7 +249,7 @@ def read_joints(reader: Reader, told: NamedChain | None, span: tuple[float, floa
     decoders = {connection.topic: decoder(connection) for connection in wanted}
     progress = ProgressLine('reading', joints.msgcount)
     watch = EncoderMonitor(lambda line: print(f'identify_chain: {line}', file=sys.stderr))
-    record = JointRecord(told.joint_names if told else (), _MOST_FRAMES)
+    record = JointRecord(known.joint_names if known else (), _MOST_FRAMES)
     first = None
     for connection, received, serialized in read_messages(reader, wanted):
         message = decoders[connection.topic](serialized)
@@ -273,11 +274,11 @@ def read_joints(reader: Reader, told: NamedChain | None, span: tuple[float, floa
     if len(record) < _FEWEST_FRAMES:
         raise ValueError(
             f'{len(record)} of {joints.msgcount} frames lie between --begin {span[0]:g} s and '
-            f'--end {span[1]:g} s, which is too few to identify a chain; leave them out'
+            f'--end {span[1]:g} s, too few to identify a chain; omit these options'
         )
-    if left_out := record.frames - len(record):
+    if unused := record.frames - len(record):
         print(
-            f'identify_chain: {left_out} of {record.frames} frames are not used, mostly with all '
+            f'identify_chain: {unused} of {record.frames} frames are not used, mostly with all '
             'rotors at rest and none near impulses; select a part of the recording by --begin and '
             '--end to use more of its frames',
             file=sys.stderr,
@@ -286,7 +287,7 @@ def read_joints(reader: Reader, told: NamedChain | None, span: tuple[float, floa
 
 
 _WORST = 3
-"""Number of bonds that are named [1]."""
+"""Number of bonds in the summary [1]."""
 
 
 def write_lengths(found: Identification, path: Path) -> None:
@@ -336,7 +337,7 @@ def summary(found: Identification) -> str:
 
 
 def _forces(found: Identification) -> Iterator[str]:
-    """Yield the results for springs, drag and masses, and what was not determined."""
+    """Yield the results for springs, drag and masses, and the undetermined quantities."""
     chain = found.chain
     springs, masses = ('stiffness' in found.deviations, 'mass' in found.deviations)
     if springs:

@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
-"""One move of the soliton, shown on its way; for shells without `ros2 action` as well.
+"""Move the soliton to a rotor and show its way; needs no `ros2 action`.
 
-It asks soliton_steering by the action move_soliton, and ends when the soliton is there, or with
-exit code 1 when it cannot come there. Ctrl-C stops the soliton where it is.
+The program sends a goal of the action move_soliton to soliton_steering. It ends when the soliton
+has arrived, or with exit code 1 if it cannot arrive. Ctrl-C stops the soliton where it is.
 """
 
 from __future__ import annotations
@@ -31,48 +31,47 @@ from soliton_linkage_nodes.runtime.guarded import ACTION_QOS
 from soliton_linkage_nodes.runtime.process import WaitingNode, initialise, stop_on_signals
 from soliton_linkage_nodes.start import INTERRUPTED
 
-_ROTOR = Quantity('where to, from rotor 0', 'rotor spacings')
-_SPEED = Quantity('largest speed on the way', 'rotor spacings/s', minimum=0.0)
-"""Its direction is that of the way; 0 leaves it to the steering."""
+_ROTOR = Quantity('destination, counted from rotor 0', 'rotor spacings')
+_SPEED = Quantity('largest speed of the move', 'rotor spacings/s', minimum=0.0)
+"""The steering chooses the speed if this is 0."""
 _LONGEST_WAIT = 5.0
-"""For a steering that runs to be found and to take a goal, with room for a busy machine [s]."""
+"""Time limit for finding the steering and for its acceptance of the goal [s]."""
 _LONGEST_SILENCE = 3.0
-"""Of a steering that has a goal and is alive [s]: it speaks ten times a second."""
-_LAST_WORDS = 0.3
-"""For a move that is cancelled to end, before that is left to the steering [s]: nobody who
-pressed Ctrl-C waits longer."""
+"""Time without feedback after which the steering counts as stopped [s]; it sends ten a second."""
+_CANCEL_TIME = 0.3
+"""Time to wait for the end of a cancelled move [s], short because the user pressed Ctrl-C."""
 
 
 class MoveClient(WaitingNode):
-    """Sends one goal, shows the way, and cancels it when it is interrupted."""
+    """Client that sends one goal, shows the progress, and cancels the goal if interrupted."""
 
     def __init__(self, stopping: threading.Event, **kwargs: Any) -> None:
         """Connect to the action; `stopping` is set to interrupt."""
         super().__init__('move_soliton', stopping, **kwargs)
         self._client = ActionClient(self, MoveSoliton, interfaces.MOVE_SOLITON, **ACTION_QOS)
         self._line = ChainLine(self)
-        self._heard_at = math.inf
+        self._received_at = math.inf
 
     def move(self, rotor: float, speed: float) -> MoveSoliton.Result:
-        """Return how it ended.
+        """Move the soliton and return the result.
 
-        Raises ValueError where nobody serves the action or no longer does, and KeyboardInterrupt
-        where it is interrupted and does not end soon.
+        Raises ValueError if the action server is missing or disappears, and KeyboardInterrupt if
+        the move is interrupted and does not end soon.
         """
         self._until(
             self._client.server_is_ready,
-            f'nothing serves {interfaces.MOVE_SOLITON} after {_LONGEST_WAIT:g} s; '
+            f'no node offers the action {interfaces.MOVE_SOLITON} after {_LONGEST_WAIT:g} s; '
             'start soliton_steering first',
         )
         goal = MoveSoliton.Goal(rotor=rotor, speed=speed)
         sent = self._client.send_goal_async(goal, feedback_callback=self._on_feedback)
-        self._until(sent.done, 'soliton_steering does not take the goal; see its log')
-        self._heard_at = time.monotonic()
+        self._until(sent.done, 'soliton_steering did not answer the goal; see its log')
+        self._received_at = time.monotonic()
         handle = sent.result()
         ended = handle.get_result_async()
         if not self.wait(lambda: ended.done() or self._loss(), math.inf):
             handle.cancel_goal_async()
-            self.wait_uninterrupted(ended.done, _LAST_WORDS)
+            self.wait_uninterrupted(ended.done, _CANCEL_TIME)
         if ended.done():
             result: MoveSoliton.Result = ended.result().result
             self._line.end(result.message)
@@ -81,25 +80,27 @@ class MoveClient(WaitingNode):
         if self.stopping.is_set():
             self._line.end(f'cancelled; {loss or "soliton_steering brings the soliton to rest"}')
             raise KeyboardInterrupt
-        self._line.end('the move is given up')
+        self._line.end('the move was aborted')
         raise ValueError(loss)
 
     def destroy_node(self) -> None:
-        """Leave the graph, and the action."""
+        """Destroy the action client and the node."""
         self._client.destroy()
         super().destroy_node()
 
     def _loss(self) -> str:
-        """What is wrong with a steering that is gone."""
+        """Describe a lost steering node; empty if it is alive."""
         if not self._client.server_is_ready():
-            return 'soliton_steering is gone'
-        silence = time.monotonic() - self._heard_at
+            return 'soliton_steering has stopped'
+        silence = time.monotonic() - self._received_at
         if silence < _LONGEST_SILENCE:
             return ''
-        return f'soliton_steering has said nothing for {silence:.0f} s, it is gone or stuck'
+        return (
+            f'no feedback from soliton_steering for {silence:.0f} s; it has stopped or is blocked'
+        )
 
     def _on_feedback(self, message: Any) -> None:
-        self._heard_at = time.monotonic()
+        self._received_at = time.monotonic()
         on_the_way: MoveSoliton.Feedback = message.feedback
         self._line.show([on_the_way.rotor], progress_of(on_the_way))
 
@@ -111,14 +112,14 @@ class MoveClient(WaitingNode):
 
 
 def progress_of(on_the_way: MoveSoliton.Feedback) -> str:
-    """Where the wall is, and what runs in phonons where rates tell that."""
-    said = f'rotor {on_the_way.rotor:5.1f}  {on_the_way.speed:+6.2f} rotors/s'
+    """Return the position and speed of the wall, and the energy of phonons if it is known."""
+    text = f'rotor {on_the_way.rotor:5.1f}  {on_the_way.speed:+6.2f} rotors/s'
     phonons = on_the_way.phonon_energy
-    return f'{said}  {phonons:.1e} J in phonons' if math.isfinite(phonons) else said
+    return f'{text}  {phonons:.1e} J in phonons' if math.isfinite(phonons) else text
 
 
 def main() -> None:
-    """Carry the soliton where the command line says."""
+    """Move the soliton as the command line specifies."""
     options = parse_own_arguments(_parser())
     stopping = stop_on_signals()
     try:
@@ -134,13 +135,15 @@ def main() -> None:
 
 def _parser() -> PlainParser:
     parser = PlainParser(
-        prog='move_soliton', description=__doc__, epilog=f'In the picture of the chain {LEGEND}.'
+        prog='move_soliton',
+        description=__doc__,
+        epilog=f'Marks in the picture of the chain: {LEGEND}.',
     )
     parser.add_argument('rotor', type=number(_ROTOR), help=f'{_ROTOR.description} [{_ROTOR.unit}]')
     parser.add_argument(
         '--speed',
         type=number(_SPEED),
         default=0.0,
-        help=f'{_SPEED.description}, 0 to leave it to the steering [{_SPEED.unit}] (%(default)g)',
+        help=f'{_SPEED.description}, 0 for automatic [{_SPEED.unit}] (%(default)g)',
     )
     return parser

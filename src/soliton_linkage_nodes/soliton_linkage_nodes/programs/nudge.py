@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
-"""One nudge of the edge, and what became of it; for shells without `ros2 topic pub` as well.
+"""Nudge an edge of the chain and print the result; needs no `ros2 topic pub`.
 
-It waits for the edge actuator, nudges the chain on the topic nudge, and says what the actuator
-answers on last_kick, or why there is no answer.
+The program waits for the edge actuator, publishes on the topic nudge, and prints the answer of
+the actuator on last_kick, or the reason why there is none.
 """
 
 from __future__ import annotations
@@ -31,21 +31,21 @@ from soliton_linkage_nodes.start import INTERRUPTED
 
 _SPEED = Quantity('speed of the kick along the zero mode; the sign is its direction', 'rad/s')
 _TIMEOUT = Quantity('longest wait, for the actuator and then for its answer', 's', 0.0, 3600.0)
-"""No person waits for longer than an hour."""
-_SUBSCRIBERS = Quantity('listeners to wait for', minimum=1)
-"""The actuator is one."""
+"""At most an hour."""
+_SUBSCRIBERS = Quantity('number of subscribers to wait for', minimum=1)
+"""The actuator is one of them."""
 _LONGEST_WAIT = 5.0
-"""For an actuator that runs to be found, and to answer, with room for a busy machine [s]."""
-_TIME_TO_MEET_ANOTHER = 1.0
-"""For others to be met, as a recorder is, and for the last kick that was before [s]."""
+"""Time limit for finding the actuator and for its answer [s]."""
+_DISCOVERY_TIME = 1.0
+"""Time for the discovery of other subscribers, and for the arrival of an earlier last_kick [s]."""
 _EDGES = {EdgeCommand.FIRST: 'first', EdgeCommand.LAST: 'last'}
 
 
 class NudgeClient(WaitingNode):
-    """Nudges a chain by its actuator, and hears what that says of it."""
+    """Client that nudges a chain and receives the answer of the actuator."""
 
     def __init__(self, stopping: threading.Event, **kwargs: Any) -> None:
-        """Connect the topics; `stopping` is set to interrupt it."""
+        """Connect the topics; setting `stopping` interrupts a nudge."""
         super().__init__('nudge', stopping, **kwargs)
         self._reports: dict[str, DiagnosticStatus] = {}
         self._kicks: list[LastKick] = []
@@ -57,38 +57,38 @@ class NudgeClient(WaitingNode):
         interfaces.DIAGNOSTICS.subscribe(self, self._on_diagnostics)
 
     def nudge(self, speed: float, subscribers: int, timeout: float) -> LastKick | None:
-        """Nudge [rad/s] and return the actuator's answer, None where it is interrupted.
+        """Nudge with `speed` [rad/s] and return the answer of the actuator, None if interrupted.
 
-        It waits for an actuator that is ready, and for so many subscribers of any kind, no
-        longer than `timeout` [s]. Raises ValueError where there is none, or no answer.
+        Wait at most `timeout` [s] for an actuator that is ready and for the number of subscribers.
+        Raises ValueError without an actuator or an answer.
         """
         deadline = time.monotonic() + timeout
         self.wait(self._actuators, timeout)
         met = time.monotonic()
         ready = self.wait(lambda: self._ready(subscribers), deadline - met)
         if not (ready or self.stopping.is_set()):
-            self._check_heard(subscribers, timeout)
-        self.wait(lambda: False, met + _TIME_TO_MEET_ANOTHER - time.monotonic())
+            self._check_subscribers(subscribers, timeout)
+        self.wait(lambda: False, met + _DISCOVERY_TIME - time.monotonic())
         if self.stopping.is_set():
             return None
-        refused = {name: _refused(report) for name, report in self._reports.items()}
+        rejected = {name: _rejections(report) for name, report in self._reports.items()}
         self._kicks.clear()
         self._nudges.publish(Float64(data=speed))
-        self.wait(lambda: self._answer() or self._refusal(refused), timeout)
+        self.wait(lambda: self._answer() or self._rejection(rejected), timeout)
         answer = self._answer()
         if answer is None and not self.stopping.is_set():
-            raise ValueError(self._refusal(refused) or self._silence(timeout))
+            raise ValueError(self._rejection(rejected) or self._silence(timeout))
         interfaces.wait_for_acknowledgements(self._nudges)
         return answer
 
     def _actuators(self) -> set[str]:
-        """Nodes that listen to nudges and tell of kicks, which a recorder does not."""
-        listening = self.get_subscriptions_info_by_topic(self._nudges.topic_name)
-        telling = self.get_publishers_info_by_topic(self._answers.topic_name)
-        return _names(listening) & _names(telling)
+        """Return the nodes that subscribe to nudges and publish kicks; a recorder does not."""
+        subscribed = self.get_subscriptions_info_by_topic(self._nudges.topic_name)
+        publishing = self.get_publishers_info_by_topic(self._answers.topic_name)
+        return _names(subscribed) & _names(publishing)
 
     def _ready(self, subscribers: int) -> bool:
-        """Whether an actuator is, which is not while it lacks the chain or its frames."""
+        """Whether an actuator is ready: it has received the chain and its frames."""
         reports = [self._reports[name] for name in self._actuators() & self._reports.keys()]
         return (
             self._nudges.get_subscription_count() >= subscribers
@@ -96,17 +96,17 @@ class NudgeClient(WaitingNode):
             and any(report.level == DiagnosticStatus.OK for report in reports)
         )
 
-    def _check_heard(self, subscribers: int, timeout: float) -> None:
+    def _check_subscribers(self, subscribers: int, timeout: float) -> None:
         topic, after = self._nudges.topic_name, f'after {timeout:g} s'
         if not self._actuators():
             others = sorted(_names(self.get_subscriptions_info_by_topic(topic)))
-            who = f'no actuator, only {", ".join(others)}, hears' if others else 'nothing hears'
+            who = f'only {", ".join(others)} subscribes to' if others else 'no node subscribes to'
             raise ValueError(f'{who} {topic} {after}; start edge_actuator first')
         count = self._nudges.get_subscription_count()
         if count < subscribers:
             raise ValueError(
                 f'{topic} has {count} of {subscribers} subscribers {after}; start the others, or '
-                'ask for fewer with --subscribers'
+                'lower --subscribers'
             )
 
     def _answer(self) -> LastKick | None:
@@ -117,20 +117,20 @@ class NudgeClient(WaitingNode):
                 return kick
         return None
 
-    def _refusal(self, before: dict[str, int]) -> str:
-        """What an actuator says that has refused a nudge since it had refused so much."""
+    def _rejection(self, before: dict[str, int]) -> str:
+        """Return the reason if an actuator has rejected a nudge since `before`."""
         for name in self._actuators() & before.keys():
             report = self._reports[name]
             source, _, reason = _figure(report, 'last rejection').partition(': ')
-            if _refused(report) > before[name] and interfaces.NUDGE.name in source:
-                return f'{name} refused it: {reason}'
+            if _rejections(report) > before[name] and interfaces.NUDGE.name in source:
+                return f'{name} rejected it: {reason}'
         return ''
 
     def _silence(self, timeout: float) -> str:
-        who = ' '.join(sorted(self._actuators())) or 'the actuator, which is gone,'
+        who = ' '.join(sorted(self._actuators())) or 'the actuator, which has stopped,'
         return (
-            f'{who} said nothing of it on {self._answers.topic_name} within {timeout:g} s; see '
-            'its log, or allow more by --timeout where nudges are long pressures'
+            f'{who} published no answer on {self._answers.topic_name} within {timeout:g} s; see '
+            'its log, or raise --timeout if nudges are long pressures'
         )
 
     def _on_diagnostics(self, message: DiagnosticArray) -> None:
@@ -138,25 +138,25 @@ class NudgeClient(WaitingNode):
 
 
 def described(kick: LastKick) -> str:
-    """What became of a nudge; raises ValueError where it is nothing."""
+    """Return the result of a nudge as text; raises ValueError if nothing was delivered."""
     if kick.cut_short and not kick.name:
-        raise ValueError('the simulator did not carry it out; see its log')
-    asked = kick.asked
-    edge = f'at the {_EDGES.get(asked.edge, "nearest")} edge'
-    said = [
-        f'{asked.value:g} Pa for {kick.duration:.3g} s {edge}, at most {kick.peak_torque:.3g} N m'
-        if asked.kind == EdgeCommand.PRESSURE
-        else f'a kick of {asked.value:g} rad/s {edge}',
+        raise ValueError('the simulator did not execute it; see its log')
+    command = kick.asked
+    edge = f'at the {_EDGES.get(command.edge, "nearest")} edge'
+    parts = [
+        f'{command.value:g} Pa for {kick.duration:.3g} s {edge}, up to {kick.peak_torque:.3g} N m'
+        if command.kind == EdgeCommand.PRESSURE
+        else f'a kick of {command.value:g} rad/s {edge}',
         f'an impulse of {math.hypot(*kick.impulse):.3g} N m s and a work of {kick.work:.3g} J, '
-        + ('as the simulator measured' if kick.measured else 'as reckoned, for nobody measures'),
+        + ('measured by the simulator' if kick.measured else 'estimated, without a measurement'),
     ]
-    said += ['less than was asked: the actuator saturated'] if kick.saturated else []
-    said += ['cut short'] if kick.cut_short else []
-    return '; '.join(said)
+    parts += ['less than requested, because the actuator saturated'] if kick.saturated else []
+    parts += ['shortened'] if kick.cut_short else []
+    return '; '.join(parts)
 
 
 def main() -> None:
-    """Nudge as the command line asks; exit with 1 where nothing came of it, 130 on Ctrl-C."""
+    """Nudge as the command line specifies; exit with 1 after a failure, 130 after Ctrl-C."""
     options = parse_own_arguments(_parser())
     stopping = stop_on_signals()
     try:
@@ -179,7 +179,7 @@ def _parser() -> PlainParser:
         '--subscribers',
         type=number(_SUBSCRIBERS, int),
         default=1,
-        help='listeners to wait for, the actuator and a recorder being 2 (%(default)s)',
+        help='number of subscribers to wait for; the actuator and a recorder are 2 (%(default)s)',
     )
     parser.add_argument(
         '--timeout',
@@ -198,5 +198,5 @@ def _figure(report: DiagnosticStatus, key: str) -> str:
     return next((pair.value for pair in report.values if pair.key == key), '')
 
 
-def _refused(report: DiagnosticStatus) -> int:
+def _rejections(report: DiagnosticStatus) -> int:
     return int(_figure(report, 'rejected') or 0)

@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Write a page of markers for a chain, to scale: dots for pivots and masses, and frame markers.
+"""Write pages of markers for a chain, to scale: dots for pivots and masses, and frame markers.
 
-Print it without scaling, measure its ruler, cut the markers out, and stick each where it says.
-The last sheet is a chessboard for calibrate_camera.
+Print without scaling, measure the ruler, cut the markers out, and stick each one at its printed
+position. The last sheet is a chessboard for calibrate_camera.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ from soliton_linkage_nodes.programs.command_line import exit_on_failure
 
 
 def main(arguments: Sequence[str] | None = None) -> None:
-    """Write the page."""
+    """Write the pages."""
     parser = PlainParser(prog='print_markers', description=__doc__)
     parser.add_argument('config', type=Path, help='parameter file such as config/flipper.yaml')
     parser.add_argument(

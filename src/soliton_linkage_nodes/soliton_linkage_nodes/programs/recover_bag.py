@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Make a whole bag of what is intact of one whose recorder was killed, or that is damaged."""
+"""Write the intact messages of a damaged or unfinished bag to a new bag."""
 
 from __future__ import annotations
 
@@ -18,16 +18,16 @@ from soliton_linkage_nodes.runtime.process import interrupt_on_signals
 
 
 def main() -> None:
-    """Recover a bag; the exit code is 1 where nothing could be brought back."""
+    """Recover a bag; exit with 1 if no message could be recovered."""
     parser = PlainParser(prog='recover_bag', description=__doc__)
     parser.add_argument('bag', type=Path, help='directory of the bag, or one file of it')
     parser.add_argument(
         '--output',
         type=Path,
-        help='path of the new bag, to which _0, _1, ... is added (<bag>_recovered beside it)',
+        help='path of the new bag; _0, _1, ... is appended (<bag>_recovered beside the bag)',
     )
     parser.add_argument(
-        '--doubtful', action='store_true', help='also bring back messages with wrong checksums'
+        '--doubtful', action='store_true', help='also recover messages with wrong checksums'
     )
     add_limits(parser)
     options = parser.parse()
@@ -46,12 +46,12 @@ def main() -> None:
                 limits_of(options),
             )
         except KeyboardInterrupt:
-            print(f'\nrecover_bag: stopped; {output}_* is not whole', file=sys.stderr)
+            print(f'\nrecover_bag: stopped; {output}_* is incomplete', file=sys.stderr)
             raise
     progress.clear()
     for damage in report.damage:
         print(damage)
     if report.damage and report.unverified:
-        print(f'{report.unverified} messages have no checksum: they may have been changed')
+        print(f'{report.unverified} messages have no checksum and may have changed')
     lost = f', {report.lost} lost' if report.lost else ''
     print(f'recovered {report.messages} messages{lost} into {new}')

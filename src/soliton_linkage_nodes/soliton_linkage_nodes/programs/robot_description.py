@@ -12,7 +12,7 @@ from soliton_linkage_nodes.programs.command_line import exit_on_failure
 
 
 def main() -> None:
-    """Print it."""
+    """Print the URDF."""
     parser = PlainParser(prog='robot_description', description=__doc__)
     parser.add_argument('config', type=Path, help='parameter file such as config/flipper.yaml')
     with exit_on_failure('robot_description'):
@@ -20,7 +20,7 @@ def main() -> None:
 
 
 def description_of_file(path: Path) -> str:
-    """URDF of the chain of a parameter file; ValueError where it describes none."""
+    """Return the URDF of the chain of a parameter file; ValueError if it describes none."""
     named = chain_of_file(path)
     limits = ParameterFile(path).read(JointLimits, 'limits.')
     return robot_description(named.chain, named.joint_names, limits)

@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Play a microcontroller with a simulated chain at its encoders and valves, for serial_encoders.
+"""Simulate a microcontroller with a chain at its encoders and valves, for serial_encoders.
 
-It opens a pseudo-terminal, prints its path, and says and hears there what a controller does, until
-Ctrl-C. The chain starts left-leaning and at rest, and moves as its valves are told.
+The program opens a pseudo-terminal, prints its path, and sends and receives there the frames of a
+controller, until Ctrl-C. The chain starts left-leaning and at rest; its valves drive it.
 """
 
 from __future__ import annotations
@@ -30,14 +30,14 @@ from soliton_linkage_nodes.messages.conversions import NamedChain
 from soliton_linkage_nodes.programs.command_line import exit_on_failure, number
 from soliton_linkage_nodes.runtime.process import interrupt_on_signals
 
-_RATE = Quantity('frames a second', 'Hz', 1.0, 1000.0)
+_RATE = Quantity('frames per second', 'Hz', 1.0, 1000.0)
 """Frames of 40 rotors take at most 1.8 Mbaud."""
-_COUNTS = Quantity('counts of a turn of an encoder', '', 2, 65536)
-"""At most those of 16 bits."""
+_COUNTS = Quantity('counts of an encoder per turn', '', 2, 65536)
+"""At most 16 bits."""
 
 _TOLERANCE = 1e-6
 """Error of the angles in a step of the solver [rad]: a hundredth of a count of 16 bits."""
-_HOPELESSLY_LATE = 1.0
+_REPORTED_DELAY = 1.0
 """Delay behind the clock that is reported [s]: the machine is too slow for the chain."""
 _MOST_BYTES = 2**16
 """Bytes per read [1]: more than the system buffers."""
@@ -91,7 +91,7 @@ class RealTimeChain:
         terminal: PseudoTerminal,
         rate: float,
     ) -> None:
-        """Begin with a chain at rest, whose frames come at a rate [Hz]."""
+        """Start with a chain at rest, with a frame rate [Hz]."""
         world = World(
             named.chain, named.joint_names, WorldParameters(tolerance=_TOLERANCE), 1 / rate
         )
@@ -105,7 +105,7 @@ class RealTimeChain:
         return self._simulation.time
 
     def play(self) -> None:
-        """Obey the commands since the frame before, send the angles, and advance."""
+        """Apply the commands since the last frame, send the angles, and advance."""
         simulation = self._simulation
         self._controller.receive(simulation.time, self._terminal.read())
         simulation.hold(self._controller.torques(simulation.time))
@@ -114,7 +114,7 @@ class RealTimeChain:
 
 
 def main(arguments: Sequence[str] | None = None) -> None:
-    """Play until Ctrl-C; exit with 1 where that fails, 130 on Ctrl-C."""
+    """Simulate until Ctrl-C; exit with 1 after a failure, 130 after Ctrl-C."""
     options = _parser().parse(arguments)
     with exit_on_failure('simulated_controller'):
         interrupt_on_signals()
@@ -147,11 +147,11 @@ def _keep_time(played: RealTimeChain) -> None:
         early = begun + played.time - time.monotonic()
         time.sleep(max(early, 0.0))
         played.play()
-        if early < -_HOPELESSLY_LATE and not reported:
+        if early < -_REPORTED_DELAY and not reported:
             reported = True
             print(
-                f'simulated_controller: its clock is {-early:.2g} s slow, as this machine is; '
-                'give a lower --rate or a shorter chain',
+                f'simulated_controller: {-early:.2g} s behind the clock, because this machine is '
+                'too slow; lower --rate or use a shorter chain',
                 file=sys.stderr,
             )
 
@@ -161,7 +161,10 @@ def _parser() -> PlainParser:
     parser = PlainParser(prog='simulated_controller', description=__doc__)
     parser.add_argument('chain', type=Path, help='parameter file, such as config/flipper.yaml')
     parser.add_argument(
-        '--protocol', choices=('binary', 'text'), default='binary', help='how it writes (binary)'
+        '--protocol',
+        choices=('binary', 'text'),
+        default='binary',
+        help='protocol of its frames (binary)',
     )
     parser.add_argument(
         '--rate', type=number(_RATE), default=250.0, help=f'{_RATE.description} [Hz] (250)'

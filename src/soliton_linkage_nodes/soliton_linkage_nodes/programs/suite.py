@@ -1,10 +1,10 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Run several nodes of the suite in one process, which takes less memory and time than five.
+"""Run several nodes of the suite in one process, which needs less memory and processor time.
 
-Each node has the name, topics, services, parameters and diagnostics that it has alone. Ctrl-C
-ends all and closes the bag. With -p port:=/dev/ttyACM0 serial_encoders takes the place of the
-simulator, for a controller there; with other encoders name the others. Nodes of several chains are
-named with their namespaces, as left/soliton_analyser.
+Each node keeps its name, topics, services, parameters and diagnostics. Ctrl-C stops all nodes and
+closes the bag. With -p port:=/dev/ttyACM0, serial_encoders replaces the simulator. To use other
+encoders, name the other nodes. Name nodes of several chains with their namespaces, such as
+left/soliton_analyser.
 """
 
 from __future__ import annotations
@@ -34,76 +34,78 @@ NODES = {
     'soliton_steering': 'soliton_steering.node:SolitonSteering',
     'bag_recorder': 'bags.recorder:BagRecorder',
 }
-"""Where the class of each node is; a node that is not asked for is not imported."""
-_OF_CONTROLLERS = 'serial_encoders'
-"""The node that takes the simulator's place where a port is told."""
+"""Module and class of each node; only the requested ones are imported."""
+_SERIAL = 'serial_encoders'
+"""The node that replaces the simulator if a port is given."""
 _PARAMETER_OPTIONS = ('-p', '--param')
-_TELLS_THE_CHAIN = ('-p', f'{_OF_CONTROLLERS}:chain_from:=parameters')
-"""As a simulator does; what is given for all nodes or for this comes after it, and counts."""
+_CHAIN_SOURCE = ('-p', f'{_SERIAL}:chain_from:=parameters')
+"""Default of serial_encoders, so that it publishes the chain; later arguments override it."""
 _EXPONENT = re.compile(r'[-+]?\d+(\.\d*)?[eE][-+]?\d+')
 _NAMESPACE_RULE = '__ns:='
-_OF_JOINTS = 'torque_limits.'
-"""Beginning of parameters whose names are given by others."""
+_JOINT_PREFIX = 'torque_limits.'
+"""Prefix of parameters whose names depend on the joints."""
 
 
 def main() -> None:
-    """Run the nodes until they are told to stop, or one of them cannot go on."""
+    """Run the nodes until a signal, or until one of them fails."""
     parser = PlainParser(
         prog='suite',
         usage='%(prog)s [NODE ...] [--ros-args ...]',
         description=__doc__,
         epilog=(
             'After --ros-args: --params-file FILE, -p NAME:=VALUE for each node that has such a '
-            'parameter, -p NODE:NAME:=VALUE for one, -r __ns:=/NAME. Each node tells with --help '
-            'which parameters it has.'
+            'parameter, -p NODE:NAME:=VALUE for one, -r __ns:=/NAME. --help of a node lists its '
+            'parameters.'
         ),
     )
-    # What choices refuse of a list, argparse prints as a list.
+    # argparse would print a rejected choice as a list.
     parser.add_argument(
         'nodes',
         nargs='*',
         metavar='NODE',
-        help=f'{", ".join(NODES)}; without any, all of one chain',
+        help=f'{", ".join(NODES)}; default: all nodes of one chain',
     )
     names = parse_own_arguments(parser, _known_to_ros(sys.argv[1:])).nodes or of_one_chain(
         sys.argv
     )
     for name in names:
         if _kind(name) not in NODES:
-            parser.error(f'{name!r} is none of {", ".join(NODES)}')
+            parser.error(f'unknown node {name!r}; choose from {", ".join(NODES)}')
     if any(each.startswith(_NAMESPACE_RULE) for each in sys.argv) and '/' in ''.join(names):
-        parser.error(f'{_NAMESPACE_RULE} is for all nodes, and some are named with theirs')
+        parser.error(
+            f'{_NAMESPACE_RULE} applies to all nodes, but some names have a namespace; use one way'
+        )
     names.sort(key=lambda name: list(NODES).index(_kind(name)))
     classes = {name: _class_of(_kind(name)) for name in names}
     try:
-        of_controllers = any(_kind(name) == _OF_CONTROLLERS for name in names)
-        told = _TELLS_THE_CHAIN if of_controllers else ()
+        of_controllers = any(_kind(name) == _SERIAL for name in names)
+        told = _CHAIN_SOURCE if of_controllers else ()
         rest, given = addressed([sys.argv[0], *told, *sys.argv[1:]], classes)
     except (TypeError, ValueError) as error:
         parser.error(str(error))
     components = [
-        Component(partial(create, parameter_overrides=given[name], **_placed(name)), _cannot_go_on)
+        Component(partial(create, parameter_overrides=given[name], **_namespace_of(name)), _failed)
         for name, create in classes.items()
     ]
-    # The simulator is the last to begin and the first to end: the others miss nothing of it.
+    # The simulator starts last and stops first, so that the others receive all its messages.
     run_together(components[::-1], rest)
 
 
 def of_one_chain(arguments: Sequence[str]) -> list[str]:
-    """All nodes of a chain: a simulated one, or where arguments of ROS tell a port that there."""
-    port = re.compile(rf'({_OF_CONTROLLERS}:)?port:=.+')
+    """Return all nodes of a chain, with a simulator or, if a port is given, serial_encoders."""
+    port = re.compile(rf'({_SERIAL}:)?port:=.+')
     rules = [rule for each, rule in pairwise(arguments) if each in _PARAMETER_OPTIONS]
-    unused = 'simulator' if any(map(port.fullmatch, rules)) else _OF_CONTROLLERS
+    unused = 'simulator' if any(map(port.fullmatch, rules)) else _SERIAL
     return [name for name in NODES if name != unused]
 
 
 def addressed(
     arguments: Sequence[str], classes: Mapping[str, type[ManagedNode]]
 ) -> tuple[list[str], dict[str, list[Parameter]]]:
-    """Arguments of ROS without the parameters that nodes have, and these by the nodes' names.
+    """Split the arguments of ROS into general ones and parameters by the names of the nodes.
 
-    For ROS a parameter is for all nodes, or for one that is in no namespace. What no node has is
-    left as it is, and is refused.
+    ROS applies a parameter to all nodes, or to one without a namespace. Parameters of no node stay
+    in the arguments and are rejected later.
     """
     rest: list[str] = []
     given: dict[str, list[Parameter]] = {name: [] for name in classes}
@@ -125,7 +127,7 @@ def addressed(
 
 
 def _known_to_ros(arguments: Sequence[str]) -> list[str]:
-    """Arguments without parameters for a node in a namespace, which ROS has none for."""
+    """Return the arguments without parameters for nodes in namespaces, which ROS rejects."""
     known: list[str] = []
     for argument in arguments:
         if known and known[-1] in _PARAMETER_OPTIONS and '/' in argument.partition(':=')[0]:
@@ -136,11 +138,13 @@ def _known_to_ros(arguments: Sequence[str]) -> list[str]:
 
 
 def _value(text: str) -> Any:
-    """Value as ROS reads it: as YAML, in which 1e-3 is a number as well."""
+    """Return a value as ROS reads it: YAML, in which 1e-3 is also a number."""
     try:
         read = yaml.safe_load(text)
     except yaml.YAMLError as error:
-        raise ValueError(f'{text!r} is no value: {" ".join(str(error).split())}') from error
+        raise ValueError(
+            f'{text!r} is not a valid value: {" ".join(str(error).split())}'
+        ) from error
     if isinstance(read, list):
         return [_with_exponent(each) for each in read]
     return '' if read is None else _with_exponent(read)
@@ -152,7 +156,7 @@ def _with_exponent(read: Any) -> Any:
 
 def _has(node: type[ManagedNode], name: str) -> bool:
     return name in parameter_names(node) or (
-        name.startswith(_OF_JOINTS) and _OF_JOINTS in (node.__doc__ or '')
+        name.startswith(_JOINT_PREFIX) and _JOINT_PREFIX in (node.__doc__ or '')
     )
 
 
@@ -160,8 +164,8 @@ def _kind(name: str) -> str:
     return name.rpartition('/')[2]
 
 
-def _placed(name: str) -> dict[str, str]:
-    """Namespace that a name tells, if any."""
+def _namespace_of(name: str) -> dict[str, str]:
+    """Return the namespace in a name, if any."""
     namespace = name.rpartition('/')[0].strip('/')
     return {'namespace': f'/{namespace}'} if namespace else {}
 
@@ -171,7 +175,7 @@ def _class_of(name: str) -> Any:
     return getattr(import_module(f'soliton_linkage_nodes.{module}'), name_of_class)
 
 
-def _cannot_go_on(node: Any) -> bool:
+def _failed(node: Any) -> bool:
     failure = getattr(node, 'failure', None)
     if failure is not None:
         raise failure

@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The chain live in the terminal: which way its rotors lean, and where the soliton is.
+"""Show the chain in the terminal: the lean of its rotors, and the position of the soliton.
 
-It draws what is published on chain and joint_states, and writes beside it what soliton_state
-tells of the first soliton: its place, in rotor spacings from rotor 0, and its velocity.
+The picture comes from the topics chain and joint_states. Beside it are the position of the first
+soliton in soliton_state, in rotor spacings from rotor 0, and its velocity.
 """
 
 from __future__ import annotations
@@ -25,9 +25,9 @@ from soliton_linkage_nodes.runtime.process import run
 from soliton_linkage_nodes.start import INTERRUPTED
 
 _PERIOD = 0.1
-"""From drawing to drawing [s]."""
+"""Interval between drawings [s]."""
 _LONGEST_SILENCE = 1.0
-"""After which it is said that a topic has ceased [s]: no simulator is that slow."""
+"""Silence after which a topic is reported as stopped [s]; no simulator is that slow."""
 _STARTED_BY = {
     interfaces.CHAIN.name: 'simulator',
     interfaces.JOINT_STATES.name: 'simulator',
@@ -36,35 +36,38 @@ _STARTED_BY = {
 
 
 class WatchSoliton(Node):
-    """Draws `chain` and `joint_states` on a line, and the first soliton of `soliton_state`."""
+    """Node that draws `chain` and `joint_states` on a line, and the first soliton."""
 
     def __init__(self, **kwargs: Any) -> None:
         super().__init__('watch_soliton', **kwargs)
         self._line = ChainLine(self)
-        self._heard: tuple[bytes, float] | None = None
+        self._received: tuple[bytes, float] | None = None
         interfaces.SOLITON_STATE.subscribe(self, self._on_state, raw=True)
         reject_unknown(self)
         self.create_timer(_PERIOD, self._draw, clock=Clock(clock_type=ClockType.STEADY_TIME))
 
     def destroy_node(self) -> None:
-        """Leave the line as it is."""
+        """End the line and destroy the node."""
         self._line.end()
         super().destroy_node()
 
     def _on_state(self, serialized: Any) -> None:
-        self._heard = (serialized, time.monotonic())
+        self._received = (serialized, time.monotonic())
 
     def _draw(self) -> None:
-        missing = [*self._line.missing, *([] if self._heard else [interfaces.SOLITON_STATE.name])]
-        if missing or self._heard is None:
+        missing = [
+            *self._line.missing,
+            *([] if self._received else [interfaces.SOLITON_STATE.name]),
+        ]
+        if missing or self._received is None:
             nodes = ', '.join(dict.fromkeys(_STARTED_BY[name] for name in missing))
             self._line.show((), f'no {", ".join(missing)} yet; start {nodes}')
             return
-        serialized, heard_at = self._heard
+        serialized, received_at = self._received
         now = time.monotonic()
         for name, silence in (
-            (interfaces.JOINT_STATES.name, now - self._line.heard_at),
-            (interfaces.SOLITON_STATE.name, now - heard_at),
+            (interfaces.JOINT_STATES.name, now - self._line.received_at),
+            (interfaces.SOLITON_STATE.name, now - received_at),
         ):
             if silence > _LONGEST_SILENCE:
                 self._line.show((), f'no {name} for {silence:.0f} s')
@@ -79,15 +82,15 @@ class WatchSoliton(Node):
 
 
 def main() -> None:
-    """Show the soliton until told to stop."""
+    """Show the soliton until Ctrl-C."""
     parser = PlainParser(
         prog='watch_soliton',
         description=__doc__,
-        epilog=f'Marks: {LEGEND}. Ctrl-C ends it.',
+        epilog=f'Marks: {LEGEND}. Stop with Ctrl-C.',
     )
     parse_own_arguments(parser)
     try:
         run(WatchSoliton)
     except SystemExit as end:
-        # Nothing but a signal ends it well.
+        # Only a signal ends the program without an error.
         sys.exit(end.code or INTERRUPTED)

@@ -45,7 +45,7 @@ def test_a_soliton_is_back_once_it_has_been_at_the_other_edge(graph: Graph) -> N
     )
     graph.until(lambda: observer.rotors == 8, 'the chain')
     assert trip.remark == ''
-    assert 'none is seen now' in trip.missing()
+    assert 'no soliton is visible now' in trip.missing()
     states = graph.speak(interfaces.SOLITON_STATE)
     ways = [(0.5, False), (4.0, False), (6.0, False), (3.0, False), (1.5, True)]
     for second, (rotor, ended) in enumerate(ways):
@@ -54,7 +54,7 @@ def test_a_soliton_is_back_once_it_has_been_at_the_other_edge(graph: Graph) -> N
         graph.until(lambda rotor=rotor: observer.rotor == rotor, 'the state')
         assert trip.ended() is ended
         assert trip.remark.endswith('going out' if second < 2 else 'coming back')
-    assert 'one is at rotor 1.5 now; nudge harder or raise time_limit' in trip.missing()
+    assert 'it is at rotor 1.5 now; raise nudge or time_limit' in trip.missing()
 
 
 def test_a_nudge_that_is_refused_is_not_waited_for(graph: Graph) -> None:
@@ -63,5 +63,5 @@ def test_a_nudge_that_is_refused_is_not_waited_for(graph: Graph) -> None:
     status = DiagnosticStatus(name='edge_actuator: chain', values=[refusal])
     graph.speak(interfaces.DIAGNOSTICS).publish(DiagnosticArray(status=[status]))
     graph.until(lambda: observer.reports, 'the report')
-    with pytest.raises(RuntimeError, match='edge_actuator refused /nudge: too fast'):
+    with pytest.raises(RuntimeError, match='edge_actuator rejected /nudge: too fast'):
         RoundTrip(observer).ended()

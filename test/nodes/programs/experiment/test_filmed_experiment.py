@@ -17,7 +17,7 @@ CONFIG = Path(__file__).resolve().parents[4] / 'config/filmed.yaml'
 @pytest.mark.parametrize(
     ('given', 'said'),
     [
-        ({'kicks': 3.0}, 'kicks is none of'),
+        ({'kicks': 3.0}, 'unknown parameter kicks'),
         ({'duration': 0.0}, 'duration = 0.0 must lie in the range 1 to 3600 s'),
     ],
 )

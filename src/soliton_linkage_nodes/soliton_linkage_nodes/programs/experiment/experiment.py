@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The experiment: nudge the chain, watch a soliton cross it and come back, record and replay."""
+"""Steps of the experiment: nudge, watch the soliton cross and return, record and replay."""
 
 from __future__ import annotations
 
@@ -43,7 +43,7 @@ _REPORT = 'soliton_linkage_nodes.programs.experiment.report'
 _NODES = ('bag_recorder', 'soliton_analyser', 'edge_actuator', 'simulator')
 _PAGE = 'live_view'
 _ALL_FRAMES = ['-p', 'longest_lag:=0.0']
-"""Of an analyser that is to agree with another to the last digit, however busy the machine is."""
+"""Argument of analysers that must agree to the last digit, also on a busy machine."""
 _UNUSED = (
     interfaces.IDENTIFIED_CHAIN,
     interfaces.JOINT_STATE_DEVIATIONS,
@@ -55,14 +55,14 @@ _UNUSED = (
     interfaces.DIAGNOSTICS,
 )
 _RECORDED_TOPICS = {f'/{topic.name}' for topic in interfaces.SUITE_TOPICS if topic not in _UNUSED}
-_LONGEST_SILENCE = 6.2
-"""For a node that reports once a second [s]."""
+_REPORT_LIMIT = 6.2
+"""Time limit for the report of a node that reports once a second [s]."""
 _QUIET = 0.5
-"""After so long without a state none is on its way any more [s]."""
+"""Time without a state after which all states have arrived [s]."""
 
 
 class Experiment:
-    """Runs the steps one after the other, each with what a person wants to see meanwhile."""
+    """The steps of the experiment, each with a display of its progress."""
 
     def __init__(
         self,
@@ -72,9 +72,9 @@ class Experiment:
         stopping: threading.Event,
         page: bool = False,
     ) -> None:
-        """Prepare the folder that takes the results; `stopping` is set to interrupt it.
+        """Prepare the folder for the results; setting `stopping` interrupts the experiment.
 
-        Where asked for, a page shows the chain meanwhile, and changes nothing.
+        With `page`, a read-only page in the browser shows the chain.
         """
         self._page = page
         self.bag = output / f'{observer.settings.scenario}_0'
@@ -87,12 +87,12 @@ class Experiment:
         self._executor.add_node(observer)
         self._report: Any = None
         self._processes = ChildProcesses(output / 'log')
-        # A recording that is there already is the last run of this experiment.
+        # An existing recording is the previous run of this experiment.
         if self.bag.exists():
             shutil.rmtree(self.bag)
 
     def run(self) -> dict[str, Any]:
-        """Do it all and return the summary."""
+        """Run all steps and return the summary."""
         try:
             self._start_nodes()
             self._nudge()
@@ -107,9 +107,9 @@ class Experiment:
 
     def _start_nodes(self) -> None:
         self._page = self._page and self._serve_page()
-        _say(f'Starting {", ".join(_NODES)} on a private domain of this machine.')
+        _say(f'Starting {", ".join(_NODES)} in a private domain of this machine.')
         name = self.bag.with_name(self._settings.scenario)
-        # All of them hear the first frame: a replay begins where the live analysis did.
+        # The simulator waits for all of them: replay and live analysis start at the same frame.
         own = {
             'bag_recorder': ['-p', f'output:={name}'],
             'soliton_analyser': _ALL_FRAMES,
@@ -117,7 +117,7 @@ class Experiment:
         }
         for node in _NODES:
             self._start(node, own.get(node, []))
-        # It takes seconds, in which the nodes start, and a signal is heeded.
+        # The import takes seconds; meanwhile the nodes start, and signals are handled.
         importing = threading.Thread(target=import_module, args=(_REPORT,), daemon=True)
         importing.start()
         self._wait_until(
@@ -126,7 +126,7 @@ class Experiment:
         self._report = import_module(_REPORT)
 
     def _serve_page(self) -> bool:
-        """Serve the page and tell where; without one the experiment goes on."""
+        """Serve the page and print its address; without a page the experiment continues."""
         page = ['-p', 'port:=0', '-p', 'read_only:=true']
         self._processes.start(_PAGE, page, dict(os.environ))
         deadline = time.monotonic() + START_LIMIT
@@ -135,14 +135,14 @@ class Experiment:
                 self._interrupted()
                 address = page_address(self._processes.output(_PAGE))
                 if address:
-                    _say(f'Watch it at {address} while it runs.')
+                    _say(f'Watch the chain at {address} while it runs.')
                     if has_display():
                         webbrowser.open(address)
                     return True
         except RuntimeError:
             pass
-        said = self._processes.output(_PAGE).splitlines()
-        _say(f'There is no page to watch: {said[-1] if said else "it did not start"}')
+        output = self._processes.output(_PAGE).splitlines()
+        _say(f'The page is not available: {output[-1] if output else "it did not start"}')
         self._processes.stop()
         return False
 
@@ -151,24 +151,24 @@ class Experiment:
         self._processes.start(node, [*common, *arguments], dict(os.environ))
 
     def _ready(self) -> bool:
-        heard = set(self._observer.figures('bag_recorder').get('topics received', '').split())
-        # A simulator that is late, as on a busy machine, is told in the summary.
+        received = set(self._observer.figures('bag_recorder').get('topics received', '').split())
+        # Missed deadlines of the simulator are part of the summary.
         return (
             all(self._observer.well(node) for node in _NODES if node != 'simulator')
-            and heard >= _RECORDED_TOPICS
+            and received >= _RECORDED_TOPICS
             and self._observer.nudge_publisher.get_subscription_count() == 2
             and self._observer.figures('edge_actuator').get('subscribers') == '2'
             and self._observer.informed
         )
 
     def _unready(self) -> str:
-        said = [
+        reports = [
             f'{node}: {self._observer.reports[node].message}'
             if node in self._observer.reports
-            else f'{node}: nothing'
+            else f'{node}: no report'
             for node in _NODES
         ]
-        return 'the nodes were not ready; they said ' + '; '.join(said)
+        return 'the nodes were not ready; their reports: ' + '; '.join(reports)
 
     def _nudge(self) -> None:
         speed = self._settings.nudge
@@ -189,15 +189,15 @@ class Experiment:
         line.end('The soliton crossed the chain, was reflected at the far edge and came back.')
 
     def _finish(self) -> dict[str, str]:
-        """Hear the last figures of the simulator, then stop the nodes."""
+        """Receive the last report of the simulator, then stop the nodes."""
         self._observer.reports.pop('simulator', None)
         self._wait_until(
             lambda: 'simulator' in self._observer.reports,
-            _LONGEST_SILENCE,
+            _REPORT_LIMIT,
             lambda: 'the simulator stopped reporting',
         )
         pacing = self._observer.figures('simulator')
-        # The simulator first: no frame is to be analysed that is not recorded.
+        # The simulator first, so that no frame is analysed but not recorded.
         codes = self._processes.stop(['simulator'])
         codes |= self._processes.stop([node for node in _NODES if node != 'simulator'])
         wrong = {node: code for node, code in codes.items() if code}
@@ -207,11 +207,11 @@ class Experiment:
 
     def _start_replay(self) -> None:
         """Start a fresh analyser, and a player that waits to be resumed."""
-        _say(f'Replaying {self.bag} into a fresh analyser, and drawing what it holds meanwhile.')
+        _say(f'Replaying {self.bag} into a second analyser, and drawing its content.')
         self._observer.forget()
         self._start('soliton_analyser', _ALL_FRAMES)
-        heard = (interfaces.CHAIN, interfaces.DELIVERED_IMPULSES, interfaces.JOINT_STATES)
-        topics = [topic.name for topic in heard]
+        topics_played = (interfaces.CHAIN, interfaces.DELIVERED_IMPULSES, interfaces.JOINT_STATES)
+        topics = [topic.name for topic in topics_played]
         self._start(
             'bag_player',
             [
@@ -231,13 +231,13 @@ class Experiment:
         return recorded
 
     def _replay(self) -> dict[int, tuple[float, ...]]:
-        """Play the bag into the fresh analyser and return what that one finds."""
+        """Play the bag into the second analyser and return its soliton positions."""
         service = service_type('Resume')
         resuming = self._observer.create_client(
             service, 'bag_player/resume', qos_profile=SERVICE_QOS
         )
         self._wait_until(
-            lambda: self._fresh_analyser_heard() and resuming.service_is_ready(),
+            lambda: self._replay_connected() and resuming.service_is_ready(),
             START_LIMIT,
             lambda: 'the analyser and the player did not find each other',
         )
@@ -255,14 +255,14 @@ class Experiment:
         line.end(f'Replayed {len(self._observer.states)} frames.')
         return dict(self._observer.states)
 
-    def _fresh_analyser_heard(self) -> bool:
-        """Whether all who are to hear the analyser do, of which the last had frames."""
+    def _replay_connected(self) -> bool:
+        """Whether the second analyser has all its subscribers and no frames yet."""
         figures = self._observer.figures('soliton_analyser')
         wanted = str(2 + self._page)
         return figures.get('subscribers') == wanted and figures.get('frames') == '0'
 
     def _settle(self) -> None:
-        """Take what is still on its way."""
+        """Receive the states that are still in transit."""
         seen = -1
 
         def more() -> bool:
@@ -275,7 +275,7 @@ class Experiment:
     def _summary(
         self, recorded: Any, replayed: dict[int, tuple[float, ...]], pacing: dict[str, str]
     ) -> dict[str, Any]:
-        """Write summary.json, and return what it holds."""
+        """Write and return the content of summary.json."""
         difference = self._report.largest_difference(recorded.states, replayed)
         summary = {
             'scenario': self._settings.scenario,
@@ -291,17 +291,17 @@ class Experiment:
         return summary
 
     def _wait_until(
-        self, condition: Callable[[], bool], seconds: float, complaint: Callable[[], str]
+        self, condition: Callable[[], bool], seconds: float, failure: Callable[[], str]
     ) -> None:
         def give_up() -> bool:
             self._processes.check()
             return self._interrupted()
 
         if not spin_until(self._executor, condition, seconds, give_up):
-            raise RuntimeError(complaint())
+            raise RuntimeError(failure())
 
     def _interrupted(self) -> bool:
-        """Never true: it raises KeyboardInterrupt."""
+        """Return False, or raise KeyboardInterrupt."""
         if self._stopping.is_set():
             raise KeyboardInterrupt
         return False
@@ -312,7 +312,7 @@ def _say(text: str) -> None:
 
 
 _NEAR_EDGE = 2.0
-"""How near the soliton comes to an edge to have been there [rotor spacings]; it turns there."""
+"""Distance from an edge at which the soliton counts as having reached it [rotor spacings]."""
 
 
 @dataclass(frozen=True)
@@ -322,12 +322,12 @@ class ExperimentParameters:
     scenario: str = quantity('flipper', 'name of the experiment and of its bag')
     nudge: float = quantity(10.0, 'speed of the kick that is published on nudge', 'rad/s')
     time_limit: float = quantity(
-        60.0, 'time within which the soliton must be back', 's', 1.0, 3600.0
+        60.0, 'time limit for the return of the soliton', 's', 1.0, 3600.0
     )
 
 
 class Observer(Node):
-    """Sees the solitons and hears how the nodes are; can nudge the chain."""
+    """Node that receives soliton states and diagnostics, and can nudge the chain."""
 
     def __init__(self, **kwargs: Any) -> None:
         super().__init__('experiment', **kwargs)
@@ -349,22 +349,22 @@ class Observer(Node):
         self._subscribe(interfaces.DIAGNOSTICS, self._on_diagnostics)
 
     def forget(self) -> None:
-        """Begin anew, with what nodes say from now on."""
+        """Discard all reports and states received so far."""
         self.reports.clear()
         self.states.clear()
 
     @property
     def informed(self) -> bool:
-        """Whether the chain and a state of it have been heard, in whatever order."""
+        """Whether the chain and a soliton state have been received."""
         return self.rotors > 0 and bool(self.states)
 
     def figures(self, node: str) -> dict[str, str]:
-        """Return the figures of a node's latest report."""
+        """Return the values in the latest report of a node."""
         report = self.reports.get(node)
         return {} if report is None else {pair.key: pair.value for pair in report.values}
 
     def well(self, node: str) -> bool:
-        """Whether a node has reported, without a warning."""
+        """Whether the latest report of a node has no warning."""
         return node in self.reports and self.reports[node].level == DiagnosticStatus.OK
 
     def _subscribe(self, topic: interfaces.Topic, callback: Callable[[Any], None]) -> Any:
@@ -386,24 +386,24 @@ class Observer(Node):
 
 
 class RoundTrip:
-    """The way of a soliton through the chain and back, as an observer sees it."""
+    """Round trip of a soliton through the chain."""
 
     def __init__(self, observer: Observer) -> None:
         self._observer = observer
         self._away = False
 
     def ended(self) -> bool:
-        """Whether it is back; raises RuntimeError where the actuator refused the nudge."""
-        refusal = self._observer.figures('edge_actuator').get('last rejection')
-        if refusal:
-            raise RuntimeError(f'edge_actuator refused {refusal}')
+        """Whether the soliton is back; raises RuntimeError if the actuator rejected the nudge."""
+        rejection = self._observer.figures('edge_actuator').get('last rejection')
+        if rejection:
+            raise RuntimeError(f'edge_actuator rejected {rejection}')
         rotor, last = self._observer.rotor, self._observer.rotors - 1
         self._away = self._away or rotor >= last - _NEAR_EDGE
         return self._away and rotor <= _NEAR_EDGE
 
     @property
     def remark(self) -> str:
-        """Where it is and how it goes on, empty where none is seen."""
+        """Position, speed and direction of the soliton; empty without a soliton."""
         rotor, velocity = self._observer.rotor, self._observer.velocity
         if not math.isfinite(rotor):
             return ''
@@ -411,15 +411,17 @@ class RoundTrip:
         return f'rotor {rotor:5.1f}  {velocity:+6.1f} rotors/s  {leg}'
 
     def missing(self) -> str:
-        """What to say where it is not back in time."""
+        """Return the error if the soliton is not back in time."""
         rotor, settings = self._observer.rotor, self._observer.settings
-        where = 'none is seen now' if math.isnan(rotor) else f'one is at rotor {rotor:.1f} now'
+        where = (
+            'no soliton is visible now' if math.isnan(rotor) else f'it is at rotor {rotor:.1f} now'
+        )
         return (
             f'no soliton crossed the chain and came back within {settings.time_limit:g} s after a '
-            f'nudge of {settings.nudge:g} rad/s, {where}; nudge harder or raise time_limit'
+            f'nudge of {settings.nudge:g} rad/s, {where}; raise nudge or time_limit'
         )
 
 
 def places(state: SolitonState) -> tuple[float, ...]:
-    """Return the rotors at which a state has solitons."""
+    """Return the site coordinates of the solitons of a state [rotor spacings]."""
     return tuple(soliton.rotor for soliton in state.solitons)

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The filmed experiment: from a film of a chain that nobody has measured to its soliton."""
+"""The filmed experiment: from a film of an unmeasured chain to the track of its soliton."""
 
 from __future__ import annotations
 
@@ -36,34 +36,34 @@ from soliton_linkage_studies.camera.runs import CAMERA
 
 _DEVIATIONS = interfaces.JOINT_STATE_DEVIATIONS.name
 _FROM_EDGES = 4.0
-"""Of places that are judged, at least [rotor spacings]: at an edge a wall waits."""
+"""Smallest distance from an edge of positions that are compared [rotor spacings]."""
 
 
 @dataclass(frozen=True)
 class PositionErrors:
-    """Of the soliton's places, where it is not near an edge."""
+    """Errors of the soliton's position, away from the edges."""
 
     angle_noise: float
-    """Standard deviation of the angles that were seen, about their own means [rad]."""
+    """Standard deviation of the errors of measured angles, about their means [rad]."""
     stated_angle_noise: float
-    """Median of what is stated of them [rad]."""
+    """Median of the stated deviations of the angles [rad]."""
     places: int
-    """Frames that were judged."""
+    """Number of frames that were compared."""
     error: float
-    """Root mean square of the places [rotor spacings]."""
+    """Root mean square error of the position [rotor spacings]."""
     stated: float
-    """Root mean square of what is stated of them [rotor spacings]."""
+    """Root mean square of the stated deviation of the position [rotor spacings]."""
     allowed: float
-    """What the noise of the angles allows by one frame alone [rotor spacings]: its standard
-    deviation over the arc from rotor to rotor, root mean square."""
+    """Bound for one frame from the noise of the angles [rotor spacings]: noise over the site arc,
+    root mean square."""
     with_true_chain: float
-    """Error of an analyser that was told the true chain [rotor spacings]."""
+    """Error of an analyser with the true chain [rotor spacings]."""
     hidden: float
     """Share of the angles that were hidden [1]."""
     by_hidden: float
-    """Error of an analyser that was told the true chain and the true angles, but not of the rotors
-    that were hidden [rotor spacings]: where springs have these beside the chain's cycle, the
-    others alone are nearest to another place on it."""
+    """Error of an analyser with the true chain and the true angles of all visible rotors
+    [rotor spacings]. Strained springs move the hidden rotors off the orbit, so that the visible
+    ones are nearest to another point of it."""
 
 
 @dataclass(frozen=True)
@@ -74,43 +74,45 @@ class FilmedExperimentParameters(BenchParameters):
 
 
 def run(configuration: Path, given: Mapping[str, Any], folder: Path) -> str:
-    """Run the experiment of a configuration file, and return what it has shown.
+    """Run the experiment of a configuration file, and return its result as text.
 
-    Raises ValueError for parameters that there are not, or out of their range.
+    Raises ValueError for unknown parameters and for values out of range.
     """
     known = described_fields(FilmedExperimentParameters)
     for name, value in given.items():
         if name not in known:
-            raise ValueError(f'{configuration}: {name} is none of {", ".join(known)}')
+            raise ValueError(
+                f'{configuration}: unknown parameter {name}; the parameters are {", ".join(known)}'
+            )
         complaint = known[name].complaint(value)
         if complaint is not None:
             raise ValueError(f'{configuration}: {name} = {value!r} {complaint}')
     parameters = FilmedExperimentParameters(**given)
     errors = FilmedExperiment(configuration, parameters, folder).run()
-    return in_words(errors, parameters.spread)
+    return describe_errors(errors, parameters.spread)
 
 
 class FilmedExperiment:
-    """Films a chain, sees its angles, identifies it, and follows its soliton."""
+    """Experiment that films a chain, identifies it, and tracks its soliton."""
 
     def __init__(self, configuration: Path, parameters: BenchParameters, output: Path) -> None:
-        """Make the chain that a configuration describes; results go to a folder."""
+        """Create the chain of a configuration; results are written to a folder."""
         self._plan = chain_of_file(configuration)
         self._markers = markers_of_file(configuration)
         self._bench = FilmedBench(self._plan.chain, self._markers, parameters)
         self._folder = output
 
     def run(self) -> PositionErrors:
-        """Do it all, and write the page and summary.json."""
+        """Run all steps, and write the page and summary.json."""
         film, lens = self._folder / 'film.mp4', self._folder / 'camera.yaml'
         self._film(film)
         write_camera(lens, CAMERA)
         seen = self._seen(film, lens, self._plan, 'seen')
         _say(
-            f'{seen.pictures} pictures show {seen.shares:.1%} of the rotors to '
+            f'{seen.pictures} pictures show {seen.shares:.1%} of the rotors, with an error of '
             f'{1e3 * seen.deviation:.2g} mrad.'
         )
-        _say('Identifying the chain, which nobody has measured; this takes longest.')
+        _say('Identifying the chain from the angles; this takes longest.')
         found = identify_bags([seen.bag], self._folder)
         _say(summary(found))
         identified = chain_of_file(self._folder / 'chain.yaml')
@@ -118,7 +120,7 @@ class FilmedExperiment:
         again = self._seen(film, lens, identified, 'identified', overlay)
         analyse(again.bag, self._folder, identified)
         errors = self._errors(again.bag, identified)
-        write_film_page(self._folder, in_words(errors, self._bench.parameters.spread))
+        write_film_page(self._folder, describe_errors(errors, self._bench.parameters.spread))
         text = json.dumps(asdict(errors), indent=2) + '\n'
         (self._folder / 'summary.json').write_text(text, encoding='utf-8')
         return errors
@@ -126,7 +128,7 @@ class FilmedExperiment:
     def _film(self, path: Path) -> None:
         pictures = self._bench.pictures
         _say(
-            f'Filming a chain of {self._plan.rotors} rotors, whose lengths all differ by '
+            f'Filming a chain of {self._plan.rotors} rotors, whose lengths deviate by '
             f'{self._bench.parameters.spread:.0%}.'
         )
         progress = ProgressLine('filming', pictures)
@@ -142,14 +144,14 @@ class FilmedExperiment:
     def _seen(
         self, film: Path, lens: Path, named: NamedChain, name: str, overlay: Path | None = None
     ) -> FilmSummary:
-        told = CameraParameters(CAMERA.row_time, CAMERA.exposure)
-        sight = CameraMeasurement(named, self._markers, told, read_camera(lens))
+        camera = CameraParameters(CAMERA.row_time, CAMERA.exposure)
+        measurement = CameraMeasurement(named, self._markers, camera, read_camera(lens))
         for earlier in self._folder.glob(f'{name}_*'):
             shutil.rmtree(earlier)
-        return film_to_bag(read_video(film), named, sight, self._folder / name, overlay)
+        return film_to_bag(read_video(film), named, measurement, self._folder / name, overlay)
 
     def _errors(self, bag: Path, identified: NamedChain) -> PositionErrors:
-        """Compare what a bag shows with what only the filmed chain knows."""
+        """Compare the positions from a bag with the true motion of the filmed chain."""
         with open_bag(bag) as reader:
             deviations = np.array(
                 [message.position for _, message in read_topic(reader, _DEVIATIONS)]
@@ -168,7 +170,7 @@ class FilmedExperiment:
         inside = np.isfinite(true) & np.isfinite(found[:, 0]) & np.isfinite(informed)
         inside &= (true > _FROM_EDGES) & (true < last - _FROM_EDGES)
         if not inside.any():
-            raise ValueError('no soliton was followed in the film; kick harder, or film longer')
+            raise ValueError('no soliton was tracked in the film; kick harder, or film longer')
         errors = angles - exact
         noise = float(np.nanstd(errors - np.nanmean(errors, axis=0)))
         orbit = orbit_of(self._bench.chain)
@@ -186,20 +188,25 @@ class FilmedExperiment:
         )
 
 
-def in_words(errors: PositionErrors, spread: float) -> str:
-    """What the experiment has shown."""
+def describe_errors(errors: PositionErrors, spread: float) -> str:
+    """Return the result of the experiment as text."""
+    hidden = (
+        f'{errors.hidden:.1%} of the rotors were hidden, which alone causes an error of '
+        f'{errors.by_hidden:.2g}.'
+        if errors.hidden
+        else 'No rotor was hidden.'
+    )
     return (
-        f'Angles were seen to {1e3 * errors.angle_noise:.2g} mrad. In {errors.places} pictures '
-        f'the soliton is placed to {errors.error:.2g} rotor spacings on the chain that the film '
-        f'itself has shown, and to {errors.with_true_chain:.2g} on the true one, whose lengths '
-        f'all differ by {spread:.0%}; angles of that noise allow {errors.allowed:.2g} by a '
-        f'picture alone in which all rotors are seen. {errors.hidden:.1%} were hidden, which by '
-        f'itself makes an error of {errors.by_hidden:.2g}.'
+        f'The angles have a noise of {1e3 * errors.angle_noise:.2g} mrad. In {errors.places} '
+        f'pictures the rms error of the soliton position is {errors.error:.2g} rotor spacings on '
+        f'the chain that was identified from the film, and {errors.with_true_chain:.2g} on the '
+        f'true chain, whose lengths deviate by {spread:.0%}. With this noise and all rotors '
+        f'visible, one picture cannot do better than {errors.allowed:.2g}. {hidden}'
     )
 
 
 def _places(chain: Chain, times: Array, angles: Array) -> Array:
-    """Places of the soliton and their deviations, those of an analyser, shape (T, 2)."""
+    """Return position and deviation of the soliton in each frame, shape (T, 2)."""
     analyser = Analyser(chain)
     return np.array(
         [
@@ -210,7 +217,7 @@ def _places(chain: Chain, times: Array, angles: Array) -> Array:
 
 
 def _place(analysis: Analysis | None) -> tuple[float, float]:
-    """Place [rotor spacings] and its deviation [m] where there is one soliton, else NaN."""
+    """Return position [rotor spacings] and deviation [m] if there is one soliton, else NaN."""
     if analysis is None or len(analysis.solitons) != 1:
         return math.nan, math.nan
     (soliton,) = analysis.solitons
@@ -236,7 +243,7 @@ figure {{ margin: 0; }}
 video, img {{ width: 100%; }}
 </style>
 <h1>A soliton in a film</h1>
-<p>{words}</p>
+<p>{text}</p>
 <main>{figures}</main>
 <script>
 // Both films show the same instant.
@@ -253,18 +260,18 @@ for (const film of films) for (const event of ['play', 'pause', 'seeked'])
 </html>
 """
 _FIGURES = (
-    ('film.mp4', 'The film, as a camera takes it.'),
-    ('overlay.mp4', 'The same with the markers that were found, and the soliton.'),
-    ('identification.png', 'The chain that the film shows: its lengths, and what bonds leave.'),
-    ('track.png', 'Place and velocity of the soliton on that chain.'),
+    ('film.mp4', 'The film of the camera.'),
+    ('overlay.mp4', 'The film with the detected markers and the soliton.'),
+    ('identification.png', 'The identified chain: its lengths, and the residuals of its bonds.'),
+    ('track.png', 'Position and velocity of the soliton on the identified chain.'),
 )
-"""Files of the page, in its folder, and what is said of them."""
+"""Files of the page and their captions."""
 
 
-def write_film_page(folder: Path, words: str) -> None:
+def write_film_page(folder: Path, text: str) -> None:
     """Write index.html into a folder that has the films and pictures."""
     figures = ''.join(_figure(name, caption) for name, caption in _FIGURES)
-    page = _PAGE.format(words=html.escape(words), figures=figures)
+    page = _PAGE.format(text=html.escape(text), figures=figures)
     (folder / 'index.html').write_text(page, encoding='utf-8')
 
 

@@ -1,10 +1,10 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The experiment: nudge the chain, watch a soliton cross it and come back, record and replay.
+"""Run an experiment: nudge the chain, watch a soliton cross it and return, record and replay.
 
-It starts the simulator, the actuator, the analyser and the recorder on a private domain of this
-machine, and leaves a bag of the run, two pictures and a summary. With a configuration of a
-filmed_experiment it films a chain that nobody has measured, identifies it by the film and follows
-its soliton, and leaves a page with film, overlay, report and track.
+The program starts simulator, actuator, analyser and recorder in a private domain of this
+machine. It writes a bag, two pictures and a summary. With a configuration of a filmed_experiment
+it films an unmeasured chain, identifies it from the film, follows its soliton, and writes a page
+with film, overlay, report and track.
 """
 
 from __future__ import annotations
@@ -47,7 +47,7 @@ def main() -> None:
         with _plain_end():
             _run_filmed(options, filmed)
         return
-    # An exception that a signal handler raises gets lost where Python calls back, as in a fork.
+    # An exception in a signal handler can be lost in callbacks, for example during a fork.
     stopping = stop_on_signals()
     with private_domain():
         _run(options, stopping)
@@ -55,7 +55,7 @@ def main() -> None:
 
 @contextmanager
 def _plain_end(left: Callable[[], str] = lambda: '') -> Iterator[None]:
-    """End with one line, and 130 after Ctrl-C or 1 after a failure; `left` tells what is left."""
+    """Exit with one line and 130 after Ctrl-C, 1 after a failure; `left` describes the results."""
     try:
         yield
     except KeyboardInterrupt:
@@ -94,9 +94,9 @@ def _run_filmed(options: argparse.Namespace, given: dict[str, Any]) -> None:
 
     configuration = options.configuration
     with claimed(options.output) as folder:
-        said = filmed_experiment.run(configuration, given, folder)
+        text = filmed_experiment.run(configuration, given, folder)
     page = folder / 'index.html'
-    print(said, f'\n  {page}   film, overlay, report and track\n')
+    print(text, f'\n  {page}   film, overlay, report and track\n')
     print(*_suggestions(configuration), sep='\n', flush=True)
     if options.page and has_display():
         webbrowser.open(page.resolve().as_uri())
@@ -104,7 +104,7 @@ def _run_filmed(options: argparse.Namespace, given: dict[str, Any]) -> None:
 
 @contextmanager
 def claimed(folder: Path) -> Iterator[Path]:
-    """A folder that no other experiment writes to: this one, or the first free of _1, _2, ..."""
+    """Yield a folder that no other experiment uses: this one, or the first free of _1, _2, ..."""
     candidates = (folder.with_name(f'{folder.name}_{n}') if n else folder for n in count())
     claims = ((each, _claim(each)) for each in candidates)
     chosen, claim = next((each, claim) for each, claim in claims if claim is not None)
@@ -117,7 +117,7 @@ def claimed(folder: Path) -> Iterator[Path]:
 
 
 def _claim(folder: Path) -> int | None:
-    """Open and lock a folder, which is made where there is none; None where another has it."""
+    """Create, open and lock a folder; return None if another experiment has locked it."""
     folder.mkdir(parents=True, exist_ok=True)
     claim = os.open(folder, os.O_RDONLY)
     try:
@@ -129,27 +129,27 @@ def _claim(folder: Path) -> int | None:
 
 
 def conclusion(summary: dict[str, Any], folder: Path, bag: Path) -> str:
-    """What a person wants to know of an experiment that is over, and where it is."""
+    """Return a report of a finished experiment with the paths of its results."""
     speed, lost = summary['speed_rotors_per_s'], summary['lost_messages']
     motion = summary['motion']
     kind = f'{"an" if motion[0] in "aeiou" else "a"} {motion}'
     return f"""
 A soliton crossed the chain of {summary['rotors']} rotors, {kind}, {summary['crossings']} times\
 {f' at {speed:.2f} rotors/s' if speed else ''}.
-{summary['recorded_messages']} messages were recorded, and {lost or 'none'} lost.
+{summary['recorded_messages']} messages were recorded, {lost or 'none'} lost.
 {_agreement(summary)}
 
-  {folder / 'kymograph.png'}   the rotors' lean over space and time, and the soliton's track
-  {folder / 'track.png'}       the soliton's place and velocity
-  {folder / 'summary.json'}    these figures
-  {bag}/      the bag; play it again with bag_player
+  {folder / 'kymograph.png'}   displacement of the rotors in space and time, and the soliton
+  {folder / 'track.png'}       position and velocity of the soliton
+  {folder / 'summary.json'}    these numbers
+  {bag}/      the bag; play it with bag_player
 """
 
 
 def _agreement(summary: dict[str, Any]) -> str:
     frames, missing = summary['replayed_messages'], summary['frames_missing_in_replay']
     if missing:
-        return f'Of the frames that were analysed live {missing} are not in the replay.'
+        return f'{missing} frames of the live analysis are missing in the replay.'
     difference = summary['largest_replay_difference_rotors']
     if difference:
         return f'Replay and live differ, by up to {difference:.2g} rotor spacings.'
@@ -157,20 +157,22 @@ def _agreement(summary: dict[str, Any]) -> str:
 
 
 def _suggestions(configuration: Path) -> list[str]:
-    """What was not just done."""
+    """Return suggestions of further commands."""
     made = 'MAKELEVEL' in os.environ
     others = [
         f'make demo SCENARIO={path.stem}' if made else f'experiment {path}'
         for path in other_scenarios(configuration)
     ]
-    by_hand = 'make shell, and drive it yourself' if made else 'drive it yourself: nudge --help'
+    by_hand = (
+        'make shell, to drive it from topics' if made else 'nudge --help, to drive it from topics'
+    )
     if made:
-        others.insert(0, 'make live, and push it with the mouse')
+        others.insert(0, 'make live, to push it with the mouse')
     return ['Try next:', *(f'  {command}' for command in [*others, by_hand])]
 
 
 def other_scenarios(configuration: Path) -> list[Path]:
-    """Return the configurations beside one that are named after their scenario, another one."""
+    """Return the other configurations in the folder that are named after their scenario."""
     return [
         path
         for path in sorted(configuration.parent.glob('*.yaml'))
@@ -194,7 +196,9 @@ def _named(configuration: Path, node: str) -> dict[str, Any]:
 
 def _options() -> argparse.Namespace:
     parser = PlainParser(prog='experiment', description=__doc__)
-    parser.add_argument('configuration', type=Path, help='parameter file, as config/flipper.yaml')
+    parser.add_argument(
+        'configuration', type=Path, help='parameter file, such as config/flipper.yaml'
+    )
     parser.add_argument(
         '--output',
         type=Path,

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What happened in a recorded run: its track, its figures and its pictures."""
+"""Report of a recorded run: track, numbers and pictures."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ from soliton_linkage_nodes.runtime.stamps import time_from_msg
 from soliton_linkage_studies.pictures import save_run
 
 _BEFORE_NUDGE = 0.5
-"""What of the rest before the nudge is shown [s]."""
+"""Time before the nudge in the pictures [s]."""
 
 
 @dataclass(frozen=True)
@@ -41,15 +41,15 @@ class RecordedRun:
     states: Mapping[int, tuple[float, ...]]
     """Rotors at which the live analyser saw solitons, by the stamp of the frame [ns]."""
     events: tuple[str, ...]
-    """What happened to walls, in words."""
+    """Names of the events of walls."""
     messages: int
     lost: int
     publish_rate: float
-    """Of joint_states, from the times at which they were received after the nudge [Hz]."""
+    """Rate of joint_states, from their arrival times after the nudge [Hz]."""
 
 
 def read_run(bag: Path) -> RecordedRun:
-    """Read the bag of an experiment; raises ValueError where it holds none."""
+    """Read the bag of an experiment; raises ValueError if it has none."""
     with open_bag(bag) as reader:
         named, recording = read_recording(reader)
         received, frames = zip(*read_topic(reader, 'joint_states'), strict=True)
@@ -69,7 +69,7 @@ def read_run(bag: Path) -> RecordedRun:
         states={
             stamp: places(state)
             for state in states
-            # The analyser may have been heard a moment before the simulator was.
+            # The recorder may have received the analyser before the simulator.
             if (stamp := time_from_msg(state.header.stamp)) >= first
         },
         events=events,
@@ -82,10 +82,9 @@ def read_run(bag: Path) -> RecordedRun:
 def largest_difference(
     live: Mapping[int, tuple[float, ...]], replayed: Mapping[int, tuple[float, ...]]
 ) -> float:
-    """Largest distance of solitons in frames of one stamp [rotor spacings].
+    """Return the largest distance of solitons in frames of one stamp [rotor spacings].
 
-    Infinite where the number of solitons differs; a frame that only one of them has is passed
-    over.
+    It is infinite if the number of solitons differs. Frames in only one of them are ignored.
     """
     largest = 0.0
     for stamp in live.keys() & replayed.keys():
@@ -97,12 +96,12 @@ def largest_difference(
 
 
 def draw(run: RecordedRun, folder: Path) -> None:
-    """Draw kymograph.png and track.png, with their captions beside them."""
+    """Draw kymograph.png and track.png, with their captions."""
     save_run(run.named.chain, run.recording, run.track, run.crossings, folder)
 
 
 def summarise(run: RecordedRun) -> dict[str, Any]:
-    """Return what the bag alone tells, for summary.json."""
+    """Return the numbers from the bag for summary.json."""
     speeds = [crossing.site_rate for crossing in run.crossings]
     return {
         'motion': run.named.chain.motion.value,
@@ -117,7 +116,7 @@ def summarise(run: RecordedRun) -> dict[str, Any]:
 
 
 def _events(reader: Reader) -> tuple[str, ...]:
-    """Kinds of events, of which bags of an older suite have none."""
+    """Return the kinds of events; older bags have none."""
     name = interfaces.SOLITON_EVENTS.name
     if not any(each.topic.rpartition('/')[2] == name for each in reader.connections):
         return ()
