@@ -52,7 +52,7 @@ def test_a_cut_bag_is_recovered_beside_it(
     assert again.said[-1] == 'complete'
     told = f'lost by damage before recovery: {lost[1] if lost else "an unknown number"} ('
     assert again.said[-2].startswith(told)
-    assert again.said[-2].endswith('; when recorded: not known')
+    assert again.said[-2].endswith('; when recorded: unknown')
 
 
 @pytest.mark.parametrize('program', ['recover_bag', 'check_bag'])
