@@ -67,7 +67,7 @@ def test_a_caption_is_saved_next_to_the_picture_in_short_lines(tmp_path: Path) -
 
 @pytest.mark.parametrize('caption', ['', ' \n\n \n'])
 def test_a_picture_without_a_caption_is_rejected(caption: str, tmp_path: Path) -> None:
-    with pytest.raises(ValueError, match='line has no caption; describe what it shows'):
+    with pytest.raises(ValueError, match='line has no caption; describe its content'):
         save_caption(caption, tmp_path / 'line.txt')
 
 

@@ -208,7 +208,7 @@ def expand_limits(pictures: Sequence[ChainPicture]) -> tuple[float, float]:
 def add_legend(figure: Figure) -> None:
     """Add a one-row legend of the parts of a chain below the panels."""
     right, left = (f'u leans {side}' for side in ('right', 'left'))
-    looks: list[tuple[str, str, str, Literal['', '-', '--']]] = [
+    styles: list[tuple[str, str, str, Literal['', '-', '--']]] = [
         ('pivot', BLACK, 'x', ''),
         ('rotor', BLACK, '', '-'),
         ('mass', BLUE, 'o', ''),
@@ -219,7 +219,7 @@ def add_legend(figure: Figure) -> None:
     ]
     handles = [
         Line2D([], [], color=colour, marker=marker, linestyle=line, label=name, markersize=8)
-        for name, colour, marker, line in looks
+        for name, colour, marker, line in styles
     ]
     figure.legend(
         handles=handles,

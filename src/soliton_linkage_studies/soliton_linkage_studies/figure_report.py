@@ -114,7 +114,7 @@ def save_caption(caption: str, path: Path) -> None:
     """Write a caption as wrapped Markdown paragraphs; raises ValueError for an empty caption."""
     paragraphs = [' '.join(each.split()) for each in re.split(r'\n\s*\n', caption.strip())]
     if not any(paragraphs):
-        raise ValueError(f'{path.stem} has no caption; describe what it shows and its colours')
+        raise ValueError(f'{path.stem} has no caption; describe its content and its colours')
     text = '\n\n'.join(textwrap.fill(each, _LINE) for each in paragraphs)
     path.write_text(f'{text}\n', encoding='utf-8')
 

@@ -41,7 +41,7 @@ class Formula:
     @property
     def value(self) -> float:
         """Value of the formula; raises ValueError if it cannot be parsed."""
-        return _Reader(self.text, self.values).whole()
+        return _Parser(self.text, self.values).evaluate()
 
     def __str__(self) -> str:
         """Return text, value, symbol values and remark in the format of `read_formula`."""
@@ -88,7 +88,7 @@ def _tokens(text: str, values: Mapping[str, float]) -> list[str]:
     return re.findall(token, text.translate(_ALIKE))
 
 
-class _Reader:
+class _Parser:
     """Recursive-descent parser that evaluates a formula."""
 
     def __init__(self, text: str, values: Mapping[str, float]) -> None:
@@ -96,11 +96,11 @@ class _Reader:
         self._tokens = [*_tokens(text, self._values), '']
         self._bars = 0
 
-    def whole(self) -> float:
+    def evaluate(self) -> float:
         """Evaluate the whole text."""
         value = self._sum()
         if self._next:
-            raise self._complaint()
+            raise self._error()
         return value
 
     @property
@@ -109,10 +109,10 @@ class _Reader:
 
     def _take(self, *wanted: str) -> str:
         if wanted and self._next not in wanted:
-            raise self._complaint()
+            raise self._error()
         return self._tokens.pop(0)
 
-    def _complaint(self) -> ValueError:
+    def _error(self) -> ValueError:
         found = repr(self._next) if self._next else 'its end'
         return ValueError(f'formula {self._text!r}: {found} is not expected; correct the text')
 
@@ -170,7 +170,7 @@ class _Reader:
         if name and name[0].isdigit():
             return float(name)
         self._tokens.insert(0, name)
-        raise self._complaint()
+        raise self._error()
 
     def _inside(self) -> float:
         """Evaluate a sum in parentheses, in which a vertical bar opens a new absolute value."""

@@ -37,9 +37,9 @@ MoveKey = tuple[str, str]
 
 _TOLERANCE = 1e-8
 """Tolerance of the angles in a time unit [rad], far below the noise and the move errors."""
-_SEEN_BEFORE = 0.2
+_OBSERVATION_TIME = 0.2
 """Duration for which the steering observes a wall at rest before it receives a goal [s]."""
-_LONGEST = 120.0
+_TIME_LIMIT = 120.0
 """Time limit of a move, after which its outcome is NOT_HELD [s]."""
 _SAMPLE_EVERY = 20
 """Frames per sample [1]: 80 ms at 250 Hz, about the resolution of the picture."""
@@ -91,9 +91,9 @@ class MoveRun:
     """Time from the goal command to the arrival [s]."""
     times: Array
     """Time since the goal command [s], shape (T,)."""
-    places: Array
+    positions: Array
     """Wall position [rotor spacings], shape (T,)."""
-    aims: Array
+    references: Array
     """Reference position of the wall [rotor spacings], shape (T,), NaN without a trajectory."""
     phonon_energies: Array
     """Energy of the phonons [J], shape (T,)."""
@@ -115,11 +115,11 @@ def simulate_move(task: MoveTask) -> MoveRun:
     samples: list[tuple[float, float, float, float]] = []
     ended: MoveResult | None = None
     arc, arrival, peak = math.nan, math.nan, 0.0
-    begin = round(_SEEN_BEFORE * task.frame_rate)
+    begin = round(_OBSERVATION_TIME * task.frame_rate)
     torques = np.zeros(chain.number_of_rotors)
-    for frame in range(round(_LONGEST * task.frame_rate)):
-        seen = simulation.angles + task.condition.noise * random.standard_normal(len(torques))
-        ended = steering.observe(simulation.time, seen) or ended
+    for frame in range(round(_TIME_LIMIT * task.frame_rate)):
+        readings = simulation.angles + task.condition.noise * random.standard_normal(len(torques))
+        ended = steering.observe(simulation.time, readings) or ended
         if frame == begin:
             ended = steering.move(task.goal)
             arc = fit_anywhere(orbit, simulation.angles).arc
@@ -138,12 +138,12 @@ def simulate_move(task: MoveTask) -> MoveRun:
         torques = steering.torques()
         simulation.advance()
         peak = max(peak, float(chain.kinetic_energy(simulation.rates)))
-    times, places, aims, energies = np.array(samples).T
+    times, positions, references, energies = np.array(samples).T
     reached = ended is not None and ended.outcome is Outcome.REACHED
-    error = float(np.abs(places[times >= arrival] - task.goal).max()) if reached else math.nan
+    error = float(np.abs(positions[times >= arrival] - task.goal).max()) if reached else math.nan
     outcome = Outcome.NOT_HELD if ended is None else ended.outcome
     return MoveRun(
-        outcome, arrival, times, places, aims, energies, error, float(energies[-1]), peak
+        outcome, arrival, times, positions, references, energies, error, float(energies[-1]), peak
     )
 
 
@@ -280,11 +280,11 @@ def _condition(section: Section) -> Condition:
 _CAPTION = """
 Walls that move to goals in simulated chains. Each column is a chain, each colour a condition and
 each line a move. (a) Position of the wall. (b) Absolute distance from the goal, at least
-{least:g}. The dashed grey line marks {wanted:g} rotor spacings, the required holding accuracy.
+{least:g}. The dashed grey line marks {required:g} rotor spacings, the required holding accuracy.
 (c) Phonon energy, which is the energy outside the wall motion, over the peak energy of the wall
 during a move. If conditions give equal results, their lines coincide and the last one is on top.
 """
-_WANTED = 0.1
+_REQUIRED_ACCURACY = 0.1
 """Required holding accuracy: largest distance from the goal [rotor spacings]."""
 _LEAST_ERROR = 1e-6
 """Lower limit of the drawn distance on its logarithmic axis [rotor spacings]."""
@@ -299,7 +299,7 @@ def draw_moves(
     chains = list(dict.fromkeys(name for name, _ in tasks))
     conditions = list(dict.fromkeys(title for _, title in tasks))
     figure = Figure(figsize=(max(4.3 * len(chains), 6), 10), layout='constrained')
-    report = FigureReport(figure, _CAPTION.format(least=_LEAST_ERROR, wanted=_WANTED))
+    report = FigureReport(figure, _CAPTION.format(least=_LEAST_ERROR, required=_REQUIRED_ACCURACY))
     panels = report.figure.subplots(3, len(chains), sharex='col', sharey='row', squeeze=False)
     for column, name in zip(panels.T, chains, strict=True):
         for number, title in enumerate(conditions):
@@ -307,12 +307,14 @@ def draw_moves(
             for task, run in zip(tasks[name, title], runs[name, title], strict=True):
                 _draw_run(report, column, f'{name}, {title}', colour, task, run)
         column[0].set(title=name)
-        column[1].axhline(_WANTED, color=GREY, linestyle='--', linewidth=0.8)
+        column[1].axhline(_REQUIRED_ACCURACY, color=GREY, linestyle='--', linewidth=0.8)
         column[2].set(xlabel='time since the goal command [s]')
     panels[0, 0].set(ylabel='a  position [rotor spacings]')
     panels[1, 0].set(ylabel='b  |position − goal| [rotor spacings]', yscale='log')
     panels[2, 0].set(ylabel='c  phonons / peak energy of the wall [1]', yscale='log')
-    panels[1, 0].plot([], [], '--', color=GREY, linewidth=0.8, label=f'required: {_WANTED:g}')
+    panels[1, 0].plot(
+        [], [], '--', color=GREY, linewidth=0.8, label=f'required: {_REQUIRED_ACCURACY:g}'
+    )
     for number, title in enumerate(conditions):
         panels[0, 0].plot([], [], color=COLOURS[number % len(COLOURS)], label=title)
     report.figure.legend(loc=LEGEND_ABOVE, ncols=len(conditions) + 1)
@@ -327,11 +329,11 @@ def _draw_run(
     task: MoveTask,
     run: MoveRun,
 ) -> None:
-    off = np.maximum(np.abs(run.places - task.goal), _LEAST_ERROR)
+    distance = np.maximum(np.abs(run.positions - task.goal), _LEAST_ERROR)
     share = np.maximum(run.phonon_energies / run.peak_energy, _LEAST_SHARE)
     for axes, name, values in (
-        (column[0], 'place [rotor spacings]', run.places),
-        (column[1], 'distance from the goal [rotor spacings]', off),
+        (column[0], 'place [rotor spacings]', run.positions),
+        (column[1], 'distance from the goal [rotor spacings]', distance),
         (column[2], 'phonons over the peak energy of the wall [1]', share),
     ):
         axes.plot(run.times, values, color=colour, linewidth=0.9, alpha=0.8)

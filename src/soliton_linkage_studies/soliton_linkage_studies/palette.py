@@ -107,11 +107,13 @@ def lean_colour_scale(chain: Chain) -> tuple[Array, Array]:
     stretched about it and reaches the largest rotor length without clipping.
     """
     rest, largest = float(lean_ticks(chain)[3]), float(lean_ticks(chain)[4])
-    near = [(share * rest, off) for share, off in _NEAR_REST if share * rest < 0.99 * largest]
-    places, offs = np.array([*near, (largest, 0.5)]).T
+    near = [
+        (share * rest, offset) for share, offset in _NEAR_REST if share * rest < 0.99 * largest
+    ]
+    places, offsets = np.array([*near, (largest, 0.5)]).T
     return (
         np.concatenate([-places[::-1], [0.0], places]),
-        np.concatenate([0.5 - offs[::-1], [0.5], 0.5 + offs]),
+        np.concatenate([0.5 - offsets[::-1], [0.5], 0.5 + offsets]),
     )
 
 
@@ -119,8 +121,8 @@ def lean_colour_table(chain: Chain, levels: int) -> NDArray[np.uint8]:
     """Return RGB values of evenly spaced displacements from -r to r, shape (levels, 3)."""
     places, shares = lean_colour_scale(chain)
     largest = float(lean_ticks(chain)[4])
-    offs = np.interp(np.linspace(-largest, largest, levels), places, shares)
-    return np.asarray(colormaps[LEAN_COLOURS](offs, bytes=True)[:, :3], dtype=np.uint8)
+    map_positions = np.interp(np.linspace(-largest, largest, levels), places, shares)
+    return np.asarray(colormaps[LEAN_COLOURS](map_positions, bytes=True)[:, :3], dtype=np.uint8)
 
 
 def lean_ticks(chain: Chain) -> Array:

@@ -123,10 +123,10 @@ def select_names(known: Sequence[str], asked: Sequence[str], option: str = '--on
     The part of a name before its first _ suffices. Raises ValueError for an unknown name.
     """
     for name in asked:
-        if not any(name in _spoken(one) for one in known):
+        if not any(name in _aliases(one) for one in known):
             names = ', '.join(known)
             raise ValueError(f'{option} {name}: unknown name; choose from {names}')
-    return [name for name in known if not asked or not _spoken(name).isdisjoint(asked)]
+    return [name for name in known if not asked or not _aliases(name).isdisjoint(asked)]
 
 
 def run_parallel(
@@ -150,5 +150,5 @@ def run_parallel(
     return {key: done[key] for key in tasks}
 
 
-def _spoken(name: str) -> set[str]:
+def _aliases(name: str) -> set[str]:
     return {name, name.split('_')[0]}

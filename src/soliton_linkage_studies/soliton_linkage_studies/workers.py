@@ -240,7 +240,7 @@ class _Cluster:
 
 
 def measure_rows(pool: Pool, table: Rows, rows: Sequence[int]) -> Iterator[list[list[str]]]:
-    """Yield the cells of rows of a table in chunks of about a second, as they are finished."""
+    """Yield the cells of rows of a table in chunks of about a second, in order of completion."""
     waiting = deque(rows)
     finished = pool.finished()
     running, size = 0, 1

@@ -63,9 +63,9 @@ def test_a_run_covers_the_move_from_its_goal_to_its_end() -> None:
     assert run.outcome is Outcome.REACHED
     assert run.times[0] == 0
     assert run.times[-1] == pytest.approx(run.duration + 0.5, abs=0.25)
-    assert (run.places[0], run.places[-1]) == pytest.approx((2.0, 5.0), abs=1e-2)
-    assert (run.aims[0], run.aims[-1]) == pytest.approx((2.0, 5.0), abs=1e-2)
-    assert np.abs(run.places - run.aims).max() < 0.1
+    assert (run.positions[0], run.positions[-1]) == pytest.approx((2.0, 5.0), abs=1e-2)
+    assert (run.references[0], run.references[-1]) == pytest.approx((2.0, 5.0), abs=1e-2)
+    assert np.abs(run.positions - run.references).max() < 0.1
     assert run.error < 0.01
     assert run.energy_left < 1e-6 * run.peak_energy
     assert (run.phonon_energies >= 0).all()

@@ -39,7 +39,7 @@ _WIDEST = 3.0
 _LONGEST = 4.0
 """Largest r / a, as in the paper [1]."""
 _APART = 1.6
-"""Rotors per wall in cells with several walls, over the rotors of a single wall [1].
+"""Rotors per wall with several walls, over the rotors that a single wall requires [1].
 
 The walls need room to move.
 """

@@ -167,13 +167,16 @@ def passage_of(
             f'{_FEWEST_FRAMES} are required; record more frames or reduce the kick'
         )
     sound, at_rest = speed_of_sound(chain), chain.wall_width
-    seen = np.array([time for time, _ in inside])
+    times_inside = np.array([time for time, _ in inside])
     walls = [wall for _, wall in inside]
-    slope = np.polyfit(seen, [wall.position for wall in walls], 1)[0]
+    slope = np.polyfit(times_inside, [wall.position for wall in walls], 1)[0]
     of_place = float(np.median([wall.position_deviation for wall in walls]))
     return ContractedWall(
         speed=abs(float(slope)) / sound,
-        speed_deviation=math.sqrt(2) * of_place / float(seen[-1] - seen[0]) / sound,
+        speed_deviation=math.sqrt(2)
+        * of_place
+        / float(times_inside[-1] - times_inside[0])
+        / sound,
         width=float(np.mean([wall.width for wall in walls])) / at_rest,
         width_deviation=min(wall.width_deviation for wall in walls) / at_rest,
     )

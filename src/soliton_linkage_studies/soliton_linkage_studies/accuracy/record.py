@@ -114,10 +114,10 @@ class RecordStudy:
             noise = self.noise * generator.standard_normal(orbit.chain.number_of_rotors)
             estimate = recursive.update(elapsed, orbit.configuration(arc) + noise)
             if frame + 1 in shown:
-                off = math.remainder(estimate.arc - arc, orbit.length) / orbit.site_arc
+                error = math.remainder(estimate.arc - arc, orbit.length) / orbit.site_arc
                 found.append(
                     (
-                        off,
+                        error,
                         estimate.rate / rate - 1,
                         estimate.arc_deviation / orbit.site_arc,
                         estimate.rate_deviation / rate,

@@ -58,8 +58,8 @@ class RigidSteps:
         caption = _CAPTION.format(steps=self.steps, rounding=_ROUNDING)
         report = FigureReport(Figure(figsize=(11, 4.8), layout='constrained'), caption)
         panels = report.figure.subplots(1, 2, sharex=True)
-        looks = zip(self.chains, results, chain_colours(self.chains), MARKERS, strict=False)
-        for chain, (taken, *errors), colour, marker in looks:
+        styles = zip(self.chains, results, chain_colours(self.chains), MARKERS, strict=False)
+        for chain, (taken, *errors), colour, marker in styles:
             name = class_and_shape(chain)
             for axes, values, what in zip(panels, errors, _QUANTITIES, strict=True):
                 shown = np.maximum(values, 0.01 * _ROUNDING)

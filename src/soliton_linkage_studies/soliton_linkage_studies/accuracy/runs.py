@@ -55,7 +55,7 @@ _NEAR = 3.0
 def records(cell: AccuracyCell, frames: int, random: np.random.Generator) -> Iterator[Scores]:
     """Simulate records with `frames` frames in total; yield the scores of each record."""
     run = min(cell.run, frames)
-    left, fresh = frames, Analyser(cell.configured_chain or cell.chain)
+    left, template = frames, Analyser(cell.configured_chain or cell.chain)
     scenes: list[WallScene] = []
     count = math.ceil(frames / run)
     impulses = math.ceil(cell.impulses / min(_SCENES, count))
@@ -65,7 +65,7 @@ def records(cell: AccuracyCell, frames: int, random: np.random.Generator) -> Ite
         scene = scenes[number % len(scenes)]
         length = min(run, left, len(scene.angles))
         begin = int(random.integers(len(scene.angles) - length + 1))
-        yield record(cell, fresh, scene, range(begin, begin + length), random)
+        yield record(cell, template, scene, range(begin, begin + length), random)
         left -= length
         if left <= 0:
             return
@@ -73,28 +73,28 @@ def records(cell: AccuracyCell, frames: int, random: np.random.Generator) -> Ite
 
 def record(
     cell: AccuracyCell,
-    fresh: Analyser,
+    template: Analyser,
     scene: WallScene,
     frames: range,
     random: np.random.Generator,
 ) -> Scores:
     """Run a copy of a new analyser on the frames of a record; return its scores."""
-    analyser, scores = deepcopy(fresh), Scores()
+    analyser, scores = deepcopy(template), Scores()
     if scene.charges:
         sound = speed_of_sound(cell.chain) / cell.chain.spacing
         scores.speed = float(np.median(np.abs(scene.site_rates), axis=0).max()) / sound
-    twin = deepcopy(fresh) if cell.wrong_reading else None
-    seen = _rotors_with_encoder(cell, random)
+    reference = deepcopy(template) if cell.wrong_reading else None
+    readable = _rotors_with_encoder(cell, random)
     period = cell.period * cell.chain.time_unit
     for number, frame in enumerate(frames):
-        angles = scene.angles[frame] + cell.noise * random.standard_normal(len(seen))
-        outliers = random.random(len(seen)) < cell.outliers
+        angles = scene.angles[frame] + cell.noise * random.standard_normal(len(readable))
+        outliers = random.random(len(readable)) < cell.outliers
         angles[outliers] = random.uniform(-math.pi, math.pi, int(outliers.sum()))
-        angles[~seen] = np.nan
+        angles[~readable] = np.nan
         if cell.degrees:
             angles = np.degrees(angles)
         stamp = round(1e9 * number * period)
-        clean = twin.analyse(stamp, angles) if twin else None
+        clean = reference.analyse(stamp, angles) if reference else None
         last = frame == frames[-1]
         if last and cell.wrong_reading:
             angles[_wrong_rotor(scene.places[frame, 0], len(angles), random)] += cell.wrong_reading
@@ -113,14 +113,14 @@ def _rotors_with_encoder(
     cell: AccuracyCell, random: np.random.Generator
 ) -> np.ndarray[tuple[int], np.dtype[np.bool_]]:
     rotors = cell.chain.number_of_rotors
-    seen = np.ones(rotors, dtype=bool)
+    readable = np.ones(rotors, dtype=bool)
     if cell.unseen == 'edges':
-        seen[[0, -1]] = False
+        readable[[0, -1]] = False
     elif cell.unseen:
-        seen[:] = False
+        readable[:] = False
         count = 1 if cell.unseen == 'all but one' else 3
-        seen[random.choice(rotors, count, replace=False)] = True
-    return seen
+        readable[random.choice(rotors, count, replace=False)] = True
+    return readable
 
 
 def _wrong_rotor(place: float, rotors: int, random: np.random.Generator) -> int:
@@ -139,8 +139,8 @@ def _score(
         scores.false += sum(_is_false(cell, scene.angles[frame], wall) for wall in stated)
         return
     if analysis.energies is not None and analysis.energies.kinetic_deviation > 0:
-        off = analysis.energies.kinetic - scene.kinetic[frame]
-        scores.kinetic.append(float(off / analysis.energies.kinetic_deviation))
+        error = analysis.energies.kinetic - scene.kinetic[frame]
+        scores.kinetic.append(float(error / analysis.energies.kinetic_deviation))
     for number, charge in enumerate(scene.charges):
         instant = float(scene.instants[frame, number])
         near = [wall for wall in stated if wall.charge == charge and _matches(cell, wall, instant)]
@@ -199,12 +199,12 @@ def _is_false(cell: AccuracyCell, angles: Array, wall: AnalysedSoliton) -> bool:
     inner = chain.number_of_rotors - 1
     legs = (0, 1) if chain.motion is Motion.SPINNER and wall.charge > 0 else (0,)
     place = min(max(wall.rotor, 1.0), inner - 1.0)
-    off = min(
+    error = min(
         wall_path(chain, wall.charge, leg).misfit(image, place, _CORE)
         for leg in legs
         for image in (angles, math.pi - angles)
     )
-    return off > _FALSE_MISFIT
+    return error > _FALSE_MISFIT
 
 
 def _score_shift(cell: AccuracyCell, analysis: Analysis, clean: Analysis, scores: Scores) -> None:
@@ -286,5 +286,5 @@ def read_cell_study(
     wanted = frames or section.whole_number('frames', 1, 10_000_000)
     if not quick:
         return CellStudy(seed, count, wanted, tuple(only))
-    few = frames or min(wanted, _QUICK_FRAMES)
-    return CellStudy(seed, min(count, _QUICK_CELLS), few, tuple(only), 'cells_quick')
+    fewer_frames = frames or min(wanted, _QUICK_FRAMES)
+    return CellStudy(seed, min(count, _QUICK_CELLS), fewer_frames, tuple(only), 'cells_quick')

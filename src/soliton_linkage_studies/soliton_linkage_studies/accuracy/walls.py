@@ -120,10 +120,10 @@ class WallPath:
             first, wall, slope = self.window(place)
             low, high = max(first, 0), min(first + len(wall), len(angles))
             near = np.abs(numbers[low:high] - place) < within
-            off = wrapped(angles[low:high] - wall[low - first : high - first])
-            about = slope[low - first : high - first]
-            size = float(about[near] @ about[near])
-            step = float(off[near] @ about[near]) / size
+            residual = wrapped(angles[low:high] - wall[low - first : high - first])
+            segment = slope[low - first : high - first]
+            size = float(segment[near] @ segment[near])
+            step = float(residual[near] @ segment[near]) / size
             step = min(max(step, -_LONGEST / math.sqrt(size)), _LONGEST / math.sqrt(size))
             place += step
             if abs(step) * math.sqrt(size) < _CLOSE:
@@ -135,8 +135,8 @@ class WallPath:
         first, wall, _ = self.window(place)
         low, high = max(first, 0), min(first + len(wall), len(angles))
         near = np.abs(np.arange(low, high) - place) < within
-        off = wrapped(angles[low:high] - wall[low - first : high - first])[near]
-        return math.sqrt(float(off @ off) / max(len(off), 1))
+        residual = wrapped(angles[low:high] - wall[low - first : high - first])[near]
+        return math.sqrt(float(residual @ residual) / max(len(residual), 1))
 
     def _left(self, count: int) -> Array:
         return np.tile(self.left, count // 2 + 1)[:count]
@@ -148,10 +148,12 @@ def nearest_arc(orbit: Orbit, angles: Array, arc: float) -> float:
     The search starts at `arc`.
     """
     for _ in range(_GAUSS_STEPS):
-        about = orbit.segment(arc)
-        off = wrapped(angles[about.first : about.first + len(about.angles)] - about.angles)
-        size = float(about.tangent @ about.tangent)
-        step = min(max(float(off @ about.tangent) / size, -_LONGEST), _LONGEST)
+        segment = orbit.segment(arc)
+        residual = wrapped(
+            angles[segment.first : segment.first + len(segment.angles)] - segment.angles
+        )
+        size = float(segment.tangent @ segment.tangent)
+        step = min(max(float(residual @ segment.tangent) / size, -_LONGEST), _LONGEST)
         arc += step
         if abs(step) < _CLOSE:
             break

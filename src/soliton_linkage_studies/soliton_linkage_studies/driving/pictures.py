@@ -153,9 +153,9 @@ def draw_moves(
     styles = dict(zip(dict.fromkeys(title for _, title in runs), ('--', ':', '-.'), strict=False))
     for (name, title), run in runs.items():
         colour = colours[name]
-        axes.plot(run.times, run.places, color=colour, linewidth=4, alpha=0.35)
-        axes.plot(run.times, run.aims, styles.get(title, '-'), color=colour, linewidth=1.2)
-        for series, values in (('place', run.places), ('reference trajectory', run.aims)):
+        axes.plot(run.times, run.positions, color=colour, linewidth=4, alpha=0.35)
+        axes.plot(run.times, run.references, styles.get(title, '-'), color=colour, linewidth=1.2)
+        for series, values in (('place', run.positions), ('reference trajectory', run.references)):
             names = (_TIME, 'place [rotor spacings]')
             report.add_points('e', f'{name}, {title}: {series}', names, run.times, values)
     handles = [

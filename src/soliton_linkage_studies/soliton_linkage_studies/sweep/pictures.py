@@ -198,16 +198,16 @@ def _draw_curves(axes: Axes, study: SweepStudy, rows: Sequence[dict[str, str]]) 
         names, curves = [''], [values]
     colours = _curve_colours(families[0] if families else None, names)
     for number, (name, curve) in enumerate(zip(names, curves, strict=True)):
-        looks = {
+        style = {
             'color': colours[number],
             'marker': MARKERS[number % len(MARKERS)],
             'label': class_label(name),
         }
         if of_classes:
             aside = _ASIDE * (number - (len(curves) - 1) / 2)
-            _draw_shares(axes, along, curve[:, 0], len(study.seeds), aside, looks)
+            _draw_shares(axes, along, curve[:, 0], len(study.seeds), aside, style)
         else:
-            _draw_curve(axes, along, curve, looks)
+            _draw_curve(axes, along, curve, style)
     if of_classes:
         axes.set_ylim(-0.02, 1.02)
     axes.set_ylabel(_curve_label(study, bool(families)))
@@ -227,17 +227,17 @@ def _curve_colours(family: Axis | None, names: Sequence[str]) -> list[str]:
 
 
 def _draw_shares(
-    axes: Axes, along: Axis, share: Array, seeds: int, aside: float, looks: Mapping[str, Any]
+    axes: Axes, along: Axis, share: Array, seeds: int, aside: float, style: Mapping[str, Any]
 ) -> None:
     """Draw a fraction of the seeds as a line with error bars, shifted by `aside`."""
     places = _beside(along, aside)
-    axes.vlines(places, *score_interval(share, seeds), color=looks['color'], linewidth=1.5)
-    axes.plot(places, share, '-', markersize=5, clip_on=False, zorder=3, **looks)
+    axes.vlines(places, *score_interval(share, seeds), color=style['color'], linewidth=1.5)
+    axes.plot(places, share, '-', markersize=5, clip_on=False, zorder=3, **style)
 
 
-def _draw_curve(axes: Axes, along: Axis, curve: Array, looks: Mapping[str, Any]) -> None:
+def _draw_curve(axes: Axes, along: Axis, curve: Array, style: Mapping[str, Any]) -> None:
     """Draw the median over the last axis as a line, the range as a band, and seeds as dots."""
-    places, colour = _places(along), looks['color']
+    places, colour = _places(along), style['color']
     seen = np.isfinite(curve).any(axis=-1)
     middle, low, high = (
         np.array([quantile(one[np.isfinite(one)]) for one in curve[seen]])
@@ -246,7 +246,7 @@ def _draw_curve(axes: Axes, along: Axis, curve: Array, looks: Mapping[str, Any])
     axes.fill_between(places[seen], low, high, color=colour, alpha=0.25, linewidth=0)
     if curve.shape[-1] > 1:
         axes.plot(places, curve, '.', color=colour, markersize=3)
-    axes.plot(places[seen], middle, '-', markersize=4, **looks)
+    axes.plot(places[seen], middle, '-', markersize=4, **style)
 
 
 def _scale_is_fraction(study: SweepStudy) -> bool:
