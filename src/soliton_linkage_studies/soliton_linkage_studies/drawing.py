@@ -2,7 +2,7 @@
 """Pictures of one chain, its zero mode and its configuration space on matplotlib axes.
 
 Pivots are crosses, rotors black bars, masses blue dots, springs dashed red lines (solid where
-they are rigid bars), and the zero mode is green arrows at the masses (paper, Fig. 1). Where
+they are rigid bars), and zero modes green arrows at the masses (paper, Fig. 1). Where
 rotors overlap their neighbours, every other rotor is grey. Each rotor has a white border.
 """
 

@@ -42,9 +42,11 @@ class StepResponse:
                 f'{_FEWEST_READINGS}; record at a higher rate or for longer'
             )
         if not all(np.isfinite(column).all() for column in columns):
-            raise ValueError('times, commands and pressures must be finite numbers')
+            raise ValueError('times, commands and pressures must be finite; remove other readings')
         if np.any(np.diff(self.times) <= 0):
-            raise ValueError('the times of a step response must increase')
+            raise ValueError(
+                'the times of a step response must increase; sort them, remove duplicates'
+            )
 
 
 @dataclass(frozen=True)

@@ -43,11 +43,11 @@ def follow_wall(chain: Chain, edge: Edge = Edge.FIRST, legs: int = 2) -> tuple[L
 
     From the first edge the simulation starts in the left-leaning rest state, from the last edge
     in the right-leaning one. It ends early after a leg that does not reach the other edge: the
-    wall has turned back, or every rotor has turned twice on average.
+    wall has turned back, or the arc length exceeds 4 pi [rad] per rotor.
 
     The wall position is the centre of the zero mode. The wall of a flipper reaches an edge when
-    the edge rotor passes the line from its pivot to the mass of its neighbour, where the mode is
-    localised on this rotor. A flipper first moves to the nearest edge. The wall of a spinner
+    the edge rotor passes the line from its pivot to the mass of its neighbour. At this instant
+    the mode is localised on this rotor. A flipper first moves to the nearest edge. The wall of a spinner
     reaches an edge when the mode is largest there.
 
     Raises:
