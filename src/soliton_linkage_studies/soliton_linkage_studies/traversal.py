@@ -46,9 +46,9 @@ def follow_wall(chain: Chain, edge: Edge = Edge.FIRST, legs: int = 2) -> tuple[L
     wall has turned back, or the arc length exceeds 4 pi [rad] per rotor.
 
     The wall position is the centre of the zero mode. The wall of a flipper reaches an edge when
-    the edge rotor passes the line from its pivot to the mass of its neighbour. At this instant
-    the mode is localised on this rotor. A flipper first moves to the nearest edge. The wall of a spinner
-    reaches an edge when the mode is largest there.
+    the edge rotor passes the line from its pivot to the mass of its neighbour. At this instant the
+    mode is localised on this rotor. A flipper first moves to the nearest edge. The wall of a
+    spinner reaches an edge when the mode is largest there.
 
     Raises:
         ValueError: If the ends are periodic, `legs` is less than 1 or no rest state exists.

@@ -11,10 +11,10 @@ s = (theta_1 + theta_2) / 2 and the half difference delta = (theta_2 - theta_1) 
     sin(delta) = (r / a) (cos(theta_bar)^2 / cos(s) - cos(s)),
 
 so that the configurations are mapped to others by s -> -s, that is (theta_1, theta_2) ->
-(-theta_2, -theta_1), and by delta -> pi - delta, that is (theta_2 - pi, theta_1 + pi). If
-lbar < 2 r - a, which is equivalent to r sin(theta_bar)^2 > a and to d > d_c, s = 0 is impossible.
-Then the two signs of s are two components: the spinner (paper, 'Phase diagram', fig. 4). Deviations
-of single rotors and springs are ignored.
+(-theta_2, -theta_1), and by delta -> pi - delta, that is (theta_2 - pi, theta_1 + pi). If lbar < 2
+r - a, which is equivalent to r sin(theta_bar)^2 > a and to d > d_c, s = 0 is impossible. Then the
+two signs of s are two components: the spinner (paper, 'Phase diagram', fig. 4). Deviations of
+single rotors and springs are ignored.
 """
 
 from __future__ import annotations
