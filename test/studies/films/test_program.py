@@ -333,8 +333,12 @@ def test_what_is_nearer_to_the_camera_is_painted_later() -> None:
         ),
         ('S3_flipper', {'chain': 3}, 'films.S3_flipper.chain = 3 must be a section; indent'),
         ('S2_tilted', {'times': [0, 2, 1]}, 'times = [0, 2, 1] must increase from 0; sort them'),
-        ('S2_tilted', {'tilts': [0.1]}, 'tilts = [0.1] must be 6 numbers; give one a time'),
-        ('S1_insulator', {'drives': [1]}, 'drives = [1] must be two numbers; give one each side'),
+        ('S2_tilted', {'tilts': [0.1]}, 'tilts = [0.1] must be 6 numbers; give one for each time'),
+        (
+            'S1_insulator',
+            {'drives': [1]},
+            'drives = [1] must be two numbers; give one below 1 and',
+        ),
         ('S9_staggered_spinner', {'depth': 0}, 'depth = 0 must be a number in the range 0.01'),
     ],
 )

@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Figures of the paper, and some of our own, beside what theory says.
+"""Figures of the paper and additional figures, each compared with the theory.
 
-A new figure is a module here that adds its function to `FIGURES`, a section of its name
-in the settings, and its test.
+To add a figure, write a module here that registers its function in `FIGURES`, a section of the
+same name in the settings, and a test.
 """
 
 from __future__ import annotations
@@ -14,6 +14,6 @@ from soliton_linkage_studies.registry import Registry
 from soliton_linkage_studies.settings import Section
 
 DrawFigure = Callable[[Section, bool], FigureReport]
-"""Takes the settings of a figure and whether a quick one will do."""
+"""Function from the settings of a figure, and whether to draw fewer points, to its report."""
 
 FIGURES: Registry[DrawFigure] = Registry('soliton_linkage_studies.figures')

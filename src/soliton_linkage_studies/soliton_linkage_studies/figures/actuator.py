@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The soft actuator: its step response, its parameters found again, and the work that it does."""
+"""Figure of the soft actuator: step response, parameter fit and work on a chain."""
 
 from __future__ import annotations
 
@@ -25,34 +25,34 @@ from soliton_linkage_studies.pneumatic_fit import StepResponse, fit_step_respons
 from soliton_linkage_studies.settings import Section, chain_from
 
 _TOLERANCE = 1e-12
-"""Error of the angles in a time unit [rad]: work and energy are compared to 1e-9."""
+"""Integration error per time unit [rad], because work and energy must agree to 1e-9."""
 TIME = 'time [s]'
-"""Label of an axis."""
+"""Label of the time axes."""
 _STEPPED = slice(None, None, 20)
-"""Instants at which the solution by steps is looked at."""
+"""Instants at which the numerical solution is compared with the closed form."""
 
 
 @dataclass(frozen=True)
 class CommandResponse:
-    """Pressure of an actuator under a command, by its closed form and by small steps."""
+    """Pressure response of an actuator, in closed form and by numerical integration."""
 
     times: Array
     """Instants [s], shape (T,)."""
     commanded: Array
-    """Pressure that is asked for [Pa], shape (T,)."""
+    """Commanded pressure [Pa], shape (T,)."""
     closed: Array
     """Pressure in closed form [Pa], shape (T,)."""
     stepped: Array
-    """The equation solved by steps [Pa], at every twentieth instant."""
+    """Pressure by numerical integration [Pa], at every twentieth instant."""
 
     @property
     def distance(self) -> float:
-        """Largest distance of the solution by steps from the closed form [Pa]."""
+        """Largest deviation of the numerical solution from the closed form [Pa]."""
         return float(np.abs(self.stepped - self.closed[_STEPPED]).max())
 
 
 def stepped_response(actuator: PneumaticActuator, command: Profile) -> CommandResponse:
-    """Response to a command until the actuator is vented."""
+    """Return the response to a command until the actuator has vented."""
     times = np.linspace(0.0, command.end + 6 * actuator.venting_time, 400)
     asked = np.array([float(command.after(time)) for time in times])
     closed = np.array([actuator.response(0.0, command, 0.0, time)[0] for time in times])
@@ -68,11 +68,11 @@ def stepped_response(actuator: PneumaticActuator, command: Profile) -> CommandRe
 
 
 def draw_response(report: FigureReport, axes: Axes, response: CommandResponse) -> Axes:
-    """Pressure under a command: asked for, in closed form, and by steps."""
+    """Draw the pressure under a command: commanded, in closed form, and integrated."""
     series = (
         ('commanded', response.times, response.commanded, '--', GREY),
         ('closed form', response.times, response.closed, '-', BLUE),
-        ('solved by steps', response.times[_STEPPED], response.stepped, 'o', BLACK),
+        ('numerical integration', response.times[_STEPPED], response.stepped, 'o', BLACK),
     )
     for name, times, pressures, style, colour in series:
         axes.plot(times, 1e-3 * pressures, style, color=colour, label=name)
@@ -82,7 +82,7 @@ def draw_response(report: FigureReport, axes: Axes, response: CommandResponse) -
     axes.legend()
     largest = int(np.argmax(response.stepped))
     report.add_comparison(
-        'pressure of the soft actuator at its highest [Pa]',
+        'highest pressure of the soft actuator [Pa]',
         '',
         'closed form',
         float(response.stepped[largest]),
@@ -93,22 +93,22 @@ def draw_response(report: FigureReport, axes: Axes, response: CommandResponse) -
 
 @dataclass(frozen=True)
 class DrivenChain:
-    """What an actuator does to a chain of springs, in T frames."""
+    """Energy and work of a chain of springs under an actuator, in T frames."""
 
     times: Array
     """Instants of the frames [s], shape (T,)."""
     energies: Array
     """Energy that the chain has gained [J], shape (T,)."""
     works: Array
-    """Work that is booked from torques and angles [J], shape (T,)."""
+    """Work of the torques, from torques and angles [J], shape (T,)."""
 
 
 def driven_chain(
     chain: Chain, actuator: PneumaticActuator, order: EdgeCommand, period: float
 ) -> DrivenChain:
-    """Carry out an order at the first edge of the left-leaning chain, in frames of a period [s].
+    """Execute a command at the first edge of the left-leaning chain until all torques are zero.
 
-    Until the last torque is gone.
+    `period` is the time between frames [s].
     """
     start = chain.uniform_state(-1)
     simulation = ElasticSimulation(chain, start, period=period, tolerance=_TOLERANCE)
@@ -128,22 +128,22 @@ def driven_chain(
 
 
 _CAPTION = """
-The soft actuator, a chamber that fills and vents with a lag of its own. (a) Its pressure after a
-command with ramps (dashed grey): in closed form (blue line) and solved by small steps (black
-dots). (b) A noisy record of a step up and down (black dots: read; dashed grey: commanded), and
-the response with the filling and venting times that are found from it (red line). (c) Energy of a
-chain of springs that the actuator drives (blue line), and the work that is booked from torques
-and angles of its frames (dotted black), which must be the same.
+The soft actuator is a pneumatic chamber that fills and vents with first-order lags. (a) Pressure
+after a command with ramps (dashed grey): closed form (blue line) and numerical integration (black
+dots). (b) Measured pressure of a noisy step up and down (black dots), the command (dashed grey),
+and the response with the fitted filling and venting times (red line). (c) Energy gained by a chain
+of springs that the actuator drives (blue line), and work computed from the torques and angles of
+its frames (dotted black). The two curves must coincide.
 """
 _SEED = 1
-"""Of the noise of the record."""
+"""Random seed of the measurement noise."""
 _FRAMES_A_SECOND = 500
-"""In which an actuator drives a chain [Hz]; a quick figure takes a quarter of them."""
+"""Frame rate of the driven chain [Hz]; a quick figure uses a quarter of it."""
 
 
 @FIGURES.add('soft_actuator')
 def actuator_figure(section: Section, quick: bool) -> FigureReport:
-    """Pressure after a step, closed form beside small steps and a fit; work beside energy."""
+    """Draw the pressure response, its parameter fit, and the work compared with the energy."""
     section.check_keys('chain', 'pressure', 'duration', 'ramp', 'noise', 'rate')
     actuator = PneumaticActuator()
     pressure = section.number('pressure', 1.0, actuator.highest_pressure)
@@ -166,7 +166,6 @@ def _draw_fit(
     actuator: PneumaticActuator,
     record: tuple[float, float, float, float],
 ) -> None:
-    """A noisy record of a step up and down, and what is found from it."""
     pressure, duration, noise, rate = record
     times = np.arange(0.0, 3 * duration, 1 / rate)
     commands = np.where((times >= duration / 4) & (times < 1.5 * duration), pressure, 0.0)
@@ -201,17 +200,16 @@ def _draw_work(
     order: EdgeCommand,
     quick: bool,
 ) -> None:
-    """Energy of a chain that the actuator drives, and the work booked from its frames."""
     period = (4 if quick else 1) / _FRAMES_A_SECOND
     driven = driven_chain(chain, actuator, order, period)
     for series, values, style, colour in (
         ('energy of the chain', driven.energies, '-', BLUE),
-        ('work booked', driven.works, ':', BLACK),
+        ('work of the torques', driven.works, ':', BLACK),
     ):
         axes.plot(driven.times, values * 1e3, style, color=colour, label=series)
         report.add_points('c', series, (TIME, 'energy [J]'), driven.times, values)
     axes.set(xlabel=TIME, ylabel='energy [mJ]')
-    axes.set_title('c  energy that the chain gains, and work that is booked', loc='left')
+    axes.set_title('c  energy gained by the chain, and work of the torques', loc='left')
     axes.legend()
     report.add_comparison(
         'work of a pressure on the chain [J]',

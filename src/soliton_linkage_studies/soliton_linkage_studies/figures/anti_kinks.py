@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What an anti-kink costs."""
+"""Figure of the energy of an anti-kink at rest."""
 
 from __future__ import annotations
 
@@ -18,16 +18,16 @@ from soliton_linkage_studies.palette import MEASURED, THEORY
 from soliton_linkage_studies.settings import Section
 
 _CAPTION = """
-Energy of an anti-kink at rest in a ring of springs, the wall of charge −1 that no chain has for
-nothing, over that of the continuum, (16/3) k_e a ū³ / l̄² with ū = r sin θ̄ and l̄ the rest length
-of the springs, against d = 2 r sin θ̄ / a. Blue dots are balanced rings with one kink and one
-anti-kink, joined by lines; the dashed line is the continuum, the limit of small d.
+Energy of an anti-kink at rest in a ring of springs against d = 2 r sin θ̄ / a. An anti-kink has
+charge −1 and, unlike a kink, stretches the springs. The energy is divided by the continuum value
+(16/3) k_e a ū³ / l̄², with ū = r sin θ̄ and l̄ the rest length of the springs. Blue dots: rings in
+equilibrium with one kink and one anti-kink. Dashed line: continuum theory, the limit of small d.
 """
 
 
 @FIGURES.add('anti_kink_cost')
 def anti_kink_figure(section: Section, quick: bool) -> FigureReport:
-    """Energy of an anti-kink at rest, over that of the continuum, against d."""
+    """Draw the energy of an anti-kink at rest, relative to the continuum, against d."""
     section.check_keys('rotor_length_ratio', 'lean_ratios')
     ratio = section.number('rotor_length_ratio', 1e-3, 1e3)
     wanted = section.numbers('lean_ratios', 1e-3, 1.0)
@@ -60,7 +60,7 @@ def anti_kink_figure(section: Section, quick: bool) -> FigureReport:
 
 
 def _ring_of_lean(ratio: float, lean_ratio: float) -> Chain:
-    """Chain with periodic ends, long enough for two walls that know nothing of each other."""
+    """Return a periodic chain, long enough that two walls do not interact."""
     rest_angle = math.asin(lean_ratio / (2 * ratio))
     depth = 1 / math.log((1 + lean_ratio) / (1 - lean_ratio))
     rotors = 4 * math.ceil(7 * depth + 5)
@@ -68,7 +68,7 @@ def _ring_of_lean(ratio: float, lean_ratio: float) -> Chain:
 
 
 def _anti_kink_cost(ring: Chain) -> float:
-    """Energy of the balanced ring with an anti-kink and, for nothing, a kink [J]."""
+    """Return the energy of the ring in equilibrium [J]; its kink has zero energy."""
     rotors, theory = ring.number_of_rotors, FlipperTheory(ring)
     places = ring.spacing * np.arange(rotors)
     kink, anti_kink = (ring.spacing * (rotors * share - 0.5) for share in (0.25, 0.75))

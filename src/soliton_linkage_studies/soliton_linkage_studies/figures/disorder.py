@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Share of chains with deviations that a wall crosses and returns through."""
+"""Figure of the survival rate of walls in chains with disorder."""
 
 from __future__ import annotations
 
@@ -21,10 +21,10 @@ from soliton_linkage_studies.settings import Section, chain_from
 
 
 def score_interval(share: Array, count: int, deviations: float = 1.0) -> tuple[Array, Array]:
-    """Ends of the score interval of Wilson for shares of a count of draws, of any shape.
+    """Return both ends of the Wilson score interval for shares of `count` draws, of any shape.
 
-    They are the probabilities p of which a share s is so many standard deviations off,
-    |s - p| = deviations sqrt(p (1 - p) / count), which leaves room where all draws agree.
+    The ends are the probabilities p at which |s - p| = deviations sqrt(p (1 - p) / count) for a
+    share s. The interval has a positive width even if all draws agree.
     """
     pull = deviations**2 / count
     middle = share + pull / 2
@@ -34,25 +34,25 @@ def score_interval(share: Array, count: int, deviations: float = 1.0) -> tuple[A
 
 
 _CAPTION = """
-Share of chains whose wall crosses and returns, against the deviations of their rotor lengths,
-spacings and stiffnesses, all of which are drawn with the same relative standard deviation:
-(a) of rigid bars, (b) of springs. A marker and a colour for each class of chain; each point is the
-share of {count} drawn chains, and its bar the interval in which the probability is with 95 %
-(score interval of Wilson). Points at the same deviation stand beside each other so that their bars
-can be told apart. With rigid bars no wall passes a bond that is too short for its neighbours.
+Share of chains whose wall crosses and returns, against the disorder of the chain. Rotor lengths,
+spacings and stiffnesses have the same relative standard deviation. (a) Chains of rigid bars.
+(b) Chains of springs. Each class of chain has its own marker and colour. Each point is the share
+of {count} random chains; its bar is the 95 % Wilson score interval. Points at the same deviation
+are shifted sideways so that their bars do not overlap. In chains of rigid bars, no wall passes a
+bond that is too short for the adjacent rotors.
 """
 _TITLES = {'rigid': 'a  rigid bars', 'elastic': 'b  springs'}
 _QUICK_SEEDS = 3
-"""Most chains of each kind and deviation in a quick figure: fewer are no share."""
+"""Largest number of chains per class and deviation in a quick figure."""
 _NORMAL = 1.959964
 """Standard deviations of a normal distribution that hold 95 % of it [1]."""
 _ASIDE = 0.4
-"""By which the points of chains stand beside each other, so that bars do not overlap [%]."""
+"""Horizontal offset between the points of different chains, so that bars do not overlap [%]."""
 
 
 @FIGURES.add('disorder_against_passage')
 def disorder_figure(section: Section, quick: bool) -> FigureReport:
-    """Share of chains that a wall crosses and returns through, against their deviations."""
+    """Draw the share of chains whose wall crosses and returns, against their disorder."""
     section.check_keys('chains', 'fractions', 'seeds')
     fractions = section.numbers('fractions', 0.0, 0.5)
     seeds = section.whole_number('seeds', 1, 10_000)
@@ -110,7 +110,10 @@ def _deviating(chain: Chain, fraction: float, seed: int) -> Chain:
 
 
 def _compare_passage(report: FigureReport, fractions: Array, free: Array, passed: Array) -> None:
-    """Share of rigid chains that a wall passes, shape (F, K) each: all, and those it must."""
+    """Compare the survival rate of all rigid chains and of those without blocked bonds.
+
+    `free` and `passed` have the shape (F, K).
+    """
     for fraction, sufficient, passes in zip(fractions, free, passed, strict=True):
         name = f'deviations of {100 * fraction:g} %, rigid'
         met, count = int(sufficient.sum()), len(passes)
@@ -131,7 +134,7 @@ def _compare_passage(report: FigureReport, fractions: Array, free: Array, passed
 
 
 def _returns(chain: Chain, kick: float, mechanics: str) -> bool:
-    """Whether the wall crosses a chain and comes back; it does not where there is no rest."""
+    """Return whether the wall crosses and returns; False if the chain has no equilibrium."""
     try:
         found = measure_survival(chain, SweepTrial(kick=kick, mechanics=mechanics))
     except (ArithmeticError, ValueError):

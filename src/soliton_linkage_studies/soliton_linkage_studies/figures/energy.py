@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Energy of a moving wall, how it divides, and what it leaves behind."""
+"""Figure of the energy of a moving wall: kinetic and elastic parts, and its wake."""
 
 from __future__ import annotations
 
@@ -21,31 +21,30 @@ from soliton_linkage_studies.palette import BLACK, MARKERS, THEORY, WHITE, chain
 from soliton_linkage_studies.settings import Section, chain_from
 
 _CAPTION = """
-Energy of walls in chains of springs against their speed v over the speed of sound c, a marker and
-a colour for each chain; thin lines join its walls. Means over the frames with the wall in the
-middle of its chain. (a) The whole energy over E_s = M_eff c², half of what an anti-kink costs at
-rest in the continuum; dashed: the theory's (γ − 1) M_eff c² for the first chain,
-γ = 1 / √(1 − v²/c²). (b) Energy in the springs over that in motion; dashed: (γ − 1)/(γ + 1).
-(c) Share of the whole energy that a wall has left behind, eight penetration depths and three
-rotors or more from it. Hollow markers may hold phonons of the kick that were reflected at the far
-edge, and are an upper bound.
+Energy of walls in chains of springs against their relative speed v / c, where c is the speed of
+sound. Each chain has its own marker and colour. Values are means over the frames with the wall in
+the middle of the chain. (a) Total energy over E_s = M_eff c², half the continuum energy of an
+anti-kink at rest. Dashed: theory (γ − 1) M_eff c² for the first chain, γ = 1 / √(1 − v²/c²).
+(b) Elastic over kinetic energy; dashed: theory (γ − 1)/(γ + 1). (c) Share of the total energy in
+the wake, at least eight penetration depths and three rotors behind the wall. Hollow markers are
+upper bounds, because reflected phonons of the kick may have reached the wake.
 """
 _REACH = 8
-"""Penetration depths from a wall, at which its tail is down to e^-8 of the zero mode."""
+"""Distance from a wall in penetration depths [1]; its tail has decayed to e^-8 there."""
 _CONTINUUM = 0.3
-"""Lean ratio d up to which the theory of the continuum is set beside a chain: it holds to d^2."""
+"""Largest lean ratio d for comparison with continuum theory, whose error is of order d^2."""
 _ENERGIES = {
-    'a': 'whole energy over E_s [1]',
+    'a': 'total energy over E_s [1]',
     'b': 'elastic over kinetic energy [1]',
-    'c': 'energy behind the wall over whole energy [1]',
+    'c': 'energy behind the wall over total energy [1]',
 }
 _SLOW = 0.87
-"""Speed over that of sound up to which walls have the energies of theory to a few per cent."""
+"""Relative speed v / c up to which theory predicts the energy to a few per cent."""
 
 
 @FIGURES.add('energy_against_speed')
 def energy_figure(section: Section, quick: bool) -> FigureReport:
-    """Energy of a wall, how it divides, and what it leaves behind, against its speed."""
+    """Draw the energy of a wall, its kinetic and elastic parts, and its wake against speed."""
     section.check_keys('chains')
     report = FigureReport(Figure(figsize=(13, 4.8), layout='constrained'), _CAPTION)
     panels = report.figure.subplots(1, 3)
@@ -80,7 +79,7 @@ def energy_figure(section: Section, quick: bool) -> FigureReport:
             theories.append(wall_theory(chain))
     for theory in theories[:1]:
         _draw_theory(panels, theory)
-    titles = ('whole energy of the wall', 'how it divides', 'what the wall leaves behind')
+    titles = ('total energy of the wall', 'elastic over kinetic energy', 'energy in the wake')
     for axes, (letter, label), title in zip(panels, _ENERGIES.items(), titles, strict=True):
         axes.set_title(f'{letter}  {title}', loc='left')
         axes.set(xlabel='speed v / c [1]', ylabel=label.replace('E_s', '$E_s$'), yscale='log')
@@ -90,7 +89,7 @@ def energy_figure(section: Section, quick: bool) -> FigureReport:
         'o',
         color=BLACK,
         markerfacecolor=WHITE,
-        label='may hold reflected phonons of the kick',
+        label='may contain reflected phonons of the kick',
     )
     panels[0].legend(fontsize=8)
     panels[1].legend(handles=panels[1].lines[-1:], fontsize=8, loc='lower right')
@@ -111,17 +110,17 @@ def _draw_theory(panels: Sequence[Axes], theory: WallTheory) -> None:
 
 
 def _energies(chain: Chain, kick: float) -> tuple[float, float, float, float, float]:
-    """Speed over that of sound, kinetic and elastic energy [J], and energy behind [J].
+    """Return relative speed, kinetic energy, elastic energy, wake energy [J], and an echo flag.
 
-    Means over the frames with the wall first in the middle of the chain. The kick is sudden and
-    makes phonons of its own, which overtake a slow wall, come back from the first rotor and are
-    then behind it: where the fastest can be there in a frame, the last value is 1, else 0.
+    The energies are means over the first passage of the wall through the middle of the chain.
+    The sudden kick emits phonons, which overtake a slow wall and are reflected by the first rotor.
+    The flag is 1 if the fastest phonon can be behind the wall in one of these frames, else 0.
     """
     recording, speed = record_moving_wall(chain, kick)
     places = wall_positions(chain, recording)
     middle = (chain.number_of_rotors - 1) / 2
     inside = np.flatnonzero(np.abs(places - middle) < MIDDLE * middle)
-    # A fast wall is reflected and comes through once more.
+    # Keep the first passage only, because a fast wall is reflected and passes again.
     inside = inside[: np.append(np.diff(inside) > 1, True).argmax() + 1]
     angles, rates = recording.angles[inside], recording.rates[inside]
     stretched = 0.5 * chain.stiffnesses * chain.spring_extensions(angles) ** 2
@@ -145,7 +144,7 @@ def _compare_energies(
         scale = theory.effective_mass * theory.speed_of_sound**2 / theory.energy_scale
         report.add_comparison(
             f'energy of a wall / E_s at v = {v:.3f} c, {parameters(chain)}',
-            'cost-free at rest; no energy given',
+            'zero energy at rest; no value given',
             Formula(
                 '(γ − 1) M_eff c²/E_s',
                 {**gamma, 'M_eff c²/E_s': scale},

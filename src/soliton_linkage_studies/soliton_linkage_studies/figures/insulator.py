@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The chain as an insulator: its zero mode, the depth that it reaches, and its phonons."""
+"""Figure of the chain as an insulator: zero mode, penetration depth and phonons."""
 
 from __future__ import annotations
 
@@ -29,25 +29,25 @@ from soliton_linkage_studies.settings import Section, chain_from
 _CAPTION = f"""
 The chain as a mechanical insulator (paper, Fig. 1). {LINKAGE}
 
-(a) The linkage of rigid bars (solid red) in its uniform state that leans right. (b) The same with
-springs (dashed red) and its zero mode, which stretches none of them: {MODE}; it sits at the last
-rotor. (c) A wall at rest between rotors that lean right and left, in a chain of rigid bars.
-(d) {PROJECTIONS}
+(a) The linkage of rigid bars (solid red) in its uniform right-leaning state. (b) The same chain
+with springs (dashed red) and its zero mode, which stretches no spring and is localised at the last
+rotor: {MODE}. (c) A wall at rest between right-leaning and left-leaning rotors, in a chain of
+rigid bars. (d) {PROJECTIONS}
 
-(e) Absolute components of the normalised zero mode of three chains, each in a colour of its own,
-against the distance from the last rotor; lines fall by e in each penetration depth
-ℓ = a / ln((1 + d)/|1 − d|). (f) Frequencies of phonons against the wave number of the staggered
-angles: lines are those of an infinite chain by theory, markers those of the finite chain with
-free ends. No phonon has a frequency below the gap, the lowest point of its line; the thin grey
-line is the frequency 0 of the zero mode.
+(e) Absolute components of the normalised zero mode of three chains against the distance from the
+last rotor, one colour for each chain. The lines decay by a factor of e per penetration depth
+ℓ = a / ln((1 + d)/|1 − d|). (f) Phonon frequencies against the wave number of the staggered
+angles. Lines: theory of the infinite chain. Markers: finite chain with free ends. No phonon has a
+frequency below the gap, which is the lowest point of each line. The thin grey line is the zero
+frequency of the zero mode.
 """
 _LONG = 400
-"""Rotors of a chain whose lowest modes tell those of an infinite one to 1e-4."""
+"""Number of rotors at which the lowest modes agree with the infinite chain to 1e-4."""
 
 
 @FIGURES.add('figure_1')
 def figure_1(section: Section, quick: bool) -> FigureReport:
-    """The uniform chain, its zero mode and its depth, a wall, and the phonons (paper, Fig. 1)."""
+    """Draw the uniform chain, its zero mode and decay, a wall, and the phonons (paper, Fig. 1)."""
     section.check_keys('chain', 'chains')
     chain = chain_from(section.section('chain'))
     others = [chain_from(each) for each in section.section('chains').sections().values()]
@@ -69,7 +69,7 @@ def figure_1(section: Section, quick: bool) -> FigureReport:
         top,
         (
             'a  the linkage of rigid bars (red), leaning right',
-            'b  springs (dashed) and the zero mode (green), which sits at the last rotor',
+            'b  springs (dashed) and the zero mode (green), localised at the last rotor',
             'c  a wall at rest,   d  the horizontal projections of its rotors',
         ),
         strict=True,
@@ -87,7 +87,6 @@ def figure_1(section: Section, quick: bool) -> FigureReport:
 
 
 def _draw_depths(report: FigureReport, axes: Axes, chains: list[Chain]) -> None:
-    """The zero mode of each chain on a logarithmic scale, over the decay of theory."""
     for chain, colour, marker in zip(chains, chain_colours(chains), MARKERS, strict=False):
         mode = np.abs(zero_mode(chain, chain.uniform_state(1)))
         from_edge = np.arange(chain.number_of_rotors)[::-1]
@@ -101,14 +100,13 @@ def _draw_depths(report: FigureReport, axes: Axes, chains: list[Chain]) -> None:
         ylim=(1e-7, 2),
         xlabel='distance from the last rotor [rotor spacings]',
         ylabel='component of the zero mode |t| [1]',
-        title='e  the zero mode decays with its depth ℓ',
+        title='e  decay of the zero mode with the penetration depth ℓ',
     )
     axes.plot([], [], '-', color=GREY, label=r'$e^{-n a / \ell}$, theory')
     axes.legend()
 
 
 def _draw_bands(report: FigureReport, axes: Axes, chains: list[Chain]) -> None:
-    """Frequencies of the phonons: lines of theory, dots of a finite chain with free ends."""
     for chain, colour, marker in zip(chains, chain_colours(chains), MARKERS, strict=False):
         numbers = np.linspace(0, math.pi, 200)
         line = dispersion(chain, numbers / chain.spacing) * chain.time_unit
@@ -133,7 +131,7 @@ def _draw_bands(report: FigureReport, axes: Axes, chains: list[Chain]) -> None:
 
 
 def _compare(report: FigureReport, chain: Chain, rotors: int) -> None:
-    """Set the numbers of linear theory beside those of the modes of a long chain."""
+    """Compare linear theory with the normal modes of a long chain."""
     name, spacing, unit = parameters(chain), chain.spacing, chain.time_unit
     long_chain = Chain(
         rotors, spacing, chain.rotor_length, chain.rest_angle, chain.mass, chain.stiffness
@@ -154,7 +152,7 @@ def _compare(report: FigureReport, chain: Chain, rotors: int) -> None:
     )
     report.add_comparison(
         f'largest group velocity √(M/kₑ) / a, {name}',
-        'c, as if without a gap',
+        'c, without a gap',
         chain_formula('min(|q₊|, |q₋|) / r', chain),
         float(np.abs(np.diff(np.sort(frequencies))).max()) * rotors / math.pi,
     )
@@ -167,7 +165,7 @@ def _compare(report: FigureReport, chain: Chain, rotors: int) -> None:
     centre = mode_centre(zero_mode(long_chain, long_chain.uniform_state(1)))
     report.add_comparison(
         f'zero mode of the right-leaning state, {name} (0 first edge, 1 last)',
-        'winding number 0: right edge (but ℓ > 0 said to be left)',
+        'winding number 0: right edge (but ℓ > 0 stated as left)',
         f'winding number {winding_number(chain, 1)}: last edge',
         float(centre > rotors / 2),
         1.0,
@@ -175,7 +173,7 @@ def _compare(report: FigureReport, chain: Chain, rotors: int) -> None:
 
 
 def _extrapolated_gap(frequencies: Array) -> float:
-    """Gap of an infinite chain, from the two lowest modes of a finite one.
+    """Return the gap of an infinite chain, from the two lowest modes of a finite one.
 
     omega_j^2 = gap^2 + curvature j^2 + O(j^4) for the lowest modes j = 1, 2.
     """
@@ -184,6 +182,6 @@ def _extrapolated_gap(frequencies: Array) -> float:
 
 
 def _curvature(frequencies: Array) -> float:
-    """Speed of sound [spacings], from the same two modes of N rotors, k a = pi j / N."""
+    """Return the speed of sound [spacings], from the two lowest modes, k a = pi j / N."""
     squares = np.sort(frequencies)[:2] ** 2
     return math.sqrt((squares[1] - squares[0]) / 3) * (len(frequencies) + 1) / math.pi

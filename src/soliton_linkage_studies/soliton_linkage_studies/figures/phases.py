@@ -36,44 +36,43 @@ from soliton_linkage_studies.unit_cell import (
 )
 
 _FINE = 40_000
-"""Steps of the curves that are measured, whose slope is then right to 1e-7."""
+"""Number of steps of the measured curves, which gives their slope to 1e-7."""
 _SHAPE = 1.9
-"""Width over height of a panel of the cells, as the rows of the figure have it."""
+"""Aspect ratio of a panel of the unit cells, width over height [1]."""
 _REGIONS = {
     Motion.FLIPPER: (0.22, 0.85),
     Motion.WOBBLING_FLIPPER: (1.75, 0.55),
     Motion.SPINNER: (4.5, 1.1),
 }
-"""Where the names of the phases stand: r/a and rest angle [rad]."""
+"""Position of the label of each phase: r/a and rest angle [rad]."""
 _TINT = 0.2
-"""How much of the colour of its class a phase has [1], so that lines and words show on it."""
+"""Saturation of the background of a phase [1], pale so that lines and labels are readable."""
 _RADIUS = 2.2
-"""Of the axis of a torus in space, over that of its tube [1]."""
+"""Major radius over minor radius of the torus in space [1]."""
 _ELEVATION, _AZIMUTH = math.radians(50), math.radians(-60)
-"""Of the eye that looks at a torus [rad]."""
+"""View angles of the torus [rad]."""
 _CAPTION = """
 The phases of motion and the configuration spaces of the unit cell (paper, Fig. 4).
 
-(a) The way in which a wall moves, over the length of the rotors r/a and the angle of rest θ̄:
-flippers (pale blue) below d = 2 r sin θ̄ / a = 1 (solid line), spinners (pale green) above
-d = d_c = 2 / sin θ̄ (dashed line), wobbling flippers (pale orange) in between. Dots are the cells
-of (b), (c) and (d), a column for each. (b) The four uniform states of two rotors (black, the
-second grey where they overlap) on their pivots (crosses), joined by a rigid bar (red): masses are
-purple where the cell leans right, orange where it leans left, and the lower row is the upper one
-upside down.
+(a) Phase diagram of the wall motion over the rotor length r/a and the rest angle θ̄. Flippers
+(pale blue) have d = 2 r sin θ̄ / a < 1 (solid line). Spinners (pale green) have
+d > d_c = 2 / sin θ̄ (dashed line). Wobbling flippers (pale orange) lie between. Dots mark the unit
+cells of (b), (c) and (d), one column for each. (b) The four uniform states of a unit cell: two
+rotors (black; the second is grey if they overlap), their pivots (crosses) and a rigid bar (red).
+Masses are purple in right-leaning cells and orange in left-leaning cells. The lower row shows the
+states of the upper row upside down.
 
-(c) All configurations of the cell that keep the length of its bar, over its staggered angles
-θ₁ and θ₂, which are angles: opposite sides of the square are one. Each component is a curve of
-its own colour, the first blue, the second pink; triangles are the four states of (b).
-(d) The same curves on a torus in space (grey), around whose axis θ₁ goes and around whose tube
-θ₂; what is behind the torus is dotted and pale. One component bounds a disc; the two of a
-spinner go through each other's hole: they are linked.
+(c) Configuration space of the unit cell over its staggered angles θ₁ and θ₂. Both angles are
+periodic, so opposite sides of the square are identical. The first component is blue, the second
+is pink. Triangles mark the four states of (b). (d) The same curves on a torus in space (grey): θ₁
+runs around its axis and θ₂ around its tube. Hidden parts are dotted and pale. The single component
+of a flipper bounds a disc; the two components of a spinner are linked.
 """
 
 
 @FIGURES.add('figure_4')
 def figure_4(section: Section, quick: bool) -> FigureReport:
-    """The phase diagram, and of a cell of each phase its pictures, its curves and its torus."""
+    """Draw the phase diagram, and for one cell of each phase its states, curves and torus."""
     section.check_keys('chains', 'points')
     chains = [chain_from(each) for each in section.section('chains').sections().values()]
     points = section.whole_number('points', 100, 100_000)
@@ -95,7 +94,6 @@ def figure_4(section: Section, quick: bool) -> FigureReport:
 
 
 def _draw_diagram(report: FigureReport, axes: Axes, chains: list[Chain], points: int) -> None:
-    """Classes of motion over r/a and the rest angle, with the lines where they change."""
     low, high = 0.1, 10.0
     rest_angles = np.linspace(0.02, math.pi / 2 - 0.02, points)
     borders = [
@@ -137,7 +135,7 @@ def _draw_diagram(report: FigureReport, axes: Axes, chains: list[Chain], points:
 
 
 def _draw_cells(axes: Axes, chain: Chain, letter: str) -> None:
-    """The four uniform states of two rotors: leaning right and left, and upside down beneath."""
+    """Draw the four uniform states of a cell: right-leaning, left-leaning, and both inverted."""
     cell = Chain(2, chain.spacing, chain.rotor_length, chain.rest_angle)
     across = 2 * chain.rotor_length + 2 * chain.spacing
     down = 2.2 * chain.rotor_length * math.cos(chain.rest_angle) + 0.9 * chain.spacing
@@ -174,7 +172,7 @@ def _draw_curves(
 
 
 def _draw_solid_torus(axes: Axes3D, curves: tuple[Array, ...], letter: str) -> None:
-    """The same curves on a torus in space: theta_1 round its axis, theta_2 round its tube."""
+    """Draw the curves on a torus in space, theta_1 around its axis, theta_2 around its tube."""
     around, across = np.meshgrid(np.linspace(0, 2 * np.pi, 60), np.linspace(0, 2 * np.pi, 30))
     axes.computed_zorder = False
     axes.plot_surface(
@@ -199,13 +197,13 @@ def _draw_solid_torus(axes: Axes3D, curves: tuple[Array, ...], letter: str) -> N
 
 
 def on_torus(around: Array, across: Array) -> tuple[Array, Array, Array]:
-    """Points of a torus in space whose tube has the radius 1, by two angles [rad]."""
+    """Return points on a torus with minor radius 1, at two angles [rad]."""
     radius = _RADIUS + np.cos(across)
     return radius * np.cos(around), radius * np.sin(around), np.sin(across)
 
 
 def hidden(points: Array) -> NDArray[np.bool_]:
-    """Whether the torus is between its points, shape (3, K), and the eye, shape (K,)."""
+    """Return whether the torus hides each of its points, (3, K), from the viewer, shape (K,)."""
     eye = np.array(
         [
             math.cos(_ELEVATION) * math.cos(_AZIMUTH),
@@ -258,7 +256,7 @@ def _compare(report: FigureReport, chain: Chain, curves: tuple[Array, ...]) -> N
 
 
 def _compare_limits(report: FigureReport, chain: Chain) -> None:
-    """Measure where the number of components changes, by halving the interval of r/a."""
+    """Find r/a at which the number of components changes, by bisection."""
     low, high = 0.1, 100.0
     while high - low > 1e-9 * high:
         ratio = (low + high) / 2

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Profiles of moving walls against the continuum, and their widths (paper, Figs. 5 and 6)."""
+"""Figures of the profiles and widths of moving walls (paper, Figs. 5 and 6)."""
 
 from __future__ import annotations
 
@@ -42,59 +42,59 @@ from soliton_linkage_studies.settings import Section, chain_from
 _CAPTION = """
 Profiles of {kind} in a chain of springs, N = {rotors}, {shape} (paper, Fig. {number}).
 
-(a) The order field {field} of the rotors against their distance from the wall, {count} snapshots
-of a wall while it is in the middle of the chain: a colour for each of {profiles} speeds v, over
-the speed of sound c. Dashed lines are the continuum's −tanh(x γ / w₀), γ = 1 / √(1 − v²/c²), with
-w₀ the width at rest.
+(a) Order field {field} of the rotors against their distance from the wall. Each of the {profiles}
+relative speeds v / c has its own colour and {count} snapshots from the middle of the chain; c is
+the speed of sound. Dashed lines: continuum theory −tanh(x γ / w₀), γ = 1 / √(1 − v²/c²), with w₀
+the width at rest.
 
 (b) {inset}
 
-(c) Width of the walls over that of the continuum at rest against their speed. Dots are walls of
-the chain (slope of arctanh of the field over the place), the hollow one its wall at rest; the red
-line is the contraction √(1 − v²/c²) of the paper, the dashed one the same from the width of the
-chain's own wall at rest.
+(c) Wall width, relative to the continuum width at rest, against relative speed. Dots: walls of the
+chain, with the width from the slope of arctanh of the order field. Hollow dot: wall at rest. Red
+line: Lorentz contraction √(1 − v²/c²) of the paper. Dashed line: the same contraction of the
+measured width at rest.
 """
 _WOBBLER_INSET = """
-A wall at rest of a chain of wobbling flippers, {shape}, at ten places a rotor spacing (blue dots).
-The solid grey line is the tanh of flippers of the same d; the others are envelopes of the
-oscillation beside the wall, with the decay of the paper (red, r sin θ̄) and with the exact
-penetration depth ℓ of the zero mode (black, dashed): here they are the same to a few per cent.
+A wall at rest in a chain of wobbling flippers, {shape}, at ten positions per rotor spacing (blue
+dots). Solid grey line: tanh profile of flippers with the same d. The other lines are envelopes of
+the oscillation next to the wall. Red: decay length r sin θ̄ of the paper. Dashed black: exact
+penetration depth ℓ of the zero mode. For this chain both agree to a few per cent.
 """
 _ANGLE_INSET = """
-Actual angles φ of the rotors in one snapshot of the slowest wall: those of even rotors (filled
-blue) and of odd ones (hollow blue) are a constant π − 2 θ̄ apart but for the wall.
+Actual angles φ of the rotors in one snapshot of the slowest wall. Far from the wall, even rotors
+(filled blue) and odd rotors (hollow blue) differ by the constant π − 2 θ̄.
 """
 _FAR = 5
-"""Rotors at the far edge of a chain, whose angles a wall in the middle does not reach."""
+"""Number of rotors at the far edge of a chain that a wall in the middle does not affect."""
 _PROFILES = 4
-"""Walls whose profiles are drawn, the slowest ones: more hide each other."""
+"""Number of walls whose profiles are drawn, slowest first; more would overlap."""
 
 
 @dataclass(frozen=True)
 class WallAtSpeed:
-    """A wall at one speed: ten snapshots of one chain, its speed over that of sound, its width."""
+    """Snapshots, relative speed and width of a wall at one speed."""
 
     kick: float
     snapshots: Snapshots
     relative_speed: float
     width: float
-    """By the slope of arctanh, over that of a wall at rest in the continuum [1]."""
+    """Width from the slope of arctanh, relative to the continuum wall at rest [1]."""
     fitted_width: float
-    """By fits of tanh to each snapshot, over the same [1]."""
+    """Mean width from tanh fits to the snapshots, with the same reference [1]."""
 
 
 @dataclass(frozen=True)
 class Inset:
-    """What is drawn beside the profiles."""
+    """Additional panel of a profile figure."""
 
     draw: Callable[[FigureReport, Axes, Chain, WallAtSpeed], None]
-    """Takes the chain and its slowest wall."""
+    """Function that draws the panel from the chain and its slowest wall."""
     caption: str
 
 
 @FIGURES.add('figure_5')
 def figure_5(section: Section, quick: bool) -> FigureReport:
-    """Profiles of flippers at several speeds, their widths, and a wobbler (paper, Fig. 5)."""
+    """Draw profiles and widths of flippers at several speeds, and a wobbler (paper, Fig. 5)."""
     section.check_keys('chain', 'kicks', 'wobbler')
     wobbler = chain_from(section.section('wobbler'))
 
@@ -107,7 +107,7 @@ def figure_5(section: Section, quick: bool) -> FigureReport:
 
 @FIGURES.add('figure_6')
 def figure_6(section: Section, quick: bool) -> FigureReport:
-    """Profiles of spinners at several speeds, their widths, and the angles (paper, Fig. 6)."""
+    """Draw profiles, widths and angles of spinners at several speeds (paper, Fig. 6)."""
     section.check_keys('chain', 'kicks')
     inset = Inset(_draw_offset, _ANGLE_INSET)
     return _profile_figure(section, quick, 'cos(θ − θ̄)', (-15, 25), inset)
@@ -116,7 +116,6 @@ def figure_6(section: Section, quick: bool) -> FigureReport:
 def _profile_figure(
     section: Section, quick: bool, field: str, shown: tuple[float, float], inset: Inset
 ) -> FigureReport:
-    """Profiles with the name of their field in a range of places, an inset, and the widths."""
     chain = chain_from(section.section('chain'))
     walls = _moving_walls(chain, section, quick)
     profiles = walls[:: 1 if quick else 2][:_PROFILES]
@@ -142,7 +141,7 @@ def _profile_figure(
 
 
 def _panels(figure: Figure) -> tuple[Axes, Axes, Axes]:
-    """A wide panel, and beside it the two that the paper has as insets."""
+    """Return a wide panel and two panels for the insets of the paper."""
     grid = figure.add_gridspec(2, 3)
     main = figure.add_subplot(grid[:, :2])
     main.set(xlabel='distance from the wall n − X(t) [rotor spacings]')
@@ -167,7 +166,6 @@ def _moving_wall(chain: Chain, kick: float) -> WallAtSpeed:
 def _draw_profiles(
     report: FigureReport, axes: Axes, chain: Chain, walls: list[WallAtSpeed]
 ) -> None:
-    """Snapshots of each wall over the boosted profile of the continuum."""
     fine = np.linspace(-80, 80, 1601)
     for colour, wall in zip(scale_colours(len(walls)), walls, strict=True):
         label = f'v = {wall.relative_speed:.2f} c'
@@ -192,7 +190,6 @@ def _draw_profiles(
 
 
 def _draw_widths(report: FigureReport, axes: Axes, chain: Chain, walls: list[WallAtSpeed]) -> None:
-    """Width against speed, beside the contraction of Lorentz, also from the width at rest."""
     at_rest = _width_at_rest(chain)
     speeds = np.array([wall.relative_speed for wall in walls])
     widths = np.array([wall.width for wall in walls])
@@ -224,7 +221,7 @@ def _draw_widths(report: FigureReport, axes: Axes, chain: Chain, walls: list[Wal
 
 
 def _compare_walls(report: FigureReport, chain: Chain, walls: list[WallAtSpeed]) -> None:
-    """Speed of each wall by its kick, and its width by two estimators."""
+    """Compare the speed of each wall, and its width by two estimators, with theory."""
     unit = chain.spacing / chain.time_unit
     for wall in walls:
         report.add_comparison(
@@ -264,7 +261,6 @@ def _compare_walls(report: FigureReport, chain: Chain, walls: list[WallAtSpeed])
 
 
 def _draw_wobbler(report: FigureReport, axes: Axes, chain: Chain) -> None:
-    """A wobbling wall at rest, tanh with the width of flippers, and the envelopes."""
     middle = (chain.number_of_rotors - 1) / 2
     places, fields = static_profile(chain, middle)
     near = np.abs(places) < 7
@@ -289,7 +285,7 @@ def _draw_wobbler(report: FigureReport, axes: Axes, chain: Chain) -> None:
 
 
 def _draw_offset(report: FigureReport, axes: Axes, chain: Chain, wall: WallAtSpeed) -> None:
-    """Staggered angles of even and odd rotors in one snapshot, which a constant sets apart."""
+    """Draw the angles of even and odd rotors in one snapshot; a constant separates them."""
     places = wall.snapshots.distances[len(wall.snapshots.distances) // 2]
     angles = wall.snapshots.angles[len(wall.snapshots.distances) // 2]
     theta = staggered(angles)
@@ -314,7 +310,7 @@ def _draw_offset(report: FigureReport, axes: Axes, chain: Chain, wall: WallAtSpe
     rest = static_wall(chain, (chain.number_of_rotors - 1) / 2)
     apart = np.abs(np.diff(rest))
     report.add_comparison(
-        'largest departure from it in a wall at rest [rad]',
+        'largest deviation from this angle in a wall at rest [rad]',
         '0',
         chain_formula('1.4 a / r', chain, 'about'),
         float(np.abs(apart - (math.pi - 2 * chain.rest_angle)).max()),
@@ -322,7 +318,7 @@ def _draw_offset(report: FigureReport, axes: Axes, chain: Chain, wall: WallAtSpe
 
 
 def _width_at_rest(chain: Chain) -> float:
-    """Width of a wall of the chain at rest over that of the continuum, by arctanh [1]."""
+    """Return the relative width of a wall at rest from the slope of arctanh [1]."""
     found = arctanh_width(*static_profile(chain, (chain.number_of_rotors - 1) / 2))
     return found * chain.spacing / chain.wall_width
 

@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Draw the figures of the paper, and some of our own, with their data and a table.
+"""Draw the figures of the paper and additional figures, with their data and a table.
 
-Every figure is written as PNG and PDF with its data as CSV, and table.md sets side by side what
-the paper says, what the corrected theory says and what the simulated chain does. Figures that
-are not drawn again keep their rows in it.
+Write each figure as PNG and PDF and its data as CSV. Write table.md, which compares the values of
+the paper, of the corrected theory and of the simulated chain. Figures that are not drawn again
+keep their rows in the table.
 """
 
 from __future__ import annotations
@@ -21,13 +21,13 @@ from soliton_linkage_studies.settings import Section, load_settings
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Draw the figures of a file of settings; return 1 where that fails, 130 on Ctrl-C."""
+    """Draw the figures of a settings file; return 1 on failure, 130 on Ctrl-C."""
     parser = study_parser('figures', __doc__, 'fewer points', selective=True)
-    return run_study(parser, arguments, _drawn, 'the figures that were finished stay')
+    return run_study(parser, arguments, _drawn, 'finished figures are kept')
 
 
 def draw(figure: DrawFigure, section: Section, output: Path, quick: bool) -> list[Comparison]:
-    """Draw one figure into a folder, by the name of its section; return its lines of the table."""
+    """Draw one figure into a folder under its section's name; return its table rows."""
     report = figure(section, quick)
     report.save(output, section.name)
     return report.comparisons

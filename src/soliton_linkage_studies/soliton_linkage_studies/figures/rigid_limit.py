@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Springs that get stiffer move as rigid bars do."""
+"""Figure of the convergence of stiff springs to rigid bars."""
 
 from __future__ import annotations
 
@@ -22,38 +22,38 @@ from soliton_linkage_studies.settings import Section, chain_from
 
 
 def convergence_order(stiffnesses: ArrayLike, distances: ArrayLike) -> float:
-    """Order in 1 / k_e of distances from rigid bars, by the three stiffest springs [1]."""
+    """Return the order of convergence in 1 / k_e, from the three stiffest springs [1]."""
     stiffest, nearest = np.log(np.asarray(stiffnesses)[-3:]), np.log(np.asarray(distances)[-3:])
     return -float(np.polyfit(stiffest, nearest, 1)[0])
 
 
 def draw_convergence(axes: Axes, stiffnesses: ArrayLike, distances: ArrayLike, label: str) -> Axes:
-    """Draw distances of an angle from rigid bars [rad], both (K,), and a line of order 1."""
+    """Draw angle deviations from rigid bars [rad], (K,), against stiffness, and order 1."""
     across, up = np.asarray(stiffnesses), np.asarray(distances)
     axes.loglog(across, up, 'o', color=MEASURED, label=label)
     axes.loglog(
         across, up[-1] * across[-1] / across, '--', color=THEORY, label=r'order 1, $\propto 1/k_e$'
     )
-    axes.set(ylabel='largest distance of an angle [rad]')
+    axes.set(ylabel='largest angle deviation [rad]')
     axes.legend()
     return axes
 
 
 _CAPTION = """
-Springs that get stiffer move as rigid bars do, after the same kick. (a) Path of the wall in
-chains whose stiffness is that of the first, k_e, times 1 and more (solid lines, from dark to
-light), and in one of rigid bars (dashed red); unit of time is √(M/k_e) of the first. (b) Largest
-distance of an angle from that of the chain of rigid bars, over all rotors and times, against the
-stiffness (dots), with a line of slope −1 through the last dot (dashed).
+Chains of stiff springs converge to the chain of rigid bars after the same kick. (a) Path of the
+wall for multiples of the stiffness k_e (solid lines, stiffer is lighter) and for rigid bars
+(dashed red). The unit of time is √(M/k_e) of the softest chain. (b) Largest deviation of an angle
+from the chain of rigid bars, over all rotors and times, against the stiffness (dots). The dashed
+line has slope −1 and passes through the last dot.
 """
 _TRACKED = 3
-"""Stiffnesses of which the wall's path is drawn: those of stiffer ones hide each other."""
+"""Number of stiffnesses whose path is drawn; the paths of stiffer chains overlap."""
 _PATH = ('time [sqrt(M/k_e)]', 'wall at rotor [rotor spacings]')
 
 
 @FIGURES.add('elastic_against_rigid')
 def rigid_limit_figure(section: Section, quick: bool) -> FigureReport:
-    """Springs that get stiffer move as rigid bars do: paths, and distance against k_e."""
+    """Draw wall paths for increasing stiffness, and the deviation from rigid bars."""
     section.check_keys('chain', 'kick', 'duration', 'factors')
     chain = chain_from(section.section('chain'))
     factors = section.numbers('factors', 1.0, 1e9)
@@ -82,7 +82,7 @@ def rigid_limit_figure(section: Section, quick: bool) -> FigureReport:
     rigid_colour = MECHANICS_COLOURS['rigid']
     paths.plot(times, track.sites, '--', color=rigid_colour, label='rigid bars')
     report.add_points('a', 'rigid bars', _PATH, times, track.sites)
-    paths.set(xlabel=r'time [$\sqrt{M/k_e}$]', ylabel='place of the wall [rotor spacings]')
+    paths.set(xlabel=r'time [$\sqrt{M/k_e}$]', ylabel='wall position [rotor spacings]')
     paths.set_title('a  paths of the wall', loc='left')
     paths.legend()
     _draw_order(report, distances, np.array(shown), np.array(apart))
@@ -90,10 +90,9 @@ def rigid_limit_figure(section: Section, quick: bool) -> FigureReport:
 
 
 def _draw_order(report: FigureReport, axes: Axes, factors: Array, apart: Array) -> None:
-    """Largest distance of an angle against stiffness, with a line of order 1."""
     draw_convergence(axes, factors, apart, 'springs from bars')
     axes.set(xlabel='stiffness over that of the chain [1]')
-    axes.set_title('b  distance from rigid bars', loc='left')
+    axes.set_title('b  deviation from rigid bars', loc='left')
     names = ('stiffness, times that of the chain [1]', 'largest distance of an angle [rad]')
     report.add_points('b', 'springs from bars', names, factors, apart)
     report.add_comparison(

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Snapshots of a wall that runs to and fro, with projections and zero mode (paper, Figs. 2, 3)."""
+"""Snapshots of a wall that is reflected at both ends (paper, Figs. 2 and 3)."""
 
 from __future__ import annotations
 
@@ -26,32 +26,33 @@ from soliton_linkage_studies.formulas import chain_formula
 from soliton_linkage_studies.settings import Section, chain_from
 
 _CAPTION = f"""
-A wall that runs to and fro in a chain of springs of {{chain}}, kicked along its zero mode with
-v₀ = {{kick:g}} a√(kₑ/M) (paper, Figs. 2 and 3): (a) before the kick, (b) with the wall half way on
-its first crossing, (c) after one round trip, when it is at the last rotor again.{{lowered}}
+A wall in a chain of springs is reflected at both ends (paper, Figs. 2 and 3). Chain: {{chain}}.
+The kick along the zero mode has the speed v₀ = {{kick:g}} a√(kₑ/M). (a) Before the kick. (b) Wall
+halfway through its first crossing. (c) After one round trip, with the wall at the last rotor
+again.{{lowered}}
 
 {LINKAGE} Dashed red lines are springs. In each state {MODE}. {PROJECTIONS}
 """
 _LOWERED = (
-    ' Odd rotors, grey, are drawn lower than they are, so that none hides another: their springs '
-    'look longer than they are.'
+    ' Odd rotors (grey) are shifted down so that rotors do not overlap; therefore the springs '
+    'look longer than their true length.'
 )
 _APART = 1.6
-"""How much lower odd rotors are drawn that would hide even ones, over the length of a rotor."""
+"""Downward shift of odd rotors that would overlap even ones, in rotor lengths [1]."""
 _WIDTH = 9.0
-"""Of the figure [inches]."""
+"""Width of the figure [inches]."""
 _TITLE = 0.4
-"""Height of a title above a panel [inches], with some room."""
+"""Height of a title above a panel, with margin [inches]."""
 _SAMPLES = 400
-"""Frames of a cycle in which reflections are counted: some dozens a passage [1]."""
+"""Frames per cycle for the count of reflections [1], several dozen per crossing."""
 _LEGEND = 0.3
-"""Height of the legend beneath all panels [inches]."""
+"""Height of the legend below the panels [inches]."""
 
 
 @FIGURES.add('figure_2')
 @FIGURES.add('figure_3')
 def snapshot_figure(section: Section, quick: bool) -> FigureReport:
-    """The chain of springs before the kick, with its wall half way, and after a reflection."""
+    """Draw the chain of springs before the kick, with its wall halfway, and after a round trip."""
     section.check_keys('chain', 'kick', 'duration', 'frames')
     chain = chain_from(section.section('chain'))
     kick = section.number('kick', 0.0, 100.0)
@@ -62,7 +63,7 @@ def snapshot_figure(section: Section, quick: bool) -> FigureReport:
     crossings = find_crossings(chain, track)
     if len(crossings) < 2:
         raise section.error(
-            'duration', f'is too short: {len(crossings)} crossings of 2; record for longer'
+            'duration', f'is too short: found {len(crossings)} of 2 crossings; increase it'
         )
     chosen = [0, *_turning_points(chain, recording, track, crossings)]
     lowered = _APART * chain.rotor_length if chain.rotor_length > chain.spacing else 0.0
@@ -71,7 +72,7 @@ def snapshot_figure(section: Section, quick: bool) -> FigureReport:
     )
     report = FigureReport(Figure(layout='constrained'), caption)
     panels = report.figure.subplots(3, 1)
-    states = ('before the kick', 'the wall half way to the first rotor', 'after one round trip')
+    states = ('before the kick', 'wall halfway to the first rotor', 'after one round trip')
     pictures = [
         draw_snapshot(axes, chain, recording.angles[frame], lowered)
         for axes, frame in zip(panels, chosen, strict=True)
@@ -89,7 +90,7 @@ def snapshot_figure(section: Section, quick: bool) -> FigureReport:
 
 
 def draw_snapshot(axes: Axes, chain: Chain, angles: Array, lowered: float) -> ChainPicture:
-    """Draw a chain of springs with its zero mode, and its projections beneath."""
+    """Draw a chain of springs with its zero mode, and its projections below it."""
     mode = zero_mode(chain, angles)
     picture = ChainPicture(axes, chain, angles, mode, projections=True, lowered=lowered)
     for arrows in (picture.arrows, picture.projections):
@@ -101,7 +102,7 @@ def draw_snapshot(axes: Axes, chain: Chain, angles: Array, lowered: float) -> Ch
 def _turning_points(
     chain: Chain, recording: Recording, track: Track, crossings: tuple[Crossing, ...]
 ) -> list[int]:
-    """Frames with the wall half way on its first crossing, and at the last edge again."""
+    """Return the frames with the wall halfway through its first crossing, and back at the end."""
     halfway = (crossings[0].start + crossings[0].end) / 2
     back = recording.times >= crossings[1].end
     back &= recording.times <= 2 * crossings[1].end - crossings[1].start

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Overshoot and oscillations beside wobbling walls (paper, Figs. S1 and S2)."""
+"""Figures of overshoot and oscillations next to wobbling walls (paper, Figs. S1 and S2)."""
 
 from __future__ import annotations
 
@@ -29,32 +29,32 @@ from soliton_linkage_studies.palette import GREY, MARKERS, MEASURED, PAPER, THEO
 from soliton_linkage_studies.settings import Section, chain_from
 
 _PROFILES = """
-Profiles of walls of wobbling flippers (paper, Fig. S1): displacements u = r sin φ of the rotors,
-over ū = r sin θ̄ at rest, against their distance from the wall, in {count} snapshots each of a slow
-motion of rigid bars while the wall goes on by one rotor spacing. A marker and a shade for each
-chain; the grey lines are the uniform states ±ū, beyond which the rotors swing on both sides of the
-wall, the further the larger d = 2 r sin θ̄ / a is.
+Wall profiles of wobbling flippers (paper, Fig. S1). Displacements u = r sin φ of the rotors, over
+ū = r sin θ̄ at rest, against the distance from the wall. Each chain of rigid bars has its own
+marker and shade. Its {count} snapshots cover a slow motion of the wall by one rotor spacing. Grey
+lines: uniform states ±ū. The rotors overshoot them on both sides of the wall, and the overshoot
+increases with d = 2 r sin θ̄ / a.
 """
 _TAILS = """
-Oscillations beside walls of wobbling flippers, a row for each chain (paper, Fig. S2). Dots are
-{count} snapshots each of a slow motion of rigid bars. (a) What u has more than the tanh of
-flippers, over the rotor spacing a. (b) Its distance from the uniform state ū = r sin θ̄, on a
-logarithmic scale. Lines are an oscillation that changes sign from rotor to rotor and decays, by
-the exact penetration depth ℓ of the zero mode (black) and by the r sin θ̄ of the paper (dashed
-red), each fitted to the dots beyond 1.5 rotor spacings; in (b) they are its envelopes.
+Oscillations next to walls of wobbling flippers, one row for each chain (paper, Fig. S2). Dots:
+{count} snapshots of a slow motion of rigid bars. (a) Deviation of u from the tanh profile of
+flippers, over the rotor spacing a. (b) Deviation of u from the uniform state ū = r sin θ̄, on a
+logarithmic scale. Lines: decaying oscillation that changes sign from rotor to rotor, fitted to the
+dots beyond 1.5 rotor spacings; (b) shows its envelope. Decay length: exact penetration depth ℓ of
+the zero mode (black), or r sin θ̄ of the paper (dashed red).
 """
 _BEYOND = 'rotors from the wall [rotor spacings]'
 _QUICK_SNAPSHOTS = 4
-"""Of each chain in a quick figure."""
+"""Number of snapshots of each chain in a quick figure."""
 _BESIDE = 10
-"""How far from a wall its oscillation is drawn [rotor spacings]."""
+"""Largest distance from a wall at which its oscillation is drawn [rotor spacings]."""
 _NEAR = 1.5
-"""Within which a wall is no oscillation about the state at rest [rotor spacings]."""
+"""Smallest distance from a wall at which the oscillation is fitted [rotor spacings]."""
 
 
 @FIGURES.add('figure_s1')
 def figure_s1(section: Section, quick: bool) -> FigureReport:
-    """Profiles of wobbling flippers, from snapshots of a slow motion (paper, Fig. S1)."""
+    """Draw profiles of wobbling flippers, from snapshots of a slow motion (paper, Fig. S1)."""
     section.check_keys('chains')
     chains = [chain_from(each) for each in section.section('chains').sections().values()]
     count = _QUICK_SNAPSHOTS if quick else SNAPSHOTS
@@ -85,7 +85,7 @@ def figure_s1(section: Section, quick: bool) -> FigureReport:
 
 @FIGURES.add('figure_s2')
 def figure_s2(section: Section, quick: bool) -> FigureReport:
-    """Oscillations beside wobbling walls, over the decay of theory (paper, Fig. S2)."""
+    """Draw oscillations next to wobbling walls, with the decay of theory (paper, Fig. S2)."""
     section.check_keys('chains')
     chains = [chain_from(each) for each in section.section('chains').sections().values()]
     count = _QUICK_SNAPSHOTS if quick else SNAPSHOTS
@@ -106,7 +106,7 @@ def figure_s2(section: Section, quick: bool) -> FigureReport:
         report.add_points(name, 'chain', (_BEYOND, '(u - u_tanh) / a [1]'), places, from_tanh)
         report.add_points(name, 'chain', (_BEYOND, '(u - ub) / a [1]'), places, from_rest)
         linear.set(ylabel=r'$(u - u_{\tanh}) / a$ [1]')
-        linear.set_title(f'a  beside tanh, {name}', loc='left')
+        linear.set_title(f'a  deviation from tanh, {name}', loc='left')
         logarithmic.set(ylabel=r'$|u - \bar u| / a$ [1]', yscale='log', ylim=(1e-9, 3))
         logarithmic.set_title(f'b  decay, {name}', loc='left')
         _compare_tail(report, chain)
@@ -118,7 +118,7 @@ def figure_s2(section: Section, quick: bool) -> FigureReport:
 
 
 def _slow_snapshots(chain: Chain, count: int) -> Snapshots:
-    """Frames of the rigid chain with its wall at as many places of one rotor spacing."""
+    """Return frames of the rigid chain with the wall at `count` positions in a rotor spacing."""
     start = static_wall(chain, chain.number_of_rotors // 2 - 0.5)
     period = site_arc(chain) / count
     simulation = RigidSimulation(chain, start, mode_towards_last(chain, start), period)
@@ -133,9 +133,9 @@ def _draw_decays(
     places: Array,
     from_rest: Array,
 ) -> None:
-    """U = ub + e^(-x / depth) (A cos(pi x / a) + B sin(pi x / a)) with two depths.
+    """Draw u = ub + e^(-x / depth) (A cos(pi x / a) + B sin(pi x / a)) with two depths.
 
-    A and B are fitted beyond one and a half spacings from the wall, each point by its size.
+    A and B are fitted beyond 1.5 spacings from the wall, with weights e^(x / depth).
     """
     fine = np.linspace(1.0, _BESIDE, 400)
     far = places > _NEAR
@@ -174,7 +174,7 @@ def _compare_overshoot(report: FigureReport, chain: Chain) -> None:
 
 
 def _compare_tail(report: FigureReport, chain: Chain) -> None:
-    """Decay length and wave number of a wall at rest, from successive rotors far from it."""
+    """Compare the decay length and wavelength of the tail of a wall at rest with theory."""
     depth = penetration_depth(chain) / chain.spacing
     middle = chain.number_of_rotors // 2
     tail = np.sin(static_wall(chain, middle + 0.5))[middle - int(12 * depth) - 6 : middle - 5]
@@ -190,14 +190,14 @@ def _compare_tail(report: FigureReport, chain: Chain) -> None:
     report.add_comparison(
         f'wavelength of the oscillation / a, {name}',
         Formula('2 π / √8', {}, 'linearised; 2 is seen'),
-        'two rotors, a change of sign at every one',
+        'two rotors: the sign alternates',
         wavelength(deviation),
         2.0,
     )
 
 
 def wavelength(deviation: Array) -> float:
-    """Twice the mean distance of zeros, each on a line between two rotors [rotor spacings]."""
+    """Return twice the mean distance of the interpolated zeros [rotor spacings], or infinity."""
     before = np.flatnonzero(np.signbit(deviation[:-1]) != np.signbit(deviation[1:]))
     if len(before) < 2:
         return math.inf

@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The motions of the paper as films.
+"""Films of the motions of the paper.
 
-A new kind of film is a module here whose scene has the decorator `scenes.film_kind`, a film of
-that kind in the settings, and its test.
+To add a kind of film, write a module here whose scene has the decorator `scenes.film_kind`, add a
+film of this kind to the settings, and write a test.
 """

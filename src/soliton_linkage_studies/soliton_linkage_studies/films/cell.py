@@ -24,12 +24,12 @@ from soliton_linkage_studies.settings import Section, chain_from
 from soliton_linkage_studies.unit_cell import configuration_curves
 
 _SMOOTH = 800
-"""Steps of a curve that is seen: none is larger than a pixel of it."""
+"""Number of steps of a drawn curve; no step is longer than a pixel."""
 
 
 @dataclass(frozen=True)
 class Cell:
-    """Two rotors and the bar between them, in motion along their configuration space."""
+    """Settings of a unit cell that moves along its configuration space."""
 
     chain: Chain
     kick: float
@@ -42,22 +42,22 @@ class Cell:
         chain = chain_from(section.section('chain'))
         if chain.number_of_rotors != 2:
             raise section.section('chain').error(
-                'number_of_rotors', 'must be 2, those of a unit cell; film a cycle for more'
+                'number_of_rotors', 'must be 2 for a unit cell; use the kind cycle for more rotors'
             )
         return Cell(chain, section.number('kick', 1e-6, 100.0))
 
 
 @film_kind('unit_cell', Cell.read)
 class CellScene(Scene):
-    """One cycle of a unit cell of a rigid bar, beside its place on the torus of both angles."""
+    """Scene of one cycle of a unit cell, and its point in the configuration space."""
 
     caption = f"""
-    {LINKAGE} The red line is a rigid bar; pale circles are the ways of the masses.
+    {LINKAGE} The red line is a rigid bar; pale circles are the paths of the masses.
 
-    To the right all configurations that keep the length of the bar, over both staggered angles,
-    opposite sides of the square being one: a colour for each component, blue the one that the cell
-    is on, pink the other. Triangles are the uniform states, the black dot is the configuration
-    shown to the left, and the wide grey line the way that it has gone.
+    Right: configuration space of the unit cell over both staggered angles, for a constant length
+    of the bar. Both angles are periodic, so opposite sides of the square are identical. The
+    component of the cell is blue; a second component, if any, is pink. Triangles mark the uniform
+    states. The black dot is the configuration on the left; the wide grey line is its past path.
     """
 
     def __init__(self, title: str, motion: Cell, shape: Format) -> None:
@@ -95,7 +95,6 @@ class CellScene(Scene):
 
 
 def _cell_picture(axes: Axes, chain: Chain, angles: Array) -> ChainPicture:
-    """Draw two rotors, a rigid bar and the circles that the masses keep to."""
     for number, (x, _) in enumerate(pivot_points(chain), start=1):
         circle = Circle((x, 0), chain.rotor_length, fill=False, edgecolor=PALE, linewidth=1.5)
         axes.add_patch(circle)

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Films of walls that run to and fro until every rotor is back."""
+"""Films of one full cycle of a wall that is reflected at both ends."""
 
 from __future__ import annotations
 
@@ -26,13 +26,13 @@ from soliton_linkage_studies.settings import Section, chain_from
 
 @dataclass(frozen=True)
 class KickedWall:
-    """A wall sent through a chain from its last rotor, by a kick along the zero mode."""
+    """Settings of a wall that a kick along the zero mode starts at the last rotor."""
 
     chain: Chain
     kick: float
     """Speed r |phi_dot| in units of a sqrt(k_e / M)."""
     duration: float
-    """Of the motion [s]."""
+    """Duration of the motion [s]."""
 
     @staticmethod
     def read(section: Section) -> KickedWall:
@@ -50,14 +50,15 @@ class KickedWall:
 
 @film_kind('cycle', KickedWall.read)
 class CycleScene(Scene):
-    """A kicked chain of springs, its zero mode, its profile and its space-time picture."""
+    """Scene of a kicked chain of springs: zero mode, profile and space-time diagram."""
 
     caption = f"""
     {LINKAGE} Dashed red lines are springs; {MODE}. {PROJECTIONS}
 
-    In the middle dots are u of each rotor over its place, and the line is the continuum's u of a
-    wall at rest at the same place, where there is one wall; a spinner's even rotors are filled and
-    have the solid line, its odd ones are hollow and have the dashed line. The pale line is u = 0.
+    Middle: displacement u of each rotor against its position (dots). If the chain has one wall,
+    the line shows the continuum theory of a wall at rest at the same position. For a spinner, even
+    rotors have filled dots and the solid line; odd rotors have hollow dots and the dashed line.
+    The pale line is u = 0.
     {SPACE_TIME}
     """
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Files of films: MP4 where there is an ffmpeg that can write it, GIF where there is none."""
+"""Film files: MP4 if an ffmpeg with H.264 is available, otherwise GIF."""
 
 from __future__ import annotations
 
@@ -19,26 +19,26 @@ from soliton_linkage_studies.films.scenes import Scene
 _CODEC = 'libx264'
 _QUALITY = ('-crf', '20', '-preset', 'veryfast', '-movflags', '+faststart')
 SHRINKING = 2
-"""How many times smaller a GIF is, each frame of which stays in memory until the end."""
+"""Size reduction of a GIF [1], because all its frames stay in memory until the end."""
 
 
 @dataclass(frozen=True)
 class FileKind:
-    """What films are written as, and why."""
+    """File format of the films, and the reason for it."""
 
     ffmpeg: str
     """Path of the program; empty for a GIF, which Pillow writes."""
     reason: str
-    """One line for people."""
+    """One line for the user."""
 
     @property
     def suffix(self) -> str:
-        """Of the names of the files."""
+        """Suffix of the file names."""
         return '.mp4' if self.ffmpeg else '.gif'
 
 
 def file_kind() -> FileKind:
-    """Choose MP4 with the command ffmpeg or else that of the package imageio_ffmpeg, or GIF."""
+    """Return MP4 if the command ffmpeg or the package imageio_ffmpeg writes H.264, else GIF."""
     complaints = []
     programs = {'command ffmpeg': shutil.which('ffmpeg'), 'package imageio_ffmpeg': _packaged()}
     for name, program in programs.items():
@@ -58,7 +58,7 @@ def file_kind() -> FileKind:
 def write_film(
     scene: Scene, frame_rate: float, path: Path, kind: FileKind, on_frame: Callable[[], None]
 ) -> None:
-    """Write every frame of a scene to a file, and tell after each."""
+    """Write every frame of a scene to a file, and call `on_frame` after each."""
     rate: Any = frame_rate  # annotated as int in matplotlib, which takes any number
     options = ['-pix_fmt', 'yuv420p', *_QUALITY]
     writer = (
@@ -79,7 +79,7 @@ def write_film(
 
 
 class _Painter(FFMpegWriter):
-    """Takes finished pixels; `grab_frame` would draw everything anew, which never moves."""
+    """FFmpeg writer of rendered pixels; `grab_frame` would redraw the static artists."""
 
     def write(self, pixels: memoryview) -> None:
         """Write one frame, RGBA."""
@@ -88,7 +88,7 @@ class _Painter(FFMpegWriter):
 
 
 def _packaged() -> str | None:
-    """Path of the ffmpeg in the package imageio_ffmpeg, if it is here and has one."""
+    """Return the path of the ffmpeg in imageio_ffmpeg, or None if it is not installed."""
     try:
         package: Any = importlib.import_module('imageio_ffmpeg')
         return str(package.get_ffmpeg_exe())

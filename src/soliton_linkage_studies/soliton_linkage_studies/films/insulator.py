@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Films of small motions, which stay at the edge of a chain."""
+"""Films of small motions: zero mode, and drives inside and above the band gap."""
 
 from __future__ import annotations
 
@@ -27,22 +27,22 @@ from soliton_linkage_studies.palette import BLUE, GREEN, RED
 from soliton_linkage_studies.settings import Section, chain_from
 
 _SMALLEST_SWING = 1e-5
-"""Lower end of the scale of swings [rad]."""
-_WAYS = 4
-"""To and fro that the zero mode is shown in a film."""
+"""Lower limit of the amplitude axis [rad]."""
+_OSCILLATIONS = 4
+"""Number of oscillations of the zero mode in a film."""
 
 
 @dataclass(frozen=True)
 class Insulation:
-    """Small motions of a chain: its zero mode, and an edge that is driven."""
+    """Settings of small motions of a chain: zero mode and driven edge."""
 
     chain: Chain
     swing: float
-    """Of the rotor that moves most [rad]."""
+    """Amplitude of the rotor that moves most [rad]."""
     drives: tuple[float, ...]
-    """Angular frequencies of the drives, in units of the gap."""
+    """Angular frequencies of the drives over the gap frequency [1]."""
     duration: float
-    """Of the motion [s]."""
+    """Duration of the motion [s]."""
 
     @staticmethod
     def read(section: Section) -> Insulation:
@@ -51,7 +51,7 @@ class Insulation:
         chain = chain_from(section.section('chain'))
         drives = section.numbers('drives', 0.01, 100.0)
         if len(drives) != 2:
-            raise section.error('drives', 'must be two numbers; give one each side of 1')
+            raise section.error('drives', 'must be two numbers; give one below 1 and one above')
         duration = section.number('duration', 1e-3, 1e6)
         swing = section.number('swing', 1e-3, 0.5)
         return Insulation(chain, swing, drives, duration * chain.time_unit)
@@ -59,14 +59,13 @@ class Insulation:
 
 @film_kind('insulator', Insulation.read)
 class InsulatorScene(Scene):
-    """Three copies of the right-leaning chain: the zero mode, a drive in the gap, one above."""
+    """Scene of three right-leaning chains: zero mode, drive in the gap, drive above the gap."""
 
     caption = f"""
     {LINKAGE} Dashed red lines are springs; {MODE}.
 
-    Beneath, how far each rotor swings to both sides in each of the three motions, over its place,
-    on a logarithmic scale; the green line falls by e in each penetration depth ℓ from the last
-    rotor.
+    Bottom: amplitude of each rotor in the three motions against its position, on a logarithmic
+    scale. The green line decays by a factor of e per penetration depth ℓ from the last rotor.
     """
 
     def __init__(self, title: str, motion: Insulation, shape: Format) -> None:
@@ -75,7 +74,7 @@ class InsulatorScene(Scene):
         super().__init__(title, description(chain), shape, motion.duration, chain.time_unit)
         mode = zero_mode(chain, chain.uniform_state(1))
         mode *= motion.swing / mode[np.argmax(np.abs(mode))]
-        self._frequencies = [2 * math.pi * _WAYS / motion.duration]
+        self._frequencies = [2 * math.pi * _OSCILLATIONS / motion.duration]
         self._frequencies += [drive * gap(chain) for drive in motion.drives]
         self._swings = [mode.astype(complex)]
         self._swings += [
@@ -128,15 +127,15 @@ class InsulatorScene(Scene):
         decay = np.exp((places - places[-1]) / penetration_depth(chain))
         axes.semilogy(places, motion.swing * decay, '-', color=GREEN, label='exp(−distance/ℓ)')
         axes.set(xlim=(left, right), ylim=(_SMALLEST_SWING, 3 * motion.swing))
-        axes.set(xlabel='x [m]', ylabel='swing [rad]')
+        axes.set(xlabel='x [m]', ylabel='amplitude [rad]')
         axes.legend(loc='lower center', bbox_to_anchor=(0.5, 0.98), ncols=4, frameon=False)
 
 
 def driven(chain: Chain, frequency: float) -> Array:
-    """Steady small motion about the right-leaning state, its first rotor driven, shape (N,).
+    """Return the steady-state response of the right-leaning chain to a drive at rotor 0, (N,).
 
-    (K - omega^2 I + i omega damping) x = torque on rotor 0, of the angular frequency omega
-    [rad/s]; complex, in units of the motion of rotor 0.
+    Solve (K - omega^2 I + i omega damping) x = torque on rotor 0 at the angular frequency omega
+    [rad/s]. The complex response is normalised by the motion of rotor 0.
     """
     stiffness = stiffness_matrix(chain, chain.uniform_state(1)).toarray()
     inertia = np.diag(-(frequency**2) * chain.moments_of_inertia + 1j * frequency * chain.dampings)

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Film the motions of chains, those of the movies of the paper, as MP4 or, without ffmpeg, GIF."""
+"""Make films of chain motions, as in the movies of the paper: MP4, or GIF without ffmpeg."""
 
 from __future__ import annotations
 
@@ -31,25 +31,25 @@ _OF_FILMS = ('kind', 'title', 'playing_time')
 
 @dataclass(frozen=True)
 class Film:
-    """What one film shows and how."""
+    """Content and format of one film."""
 
     name: str
     kind: str
     make: Callable[[str, Any, Format], Scene]
-    """Of its kind, which makes the scene."""
+    """Function of its kind that makes the scene."""
     title: str
     motion: Any
-    """Settings of its kind."""
+    """Settings of the motion, specific to the kind of film."""
     shape: Format
 
 
 def read_films(settings: Section) -> list[Film]:
-    """Films of a file of settings, all checked; raises ValueError for what cannot be filmed."""
+    """Return the films of a settings file; raise ValueError for invalid settings."""
     settings.check_keys('frame_rate', 'size', 'films')
     frame_rate = settings.number('frame_rate', 1.0, 120.0)
     size = settings.numbers('size', 64, 8192)
     if len(size) != 2 or any(pixels % 2 for pixels in size):
-        raise settings.error('size', 'must be two even numbers of pixels, as [1280, 720]')
+        raise settings.error('size', 'must be two even numbers of pixels, for example [1280, 720]')
     width, height = (int(pixels) for pixels in size)
     films = []
     for name, section in settings.section('films').sections().items():
@@ -65,7 +65,7 @@ def read_films(settings: Section) -> list[Film]:
 
 
 def resized(film: Film, width: int, height: int, most_frames: int | None = None) -> Film:
-    """Return a film of the same motion in frames of another size [pixels], and fewer of them."""
+    """Return a film of the same motion with another frame size [pixels] and fewer frames."""
     frames = min(film.shape.frames, most_frames or film.shape.frames)
     return replace(film, shape=replace(film.shape, frames=frames, width=width, height=height))
 
@@ -76,15 +76,15 @@ def scene_of(film: Film) -> Scene:
 
 
 _POLLING = 0.1
-"""After which the frames are counted that processes have made meanwhile [s]."""
+"""Interval between updates of the progress line [s]."""
 
 
 def make_films(
     films: Sequence[Film], output: Path, kind: FileKind, workers: int | None = None
 ) -> None:
-    """Write films into a folder, in a number of processes, by default one a core.
+    """Write films into a folder, with a number of processes, by default one per core.
 
-    Each appears under its name once it is finished; what was begun is deleted on failure.
+    A film appears under its name when it is finished; unfinished files are deleted on failure.
     """
     output.mkdir(parents=True, exist_ok=True)
     total = sum(film.shape.frames for film in films)
@@ -103,7 +103,7 @@ def make_films(
 
 
 def _follow(processes: Processes, done: Synchronized[int], total: int) -> None:
-    """Show progress until all films are finished; raises what one has failed with."""
+    """Show progress until all films are finished; raise the exception of a failed film."""
     started = time.monotonic()
     progress = ProgressLine('filming', total)
     films = processes.unfinished
@@ -119,7 +119,7 @@ def _follow(processes: Processes, done: Synchronized[int], total: int) -> None:
 
 
 def _prepare(done: Synchronized[int]) -> None:
-    """Set up a process: Ctrl-C reaches it through its parent alone, and so does its ffmpeg."""
+    """Set up a worker, which ignores SIGINT because its parent stops it and its ffmpeg."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     _Done.frames = done
 
@@ -134,7 +134,7 @@ def _count() -> None:
 
 
 def _make(film: Film, scratch: Path, output: Path, kind: FileKind) -> None:
-    """Write one film and put it in its place, with its caption beside it."""
+    """Write one film and its caption file, then move it into the output folder."""
     name = film.name + kind.suffix
     with mpl.rc_context(STYLE):
         scene = scene_of(film)
@@ -144,17 +144,17 @@ def _make(film: Film, scratch: Path, output: Path, kind: FileKind) -> None:
 
 
 _QUICK_FRAMES = 4
-"""Of a quick film, of which each shows other things."""
+"""Number of frames of a quick film."""
 _QUICK_SIZE = (320, 180)
-"""Of a quick film [pixels]."""
+"""Frame size of a quick film [pixels]."""
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Film what a file of settings says; return 1 where that fails, 130 on Ctrl-C."""
+    """Make the films of a settings file; return 1 on failure, 130 on Ctrl-C."""
     width, height = _QUICK_SIZE
     quick = f'{_QUICK_FRAMES} frames of {width} x {height} pixels a film'
     parser = study_parser('films', __doc__, quick, selective=True)
-    return run_study(parser, arguments, _filmed, 'the films that were finished stay')
+    return run_study(parser, arguments, _filmed, 'finished films are kept')
 
 
 def _filmed(options: argparse.Namespace) -> str:

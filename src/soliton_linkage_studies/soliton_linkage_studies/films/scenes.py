@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What a film shows: a figure whose artists are moved from frame to frame."""
+"""Scenes of films: figures whose artists move from frame to frame."""
 
 from __future__ import annotations
 
@@ -24,27 +24,27 @@ from soliton_linkage_studies.registry import Registry
 from soliton_linkage_studies.settings import Section
 
 INCHES_HIGH = 7.2
-"""Height of every figure, in which letters have their size."""
+"""Height of every figure [inches]; font sizes refer to it."""
 STYLE: Any = {
     'font.size': 12.5,
     'axes.titlesize': 12.5,
     'axes.titlelocation': 'left',
     'text.hinting': 'no_hinting',
 }
-"""Of matplotlib, in which scenes are made and drawn: letters of a size do not depend on pixels."""
+"""Settings of matplotlib for scenes; text size does not depend on the resolution."""
 LEFT, WIDTH, BOTTOM, TOP = 0.07, 0.90, 0.085, 0.88
-"""Part of the figure that pictures may fill, beneath the title."""
+"""Part of the figure available for panels, below the title [figure sizes]."""
 
 TOLERANCE = 1e-9
-"""Error of the angles in a time unit [rad], so that a film of a cycle ends where it began."""
+"""Integration error per time unit [rad], small enough that a filmed cycle closes."""
 
 SPACE_TIME = (
-    'The picture of space and time has a row for each frame up to now and a column for each '
-    'rotor, in the colours of u: darker than at rest where a rotor swings beyond it.'
+    'The space-time diagram shows the displacement u: one row for each past frame and one column '
+    'for each rotor. A colour darker than at rest marks a rotor that overshoots its rest angle.'
 )
-"""What the picture of space and time shows."""
+"""Caption of the space-time diagram."""
 _GAP = 0.06
-"""Between axes one above the other, over the height of the figure."""
+"""Vertical gap between axes [figure heights]."""
 
 
 @dataclass(frozen=True)
@@ -66,21 +66,21 @@ class Format:
 
 
 class Scene(ABC):
-    """A figure with a title and a clock; `show` moves it to a frame, `paint` to pixels as well."""
+    """Figure with a title and a clock; `show` selects a frame, `paint` also renders it."""
 
     caption: ClassVar[str] = ''
-    """Symbols, lines and colours that no words in the film name."""
+    """Explanation of the symbols, lines and colours that the film does not label."""
 
     def __init__(
         self, title: str, subtitle: str, shape: Format, duration: float, time_unit: float
     ) -> None:
-        """Prepare frames from 0 to a duration of the motion [s], both ends included.
+        """Prepare frames at times from 0 to `duration` [s], both ends included.
 
-        The clock shows seconds and, beside them, time units sqrt(M / k_e) [s].
+        The clock shows seconds and time units sqrt(M / k_e) [s].
         """
         self._time_unit = time_unit
         self.headline = f'{title}: {subtitle}.'
-        """What the film is of, in one line."""
+        """Title and subtitle of the film in one line."""
         self.times = np.linspace(0.0, duration, shape.frames)
         size = (shape.width / shape.resolution, INCHES_HIGH)
         self.figure = Figure(figsize=size, dpi=shape.resolution, facecolor=WHITE)
@@ -95,17 +95,17 @@ class Scene(ABC):
 
     @property
     def period(self) -> float:
-        """Time of the motion from frame to frame [s]."""
+        """Simulated time between frames [s]."""
         return float(self.times[1])
 
     def show(self, frame: int) -> None:
-        """Move everything to a frame, 0 being the first."""
+        """Move all artists to a frame, counted from 0."""
         time = self.times[frame]
         self._clock.set_text(f't = {time:.2f} s = {time / self._time_unit:.1f} √(M/kₑ)')
         self._move(frame)
 
     def paint(self, frame: int) -> memoryview:
-        """Return the pixels of a frame, RGBA in rows from the top; what never moves is kept."""
+        """Return the RGBA pixels of a frame, rows from the top; static artists are cached."""
         self.show(frame)
         if self._still is None:
             for artist in self._moving:
@@ -118,7 +118,7 @@ class Scene(ABC):
         return memoryview(self._canvas.buffer_rgba())
 
     def add_moving(self, artists: Iterable[Artist]) -> None:
-        """Tell which artists `_move` changes, from back to front."""
+        """Register the artists that `_move` changes, from back to front."""
         self._moving.extend(artists)
 
     @abstractmethod
@@ -127,7 +127,7 @@ class Scene(ABC):
 
 
 class SpaceTime:
-    """The space-time picture of u, whose future is covered."""
+    """Space-time diagram of u; a cover hides the frames after the current one."""
 
     def __init__(self, axes: Axes, chain: Chain, angles: Array, duration: float) -> None:
         """Draw angles [rad], shape (frames, N), over a duration [s]."""
@@ -153,16 +153,16 @@ class SpaceTime:
         self.moving = [self.cover, *axes.spines.values()]
 
     def show(self, frame: int) -> None:
-        """Uncover what happened up to a frame."""
+        """Uncover the diagram up to a frame."""
         now = self._duration * (frame + 1) / self._frames
         self.cover.set(y=now, height=self._duration - now)
 
 
 class ProfilePanel:
-    """The profile u(x) of a chain, and that of the theory of a slow wall at the same place."""
+    """Profile u(x) of a chain, and the theory of a slow wall at the same position."""
 
     def __init__(self, axes: Axes, chain: Chain) -> None:
-        """Prepare for a chain that was started in its right-leaning state."""
+        """Prepare the panel for a chain that starts in its right-leaning state."""
         self._chain = chain
         self._places = pivot_points(chain)[:, 0]
         self._fine = np.linspace(self._places[0], self._places[-1], 400)
@@ -192,7 +192,7 @@ class ProfilePanel:
         self.moving = [*self.theory, *self.rotors]
 
     def show(self, angles: Array) -> None:
-        """Show a configuration [rad], shape (N,), and the theory where there is one wall."""
+        """Show a configuration [rad], shape (N,), and the theory if it has one wall."""
         lean = displacement(self._chain, angles)
         for parity, markers in enumerate(self.rotors):
             markers.set_data(self._places[parity::2], 100 * lean[parity::2])
@@ -209,11 +209,11 @@ class ProfilePanel:
 def static_profile(
     chain: Chain, angles: Array, wall: float, places: Array, parity: int = 0
 ) -> Array:
-    """Return u [m] at places [m] in the continuum theory of a wall at rest, shape of places.
+    """Return u [m] at positions [m] in the continuum theory of a wall at rest, same shape.
 
-    Flippers have u = -r sin(theta_bar) tanh((x - X) / w). The staggered angles of a spinner that
-    started leaning right leave theta_bar by s (even rotors, parity 0) or -s (odd ones, 1) times
-    arccos(-tanh((x - X) / w)); which of both signs s is, the angles [rad] tell, shape (N,).
+    Flippers have u = -r sin(theta_bar) tanh((x - X) / w). Spinners that start in the right-leaning
+    state have the staggered angles theta_bar +- s arccos(-tanh((x - X) / w)), + for even rotors
+    (parity 0) and - for odd rotors (parity 1). The sign s follows from the angles [rad], (N,).
     """
     order = -np.tanh((places - wall) / chain.wall_width)
     rest = chain.rest_angle
@@ -226,9 +226,9 @@ def static_profile(
 
 
 def stacked(figure: Figure, chain: Chain, shares: tuple[float, ...]) -> list[Axes]:
-    """Axes one above the other with the same x: the chain in its proportions, then the others.
+    """Return stacked axes with a common x range: the chain to scale, then one for each share.
 
-    The others divide what is left of the height as their shares say.
+    The shares divide the remaining height.
     """
     left, right, bottom, top = limits(chain, projections=True)
     wide, high = (float(length) for length in figure.get_size_inches())
@@ -252,18 +252,18 @@ AnyScene = TypeVar('AnyScene', bound=type[Scene])
 
 @dataclass(frozen=True)
 class FilmKind:
-    """How the settings of a film are read, and what makes a scene of them."""
+    """Reader of the settings of a kind of film, and constructor of its scene."""
 
     read: Callable[[Section], Any]
     scene: Callable[[str, Any, Format], Scene]
-    """Takes the title, what was read, and the format."""
+    """Function from the title, the settings and the format to the scene."""
 
 
 FILM_KINDS: Registry[FilmKind] = Registry('soliton_linkage_studies.films')
 
 
 def film_kind(name: str, read: Callable[[Section], Any]) -> Callable[[AnyScene], AnyScene]:
-    """Decorate the scene of a kind of films, whose settings a function reads."""
+    """Return a decorator that registers a scene and its settings reader as a kind of film."""
 
     def added(scene: AnyScene) -> AnyScene:
         FILM_KINDS.add(name)(FilmKind(read, scene))

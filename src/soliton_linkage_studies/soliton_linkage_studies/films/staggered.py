@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Films of a linkage that can be built: rotors and bars one behind the other."""
+"""Films of a linkage that can be built, with rotors and bars in separate planes."""
 
 from __future__ import annotations
 
@@ -31,29 +31,29 @@ from soliton_linkage_studies.palette import BLACK, BLUE, GREY, RED, WHITE
 from soliton_linkage_studies.settings import Section
 
 _AZIMUTH = math.radians(-75)
-"""Of the camera at the start: nearly in front of the rotors, so that none hides its bar [rad]."""
+"""Initial azimuth of the camera, nearly in front so that no rotor hides its bar [rad]."""
 _ELEVATION = math.radians(22)
-"""Of the camera above the axles [rad]."""
+"""Elevation of the camera above the axles [rad]."""
 _ZOOM = 1.9
-"""Of the box of the linkage, which is long and thin, over that of matplotlib."""
+"""Zoom factor of the long and thin linkage, relative to the default of matplotlib [1]."""
 _BODIES = (
     ('rotors', BLACK, 6.0),
     ('axles on the frame', GREY, 5.0),
     ('pins, the masses', BLUE, 8.0),
     ('bars', RED, 4.0),
 )
-"""Names, colours and line widths [points] of what `layered` returns."""
+"""Names, colours and line widths [points] of the bodies that `layered` returns."""
 
 
 @dataclass(frozen=True)
 class Staggering:
-    """A kicked linkage whose rotors lie in planes one behind the other."""
+    """Settings of a kicked linkage whose rotors lie in separate planes."""
 
     motion: KickedWall
     depth: float
-    """From each rotor to the bar behind it, in units of a."""
+    """Distance from each rotor to the bar behind it, in units of a."""
     turn: float
-    """Of the camera during the film [rad]."""
+    """Rotation of the camera during the film [rad]."""
 
     @staticmethod
     def read(section: Section) -> Staggering:
@@ -67,14 +67,11 @@ class Staggering:
 
 @film_kind('staggered', Staggering.read)
 class StaggeredScene(Scene):
-    """Rigid bars and rotors that turn past each other, seen by a camera that turns as well.
-
-    Beneath them is their space-time picture.
-    """
+    """Scene of a three-dimensional linkage with a rotating camera, and its space-time diagram."""
 
     caption = f"""
-    Each rotor and each bar is in a plane of its own; a white border shows which of two that cross
-    is nearer. The colours are named in the film. {SPACE_TIME}
+    Each rotor and each bar lies in a separate plane. Where two bodies cross, the nearer one has a
+    white border. The legend in the film explains the colours. {SPACE_TIME}
     """
 
     def __init__(self, title: str, settings: Staggering, shape: Format) -> None:
@@ -104,7 +101,7 @@ class StaggeredScene(Scene):
         bodies = layered(self._chain, self.angles[frame], self._layer)
         order = from_behind(bodies, azimuth, _ELEVATION)
         widths, colours = self._looks()
-        # A white border beneath each body shows which of two that cross is nearer.
+        # Draw a white border below each body so that the nearer of two crossing bodies is visible.
         self._bodies.set_segments(list(np.repeat(bodies[order], 2, axis=0)))
         thicknesses = np.column_stack([widths[order] + 3, widths[order]])
         self._bodies.set_linewidth(thicknesses.ravel().tolist())
@@ -114,7 +111,7 @@ class StaggeredScene(Scene):
         self._space_time.show(frame)
 
     def _looks(self) -> tuple[Array, list[str]]:
-        """Line widths [points] and colours of the bodies, in the order of `layered`."""
+        """Return line widths [points] and colours of the bodies, in the order of `layered`."""
         rotors, bars = self._chain.number_of_rotors, self._chain.number_of_springs
         counts = [rotors, rotors, rotors, bars]
         widths = np.repeat([width for _, _, width in _BODIES], counts)
@@ -150,11 +147,11 @@ class StaggeredScene(Scene):
 
 
 def layered(chain: Chain, angles: Array, layer: float) -> Array:
-    """Ends of rotors, axles, pins and bars [m], shape (3 N + springs, 2, 3), in that order.
+    """Return the ends of rotors, axles, pins and bars [m], (3 N + springs, 2, 3), in this order.
 
-    Rotor n is in the plane y = 2 n layer, and the bar from it to the next in that half way
-    between both; the pins reach from plane to plane. No two bodies share a plane but where they
-    are joined, so that no angles make them collide.
+    Rotor n lies in the plane y = 2 n layer. The bar to the next rotor lies halfway between their
+    planes, and pins connect the planes. Bodies that are not joined never share a plane, so that
+    they cannot collide at any angles.
     """
     pivots, masses = pivot_points(chain), mass_points(chain, angles)
     planes: Array = np.linspace(0.0, 2 * layer * chain.number_of_springs, len(pivots))
@@ -173,7 +170,7 @@ def layered(chain: Chain, angles: Array, layer: float) -> Array:
 
 
 def from_behind(bodies: Array, azimuth: float, elevation: float) -> list[int]:
-    """Order in which to paint bodies, shape (K, 2, 3), for a camera at two angles [rad]."""
+    """Return the back-to-front order of bodies, (K, 2, 3), for the camera angles [rad]."""
     towards = np.array(
         [
             math.cos(elevation) * math.cos(azimuth),

@@ -39,15 +39,15 @@ from soliton_linkage_studies.settings import Section, chain_from
 
 @dataclass(frozen=True)
 class Tilting:
-    """A linkage of rigid bars under gravity, its tilt going straight from angle to angle."""
+    """Settings of a linkage of rigid bars under gravity; the tilt is piecewise linear in time."""
 
     chain: Chain
     times: tuple[float, ...]
-    """When the tilts are reached [s], from 0 on."""
+    """Times at which the tilts are reached [s], starting at 0."""
     tilts: tuple[float, ...]
-    """Of the chain from horizontal, the last rotor lower where positive [rad]."""
+    """Tilt angles from horizontal, positive if the last rotor is lower [rad]."""
     acceleration: float
-    """Of gravity [m/s^2]."""
+    """Gravitational acceleration [m/s^2]."""
 
     @staticmethod
     def read(section: Section) -> Tilting:
@@ -58,20 +58,20 @@ class Tilting:
             raise section.error('times', 'must increase from 0; sort them')
         tilts = section.numbers('tilts', -math.pi, math.pi)
         if len(tilts) != len(times):
-            raise section.error('tilts', f'must be {len(times)} numbers; give one a time')
+            raise section.error('tilts', f'must be {len(times)} numbers; give one for each time')
         acceleration = section.number('gravity', 0.0, 1e3, 9.81)
         return Tilting(chain_from(section.section('chain')), times, tilts, acceleration)
 
 
 @film_kind('tilt', Tilting.read)
 class TiltScene(Scene):
-    """A left-leaning linkage that is tilted to and fro, and how its rotors fall."""
+    """Scene of a left-leaning linkage that is tilted back and forth under gravity."""
 
     caption = f"""
     {LINKAGE} Red lines are rigid bars; {MODE}. {PROJECTIONS}
 
-    {SPACE_TIME} Beside it, the grey line is the tilt of the linkage over time and the black dot
-    where it is now.
+    {SPACE_TIME} To its right, the grey line is the tilt of the linkage over time and the black dot
+    is the current tilt.
     """
 
     def __init__(self, title: str, motion: Tilting, shape: Format) -> None:
@@ -110,7 +110,7 @@ class TiltScene(Scene):
 
 
 def _fallen(motion: Tilting, tilts: Array, period: float) -> Array:
-    """Angles at each tilt [rad], shape (frames, N), the tilt being held for a period [s]."""
+    """Return the angles of each frame [rad], (frames, N); the tilt is constant in a period [s]."""
     chain = motion.chain
     start = chain.uniform_state(-1)
     field = Gravity(motion.acceleration, float(tilts[0]))
@@ -124,7 +124,7 @@ def _fallen(motion: Tilting, tilts: Array, period: float) -> Array:
 
 
 def _projected(axes: Axes, chain: Chain, angles: Array, along: tuple[float, float]) -> Quiver:
-    """Draw u of each rotor between two places along the chain [m], in axes of their own."""
+    """Draw u of each rotor in the given range of positions [m]."""
     axes.set(xlim=along, ylim=(limits(chain, projections=True)[2], limits(chain)[2]))
     axes.set_axis_off()
     axes.set_title('u = r sin φ of each rotor')
@@ -132,7 +132,7 @@ def _projected(axes: Axes, chain: Chain, angles: Array, along: tuple[float, floa
 
 
 def _make_room(axes: Axes, chain: Chain, tilt: float) -> None:
-    """Widen the limits for a chain that turns about its middle, and draw gravity beside it."""
+    """Widen the limits for a chain that rotates about its middle, and draw the gravity arrow."""
     left, right, _, top = limits(chain)
     rise = (right - left) / 2 * math.sin(tilt) + top
     axes.set_ylim(-rise, rise)
