@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A bag as arrays of numpy and, where pandas is installed, as a table of it.
+"""Read a bag into NumPy arrays, and print a pandas summary if pandas is installed.
 
 Usage: bag_to_pandas.py [BAG]
 """
@@ -16,7 +16,7 @@ from soliton_linkage_nodes.programs.bag_analysis import read_recording
 
 
 def read(bag: Path) -> tuple[sl.Chain, sl.Recording, dict[str, np.ndarray]]:
-    """Chain and motion of a bag, and what the analyser said: a column for each quantity."""
+    """Return the chain and motion of a bag, and the analyser output, one column per quantity."""
     with open_bag(bag) as reader:
         named, recording = read_recording(reader)
         states = [message for _, message in read_topic(reader, 'soliton_state')]
@@ -33,7 +33,7 @@ def read(bag: Path) -> tuple[sl.Chain, sl.Recording, dict[str, np.ndarray]]:
 
 
 def main(bag: Path) -> dict[str, np.ndarray]:
-    """Print what a bag holds and return the columns of its soliton states."""
+    """Print a summary of a bag and return the columns of its soliton states."""
     chain, recording, columns = read(bag)
     frames, rotors = recording.angles.shape
     print(f'{frames} frames of {rotors} rotors, a {chain.motion.value}')

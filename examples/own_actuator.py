@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
-"""An actuator of one's own: a voice coil, whose torque follows the current without delay.
+"""Custom actuator: a voice coil, whose torque follows the current without delay.
 
-It runs the edge actuator's node with it, whose parameters are then those of the coil too:
+Run the edge actuator node with this actuator; the node declares the parameters of the coil:
 
     python3 examples/own_actuator.py --ros-args -p actuator:=voice_coil -p largest_current:=2.0
 """
@@ -15,19 +15,19 @@ from soliton_linkage.linkage.quantities import check_quantities, quantity
 
 @dataclass(frozen=True)
 class VoiceCoil:
-    """Commands and levels are currents [A]; the torque is proportional to them."""
+    """Voice coil; commands and levels are currents [A], and the torque is proportional to them."""
 
     torque_per_current: float = quantity(
-        5e-3, 'torque along the unit zero mode that a current gives', 'N m/A', 1e-9
+        5e-3, 'torque along the unit zero mode per current', 'N m/A', 1e-9
     )
-    largest_current: float = quantity(1.0, 'largest current either way', 'A', 0.0)
+    largest_current: float = quantity(1.0, 'largest absolute current', 'A', 0.0)
 
     def __post_init__(self) -> None:
-        """Refuse parameters out of their range."""
+        """Reject parameters out of their range."""
         check_quantities(self)
 
     def check_command(self, current: float) -> None:
-        """Raise ValueError for a current [A] that cannot be asked for."""
+        """Raise ValueError if a current [A] exceeds the limit."""
         if not (math.isfinite(current) and abs(current) <= self.largest_current):
             raise ValueError(
                 f'current = {current:g} A must be at most {self.largest_current:g} A either way; '
@@ -37,19 +37,19 @@ class VoiceCoil:
     def response(
         self, current: float, command: Profile, start: float, end: float
     ) -> tuple[float, float]:
-        """Current at an instant [A], which is the commanded one, and its integral [A s]."""
+        """Return the current at `end` [A], equal to the command, and its integral [A s]."""
         return float(command.before(end)), float(command.integral(start, end))
 
     def torque(self, current: float) -> float:
-        """Torque of a current [N m]."""
+        """Return the torque of a current [N m]."""
         return self.torque_per_current * current
 
     def is_saturated(self, current: float) -> bool:
-        """Whether a current gives less torque than in proportion to a small one."""
+        """Return whether the torque of a current is saturated; a voice coil never saturates."""
         return False
 
     def pulse_command(self, impulse: float, duration: float) -> float:
-        """Current [A] that gives an impulse [N m s] if it lasts for a duration [s]."""
+        """Return the current [A] that gives an impulse [N m s] within a duration [s]."""
         return impulse / (self.torque_per_current * duration)
 
 
@@ -57,7 +57,7 @@ ACTUATORS['voice_coil'] = VoiceCoil
 
 
 def main() -> None:
-    """Run the node, which finds the coil by its name."""
+    """Run the node, which looks up the coil by its name."""
     from soliton_linkage_nodes.edge_actuator import node
 
     node.main()

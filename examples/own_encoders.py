@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Encoders of one's own into the analyser: a node that publishes what a function reads.
+"""Custom encoder driver: a node that publishes the angles from a function.
 
-With this beside it, the analyser needs to be told the chain:
+Run the analyser in a second terminal, and specify the chain with its parameters:
 
     soliton_analyser --ros-args -p chain_from:=parameters -p chain.number_of_rotors:=20
 """
@@ -18,14 +18,14 @@ from soliton_linkage_nodes.runtime.interfaces import JOINT_STATES
 
 ROTORS = 20
 RATE = 100.0
-"""Frames a second [Hz]."""
+"""Frame rate [Hz]."""
 
 
 def read_angles(time: float) -> list[float]:
-    """Angle of each rotor [rad] from +z towards +x, NaN for one that did not answer.
+    """Return the angle of each rotor [rad] from +z towards +x, NaN if an encoder has no reading.
 
-    In place of a bus this lets a wall of width 2 rotor spacings go from rotor 0 to the last at 5
-    rotors a second. Odd rotors are measured as they are, too: phi = pi - theta.
+    Instead of a bus, this example simulates a wall of width 2 rotor spacings, which moves from
+    rotor 0 to the last at 5 rotors/s. Odd rotors report their actual angle, phi = pi - theta.
     """
     place = 5 * time % ROTORS
     lean = [0.97 * math.tanh((place - rotor) / 2) for rotor in range(ROTORS)]
@@ -33,10 +33,10 @@ def read_angles(time: float) -> list[float]:
 
 
 class EncoderDriver(Node):
-    """Publishes `joint_states` [rad] at a rate."""
+    """Publisher of `joint_states` [rad] at a constant rate."""
 
     def __init__(self, read: Callable[[float], list[float]] = read_angles, **kwargs) -> None:
-        """Begin to read; the function takes the time since the start [s]."""
+        """Start the timer; `read` takes the time since the start [s]."""
         super().__init__('encoders', **kwargs)
         self._read = read
         self._names = [f'rotor_{rotor}' for rotor in range(ROTORS)]

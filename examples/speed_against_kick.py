@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""How fast a soliton goes after a kick, beside the continuum theory."""
+"""Compare the speed of a soliton after a kick with the continuum theory."""
 
 import numpy as np
 
@@ -12,7 +12,7 @@ KICKS = (2.0, 4.0, 8.0, 12.0)
 
 
 def crossing_speed(chain: sl.Chain, kick: float) -> float:
-    """Speed at which the soliton first crosses a chain after a kick [m/s]; NaN if it does not."""
+    """Return the speed of the first crossing after a kick [m/s]; NaN if there is no crossing."""
     start = sl.leaning(chain, -1)
     rates = kick * sl.edge_mode(chain, start.angles, sl.Edge.FIRST)
     slow_rate = kick / sl.site_arc(chain)
@@ -23,7 +23,7 @@ def crossing_speed(chain: sl.Chain, kick: float) -> float:
 
 
 def main(kicks: tuple[float, ...] = KICKS) -> dict[float, float]:
-    """Print a table of speeds over that of sound, and return the speeds by the kick."""
+    """Print a table of relative speeds v / c, and return the speeds [m/s] by kick."""
     theory, sound = wall_theory(CHAIN), sl.speed_of_sound(CHAIN)
     speeds = {kick: crossing_speed(CHAIN, kick) for kick in kicks}
     print('kick [rad/s]   speed / c   theory / c')

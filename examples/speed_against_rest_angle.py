@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
-"""How fast one kick sends a soliton through chains of different rest angles.
+"""Compare the speed of a soliton after one kick in chains with different rest angles.
 
-A slow wall of the discrete chain goes at v = a |phi_dot| / Lambda, with Lambda the arc of the
+A slow wall of the discrete chain has the speed v = a |phi_dot| / Lambda. Lambda is the arc of the
 zero-energy orbit from one rotor to the next.
 """
 
@@ -10,13 +10,13 @@ import numpy as np
 import soliton_linkage as sl
 
 REST_ANGLES = (0.3, 0.5, 0.7, 0.97)
-"""Of the uniform right-leaning state [rad]."""
+"""Rest angles of the uniform right-leaning state [rad]."""
 KICK = 2.0
 """Speed given to the zero mode [rad/s]."""
 
 
 def crossing_speed(chain: sl.Chain, kick: float) -> float:
-    """Speed at which the soliton first crosses a chain after a kick [m/s]; NaN if it does not."""
+    """Return the speed of the first crossing after a kick [m/s]; NaN if there is no crossing."""
     start = sl.leaning(chain, -1)
     rates = kick * sl.edge_mode(chain, start.angles, sl.Edge.FIRST)
     duration = 2 * chain.number_of_rotors * sl.site_arc(chain) / kick
@@ -26,7 +26,7 @@ def crossing_speed(chain: sl.Chain, kick: float) -> float:
 
 
 def main(rest_angles: tuple[float, ...] = REST_ANGLES) -> dict[float, tuple[float, float]]:
-    """Print a table; return the speed and that of a slow wall [m/s] by the rest angle."""
+    """Print a table; return the measured and the slow-limit speed [m/s] by rest angle."""
     speeds = {}
     print('rest angle [rad]   speed [m/s]   a |phi_dot| / Lambda [m/s]')
     for rest_angle in rest_angles:

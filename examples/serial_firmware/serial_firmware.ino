@@ -2,10 +2,10 @@
 // Encoders and valves of four rotors on a serial line, in binary frames: docs/serial.md.
 
 const int ROTORS = 4;
-const uint32_t PERIOD = 4000;  // between two frames [us]
-const float FULL_TORQUE = 0.1;  // of a valve that is open [N m]
+const uint32_t PERIOD = 4000;  // time between frames [us]
+const float FULL_TORQUE = 0.1;  // torque of an open valve [N m]
 
-int16_t counts_of(int rotor) { return analogRead(A0 + rotor); }  // -32768 where there is none
+int16_t counts_of(int rotor) { return analogRead(A0 + rotor); }  // return -32768 if there is no encoder
 void set_valve(int rotor, float torque) {
   analogWrite(3 + rotor, constrain(255 * torque / FULL_TORQUE, 0, 255));
 }
@@ -26,7 +26,7 @@ uint32_t crc32(const uint8_t *bytes, int size) {
   return ~crc;
 }
 
-void send(const uint8_t *bytes, int size) {  // in COBS
+void send(const uint8_t *bytes, int size) {  // encode as COBS
   for (int at = 0; at <= size;) {
     int run = 0;
     while (at + run < size && bytes[at + run] && run < 254) run++;
@@ -37,7 +37,7 @@ void send(const uint8_t *bytes, int size) {  // in COBS
   Serial.write((uint8_t)0);
 }
 
-bool hear() {  // whether a command has come whole
+bool receive() {  // return whether a complete command has arrived
   static uint8_t frame[sizeof(Command)], code = 255, left = 0;
   static unsigned size = 0;
   while (Serial.available()) {
@@ -62,11 +62,11 @@ void setup() { Serial.begin(115200); }
 
 void loop() {
   static uint32_t next = 0, until = 0;
-  if (hear()) {
+  if (receive()) {
     until = micros() + command.hold;
     for (int rotor = 0; rotor < ROTORS; rotor++) set_valve(rotor, command.torques[rotor]);
   }
-  if ((int32_t)(micros() - until) >= 0) {  // nobody renews it: shut
+  if ((int32_t)(micros() - until) >= 0) {  // command expired: close the valves
     for (int rotor = 0; rotor < ROTORS; rotor++) set_valve(rotor, 0);
     until = micros() + 1000000;
   }

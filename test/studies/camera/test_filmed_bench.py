@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A bench that is filmed has a chain of its own, and markers that were printed for its plan."""
+"""A filmed bench has a chain with deviations, and markers printed for its plan."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ def test_the_chain_differs_from_its_plan_and_lets_walls_pass() -> None:
         assert 0.01 < np.std(getattr(made, name) / of_plan) < 0.12, name
 
 
-def test_a_camera_that_knows_the_plan_alone_sees_the_true_angles() -> None:
+def test_a_camera_with_only_the_plan_measures_the_true_angles() -> None:
     pytest.importorskip('cv2', reason='cameras need OpenCV')
     film = BENCH.film()
     eye = AngleCamera(MarkerLayout(PLAN), CAMERA)

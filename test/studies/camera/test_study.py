@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Clips of films count what was hidden, swapped and lost; a table has the sums of its clips."""
+"""Clips count hidden, swapped and lost angles; the table has the sums of its clips."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ ROTORS, FRAMES = 20, 510
 
 @dataclass(frozen=True)
 class Pretended:
-    """A film whose errors are made up, in place of a filmed one."""
+    """Film with prescribed errors, which replaces a rendered film."""
 
     kick: float = 1.0
     settings: FilmSettings = field(default_factory=FilmSettings)
@@ -37,7 +37,7 @@ class Pretended:
         return FilmedRun(errors, np.full_like(errors, STATED), 4e-4, 0.01)
 
 
-def test_what_goes_wrong_in_a_clip_is_counted() -> None:
+def test_hidden_swapped_and_lost_angles_are_counted() -> None:
     figures = dict(zip(FIGURES, Pretended()().figures, strict=True))
     assert (figures['hidden'], figures['swapped'], figures['turns_lost']) == (7, 1, 1)
     assert figures['angles'] == (figures['pictures'] - 10) * ROTORS
@@ -46,7 +46,7 @@ def test_what_goes_wrong_in_a_clip_is_counted() -> None:
     assert figures['bias'] == pytest.approx(BIAS, abs=5 * NOISE / np.sqrt(figures['angles']))
 
 
-def test_a_table_goes_on_after_an_interruption_and_has_the_sums_of_its_clips(
+def test_a_table_resumes_after_an_interruption_and_has_the_sums_of_its_clips(
     tmp_path: Path,
 ) -> None:
     study = FilmStudy(cast(Any, {'one': Pretended(), 'other': Pretended()}), clips=3)

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Windows and tables are what the rows say."""
+"""Windows and tables agree with the rows."""
 
 from __future__ import annotations
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The command makes its collisions, and draws and tabulates them."""
+"""The command simulates, draws and tabulates the collisions."""
 
 from __future__ import annotations
 
@@ -46,8 +46,8 @@ def test_it_draws_and_tabulates(tmp_path: Path, capsys: pytest.CaptureFixture[st
     assert {each.name for each in output.iterdir()} == FILES | {'table.md', 'quick'}
     told = capsys.readouterr()
     assert (output / 'table.md').read_text(encoding='utf-8') in told.out
-    # At 0.3 c the walls part, so that no edge is beyond it.
-    assert '1 of 4 collisions could not be made' in told.out
+    # At 0.3 c the walls separate, so that no edge lies above it.
+    assert '1 of 4 collisions failed' in told.out
     with (output / 'collisions.csv').open(newline='', encoding='utf-8') as file:
         points = list(csv.DictReader(file))
     assert [(point['panel'], point['series']) for point in points] == [('flipper', 'captured')]

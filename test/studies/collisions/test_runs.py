@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What becomes of a kink and an anti-kink that meet, and what no collision changes."""
+"""Outcomes of collisions between a kink and an anti-kink, and their invariants."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ from soliton_linkage_studies.collisions.runs import (
 
 
 def mirrored(state: State) -> State:
-    """Seen from behind and upside down, where kinks are kinks again: theta_n -> -theta_(N-1-n)."""
+    """Return the mirrored state theta_n -> -theta_(N-1-n), which maps kinks to kinks."""
     signs = (-1.0) ** np.arange(len(state.rates))
     turned = signs * state.rates
     return State(staggered(-staggered(state.angles)[::-1]), signs * -turned[::-1])
@@ -42,7 +42,7 @@ def after(chain: Chain, state: State, duration: float) -> State:
     return State(*np.split(moved, 2))
 
 
-def test_walls_start_where_and_as_fast_as_they_are_told() -> None:
+def test_walls_start_with_the_specified_position_and_speed() -> None:
     task = meeting(NARROW, 0.3)
     run = run_collision(task)
     assert run.speed_before == pytest.approx(0.3, rel=1e-3)
@@ -50,7 +50,7 @@ def test_walls_start_where_and_as_fast_as_they_are_told() -> None:
     assert path.distances[0] / task.reach == pytest.approx(12, abs=0.1)
 
 
-def test_a_collision_in_the_mirror_is_the_mirror_of_a_collision() -> None:
+def test_collisions_are_mirror_symmetric() -> None:
     task = meeting(NARROW, 0.3)
     begin, duration = initial_state(task), 60 * task.unit
     straight = mirrored(after(task.ring, begin, duration))
@@ -60,7 +60,7 @@ def test_a_collision_in_the_mirror_is_the_mirror_of_a_collision() -> None:
     assert reflected.rates == pytest.approx(straight.rates, abs=1e-6)
 
 
-def test_slow_flippers_are_captured_and_fast_ones_part() -> None:
+def test_slow_flippers_are_captured_and_fast_ones_separate() -> None:
     slow, fast = (run_collision(meeting(NARROW, speed)) for speed in (0.18, 0.4))
     assert not slow.escaped
     assert slow.collisions > 3
@@ -73,21 +73,21 @@ def test_slow_flippers_are_captured_and_fast_ones_part() -> None:
 
 
 @pytest.mark.parametrize('integrator', ['symplectic', 'DOP853'])
-def test_a_bounce_window_is_the_same_by_any_integrator(integrator: str) -> None:
+def test_a_bounce_window_does_not_depend_on_the_integrator(integrator: str) -> None:
     run = run_collision(replace(meeting(NARROW, 0.16), integrator=integrator))
     assert (run.escaped, run.collisions) == (True, 2)
     assert run.speed_after == pytest.approx(0.1401, abs=2e-4)
     assert run.drift < 1e-6
 
 
-def test_the_limit_of_small_d_is_phi4_theory() -> None:
+def test_small_d_agrees_with_phi4_theory() -> None:
     theory = phi4_speed_after(0.3)
     off = [run_collision(meeting((0.5, angle), 0.3)).speed_after - theory for angle in (0.1, 0.2)]
     assert abs(off[0]) < 0.02
     assert 3 < off[1] / off[0] < 5
 
 
-def test_spinners_pass_through_each_other_or_repel_and_lose_nothing() -> None:
+def test_spinners_pass_or_repel_each_other_without_energy_loss() -> None:
     back, onwards = (
         run_collision(meeting(SINE_GORDON, 0.5, turning)) for turning in (False, True)
     )
@@ -100,7 +100,7 @@ def test_spinners_pass_through_each_other_or_repel_and_lose_nothing() -> None:
 
 
 @pytest.mark.parametrize('onwards', [False, True])
-def test_spinners_are_shifted_as_in_sine_gordon_theory(onwards: bool) -> None:
+def test_the_shift_of_spinners_agrees_with_sine_gordon_theory(onwards: bool) -> None:
     """Lines along the walls before and after meet at a distance of 2 w ln(c / v) / gamma."""
     speed = 0.3
     task = meeting(SINE_GORDON, speed, onwards)
@@ -122,7 +122,7 @@ def test_spinners_are_shifted_as_in_sine_gordon_theory(onwards: bool) -> None:
     assert np.polyval(lines[0], meeting_time) / width == pytest.approx(expected, rel=0.04)
 
 
-def test_rotors_of_a_narrow_flipper_turn_over_and_its_anti_kink_is_gone() -> None:
+def test_rotors_of_a_narrow_flipper_turn_over_and_its_anti_kink_breaks() -> None:
     run = run_collision(meeting((0.5, 0.97), 0.2))
     assert run.broken
     assert run.escaped

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Settings become collisions, collisions rows, and rows what they were made of."""
+"""Settings, collisions and rows of the table are converted without loss."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ RUN = CollisionRun(True, 1, 0.3, 0.2, 0.1, float('nan'), 0.0, -1, False, 0.01, 1
 
 @dataclass(frozen=True)
 class Known(Collision):
-    """Walls that part after one collision from 0.26 c on, and are captured below."""
+    """Fake collision: walls separate after one collision above 0.26 c, else they are captured."""
 
     def __call__(self) -> CollisionRun:
         return replace(RUN, escaped=self.speed >= 0.26, speed_before=self.speed)
@@ -47,14 +47,12 @@ def test_an_edge_is_found_from_either_side() -> None:
     ('inside', 'outside', 'said'),
     [(0.1, 0.02, 'at 0.1 c walls do not escape'), (0.7, 0.5, 'at 0.5 c walls do escape')],
 )
-def test_an_edge_that_is_not_between_its_speeds_is_told(
-    inside: float, outside: float, said: str
-) -> None:
+def test_an_edge_outside_its_speeds_is_reported(inside: float, outside: float, said: str) -> None:
     with pytest.raises(ValueError, match=said):
         edge(inside, outside)()
 
 
-def test_a_row_is_read_as_it_was_made() -> None:
+def test_a_row_round_trips_through_text() -> None:
     ring = ring_of(NARROW)
     entries = (
         Entry('sweeps', 'a', Known(ring, 0.3)),
@@ -96,7 +94,9 @@ def test_the_settings_of_the_suite_are_read_and_quick_ones_are_fewer() -> None:
         (('variations', 'changes'), {}),
     ],
 )
-def test_wrong_settings_are_named(tmp_path: Path, keys: tuple[str, ...], value: object) -> None:
+def test_errors_name_the_wrong_setting(
+    tmp_path: Path, keys: tuple[str, ...], value: object
+) -> None:
     settings = yaml.safe_load(CONFIG.read_text(encoding='utf-8'))
     section = settings
     for key in keys[:-1]:

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Walls that were solved for travel along the chain and keep their shape and speed."""
+"""Computed travelling walls keep their shape and speed in simulations."""
 
 from __future__ import annotations
 
@@ -18,11 +18,11 @@ from soliton_linkage_studies.collisions.travelling_wall import travelling_wall
 
 @pytest.mark.parametrize('charge', [1, -1])
 @pytest.mark.parametrize(('example', 'most'), [(NARROW, 1e-6), (SINE_GORDON, 1e-5)])
-def test_it_is_the_same_some_rotors_on(
+def test_a_travelling_wall_keeps_its_shape(
     example: tuple[float, float], most: float, charge: int
 ) -> None:
     ring = ring_of(example, 30.0)
-    # The angles on both sides differ by half a turn or so, which free ends do not mind.
+    # The angles on both sides differ by about half a turn, which free ends allow.
     chain = Chain(ring.number_of_rotors, 1.0, ring.rotor_length, ring.rest_angle, 1.0, 1.0)
     velocity = 0.3 * speed_of_sound(chain)
     wall = travelling_wall(chain, velocity, charge)
@@ -43,7 +43,7 @@ def test_it_is_the_same_some_rotors_on(
 
 
 @pytest.mark.parametrize('charge', [1, -1])
-def test_it_is_that_of_the_continuum_for_small_d(charge: int) -> None:
+def test_a_travelling_wall_agrees_with_the_continuum_for_small_d(charge: int) -> None:
     errors = []
     for rest_angle in (0.1, 0.2):
         chain = ring_of((0.5, rest_angle))
@@ -58,7 +58,7 @@ def test_it_is_that_of_the_continuum_for_small_d(charge: int) -> None:
     assert 3 < errors[1] / errors[0] < 5
 
 
-def test_a_wall_that_there_is_not_is_told() -> None:
+def test_a_missing_travelling_wall_is_reported() -> None:
     chain = ring_of((2.0, 1.18))
     with pytest.raises(ArithmeticError, match=r'charge -1 travels .* d = 3\.7'):
         travelling_wall(chain, 0.2 * speed_of_sound(chain), -1)

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The command draws its page and table, and what stands there is computed and holds."""
+"""The command draws the page and the table, and all findings hold."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ PANELS = 'abcdef'
 
 
 def small_settings() -> dict[str, dict[str, object]]:
-    """Those of the suite, with fewer and shorter chains where they are carried and tilted."""
+    """Return the installed settings with fewer and shorter chains for moves and tilts."""
     settings = yaml.safe_load(CONFIG.read_text(encoding='utf-8'))
     moves = settings['moves'] | {'held': 0.2, 'frame_rate': 100.0}
     del moves['chains']['wobbler']
@@ -39,7 +39,7 @@ def written(settings: object, folder: Path) -> Path:
     return path
 
 
-def test_every_panel_has_data_and_what_is_found_holds(
+def test_every_panel_has_data_and_all_findings_hold(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     output = tmp_path / 'new/out'
@@ -64,7 +64,7 @@ def test_every_panel_has_data_and_what_is_found_holds(
     assert table in capsys.readouterr().out
 
 
-def test_the_table_tells_what_holds_from_what_does_not() -> None:
+def test_the_table_marks_findings_that_do_not_hold() -> None:
     found = [Finding('a', 'x', 0, 1, measured) for measured in (0.5, 2, 0, -1, math.nan)]
     said = [line.split('|')[-2].strip() for line in finding_lines(found)[2:]]
     assert said == ['yes', 'no', 'yes', 'no', 'no']
@@ -81,7 +81,7 @@ def test_the_settings_of_the_suite_are_read_and_quick_ones_are_fewer() -> None:
     assert study.works['below saturation'].actuator.saturation_torque > asked
 
 
-def test_the_energy_balance_of_the_page_has_all_in_them_that_can_act() -> None:
+def test_the_energy_balance_contains_all_kinds_of_inputs() -> None:
     task = read_driving_study(load_settings(CONFIG), quick=True).balances['rigid']
     run = task()
     assert len(run.times) == len(run.imbalances) == len(run.pushed) == 100
@@ -93,7 +93,7 @@ def test_the_energy_balance_of_the_page_has_all_in_them_that_can_act() -> None:
     assert not np.array_equal(task.chain.masses, np.full(12, task.chain.mass))
 
 
-def test_a_wall_that_does_not_cross_in_time_is_said_to_be_slow() -> None:
+def test_a_wall_that_does_not_cross_in_time_raises_an_error() -> None:
     task = StiffnessTask.read(load_settings(CONFIG).section('stiffness'), quick=True)[0]
     with pytest.raises(ValueError, match='too short for the wall to cross'):
         dataclasses.replace(task, duration=0.02)()
@@ -117,7 +117,7 @@ def test_a_wall_without_gravity_does_not_fall() -> None:
         ('moves', 'chains', 3),
     ],
 )
-def test_wrong_settings_are_named(
+def test_errors_name_the_wrong_setting(
     tmp_path: Path,
     capsys: pytest.CaptureFixture[str],
     section: str,

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The phases have the edges of the classes, and what is behind a torus is drawn behind it."""
+"""The phase diagram has the boundaries of the classes, and the torus hides points behind it."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ def test_each_point_of_the_diagram_has_the_colour_of_its_class() -> None:
         )
         inside = region.contains_points(np.column_stack([ratios, angles]))
         expected = motion_of(ratios, angles) == list(Motion).index(motion)
-        assert (inside == expected).mean() > 0.99  # But for the straight pieces of the edges.
+        assert (inside == expected).mean() > 0.99  # Boundaries are polygons.
 
 
 def distance(colour: str, full: str) -> float:
@@ -53,6 +53,6 @@ def distance(colour: str, full: str) -> float:
         (-math.pi / 3, math.pi, True),  # In the hole, away from the eye.
     ],
 )
-def test_what_the_torus_hides_is_known(around: float, across: float, behind: bool) -> None:
+def test_the_torus_hides_points_behind_it(around: float, across: float, behind: bool) -> None:
     point = np.array(on_torus(np.array([around]), np.array([across])))
     assert hidden(point).tolist() == [behind]

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Every figure is drawn with its data, and what it measures is what the theory says."""
+"""Every figure is drawn with its data, and its measurements agree with the theory."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ CONFIG = Path(__file__).parents[3] / 'config/studies/figures.yaml'
 
 
 def small_settings() -> Section:
-    """Those of the suite, but for chains that few walls are lost in: each is waited for long."""
+    """Return the installed settings with less disorder, because lost walls take long to detect."""
     settings = load_settings(CONFIG)
     disorder: Any = settings.values['disorder_against_passage']
     disorder['fractions'] = [0.01, 0.02, 0.03, 0.05, 0.1]
@@ -32,10 +32,9 @@ def small_settings() -> Section:
 
 SETTINGS = small_settings()
 
-# What a quick figure may be off by, from what limits it: rounding, the differences of a curve
-# in 1000 steps (1 %), the sound of 100 rotors (1e-3), the transient of a kick or a theory that
-# holds for slow walls or small d, or noise of a record. The order in 1/k_e is that of springs
-# which are not stiff yet.
+# Largest relative errors of quick figures. Their sources are rounding, finite differences on 1000
+# steps (1 %), the speed of sound of 100 rotors (1e-3), the transient of a kick, measurement noise,
+# or a theory for slow walls or small d. The order in 1/k_e is measured with soft springs.
 LIMITS = {
     'figure_1': 1e-3,
     'figure_2': 0.05,
@@ -53,7 +52,9 @@ LIMITS = {
 
 
 @pytest.mark.parametrize('name', list(FIGURES))
-def test_a_figure_needs_no_guessing_and_its_measurements_hold(name: str, tmp_path: Path) -> None:
+def test_a_figure_is_labelled_and_its_measurements_agree_with_theory(
+    name: str, tmp_path: Path
+) -> None:
     report = FIGURES[name](SETTINGS.section(name), True)
     report.save(tmp_path, name)
     assert {path.name for path in tmp_path.iterdir()} == {
@@ -82,11 +83,11 @@ def assert_rows_give_what_they_print(comparisons: list[Comparison], path: Path) 
                 assert not set(side) & set('√²³/'), f'{cell} is a formula; compute it as one'
 
 
-def test_the_file_of_settings_names_every_figure_and_no_other() -> None:
+def test_the_settings_file_has_exactly_the_registered_figures() -> None:
     assert set(SETTINGS.values) == set(FIGURES)
 
 
-def test_the_command_draws_what_is_asked_for_and_the_table(
+def test_the_command_draws_the_selected_figures_and_the_table(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     output = tmp_path / 'new/folder'
@@ -102,9 +103,7 @@ def test_the_command_draws_what_is_asked_for_and_the_table(
     assert (output / 'table.md').read_text(encoding='utf-8').splitlines() == table
 
 
-def test_settings_that_cannot_be_drawn_are_named(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_errors_name_invalid_settings(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     bad = tmp_path / 'bad.yaml'
     bad.write_text(CONFIG.read_text(encoding='utf-8').replace('kick: 0.1', 'kick: fast', 1))
     code = figures.main([str(bad), '--output', str(tmp_path), '--only', 'figure_2'])
@@ -133,7 +132,7 @@ def parabola(section, quick):
 """
 
 
-def test_a_figure_from_outside_is_drawn_with_the_others(
+def test_an_external_figure_is_drawn_with_the_others(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     (tmp_path / 'own_figure.py').write_text(OWN_FIGURE, encoding='utf-8')
@@ -150,9 +149,7 @@ def test_a_figure_from_outside_is_drawn_with_the_others(
     assert row in (tmp_path / 'table.md').read_text(encoding='utf-8')
 
 
-def test_a_figure_that_nobody_knows_is_refused(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_an_unknown_figure_is_rejected(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     config = tmp_path / 'figures.yaml'
     config.write_text('figure_7: {}\n', encoding='utf-8')
     assert figures.main([str(config), '--output', str(tmp_path)]) == 1

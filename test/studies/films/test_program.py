@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Films have the frames that they are asked for, show the motion, and appear whole or not."""
+"""Films have the requested frames, show the motion, and never appear unfinished."""
 
 from __future__ import annotations
 
@@ -57,7 +57,7 @@ def film_of(number: str) -> Film:
 
 @cache
 def scene(number: str, frames: int = 21) -> Any:
-    """Scene of a film with its motion simulated once for all tests."""
+    """Return the scene of a film; its motion is simulated once for all tests."""
     with mpl.rc_context(STYLE):
         return scene_of(resized(film_of(number), 640, 360, frames))
 
@@ -76,7 +76,7 @@ def changed(folder: Path, film: str | None = None, **values: object) -> Path:
 
 
 def frames_of(path: Path, ffmpeg: str, width: int, height: int) -> float:
-    """Number of frames of a film that has a size [pixels], decoded one and all."""
+    """Return the number of decoded frames of a film, and check their size [pixels]."""
     command = [ffmpeg, '-v', 'error', '-i', str(path)]
     command += ['-f', 'rawvideo', '-pix_fmt', 'rgb24', '-fps_mode', 'passthrough', '-']
     decoded = subprocess.run(command, capture_output=True, check=True, timeout=60)
@@ -84,7 +84,7 @@ def frames_of(path: Path, ffmpeg: str, width: int, height: int) -> float:
     return len(decoded.stdout) / (3 * width * height)
 
 
-def test_films_are_made_by_as_many_processes_as_asked_for(
+def test_films_are_made_by_the_requested_number_of_processes(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     counts = []
@@ -144,7 +144,7 @@ def test_a_quick_run_makes_nine_playable_films(
 
 
 @pytest.mark.parametrize('frames', [2, 7])
-def test_a_film_has_as_many_frames_as_it_is_asked_for(tmp_path: Path, frames: int) -> None:
+def test_a_film_has_the_requested_number_of_frames(tmp_path: Path, frames: int) -> None:
     kind = file_kind()
     if not kind.ffmpeg:
         pytest.skip('no ffmpeg to write MP4 with')
@@ -168,7 +168,7 @@ def test_without_ffmpeg_a_film_is_a_gif(tmp_path: Path) -> None:
         assert (picture.size, getattr(picture, 'n_frames', 1)) == ((320, 180), 6)
 
 
-def test_without_ffmpeg_the_program_says_so_and_halves_the_size(
+def test_without_ffmpeg_the_program_logs_it_and_halves_the_size(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     monkeypatch.setattr('shutil.which', lambda _: None)
@@ -180,7 +180,7 @@ def test_without_ffmpeg_the_program_says_so_and_halves_the_size(
         assert picture.size == (160, 90)
 
 
-def test_an_ffmpeg_that_cannot_write_h264_is_passed_over(
+def test_an_ffmpeg_without_h264_is_not_used(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     poor = tmp_path / 'ffmpeg'
@@ -194,7 +194,7 @@ def test_an_ffmpeg_that_cannot_write_h264_is_passed_over(
 
 
 @pytest.mark.parametrize('name', NAMES)
-def test_a_painted_frame_is_a_drawn_one_and_its_titles_fit(name: str) -> None:
+def test_a_painted_frame_equals_a_drawn_frame_and_its_titles_fit(name: str) -> None:
     number = name.split('_')[0]
     shown = scene(number, 136) if number == 'S2' else scene(number)
     middle = len(shown.times) // 2
@@ -206,7 +206,7 @@ def test_a_painted_frame_is_a_drawn_one_and_its_titles_fit(name: str) -> None:
         titles = [text.get_window_extent() for text in shown.figure.texts]
         first = np.array(shown.paint(0)).astype(int)
         painted = np.array(shown.paint(middle)).astype(int)
-    # Moving artists lie above all others, so that edges of a few letters may differ.
+    # Moving artists are drawn on top, so the edges of a few letters may differ.
     assert painted.shape == (360, 640, 4)
     assert np.mean(np.abs(painted - drawn).max(axis=2) > 40) < 0.002
     assert np.mean(np.abs(painted - first).max(axis=2) > 40) > 0.005
@@ -217,7 +217,7 @@ def test_a_painted_frame_is_a_drawn_one_and_its_titles_fit(name: str) -> None:
 
 
 @pytest.mark.parametrize('name', ['S3', 'S4', 'S5', 'S9'])
-def test_a_cycle_ends_where_it_began(name: str) -> None:
+def test_a_cycle_ends_in_its_initial_state(name: str) -> None:
     cycle = scene(name)
     assert isinstance(cycle, (CycleScene, StaggeredScene))
     away = distance(cycle.angles, cycle.angles[0])
@@ -236,7 +236,7 @@ def test_gravity_takes_the_rotors_to_the_lower_end_and_back() -> None:
 
 
 @pytest.mark.parametrize('name', ['S6', 'S7', 'S8'])
-def test_a_unit_cell_keeps_its_bar_and_goes_round_at_an_even_pace(name: str) -> None:
+def test_a_unit_cell_keeps_its_bar_length_and_moves_at_constant_speed(name: str) -> None:
     cell, motion = scene(name, 161), film_of(name).motion
     assert isinstance(cell, CellScene)
     angles = staggered(cell.cell)
@@ -249,7 +249,7 @@ def test_a_unit_cell_keeps_its_bar_and_goes_round_at_an_even_pace(name: str) -> 
 
 
 @pytest.mark.parametrize('share', [0.5, 0.8, 0.95])
-def test_a_drive_in_the_gap_dies_out_as_the_dispersion_says(share: float) -> None:
+def test_a_drive_in_the_gap_decays_with_the_evanescent_wave_number(share: float) -> None:
     chain = chain_of(WIDE_FLIPPER, 60)
     frequency = share * gap(chain)
     plus, minus = couplings(chain)
@@ -279,7 +279,7 @@ def test_the_profile_of_the_theory_is_that_of_a_wall_in_the_continuum(
 ) -> None:
     chain = chain_of(example, 120)
     spinner = chain.motion is Motion.SPINNER
-    # The walls of a spinner that started in theta = +theta_bar.
+    # Walls of a spinner that starts at theta = +theta_bar.
     walls = [wall_between(chain, rotor, turned, crossed) for turned in (False, True)]
     starts = [np.cos(staggered(wall)[0] - chain.rest_angle) for wall in walls]
     angles = walls[int(np.argmax(starts))] if spinner else walls[0]
@@ -299,7 +299,7 @@ def test_staggered_bodies_meet_only_where_they_are_joined(example: tuple[float, 
     rotors, _, pins, bars = np.split(bodies, [6, 12, 18])
     lengths = [np.linalg.norm(body[1] - body[0]) for body in (*rotors, *bars)]
     assert lengths == pytest.approx([chain.rotor_length] * 6 + [chain.rest_length] * 5)
-    # Rotors and bars have a plane each, and pins reach from bar to rotor to bar.
+    # Each rotor and bar has its own plane, and pins connect bar, rotor and bar.
     planes = [body[0, 1] for body in (*rotors, *bars)]
     assert len(np.unique(np.round(planes, 9))) == 11
     assert all(body[0, 1] == body[1, 1] for body in (*rotors, *bars))
@@ -309,7 +309,7 @@ def test_staggered_bodies_meet_only_where_they_are_joined(example: tuple[float, 
         assert pins[n].mean(axis=0) == pytest.approx(rotors[n][1])
 
 
-def test_what_is_nearer_to_the_camera_is_painted_later() -> None:
+def test_bodies_nearer_to_the_camera_are_painted_later() -> None:
     bodies = np.array([[[0, y, z], [1, y, z]] for y, z in ((0, 0), (1, 0), (0, 1))], dtype=float)
     assert from_behind(bodies, np.radians(-90), 0.0) == [1, 0, 2]
     assert from_behind(bodies, np.radians(90), 0.0) == [0, 2, 1]
@@ -342,7 +342,7 @@ def test_what_is_nearer_to_the_camera_is_painted_later() -> None:
         ('S9_staggered_spinner', {'depth': 0}, 'depth = 0 must be a number in the range 0.01'),
     ],
 )
-def test_bad_settings_are_refused_before_anything_is_filmed(
+def test_invalid_settings_are_rejected_before_filming(
     film: str | None,
     values: dict[str, object],
     message: str,
@@ -365,10 +365,10 @@ def test_a_unit_cell_has_two_rotors(tmp_path: Path) -> None:
         read_films(settings)
 
 
-def test_a_film_that_fails_ends_all_and_leaves_nothing(
+def test_a_failed_film_stops_all_films_and_leaves_no_files(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    # No ffmpeg is there, so that every film fails once its first frame is written.
+    # There is no ffmpeg, so every film fails at its first frame.
     broken = FileKind(str(tmp_path / 'absent'), 'a test')
     with pytest.raises(FileNotFoundError):
         make_films([resized(film, 320, 180, 3) for film in ALL[5:8]], tmp_path, broken)
@@ -378,7 +378,7 @@ def test_a_film_that_fails_ends_all_and_leaves_nothing(
     assert re.search(r'films: .*taken', capsys.readouterr().err)
 
 
-def test_an_interrupted_run_ends_at_once_and_leaves_nothing_half_written(tmp_path: Path) -> None:
+def test_an_interrupted_run_ends_at_once_and_leaves_no_partial_files(tmp_path: Path) -> None:
     process = subprocess.Popen(
         [
             sys.executable,
@@ -398,7 +398,7 @@ def test_an_interrupted_run_ends_at_once_and_leaves_nothing_half_written(tmp_pat
         assert time.monotonic() - begun < 100
         time.sleep(0.05)
     sent = time.monotonic()
-    # As a terminal does it, Ctrl-C goes to all processes of the group.
+    # A terminal sends Ctrl-C to all processes of the group.
     os.killpg(process.pid, signal.SIGINT)
     _, said = process.communicate(timeout=60)
     assert process.returncode == 130
@@ -429,7 +429,7 @@ class DotScene(Scene):
 """
 
 
-def test_a_film_of_a_kind_from_outside_is_made_with_the_others(
+def test_an_external_kind_of_film_is_made_with_the_others(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     (tmp_path / 'own_film.py').write_text(OWN_FILM, encoding='utf-8')

@@ -1,2 +1,2 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The angles that a camera sees in rendered films, against the truth and the pixels' bound."""
+"""Accuracy of camera angle measurements in rendered films, and the Cramer-Rao bound."""

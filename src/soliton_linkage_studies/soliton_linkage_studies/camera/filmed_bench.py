@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A home-made chain before a camera: what nobody has measured of it is known here."""
+"""Simulated home-made chain in front of a camera, with known deviations from its plan."""
 
 from __future__ import annotations
 
@@ -31,21 +31,21 @@ from soliton_linkage_studies.camera.runs import (
 
 @dataclass(frozen=True)
 class BenchParameters:
-    """How the chain was made, kicked and filmed."""
+    """Parameters of the manufacture, the kick and the film of a chain."""
 
-    spread: float = quantity(
-        0.05, 'standard deviation of every length over what was meant', '', 0.0, 0.2
+    spread: float = quantity(0.05, 'relative standard deviation of every length', '', 0.0, 0.2)
+    seed: int = quantity(
+        0, 'random seed of the lengths; the next ones are tried until a wall can pass', '', 0
     )
-    seed: int = quantity(0, 'of the lengths; the first from it on that let a wall pass', '', 0)
     kick: float = quantity(
-        10.0, 'speed of rotor 0 along its zero mode as the film begins', 'rad/s', 0.1, 1000.0
+        10.0, 'speed of rotor 0 along the zero mode at the start of the film', 'rad/s', 0.1, 1000.0
     )
     duration: float = quantity(5.0, 'length of the film', 's', 1.0, 3600.0)
 
 
 @dataclass(frozen=True)
 class FilmedBench:
-    """A chain made by a plan, with the markers that were printed for the plan."""
+    """Chain with manufacturing deviations, and markers that were printed for its plan."""
 
     plan: Chain
     markers: MarkerSettings
@@ -53,7 +53,7 @@ class FilmedBench:
 
     @cached_property
     def chain(self) -> Chain:
-        """As it was made."""
+        """Chain with its manufacturing deviations."""
         rotors, spread = self.plan.number_of_rotors, self.parameters.spread
         for seed in count(self.parameters.seed):
             lengths = drawn_deviations(
@@ -66,22 +66,22 @@ class FilmedBench:
 
     @cached_property
     def pictures(self) -> int:
-        """Of the film."""
+        """Number of pictures of the film [1]."""
         return round(self.parameters.duration / PERIOD)
 
     def film(self) -> Iterator[TimedPicture]:
-        """Pictures of the chain from its kick on, 60 a second of 1280 x 720 pixels."""
+        """Yield pictures of the chain after its kick, 1280 x 720 pixels at 60 Hz."""
         for number in range(self.pictures):
             time = number * PERIOD
             yield TimedPicture(time, self._renderer.picture(self._begin + time))
 
     def angles(self, times: Array) -> Array:
-        """True angles [rad] at times from that of the angles in the first picture on [s]."""
+        """Return the true angles [rad] at times since the stamp of the first picture [s]."""
         return self._motion(times + self._renderer.stamp(self._begin))[0]
 
     @property
     def _begin(self) -> float:
-        """Of the first picture, whose first row is exposed before the others [s]."""
+        """Time of the first picture [s], late enough for its first row."""
         return CAMERA.row_time * CAMERA.height
 
     @cached_property

@@ -1,8 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Film simulated chains and see their angles again: errors against the bound of the pixels.
+"""Film simulated chains and measure their angles: errors compared with the Cramer-Rao bound.
 
-Writes a table as Markdown. Interrupted, the same command goes on where it was, after whichever
-clip of a film.
+Write a table as Markdown. After an interruption, the same command continues with the next clip.
 """
 
 from __future__ import annotations
@@ -24,9 +23,9 @@ from soliton_linkage_studies.settings import Section, chain_from, load_settings
 from soliton_linkage_studies.sweep.table import RESUMES, fill_table, fingerprint, markdown_table
 
 _QUICK_FRAMES = 120
-"""Pictures of a quick film, two seconds."""
+"""Number of pictures of a quick film, two seconds [1]."""
 _KICKS = 0.7, 1.3
-"""Of each clip, over that of its chain, at random between [1]: no clip is like another."""
+"""Range of the random factor on the kick of each clip [1], so that clips differ."""
 COLUMNS = (
     'pictures',
     'hidden',
@@ -39,15 +38,15 @@ COLUMNS = (
     'bias over noise',
     'a picture [ms]',
 )
-"""Of the table of films."""
+"""Columns of the table of films."""
 
 
 @dataclass(frozen=True)
 class FilmStudy:
-    """Films by their names, each cut into as many clips, of which each begins with a kick."""
+    """Study of named films with the same number of clips each; a clip starts with a kick."""
 
     films: Mapping[str, FilmedTask]
-    """The first clip of each."""
+    """First clip of each film."""
     clips: int
     name: str = 'films'
 
@@ -62,7 +61,7 @@ class FilmStudy:
         return len(self.films) * self.clips
 
     def cells(self, row: int) -> list[str]:
-        """Make a clip and look at it; the first clips of all films come first."""
+        """Render and measure one clip; the first clips of all films come first."""
         clip, film = divmod(row, len(self.films))
         name, task = list(self.films.items())[film]
         stretch = float(np.random.default_rng(row).uniform(*_KICKS))
@@ -71,7 +70,7 @@ class FilmStudy:
         return [str(row), name, str(clip), *(f'{figure:.9g}' for figure in run.figures)]
 
     def described(self) -> dict[str, Any]:
-        """All that the rows depend on, what sees the angles among it."""
+        """Return all settings on which the rows depend, and a fingerprint of the vision code."""
         return {
             'films': {name: str(task) for name, task in self.films.items()},
             'clips': self.clips,
@@ -80,7 +79,7 @@ class FilmStudy:
 
 
 def read_film_study(settings: Section, quick: bool) -> FilmStudy:
-    """Read the settings; raises ValueError for what cannot be filmed."""
+    """Read the settings; raise ValueError if they are invalid."""
     settings.check_keys('frames', 'clip', 'kicks', 'films', 'chains')
     frames = settings.whole_number('frames', 20, 1_000_000)
     clip = min(settings.whole_number('clip', 20, 100_000), frames)
@@ -128,8 +127,8 @@ def _row(figures: Mapping[str, Array]) -> list[str]:
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Make the films of a file of settings; return 1 where that fails, 130 on Ctrl-C."""
-    parser = study_parser('camera', __doc__, 'a clip of two seconds a film')
+    """Make the films of a settings file; return 1 on failure, 130 on Ctrl-C."""
+    parser = study_parser('camera', __doc__, 'one clip of two seconds per film')
     return run_study(parser, arguments, _made, RESUMES)
 
 

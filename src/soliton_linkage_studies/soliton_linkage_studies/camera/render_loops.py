@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Compiled loops that paint rotors and bonds over a picture, pixel by pixel."""
+"""Compiled loops that render rotors and bonds into a picture, pixel by pixel."""
 
 from __future__ import annotations
 
@@ -32,12 +32,12 @@ Boxes = NDArray[np.int64]
 
 
 class Pixels(NamedTuple):
-    """Point of the plane of the rotors that each pixel sees [m], shape (height, width) each."""
+    """Point in the rotor plane for each pixel [m], shape (height, width) each."""
 
     x: Array
     z: Array
     spread: Array
-    """Standard deviation of the points from which it takes light [m]."""
+    """Standard deviation of the point spread function [m]."""
 
 
 _PIXELS = named_tuple(Pixels, f8_2d, f8_2d, f8_2d)
@@ -205,7 +205,7 @@ def paint_bonds(
 def expose(
     canvas: Canvas, light: Canvas, noise: Canvas, shift: int, picture: NDArray[np.uint8]
 ) -> None:
-    """Expose a canvas in a light [1] to a sensor, with noise that is shifted sideways."""
+    """Expose a canvas under a light [1], and add noise that is shifted sideways."""
     height, width, colours = canvas.shape
     for row in range(height):
         for column in range(width):

@@ -3,7 +3,7 @@
 
 The plane has its frame markers and, from back to front, the bonds, the rotors 0, 2, ..., and the
 rotors 1, 3, ..., each with the dots of its pivot and mass. Each pixel is the mean over its
-exposure, which in row v begins `row_time` v after that of the picture.
+exposure. The exposure of row v begins `row_time` v after the start of the picture.
 """
 
 from __future__ import annotations
@@ -28,13 +28,13 @@ Motion = Callable[[Array], tuple[Array, Array, Array]]
 """Angles [rad], rates [rad/s] and accelerations [rad/s^2] at times [s]: (T,) to (T, N) each."""
 
 _BOARD = (172, 180, 176)
-"""Red, green and blue of the board behind the chain [0 to 255]."""
+"""RGB colour of the board behind the chain [0 to 255]."""
 _ARM, _BOND, _WHITE = (70, 74, 80), (120, 110, 90), (246, 246, 242)
-"""Red, green and blue of arms, bonds and paper [0 to 255]."""
+"""RGB colours of arms, bonds and paper [0 to 255]."""
 _ARM_WIDTH, _BOND_WIDTH = 0.5, 0.12
 """Half widths of arms and bonds over the radius of a label [1]."""
 _NOISES = 4
-"""Pictures of noise [1], which are repeated with a shift."""
+"""Number of noise images [1], which are reused with a random shift."""
 
 
 @document_fields
@@ -43,16 +43,16 @@ class FilmSettings:
     """Light and sensor of a film; raises ValueError for values out of their range."""
 
     light: float = quantity(
-        0.85, 'brightness of white in the middle, 1 where it burns out', '', 0, 1
+        0.85, 'brightness of white in the middle; 1 saturates the sensor', '', 0, 1
     )
     unevenness: float = quantity(
-        0.25, 'by how much one side is darker than the other, of the brightness', '', 0.0, 1.0
+        0.25, 'relative difference in brightness between both sides', '', 0.0, 1.0
     )
     noise: float = quantity(2.5, 'standard deviation of a pixel', 'grey levels', 0.0, 50.0)
-    blur: float = quantity(0.5, 'standard deviation of what the lens blurs', 'pixels', 0.1, 5.0)
-    quality: int = quantity(0, 'of JPEG, 0 for pictures that are not compressed', '', 0, 100)
-    samples: int = quantity(6, 'instants of an exposure', '', 1, 100)
-    seed: int = quantity(0, 'of the noise', '', 0, 10**9)
+    blur: float = quantity(0.5, 'standard deviation of the lens blur', 'pixels', 0.1, 5.0)
+    quality: int = quantity(0, 'JPEG quality, 0 for uncompressed pictures', '', 0, 100)
+    samples: int = quantity(6, 'number of samples per exposure', '', 1, 100)
+    seed: int = quantity(0, 'random seed of the noise', '', 0, 10**9)
 
     def __post_init__(self) -> None:
         """Reject values out of their range."""
@@ -166,7 +166,7 @@ class Renderer:
 
     @cached_property
     def _pixels(self) -> tuple[Pixels, Pixels]:
-        """Points that the pixels see, for rotors of either height."""
+        """Points in the planes of even and odd rotors for each pixel."""
         even, odd = self._layout.heights[:2]
         return self._seen_at(float(even)), self._seen_at(float(odd))
 
@@ -184,7 +184,7 @@ class Renderer:
 
     @cached_property
     def _paint(self) -> NDArray[np.float32]:
-        """Blue, green and red of arm, white, pivots, bond and masses, shape (3 + C, 3)."""
+        """BGR colours of arm, paper, pivots, bond and masses, shape (3 + C, 3)."""
         paints = [_ARM, _WHITE, COLOURS[0], _BOND, *COLOURS[1:]]
         table = np.array(paints, dtype=np.float32)[:, ::-1]
         return np.ascontiguousarray(np.maximum(table, 12.0))
@@ -198,7 +198,7 @@ class Renderer:
         return np.asarray(light, dtype=np.float32)
 
     def _painted_background(self) -> NDArray[np.float32]:
-        """Board and frame markers, the mean over each pixel."""
+        """Render the board and the frame markers, averaged over each pixel."""
         cv2 = opencv()
         camera, layout = self._camera, self._layout
         canvas = np.empty((camera.height, camera.width, 3), dtype=np.float32)
@@ -251,7 +251,7 @@ class Renderer:
 
 
 def _between(edges: Array, parts: int) -> Array:
-    """Return the middles of equal parts between edges along the first axis, interpolated."""
+    """Return the interpolated midpoints of equal parts between edges along the first axis."""
     share = ((np.arange(parts) + 0.5) / parts)[:, None, None]
     middles = edges[:-1, None] * (1 - share) + edges[1:, None] * share
     return np.asarray(middles.reshape(-1, *edges.shape[1:]))

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A film of a chain, and the errors of the angles that are seen in it."""
+"""Film of a chain, and the errors of the angles that are measured in it."""
 
 from __future__ import annotations
 
@@ -38,28 +38,28 @@ CAMERA = Camera(
     row_time=25e-6,
     exposure=0.004,
 )
-"""A camera of 1280 x 720 pixels with the lens and the rolling shutter of a phone [pixels, s]."""
+"""Camera with the lens and the rolling shutter of a phone [pixels, s]."""
 PERIOD = 1 / 60
-"""Of the pictures [s]."""
+"""Time between pictures [s]."""
 SIMULATED = 0.002
-"""Period of the simulated motion between whose frames cubics lead [s]."""
+"""Frame period of the simulated motion [s], which is interpolated with cubic splines."""
 _TILTS = (0.06, -0.09, 0.01)
-"""Of the camera, from looking squarely [rad]."""
+"""Rotation of the camera from the normal of the plane [rad]."""
 _FILLED = 1.12
-"""Width of the picture over that of chain and frame markers [1]."""
+"""Width of the picture over the width of chain and frame markers [1]."""
 _SWAPPED = 0.1
-"""Error that no dot of a rotor has [rad], but that of another one."""
+"""Error above which the measurement belongs to another rotor [rad]."""
 _SETTLING = 10
-"""Pictures after which the plane and the pivots are means [1]."""
+"""Number of pictures after which the plane and the pivots are averaged [1]."""
 _HAND_EVERY, _HAND_FOR = 10.0, 0.7
-"""From one hand before the camera to the next, and for how long each is there [s]."""
+"""Interval between hands in front of the camera, and their duration [s]."""
 _TURN = 0.01
-"""By which all rotors are turned to see how pixels change with their angles [rad]."""
+"""Rotation for the finite differences of the pixels with respect to the angles [rad]."""
 
 
 @dataclass(frozen=True)
 class FilmedTask:
-    """A film to be made and looked at."""
+    """Task to render a film and to measure its angles."""
 
     chain: Chain
     kick: float
@@ -67,10 +67,10 @@ class FilmedTask:
     frames: int
     settings: FilmSettings
     h264: int = 0
-    """Quality of a film of H.264, of which lower ones are better; 0 for pictures as they are."""
+    """H.264 rate factor (CRF), lower is better; 0 for uncompressed pictures."""
 
     def __call__(self) -> FilmedRun:
-        """Make the film, picture by picture, and look at it."""
+        """Render the film and measure its angles, picture by picture."""
         duration = PERIOD * (self.frames + 2)
         frames = round(duration / SIMULATED)
         whole = frames * SIMULATED / self.chain.time_unit
@@ -107,20 +107,20 @@ class FilmedTask:
 
 @dataclass(frozen=True)
 class FilmedRun:
-    """What was seen in a film of F pictures."""
+    """Measured angles of a film of F pictures, compared with the truth."""
 
     errors: Array
-    """Of the angles, turns and all [rad], NaN where they were not seen, shape (F, N)."""
+    """Errors of the unwrapped angles [rad], NaN if not measured, shape (F, N)."""
     stated: Array
-    """Their standard deviations [rad], shape (F, N)."""
+    """Stated standard deviations [rad], shape (F, N)."""
     bound: float
-    """Least standard deviation that the pixels of a dot and its label allow [rad]."""
+    """Cramer-Rao bound of the standard deviation, from the pixels of a label [rad]."""
     busy: float
-    """Time of one processor for a picture [s]."""
+    """CPU time per picture [s]."""
 
     @property
     def figures(self) -> tuple[float, ...]:
-        """What `FIGURES` names."""
+        """Statistics in the order of `FIGURES`."""
         known = np.isfinite(self.errors[_SETTLING:])
         errors, stated = self.errors[_SETTLING:], self.stated[_SETTLING:]
         near = wrapped(errors)
@@ -155,12 +155,12 @@ FIGURES = (
     'bias',
     'busy',
 )
-"""Of a film: counts; the bound of the pixels, noise and what is stated of it, bias [rad]; errors
-over what is stated, root mean square [1]; time of one processor for a picture [s]."""
+"""Statistics of a film: counts [1]; bound, noise, stated deviation and bias [rad]; RMS of
+errors over the stated deviation [1]; CPU time per picture [s]."""
 
 
 def _changes(errors: Array) -> int:
-    """How often a rotor has come back with another number of turns."""
+    """Return how often a rotor reappears with another number of turns."""
     turns = np.rint(errors / (2 * np.pi))
     return sum(
         int(np.count_nonzero(np.diff(of_rotor[np.isfinite(of_rotor)]))) for of_rotor in turns.T
@@ -168,21 +168,21 @@ def _changes(errors: Array) -> int:
 
 
 def interpolate_motion(recording: Recording) -> Motion:
-    """Motion of a recording, a cubic from frame to frame."""
+    """Return the motion of a recording, with cubic Hermite splines between frames."""
     angles = CubicHermiteSpline(recording.times, recording.angles, recording.rates)
     rates, accelerations = angles.derivative(1), angles.derivative(2)
     return lambda times: (angles(times), rates(times), accelerations(times))
 
 
 def chain_plane(layout: MarkerLayout) -> ChainPlane:
-    """Plane of a chain that fills the picture."""
+    """Return the plane of a chain that fills the picture."""
     length = float(layout.chain.pivots[-1])
     distance = _FILLED * (length + 2 * layout.paper_size) * CAMERA.focal[0] / CAMERA.width
     return posed_plane(CAMERA, (length / 2, 0.0), distance, *_TILTS)
 
 
 def _hands(duration: float) -> tuple[Hand, ...]:
-    """Hands that cross the picture, each from another place."""
+    """Return hands that cross the picture from different positions."""
     begins = np.arange(_HAND_EVERY / 2, duration, _HAND_EVERY)
     return tuple(
         Hand(
@@ -197,15 +197,14 @@ def _hands(duration: float) -> tuple[Hand, ...]:
 
 
 def _held(angles: Array, still: Array) -> Motion:
-    """Rotors that stay where they are."""
     return lambda _times: (angles, still, still)
 
 
 def _pixel_bound(task: FilmedTask, layout: MarkerLayout, plane: ChainPlane) -> float:
-    """Cramer-Rao bound of an angle by the pixels about its mass, the median of the rotors [rad].
+    """Return the Cramer-Rao bound of an angle, the median over the rotors [rad].
 
-    sigma / sqrt(sum (dI / dphi)^2) over the grey levels I of the label of a rotor at rest, whose
-    noise sigma is that of a pixel, less where its three colours are averaged.
+    The bound is sigma / sqrt(sum (dI / dphi)^2) over the grey levels I around the mass of a rotor
+    at rest. sigma is the pixel noise, reduced by the average over the three colours.
     """
     cv2 = opencv()
     rest, still = task.chain.uniform_state(1), np.zeros((1, task.chain.number_of_rotors))

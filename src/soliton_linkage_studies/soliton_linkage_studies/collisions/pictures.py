@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Pictures of how walls part, against the speed at which they met."""
+"""Figures of collision outcomes against the speed of the walls."""
 
 from __future__ import annotations
 
@@ -41,35 +41,34 @@ from soliton_linkage_studies.palette import (
 )
 
 _SPEEDS = """
-A kink and an anti-kink meet on a ring of springs, each at the speed v; v′ is half of the speed at
-which they go away from each other, c the speed of sound. A panel for each ring, named by its class
-and (r/a, θ̄), and for spinners by whether the rotors turn back in the second wall or onwards. Each
-dot is a collision, and its colour says how often the walls overlapped before they parted: never
-(pink), once (blue), twice (orange), three times (green) or more often (black). Ticks at the bottom
-are pairs that were captured (grey), and pairs whose anti-kink broke (red): rotors of a flipper
-turned over, or a spinner's wall kept less than half of the energy that it costs at rest in the
-continuum. The dashed line is v′ = v, of walls that lose nothing.
+A kink and an anti-kink collide on a ring of springs, each with the speed v. v′ is half of their
+relative speed after the collision; c is the speed of sound. Each panel shows one ring, with its
+class and (r/a, θ̄). For spinners, the title states whether the rotors turn back or onwards in the
+second wall. Each dot is a collision. Its colour is the number of overlaps before the walls
+separate: none (pink), one (blue), two (orange), three (green) or more (black). Grey ticks at the
+bottom: captured pairs. Red ticks: broken anti-kinks, where rotors of a flipper turned over or a
+spinner's wall kept less than half of its continuum rest energy. Dashed line: v′ = v, an elastic
+collision.
 """
 _WINDOWS = """
-(a) Bounce windows of a flipper: half of the speed v′ at which walls go away from each other,
-against the speed v of each before, over the speed of sound c. Walls parted after one collision
-(blue), two (orange), three (green) or more (black), or were captured (grey ticks at the bottom).
-The dashed line is v′ = v. (b) The same collisions with one setting changed at a time: a row for
-each, a tick for each collision in the colour of its outcome, white where the pair was captured.
-(c) The speed above which walls part after one collision, against d = 2 r sin θ̄ / a, for two
-lengths of the rotors r; lines join the dots. The dashed line is that of phi⁴ theory, {phi4:g} c,
-the limit of small d.
+(a) Bounce windows of a flipper: speed v′ of each wall after the collision against its speed v
+before, both over the speed of sound c; v′ is half of the relative speed. The walls separate after
+one collision (blue), two (orange), three (green) or more (black), or form a captured pair (grey
+ticks at the bottom). Dashed line: v′ = v. (b) The same collisions with one changed setting in each
+row. The colour of each tick is the outcome; white marks a captured pair. (c) Critical speed, above
+which the walls separate after one collision, against d = 2 r sin θ̄ / a for two rotor lengths r.
+Dashed line: critical speed of phi⁴ theory, {phi4:g} c, the limit of small d.
 """
 _OUTCOME_COLOURS = (PURPLE, BLUE, ORANGE, GREEN, BLACK)
-"""Of walls that overlapped never, once, twice, three times, and more often."""
+"""Colours for no overlap, one, two, three, and more overlaps."""
 _NAMES = ('never overlapped', '1 collision', '2 collisions', '3 collisions', 'more collisions')
 _COLUMNS = 4
-"""Panels in a row [1]."""
+"""Number of panels in a row [1]."""
 _SPEED, _SPEED_AFTER = 'v / c [1]', "v' / c [1]"
 
 
 def draw_speeds(rows: Sequence[Row]) -> FigureReport:
-    """Speed afterwards against speed before, a panel for each ring of the sweeps."""
+    """Draw the speed after against the speed before the collision, one panel per ring."""
     series = series_of(rows, 'sweeps')
     columns = min(_COLUMNS, len(series))
     lines = -(-len(series) // columns)
@@ -88,7 +87,7 @@ def draw_speeds(rows: Sequence[Row]) -> FigureReport:
 
 
 def draw_windows(rows: Sequence[Row]) -> FigureReport:
-    """Bounce windows, what changes them, and the critical speed against d."""
+    """Draw bounce windows, their sensitivity to settings, and the critical speed against d."""
     figure = Figure(figsize=(13, 7), layout='constrained')
     report = FigureReport(figure, _WINDOWS.format(phi4=PHI4_SPEED))
     grid = figure.add_gridspec(2, 2, width_ratios=(1.7, 1), height_ratios=(2, 1))
@@ -161,7 +160,7 @@ def _draw_critical(report: FigureReport, axes: Axes, series: dict[str, list[Row]
 
 
 def _outcome(row: Row) -> int | None:
-    """How often walls overlapped that parted, up to 4; None if captured, -1 if broken."""
+    """Return the number of overlaps before separation, up to 4; None if captured, -1 if broken."""
     after = escaped_after(row)
     if row.run and row.run.broken:
         return -1
@@ -183,27 +182,28 @@ def _handles(whole: bool) -> list[Line2D]:
 
 
 _CAPTION = """
-Kinks (from the left) and anti-kinks (from the right) that meet on rings of springs, each at the
-speed v / c over the titles, with (r/a, θ̄). Colours are the order field m, u / ū for flippers and
-cos(θ − θ̄) for spinners, with u = r sin θ, ū = r sin θ̄ and θ the staggered angle: +1 (purple)
-where the chain leans right, −1 (orange) where it leans left. Time runs upwards, in units of
-2 ℓ / c with ℓ the penetration depth and c the speed of sound; a part of the ring is shown. Numbers
-in the domains of spinners are the turns that their rotors have made since they leant right.
+Collisions of kinks (from the left) and anti-kinks (from the right) on rings of springs. Titles
+state the relative speed v / c and (r/a, θ̄). Colours show the order field m: u / ū for flippers
+and cos(θ − θ̄) for spinners, with u = r sin θ, ū = r sin θ̄ and θ the staggered angle. m is +1
+(purple) where the chain leans right and −1 (orange) where it leans left. Time runs upwards in
+units of 2 ℓ / c, with ℓ the penetration depth and c the speed of sound. Only a part of the ring is
+shown. Numbers in the domains of spinners are the turns of the rotors since the right-leaning
+state.
 """
 _SHOWN = 40.0
-"""Width of a picture in reaches [1]."""
+"""Width of a panel in reaches [1]."""
 _AFTERWARDS = 35.0
-"""Times that sound takes for a reach, for which the ring is shown after the walls have met."""
+"""Time shown after the walls meet, in reaches over the speed of sound [1]."""
 _LARGEST = 1.6
-"""Order field at the ends of the scale [1], a bit above the largest while walls overlap."""
+"""Order field at the ends of the colour scale [1], just above its largest value."""
 _SPACETIME_COLUMNS = 3
-"""Pictures in a row [1]."""
+"""Number of space-time panels in a row [1]."""
 _TURNS = {-2: '−1', -1: '−½', 0: '0', 1: '+½', 2: '+1'}
-"""Turns as they are written, by their halves."""
+"""Labels of turns, by the number of half turns."""
 
 
 def draw_pictures(collisions: Mapping[str, Collision]) -> FigureReport:
-    """Order field of each collision against place and time."""
+    """Draw the order field of each collision against position and time."""
     columns = min(_SPACETIME_COLUMNS, len(collisions))
     lines = -(-len(collisions) // columns)
     figure = Figure(figsize=(4.6 * columns, 4.4 * lines), layout='constrained')
@@ -240,7 +240,7 @@ def _draw(report: FigureReport, axes: Axes, name: str, collision: Collision) -> 
     ring = collision.ring
     title = f'{name}: v / c = {collision.speed:g}\n{ring.motion.value}, {parameters(ring)}'
     axes.set_title(title, fontsize=10)
-    axes.set_xlabel('place [rotor spacings]')
+    axes.set_xlabel('position [rotor spacings]')
     if ring.motion is Motion.SPINNER:
         _label_turns(axes, collision, times, angles)
     middle = int(np.argmin(np.abs(places)))
@@ -249,7 +249,7 @@ def _draw(report: FigureReport, axes: Axes, name: str, collision: Collision) -> 
 
 
 def _recorded(collision: Collision) -> tuple[Array, Array]:
-    """Times in reaches over c, (T,), and angles [rad], (T, N), until some time afterwards."""
+    """Return times in reaches over c, (T,), and angles [rad], (T, N), of the shown interval."""
     duration = (INITIAL_DISTANCE / 2 / collision.speed + _AFTERWARDS) * collision.unit
     times, angles = [], []
     for instants, frame, _ in simulate_frames(collision):
@@ -261,7 +261,7 @@ def _recorded(collision: Collision) -> tuple[Array, Array]:
 
 
 def _label_turns(axes: Axes, collision: Collision, times: Array, angles: Array) -> None:
-    """Write the turns of rotors in the middle at the start and at the end, and outside of it."""
+    """Label the turns of the middle rotor at the start and the end, and of an outer rotor."""
     rest = collision.ring.uniform_state(1)
     middle = len(rest) // 2
     outside = min(middle + round(0.42 * _SHOWN * collision.reach), len(rest) - 1)

@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Send kinks and anti-kinks against each other on rings of springs: what becomes of them.
+"""Simulate collisions of kinks and anti-kinks on rings of springs.
 
-Writes tables as CSV and Markdown and pictures as PNG and PDF. An interrupted sweep goes on with
-the same command.
+Write tables as CSV and Markdown, and figures as PNG and PDF. After an interruption, the same
+command continues the sweep.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ from soliton_linkage_studies.sweep.table import RESUMES, fill_table
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Make the collisions of a file of settings; return 1 where that fails, 130 on Ctrl-C."""
+    """Simulate the collisions of a settings file; return 1 on failure, 130 on Ctrl-C."""
     parser = study_parser('collisions', __doc__, 'few speeds')
     return run_study(parser, arguments, _collided, RESUMES)
 
@@ -39,7 +39,7 @@ def _collided(options: argparse.Namespace) -> str:
     table = '\n'.join(finding_lines(rows)) + '\n'
     (options.output / 'table.md').write_text(table, encoding='utf-8')
     failed = sum(bool(row.failure) for row in rows)
-    remark = f'; {failed} of {len(rows)} collisions could not be made' if failed else ''
+    remark = f'; {failed} of {len(rows)} collisions failed' if failed else ''
     return f'{table}\ntables and pictures are in {options.output}{remark}'
 
 

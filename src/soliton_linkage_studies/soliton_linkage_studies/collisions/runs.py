@@ -1,11 +1,11 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A kink and an anti-kink sent against each other on a ring, and what became of them.
+"""Collision of a kink and an anti-kink on a ring, and its outcome.
 
-The kink (charge +1, free at rest) comes from the left and the anti-kink (charge -1, which costs
-energy) from the right, at the same speed. Around them the ring leans right, between them left;
-where the field has the sign of the right-leaning state everywhere they overlap, and every time
-that they do counts as a collision. Charges alternate along a ring, so that the kink stays on the
-left: that walls pass through each other is seen by the turns of the rotors between them alone.
+The kink (charge +1, zero energy at rest) comes from the left, and the anti-kink (charge -1,
+positive rest energy) from the right, at the same speed. The ring leans left between them and right
+elsewhere. The walls overlap while the whole field has the sign of the right-leaning state; each
+overlap counts as a collision. Charges alternate along a ring, so the kink stays on the left. Only
+the turns of the rotors between the walls show whether the walls passed through each other.
 """
 
 from __future__ import annotations
@@ -26,52 +26,52 @@ from soliton_linkage.solitons.continuum import wall_theory
 from soliton_linkage_studies.collisions.travelling_wall import travelling_wall
 
 INITIAL_DISTANCE = 12.0
-"""Distance at the start in reaches [1]: the walls attract each other by e^(-24) of their mass."""
+"""Initial distance in reaches [1], where the attraction is e^(-24) of the wall mass."""
 ESCAPED = 8.0
-"""Distance in reaches [1] at which walls are free: slower than 0.001 c they would return."""
+"""Distance of escape in reaches [1]; only walls slower than 0.001 c return from it."""
 _NEAR = 7.0
-"""Distance in reaches [1] until which the speed before a collision is measured."""
+"""Smallest distance for the speed before a collision, in reaches [1]."""
 _LEAVING = 5.0
-"""Distance in reaches [1] from which on the speed afterwards is measured."""
+"""Smallest distance for the speed after a collision, in reaches [1]."""
 _FRAMES = 10
-"""In the time in which sound passes a reach [1]; walls overlap for ten or more."""
+"""Number of frames while sound crosses a reach [1]; walls overlap for ten or more."""
 _CORE = 4.0
-"""Half of what counts as a wall in reaches [1]: it holds all of its energy but e^(-16)."""
+"""Half width of a wall in reaches [1]; only e^(-16) of its energy is outside."""
 _LUMP = 8.0
-"""Half of what counts as a captured pair in reaches [1]: twice as far as its walls go."""
+"""Half width of a captured pair in reaches [1], twice the amplitude of its walls."""
 _FEWEST = 5
-"""Frames that tell a speed [1]; walls that escape have thirty or more."""
+"""Smallest number of frames for a speed estimate [1]; escaped walls have 30 or more."""
 _TOLERANCE = 1e-10
-"""Of integrators that choose their steps, in an angle [rad]: energies are kept to 1e-9."""
+"""Angle tolerance of adaptive integrators [rad], which conserves the energy to 1e-9."""
 
 
 @dataclass(frozen=True)
 class Collision:
-    """A collision to be made; called, it is."""
+    """Settings of a collision; a call simulates it."""
 
     ring: Chain
     speed: float
-    """Of each wall, over that of sound [1]."""
+    """Speed of each wall over the speed of sound [1]."""
     onwards: bool = False
-    """Whether a spinner's rotors turn on in the second wall, and not back."""
+    """Whether a spinner's rotors continue to turn in the second wall instead of turning back."""
     step: float = 1.0
-    """Longest of the integrator, over the period of the fastest phonon by 2 pi [1]."""
+    """Longest integration step times the largest phonon frequency [1]."""
     integrator: str = 'symplectic'
     shift: float = 0.0
-    """Of both walls along the ring [rotor spacings]."""
+    """Shift of both walls along the ring [rotor spacings]."""
     patience: float = 120.0
-    """Times that sound takes for a reach, to wait for an escape, and such as walls take that go
-    on at half of their speed."""
+    """Time limit for an escape, in reaches over the speed of sound [1], added to the time that
+    the walls need at half of their speed."""
 
     def __call__(self) -> CollisionRun:
-        """Make the collision."""
+        """Simulate the collision."""
         return run_collision(self)
 
     @property
     def reach(self) -> float:
-        """Of a wall, twice the penetration depth l [rotor spacings]: all decays as e^(-x / l).
+        """Reach of a wall, twice the penetration depth l of its tails e^(-x / l) [rotor spacings].
 
-        It is the width w of a flipper's wall for d << 1, and 2 w of a spinner's.
+        For d << 1 it is the width w of a flipper's wall; for a spinner's wall it is 2 w.
         """
         return 2 * penetration_depth(self.ring) / self.ring.spacing
 
@@ -82,65 +82,65 @@ class Collision:
 
     @property
     def unit(self) -> float:
-        """Time in which sound passes a reach [s]."""
+        """Time in which sound crosses a reach [s]."""
         return self.reach / self.sound
 
 
 @dataclass(frozen=True)
 class CollisionRun:
-    """What became of a collision; speeds are over that of sound, lengths in reaches [1]."""
+    """Outcome of a collision; speeds are relative to sound, lengths in reaches [1]."""
 
     escaped: bool
-    """Whether two walls went away for good."""
+    """Whether both walls escaped."""
     collisions: int
-    """How often they overlapped."""
+    """Number of overlaps."""
     speed_before: float
-    """Half of that at which the walls came near each other."""
+    """Half of the relative speed before the collision."""
     kink_speed: float
-    """Of the kink afterwards, away from the anti-kink; 0 where they are captured."""
+    """Speed of the kink afterwards, away from the anti-kink; 0 if captured."""
     anti_kink_speed: float
-    """Of the anti-kink afterwards, away from the kink."""
+    """Speed of the anti-kink afterwards, away from the kink; 0 if captured."""
     between: float
-    """Time between the first two collisions in reaches over c, NaN where there are fewer."""
+    """Time between the first two collisions in reaches over c, NaN if there are fewer."""
     closest: float
-    """Least distance of the walls, 0 where they overlapped."""
+    """Smallest distance of the walls, 0 if they overlapped."""
     turns: int
-    """Of the rotors between the walls, beyond what they had turned before."""
+    """Turns of the rotors between the walls, in addition to the turns before the collision."""
     broken: bool
-    """Whether what is left of the anti-kink is none: see `_broken`."""
+    """Whether the anti-kink was destroyed, see `_broken`."""
     radiated: float
-    """Share of the energy that is outside of the walls, or of the captured pair, at the end."""
+    """Share of the final energy outside the walls or the captured pair."""
     drift: float
-    """Largest error of the energy, over the energy."""
+    """Largest relative error of the energy."""
 
     @property
     def speed_after(self) -> float:
-        """Half of that at which the walls go away from each other."""
+        """Half of the relative speed after the collision."""
         return (self.kink_speed + self.anti_kink_speed) / 2
 
 
 @dataclass(frozen=True)
 class WallPaths:
-    """The walls in frames: outermost where the field changes its sign, NaN where it does not."""
+    """Paths of the walls, the outermost sign changes of the field; NaN if there are none."""
 
     times: Array
     """[s], shape (T,)."""
     kinks: Array
-    """Places of the left wall [rotor spacings], shape (T,)."""
+    """Positions of the left wall [rotor spacings], shape (T,)."""
     anti_kinks: Array
-    """Places of the right wall [rotor spacings], shape (T,)."""
+    """Positions of the right wall [rotor spacings], shape (T,)."""
 
     @property
     def distances(self) -> Array:
-        """Between the walls [rotor spacings], NaN where they overlap, shape (T,)."""
+        """Distances between the walls [rotor spacings], NaN where they overlap, shape (T,)."""
         return np.asarray(self.anti_kinks - self.kinks)
 
     def part(self, which: slice) -> WallPaths:
-        """Some of the frames."""
+        """Return the paths in a slice of the frames."""
         return WallPaths(self.times[which], self.kinks[which], self.anti_kinks[which])
 
     def joined(self, later: WallPaths) -> WallPaths:
-        """This path and a later one."""
+        """Return these paths followed by later ones."""
         return WallPaths(
             np.append(self.times, later.times),
             np.append(self.kinks, later.kinks),
@@ -148,9 +148,9 @@ class WallPaths:
         )
 
     def speeds(self) -> Array:
-        """Slopes of lines through the places of kink and anti-kink [rotor spacings / s], (2,).
+        """Return the fitted speeds of kink and anti-kink [rotor spacings / s], shape (2,).
 
-        NaN where there are too few frames.
+        The speeds are NaN if there are too few frames.
         """
         if len(self.times) < _FEWEST:
             return np.full(2, np.nan)
@@ -159,7 +159,7 @@ class WallPaths:
 
 
 def run_collision(task: Collision) -> CollisionRun:
-    """Make a collision until the walls have escaped or the patience is over."""
+    """Simulate a collision until the walls escape or the time limit is reached."""
     path = WallPaths(*np.empty((3, 0)))
     energies: list[float] = []
     for times, angles, rates in simulate_frames(task):
@@ -178,7 +178,7 @@ def run_collision(task: Collision) -> CollisionRun:
 
 
 def simulate_frames(task: Collision) -> Iterator[tuple[Array, Array, Array]]:
-    """Yield times [s], (T,), angles [rad] and rates [rad/s], (T, N), of a few frames, for ever."""
+    """Yield times [s], (T,), angles [rad] and rates [rad/s], (T, N), in batches without end."""
     start = initial_state(task)
     motion = EquationOfMotion(task.ring)
     method = INTEGRATORS[task.integrator]
@@ -189,7 +189,7 @@ def simulate_frames(task: Collision) -> Iterator[tuple[Array, Array, Array]]:
         motion.state(start.angles, start.rates),
         np.inf,
         rtol=0.0 if constant else _TOLERANCE,
-        # Where all errors are tolerated a chain's solver takes the longest step that it may.
+        # With a large tolerance, the solver always takes the longest allowed step.
         atol=1e3 if constant else _TOLERANCE,
         max_step=task.step / band_edges(task.ring)[1],
     )
@@ -198,7 +198,7 @@ def simulate_frames(task: Collision) -> Iterator[tuple[Array, Array, Array]]:
     while True:
         complaint = solver.step()
         if complaint:
-            raise ArithmeticError(f'the ring could not be integrated: {complaint}')
+            raise ArithmeticError(f'integration of the ring failed: {complaint}')
         first, last = (math.floor(time / period) for time in (solver.t_old, solver.t))
         if last > first:
             times = period * np.arange(first + 1, last + 1)
@@ -207,9 +207,9 @@ def simulate_frames(task: Collision) -> Iterator[tuple[Array, Array, Array]]:
 
 
 def initial_state(task: Collision) -> State:
-    """State with both walls on their way, about the middle of the ring.
+    """Return the initial state, with both walls in motion towards the middle of the ring.
 
-    Raises ArithmeticError where no wall is found that travels at this speed.
+    Raises ArithmeticError if no travelling wall has this speed.
     """
     ring, velocity = task.ring, task.speed * speed_of_sound(task.ring)
     rotors = np.arange(ring.number_of_rotors, dtype=np.int64)
@@ -224,7 +224,7 @@ def initial_state(task: Collision) -> State:
 
 
 def ring_order_field(ring: Chain, angles: Array) -> Array:
-    """Order field of frames as of `order_field`, of spinners in the family +1, shape (..., N)."""
+    """Return the order field, (..., N), as in `order_field`, for spinners of the family +1."""
     theta = staggered(angles)
     if ring.motion is Motion.SPINNER:
         return np.asarray(np.cos(theta - ring.rest_angle))
@@ -232,7 +232,7 @@ def ring_order_field(ring: Chain, angles: Array) -> Array:
 
 
 def find_walls(ring: Chain, times: Array, angles: Array) -> WallPaths:
-    """Walls in frames of angles [rad], (T, N), placed by a line between two rotors."""
+    """Return the walls in frames of angles [rad], (T, N), interpolated between two rotors."""
     fields = ring_order_field(ring, angles)
     left = fields < 0
     last = fields.shape[1] - 1
@@ -247,7 +247,7 @@ def find_walls(ring: Chain, times: Array, angles: Array) -> WallPaths:
 
 
 def _crossings(fields: Array, rotors: NDArray[np.int64]) -> Array:
-    """Where lines through the fields of rotors and of the next ones cross 0, shape (T,)."""
+    """Return the interpolated zero of the field between a rotor and the next, shape (T,)."""
     frame = np.arange(len(fields))
     before, after = fields[frame, rotors], fields[frame, rotors + 1]
     change = np.where(before == after, 1.0, before - after)
@@ -255,11 +255,11 @@ def _crossings(fields: Array, rotors: NDArray[np.int64]) -> Array:
 
 
 def _end(task: Collision, path: WallPaths) -> int | None:
-    """Frame with which it is over, or None."""
+    """Return the last frame of the collision, or None if it continues."""
     distances = path.distances / task.reach
     met = np.flatnonzero(~(distances > _NEAR))
     if not met.size:
-        # A wall that is pinned never comes near.
+        # The time limit ends the run if a wall is pinned.
         late = path.times > (INITIAL_DISTANCE / task.speed + task.patience) * task.unit
     else:
         there_and_back = (_NEAR / 2 + ESCAPED) / task.speed
@@ -298,7 +298,7 @@ def _outcome(task: Collision, path: WallPaths, state: State, drift: float) -> Co
 
 
 def _turns(ring: Chain, path: WallPaths, state: State) -> int:
-    """Turns of the rotor in the middle between the walls of a spinner, beyond half a turn."""
+    """Return the turns of the middle rotor between spinner walls, less half a turn."""
     if ring.motion is not Motion.SPINNER:
         return 0
     rotor = round((path.kinks[-1] + path.anti_kinks[-1]) / 2)
@@ -307,9 +307,9 @@ def _turns(ring: Chain, path: WallPaths, state: State) -> int:
 
 
 def _broken(task: Collision, path: WallPaths, state: State, escaped: bool) -> bool:
-    """Whether rotors of a flipper have turned over, or an anti-kink that left is none any more.
+    """Return whether rotors of a flipper turned over, or an escaped anti-kink was destroyed.
 
-    What costs less than half of an anti-kink of the continuum at rest is a defect of few rotors.
+    An anti-kink with less than half of its continuum rest energy is a defect of few rotors.
     """
     ring = task.ring
     if ring.motion is not Motion.SPINNER:
@@ -320,7 +320,7 @@ def _broken(task: Collision, path: WallPaths, state: State, escaped: bool) -> bo
 
 
 def _radiated(task: Collision, path: WallPaths, state: State, escaped: bool) -> float:
-    """Share of the energy beyond the cores of the walls, or beyond a captured pair."""
+    """Return the share of the energy outside the walls, or outside a captured pair."""
     rotors, energies = np.arange(task.ring.number_of_rotors), _energies(task.ring, state)
     places, reach = [path.kinks[-1], path.anti_kinks[-1]], _CORE
     if not escaped:
@@ -330,7 +330,7 @@ def _radiated(task: Collision, path: WallPaths, state: State, escaped: bool) -> 
 
 
 def _energies(ring: Chain, state: State) -> Array:
-    """Energy of each rotor with half of both of its springs [J], shape (N,)."""
+    """Return the energy of each rotor and half of its two springs [J], shape (N,)."""
     elastic = 0.5 * ring.stiffnesses * ring.spring_extensions(state.angles) ** 2
     kinetic = 0.5 * ring.moments_of_inertia * state.rates**2
     return np.asarray(kinetic + (elastic + np.roll(elastic, 1)) / 2)

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Which collisions a file of settings asks for, as rows of a table that go on where it was cut."""
+"""Collision study: tasks from a settings file, as rows of a resumable table."""
 
 from __future__ import annotations
 
@@ -17,40 +17,40 @@ from soliton_linkage_studies.collisions.runs import Collision, CollisionRun
 from soliton_linkage_studies.settings import Section
 
 TURNING = ('back', 'onwards')
-"""Ways in which a spinner's rotors turn in the second wall."""
+"""Turning directions of a spinner's rotors in the second wall."""
 _SETTINGS = {
     'length': (30.0, 1000.0),
     'step': (1e-3, 2.0),
     'patience': (10.0, 1e5),
     'shift': (-1.0, 1.0),
 }
-"""Numbers of a collision with the range that they may be in."""
+"""Settings of a collision and their valid ranges."""
 _QUICK_EVERY = 40
-"""Of how many speeds a quick study takes one."""
+"""Subsampling factor of the speeds in a quick study [1]."""
 _QUICK_HALVINGS = 2
-"""Of the range of a speed that is looked for, in a quick study."""
+"""Number of bisections for a speed in a quick study [1]."""
 _HALVINGS = 13
-"""The same in a whole one: a range of 0.6 c is narrowed down to 1e-4 c."""
+"""Number of bisections in a full study [1], from a range of 0.6 c to 1e-4 c."""
 _FASTEST = 2.0
-"""Speed over that of sound [1]; flippers with d near 1 outrun it, not by more."""
+"""Largest speed over the speed of sound [1]; flippers with d near 1 are supersonic."""
 
 
 @dataclass(frozen=True)
 class WindowEdge:
-    """A speed to be found: where walls cease to escape after so many collisions."""
+    """Search for the speed at which walls stop escaping after a number of collisions."""
 
     collision: Collision
     collisions: int
     inside: float
-    """Speed at which they do, over that of sound [1]."""
+    """Speed inside the window, over the speed of sound [1]."""
     outside: float
-    """Speed at which they do not, over that of sound [1]."""
+    """Speed outside the window, over the speed of sound [1]."""
     halvings: int
 
     def __call__(self) -> tuple[float, CollisionRun]:
         """Return the edge and the collision next to it, on the inside.
 
-        Raises ValueError where the speed inside has another outcome, or that outside the same.
+        Raises ValueError if the speed inside has another outcome or the speed outside the same.
         """
         inside, outside = self.inside, self.outside
         run = self._made(inside)
@@ -79,26 +79,26 @@ class WindowEdge:
 
 @dataclass(frozen=True)
 class Entry:
-    """A row of the table."""
+    """Task of one row of the table."""
 
     part: str
-    """Of the study: a key of its settings."""
+    """Part of the study: a key of its settings."""
     series: str
-    """What the row belongs to, a name from the settings."""
+    """Series of the row, a name from the settings."""
     task: Collision | WindowEdge
     name: str = ''
-    """Of an edge."""
+    """Name of an edge, otherwise empty."""
 
 
 @dataclass(frozen=True)
 class CollisionStudy:
-    """All that a file of settings asks for; a table that is measured row by row."""
+    """Collision study of a settings file; a table that is computed row by row."""
 
     entries: tuple[Entry, ...]
     pictures: dict[str, Collision]
-    """Collisions to be drawn in space and time, by their title."""
+    """Collisions for space-time diagrams, by title."""
     settings: dict[str, Any]
-    """What decides the entries, in the types of YAML."""
+    """Settings that determine the entries, in YAML types."""
     name: str = 'runs'
 
     @property
@@ -113,7 +113,7 @@ class CollisionStudy:
         return len(self.entries)
 
     def cells(self, row: int) -> list[str]:
-        """Measure a row of the table, as text; where the physics fails it says why."""
+        """Compute a row of the table as text; if it fails, the last column has the reason."""
         entry = self.entries[row]
         collision = entry.task if isinstance(entry.task, Collision) else entry.task.collision
         speed, values, failure = collision.speed, [''] * len(fields(CollisionRun)), ''
@@ -126,30 +126,30 @@ class CollisionStudy:
         except (ArithmeticError, ValueError) as error:
             failure = ' '.join(str(error).split())
         rotors = str(collision.ring.number_of_rotors)
-        said = [entry.part, entry.series, entry.name, rotors, repr(speed)]
-        return [str(row), *said, *values, failure]
+        labels = [entry.part, entry.series, entry.name, rotors, repr(speed)]
+        return [str(row), *labels, *values, failure]
 
     def described(self) -> dict[str, Any]:
-        """All that its rows depend on, in the types of YAML."""
+        """Return all settings on which the rows depend, in YAML types."""
         return self.settings
 
 
 @dataclass(frozen=True)
 class Row:
-    """A row of the table as it was read."""
+    """Row of the table after parsing."""
 
     part: str
     series: str
     name: str
     speed: float
-    """Of each wall, or of an edge, over that of sound [1]."""
+    """Speed of each wall or of an edge, over the speed of sound [1]."""
     run: CollisionRun | None
-    """None where the physics failed."""
+    """Outcome, or None if the simulation failed."""
     failure: str
 
 
 def read_row(cells: Mapping[str, str]) -> Row:
-    """Row of a table of text."""
+    """Parse a row of text cells."""
     run = None
     if not cells['failure']:
         run = CollisionRun(
@@ -160,7 +160,7 @@ def read_row(cells: Mapping[str, str]) -> Row:
 
 
 def read_collision_study(settings: Section, quick: bool) -> CollisionStudy:
-    """Study of a file of settings; raises ValueError for what cannot be."""
+    """Return the study of a settings file; raise ValueError for invalid settings."""
     settings.check_keys('collision', 'sweeps', 'variations', 'critical_speeds', 'pictures')
     common = settings.section('collision')
     common.check_keys(*_SETTINGS)
@@ -182,7 +182,7 @@ def read_collision_study(settings: Section, quick: bool) -> CollisionStudy:
 
 
 def _named(settings: Section, key: str) -> dict[str, Section]:
-    """Sections below a key, of which there must be one."""
+    """Return the sections below a key, at least one."""
     found = settings.section(key).sections()
     if not found:
         raise settings.error(key, 'is empty; give one section or more, each with its name')
@@ -190,7 +190,7 @@ def _named(settings: Section, key: str) -> dict[str, Section]:
 
 
 def _variations(section: Section, common: Section, quick: bool) -> list[Entry]:
-    """Sweeps of one ring with one setting changed, and edges found in each of them."""
+    """Return sweeps of one ring with one changed setting each, and searches for their edges."""
     section.check_keys('rotor_length_ratio', 'rest_angle', 'speeds', 'changes', 'edges')
     speeds = _speeds(section, quick).tolist()
     entries = []
@@ -206,7 +206,7 @@ def _variations(section: Section, common: Section, quick: bool) -> list[Entry]:
 
 
 def _critical_speeds(section: Section, common: Section, quick: bool) -> list[Entry]:
-    """Speeds above which the walls part after one collision, of rings by their lean ratio d."""
+    """Return searches for the critical speed of rings with different lean ratios d."""
     section.check_keys('rings', 'inside', 'outside')
     entries = []
     for name, rings in _named(section, 'rings').items():
@@ -233,7 +233,7 @@ def _picture(section: Section, common: Section) -> Collision:
 
 
 def _collision(section: Section, common: Section, change: Section | None = None) -> Collision:
-    """Collision of the ring of a section, at no speed yet."""
+    """Return a collision on the ring of a section, with speed 0."""
     ratio = section.number('rotor_length_ratio', 1e-3, 1e3)
     rest_angle = section.number('rest_angle', 1e-3, 1.57)
     onwards = section.text('turning', TURNING, TURNING[0]) == TURNING[1]
@@ -263,7 +263,7 @@ def _task(
 
 
 def _speeds(section: Section, quick: bool) -> Array:
-    """Speeds over that of sound, from a range with both ends."""
+    """Return the relative speeds of a range, both ends included."""
     given = section.section('speeds')
     given.check_keys('from', 'to', 'points')
     first, last = (given.number(end, 1e-3, _FASTEST) for end in ('from', 'to'))
@@ -278,7 +278,7 @@ def _value(kind: object, text: str) -> Any:
 
 
 def series_of(rows: Sequence[Row], part: str) -> dict[str, list[Row]]:
-    """Rows of a part of the study by their series, in their order."""
+    """Return the rows of a part of the study by series, in their order."""
     found: dict[str, list[Row]] = {}
     for row in rows:
         if row.part == part:
@@ -287,24 +287,24 @@ def series_of(rows: Sequence[Row], part: str) -> dict[str, list[Row]]:
 
 
 PHI4_SPEED = 0.2598
-"""Critical speed of phi^4 theory over that of light [1] (Campbell, Schonfeld and Wingate 1983)."""
+"""Critical speed of phi^4 theory over c [1] (Campbell, Schonfeld and Wingate 1983)."""
 CRITICAL_SPEED = 'critical speed / c [1]'
-"""Name of the speed above which walls part after one collision."""
+"""Label of the speed above which walls separate after one collision."""
 _SHAPE_MODE = math.sqrt(3)
 """Frequency of the shape mode of a phi^4 wall over c / w [1]; w is a reach for d << 1."""
 _FEWEST = 2
-"""Neighbouring speeds with the same outcome that make a window [1]."""
+"""Smallest number of adjacent speeds with the same outcome in a window [1]."""
 
 
 @dataclass(frozen=True)
 class BounceWindow:
-    """Neighbouring speeds at which walls part after the same number of collisions."""
+    """Window of adjacent speeds at which walls separate after the same number of collisions."""
 
     collisions: int
     first: float
     last: float
     fastest: CollisionRun
-    """The one that leaves with most of its speed."""
+    """Collision with the largest speed afterwards."""
 
     @property
     def phase(self) -> float:
@@ -313,13 +313,13 @@ class BounceWindow:
 
 
 def escaped_after(row: Row) -> int | None:
-    """Number of collisions after which walls parted as kink and anti-kink, or None."""
+    """Return the number of collisions before an intact pair separated, or None."""
     run = row.run
     return run.collisions if run and run.escaped and not run.broken else None
 
 
 def windows(rows: Sequence[Row]) -> list[BounceWindow]:
-    """Windows of two collisions and more in a sweep, slowest first."""
+    """Return the windows of two or more collisions in a sweep, slowest first."""
     found: list[BounceWindow] = []
     group: list[Row] = []
     for row in [*rows, None]:
@@ -337,7 +337,7 @@ def windows(rows: Sequence[Row]) -> list[BounceWindow]:
 
 
 def finding_lines(rows: Sequence[Row]) -> list[str]:
-    """Tables in Markdown: rings, windows, what changes them, and critical speeds."""
+    """Return Markdown tables of rings, windows, their sensitivity, and critical speeds."""
     variations = series_of(rows, 'variations')
     whole = [row for row in next(iter(variations.values()), []) if not row.name]
     return [
@@ -390,7 +390,7 @@ def _window_lines(found: Sequence[BounceWindow]) -> list[str]:
 
 
 def _variation_lines(series: dict[str, list[Row]]) -> list[str]:
-    """Share of the outcomes that stay, largest change of the speed afterwards, and the edges."""
+    """Return the share of equal outcomes, the largest change of v', and the edges."""
     base = next(iter(series.values()), [])
     edges = [row.name for row in base if row.name]
     lines = [
@@ -412,7 +412,7 @@ def _variation_lines(series: dict[str, list[Row]]) -> list[str]:
 
 
 def _critical_lines(series: dict[str, list[Row]]) -> list[str]:
-    """Critical speeds, and their limit d -> 0 by a parabola through the first two."""
+    """Return the critical speeds and their limit d -> 0, from a parabola through the first two."""
     lines = [f'| rings | d | {CRITICAL_SPEED} |', '| --- | --- | --- |']
     for name, rows in series.items():
         found = [(float(row.name), row.speed) for row in rows if row.run]
@@ -425,5 +425,5 @@ def _critical_lines(series: dict[str, list[Row]]) -> list[str]:
 
 
 def _outcome(run: CollisionRun) -> tuple[bool, int]:
-    """What is compared: captured pairs are alike however often they overlapped."""
+    """Return the comparable outcome; captured pairs are equal for any number of overlaps."""
     return run.escaped, run.collisions if run.escaped else 0

@@ -1,15 +1,15 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Walls that travel along the discrete chain and keep their shape as well as they can.
+"""Travelling walls of the discrete chain that keep their shape as well as possible.
 
 A rotor of parity p (0 even, 1 odd) at a distance x from the wall has the angle f_p(x). A wall of
 velocity v that keeps its shape, phi_n(t) = f_p(n a - v t), balances
 
     I v^2 f_p''(x) = torque of the springs (f_(1-p)(x - a), f_p(x), f_(1-p)(x + a)).
 
-On a grid of m points a spacing these are 2 m chains, shifted against each other, which the
-derivatives couple. What is found leaves least of the balance with tails that are at rest, since
-a wall of a few rotors is in step with some phonon at any speed and radiates it. A wall that was
-only contracted as the continuum says would swing about its shape, and so would meet another.
+On a grid of m points per spacing these are 2 m shifted chains, coupled by the derivatives. The
+solver minimises the residual of this equation, with the tails constrained to rest. An exact
+solution does not exist, because a wall of a few rotors resonates with some phonon at any speed and
+radiates it. A contracted continuum wall would oscillate about this shape and disturb a collision.
 """
 
 from __future__ import annotations
@@ -29,42 +29,42 @@ from soliton_linkage.linkage.chain import Array, Chain, Motion
 from soliton_linkage.solitons.continuum import FlipperTheory, SpinnerTheory
 
 _REACH = 11.0
-"""Of the grid on both sides in 2 l, l the penetration depth [1]: tails e^(-x / l) are cut."""
+"""Half length of the grid in 2 l, l the penetration depth [1]; tails e^(-x / l) are cut."""
 _QUIET_FROM = 4.0
-"""Distance in 2 l from which the tails are held to rest, more and more up to half as far again."""
+"""Distance in 2 l where the rest penalty of the tails starts [1]; it is full at 1.5 times."""
 _QUIETNESS = 0.05
-"""How strongly they are held, over I gap^2 [1]; 0.01 and 0.2 change speeds afterwards by 1e-4."""
+"""Rest penalty of the tails over I gap^2 [1]. Sensitivity: 0.01 or 0.2 change v' by 1e-4."""
 _POINTS_A_WIDTH = 12
-"""Of the grid [1]; twice as many change no speed afterwards by 1e-5."""
+"""Grid points per wall width [1]. Sensitivity: at 2x, v' changes by less than 1e-5."""
 _ITERATIONS = 20
-"""Of Gauss and Newton's method [1], which converges within ten or not at all."""
+"""Largest number of Gauss-Newton iterations [1]; it converges within ten or not at all."""
 _LONGEST_STEP = 0.3
-"""Of an angle in one iteration [rad]: longer ones leave the wall."""
+"""Largest change of an angle in one iteration [rad]; longer steps diverge."""
 _CONVERGED = 1e-8
-"""Change of an angle after which the next one is nothing [rad], as it converges."""
+"""Convergence threshold for the change of an angle [rad]."""
 _CLOSEST = 0.9
-"""To the speed of sound [1], for a first guess of walls that outrun it."""
+"""Largest relative speed of the initial guess [1], for supersonic walls."""
 _FIRST = (0.0, 4 / 5, -1 / 5, 4 / 105, -1 / 280)
-"""First derivative of order 8 at a point and at those ahead [1], the opposite behind."""
+"""First-derivative stencil of order 8, central and forward weights, antisymmetric [1]."""
 _SECOND = (-205 / 72, 8 / 5, -1 / 5, 8 / 315, -1 / 560)
-"""Second derivative of order 8 [1], the same on both sides."""
+"""Second-derivative stencil of order 8, symmetric [1]."""
 
 
 @dataclass(frozen=True)
 class TravellingWall:
-    """A wall on a grid of places from its centre."""
+    """Wall on a grid of distances from its centre."""
 
     points: int
-    """Of the grid, in a rotor spacing."""
+    """Number of grid points per rotor spacing."""
     angles: Array
     """Actual angles of even and of odd rotors [rad], shape (2, J), the centre at J // 2."""
     slopes: Array
-    """Their change along the chain [rad a spacing], shape (2, J)."""
+    """Derivatives of the angles along the chain [rad per spacing], shape (2, J)."""
 
     def at(self, rotors: NDArray[np.int64], place: float) -> tuple[Array, Array]:
-        """Angles [rad] and slopes [rad a spacing] of rotors by number, (K,), about a place.
+        """Return angles [rad] and slopes [rad per spacing] of rotors (K,) for a wall at `place`.
 
-        The place [rotor spacings] is rounded to the grid.
+        The position `place` [rotor spacings] is rounded to the grid.
         """
         last = self.angles.shape[1] - 1
         columns = np.rint((rotors - place) * self.points).astype(int) + (last + 1) // 2
@@ -74,10 +74,10 @@ class TravellingWall:
 
 
 def travelling_wall(chain: Chain, speed: float, charge: int, turn: int = 1) -> TravellingWall:
-    """Wall of a charge +1 or -1 that moves at a speed [m/s], in either direction.
+    """Return the wall of charge +1 or -1 that moves at a speed [m/s], in either direction.
 
-    Of spinners the rotors turn forwards (turn +1) or backwards (-1), see `SpinnerTheory`. Raises
-    ArithmeticError where there is none near that of the continuum.
+    Spinner rotors turn forwards (turn +1) or backwards (-1), see `SpinnerTheory`. Raises
+    ArithmeticError if the solver finds no wall near the continuum solution.
     """
     grid = _Grid(chain)
     start = grid.guess(speed, charge, turn)
@@ -91,14 +91,13 @@ def travelling_wall(chain: Chain, speed: float, charge: int, turn: int = 1) -> T
             slopes = grid.points * (grid.first @ angles)
             return TravellingWall(grid.points, angles.reshape(2, -1), slopes.reshape(2, -1))
     raise ArithmeticError(
-        f'no wall of charge {charge} travels along a chain with d = {chain.lean_ratio:.3g} at '
-        f'{speed / speed_of_sound(chain):.3g} of the speed of sound, as far as was found; take '
-        'another speed'
+        f'found no travelling wall of charge {charge} in a chain with d = {chain.lean_ratio:.3g} '
+        f'at {speed / speed_of_sound(chain):.3g} of the speed of sound; choose another speed'
     )
 
 
 class _Grid:
-    """Angles of both parities on a grid, flat: those of even rotors, then those of odd ones."""
+    """Grid of angles as a flat array: first even rotors, then odd rotors."""
 
     def __init__(self, ring: Chain) -> None:
         width, depth = (
@@ -121,12 +120,12 @@ class _Grid:
 
     @cached_property
     def places(self) -> Array:
-        """Of the points from the wall [m], shape (J,)."""
+        """Positions of the grid points relative to the wall [m], shape (J,)."""
         spacing = self.chain.spacing / self.points
         return np.asarray((np.arange(self.count) - self.count // 2) * spacing)
 
     def guess(self, speed: float, charge: int, turn: int) -> Array:
-        """Wall of the continuum [rad], flat."""
+        """Return the continuum wall [rad], flat."""
         chain = self.chain
         slow = min(speed, _CLOSEST * speed_of_sound(chain))
         if chain.motion is Motion.SPINNER:
@@ -141,7 +140,7 @@ class _Grid:
         return np.concatenate([even, np.pi - odd])
 
     def correction(self, angles: Array, start: Array, moving: float) -> Array:
-        """Step of Gauss and Newton's method that does not shift the wall [rad], flat."""
+        """Return the Gauss-Newton step without a shift of the wall [rad], flat."""
         free, chain = self._free, self.chain
         torques = np.empty_like(angles)
         torques[self._index] = chain.spring_torques(angles[self._index])
@@ -159,20 +158,20 @@ class _Grid:
 
     @cached_property
     def _held(self) -> Array:
-        """Square of the strength with which each point is held to rest, flat."""
+        """Square of the rest penalty of each point, flat."""
         depth, chain = penetration_depth(self.chain), self.chain
         beyond = np.abs(self.places) / (2 * depth * _QUIET_FROM) - 1
         strength = _QUIETNESS * chain.moment_of_inertia * gap(chain) ** 2
         return np.tile((strength * np.clip(2 * beyond, 0, 1)) ** 2, 2)
 
     def _rest(self, angles: Array) -> Array:
-        """Uniform states on both sides of a wall, flat."""
+        """Return the uniform states on both sides of a wall, flat."""
         half = self.count // 2
         sides = angles.reshape(2, -1)[:, [0, -1]]
         return np.repeat(sides, [half, self.count - half], axis=1).ravel()
 
     def _stiffness(self, angles: Array) -> csr_array:
-        """Minus the change of the torques with the angles, on the grid."""
+        """Return the stiffness matrix on the grid, minus the derivative of the torques."""
         each = [coo_array(stiffness_matrix(self.chain, angles[row])) for row in self._index]
         rows, columns = (
             np.concatenate([row[sites] for row, sites in zip(self._index, found, strict=True)])
@@ -182,7 +181,7 @@ class _Grid:
         return csr_array((entries, (rows, columns)), shape=(len(angles), len(angles)))
 
     def _derivative(self, weights: tuple[float, ...], mirrored: int) -> csr_array:
-        """Differences of both parities by a step of the grid; points at its ends have none."""
+        """Return the finite-difference matrix for both parities; rows at the ends are zero."""
         reach = len(weights) - 1
         offsets = list(range(-reach, reach + 1))
         values = [weights[abs(k)] * (1 if k >= 0 else mirrored) for k in offsets]

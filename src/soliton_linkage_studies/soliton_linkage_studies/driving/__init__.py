@@ -1,2 +1,2 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Chains driven in every way there is, on one page: whether what was promised holds."""
+"""One-page validation of driven chains, with all actuators, tilts and moves."""

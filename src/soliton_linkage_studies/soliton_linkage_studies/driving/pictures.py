@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The page that shows how a chain is driven: actuator, energy balance, bars, tilt and moves."""
+"""Page of driven chains: actuator, energy balance, rigid limit, tilt and moves."""
 
 from __future__ import annotations
 
@@ -26,44 +26,43 @@ from soliton_linkage_studies.palette import (
 )
 
 IMBALANCE_LIMIT = 1e-9
-"""Of the energy balance, over the largest energy: what the tolerance of a run leaves [1]."""
+"""Limit of the energy imbalance over the largest energy, from the integration tolerance [1]."""
 
 _CAPTION = """
-What drives a chain, on one page.
+Validation of driven chains on one page.
 
-(a) The soft actuator: pressure after a command of a step up and down (dashed grey), in closed form
-(blue line) and solved by small steps (black dots). (b) Imbalance of the energy of driven chains,
-over their largest energy, of springs (blue) and of rigid bars (red); an imbalance of 0 is drawn as
-{least:g}. Grey marks above say when there was what: kicks (triangles), turns of gravity
-(squares), torques (pale grey bars); the dashed line is the limit, what the tolerance of a run
-leaves. (c) Largest distance of an angle of chains of springs from that of a chain of rigid bars,
-against the stiffness of the springs (dots), with a line of slope −1 through the last dot (dashed).
+(a) Soft actuator: pressure after a step command (dashed grey), in closed form (blue line) and by
+numerical integration (black dots). (b) Energy imbalance of driven chains over their largest
+energy, for springs (blue) and rigid bars (red). An imbalance of 0 is drawn as {least:g}. Grey
+marks show kicks (triangles), changes of gravity (squares) and torques (pale bars). The dashed line
+is the limit, which follows from the integration tolerance. (c) Largest angle deviation of chains
+of springs from a chain of rigid bars, against the spring stiffness (dots). The dashed line has
+slope −1 and passes through the last dot.
 
-(d) Place of the wall in a chain of springs (blue) and in one of rigid bars (red) that are tilted
-to and fro under gravity; above it the tilt (black), positive where the last rotor is the lower
-one. (e) Places of walls that are carried to their goals (wide pale lines, a colour for each class
-of chain) and their reference trajectories (thin lines in them: dashed for ideal chains, dotted for
-those with noise, damping and disorder). (f) Energy that a chain gains (wide pale lines) and work
-that is booked from torques and angles (thin dashed lines in them), for an actuator below its
-saturation (blue) and a saturated one (red).
+(d) Wall position in chains of springs (blue) and rigid bars (red) that are tilted back and forth
+under gravity. The panel above shows the tilt (black), positive if the last rotor is lower.
+(e) Positions of walls that a controller moves to their goals (wide pale lines, one colour for each
+class of chain), and their reference trajectories (thin lines). Dashed: ideal chains. Dotted:
+chains with noise, damping and disorder. (f) Energy gained by a chain (wide pale lines) and work of
+the torques (thin dashed lines), for an actuator below saturation (blue) and a saturated one (red).
 """
 _A4 = (8.27, 11.69)
-"""Of the page [inches]."""
+"""Page size [inches]."""
 _LAYOUT = 3 * 'ab;' + 'ct;' + 2 * 'cd;' + 2 * 'ef;' + 'ef'
 """Panels row by row; t is the tilt above d."""
 _TITLES = {
     'a': 'a  Soft actuator: a step up and down',
     'b': 'b  Energy balance of chains that are driven',
-    'c': 'c  Springs that get stiffer move as bars',
-    't': 'd  A tilted chain: the wall falls to and fro',
-    'e': 'e  Walls carried (wide) along reference trajectories (thin)',
+    'c': 'c  Convergence of stiff springs to bars',
+    't': 'd  Wall in a chain that is tilted back and forth',
+    'e': 'e  Wall positions (wide) and reference trajectories (thin)',
     'f': 'f  Work of a pressure on the chain',
 }
 _LEAST = 1e-17
-"""Drawn in place of an imbalance of 0, below any that rounding makes [1]."""
+"""Plotted value of a zero imbalance, below any rounding error [1]."""
 _TIME = 'time [s]'
 _ROOM = 0.25
-"""Above the curves of moves for their legend, over the height of what they show."""
+"""Vertical space for the legend above the moves, over the height of the data [1]."""
 
 
 def blank_page() -> tuple[FigureReport, dict[str, Axes]]:
@@ -75,7 +74,7 @@ def blank_page() -> tuple[FigureReport, dict[str, Axes]]:
 
 
 def entitle(panels: Mapping[str, Axes]) -> None:
-    """Write the title of each panel, and make its letters fit the page."""
+    """Set the title and the font sizes of each panel."""
     for name, axes in panels.items():
         axes.set_title(_TITLES.get(name, ''), loc='left', fontsize='medium')
         axes.set_title('', loc='center')
@@ -86,7 +85,7 @@ def entitle(panels: Mapping[str, Axes]) -> None:
 
 
 def draw_balance(report: FigureReport, axes: Axes, runs: Mapping[str, BalancedRun]) -> Axes:
-    """Imbalance over time for each mechanics, and when there was what; 0 is drawn as 1e-17."""
+    """Draw the imbalance over time for each mechanics, and all events; 0 is drawn as 1e-17."""
     for mechanics, run in runs.items():
         colour = MECHANICS_COLOURS[mechanics]
         shown = np.maximum(run.imbalances, _LEAST)
@@ -118,7 +117,7 @@ def draw_stiffness(
     apart: Sequence[float],
     order: float,
 ) -> Axes:
-    """Largest distance of angles from those of bars against stiffness, and a line of order 1."""
+    """Draw the largest angle deviation from rigid bars against stiffness, and order 1."""
     draw_convergence(axes, stiffnesses, apart, f'springs, order {order:.3f}')
     axes.set(xlabel='stiffness $k_e$ [N/m]')
     names = ('stiffness [N/m]', 'largest distance of an angle [rad]')
@@ -129,7 +128,7 @@ def draw_stiffness(
 def draw_tilt(
     report: FigureReport, above: Axes, axes: Axes, runs: Mapping[str, TiltedRun]
 ) -> Axes:
-    """Tilt over time, and beneath it the place of the wall for each mechanics."""
+    """Draw the tilt over time, and below it the wall position for each mechanics."""
     for mechanics, run in runs.items():
         colour = MECHANICS_COLOURS[mechanics]
         axes.plot(run.times, run.places, color=colour, linewidth=1.2, label=mechanics)
@@ -148,7 +147,7 @@ def draw_tilt(
 def draw_moves(
     report: FigureReport, axes: Axes, chains: Mapping[str, Chain], runs: Mapping[MoveKey, MoveRun]
 ) -> Axes:
-    """Place of each wall over time, wide and pale, and its reference as a line in it."""
+    """Draw the position of each wall over time, and its reference trajectory."""
     colours = dict(zip(chains, chain_colours(list(chains.values())), strict=True))
     styles = dict(zip(dict.fromkeys(title for _, title in runs), ('--', ':', '-.'), strict=False))
     for (name, title), run in runs.items():
@@ -163,18 +162,18 @@ def draw_moves(
         *(axes.plot([], [], style, color=BLACK)[0] for style in styles.values()),
     ]
     axes.legend(handles, [*chains, *styles], ncols=2, loc='upper center')
-    axes.set(xlabel='time since the goal was given [s]', ylabel='wall [rotor spacings]')
+    axes.set(xlabel='time since the goal was sent [s]', ylabel='wall [rotor spacings]')
     bottom, top = axes.get_ylim()
     axes.set_ylim(bottom, top + _ROOM * (top - bottom))
     return axes
 
 
 def draw_work(report: FigureReport, axes: Axes, runs: Mapping[str, DrivenChain]) -> Axes:
-    """Energy that a chain gains, and the work that is booked, for each actuator."""
+    """Draw the energy gained by a chain and the work of the torques, for each actuator."""
     for colour, (actuator, run) in zip(COLOURS, runs.items(), strict=False):
         for series, values, style, width in (
             ('energy gained', run.energies, '-', 4.0),
-            ('work booked', run.works, '--', 1.2),
+            ('work of the torques', run.works, '--', 1.2),
         ):
             label = f'{series}, {actuator}'
             shade = 0.35 if style == '-' else 1.0

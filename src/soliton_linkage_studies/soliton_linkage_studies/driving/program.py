@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Drive chains in every way there is, and show on one page that what was promised holds.
+"""Drive chains with all actuators, tilts and moves, and validate the results on one page.
 
-Writes a page as PNG and PDF with its data as CSV, and a table as Markdown.
+Write the page as PNG and PDF, its data as CSV, and a table as Markdown.
 """
 
 from __future__ import annotations
@@ -36,7 +36,7 @@ from soliton_linkage_studies.settings import load_settings
 
 @dataclass(frozen=True)
 class Finding:
-    """A number that is to lie in a range, bounds included."""
+    """Measured number and its allowed range, bounds included."""
 
     panel: str
     quantity: str
@@ -46,12 +46,12 @@ class Finding:
 
     @property
     def holds(self) -> bool:
-        """Whether it does."""
+        """Whether the measured number lies in its range."""
         return self.lowest <= self.measured <= self.highest
 
 
 def page(study: DrivingStudy, results: Results) -> tuple[FigureReport, list[Finding]]:
-    """Draw the page of results, and say which numbers of it are to lie where."""
+    """Return the page of results, and its measured numbers with their allowed ranges."""
     report, panels = blank_page()
     response = stepped_response(PneumaticActuator(), study.step)
     draw_response(report, panels['a'], response)
@@ -69,13 +69,13 @@ def page(study: DrivingStudy, results: Results) -> tuple[FigureReport, list[Find
     findings = [
         Finding(
             'a',
-            'closed form off small steps, over the pressure',
+            'deviation of the closed form from numerical integration, over the pressure',
             0,
             1e-6,
             response.distance / highest,
         ),
         *_balance_findings(results),
-        Finding('c', 'order in 1/k_e of the distance of springs from bars', 0.9, 1.1, order),
+        Finding('c', 'order in 1/k_e of the deviation of springs from bars', 0.9, 1.1, order),
         *_tilt_findings(study, results),
         *_move_findings(results),
         *_work_findings(results),
@@ -84,9 +84,9 @@ def page(study: DrivingStudy, results: Results) -> tuple[FigureReport, list[Find
 
 
 def finding_lines(findings: Sequence[Finding]) -> list[str]:
-    """Lines of the table in Markdown."""
+    """Return the lines of the table in Markdown."""
     return [
-        '| panel | quantity | measured | to lie in | holds |',
+        '| panel | quantity | measured | allowed range | holds |',
         '| --- | --- | --- | --- | --- |',
         *(
             f'| {found.panel} | {found.quantity} | {found.measured:.3g} '
@@ -105,7 +105,7 @@ def _balance_findings(results: Results) -> list[Finding]:
 
 
 def _tilt_findings(study: DrivingStudy, results: Results) -> list[Finding]:
-    """Where each tilt has left the wall, as its distance from the end that is then the lower."""
+    """Return the largest distance of the wall from the lower end after each tilt."""
     findings = []
     for name, run in results.tilts.items():
         task = study.tilts[name]
@@ -119,7 +119,7 @@ def _tilt_findings(study: DrivingStudy, results: Results) -> list[Finding]:
 
 
 def _move_findings(results: Results) -> list[Finding]:
-    """Largest error of all moves of a chain, NaN where one has not been made."""
+    """Return the largest error of all moves of a chain, NaN if a move did not reach its goal."""
     findings = []
     for (name, title), runs in results.moves.items():
         reached = all(run.outcome is Outcome.REACHED for run in runs)
@@ -130,7 +130,7 @@ def _move_findings(results: Results) -> list[Finding]:
 
 
 def _work_findings(results: Results) -> list[Finding]:
-    title = 'work booked off the energy gained, over the energy'
+    title = 'difference of work and energy gained, over the energy'
     return [
         Finding('f', f'{title}, {name}', 0, 1e-9, abs(float(run.works[-1] / run.energies[-1] - 1)))
         for name, run in results.works.items()
@@ -138,9 +138,9 @@ def _work_findings(results: Results) -> list[Finding]:
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Draw the page of a file of settings; return 1 where that fails, 130 on Ctrl-C."""
+    """Draw the page of a settings file; return 1 on failure, 130 on Ctrl-C."""
     parser = study_parser('driving', __doc__, 'fewer runs')
-    return run_study(parser, arguments, _driven, 'nothing new is written')
+    return run_study(parser, arguments, _driven, 'no new files are written')
 
 
 def _driven(options: argparse.Namespace) -> str:

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Chains that are driven in simulations: their energy balance, their bars, and their tilt."""
+"""Simulations of driven chains: energy balance, rigid limit and tilt."""
 
 from __future__ import annotations
 
@@ -37,43 +37,43 @@ from soliton_linkage_studies.settings import Section, chain_from
 
 _KEYS = ('step', 'work', 'energy_balance', 'stiffness', 'tilt', 'moves')
 _WORK_PERIOD = 0.002
-"""Of the frames in which an actuator drives a chain [s]: tens of a filling time."""
+"""Frame period of a chain with an actuator [s], a small part of the filling time."""
 _SHORT = 1.0
-"""How long a quick study balances energies [s]: three times all that acts at random."""
+"""Duration of the energy balance in a quick study [s], three periods of the events."""
 
 
 @dataclass(frozen=True)
 class WorkTask:
-    """A chain that an actuator drives by a pressure at its first edge."""
+    """Task to drive a chain at its first edge with a pressure actuator."""
 
     chain: Chain
     actuator: PneumaticActuator
     order: EdgeCommand
 
     def __call__(self) -> DrivenChain:
-        """Simulate it."""
+        """Run the simulation."""
         return driven_chain(self.chain, self.actuator, self.order, _WORK_PERIOD)
 
 
 @dataclass(frozen=True)
 class DrivingStudy:
-    """What a file of settings asks for."""
+    """Tasks of a settings file."""
 
     step: Profile
     """Commanded pressure [Pa] over time [s]."""
     works: dict[str, WorkTask]
-    """By actuator."""
+    """Tasks by actuator name."""
     balances: dict[str, BalanceTask]
-    """By mechanics."""
+    """Tasks by mechanics."""
     stiffnesses: list[StiffnessTask]
     tilts: dict[str, TiltTask]
-    """By mechanics."""
+    """Tasks by mechanics."""
     moves: dict[MoveKey, list[MoveTask]]
-    """By the names of chain and condition."""
+    """Tasks by the names of chain and condition."""
 
     @property
     def tasks(self) -> dict[tuple[Any, ...], Callable[[], Any]]:
-        """All that is to be simulated, the longest first, by keys of their own."""
+        """All tasks by unique keys, longest first."""
         stiffest_first = reversed(list(enumerate(self.stiffnesses)))
         return {
             **{('moves', *key): task for key, task in MoveStudy(self.moves).numbered.items()},
@@ -86,18 +86,18 @@ class DrivingStudy:
 
 @dataclass(frozen=True)
 class Results:
-    """What came of a study, by the same keys and in the same order."""
+    """Results of a study, with the keys and the order of its tasks."""
 
     works: dict[str, DrivenChain]
     balances: dict[str, BalancedRun]
     apart: list[float]
-    """Largest distance of springs from bars [rad], softest first."""
+    """Largest angle deviation of springs from bars [rad], softest first."""
     tilts: dict[str, TiltedRun]
     moves: dict[MoveKey, list[MoveRun]]
 
     @staticmethod
     def of(done: Mapping[tuple[Any, ...], Any]) -> Results:
-        """Results of `DrivingStudy.tasks` by their keys."""
+        """Group the results of `DrivingStudy.tasks` by their keys."""
 
         def part(name: str) -> dict[Any, Any]:
             return {key[1:]: result for key, result in done.items() if key[0] == name}
@@ -116,7 +116,7 @@ class Results:
 
 
 def read_driving_study(settings: Section, quick: bool) -> DrivingStudy:
-    """DrivingStudy of a file of settings; raises ValueError for what cannot be."""
+    """Return the study of a settings file; raise ValueError for invalid settings."""
     settings.check_keys(*_KEYS)
     balances = {
         name: BalanceTask.read(settings.section('energy_balance'), name) for name in MECHANICS
@@ -174,47 +174,48 @@ _BALANCE_KEYS = (
 )
 _DISORDERED = ('spacing', 'rotor_length', 'mass', 'stiffness', 'rest_length')
 _PERIOD = 0.01
-"""Of the frames of chains that are balanced and tilted [s], a fraction of their time unit."""
+"""Frame period of the energy balance and the tilts [s], a fraction of the time unit."""
 _BALANCE_TOLERANCE = 1e-12
-"""Error of the angles in a time unit [rad]: a thousandth of the imbalance that is allowed."""
+"""Integration error per time unit [rad], a thousandth of the allowed imbalance."""
 _TILT_TOLERANCE = 1e-8
-"""Error of the angles in a time unit [rad], far below what places of walls are told to."""
+"""Integration error per time unit [rad], far below the resolution of wall positions."""
 _EVENT_FRAMES = 30
-"""From kick to kick, and from turn to turn; torques act in every other of these spans."""
+"""Frames between kicks and between gravity changes [1]; torques act in every other span."""
 _KICK_FRAME = 10
-"""Of a span, in which there is a kick: neither when torques begin nor when gravity turns."""
+"""Frame of the kick in a span [1], apart from torque onsets and gravity changes."""
 _TURN_FRAME = 20
-"""Of a span, in which gravity turns: as far from the kicks on both sides."""
+"""Frame of the gravity change in a span [1], far from the kicks on both sides."""
 _CROSSING_FRAMES = 200
-"""In which springs and bars are compared: none of them moves a wall by a spacing."""
+"""Number of frames for the comparison of springs and bars [1]; a wall moves less than a
+spacing per frame."""
 
 
 @dataclass(frozen=True)
 class BalancedRun:
-    """The energy balance of a run, frame by frame."""
+    """Energy balance of a run, frame by frame."""
 
     times: Array
     """Instants of the frames [s], shape (T,)."""
     imbalances: Array
-    """Energy missing or too much, over the largest so far [1], shape (T,)."""
+    """Absolute energy imbalance over the largest energy so far [1], shape (T,)."""
     kicks: Array
-    """When there were impulses [s], shape (kicks,)."""
+    """Times of the impulses [s], shape (kicks,)."""
     turns: Array
-    """When gravity turned [s], shape (turns,)."""
+    """Times of the gravity changes [s], shape (turns,)."""
     pushed: NDArray[np.bool_]
-    """Whether torques acted on the way to each frame, shape (T,)."""
+    """Whether torques acted before each frame, shape (T,)."""
 
 
 @dataclass(frozen=True)
 class BalanceTask:
-    """A wall that is kicked, pushed, tilted and damped at random while its energy is balanced."""
+    """Task to balance the energy under random kicks, torques and tilts, with damping."""
 
     chain: Chain
     mechanics: str
     place: float
-    """Of the wall at the start [rotor spacings]."""
+    """Initial position of the wall [rotor spacings]."""
     velocity: float
-    """Of the wall at the start [m/s]."""
+    """Initial velocity of the wall [m/s]."""
     gravity: float
     """[m/s^2]."""
     tilt: float
@@ -250,7 +251,7 @@ class BalanceTask:
         )
 
     def __call__(self) -> BalancedRun:
-        """Simulate it."""
+        """Run the simulation."""
         chain = self.chain
         state = with_soliton(chain, self.place, self.velocity)
         simulation = MECHANICS[self.mechanics](
@@ -278,18 +279,18 @@ class BalanceTask:
 
 @dataclass(frozen=True)
 class StiffnessTask:
-    """The first crossing of a wall among springs, beside the same among bars."""
+    """Task to compare the first crossing of a wall in chains of springs and of rigid bars."""
 
     chain: Chain
-    """With the stiffness of the springs."""
+    """Chain with the stiffness of the springs."""
     rates: tuple[float, ...]
-    """After the kick of the right-leaning chain at rest [rad/s], of each rotor."""
+    """Rates of the rotors after the kick of the right-leaning chain at rest [rad/s]."""
     duration: float
-    """Within which the wall must have crossed [s]."""
+    """Time limit for the crossing [s]."""
 
     @staticmethod
     def read(section: Section, quick: bool) -> list[StiffnessTask]:
-        """Read the settings; a task for each stiffness, softest first."""
+        """Return a task for each stiffness in the settings, softest first."""
         section.check_keys('chain', 'kick', 'duration', 'factors')
         chain = chain_from(section.section('chain'))
         kick = section.number('kick', 1e-6, 100.0)
@@ -304,7 +305,7 @@ class StiffnessTask:
         ]
 
     def __call__(self) -> float:
-        """Largest distance of an angle from that among bars until the wall has crossed [rad]."""
+        """Return the largest angle deviation from rigid bars until the wall has crossed [rad]."""
         chain, rates = self.chain, np.array(self.rates)
         rest = chain.uniform_state(1)
         period = self.duration / _CROSSING_FRAMES
@@ -313,7 +314,7 @@ class StiffnessTask:
         if not crossings:
             raise ValueError(
                 f'stiffness.duration = {self.duration:g} s is too short for the wall to cross; '
-                'make it longer, or kick harder'
+                'increase it, or increase the kick'
             )
         springs = simulate(chain, rest, rates, self.duration, period)
         crossing = springs.times <= crossings[0].end
@@ -322,28 +323,28 @@ class StiffnessTask:
 
 @dataclass(frozen=True)
 class TiltedRun:
-    """A wall that falls to and fro, frame by frame."""
+    """Motion of a wall in a tilted chain, frame by frame."""
 
     times: Array
     """Instants of the frames [s], shape (T,)."""
     tilts: Array
-    """In force from each frame to the next [rad], shape (T,)."""
+    """Tilt from each frame to the next [rad], shape (T,)."""
     places: Array
     """Centre of the zero mode [rotor spacings], shape (T,)."""
 
 
 @dataclass(frozen=True)
 class TiltTask:
-    """A chain that is at rest, leans left, and is tilted to and fro under gravity."""
+    """Task to tilt a left-leaning chain at rest back and forth under gravity."""
 
     chain: Chain
     mechanics: str
     gravity: float
     """[m/s^2]."""
     tilts: tuple[float, ...]
-    """One after the other [rad]."""
+    """Sequence of tilts [rad]."""
     kept: float
-    """How long each lasts [s]."""
+    """Duration of each tilt [s]."""
 
     @staticmethod
     def read(section: Section, mechanics: str) -> TiltTask:
@@ -358,7 +359,7 @@ class TiltTask:
         )
 
     def __call__(self) -> TiltedRun:
-        """Simulate it."""
+        """Run the simulation."""
         chain = self.chain
         simulation = MECHANICS[self.mechanics](
             chain, leaning(chain, -1).angles, None, _PERIOD, _TILT_TOLERANCE
@@ -374,16 +375,16 @@ class TiltTask:
 
 
 class EnergyBalance:
-    """Acts on a simulation, and holds the work of all that acts against the energy of its frames.
+    """Energy balance of a simulation: work of all inputs compared with the energy of its frames.
 
     E(t) = E(0) + sum of W - D,    E = kinetic + elastic + gravitational energy,
 
-    where gravity that turns at an instant does as work what the masses then are higher in it, and
-    damping takes D. Rigid bars hold no energy.
+    where D is the dissipation by damping. An instant change of gravity does work equal to the
+    change of the gravitational energy. Rigid bars store no energy.
     """
 
     def __init__(self, simulation: Simulation) -> None:
-        """Begin with the energy of the current frame."""
+        """Start the balance with the energy of the current frame."""
         self.simulation = simulation
         self._start = simulation.energy
         self._given = 0.0
@@ -392,7 +393,7 @@ class EnergyBalance:
 
     @property
     def imbalance(self) -> float:
-        """Energy that is missing or too much, over the largest in any frame so far [1]."""
+        """Absolute energy imbalance over the largest energy of any frame so far [1]."""
         energy = self.simulation.energy
         taken = self.simulation.dissipated - self._dissipated_before
         missing = self._start + self._given - taken - energy
@@ -400,19 +401,19 @@ class EnergyBalance:
         return abs(missing) / largest if largest else 0.0
 
     def kick(self, impulses: Array) -> None:
-        """Apply angular impulses [N m s], shape (N,); bars bear what is not along the mode."""
+        """Apply angular impulses [N m s], (N,); bars absorb components normal to the mode."""
         before = self.simulation.rates
         self.simulation.kick(impulses)
         self._given += work_of_kick(impulses, before, self.simulation.rates)
 
     def turn(self, gravity: Gravity) -> None:
-        """Change gravity at the instant of the current frame."""
+        """Change gravity at the time of the current frame."""
         before = self.simulation.energy
         self.simulation.set_gravity(gravity)
         self._given += self.simulation.energy - before
 
     def advance(self, torques: Array) -> None:
-        """Go on by a period under torques [N m], shape (N,)."""
+        """Advance by one period under torques [N m], shape (N,)."""
         before = self.simulation.angles
         self.simulation.hold(torques)
         self.simulation.advance()
