@@ -31,7 +31,7 @@ class VoiceCoil:
         if not (math.isfinite(current) and abs(current) <= self.largest_current):
             raise ValueError(
                 f'current = {current:g} A must be at most {self.largest_current:g} A either way; '
-                'ask for less, or change largest_current'
+                'command a lower current, or change largest_current'
             )
 
     def response(

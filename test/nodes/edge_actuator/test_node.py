@@ -153,7 +153,7 @@ def test_a_pulse_without_a_time_is_the_impulse_of_one_period(bench: Bench) -> No
     pulse = {'edge': EdgeCommand.LAST, 'kind': EdgeCommand.PULSE, 'value': -0.05}
     bench.joints(rest, stamp=1.0)
     bench.command(**pulse)
-    assert 'which is not known yet; give a duration' in bench.refusal()
+    assert 'which is not known yet; specify a duration' in bench.refusal()
     bench.joints(rest, stamp=1.004)
     bench.command(**pulse)
     expected = -0.05 * 0.004 * edge_mode(chain, rest, Edge.LAST)
@@ -210,7 +210,7 @@ WRONG: list[tuple[dict[str, Any], str]] = [
     (
         FULL_KICK | {'value': 100.5},
         'speed = 100.5 rad/s must lie in the range -100 to 100 rad/s; '
-        'ask for less or raise speed_limit',
+        'lower the speed or raise speed_limit',
     ),
     (FULL_KICK | {'duration': 0.5}, 'duration of a kick = 0.5 s must be 0'),
     (FULL_KICK | {'duration': math.nan}, 'duration of a kick = nan s must be 0'),

@@ -202,7 +202,7 @@ def test_a_reset_to_a_soliton_and_to_angles_by_name(graph: Graph, velocity: floa
         ),
         (
             {'state': Reset.Request.SOLITON, 'place': 3.0, 'velocity': 1e300},
-            'gives an energy that is no finite number; start more slowly',
+            'gives an energy that is not finite; start with smaller rates',
         ),
         (
             {'state': Reset.Request.ANGLES, 'name': ['rotor_8'], 'angle': [0.0]},

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""An actuator from outside needs a dataclass and a line in the registry, and drives the chain."""
+"""A custom actuator model needs a dataclass and an entry in the registry."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ HALF_A_SECOND = EdgeCommand(Edge.FIRST, CommandKind.PRESSURE, 2.0, 0.5)
 
 @dataclass(frozen=True)
 class DirectDrive:
-    """A motor whose current is there as soon as it is commanded [A]."""
+    """Motor whose current [A] follows its command without delay."""
 
     torque_constant: float = quantity(1e-3, 'torque of a current', 'N m/A', 0.0)
     highest_current: float = quantity(5.0, 'largest current', 'A', 0.0)
@@ -61,13 +61,13 @@ def motor(monkeypatch: pytest.MonkeyPatch) -> Actuator:
     return actuator_type('direct_drive')()
 
 
-def test_an_actuator_is_chosen_by_its_name() -> None:
+def test_the_actuator_model_is_selected_by_name() -> None:
     assert actuator_type('pneumatic') is PneumaticActuator
     with pytest.raises(ValueError, match="actuator = 'steam' must be one of 'pneumatic'"):
         actuator_type('steam')
 
 
-def test_another_actuator_gives_the_torque_that_it_is_commanded(motor: Actuator) -> None:
+def test_a_custom_actuator_gives_its_commanded_torque(motor: Actuator) -> None:
     drive = EdgeDrive(motor)
     drive.command(HALF_A_SECOND, Edge.FIRST, 1.0)
     given = [drive.mean_torque(t, t + PERIOD).torque for t in 1 + PERIOD * np.arange(150)]
@@ -76,7 +76,7 @@ def test_another_actuator_gives_the_torque_that_it_is_commanded(motor: Actuator)
     assert not drive.active
 
 
-def test_another_actuator_acts_along_the_zero_mode(motor: Actuator) -> None:
+def test_a_custom_actuator_acts_along_the_zero_mode(motor: Actuator) -> None:
     chain = Chain(number_of_rotors=6)
     angles = chain.uniform_state(-1)
     drive = TorqueDrive(chain, motor, 0.0)
@@ -85,13 +85,13 @@ def test_another_actuator_acts_along_the_zero_mode(motor: Actuator) -> None:
     np.testing.assert_allclose(drive.torques(angles, 0.0, PERIOD).torques, expected, rtol=1e-12)
 
 
-def test_another_actuator_says_what_it_can_be_asked_for(motor: Actuator) -> None:
+def test_a_custom_actuator_checks_its_commands(motor: Actuator) -> None:
     command = EdgeCommand(Edge.FIRST, CommandKind.PRESSURE, 7.0)
     with pytest.raises(ValueError, match='current = 7 A must be at most 5 A'):
         command.check(EdgeLimits(speed=1.0, torque=1.0), motor)
 
 
-def test_a_nudge_by_another_actuator_has_the_impulse_of_the_kick(motor: Actuator) -> None:
+def test_a_pulse_of_a_custom_actuator_has_the_impulse_of_the_kick(motor: Actuator) -> None:
     chain = Chain(number_of_rotors=6)
     kick = EdgeCommand(Edge.LAST, CommandKind.KICK, 0.3)
     drive = EdgeDrive(motor)
@@ -107,7 +107,7 @@ TIMES = st.floats(0, 1)
 
 
 def integrated(pressure: float, command: Profile, start: float, end: float) -> Array:
-    """Solve the equation of the chamber by steps: pressure and its integral at the end."""
+    """Integrate the pressure equation in steps; return the final pressure and its integral."""
 
     def derivative(time: float, state: Array) -> Array:
         lag = float(command.after(time)) - state[0]
@@ -115,7 +115,7 @@ def integrated(pressure: float, command: Profile, start: float, end: float) -> A
         return np.array([lag / constant, state[0]])
 
     state = np.array([pressure, 0.0])
-    for line in command.pieces(start, end):
+    for line in command.segments(start, end):
         solution = solve_ivp(
             derivative, (line.start, line.end), state, rtol=1e-9, atol=1e-6, max_step=0.01
         )
@@ -126,7 +126,7 @@ def integrated(pressure: float, command: Profile, start: float, end: float) -> A
 @pytest.mark.parametrize('value', [2e5, -8e4])
 @pytest.mark.parametrize('ramps', [(0.0, 0.0), (0.05, 0.0), (0.02, 0.1)])
 @pytest.mark.parametrize('pressure', [0.0, 1.5e5, -5e4])
-def test_it_is_what_small_steps_give(
+def test_the_exact_response_agrees_with_small_integration_steps(
     pressure: float, ramps: tuple[float, float], value: float
 ) -> None:
     command = trapezoid(value, ramps[0], 0.1, ramps[1])
@@ -137,7 +137,7 @@ def test_it_is_what_small_steps_give(
 
 
 @given(PRESSURES, PRESSURES, SLOPES, TIMES, TIMES)
-def test_two_steps_are_one(
+def test_two_consecutive_responses_equal_one(
     pressure: float, target: float, slope: float, first: float, second: float
 ) -> None:
     whole, area = ACTUATOR.follow(pressure, target, slope, first + second)
@@ -149,7 +149,9 @@ def test_two_steps_are_one(
 
 
 @given(PRESSURES, PRESSURES, TIMES)
-def test_it_never_passes_a_steady_command(pressure: float, target: float, time: float) -> None:
+def test_the_pressure_never_overshoots_a_constant_command(
+    pressure: float, target: float, time: float
+) -> None:
     reached, area = ACTUATOR.follow(pressure, target, 0.0, time)
     low, high = sorted((pressure, target))
     rounding = 1e-9 * (high - low) + 1e-9
@@ -160,14 +162,14 @@ def test_it_never_passes_a_steady_command(pressure: float, target: float, time: 
 @pytest.mark.parametrize(
     ('start', 'target', 'constant'), [(0.0, 1e5, 0.03), (1e5, 0.0, 0.07), (0.0, -5e4, 0.07)]
 )
-def test_after_its_time_constant_it_has_gone_63_percent_of_the_way(
+def test_after_one_time_constant_the_pressure_has_changed_by_63_percent(
     start: float, target: float, constant: float
 ) -> None:
     reached, _ = ACTUATOR.follow(start, target, 0.0, constant)
     assert (reached - start) / (target - start) == pytest.approx(1 - math.exp(-1))
 
 
-def test_a_long_ramp_is_followed_late_by_the_time_constant() -> None:
+def test_the_pressure_lags_a_long_ramp_by_the_time_constant() -> None:
     reached, _ = ACTUATOR.follow(0.0, 0.0, 1e4, 3.0)
     assert reached == pytest.approx(1e4 * (3.0 - 0.03), rel=1e-9)
     reached, _ = ACTUATOR.follow(0.0, 0.0, -1e4, 3.0)
@@ -193,7 +195,7 @@ def test_the_torque_is_proportional_up_to_saturation() -> None:
 
 
 @pytest.mark.parametrize('pressure', [2.1e5, -9e4, math.nan, math.inf])
-def test_pressures_out_of_reach_are_refused(pressure: float) -> None:
+def test_pressures_out_of_range_are_rejected(pressure: float) -> None:
     with pytest.raises(ValueError, match=r'^pressure = .* Pa must'):
         ACTUATOR.check_command(pressure)
 
@@ -201,6 +203,6 @@ def test_pressures_out_of_reach_are_refused(pressure: float) -> None:
 @pytest.mark.parametrize(
     'wrong', [{'filling_time': 0.0}, {'venting_time': -1.0}, {'lowest_pressure': 1.0}]
 )
-def test_parameters_out_of_range_are_refused(wrong: dict[str, float]) -> None:
+def test_parameters_out_of_range_are_rejected(wrong: dict[str, float]) -> None:
     with pytest.raises(ValueError, match='must lie in the range'):
         PneumaticActuator(**wrong)

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Commands begin with the next frame and their torques end, whatever becomes of the frames."""
+"""Commands start at the next frame, and their torques end even if frames are missing."""
 
 from __future__ import annotations
 
@@ -20,12 +20,12 @@ PULSE = EdgeCommand(Edge.FIRST, CommandKind.PULSE, 1e-3, 0.05)
 
 
 class Desk:
-    """A driver whose chain is at rest, and the kicks that it told of."""
+    """Driver whose chain is at rest, and its reports."""
 
     def __init__(self) -> None:
-        self.told: list[KickReport] = []
+        self.reports: list[KickReport] = []
         chain = Chain(number_of_rotors=8)
-        self.driver = ChainDriver(chain, PneumaticActuator(), 0.5, 0.2, self.told.append)
+        self.driver = ChainDriver(chain, PneumaticActuator(), 0.5, 0.2, self.reports.append)
         self.angles = chain.uniform_state(-1)
         self.stamp = 10**18
 
@@ -44,65 +44,65 @@ def desk() -> Desk:
     return Desk()
 
 
-def test_a_command_begins_with_the_frame_after_it_and_ends_with_a_zero(desk: Desk) -> None:
+def test_a_command_starts_at_the_next_frame_and_ends_with_zero_torques(desk: Desk) -> None:
     assert not desk.driver.busy
     desk.driver.command('edge_command', PULSE, Edge.FIRST)
     assert desk.driver.busy
     assert desk.torques(7) == [pytest.approx(1e-3)] * 5 + [0.0, None]
-    (kick,) = desk.told
+    (kick,) = desk.reports
     assert np.linalg.norm(kick.impulse) == pytest.approx(1e-3 * 0.05)
     assert kick.duration == pytest.approx(0.05)
     assert (kick.cut_short, kick.measured) == (False, False)
     assert not desk.driver.busy
 
 
-def test_a_command_that_takes_over_is_told_of_apart(desk: Desk) -> None:
+def test_a_command_that_replaces_another_is_reported_separately(desk: Desk) -> None:
     desk.driver.command('edge_command', PULSE, Edge.FIRST)
     desk.torques(2)
     desk.driver.command('nudge', PULSE, Edge.FIRST)
     desk.torques(8)
-    assert [(kick.source, kick.cut_short) for kick in desk.told] == [
+    assert [(kick.source, kick.cut_short) for kick in desk.reports] == [
         ('edge_command', True),
         ('nudge', False),
     ]
-    impulses = [np.linalg.norm(kick.impulse) for kick in desk.told]
+    impulses = [np.linalg.norm(kick.impulse) for kick in desk.reports]
     assert impulses == [pytest.approx(2e-5), pytest.approx(5e-5)]
 
 
 @pytest.mark.parametrize('duration', [0.05, 1.2])
-def test_frames_that_cease_for_long_cut_short_what_goes_on(desk: Desk, duration: float) -> None:
+def test_a_long_gap_between_frames_cuts_the_torques_short(desk: Desk, duration: float) -> None:
     desk.driver.command('edge_command', replace(PULSE, duration=duration), Edge.FIRST)
     desk.torques(2)
     desk.frame(step=10**9)
     desk.torques(25)
-    (kick,) = desk.told
+    (kick,) = desk.reports
     assert kick.cut_short
 
 
-def test_stamps_that_go_back_end_everything(desk: Desk) -> None:
+def test_decreasing_stamps_end_all_commands(desk: Desk) -> None:
     desk.driver.command('edge_command', PULSE, Edge.FIRST)
     desk.torques(2)
     with pytest.raises(ValueError, match='all torques are dropped'):
         desk.frame(step=-(10**9))
     assert not desk.driver.driving
     assert desk.torques(4)[-1] is None
-    assert [kick.cut_short for kick in desk.told] == [True]
+    assert [kick.cut_short for kick in desk.reports] == [True]
     desk.driver.command('edge_command', PULSE, Edge.FIRST)
     assert desk.torques(6) == [pytest.approx(1e-3)] * 5 + [0.0]
 
 
-def test_a_stamp_that_stands_still_is_refused_and_nothing_is_lost(desk: Desk) -> None:
+def test_a_repeated_stamp_is_rejected_and_commands_stay_active(desk: Desk) -> None:
     desk.driver.command('edge_command', PULSE, Edge.FIRST)
     desk.torques(2)
-    with pytest.raises(ValueError, match='must be later than the one before'):
+    with pytest.raises(ValueError, match='must be later than the previous one'):
         desk.frame(step=0)
     assert desk.torques(4) == [pytest.approx(1e-3)] * 3 + [0.0]
 
 
-def test_a_driver_that_is_abandoned_tells_how_far_it_came(desk: Desk) -> None:
+def test_an_abandoned_driver_reports_its_torques_as_cut_short(desk: Desk) -> None:
     desk.driver.hold('~/commands', np.array([2]), np.array([1e-3]))
     desk.torques(5)
     desk.driver.abandon()
-    (kick,) = desk.told
+    (kick,) = desk.reports
     assert (kick.source, kick.command, kick.cut_short) == ('~/commands', None, True)
     np.testing.assert_allclose(kick.impulse[2], 1e-3 * 0.03)

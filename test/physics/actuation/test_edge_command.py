@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Commands are checked whole, and those without a time are impulses of a known size."""
+"""Commands are checked completely; commands without duration are impulses of known size."""
 
 from __future__ import annotations
 
@@ -52,7 +52,7 @@ CHAIN = Chain(number_of_rotors=6)
         ),
     ],
 )
-def test_a_command_that_makes_no_sense_is_refused(fields: dict[str, Any], complaint: str) -> None:
+def test_a_command_with_invalid_times_is_rejected(fields: dict[str, Any], complaint: str) -> None:
     with pytest.raises(ValueError, match=complaint):
         EdgeCommand(**{'edge': Edge.FIRST, 'value': 0.0, **fields}).check(LIMITS, ACTUATOR)
 
@@ -67,7 +67,7 @@ def test_a_command_that_makes_no_sense_is_refused(fields: dict[str, Any], compla
         (EdgeCommand(Edge.FIRST, PRESSURE, 1.0), False),
     ],
 )
-def test_kicks_and_pulses_without_a_time_are_impulses(
+def test_kicks_and_pulses_without_duration_are_impulses(
     command: EdgeCommand, instantaneous: bool
 ) -> None:
     assert command.instantaneous == instantaneous
@@ -81,16 +81,16 @@ def test_the_impulses_of_a_kick_give_its_speed_along_the_mode() -> None:
     np.testing.assert_allclose(simulation.rates, -3.0 * mode, rtol=1e-12)
 
 
-def test_a_pulse_without_a_time_acts_for_one_period() -> None:
+def test_a_pulse_without_duration_acts_for_one_period() -> None:
     pulse = EdgeCommand(Edge.FIRST, PULSE, 0.05)
     mode = np.full(6, 0.1)
     np.testing.assert_allclose(pulse.impulses(CHAIN, mode, 0.002), 1e-4 * mode, rtol=1e-12)
-    with pytest.raises(ValueError, match='which is not known yet; give a duration'):
+    with pytest.raises(ValueError, match='which is not known yet; specify a duration'):
         pulse.impulses(CHAIN, mode, None)
 
 
 @pytest.mark.parametrize('speed', [0.5, -0.5])
-def test_a_kick_as_a_pressure_has_the_impulse_of_the_kick(speed: float) -> None:
+def test_a_kick_converted_to_a_pressure_keeps_its_impulse(speed: float) -> None:
     kick = EdgeCommand(Edge.FIRST, KICK, speed)
     pressure = kick.as_pressure(CHAIN, ACTUATOR, 0.1)
     assert (pressure.kind, pressure.duration) == (PRESSURE, 0.1)

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The last kick is what was sent and measured: told once, whole, and honest about its source."""
+"""Each kick is reported once, with its source, impulse and work, sent or measured."""
 
 from __future__ import annotations
 
@@ -18,15 +18,15 @@ IMPULSES = np.array([0.5, 0.0])
 
 
 class Desk:
-    """A record, and what it told."""
+    """Record and its reports."""
 
     def __init__(self, measured: bool) -> None:
-        self.told: list[KickReport] = []
-        self.record = KickRecord(2, self.told.append)
+        self.reports: list[KickReport] = []
+        self.record = KickRecord(2, self.reports.append)
         self.record.measured = measured
 
     def frame(self, number: int) -> None:
-        """Note a frame of rotors that turn by 0.1 and by 0.3 rad a period."""
+        """Record a frame of rotors that turn by 0.1 and 0.3 rad per period."""
         self.record.frame(number * PERIOD, number * np.array([0.1, 0.3]))
 
     def deliver(self, number: int, **fields: object) -> None:
@@ -50,8 +50,8 @@ def test_unmeasured_torques_act_a_frame_after_they_were_sent() -> None:
             desk.record.sent(number * TORQUES, saturated=number == 2)
         if number == 3:
             desk.record.end(3 * PERIOD, cut_short=False)
-            assert desk.told == []
-    (kick,) = desk.told
+            assert desk.reports == []
+    (kick,) = desk.reports
     np.testing.assert_allclose(kick.impulse, 3 * 0.01 * TORQUES)
     assert kick.work == pytest.approx(3 * float(TORQUES @ [0.1, 0.3]))
     assert kick.peak_torque == pytest.approx(2 * np.sqrt(5))
@@ -61,7 +61,7 @@ def test_unmeasured_torques_act_a_frame_after_they_were_sent() -> None:
     assert not desk.record.open
 
 
-def test_measured_torques_are_told_with_the_difference_of_the_ledger() -> None:
+def test_measured_torques_are_reported_with_the_difference_of_the_totals() -> None:
     desk = Desk(measured=True)
     desk.deliver(0, work_of_torques=5.0, impulse_of_torques=np.array([1.0, 1.0]))
     desk.frame(1)
@@ -70,15 +70,15 @@ def test_measured_torques_are_told_with_the_difference_of_the_ledger() -> None:
     desk.frame(2)
     desk.record.end(2 * PERIOD, cut_short=True)
     desk.deliver(3, torques_act=True, work_of_torques=6.0)
-    assert desk.told == []
+    assert desk.reports == []
     desk.deliver(4, work_of_torques=7.5, impulse_of_torques=np.array([1.5, 4.0]))
-    (kick,) = desk.told
+    (kick,) = desk.reports
     assert kick.work == 2.5
     np.testing.assert_array_equal(kick.impulse, [0.5, 3.0])
     assert (kick.cut_short, kick.measured) == (True, True)
 
 
-def test_a_command_that_takes_over_splits_the_ledger_at_its_frame() -> None:
+def test_a_command_that_replaces_another_splits_the_totals_at_its_frame() -> None:
     desk = Desk(measured=True)
     desk.frame(1)
     desk.record.begin(PERIOD, 'edge_command', PULSE)
@@ -93,64 +93,64 @@ def test_a_command_that_takes_over_splits_the_ledger_at_its_frame() -> None:
     desk.record.end(3 * PERIOD, cut_short=False)
     desk.deliver(4, torques_act=True, work_of_torques=4.0)
     desk.deliver(5, work_of_torques=4.5)
-    assert [(kick.source, kick.work) for kick in desk.told] == [
+    assert [(kick.source, kick.work) for kick in desk.reports] == [
         ('edge_command', 3.0),
         ('nudge', 1.5),
     ]
 
 
-def test_sources_that_join_in_are_told_of_together() -> None:
+def test_sources_of_one_episode_are_reported_together() -> None:
     desk = Desk(measured=False)
     desk.frame(1)
     for source, asked in (('edge_command', PULSE), ('~/commands', None), ('~/commands', None)):
         desk.record.begin(PERIOD, source, asked)
     desk.record.abandon(PERIOD)
-    (kick,) = desk.told
+    (kick,) = desk.reports
     assert (kick.source, kick.command, kick.cut_short) == ('edge_command, ~/commands', PULSE, True)
 
 
-def test_an_unmeasured_kick_is_told_at_once() -> None:
+def test_an_unmeasured_kick_is_reported_immediately() -> None:
     desk = Desk(measured=False)
     desk.record.kicked(PERIOD, 'nudge', KICK, IMPULSES, 0.75)
-    (kick,) = desk.told
+    (kick,) = desk.reports
     assert (kick.work, kick.command, kick.measured, kick.peak_torque) == (0.75, KICK, False, 0.0)
     np.testing.assert_array_equal(kick.impulse, IMPULSES)
 
 
-def test_a_measured_kick_is_told_with_its_work_while_torques_act_beside_it() -> None:
+def test_a_measured_kick_is_reported_with_its_own_work_while_torques_act() -> None:
     desk = Desk(measured=True)
     desk.deliver(0, impulses=7, work_of_impulses=2.0)
     desk.record.kicked(PERIOD, 'nudge', KICK, IMPULSES, 0.75)
     desk.deliver(1, impulses=7, work_of_impulses=2.0, torques_act=True, work_of_torques=9.0)
-    assert desk.told == []
+    assert desk.reports == []
     desk.deliver(2, impulses=8, work_of_impulses=2.8, torques_act=True, work_of_torques=9.5)
-    (kick,) = desk.told
+    (kick,) = desk.reports
     assert kick.work == pytest.approx(0.8)
     assert kick.measured
 
 
-def test_kicks_of_one_frame_are_told_of_together() -> None:
+def test_kicks_of_one_frame_are_reported_together() -> None:
     desk = Desk(measured=True)
     desk.deliver(0)
     for number in range(3):
         desk.record.kicked(PERIOD, 'nudge', KICK, (number + 1) * IMPULSES, 0.1)
     desk.deliver(1, impulses=2, work_of_impulses=1.0)
     desk.deliver(2, impulses=3, work_of_impulses=1.5)
-    assert [kick.work for kick in desk.told] == [1.0, 0.5]
-    np.testing.assert_array_equal(desk.told[0].impulse, 3 * IMPULSES)
+    assert [kick.work for kick in desk.reports] == [1.0, 0.5]
+    np.testing.assert_array_equal(desk.reports[0].impulse, 3 * IMPULSES)
 
 
-def test_a_kick_that_is_never_measured_did_nothing() -> None:
+def test_a_kick_that_is_never_measured_is_reported_without_impulse() -> None:
     desk = Desk(measured=True)
     desk.record.kicked(PERIOD, 'nudge', KICK, IMPULSES, 0.75)
     for number in range(1, 60):
         desk.frame(number)
-    (kick,) = desk.told
+    (kick,) = desk.reports
     assert (kick.work, kick.cut_short, kick.measured) == (0.0, True, True)
     assert not kick.impulse.any()
 
 
-def test_torques_whose_books_cease_are_told_as_far_as_they_are_known() -> None:
+def test_torques_without_further_totals_are_reported_up_to_the_last_ones() -> None:
     desk = Desk(measured=True)
     desk.deliver(0, work_of_torques=1.0)
     desk.frame(1)
@@ -161,5 +161,5 @@ def test_torques_whose_books_cease_are_told_as_far_as_they_are_known() -> None:
     desk.record.end(2 * PERIOD, cut_short=False)
     for number in range(3, 60):
         desk.frame(number)
-    (kick,) = desk.told
+    (kick,) = desk.reports
     assert (kick.work, kick.measured) == (0.5, True)

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A profile is what its points say, with nothing lost between any two instants."""
+"""A profile agrees with its points, and its integrals are exact."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ def test_integrals_add_up(profile: Profile, instants: tuple[float, float, float]
 
 
 @given(st.lists(st.tuples(st.floats(0.01, 1), VALUES), min_size=1, max_size=5), TIMES, TIMES)
-def test_an_integral_is_that_of_the_values(
+def test_the_integral_agrees_with_the_values(
     points: list[tuple[float, float]], start: float, length: float
 ) -> None:
     times = np.cumsum([step for step, _ in points])
@@ -59,15 +59,13 @@ def test_a_mean_times_the_time_is_the_integral(
 
 
 @given(VALUES, TIMES, st.floats(1e-6, 1.0))
-def test_the_mean_of_a_constant_is_that_to_the_last_digit(
-    value: float, start: float, length: float
-) -> None:
+def test_the_mean_of_a_constant_is_exact(value: float, start: float, length: float) -> None:
     profile = Profile(np.array([-1.0]), np.array([value]))
     assert float(profile.mean(start, start + length)) == value
 
 
 @given(profiles())
-def test_it_is_nothing_before_its_points_and_the_last_of_them_afterwards(
+def test_a_profile_is_zero_before_its_points_and_holds_the_last_value(
     profile: Profile,
 ) -> None:
     first, last = profile.times[0], profile.times[-1]
@@ -77,28 +75,28 @@ def test_it_is_nothing_before_its_points_and_the_last_of_them_afterwards(
     np.testing.assert_allclose(profile.integral(last, last + 2), 2 * profile.values[-1])
 
 
-def test_two_points_at_one_instant_are_a_jump() -> None:
+def test_two_points_at_one_instant_form_a_jump() -> None:
     profile = Profile(np.array([0.0, 1.0, 1.0, 2.0]), np.array([1.0, 2.0, -3.0, 0.0]))
     assert (float(profile.before(1.0)), float(profile.after(1.0))) == (2.0, -3.0)
-    assert [float(line.last) for line in profile.pieces(0.5, 1.5)] == [2.0, -1.5]
+    assert [float(line.last) for line in profile.segments(0.5, 1.5)] == [2.0, -1.5]
 
 
 @pytest.mark.parametrize('ramp_up', [0.0, 0.2])
 @pytest.mark.parametrize('ramp_down', [0.0, 0.3])
 @pytest.mark.parametrize('duration', [0.0, 1.0])
-def test_a_trapezoid_has_the_area_of_one(
+def test_the_integral_of_a_trapezoid_is_its_area(
     ramp_up: float, duration: float, ramp_down: float
 ) -> None:
     profile = trapezoid(4.0, ramp_up, duration, ramp_down)
     area = 4.0 * (duration + (ramp_up + ramp_down) / 2)
     assert float(profile.integral(-1.0, 5.0)) == pytest.approx(area)
     assert profile.end == pytest.approx(ramp_up + duration + ramp_down)
-    assert not profile.lasting
+    assert not profile.held
 
 
-def test_a_trapezoid_without_end_keeps_its_value() -> None:
+def test_an_infinite_trapezoid_holds_its_value() -> None:
     profile = trapezoid(4.0, 1.0, math.inf, 0.0)
-    assert profile.lasting
+    assert profile.held
     assert float(profile.after(0.25)) == 1.0
     assert float(profile.integral(0.0, 10.0)) == pytest.approx(4.0 * 9.5)
 
@@ -106,14 +104,14 @@ def test_a_trapezoid_without_end_keeps_its_value() -> None:
 @pytest.mark.parametrize(
     ('times', 'values', 'complaint'),
     [
-        ([], [], 'must have one or more'),
-        ([0.0], [1.0, 2.0], 'as many of one as of the other'),
+        ([], [], 'have the same number of both'),
+        ([0.0], [1.0, 2.0], 'the same number of both'),
         ([0.0, math.nan], [1.0, 2.0], 'finite'),
         ([0.0, 1.0], [1.0, math.inf], 'finite'),
-        ([1.0, 0.0], [1.0, 2.0], 'in order'),
+        ([1.0, 0.0], [1.0, 2.0], 'must not decrease'),
     ],
 )
-def test_what_is_no_profile_is_refused(
+def test_invalid_profiles_are_rejected(
     times: list[float], values: list[float], complaint: str
 ) -> None:
     with pytest.raises(ValueError, match=complaint):

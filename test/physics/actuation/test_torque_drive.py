@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Edges and joints act together, along the zero mode of the moment and joint by joint."""
+"""Edge torques act along the current zero mode, and joint torques add to them."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ def test_torques_follow_the_mode_of_the_configuration_away_from_their_edge() -> 
         np.testing.assert_allclose(given, expected, rtol=1e-12)
 
 
-def test_joints_add_to_edges_and_dropping_ends_both() -> None:
+def test_joint_and_edge_torques_add_and_drop_ends_both() -> None:
     drive = TorqueDrive(CHAIN, PneumaticActuator(), timeout=0.0)
     angles = CHAIN.uniform_state(1)
     drive.edges.command(PULSE, Edge.LAST, 0.0)
@@ -61,7 +61,7 @@ def torques(drive: EdgeDrive, start: float, end: float) -> Array:
 @pytest.mark.parametrize('side', [Edge.FIRST, Edge.LAST])
 @pytest.mark.parametrize('duration', [0.0005, 0.0301])
 @pytest.mark.parametrize('ramps', [(0.0, 0.0), (0.0017, 0.0), (0.02, 0.05)])
-def test_a_pulse_gives_the_whole_of_its_impulse_however_short_it_is(
+def test_a_short_pulse_gives_its_full_impulse(
     ramps: tuple[float, float], duration: float, side: Edge
 ) -> None:
     drive = EdgeDrive(ACTUATOR)
@@ -74,7 +74,7 @@ def test_a_pulse_gives_the_whole_of_its_impulse_however_short_it_is(
 
 
 @pytest.mark.parametrize('side', [Edge.FIRST, Edge.LAST])
-def test_a_pressure_gives_the_torque_of_the_chamber(side: Edge) -> None:
+def test_a_pressure_command_gives_the_torque_of_the_chamber(side: Edge) -> None:
     drive = EdgeDrive(ACTUATOR)
     drive.command(EdgeCommand(side, CommandKind.PRESSURE, 1e5, 0.1, 0.02, 0.03), side, 2.0)
     given = torques(drive, 2.0, 2.3)
@@ -85,7 +85,7 @@ def test_a_pressure_gives_the_torque_of_the_chamber(side: Edge) -> None:
     np.testing.assert_allclose(given, expected, atol=1e-13)
 
 
-def test_missed_frames_do_not_change_the_pressure_afterwards() -> None:
+def test_missing_frames_do_not_change_the_later_pressure() -> None:
     drives = [EdgeDrive(ACTUATOR), EdgeDrive(ACTUATOR)]
     for drive in drives:
         drive.command(EdgeCommand(Edge.FIRST, CommandKind.PRESSURE, 1e5, 0.1), Edge.FIRST, 0.0)
@@ -108,7 +108,7 @@ def test_a_pressure_without_duration_is_held_until_it_is_vented() -> None:
     assert drive.levels == (0.0, 0.0)
 
 
-def test_a_command_takes_the_place_of_the_last_one_which_vents() -> None:
+def test_a_command_replaces_the_previous_one_which_vents() -> None:
     drive = EdgeDrive(ACTUATOR)
     drive.command(EdgeCommand(Edge.FIRST, CommandKind.PRESSURE, 1e5, 1.0), Edge.FIRST, 0.0)
     drive.mean_torque(0.4, 0.4 + PERIOD)
@@ -123,7 +123,7 @@ def test_a_command_takes_the_place_of_the_last_one_which_vents() -> None:
     assert drive.mean_torque(3.1, 3.1 + PERIOD).torque == pytest.approx(expected)
 
 
-def test_a_torque_beyond_saturation_is_not_given_and_that_is_said() -> None:
+def test_a_torque_beyond_saturation_is_limited_and_reported() -> None:
     actuator = PneumaticActuator(torque_per_pressure=1e-7, saturation_torque=0.005)
     drive = EdgeDrive(actuator)
     drive.command(EdgeCommand(Edge.FIRST, CommandKind.PRESSURE, 1e5), Edge.FIRST, 0.0)
@@ -133,7 +133,7 @@ def test_a_torque_beyond_saturation_is_not_given_and_that_is_said() -> None:
     assert late.torque == 0.005
 
 
-def test_dropping_ends_a_pulse_and_vents() -> None:
+def test_drop_ends_a_pulse_and_vents() -> None:
     drive = EdgeDrive(ACTUATOR)
     drive.command(EdgeCommand(Edge.FIRST, CommandKind.PULSE, 0.05, 1.0), Edge.FIRST, 0.0)
     assert drive.unfinished(0.1)
@@ -156,7 +156,7 @@ def rotors(*numbers: int) -> np.ndarray:
         max_size=8,
     )
 )
-def test_every_rotor_has_the_last_torque_that_was_asked_for_it(
+def test_every_rotor_has_its_last_commanded_torque(
     commands: list[tuple[set[int], float]],
 ) -> None:
     drive, expected = JointDrive(5, 0.0), np.zeros(5)
@@ -169,7 +169,7 @@ def test_every_rotor_has_the_last_torque_that_was_asked_for_it(
     assert drive.active == bool(expected.any())
 
 
-def test_a_torque_is_held_for_the_timeout_to_the_instant() -> None:
+def test_a_torque_is_held_exactly_for_the_timeout() -> None:
     drive = JointDrive(3, timeout=0.125)
     drive.hold(rotors(1), np.array([2.0]), 1.0)
     starts = 1.0 + FRAME * np.arange(20)
@@ -178,15 +178,15 @@ def test_a_torque_is_held_for_the_timeout_to_the_instant() -> None:
     assert not drive.active
 
 
-def test_commands_that_go_on_keep_a_torque_alive() -> None:
+def test_repeated_commands_keep_a_torque_active() -> None:
     drive = JointDrive(2, timeout=0.1)
     for time in np.arange(0.0, 5.0, 0.05):
         drive.hold(rotors(0), np.array([1.0]), time)
         np.testing.assert_array_equal(drive.mean_torques(time, time + FRAME), [1.0, 0.0])
-    assert drive.in_force == 1
+    assert drive.active_commands == 1
 
 
-def test_without_a_timeout_it_is_held_for_ever() -> None:
+def test_without_a_timeout_a_torque_is_held_forever() -> None:
     drive = JointDrive(2, timeout=0.0)
     drive.hold(rotors(0), np.array([1.0]), 0.0)
     np.testing.assert_array_equal(drive.mean_torques(1e6, 1e6 + FRAME), [1.0, 0.0])
@@ -194,7 +194,7 @@ def test_without_a_timeout_it_is_held_for_ever() -> None:
     assert not drive.active
 
 
-def test_a_trajectory_goes_straight_from_point_to_point_from_what_there_is() -> None:
+def test_a_trajectory_is_linear_between_points_and_starts_from_the_current_torques() -> None:
     drive = JointDrive(3, timeout=0.5)
     drive.hold(rotors(0, 1), np.array([4.0, 7.0]), 0.0)
     points = np.array([[0.0, 2.0], [6.0, 2.0]])
@@ -219,13 +219,13 @@ def test_a_trajectory_is_unfinished_until_its_last_point() -> None:
     assert not drive.unfinished(1.1)
 
 
-def test_a_trajectory_that_has_begun_already_is_entered_where_it_is() -> None:
+def test_a_trajectory_with_past_points_skips_them() -> None:
     drive = JointDrive(1, timeout=0.0)
     drive.follow(rotors(0), np.array([-0.5, 0.5]), np.array([[0.0], [2.0]]), 0.0)
     assert drive.mean_torques(0.0, 0.25)[0] == pytest.approx(1.25)
 
 
-def test_dropping_ends_all() -> None:
+def test_drop_ends_all_torques() -> None:
     drive = JointDrive(2, timeout=0.0)
     drive.hold(rotors(0, 1), np.ones(2), 0.0)
     drive.drop()

@@ -53,7 +53,7 @@ def test_it_starts_with_a_soliton() -> None:
 def test_bars_between_periodic_ends_and_bars_with_a_fixed_rotor_are_refused() -> None:
     ring = dataclasses.replace(CHAIN, periodic=True)
     for stuck in (world(ring, mechanics='rigid'), world(mechanics='rigid', fixed_rotors=('1',))):
-        with pytest.raises(ValueError, match='or simulate springs'):
+        with pytest.raises(ValueError, match='or choose elastic mechanics'):
             stuck.begin(stuck.initial_state(), NO_GRAVITY)
 
 

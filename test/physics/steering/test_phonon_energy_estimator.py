@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The energy of phonons beside a wall, by the rates alone."""
+"""The phonon energy beside a wall is estimated from the rates alone."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ ROTORS = 12
 
 
 def vibrating(orbit: UniformOrbit, arc: float, energy: float, frames: int) -> Array:
-    """Rates of a chain with an energy [J] that is shared by all its phonons, shape (T, N)."""
+    """Return rates of a chain whose energy [J] is in all phonons, shape (T, N)."""
     modes = normal_modes(orbit.chain, orbit.configuration(arc))
     random = np.random.default_rng(5)
     each = energy / (ROTORS - 1)
@@ -33,7 +33,7 @@ def vibrating(orbit: UniformOrbit, arc: float, energy: float, frames: int) -> Ar
 
 
 def watched(orbit: UniformOrbit, arc: float, rates: Array) -> Array:
-    """Energies that were reported after each frame [J]."""
+    """Return the energy estimated after each frame [J]."""
     watch = PhononEnergyEstimator(orbit)
     energies = []
     for frame, each in enumerate(rates):
@@ -43,7 +43,7 @@ def watched(orbit: UniformOrbit, arc: float, rates: Array) -> Array:
 
 
 @pytest.mark.parametrize('example', CLASSES)
-def test_it_is_the_energy_of_the_normal_modes_whatever_the_wall_does(
+def test_the_estimate_is_the_energy_of_the_normal_modes_for_any_wall_motion(
     example: tuple[float, float],
 ) -> None:
     orbit = orbit_of_example(example, ROTORS)
@@ -51,23 +51,23 @@ def test_it_is_the_energy_of_the_normal_modes_whatever_the_wall_does(
     rates = vibrating(orbit, arc, 2e-6, 800) + 3.0 * orbit.tangent(arc)
     energies = watched(orbit, arc, rates)
     assert np.isnan(energies[:3]).all()
-    # Kinetic energy is now more than half, now less.
+    # The kinetic energy oscillates about half of the total.
     assert energies[300:].mean() == pytest.approx(2e-6, rel=0.05)
     assert energies[300:] == pytest.approx(2e-6, rel=0.3)
 
 
-def test_white_noise_of_the_rates_is_told_from_phonons() -> None:
+def test_white_noise_of_the_rates_does_not_count_as_phonons() -> None:
     orbit = orbit_of_example(FLIPPER, ROTORS)
     arc = orbit.arc_at(5.3, 0)
     noise = np.random.default_rng(9).normal(0, 0.1, (3000, ROTORS))
     of_noise = orbit.chain.moment_of_inertia * 0.1**2 * (ROTORS - 1)
     rates = vibrating(orbit, arc, of_noise / 2, 3000) + noise
-    # Third differences see a little of the fastest phonons.
+    # The fastest phonons contribute slightly to third differences.
     assert watched(orbit, arc, rates)[300:].mean() == pytest.approx(of_noise / 2, rel=0.1)
     assert watched(orbit, arc, noise)[300:].mean() < 0.1 * of_noise
 
 
-def test_frames_without_rates_say_nothing() -> None:
+def test_frames_without_rates_are_ignored() -> None:
     orbit = orbit_of_example(FLIPPER, ROTORS)
     arc = orbit.arc_at(5.3, 0)
     watch = PhononEnergyEstimator(orbit)
@@ -82,7 +82,7 @@ def test_frames_without_rates_say_nothing() -> None:
     assert math.isnan(PhononEnergyEstimator(orbit).energy)
 
 
-def test_a_clock_that_goes_back_begins_anew() -> None:
+def test_decreasing_time_restarts_the_estimate() -> None:
     orbit = orbit_of_example(FLIPPER, ROTORS)
     arc = orbit.arc_at(5.3, 0)
     watch = PhononEnergyEstimator(orbit)

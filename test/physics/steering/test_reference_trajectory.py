@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Trajectories begin and end as they must, and the gentle rate wakes no phonons."""
+"""Trajectories have their start and end, and the adiabatic rate excites no phonons."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ points = st.builds(ReferencePoint, st.floats(-50, 50), st.floats(-10, 10), st.fl
 
 @settings(max_examples=30)
 @given(points, st.floats(-50, 50), st.floats(-5, 5), st.floats(0.1, 20), st.floats(0.1, 10))
-def test_it_leads_from_its_point_to_rest_at_the_goal(
+def test_a_trajectory_joins_its_point_to_rest_at_the_goal(
     point: ReferencePoint, goal: float, start: float, rate: float, shortest: float
 ) -> None:
     trajectory = trajectory_to(goal, start, point, rate, shortest)
@@ -50,32 +50,34 @@ def test_it_leads_from_its_point_to_rest_at_the_goal(
 
 
 @given(points, st.floats(-50, 50), st.floats(0.02, 0.98))
-def test_rate_and_acceleration_are_derivatives(
+def test_rate_and_acceleration_are_derivatives_of_the_arc(
     point: ReferencePoint, goal: float, share: float
 ) -> None:
     trajectory = trajectory_to(goal, 0.0, point, 5.0, 2.0)
     time, step = share * trajectory.duration, 1e-4 * trajectory.duration
     before, here, after = (trajectory.at(time + shift) for shift in (-step, 0, step))
-    scale = max(trajectory.fastest, trajectory.strongest * trajectory.duration, 1.0)
+    scale = max(trajectory.max_rate, trajectory.max_acceleration * trajectory.duration, 1.0)
     assert here.rate == pytest.approx((after.arc - before.arc) / (2 * step), abs=1e-5 * scale)
     slope = (after.rate - before.rate) / (2 * step)
     assert here.acceleration == pytest.approx(slope, abs=1e-5 * scale / trajectory.duration)
 
 
 @given(st.floats(0.01, 100), st.floats(0.1, 10), st.floats(0.1, 10))
-def test_from_rest_it_is_the_way_of_least_jerk(way: float, rate: float, shortest: float) -> None:
+def test_from_rest_the_trajectory_has_minimum_jerk(
+    way: float, rate: float, shortest: float
+) -> None:
     trajectory = trajectory_to(-way, 0.0, ReferencePoint(0.0, 0.0, 0.0), rate, shortest)
     time = trajectory.duration
-    assert trajectory.fastest == pytest.approx(1.875 * way / time, rel=1e-9)
-    assert trajectory.strongest == pytest.approx(10 / math.sqrt(3) * way / time**2, rel=1e-3)
-    assert trajectory.fastest <= rate * (1 + 1e-9)
+    assert trajectory.max_rate == pytest.approx(1.875 * way / time, rel=1e-9)
+    assert trajectory.max_acceleration == pytest.approx(
+        10 / math.sqrt(3) * way / time**2, rel=1e-3
+    )
+    assert trajectory.max_rate <= rate * (1 + 1e-9)
     assert time == pytest.approx(max(shortest, 1.875 * way / rate))
 
 
 @given(st.floats(-10, 10), st.floats(0.1, 5))
-def test_braking_slows_down_all_the_way_to_rest_half_as_far_as_without(
-    rate: float, shortest: float
-) -> None:
+def test_braking_takes_half_the_distance_of_constant_speed(rate: float, shortest: float) -> None:
     trajectory = trajectory_to_rest(3.0, ReferencePoint(2.0, rate, 0.0), shortest)
     assert trajectory.goal - 2.0 == pytest.approx(rate * shortest / 2)
     rates = [trajectory.at(3.0 + share * shortest).rate for share in np.linspace(0, 1, 50)]
@@ -97,7 +99,7 @@ CLEAN = {
 
 
 @pytest.mark.parametrize('example', CLEAN)
-def test_the_gentle_rate_is_below_what_was_seen_to_be_clean(
+def test_the_adiabatic_rate_is_below_the_largest_rate_without_radiation(
     example: tuple[float, float],
 ) -> None:
     orbit = orbit_of_example(example, 40)
@@ -106,7 +108,7 @@ def test_the_gentle_rate_is_below_what_was_seen_to_be_clean(
 
 
 @pytest.mark.parametrize('example', [FLIPPER, WOBBLER, SPINNER])
-def test_a_free_wall_at_the_gentle_rate_radiates_nothing(example: tuple[float, float]) -> None:
+def test_a_free_wall_at_the_adiabatic_rate_radiates_nothing(example: tuple[float, float]) -> None:
     orbit = orbit_of_example(example, 12)
     chain, rate = orbit.chain, adiabatic_rate(orbit)
     start = orbit.arc_at(3.5, 0)
@@ -115,7 +117,7 @@ def test_a_free_wall_at_the_gentle_rate_radiates_nothing(example: tuple[float, f
         chain, orbit.configuration(start), rates, orbit.site_arc / rate, tolerance=1e-9
     )
     whole = simulation.energy
-    # The springs of a moving wall are compressed, and vibrate as they were not at the start.
+    # A moving wall compresses its springs; they vibrate because they start uncompressed.
     before = phonon_energy(chain, simulation.angles, simulation.rates)
     for _ in range(4):
         simulation.advance()
@@ -125,7 +127,7 @@ def test_a_free_wall_at_the_gentle_rate_radiates_nothing(example: tuple[float, f
 
 
 @pytest.mark.parametrize('example', [FLIPPER, WOBBLER, SPINNER])
-def test_the_gentle_rate_does_not_depend_on_the_length_of_the_chain(
+def test_the_adiabatic_rate_does_not_depend_on_the_length_of_the_chain(
     example: tuple[float, float],
 ) -> None:
     assert adiabatic_rate(orbit_of_example(example, 60)) == pytest.approx(
@@ -135,7 +137,7 @@ def test_the_gentle_rate_does_not_depend_on_the_length_of_the_chain(
 
 @pytest.mark.parametrize('example', [FLIPPER, WOBBLER, SPINNER])
 @pytest.mark.parametrize(('size', 'mass', 'stiffness'), [(3.0, 1.0, 1.0), (1.0, 0.01, 400.0)])
-def test_the_gentle_rate_goes_with_the_time_unit_of_the_springs(
+def test_the_adiabatic_rate_scales_with_the_time_unit_of_the_springs(
     example: tuple[float, float], size: float, mass: float, stiffness: float
 ) -> None:
     chain = chain_of(example, 12)
@@ -153,7 +155,7 @@ def test_the_gentle_rate_goes_with_the_time_unit_of_the_springs(
     assert rates[0] == pytest.approx(rates[1] * chain.time_unit, rel=1e-3)
 
 
-def test_the_feedback_is_slower_than_the_phonons_and_than_the_frames() -> None:
+def test_the_bandwidth_is_below_the_gap_and_the_frame_rate() -> None:
     orbit = orbit_of_example(FLIPPER, 12)
     for period in (1e-4, 1e-2, 0.1):
         assert bandwidth(orbit, period) <= gap(orbit.chain) / 8
@@ -162,12 +164,12 @@ def test_the_feedback_is_slower_than_the_phonons_and_than_the_frames() -> None:
     assert bandwidth(orbit, math.nan) == gap(orbit.chain) / 8
 
 
-def test_a_trajectory_knows_its_ends() -> None:
+def test_a_trajectory_has_its_start_and_end() -> None:
     trajectory = ReferenceTrajectory(1.0, 2.0, (1.0, 0.0, 0.0, 10.0, -15.0, 6.0))
     assert (trajectory.end, trajectory.goal) == (3.0, 2.0)
     assert trajectory.at(0.0) == ReferencePoint(1.0, 0.0, 0.0)
 
 
-def test_a_wall_that_radiates_at_every_number_goes_slowly() -> None:
+def test_a_wall_that_radiates_at_every_wave_number_moves_slowly() -> None:
     chain = replace(chain_of(FLIPPER, 8), rotor_length=1000.0, rest_angle=0.001)
     assert 0 < adiabatic_rate(UniformOrbit(chain)) < 1e-5

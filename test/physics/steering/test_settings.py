@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The numbers of the steering do what they say, and are refused out of their range."""
+"""The settings of the steering have their effect and are rejected out of range."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ PERIOD = 0.01
 
 
 def moved(settings: SteeringSettings) -> Loop:
-    """A loop in which a wall of rigid bars has been carried by a spacing."""
+    """Return a loop after a move of a rigid-bar wall by one spacing."""
     orbit = orbit_of_example(FLIPPER, ROTORS)
     steering = Steering(orbit, TorqueAllocation(orbit, torque_limit=0.1), settings)
     loop = Loop(steering, RigidWall(orbit, orbit.arc_at(4.0, 0)), PERIOD)
@@ -31,7 +31,7 @@ def moved(settings: SteeringSettings) -> Loop:
     return loop
 
 
-def test_each_is_described_with_its_range_in_which_its_default_is() -> None:
+def test_each_setting_has_a_description_and_its_default_is_in_range() -> None:
     described = described_fields(SteeringSettings)
     assert set(described) == {field.name for field in fields(SteeringSettings)}
     for name, quantity in described.items():
@@ -40,7 +40,7 @@ def test_each_is_described_with_its_range_in_which_its_default_is() -> None:
             SteeringSettings(**{name: -1})
 
 
-def test_rates_and_bandwidths_go_with_their_shares() -> None:
+def test_rates_and_bandwidths_scale_with_their_fractions() -> None:
     orbit = orbit_of_example(FLIPPER, ROTORS)
     slower = replace(DEFAULTS, adiabatic_fraction=0.25, bandwidth_share=1 / 16)
     assert adiabatic_rate(orbit, slower) == adiabatic_rate(orbit) / 2
@@ -49,28 +49,28 @@ def test_rates_and_bandwidths_go_with_their_shares() -> None:
     assert bandwidth(orbit, PERIOD, later) == pytest.approx(0.01 / PERIOD)
 
 
-def test_moves_take_as_long_as_they_are_told_to() -> None:
+def test_the_settings_of_durations_change_the_time_of_a_move() -> None:
     b = bandwidth(orbit_of_example(FLIPPER, ROTORS), PERIOD)
     usual = moved(DEFAULTS).time
-    longer = moved(replace(DEFAULTS, shortest_move=20.0)).time
+    longer = moved(replace(DEFAULTS, min_duration=20.0)).time
     assert longer - usual == pytest.approx(10 / b, abs=3 * PERIOD)
-    restful = moved(replace(DEFAULTS, rest=6.0)).time
+    restful = moved(replace(DEFAULTS, settling_time=6.0)).time
     assert restful - usual == pytest.approx(3 / b, abs=3 * PERIOD)
 
 
-def test_a_wall_is_lost_where_it_is_told_to_be() -> None:
-    # A blow by which it gets off by half a spacing.
+def test_a_wall_is_lost_beyond_max_error() -> None:
+    # An impulse that displaces the wall by half a spacing.
     for largest, held in ((1.0, True), (0.25, False)):
-        loop = moved(replace(DEFAULTS, largest_error=largest, most_restarts=0))
+        loop = moved(replace(DEFAULTS, max_error=largest, max_restarts=0))
         assert isinstance(loop.wall, RigidWall)
         loop.wall.rate = 6.0
         loop.go_on(2.0)
         assert loop.steering.holding is held
 
 
-def test_frames_may_be_missing_for_as_long_as_they_are_told_to() -> None:
+def test_frames_may_be_missing_for_the_detection_timeout() -> None:
     for timeout, held in ((0.1, False), (0.4, True)):
-        loop = moved(replace(DEFAULTS, seen_timeout=timeout))
+        loop = moved(replace(DEFAULTS, detection_timeout=timeout))
         for _ in range(25):
             loop.steering.observe(loop.time, np.full(ROTORS, np.nan))
             loop.steering.torques()

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Torques of actuators on some rotors: what they push, what they strain, how far they reach."""
+"""Torques of actuators on some rotors: their force, deflection and reach."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ rotor_sets = st.sets(st.integers(0, ROTORS - 1), max_size=ROTORS).map(lambda eac
 
 @settings(max_examples=30)
 @given(st.sampled_from(EXAMPLES), rotor_sets, st.floats(2, 9), st.integers(0, 1), st.floats(-1, 1))
-def test_torques_have_the_force_on_actuated_rotors_alone_and_the_least_norm(
+def test_torques_act_on_actuated_rotors_only_with_minimum_norm(
     example: tuple[float, float], rotors: tuple[int, ...], place: float, leg: int, force: float
 ) -> None:
     orbit = orbit_of_example(example, ROTORS)
@@ -55,7 +55,7 @@ def test_actuators_on_all_rotors_strain_no_spring(example: tuple[float, float]) 
 
 @pytest.mark.parametrize('example', EXAMPLES)
 @pytest.mark.parametrize('rotors', [(0,), (0, 1, 2), (1, 4, 7, 10)])
-def test_the_strain_is_that_of_the_stiffness_matrix(
+def test_the_deflection_agrees_with_the_stiffness_matrix(
     example: tuple[float, float], rotors: tuple[int, ...]
 ) -> None:
     orbit = orbit_of_example(example, ROTORS)
@@ -70,7 +70,7 @@ def test_the_strain_is_that_of_the_stiffness_matrix(
 
 
 @pytest.mark.parametrize('example', EXAMPLES)
-def test_from_an_edge_the_torque_grows_as_the_zero_mode_decays(
+def test_the_torque_of_an_edge_actuator_grows_as_the_zero_mode_decays(
     example: tuple[float, float],
 ) -> None:
     orbit = orbit_of_example(example, 24)
@@ -85,7 +85,7 @@ def test_from_an_edge_the_torque_grows_as_the_zero_mode_decays(
 
 
 @pytest.mark.parametrize('example', [WIDE_FLIPPER, SPINNER, WIDE_SPINNER])
-def test_a_tenth_of_the_force_reaches_farther_by_as_much_as_the_mode_decays_tenfold(
+def test_a_tenth_of_the_force_extends_the_reach_by_a_tenfold_decay_of_the_mode(
     example: tuple[float, float],
 ) -> None:
     orbit = orbit_of_example(example, 40)
@@ -97,44 +97,44 @@ def test_a_tenth_of_the_force_reaches_farther_by_as_much_as_the_mode_decays_tenf
     assert allocation.reach(arc, 1e-4).first == 0
 
 
-def test_what_it_reaches_it_carries_to_and_no_farther() -> None:
+def test_actuators_move_a_wall_within_their_reach_and_no_farther() -> None:
     orbit = orbit_of_example(WIDE_SPINNER, 40)
     allocation = TorqueAllocation(orbit, (0, 1), torque_limit=0.1)
     start, force = orbit.arc_at(1.0, 0), 1e-3
     reach = allocation.reach(start, force)
     assert 1 < reach.last < 20
-    assert allocation.carries(start, orbit.arc_at(reach.last, 0), force)
-    assert not allocation.carries(start, orbit.arc_at(reach.last + 0.5, 0), force)
-    # A wall far from every actuator is not held, wherever it is to go.
+    assert allocation.can_move(start, orbit.arc_at(reach.last, 0), force)
+    assert not allocation.can_move(start, orbit.arc_at(reach.last + 0.5, 0), force)
+    # A wall far from every actuator cannot be held, for any goal.
     assert math.isnan(allocation.reach(orbit.arc_at(30.0, 0), force).first)
-    assert not allocation.carries(orbit.arc_at(30.0, 0), orbit.arc_at(1.0, 0), force)
+    assert not allocation.can_move(orbit.arc_at(30.0, 0), orbit.arc_at(1.0, 0), force)
 
 
-def test_the_least_share_is_that_of_the_farthest_place() -> None:
+def test_the_minimum_coupling_is_at_the_farthest_site() -> None:
     orbit = orbit_of_example(WIDE_SPINNER, 40)
     start, goal = orbit.arc_at(1.0, 0), orbit.arc_at(9.0, 0)
     share = float(orbit.tangent(goal)[0] ** 2 + orbit.tangent(goal)[1] ** 2)
-    assert TorqueAllocation(orbit, (0, 1)).least_share(start, goal) == pytest.approx(
+    assert TorqueAllocation(orbit, (0, 1)).min_coupling(start, goal) == pytest.approx(
         share, rel=1e-6
     )
-    assert TorqueAllocation(orbit, (0, 1)).least_share(goal, start) == pytest.approx(
+    assert TorqueAllocation(orbit, (0, 1)).min_coupling(goal, start) == pytest.approx(
         share, rel=1e-6
     )
-    assert TorqueAllocation(orbit).least_share(start, goal) == 1
+    assert TorqueAllocation(orbit).min_coupling(start, goal) == 1
 
 
-def test_actuators_everywhere_reach_all_places_with_torques_up_to_the_force() -> None:
+def test_actuators_on_all_rotors_reach_all_sites() -> None:
     orbit = orbit_of_example(FLIPPER, ROTORS)
     allocation = TorqueAllocation(orbit, torque_limit=0.1)
     arc = orbit.arc_at(4.0, 0)
-    assert allocation.carries(arc, orbit.arc_at(11.0, 0), 0.1)
+    assert allocation.can_move(arc, orbit.arc_at(11.0, 0), 0.1)
     reach = allocation.reach(arc, 0.1)
     assert (reach.first, reach.last) == (0, 11)
-    assert not allocation.carries(arc, orbit.arc_at(5.0, 0), 1.0)
+    assert not allocation.can_move(arc, orbit.arc_at(5.0, 0), 1.0)
 
 
 @given(st.floats(-10, 10))
-def test_torques_beyond_the_limit_are_lowered_together(force: float) -> None:
+def test_torques_beyond_the_limit_are_scaled_together(force: float) -> None:
     orbit = orbit_of_example(FLIPPER, ROTORS)
     arc = orbit.arc_at(4.3, 0)
     free, _ = TorqueAllocation(orbit).torques(arc, force)
@@ -145,6 +145,6 @@ def test_torques_beyond_the_limit_are_lowered_together(force: float) -> None:
     assert given_force == pytest.approx(kept * force)
 
 
-def test_a_rotor_that_the_chain_has_not_is_refused() -> None:
+def test_an_actuated_rotor_outside_the_chain_is_rejected() -> None:
     with pytest.raises(ValueError, match='actuated rotor 12 must be one of 0 to 11'):
         TorqueAllocation(orbit_of_example(FLIPPER, ROTORS), (3, 12))

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What is seen of a wall under known and unknown forces."""
+"""The observer estimates a wall under known and unknown forces."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ def middle(orbit: UniformOrbit) -> float:
 def watched(
     observer: WallObserver, arcs: Array, acceleration: float = 0.0, noise: float = 0.0
 ) -> Array:
-    """Arcs, rates and disturbances that were estimated from frames of given arcs, shape (3, T)."""
+    """Return arcs, rates and disturbances estimated from frames, shape (3, T)."""
     random, inertia = np.random.default_rng(7), observer.orbit.chain.moment_of_inertia
     seen = []
     for frame, arc in enumerate(arcs.tolist()):
@@ -42,7 +42,7 @@ def watched(
 
 
 @pytest.mark.parametrize('example', CLASSES)
-def test_known_torques_leave_no_error_and_unknown_ones_none_that_lasts(
+def test_known_torques_cause_no_error_and_unknown_ones_no_steady_error(
     example: tuple[float, float],
 ) -> None:
     orbit = orbit_of_example(example, 12)
@@ -57,7 +57,7 @@ def test_known_torques_leave_no_error_and_unknown_ones_none_that_lasts(
         assert np.abs(seen - disturbance)[late].max() < 0.05
 
 
-def test_it_has_the_bandwidth_that_is_wanted_whatever_the_noise_is() -> None:
+def test_the_observer_has_its_bandwidth_for_any_noise() -> None:
     orbit = orbit_of_example(FLIPPER, 12)
     step = np.array([[1, PERIOD, PERIOD**2 / 2], [0, 1, PERIOD], [0, 0, 1]])
     wandered = (BANDWIDTH * PERIOD) ** 2 * np.diag([3, 3 * BANDWIDTH**2, BANDWIDTH**4])
@@ -67,7 +67,7 @@ def test_it_has_the_bandwidth_that_is_wanted_whatever_the_noise_is() -> None:
     gain = spread @ looked.T / (1 + spread[0, 0])
     kept = (np.eye(3) - gain @ looked) @ step
     by_noise = np.sqrt(np.diag(linalg.solve_discrete_lyapunov(kept, gain @ gain.T)))
-    # Continuous in time, d has the variance 3 / 16 W^5 by noise of a density of 1.
+    # In continuous time, noise of density 1 gives d the variance 3 / 16 W^5.
     assert by_noise[2] == pytest.approx(math.sqrt(BANDWIDTH**5 * 3 / 16 * PERIOD), rel=0.2)
     for sigma in (0.005, 0.05):
         arcs = np.full(3000, middle(orbit) + 0.1)
@@ -78,16 +78,16 @@ def test_it_has_the_bandwidth_that_is_wanted_whatever_the_noise_is() -> None:
         assert abs(settled[0].mean()) < 0.1 * sigma
 
 
-def test_the_first_frames_count_alike() -> None:
+def test_the_first_frames_have_equal_weight() -> None:
     orbit = orbit_of_example(FLIPPER, 12)
     times = PERIOD * np.arange(15)
     arcs = middle(orbit) + 2.0 * times
     _, rate, _ = watched(WallObserver(orbit, 5.0), arcs)
-    # A memory of 1 / 5 s alone would have seen a third of it by then.
+    # A filter memory of 1 / 5 s alone would reach only a third by then.
     assert rate[-1] == pytest.approx(2.0, abs=0.02)
 
 
-def test_frames_that_are_missing_or_show_something_else_are_bridged() -> None:
+def test_missing_and_invalid_frames_are_bridged() -> None:
     orbit = orbit_of_example(FLIPPER, 12)
     observer = WallObserver(orbit, BANDWIDTH)
     times = PERIOD * np.arange(200)
@@ -108,7 +108,7 @@ def test_frames_that_are_missing_or_show_something_else_are_bridged() -> None:
 
 @pytest.mark.parametrize('example', CLASSES)
 @pytest.mark.parametrize('off', [0.3, 3.0])
-def test_one_wrong_reading_moves_it_by_less_than_noise_does(
+def test_one_outlier_moves_the_estimate_by_less_than_noise(
     example: tuple[float, float], off: float
 ) -> None:
     orbit = orbit_of_example(example, 12)
@@ -122,9 +122,9 @@ def test_one_wrong_reading_moves_it_by_less_than_noise_does(
     assert estimate.arc == pytest.approx(arcs[-1], abs=0.01)
 
 
-def test_what_stays_unseen_is_lost_and_found_again_where_it_is() -> None:
+def test_an_undetected_wall_is_lost_and_found_again() -> None:
     orbit = orbit_of_example(FLIPPER, 12)
-    observer = WallObserver(orbit, BANDWIDTH, SteeringSettings(seen_timeout=0.1))
+    observer = WallObserver(orbit, BANDWIDTH, SteeringSettings(detection_timeout=0.1))
     watched(observer, np.full(50, middle(orbit)))
     found = [
         observer.update(0.2 + frame * PERIOD, np.full(12, np.nan)) is not None
@@ -149,14 +149,14 @@ def test_a_chain_upside_down_is_recognised(example: tuple[float, float]) -> None
         estimate = observer.update(number * PERIOD, angles)
     assert estimate is not None
     shown = math.pi - frame if estimate.upside_down else frame
-    # A spinner upside down is one on its other leg as well.
+    # An upside-down spinner is also a spinner on its other leg.
     back = orbit.configuration(estimate.arc)
     back = math.pi - back if estimate.upside_down else back
     assert np.abs(np.sin((back - (math.pi - frame)) / 2)).max() < 1e-5
     assert shown.shape == frame.shape
 
 
-def test_what_is_no_wall_is_not_taken_for_one() -> None:
+def test_configurations_without_a_wall_give_no_estimate() -> None:
     orbit = orbit_of_example(WIDE_FLIPPER, 40)
     observer = WallObserver(orbit, BANDWIDTH)
     chain = orbit.chain
@@ -167,7 +167,7 @@ def test_what_is_no_wall_is_not_taken_for_one() -> None:
         assert observer.update(0.0, angles) is None
 
 
-def test_late_and_repeated_frames_change_nothing_and_a_new_clock_begins_anew() -> None:
+def test_late_and_repeated_frames_are_ignored_and_a_new_clock_restarts() -> None:
     orbit = orbit_of_example(FLIPPER, 12)
     observer = WallObserver(orbit, BANDWIDTH)
     here = middle(orbit)
@@ -182,7 +182,7 @@ def test_late_and_repeated_frames_change_nothing_and_a_new_clock_begins_anew() -
     assert fresh.arc == pytest.approx(here + 3, abs=1e-5)
 
 
-def test_it_wants_one_angle_a_rotor() -> None:
+def test_a_wrong_number_of_angles_is_rejected() -> None:
     observer = WallObserver(orbit_of_example(FLIPPER, 12), BANDWIDTH)
     with pytest.raises(ValueError, match='one a rotor'):
         observer.update(0.0, np.zeros(11))

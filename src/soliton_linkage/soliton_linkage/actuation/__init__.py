@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Actuators at the edges and on the joints, what they are commanded, and what they did.
+"""Actuators at the edges and on the joints: their commands, torques, impulses and work.
 
-Commands go to a `ChainDriver`, which has torques for each frame of a chain. `Actuator` says what
-an actuator is; `ACTUATORS` lists those that there are.
+A `ChainDriver` accepts commands and returns the torques for each frame of a chain. `Actuator` is
+the interface of an actuator model, and `ACTUATORS` lists the available models.
 """
 
 from soliton_linkage.actuation.actuators import (

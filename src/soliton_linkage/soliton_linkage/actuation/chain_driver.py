@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Drives one chain: commands begin with the frame after them, and each frame has its torques."""
+"""Driver of one chain: it accepts commands and returns the torques for each frame."""
 
 from __future__ import annotations
 
@@ -15,21 +15,22 @@ from soliton_linkage.linear.rigidity import Edge
 from soliton_linkage.linkage.chain import Array, Chain
 
 _NANOSECONDS = 10**9
-"""In a second."""
+"""Nanoseconds per second."""
 
 
 @dataclass(frozen=True)
-class _Waiting:
+class _PendingCommand:
     source: str
     begin: Callable[[float], None]
     command: EdgeCommand | None = None
 
 
 class ChainDriver:
-    """Torques of a chain from the commands to its actuators, and the record of what they did.
+    """Conversion of the commands to all actuators of a chain into torques, and their record.
 
-    Commands begin at the stamp of the next frame. The torques for a frame are the means of what
-    is asked for over the period that follows it, taken to be as long as the one before.
+    A command starts at the stamp of the next frame. The torques for a frame are the means of the
+    commanded torques over the period after it. The driver assumes that this period is as long as
+    the previous one.
     """
 
     def __init__(
@@ -38,22 +39,27 @@ class ChainDriver:
         actuator: Actuator,
         timeout: float,
         longest_gap: float,
-        tell: Callable[[KickReport], None],
+        report: Callable[[KickReport], None],
     ) -> None:
-        """Start at rest; joint commands and gaps between frames last no longer than given [s]."""
+        """Start at rest.
+
+        The last torques of a joint command are held for `timeout` [s]. A gap between frames above
+        `longest_gap` [s] marks the current torques as cut short. `report` receives each finished
+        kick.
+        """
         self.chain = chain
-        self.record = KickRecord(chain.number_of_rotors, tell)
+        self.record = KickRecord(chain.number_of_rotors, report)
         self._drive = TorqueDrive(chain, actuator, timeout)
         self._longest_gap = longest_gap
-        self._waiting: list[_Waiting] = []
+        self._pending: list[_PendingCommand] = []
         self._driving = False
         self._origin: int | None = None
         self._last = 0
 
     @property
     def busy(self) -> bool:
-        """Whether the next frame matters."""
-        return bool(self._waiting) or self._driving or self.record.open
+        """Whether the driver has to process the next frame."""
+        return bool(self._pending) or self._driving or self.record.open
 
     @property
     def driving(self) -> bool:
@@ -61,26 +67,27 @@ class ChainDriver:
         return self._driving
 
     def command(self, source: str, command: EdgeCommand, side: Edge) -> None:
-        """Carry out a lasting command at an edge, in place of the last one."""
+        """Start a command with a duration at an edge; it replaces the previous one."""
         begin = partial(self._drive.edges.command, command, side)
-        self._waiting.append(_Waiting(source, begin, command))
+        self._pending.append(_PendingCommand(source, begin, command))
 
     def hold(self, source: str, rotors: Rotors, torques: Array) -> None:
         """Hold torques [N m] on rotors, both of shape (named,)."""
-        self._waiting.append(_Waiting(source, partial(self._drive.joints.hold, rotors, torques)))
+        begin = partial(self._drive.joints.hold, rotors, torques)
+        self._pending.append(_PendingCommand(source, begin))
 
     def follow(
         self, source: str, rotors: Rotors, times: Array, torques: Array, delay: float
     ) -> None:
-        """Lead torques [N m] of rotors through points at times [s] after a delay [s]."""
+        """Apply a torque trajectory [N m] with points at times [s] after a delay [s]."""
         begin = partial(self._drive.joints.follow, rotors, times + delay, torques)
-        self._waiting.append(_Waiting(source, begin))
+        self._pending.append(_PendingCommand(source, begin))
 
     def frame(self, before: int, stamp: int, angles: Array) -> Array | None:
-        """Torques to send with a frame [N m], shape (N,), or None where there is nothing to send.
+        """Return the torques to send for a frame [N m], shape (N,), or None if none are active.
 
-        `before` is the stamp of the frame before it [ns]. Raises ValueError where the stamps do
-        not increase; where they go back, all that was asked for ends.
+        `before` is the stamp of the previous frame [ns]. Raises ValueError if the stamps do not
+        increase. If they decrease, the driver also drops all commands.
         """
         time = self._time(stamp)
         if stamp <= before:
@@ -88,7 +95,7 @@ class ChainDriver:
             if ended:
                 self._drop(stamp)
             raise ValueError(
-                f'joint_states.header.stamp = {stamp} ns must be later than the one before, '
+                f'joint_states.header.stamp = {stamp} ns must be later than the previous one, '
                 f'{before} ns; {"all torques are dropped" if ended else "stamp each frame"}'
             )
         self.record.frame(stamp, angles)
@@ -109,12 +116,12 @@ class ChainDriver:
         return drive.torques
 
     def abandon(self) -> None:
-        """Tell of what was going on: there will be no other frame."""
+        """Report the current torques as cut short, because no further frame will come."""
         self.record.abandon(self._last)
 
     def _begin(self, time: float, stamp: int) -> None:
-        waiting, self._waiting = self._waiting, []
-        for each in waiting:
+        pending, self._pending = self._pending, []
+        for each in pending:
             if each.command is not None and self._driving:
                 unfinished = self._drive.edges.unfinished(time)
                 self.record.end(stamp, superseded=True, cut_short=unfinished)
@@ -124,7 +131,7 @@ class ChainDriver:
                 self._driving = True
 
     def _drop(self, stamp: int) -> None:
-        self._waiting.clear()
+        self._pending.clear()
         self.record.end(stamp, cut_short=True)
         self._drive = TorqueDrive(
             self.chain, self._drive.edges.actuator, self._drive.joints.timeout

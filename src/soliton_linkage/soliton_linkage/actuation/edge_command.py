@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What can be asked of the actuator at an edge: a kick, a command to the actuator, a pulse."""
+"""Commands to the actuator at an edge: a kick, an actuator command, or a torque pulse."""
 
 from __future__ import annotations
 
@@ -16,32 +16,32 @@ from soliton_linkage.linkage.chain import Array, Chain
 
 
 class CommandKind(enum.Enum):
-    """What is asked of an actuator, and the unit of its value."""
+    """Kind of a command; it determines the meaning and the unit of the value."""
 
     KICK = 'kick'
-    """A speed of the zero mode, at once [rad/s]."""
+    """Instantaneous change of the speed along the unit zero mode [rad/s]."""
     PRESSURE = 'pressure'
-    """A pressure in the chamber [Pa]; of another actuator than a pneumatic one, its command."""
+    """Pressure in the chamber [Pa], or the command of another actuator model in its own unit."""
     PULSE = 'pulse'
-    """A torque along the unit zero mode, past the actuator [N m]."""
+    """Torque along the unit zero mode [N m]; it bypasses the actuator model."""
 
 
 @dataclass(frozen=True)
 class EdgeLimits:
-    """The most that may be asked for past the actuators."""
+    """Limits of the commands that bypass the actuator model."""
 
     speed: float
-    """Of a kick [rad/s]."""
+    """Largest speed of a kick [rad/s]."""
     torque: float
-    """Of a pulse [N m]."""
+    """Largest torque of a pulse [N m]."""
 
 
 @dataclass(frozen=True)
 class EdgeCommand:
-    """A command to the actuator at an edge; raises ValueError where it makes no sense.
+    """Command to the actuator at an edge; raises ValueError for times that do not fit the kind.
 
-    The value rises over `ramp_up` from 0, lasts for `duration` and falls to 0 over `ramp_down`
-    [s]. A pressure without duration is held until the next command.
+    The value rises from 0 during `ramp_up`, is constant for `duration` and falls to 0 during
+    `ramp_down` [s]. A pressure with duration 0 is held until the next command.
     """
 
     edge: Edge
@@ -52,46 +52,46 @@ class EdgeCommand:
     ramp_down: float = 0.0
 
     def __post_init__(self) -> None:
-        """Refuse times that do not belong to the kind."""
+        """Reject times that do not fit the kind."""
         for name in ('duration', 'ramp_up', 'ramp_down'):
             time = getattr(self, name)
             if self.kind is CommandKind.KICK and time != 0:
                 raise ValueError(
-                    f'{name} of a kick = {time:g} s must be 0; a kick acts at once, use PULSE or '
-                    'PRESSURE for what lasts'
+                    f'{name} of a kick = {time:g} s must be 0, because a kick is instantaneous; '
+                    'use PULSE or PRESSURE for a command with a duration'
                 )
             if not (math.isfinite(time) and time >= 0):
                 raise ValueError(f'{name} = {time:g} s must be a finite number of 0 or more')
         if self.kind is CommandKind.PRESSURE and not self.duration and self.ramp_down:
             raise ValueError(
                 f'ramp_down = {self.ramp_down:g} s must be 0 for a pressure without duration, '
-                'which lasts until the next command; give a duration'
+                'which is held until the next command; specify a duration'
             )
 
     @property
     def instantaneous(self) -> bool:
-        """Whether it is one impulse."""
-        lasting = self.duration + self.ramp_up + self.ramp_down
-        return self.kind is CommandKind.KICK or (self.kind is CommandKind.PULSE and not lasting)
+        """Whether the command is a single impulse."""
+        total = self.duration + self.ramp_up + self.ramp_down
+        return self.kind is CommandKind.KICK or (self.kind is CommandKind.PULSE and not total)
 
     @property
     def held(self) -> bool:
-        """Whether it lasts until the next command."""
+        """Whether the value is held until the next command."""
         return self.kind is CommandKind.PRESSURE and not self.duration
 
     @property
     def vents(self) -> bool:
-        """Whether it asks for rest, which any edge can be asked for in any configuration."""
+        """Whether the command is pressure 0, which is valid at both edges in any configuration."""
         return self.kind is CommandKind.PRESSURE and self.value == 0
 
     @property
     def profile(self) -> Profile:
-        """Value over the time since the command [s]."""
+        """Value as a function of the time since the command [s]."""
         duration = math.inf if self.held else self.duration
         return trapezoid(self.value, self.ramp_up, duration, self.ramp_down)
 
     def check(self, limits: EdgeLimits, actuator: Actuator) -> None:
-        """Raise ValueError where the value is out of limits."""
+        """Raise ValueError for a value beyond the limits."""
         if self.kind is CommandKind.PRESSURE:
             actuator.check_command(self.value)
         elif self.kind is CommandKind.KICK:
@@ -100,23 +100,23 @@ class EdgeCommand:
             _check_size('torque', self.value, limits.torque, 'N m')
 
     def impulses(self, chain: Chain, mode: Array, period: float | None) -> Array:
-        """Impulses on the rotors [N m s] of an instantaneous command along a mode, shape (N,).
+        """Return the impulses of an instantaneous command along a unit mode [N m s], shape (N,).
 
-        A kick of speed v along the unit mode m makes J_n = I_n v m_n; a pulse of the torque tau
-        acts for a period T of the frames [s], J = tau T m. Raises ValueError for a pulse where
-        that is not known.
+        A kick of speed v along the mode m gives J_n = I_n v m_n. A pulse of torque tau acts for
+        one frame period T [s] and gives J = tau T m. Raises ValueError for a pulse if the period
+        is None.
         """
         if self.kind is CommandKind.KICK:
             return np.asarray(chain.moments_of_inertia * self.value * mode)
         if period is None:
             raise ValueError(
-                'a pulse without duration lasts for a period of joint_states, which is not '
-                'known yet; give a duration'
+                'a pulse without duration acts for one period of joint_states, which is not '
+                'known yet; specify a duration'
             )
         return np.asarray(period * self.value * mode)
 
     def as_pressure(self, chain: Chain, actuator: Actuator, duration: float) -> EdgeCommand:
-        """Command of a duration [s] to the actuator with the impulse of this kick."""
+        """Return the actuator command of a duration [s] that gives the impulse of this kick."""
         impulse = chain.moment_of_inertia * self.value
         pressure = actuator.pulse_command(impulse, duration)
         return EdgeCommand(self.edge, CommandKind.PRESSURE, pressure, duration)
@@ -128,5 +128,5 @@ def _check_size(name: str, value: float, limit: float, unit: str) -> None:
     if abs(value) > limit:
         raise ValueError(
             f'{name} = {value:g} {unit} must lie in the range {-limit:g} to {limit:g} {unit}; '
-            f'ask for less or raise {name}_limit'
+            f'lower the {name} or raise {name}_limit'
         )

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What was asked of the actuator and what became of it, from its own sums or the simulator's."""
+"""Record of commanded kicks and their delivered impulse and work, computed or measured."""
 
 from __future__ import annotations
 
@@ -12,56 +12,58 @@ from soliton_linkage.actuation.edge_command import EdgeCommand
 from soliton_linkage.dynamics.work import TorqueLedger
 from soliton_linkage.linkage.chain import Array
 
-_PATIENCE = 10**9 // 2
-"""How long the simulator's account is waited for [ns], in the time of the frames: many frames of
-the slowest simulator, and no longer than a person waits for an answer."""
+_DELIVERY_TIMEOUT = 10**9 // 2
+"""Longest wait for the simulator's delivery totals, in frame time [ns]. It covers many frames of
+the slowest simulator and is short for an operator."""
 
 
 @dataclass(frozen=True)
 class DeliveryTotals:
-    """What has been done to the chain by the instant of a frame, as the simulator measured it."""
+    """Impulse and work delivered to the chain up to a frame, as the simulator measured them."""
 
     stamp: int
-    """Of the frame [ns]."""
+    """Stamp of the frame [ns]."""
     impulses: int
-    """How many messages of impulses have acted."""
+    """Number of impulse messages applied."""
     work_of_impulses: float
-    """In joules."""
+    """Work of all impulses [J]."""
     torques_act: bool
-    """Whether torques acted over the period before the frame."""
+    """Whether torques acted during the period before the frame."""
     work_of_torques: float
-    """In joules."""
+    """Work of all torques [J]."""
     impulse_of_torques: Array
-    """On each rotor [N m s], shape (N,)."""
+    """Angular impulse of all torques on each rotor [N m s], shape (N,)."""
 
 
 @dataclass(frozen=True)
 class KickReport:
-    """What one kick, or torques from the first to the last, were and did."""
+    """Report of one kick, or of one episode of torques."""
 
     stamp: int
-    """Of the frame that it began with [ns]."""
+    """Stamp of the first frame [ns]."""
     source: str
-    """Topics that it came by."""
+    """Topics of the commands."""
     command: EdgeCommand | None
-    """Of the edge actuator; None where joints were commanded."""
+    """Command to the edge actuator, None if only joints were commanded."""
     duration: float
-    """How long torques acted [s]."""
+    """Time during which torques acted [s]."""
     impulse: Array
-    """On each rotor [N m s], shape (N,)."""
+    """Angular impulse on each rotor [N m s], shape (N,)."""
     work: float
-    """On the chain [J]."""
+    """Work on the chain [J]."""
     peak_torque: float
-    """Norm over the rotors [N m]."""
+    """Largest norm of the torques over the rotors [N m]."""
     saturated: bool
+    """Whether an actuator reached its torque limit."""
     cut_short: bool
+    """Whether the command ended early, or was rejected."""
     measured: bool
-    """Whether impulse and work are the simulator's."""
+    """Whether the simulator measured impulse and work."""
 
 
 @dataclass(eq=False)
 class _TorqueEpisode:
-    """A stretch of torques, while it lasts and until it is settled."""
+    """Episode of torques, from the first one until its report."""
 
     stamp: int
     ledger: TorqueLedger
@@ -84,22 +86,22 @@ class _Impulse:
 
 
 class KickRecord:
-    """Follows what is sent to the rotors, and tells of each kick once it is over.
+    """Record of the impulses and torques sent to the rotors; it reports each finished kick.
 
-    Torques that were sent with one frame act from the next one on, until those that are sent
-    with that one take their place; so it is reckoned where no `DeliveryTotals` comes.
+    Without `DeliveryTotals` the record computes impulse and work itself. It assumes that the
+    torques sent with one frame act from the next frame until the frame after it.
     """
 
-    def __init__(self, number_of_rotors: int, tell: Callable[[KickReport], None]) -> None:
-        """`tell` takes each kick that is over."""
+    def __init__(self, number_of_rotors: int, report: Callable[[KickReport], None]) -> None:
+        """Start empty; `report` receives each finished kick."""
         self.measured = False
-        """Whether somebody measures what is delivered."""
+        """Whether a simulator publishes delivery totals."""
         self._rotors = number_of_rotors
-        self._tell = tell
+        self._report = report
         self.delivered: DeliveryTotals | None = None
-        """What the simulator has measured so far."""
+        """Latest totals of the simulator."""
         self._impulses: list[_Impulse] = []
-        self._stretch: _TorqueEpisode | None = None
+        self._episode: _TorqueEpisode | None = None
         self._ended: list[_TorqueEpisode] = []
         nothing: tuple[_TorqueEpisode | None, Array] = (None, np.zeros(number_of_rotors))
         self._acting, self._sent = nothing, nothing
@@ -107,59 +109,59 @@ class KickRecord:
 
     @property
     def open(self) -> bool:
-        """Whether there is something to be told of."""
-        return bool(self._impulses or self._ended or self._stretch)
+        """Whether a report is outstanding."""
+        return bool(self._impulses or self._ended or self._episode)
 
     @property
     def waiting(self) -> int:
-        """How many impulses were sent that are not measured yet."""
+        """Number of impulses that were sent and not yet measured."""
         return len(self._impulses)
 
     def kicked(
         self, stamp: int, source: str, command: EdgeCommand, impulses: Array, work: float
     ) -> None:
-        """Note impulses that were sent [N m s], and the work that they do if they act now [J]."""
+        """Record sent impulses [N m s] and their work [J] if they act at the current rates."""
         kick = _Impulse(stamp, source, command, impulses, work)
         if self.measured:
             self._impulses.append(kick)
         else:
-            self._tell_impulses([kick], kick.work, measured=False)
+            self._report_impulses([kick], kick.work, measured=False)
 
     def begin(self, stamp: int, source: str, command: EdgeCommand | None) -> None:
-        """Note that torques begin, or that one more source joins in."""
-        if self._stretch is None:
+        """Start an episode of torques, or add a source to the current one."""
+        if self._episode is None:
             before = None if self._ended else self.delivered
-            self._stretch = _TorqueEpisode(stamp, TorqueLedger(self._rotors), before)
-        if source not in self._stretch.sources:
-            self._stretch.sources.append(source)
-        self._stretch.command = command or self._stretch.command
+            self._episode = _TorqueEpisode(stamp, TorqueLedger(self._rotors), before)
+        if source not in self._episode.sources:
+            self._episode.sources.append(source)
+        self._episode.command = command or self._episode.command
 
     def interrupt(self) -> None:
-        """Note that frames failed to come for long while torques acted."""
-        if self._stretch is not None:
-            self._stretch.cut_short = True
+        """Mark the current torques as cut short, because of a gap between frames."""
+        if self._episode is not None:
+            self._episode.cut_short = True
 
     def end(self, stamp: int, cut_short: bool = False, superseded: bool = False) -> None:
-        """Note that torques are over, or that others take their place from this frame on."""
-        if self._stretch is not None:
-            self._stretch.ended, self._stretch.superseded = stamp, superseded
-            self._stretch.cut_short |= cut_short
-            self._ended.append(self._stretch)
-            self._stretch = None
+        """End the current torques at a frame; `superseded` if other torques replace them."""
+        if self._episode is not None:
+            self._episode.ended, self._episode.superseded = stamp, superseded
+            self._episode.cut_short |= cut_short
+            self._ended.append(self._episode)
+            self._episode = None
 
     def sent(self, torques: Array, saturated: bool) -> None:
-        """Note the torques that were sent with the current frame [N m], shape (N,)."""
-        self._sent = (self._stretch, torques)
-        if self._stretch is not None:
-            self._stretch.saturated |= saturated
+        """Record the torques sent with the current frame [N m], shape (N,)."""
+        self._sent = (self._episode, torques)
+        if self._episode is not None:
+            self._episode.saturated |= saturated
 
     def frame(self, stamp: int, angles: Array) -> None:
-        """Note a frame of joint states: stamp [ns], angles [rad], shape (N,)."""
+        """Record a frame of joint states: stamp [ns], angles [rad], shape (N,)."""
         if self._frame is not None:
             before, angles_before = self._frame
-            stretch, torques = self._acting
-            if stretch is not None:
-                stretch.ledger.add(torques, angles - angles_before, (stamp - before) / 1e9)
+            episode, torques = self._acting
+            if episode is not None:
+                episode.ledger.add(torques, angles - angles_before, (stamp - before) / 1e9)
         self._acting, self._sent = self._sent, (None, 0 * angles)
         self._frame = (stamp, angles)
         self._settle(stamp)
@@ -167,73 +169,73 @@ class KickRecord:
             self._frame = None
 
     def deliver(self, delivered: DeliveryTotals) -> None:
-        """Note what the simulator has measured."""
+        """Record the totals that the simulator measured."""
         before = self.delivered
         self.delivered = delivered
         count = delivered.impulses - (before.impulses if before else 0)
         if self._impulses and count > 0:
             kicks, self._impulses = self._impulses[:count], self._impulses[count:]
             work = delivered.work_of_impulses - (before.work_of_impulses if before else 0.0)
-            self._tell_impulses(kicks, work, measured=True)
+            self._report_impulses(kicks, work, measured=True)
         if self._ended:
-            stretch = self._ended[0]
-            over = stretch.superseded or not delivered.torques_act
-            if over and delivered.stamp > (stretch.ended or 0):
+            episode = self._ended[0]
+            over = episode.superseded or not delivered.torques_act
+            if over and delivered.stamp > (episode.ended or 0):
                 self._close(delivered)
 
     def abandon(self, stamp: int) -> None:
-        """Tell of torques whose chain is gone as far as they went."""
+        """Report the torques up to a stamp [ns] as cut short, because the chain disappeared."""
         self.end(stamp, cut_short=True)
         while self._ended:
             self._close(None)
 
     def _settle(self, stamp: int) -> None:
-        """Tell of what nobody will measure any more."""
-        late = [kick for kick in self._impulses if stamp - kick.stamp > _PATIENCE]
+        """Report kicks whose measurement is overdue or not expected."""
+        late = [kick for kick in self._impulses if stamp - kick.stamp > _DELIVERY_TIMEOUT]
         if late:
             del self._impulses[: len(late)]
-            self._tell_impulses(late, 0.0, measured=True, refused=True)
+            self._report_impulses(late, 0.0, measured=True, rejected=True)
         while self._ended:
-            stretch = self._ended[0]
-            at_work = self._acting[0] is stretch or self._sent[0] is stretch
-            patient = self.measured and stamp - (stretch.ended or 0) <= _PATIENCE
-            if at_work or patient:
+            episode = self._ended[0]
+            acting = self._acting[0] is episode or self._sent[0] is episode
+            overdue = stamp - (episode.ended or 0) > _DELIVERY_TIMEOUT
+            if acting or (self.measured and not overdue):
                 return
             self._close(self.delivered if self.measured else None)
 
     def _close(self, after: DeliveryTotals | None) -> None:
-        stretch = self._ended.pop(0)
-        account = stretch.ledger.totals
-        impulse, work = account.impulse, account.work
+        episode = self._ended.pop(0)
+        totals = episode.ledger.totals
+        impulse, work = totals.impulse, totals.work
         if after is not None:
-            before = stretch.before
+            before = episode.before
             impulse = after.impulse_of_torques - (before.impulse_of_torques if before else 0.0)
             work = after.work_of_torques - (before.work_of_torques if before else 0.0)
-            following = self._ended[0] if self._ended else self._stretch
+            following = self._ended[0] if self._ended else self._episode
             if following is not None:
                 following.before = after
-        self._tell(
+        self._report(
             KickReport(
-                stretch.stamp,
-                ', '.join(stretch.sources),
-                stretch.command,
-                account.duration,
+                episode.stamp,
+                ', '.join(episode.sources),
+                episode.command,
+                totals.duration,
                 impulse,
                 work,
-                account.peak_torque,
-                stretch.saturated,
-                stretch.cut_short,
+                totals.peak_torque,
+                episode.saturated,
+                episode.cut_short,
                 after is not None,
             )
         )
 
-    def _tell_impulses(
-        self, kicks: list[_Impulse], work: float, measured: bool, refused: bool = False
+    def _report_impulses(
+        self, kicks: list[_Impulse], work: float, measured: bool, rejected: bool = False
     ) -> None:
-        impulse = np.sum([kick.impulses for kick in kicks], axis=0) * (not refused)
+        impulse = np.sum([kick.impulses for kick in kicks], axis=0) * (not rejected)
         last = kicks[-1]
         sources = ', '.join(dict.fromkeys(kick.source for kick in kicks))
-        self._tell(
+        self._report(
             KickReport(
                 last.stamp,
                 sources,
@@ -243,7 +245,7 @@ class KickRecord:
                 work,
                 0.0,
                 False,
-                refused,
+                rejected,
                 measured,
             )
         )

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What is commanded over a time: straight lines between instants, and jumps at them."""
+"""Piecewise linear profiles of commanded values, with jumps."""
 
 from __future__ import annotations
 
@@ -13,12 +13,12 @@ import numpy as np
 from soliton_linkage.linkage.chain import Array
 
 RESOLUTION = 1e-9
-"""What is nearer than that to its end is over [s]: stamps come in nanoseconds."""
+"""Resolution of the stamps [s]; a profile ends when less than this time remains."""
 
 
 @dataclass(frozen=True)
 class Segment:
-    """A straight line from an instant [s] to a later one, with its values at both ends."""
+    """Linear segment between two instants [s], with the values at both ends."""
 
     start: float
     end: float
@@ -27,16 +27,16 @@ class Segment:
 
     @property
     def duration(self) -> float:
-        """Length [s]."""
+        """Duration [s]."""
         return self.end - self.start
 
 
 @dataclass(frozen=True)
 class Profile:
-    """Values at instants, linear between them, 0 before the first and held after the last.
+    """Piecewise linear function of time: 0 before the first point, held after the last one.
 
-    Two points with the same instant are a jump. Raises ValueError unless the instants are
-    finite and in order and each has a finite value.
+    Two points with the same instant form a jump. Raises ValueError for unsorted instants, for
+    numbers that are not finite, and for different numbers of instants and values.
     """
 
     times: Array
@@ -45,16 +45,16 @@ class Profile:
     """Value at each instant, shape (points, ...)."""
 
     def __post_init__(self) -> None:
-        """Refuse what is no profile."""
+        """Reject invalid points."""
         if self.times.ndim != 1 or not 1 <= len(self.times) == len(self.values):
             raise ValueError(
                 f'a profile of {len(self.times)} instants and {len(self.values)} values must '
-                'have one or more, as many of one as of the other'
+                'have the same number of both, 1 or more'
             )
         if not (np.isfinite(self.times).all() and np.isfinite(self.values).all()):
-            raise ValueError('a profile must have finite instants and values')
+            raise ValueError('the instants and values of a profile must be finite numbers')
         if np.any(np.diff(self.times) < 0):
-            raise ValueError('the instants of a profile must be in order')
+            raise ValueError('the instants of a profile must not decrease; sort the points')
 
     @property
     def end(self) -> float:
@@ -62,39 +62,39 @@ class Profile:
         return float(self.times[-1])
 
     @property
-    def lasting(self) -> bool:
-        """Whether there is something left to hold after the end."""
+    def held(self) -> bool:
+        """Whether a value other than 0 is held after the end."""
         return bool(np.any(self.values[-1]))
 
     def after(self, time: float) -> Array:
-        """Value right after an instant, shape (...)."""
-        place = int(np.searchsorted(self.times, time, side='right'))
-        if place == 0:
+        """Return the limit of the value from the right at an instant [s], shape (...)."""
+        index = int(np.searchsorted(self.times, time, side='right'))
+        if index == 0:
             return np.zeros(self.values.shape[1:])
-        return self._between(place - 1, place, time)
+        return self._between(index - 1, index, time)
 
     def before(self, time: float) -> Array:
-        """Value right before an instant, shape (...)."""
-        place = int(np.searchsorted(self.times, time, side='left'))
-        if place == 0:
+        """Return the limit of the value from the left at an instant [s], shape (...)."""
+        index = int(np.searchsorted(self.times, time, side='left'))
+        if index == 0:
             return np.zeros(self.values.shape[1:])
-        return self._between(place - 1, place, time)
+        return self._between(index - 1, index, time)
 
-    def pieces(self, start: float, end: float) -> Iterator[Segment]:
-        """Straight lines that make up the profile from an instant to a later one [s]."""
+    def segments(self, start: float, end: float) -> Iterator[Segment]:
+        """Yield the linear segments of the profile from an instant to a later one [s]."""
         inside = np.unique(self.times[(self.times > start) & (self.times < end)])
         for left, right in pairwise([start, *inside.tolist(), end]):
             yield Segment(left, right, self.after(left), self.before(right))
 
     def integral(self, start: float, end: float) -> Array:
-        """Integral from an instant to a later one [value times s], exact, shape (...)."""
-        lines = self.pieces(start, end)
+        """Return the exact integral between two instants [value times s], shape (...)."""
+        lines = self.segments(start, end)
         areas = [line.duration * (line.first + line.last) / 2 for line in lines]
         return np.asarray(np.sum(areas, axis=0))
 
     def mean(self, start: float, end: float) -> Array:
-        """Mean from an instant to a later one, exact, shape (...)."""
-        lines = list(self.pieces(start, end))
+        """Return the exact mean between two instants [s], shape (...)."""
+        lines = list(self.segments(start, end))
         length = sum(line.duration for line in lines)
         means = [line.duration / length * ((line.first + line.last) / 2) for line in lines]
         return np.asarray(np.sum(means, axis=0))
@@ -103,18 +103,18 @@ class Profile:
         if right == len(self.times):
             return np.asarray(self.values[-1])
         first, last = self.values[left], self.values[right]
-        share = (time - self.times[left]) / (self.times[right] - self.times[left])
-        return np.asarray(first + share * (last - first))
+        fraction = (time - self.times[left]) / (self.times[right] - self.times[left])
+        return np.asarray(first + fraction * (last - first))
 
 
 AT_REST = Profile(np.zeros(1), np.zeros(1))
-"""The command to be at rest, 0 for ever."""
+"""Profile that is always 0."""
 
 
 def trapezoid(value: float, ramp_up: float, duration: float, ramp_down: float) -> Profile:
-    """Profile that rises from 0 to a value, keeps it for a duration and falls to 0 [s].
+    """Return a profile that rises from 0 to a value, holds it for a duration and falls to 0.
 
-    A duration of infinity keeps it for ever.
+    Times are in seconds. An infinite duration holds the value forever.
 
     >>> pulse = trapezoid(2.0, ramp_up=0.1, duration=0.3, ramp_down=0.1)
     >>> round(float(pulse.integral(0.0, 1.0)), 9)

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Torques over time: of the actuators at both edges, of single joints, and of both together."""
+"""Torques over time of the edge actuators, of the joint actuators, and of both together."""
 
 from __future__ import annotations
 
@@ -15,37 +15,39 @@ from soliton_linkage.actuation.profile import AT_REST, RESOLUTION, Profile
 from soliton_linkage.linear.rigidity import Edge, mode_towards_last
 from soliton_linkage.linkage.chain import Array, Chain
 
-_EMPTY = 1e-6
-"""Level of an actuator over the largest since its last command: less is rest, as the exponential
-decay of a lag never comes to 0. It ends a drive 14 time constants after its command."""
-_SENSES = {Edge.FIRST: 1.0, Edge.LAST: -1.0}
-"""Sign of a torque that moves the wall towards the last rotor, for a push at each edge [1]."""
+_REST_LEVEL = 1e-6
+"""Level over the largest one since the last command, below which an actuator is at rest [1].
+
+An exponential decay never reaches 0. This threshold ends a drive 14 time constants after its
+command.
+"""
+_SIGNS = {Edge.FIRST: 1.0, Edge.LAST: -1.0}
+"""Sign of the torque of each edge actuator along the mode towards the last rotor [1]."""
 
 
 @dataclass(frozen=True)
 class MeanTorque:
-    """Torque over a stretch of time."""
+    """Mean torque over a time interval."""
 
     torque: float
-    """Mean, along the unit zero mode that moves the wall towards the last rotor [N m]."""
+    """Mean along the unit zero mode that moves the wall towards the last rotor [N m]."""
     saturated: bool
-    """Whether an actuator gives less than its level asks for."""
+    """Whether the torque of an actuator is limited."""
 
 
 class EdgeDrive:
-    """The actuators at both edges and the pulse past them, in the course of time.
+    """Torque over time of the actuators at both edges and of a torque pulse.
 
-    A command takes the place of the one before it; an actuator that was commanded goes back to
-    rest while the next command is carried out. Times are in seconds from any origin, and never
-    go back.
+    A command replaces the previous one. The actuator of the previous command returns to rest
+    while the next command acts. Times are in seconds from any origin and do not decrease.
     """
 
     def __init__(self, actuator: Actuator) -> None:
         """Start with both actuators at rest."""
-        self._ends = {edge: _End(actuator) for edge in _SENSES}
+        self._ends = {edge: _ActuatorState(actuator) for edge in _SIGNS}
         self.actuator = actuator
         self._pulse: Profile | None = None
-        self._sense = 0.0
+        self._sign = 0.0
         self._started = -math.inf
         self._over = -math.inf
 
@@ -56,46 +58,46 @@ class EdgeDrive:
 
     @property
     def levels(self) -> tuple[float, float]:
-        """Level of the actuators of the first and of the last edge, such as a pressure [Pa]."""
+        """Levels of the actuators at the first and the last edge, for example pressures [Pa]."""
         return self._ends[Edge.FIRST].level, self._ends[Edge.LAST].level
 
     def unfinished(self, time: float) -> bool:
-        """Whether a command with an end has not come to it."""
+        """Return whether a command with a finite duration is still active."""
         return time < self._over < math.inf
 
     def command(self, command: EdgeCommand, side: Edge, time: float) -> None:
-        """Carry out a lasting command at the first or last edge, from an instant on."""
+        """Start a command with a duration at the first or last edge, at an instant [s]."""
         self.drop(time)
         profile = command.profile
         if command.kind is CommandKind.PULSE:
-            self._pulse, self._sense = profile, _SENSES[side]
+            self._pulse, self._sign = profile, _SIGNS[side]
         elif not command.vents:
             self._ends[side].command(profile, time)
         self._started, self._over = time, math.inf if command.held else time + profile.end
 
     def drop(self, time: float) -> None:
-        """Let the actuators go back to rest and end the pulse."""
+        """Release the actuators and end the pulse at an instant [s]."""
         for end in self._ends.values():
             end.command(AT_REST, time)
         self._pulse, self._over = None, -math.inf
 
     def mean_torque(self, start: float, end: float) -> MeanTorque:
-        """Torque over a stretch of time that begins now."""
+        """Advance to `start` and return the mean torque from `start` to `end` [s]."""
         torque, saturated = 0.0, False
         for edge, actuated in self._ends.items():
             level = actuated.mean_level(start, end)
-            torque += _SENSES[edge] * float(self.actuator.torque(level))
+            torque += _SIGNS[edge] * float(self.actuator.torque(level))
             saturated |= self.actuator.is_saturated(level)
         since = start - self._started
         if self._pulse is not None and since >= self._pulse.end - RESOLUTION:
             self._pulse = None
         if self._pulse is not None:
-            torque += self._sense * float(self._pulse.mean(since, since + end - start))
+            torque += self._sign * float(self._pulse.mean(since, since + end - start))
         return MeanTorque(torque, saturated)
 
 
-class _End:
-    """Level of the actuator at one edge, and the profile that it follows."""
+class _ActuatorState:
+    """Level of the actuator at one edge, and its commanded profile."""
 
     def __init__(self, actuator: Actuator) -> None:
         self.level = 0.0
@@ -122,9 +124,9 @@ class _End:
         if self.active and time > self._time:
             self.level, _ = self._driven(self._time, time)
             self._largest = max(self._largest, abs(self.level))
-            if time - self._started >= self._command.end and not self._command.lasting:
+            if time - self._started >= self._command.end and not self._command.held:
                 self._command = AT_REST
-            if self._command is AT_REST and abs(self.level) <= _EMPTY * self._largest:
+            if self._command is AT_REST and abs(self.level) <= _REST_LEVEL * self._largest:
                 self.level = 0.0
         self._time = time
 
@@ -146,14 +148,15 @@ class _Command:
 
     @property
     def ends(self) -> float:
-        return math.inf if self.profile.lasting else self.started + self.profile.end
+        return math.inf if self.profile.held else self.started + self.profile.end
 
 
 class JointDrive:
-    """Torques of actuators on single rotors in the course of time.
+    """Torques over time of the joint actuators.
 
-    A command speaks for the rotors that it names and leaves the others alone. Its last torques
-    are held for `timeout` [s], 0 for ever. Times are in seconds from any origin.
+    A command replaces the torques of the rotors that it names; the other rotors keep theirs. Its
+    last torques are held for `timeout` [s]; 0 disables the timeout. Times are in seconds from any
+    origin.
     """
 
     def __init__(self, number_of_rotors: int, timeout: float) -> None:
@@ -168,24 +171,26 @@ class JointDrive:
         return bool(self._commands)
 
     @property
-    def in_force(self) -> int:
-        """How many commands speak for a rotor."""
+    def active_commands(self) -> int:
+        """Number of commands that act on at least one rotor."""
         return len(self._commands)
 
     def unfinished(self, time: float) -> bool:
-        """Whether a sequence of torques has not come to its end."""
+        """Return whether a torque trajectory has points after an instant [s]."""
         ends = [command.started + command.profile.end - self.timeout for command in self._commands]
         return any(time < end for end in ends)
 
     def hold(self, rotors: Rotors, torques: Array, time: float) -> None:
-        """Hold torques [N m] on rotors, both of shape (named,), from an instant on."""
+        """Hold torques [N m] on rotors, both of shape (named,), from an instant [s]."""
         self._command(rotors, np.zeros(1), torques[None, :], time)
 
     def follow(self, rotors: Rotors, times: Array, torques: Array, time: float) -> None:
-        """Lead the torques of rotors through points, linear in time from what they are now.
+        """Apply a torque trajectory that is linear between points and starts at an instant [s].
 
-        The points come at increasing times after the instant [s], shape (points,), with a
-        torque [N m] for each rotor, shape (points, named). What is before the instant is gone.
+        `times` are the increasing times of the points after the instant [s], shape (points,).
+        `torques` has a torque [N m] for each rotor, shape (points, named). If the first point is
+        later than the instant, the trajectory starts from the current torques. Otherwise its part
+        before the instant is skipped.
         """
         now = self._now(time)[rotors]
         if times[0] > 0:
@@ -197,7 +202,7 @@ class JointDrive:
         self._commands.clear()
 
     def mean_torques(self, start: float, end: float) -> Array:
-        """Mean torque on each rotor over a stretch of time that begins now [N m], shape (N,)."""
+        """Drop ended commands; return the mean torques from `start` to `end` [N m], shape (N,)."""
         torques = np.zeros(self._number)
         self._commands = [
             command for command in self._commands if start < command.ends - RESOLUTION
@@ -233,16 +238,16 @@ class DriveTorques:
     """Torques to hold until the next frame."""
 
     torques: Array
-    """On each rotor [N m], shape (N,)."""
+    """Torque on each rotor [N m], shape (N,)."""
     saturated: bool
-    """Whether an actuator at an edge gives less than its level asks for."""
+    """Whether the torque of an edge actuator is limited."""
 
 
 class TorqueDrive:
-    """The actuators at the edges and those on single rotors together."""
+    """Sum of the torques of the edge actuators and the joint actuators."""
 
     def __init__(self, chain: Chain, actuator: Actuator, timeout: float) -> None:
-        """Start at rest; `timeout` [s] is for torques on single rotors, 0 for none."""
+        """Start at rest; `timeout` [s] limits how long joint torques are held, 0 for no limit."""
         self.chain = chain
         self.edges = EdgeDrive(actuator)
         self.joints = JointDrive(chain.number_of_rotors, timeout)
@@ -253,19 +258,19 @@ class TorqueDrive:
         return self.edges.active or self.joints.active
 
     def unfinished(self, time: float) -> bool:
-        """Whether something with an end has not come to it at an instant [s]."""
+        """Return whether a command with a finite duration is still active at an instant [s]."""
         return self.edges.unfinished(time) or self.joints.unfinished(time)
 
     def drop(self, time: float) -> None:
-        """End all that is asked for at an instant [s]; actuators go back to rest."""
+        """End all commands at an instant [s]; the edge actuators return to rest."""
         self.edges.drop(time)
         self.joints.drop()
 
     def torques(self, angles: Array, start: float, end: float) -> DriveTorques:
-        """Torques for a configuration [rad], means over a stretch of time that begins now [s].
+        """Return the mean torques from `start` to `end` [s] in a configuration [rad].
 
-        Held for as long as that, they give each rotor the impulse that is asked for, however
-        short pulses and ramps are.
+        Held from `start` to `end`, they give each rotor the commanded impulse, because the means
+        are exact even for short pulses and ramps.
         """
         torques = self.joints.mean_torques(start, end)
         edge = self.edges.mean_torque(start, end)

@@ -29,22 +29,23 @@ class ElasticSettings(SimulationSettings):
     """Tuning of `ElasticSimulation`."""
 
     longest_step: float = 5.0
-    """Of scipy's solvers, in units of the fastest rate; DOP853 is stable in steps of 6.
+    """Longest step of scipy's solvers times the fastest rate; DOP853 is stable up to 6.
 
-    A chain at rest asks for no accuracy, and longer steps make a motion of rounding errors. Half
-    of it: 1.6 times the work for a soliton, twice for a chain at rest; twice: none and half.
+    At rest the tolerance does not limit the step, and a longer one would amplify rounding errors.
+    Sensitivity: at 0.5x, 1.6 times the work for a soliton and twice for a chain at rest. At 2x,
+    the same work for a soliton and half for a chain at rest.
     """
     symplectic_fraction: float = 0.1
-    """Tolerance of `SymplecticNystrom`, over that of the simulation.
+    """Tolerance of `SymplecticNystrom` over the tolerance of the simulation.
 
-    A kicked chain of 12 rotors then has the error of DOP853, 7e-10 rad; at 1 it has 13 times as
-    much, and steps are 1.4 times as long.
+    A kicked chain of 12 rotors then has the same error as with DOP853, 7e-10 rad. At 1 the error
+    is 13 times as large and the steps are 1.4 times as long.
     """
-    rotors_together: int = 400
-    """Rotors times steps in one step of `SymplecticNystrom`, after each of which others may act.
+    rotors_per_step: int = 400
+    """Rotors times method steps in one solver step, after which other callbacks may run.
 
-    One takes 0.05 to 0.07 ms. Half as many: frames of 40 rotors take 20 to 60 % longer; twice:
-    10 to 30 % less, and symplectic steps 0.12 ms.
+    One solver step takes 0.05 to 0.07 ms. Sensitivity: at 0.5x, frames of 40 rotors take 20 to
+    60 % longer; at 2x, 10 to 30 % less, with solver steps of 0.12 ms.
     """
 
 
@@ -52,10 +53,10 @@ DEFAULTS = ElasticSettings()
 
 
 class ElasticSimulation(Simulation):
-    """A chain of springs, integrated along its `EquationOfMotion`.
+    """Simulation of a chain of springs, which integrates its `EquationOfMotion`.
 
-    The integrator is one of INTEGRATORS; all else is as in `Simulation`. Raises ValueError for
-    an unknown integrator, and for `forces` that it does not integrate.
+    `integrator` is a name in INTEGRATORS; see `Simulation` for the other arguments. Raises
+    ValueError for an unknown integrator, and for `forces` that it does not integrate.
     """
 
     def __init__(
@@ -120,19 +121,19 @@ class ElasticSimulation(Simulation):
         return solver, longest_step
 
     def _tolerances(self) -> Array:
-        """Absolute tolerance of each variable of the solver."""
-        # The solver takes the root mean square over its variables, in which a wall in a long
-        # chain would be drowned by the rotors at rest.
+        """Return the absolute tolerance of each variable of the solver."""
+        # The solver averages over all variables. The division by sqrt(N) keeps the error of a
+        # wall in a long chain from being averaged away by the rotors at rest.
         chain = self.chain
         rotors = chain.number_of_rotors
-        of_angles = np.full(rotors, self.tolerance / math.sqrt(2 * rotors))
-        of_energy = [self.tolerance * chain.stiffness * chain.rest_length**2] * self._damped
-        return np.concatenate([of_angles, of_angles / chain.time_unit, of_energy])
+        angles = np.full(rotors, self.tolerance / math.sqrt(2 * rotors))
+        energy = [self.tolerance * chain.stiffness * chain.rest_length**2] * self._damped
+        return np.concatenate([angles, angles / chain.time_unit, energy])
 
     def _after_step(self) -> None:
-        """Let the longer steps together the longer nothing happens; the state stays as it is."""
+        """Take more method steps per solver step while no kick or torque restarts the solver."""
         if isinstance(self._solver, SymplecticNystrom):
-            most = max(1, self._settings.rotors_together // self.chain.number_of_rotors)
+            most = max(1, self._settings.rotors_per_step // self.chain.number_of_rotors)
             self._solver.together = min(2 * self._solver.together, most)
 
     @property
@@ -148,9 +149,9 @@ def simulate(
     period: float,
     tolerance: float = 1e-11,
 ) -> Recording:
-    """Record the free motion of springs: every period [s] for a duration [s], both ends.
+    """Record the free motion of a chain of springs every period [s] for a duration [s].
 
-    It starts from angles [rad] and rates [rad/s], shape (N,); `tolerance` [rad] and errors are
-    those of `Simulation`, and ArithmeticError says where the solver does not get on.
+    The first frame has the given angles [rad] and rates [rad/s], shape (N,). `tolerance` [rad] and
+    errors are as in `Simulation`. Raises ArithmeticError if the solver fails.
     """
     return ElasticSimulation(chain, angles, rates, period, tolerance).record(duration)

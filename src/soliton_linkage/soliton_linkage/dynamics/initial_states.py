@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""States of motion to start a chain from."""
+"""Initial states of a chain."""
 
 from __future__ import annotations
 
@@ -14,21 +14,21 @@ from soliton_linkage.linkage.chain import Array, Chain
 
 @dataclass(frozen=True)
 class State:
-    """Where the rotors are and how they move."""
+    """Angles and rates of the rotors."""
 
     angles: Array
     """Actual angles [rad], shape (N,)."""
     rates: Array
-    """Their rates [rad/s], shape (N,)."""
+    """Angular rates [rad/s], shape (N,)."""
 
 
 def leaning(chain: Chain, lean: int) -> State:
-    """At rest near the uniform state that leans right (+1) or left (-1), every spring relaxed.
+    """Return the state at rest that leans right (+1) or left (-1), with relaxed springs.
 
-    Where deviations leave no such state the springs are in balance. Raises ValueError where
-    there is none of that either.
+    If the deviations allow no such state, return an equilibrium of the springs. Raises ValueError
+    if there is no equilibrium either.
     """
-    # What only passes states on needs no scipy.
+    # Import scipy only here, because modules that only pass states on do not need it.
     from soliton_linkage.linear.statics import equilibrium, rest_state
 
     try:
@@ -39,14 +39,13 @@ def leaning(chain: Chain, lean: int) -> State:
 
 
 def with_soliton(chain: Chain, place: float, velocity: float) -> State:
-    """A wall of charge +1 at a place [rotor spacings] with a velocity [m/s], on leg 0.
+    """Return a wall of charge +1 at a site coordinate [rotor spacings] with a velocity [m/s].
 
-    The wall is the static one, every spring relaxed, and the rotors move along the zero mode at
-    |phi_dot| = Lambda |v| / a, for rigid bars exactly so. It is not contracted: among springs it
-    has the kinetic energy M_eff v^2 / 2 of which contraction and phonons take a part, and goes on
-    more slowly, at 0.2 of the speed of sound by 0.4 to 4 % in the examples of the three motions
-    and at 0.6 by 3 to 42 %. Raises ValueError for a velocity that is not finite and as
-    `static_wall` does.
+    The wall is the static one on leg 0, with relaxed springs. The rotors move along the zero mode
+    at |phi_dot| = Lambda |v| / a, which is exact for rigid bars. With springs the wall has the
+    kinetic energy M_eff v^2 / 2, and then loses speed because it contracts and radiates phonons.
+    In the examples of the three motions it loses 0.4 to 4 % at 0.2 of the speed of sound, and 3 to
+    42 % at 0.6. Raises ValueError for a velocity that is not finite and as `static_wall` does.
     """
     from soliton_linkage.solitons.static_wall import site_arc, static_wall
 

@@ -1,13 +1,13 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Motion of a chain of rigid bars, the limit of springs of infinite stiffness.
+"""Motion of a chain of rigid bars, the limit of infinitely stiff springs.
 
-The chain is then a mechanism of one degree of freedom: it moves along the curve of all
-configurations whose bars have their length, in the direction of the zero mode t(phi). With the
-unit t in the metric of the inertia, sum_n I_n t_n^2 = 1, and the speed s [J^(1/2)],
+The chain is a mechanism with one degree of freedom. It moves along the curve of configurations
+whose bars have their rest length, in the direction of the zero mode t(phi). With t normalised in
+the metric of the inertia, sum_n I_n t_n^2 = 1, and the speed s [J^(1/2)],
 
     dphi/dt = s t(phi),    ds/dt = t(phi) . torques,    T = s^2 / 2,
 
-and no bar does work.
+and the bars do no work.
 """
 
 from __future__ import annotations
@@ -30,37 +30,36 @@ from soliton_linkage.linkage.chain import Array, Chain
 from soliton_linkage.linkage.gravity import NO_GRAVITY, Gravity
 
 _FLUSHED = -1100
-"""Power of 2 below which nothing is left of a component [1]."""
+"""Binary exponent below which a component underflows to 0 [1]."""
 
 
 @dataclass(frozen=True)
 class RigidSettings(SimulationSettings):
     """Tuning of `RigidSimulation`."""
 
-    loosest_bar: float = 1e-6
-    """Over its length, up to which a bar may miss it at the start; a refusal, no tuning."""
+    max_bar_error: float = 1e-6
+    """Largest relative error of the length of a bar in the initial state [1]."""
     jammed: float = 1e-5
-    """Smallest singular value of R, over r, at which a complaint says that bars jam."""
+    """Smallest singular value of R, over r, below which an error reports that the bars jam."""
     longest_step: float = 100.0
-    """Of the solver, in periods: as many frames are computed at once, at most.
+    """Longest step of the solver in periods, which is also the most frames computed at once.
 
-    Half or twice as many: no difference in time or energy drift.
+    Sensitivity: at 0.5x or 2x, the same run time and energy drift.
     """
-    mendings: int = 3
-    """Corrections of the energy after a step, at most; 1 and 6: the same energy drift."""
+    max_corrections: int = 3
+    """Largest number of energy corrections after a step. 1 and 6 give the same energy drift."""
 
 
 DEFAULTS = RigidSettings()
 
 
 class RigidSimulation(Simulation):
-    """A chain whose springs are bars of their length at rest.
+    """Simulation of a chain whose springs are rigid bars of their rest length.
 
-    Raises ValueError for angles that the bars do not allow. Of the rates and impulses given it
-    takes the part along the zero mode; the bars bear the rest. After every step of the solver
-    the state is brought back onto the curve and onto the energy that it must have. Where the
-    bars jam, so that no zero mode leads on, ArithmeticError says so. Arguments are those of
-    `Simulation`; no rotor can be fixed, and ends are free.
+    Rates and impulses are projected onto the zero mode, because the bars bear the rest. After
+    each step the simulation projects the state onto the curve and corrects its energy. The
+    arguments are as in `Simulation`, without fixed rotors and periodic ends. Raises ValueError
+    for angles that the bars do not allow, and ArithmeticError if the bars jam.
     """
 
     def __init__(
@@ -84,9 +83,9 @@ class RigidSimulation(Simulation):
     def link_torques(self) -> Array:
         """Torque of the bars on each rotor in the current frame [N m], R^T s, shape (N,).
 
-        With I phi_ddot = R^T s + torques the lengths keep still, R phi_ddot + l_ddot = 0, where
-        l_ddot is that of rotors that do not accelerate; so
-        R I^-1 R^T s = -(l_ddot + R I^-1 torques). Raises ValueError where the bars jam.
+        The lengths are constant, R phi_ddot + l_ddot = 0, where l_ddot is the second derivative
+        at constant rates. With I phi_ddot = R^T s + torques this gives
+        R I^-1 R^T s = -(l_ddot + R I^-1 torques). Raises ValueError if the bars jam.
         """
         chain, angles, rates = self.chain, self.angles, self.rates
         first, second = rigidity_bands(chain, angles)
@@ -103,21 +102,21 @@ class RigidSimulation(Simulation):
         chain = self.chain
         if self.fixed:
             raise ValueError(
-                f'a chain of rigid bars does not move with rotor {self.fixed[0]} fixed; fix none, '
-                'or simulate springs'
+                f'a chain of rigid bars cannot move with rotor {self.fixed[0]} fixed; fix no '
+                'rotor, or choose elastic mechanics'
             )
         if chain.periodic:
             raise ValueError(
-                'rigid bars between periodic ends do not move; free the ends of the chain, or '
-                'simulate springs'
+                'rigid bars with periodic ends cannot move; set periodic to false, or choose '
+                'elastic mechanics'
             )
         extensions = chain.spring_extensions(angles)
         bar = int(np.argmax(np.abs(extensions)))
-        if not abs(extensions[bar]) <= self._settings.loosest_bar * chain.rest_lengths[bar]:
+        if not abs(extensions[bar]) <= self._settings.max_bar_error * chain.rest_lengths[bar]:
             raise ValueError(
                 f'bar {bar} between rotors {bar} and {bar + 1} would be {extensions[bar]:.3g} m '
-                f'longer than its {chain.rest_lengths[bar]:.6g} m; start from angles that the '
-                'bars allow, as rest_state gives them'
+                f'longer than its rest length of {chain.rest_lengths[bar]:.6g} m; start from '
+                'angles that the bars allow, for example rest_state(chain, 1)'
             )
         closed = unstretched(chain, angles)
         mode = self._mode(closed)
@@ -128,7 +127,7 @@ class RigidSimulation(Simulation):
         return np.concatenate([self.angles, [speed, 0.0]])
 
     def _unpacked(self, state: Array) -> tuple[Array, Array, float]:
-        angles, speed, dissipated = self._mended(state)
+        angles, speed, dissipated = self._corrected(state)
         return angles, speed * self._mode(angles), dissipated
 
     def _applied_torques(self, angles: Array) -> Array:
@@ -149,7 +148,7 @@ class RigidSimulation(Simulation):
         return solver, longest_step
 
     def _tolerances(self) -> Array:
-        """Absolute tolerance of each variable of the solver."""
+        """Return the absolute tolerance of each variable of the solver."""
         chain = self.chain
         rotors = chain.number_of_rotors
         of_angles = np.full(rotors, self.tolerance / math.sqrt(rotors))
@@ -159,22 +158,22 @@ class RigidSimulation(Simulation):
 
     def _after_step(self) -> None:
         state = self._solver.y
-        angles, speed, _ = self._mended(state)
+        angles, speed, _ = self._corrected(state)
         state[:-2], state[-2] = angles, speed
         self._solver.f = self._solver.fun(self._solver.t, state)
 
-    def _mended(self, state: Array) -> tuple[Array, float, float]:
-        """Angles with every bar at its length, and the speed that goes with their energy.
+    def _corrected(self, state: Array) -> tuple[Array, float, float]:
+        """Return angles with bars at their rest length, the corrected speed and the dissipation.
 
-        The energy is set right by the smallest change of place and speed along its gradient
-        (-t . torques, s), which holds at turning points as well, where s vanishes.
+        The energy is corrected by the smallest change of position and speed, along its gradient
+        (-t . torques, s). This also works at turning points, where s is 0.
         """
         chain = self.chain
         angles, speed, dissipated = state[:-2].copy(), float(state[-2]), float(state[-1])
         eps = float(np.finfo(np.float64).eps)
         try:
             angles = unstretched(chain, angles)
-            for _ in range(self._settings.mendings):
+            for _ in range(self._settings.max_corrections):
                 excess = self._excess_energy(angles, speed, dissipated)
                 mode = self._mode(angles)
                 force = chain.time_unit * float(mode @ self._applied_torques(angles))
@@ -198,27 +197,28 @@ class RigidSimulation(Simulation):
         return speed**2 / 2 + potential - work + self._dissipated_before + dissipated
 
     def _stuck(self, complaint: str) -> ArithmeticError:
-        """Say so where the bars jam: where R has next to a second null vector."""
+        """Return the error, which reports jammed bars if R nearly has a second null vector."""
         bands = rigidity_bands(self.chain, self._solver.y[:-2])
         squares = eigvals_banded(gram_matrix_bands(*bands), select='i', select_range=(0, 0))
         jammed = squares[0] <= (self._settings.jammed * self.chain.rotor_length) ** 2
         return super()._stuck(f'the bars jam ({complaint})' if jammed else complaint)
 
     def _energy_scale(self) -> float:
-        """What energies are made of: the motion, and a radian against gravity and torques [J]."""
+        """Return the scale of energies [J]: kinetic, and the work of loads over one radian."""
         moving = float(self.chain.kinetic_energy(self.rates))
         return moving + self.gravity.scale(self.chain) + float(np.abs(self.torques).sum())
 
     def _mode(self, angles: Array) -> Array:
-        """Zero mode of unit length in the metric of the inertia [kg^(-1/2) m^(-1)], (N,)."""
+        """Return the zero mode, normalised in the metric of the inertia [kg^(-1/2) m^(-1)], (N,)."""
         mode = zero_mode(self.chain, angles)
         return np.asarray(mode / math.sqrt(float(self.chain.moments_of_inertia @ mode**2)))
 
 
 def _centripetal(chain: Chain, angles: Array, rates: Array) -> Array:
-    """Minus l_ddot of rotors that turn steadily [m/s^2], for bars of constant length, (bars,).
+    """Return -l_ddot at constant rates [m/s^2], for bars of constant length, shape (bars,).
 
-    With (x, y) from mass to mass, l_ddot = (x_dot^2 + y_dot^2 + x x_ddot + y y_ddot) / l.
+    With the vector (x, y) between two masses, l_ddot = (x_dot^2 + y_dot^2 + x x_ddot +
+    y y_ddot) / l.
     """
     horizontal, vertical = chain.positions(angles)
     x, y = chain.spacings + np.diff(horizontal), np.diff(vertical)
@@ -229,10 +229,10 @@ def _centripetal(chain: Chain, angles: Array, rates: Array) -> Array:
 
 @compiled(const_f8_1d, const_f8_1d, const_f8_1d, const_f8_1d)
 def mode_of_bars(angles: Array, lengths: Array, spacings: Array, inertias: Array) -> Array:
-    """Zero mode of unit length in the metric of the inertia [kg^(-1/2) m^(-1)], shape (N,).
+    """Return the zero mode, normalised in the metric of the inertia [kg^(-1/2) m^(-1)], (N,).
 
-    It is that of `linear.rigidity.zero_mode`; each number has an exponent of its own, because the
-    mode may vary by more than the range of floating-point numbers.
+    It equals `linear.rigidity.zero_mode` up to normalisation. Each component has a separate
+    exponent, because the mode may vary by more than the range of floating-point numbers.
     """
     rotors = angles.size
     mode, exponents = np.empty(rotors), np.empty(rotors, np.int64)

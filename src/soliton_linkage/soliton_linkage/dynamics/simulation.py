@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Motion of a chain in time, sampled at exact instants, whatever its mechanics."""
+"""Base class of the simulations, which sample the motion of a chain at exact instants."""
 
 from __future__ import annotations
 
@@ -19,7 +19,8 @@ from soliton_linkage.linkage.gravity import NO_GRAVITY, Gravity
 from soliton_linkage.linkage.recording import Recording
 
 SMALLEST_RELATIVE_TOLERANCE = 100 * float(np.finfo(np.float64).eps)
-"""Scipy's solvers take nothing smaller; rotors that have turned far must not be less exact."""
+"""Smallest relative tolerance of scipy's solvers [1]. The absolute tolerance must dominate, so that
+rotors with large angles are equally accurate."""
 
 
 @dataclass(frozen=True)
@@ -27,9 +28,9 @@ class SimulationSettings:
     """Tuning of every simulation."""
 
     max_steps: int = 1000
-    """Of the solver, in a unit of time of the springs, beyond which it is said to be stuck.
+    """Largest number of solver steps per `Chain.time_unit`, beyond which the solver fails.
 
-    Half or twice as many: it gives up as much earlier or later.
+    Sensitivity: at 0.5x or 2x, the solver fails earlier or later in proportion.
     """
 
 
@@ -37,20 +38,18 @@ DEFAULTS = SimulationSettings()
 
 
 class Simulation(ABC):
-    """A chain that moves under its mechanics, gravity, damping, and applied torques and kicks.
+    """Simulation of a chain with gravity, damping, applied torques and kicks.
 
-    The frame k is the state at exactly k * period after the start, whatever steps the solver
-    takes: it is read off the solver's dense output. Kicks, torques and changes of gravity act
-    at the instant of the current frame. The error that the solver may make in a step is
-    `tolerance` [rad] in the angles, and as much per `chain.time_unit` in the rates (norm over
-    all rotors), however many rotors there are and however far they have turned. `kicks` counts
-    kicks and `kick_work` is the energy that they have given [J].
+    Frame k is the state at exactly k * period after the start, taken from the dense output of the
+    solver. Kicks, torques and changes of gravity act at the instant of the current frame. The
+    error per step, as a norm over all rotors, is at most `tolerance` [rad] in the angles and
+    `tolerance` per `chain.time_unit` in the rates. It does not depend on the number of rotors or
+    on the size of the angles. `kicks` counts kicks, and `kick_work` is their total work [J].
 
-    It starts from `angles` [rad] and `rates` [rad/s], shape (N,), or from rest; `period` is in
-    [s]. The rotors numbered in `fixed` stay at the angle that they start from; their mounts bear
-    whatever acts on them. `forces` are further terms of the equation of motion, or functions
-    f(time, angles, rates) -> torques [N m]. Raises ValueError for what is out of its range or
-    does not fit the chain.
+    The simulation starts from `angles` [rad] and `rates` [rad/s], shape (N,), or from rest;
+    `period` is in [s]. Rotors with an index in `fixed` do not turn. `forces` are further terms of
+    the equation of motion, or functions f(time, angles, rates) -> torques [N m]. Raises ValueError
+    for arguments out of range or of the wrong shape.
     """
 
     def __init__(
@@ -113,7 +112,7 @@ class Simulation(ABC):
 
     @property
     def motion(self) -> EquationOfMotion:
-        """Equation of motion from the last kick, change of torques or of gravity on."""
+        """Equation of motion since the last kick or change of torques or gravity."""
         if self._equation is None:
             self._equation = EquationOfMotion(
                 self.chain, self.torques, self.gravity, self.fixed, self.forces, self.time
@@ -122,25 +121,26 @@ class Simulation(ABC):
 
     @property
     def dissipated(self) -> float:
-        """Energy that damping and `forces` have taken out since the start [J]."""
+        """Energy dissipated by damping and `forces` since the start [J]."""
         return self._dissipated_before + self._dissipated
 
     @property
     def energy_drift(self) -> float:
-        """Energy that the solver gained or lost since the start, over the largest there was [1].
+        """Relative energy error of the solver since the start [1].
 
-        The work of kicks, torques and damping is accounted for. Energies below the rounding of
-        k_e lbar^2, as a chain at rest has, count as that much, and gravity as sum_n M g r at
-        least.
+        The error is the energy minus the initial energy and the work of kicks, torques and
+        damping. It is divided by the largest energy so far, which is at least sum_n M g r plus
+        the rounding error of k_e lbar^2.
         """
-        fallen = float(self.gravity.energy(self.chain, self.angles)) - self._gravity_at_start
-        self._largest_energy = max(self._largest_energy, self._motion_and_springs(), abs(fallen))
+        change = float(self.gravity.energy(self.chain, self.angles)) - self._gravity_at_start
+        self._largest_energy = max(self._largest_energy, self._motion_and_springs(), abs(change))
         return (self.energy - self._expected_energy()) / self._largest_energy
 
     def kick(self, impulses: Array) -> None:
         """Apply angular impulses J [N m s], shape (N,), at the instant of the current frame.
 
-        They do the work W = J . (phi_dot before + phi_dot after) / 2.
+        Their work is W = J . (phi_dot before + phi_dot after) / 2. Raises ValueError if it is not
+        finite.
         """
         checked = self.chain.check_angles(impulses, 'impulse')
         with np.errstate(over='ignore', invalid='ignore'):
@@ -150,8 +150,8 @@ class Simulation(ABC):
         if not math.isfinite(gained):
             rotor = int(np.argmax(np.abs(checked)))
             raise ValueError(
-                f'impulse of rotor {rotor} = {checked[rotor]:g} N m s gives an energy that is no '
-                'finite number; kick more gently'
+                f'impulse of rotor {rotor} = {checked[rotor]:g} N m s gives an energy that is not '
+                'finite; apply smaller impulses'
             )
         self.rates = rates
         self.kicks += 1
@@ -160,7 +160,7 @@ class Simulation(ABC):
         self._restart()
 
     def hold(self, torques: Array) -> None:
-        """Apply torques [N m], shape (N,), from the current frame until told otherwise."""
+        """Apply constant torques [N m], shape (N,), from the current frame to the next call."""
         checked = self.chain.check_angles(torques, 'torque')
         if np.array_equal(checked, self.torques):
             return
@@ -170,7 +170,7 @@ class Simulation(ABC):
         self._restart()
 
     def set_gravity(self, gravity: Gravity) -> None:
-        """Change gravity at the instant of the current frame; the chain gains the difference."""
+        """Change gravity at the instant of the current frame; the energy difference is work."""
         if gravity == self.gravity:
             return
         before = float(self.gravity.energy(self.chain, self.angles))
@@ -183,12 +183,12 @@ class Simulation(ABC):
 
     @property
     def steps_per_frame(self) -> float:
-        """Least number of steps of the solver from a frame to the next, 0 before the first [1]."""
+        """Smallest number of solver steps per frame [1]; 0 before the first step."""
         return 0.0 if self._stale else self.period / self._longest_step
 
     @property
     def progress(self) -> float:
-        """How much of the way to the next frame is computed [1]."""
+        """Computed fraction of the time to the next frame [1]."""
         done = 0.0 if self._stale else self._solver.t / self.period
         return 1.0 if self.ready else done - (self.frame - self._first_frame)
 
@@ -198,9 +198,9 @@ class Simulation(ABC):
         return self._ahead < len(self._batch)
 
     def step(self) -> None:
-        """Take one step of the solver towards the next frame; the current one stays as it is."""
+        """Take one solver step towards the next frame; the current frame does not change."""
         if self._stale:
-            # It is made once however much happens at a frame.
+            # Create the solver once, even after several changes at one frame.
             self._solver, longest_step = self._solver_from(self._packed())
             self._longest_step = longest_step
             self._time_unit = min(self.chain.time_unit, longest_step)
@@ -219,7 +219,7 @@ class Simulation(ABC):
         self._after_step()
 
     def advance(self) -> None:
-        """Go on to the next frame, in as many steps as it takes."""
+        """Advance to the next frame, with as many solver steps as needed."""
         while not self.ready:
             self.step()
         self._steps = 0
@@ -229,7 +229,7 @@ class Simulation(ABC):
         self.angles, self.rates, self._dissipated = self._unpacked(state)
 
     def record(self, duration: float) -> Recording:
-        """Record from the current frame on: every period for a duration [s], both ends."""
+        """Record every frame from the current one for a duration [s], including both ends."""
         if not (math.isfinite(duration) and duration >= 0):
             raise ValueError(f'duration = {duration} s must be a finite number of 0 or more')
         start = self.frame
@@ -249,19 +249,19 @@ class Simulation(ABC):
 
     @abstractmethod
     def _packed(self) -> Array:
-        """State of the current frame in the solver's variables, nothing dissipated so far."""
+        """Return the current frame in the variables of the solver, with zero dissipated energy."""
 
     @abstractmethod
     def _unpacked(self, state: Array) -> tuple[Array, Array, float]:
-        """Angles [rad], rates [rad/s] and dissipated energy [J] of a state of the solver."""
+        """Return angles [rad], rates [rad/s] and dissipated energy [J] of a solver state."""
 
     @abstractmethod
     def _solver_from(self, state: Array) -> tuple[OdeSolver, float]:
-        """Solver from a state on, and the longest step that is stable or wanted [s]."""
+        """Return a solver that starts at a state, and its longest allowed step [s]."""
 
     @abstractmethod
     def _after_step(self) -> None:
-        """Mend what a step of the solver has spoilt."""
+        """Adjust the solver or its state after a step."""
 
     def _finite_energy(self) -> float:
         with np.errstate(over='ignore', invalid='ignore'):
@@ -269,8 +269,8 @@ class Simulation(ABC):
         if not math.isfinite(energy):
             rotor = int(np.argmax(np.abs(self.rates)))
             raise ValueError(
-                f'rate of rotor {rotor} = {self.rates[rotor]:g} rad/s gives an energy that is no '
-                'finite number; start more slowly'
+                f'rate of rotor {rotor} = {self.rates[rotor]:g} rad/s gives an energy that is not '
+                'finite; start with smaller rates'
             )
         return energy
 
@@ -282,7 +282,7 @@ class Simulation(ABC):
         return self._work + self._work_of_torques() - self.dissipated
 
     def _work_of_torques(self) -> float:
-        """Work of the torques held now, since they were set [J]."""
+        """Return the work of the current torques since they were set [J]."""
         return work_of_torques(self.torques, self.angles - self._held_from)
 
     def _stuck(self, complaint: str) -> ArithmeticError:
@@ -290,11 +290,11 @@ class Simulation(ABC):
         return ArithmeticError(
             f'the chain could not be integrated beyond t = {self.time:.6g} s, where rotor '
             f'{fastest} turns at {self.rates[fastest]:.3g} rad/s: {complaint.rstrip(".")}; '
-            f'kick more gently or loosen the tolerance ({self.tolerance:g} rad)'
+            f'apply smaller impulses or raise the tolerance ({self.tolerance:g} rad)'
         )
 
     def _restart(self) -> None:
-        """Let the solver start anew at the current frame, where the state or forces jump."""
+        """Restart the solver at the current frame, because the state or the forces changed."""
         self._equation = None
         self._first_frame = self.frame
         self._steps = 0
@@ -312,7 +312,7 @@ def scipy_solver(
     tolerances: Array,
     longest_step: float,
 ) -> OdeSolver:
-    """Solver from a state on for ever, of absolute tolerances, one a variable, and steps [s]."""
+    """Return a solver without end time, with an absolute tolerance for each variable."""
     return method(
         right_hand_side,
         0.0,

@@ -23,7 +23,7 @@ _SOLITON = 'soliton'
 
 @dataclass(frozen=True)
 class WorldParameters:
-    """Parameters of the world besides those of the chain and of gravity."""
+    """Parameters of the world besides the chain and gravity."""
 
     mechanics: str = quantity(
         'elastic', 'whether rotors are joined by springs or by rigid bars', choices=_MECHANICS
@@ -41,15 +41,13 @@ class WorldParameters:
     )
     initial_state: str = quantity(
         'left_leaning',
-        'state to start from: uniform, or with a soliton',
+        'initial state: uniform, or with a soliton',
         choices=(*_LEANS, _SOLITON),
     )
     initial_place: float = quantity(
-        1.0, 'place of the soliton to start from, from 0.5 to N - 1.5', 'rotor spacings', 0.5, 1e5
+        1.0, 'initial position of the soliton, from 0.5 to N - 1.5', 'rotor spacings', 0.5, 1e5
     )
-    initial_velocity: float = quantity(
-        0.0, 'velocity of the soliton to start from', 'm/s', -1e6, 1e6
-    )
+    initial_velocity: float = quantity(0.0, 'initial velocity of the soliton', 'm/s', -1e6, 1e6)
 
 
 class World:

@@ -1,8 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A soliton carried to a place and held there, by feedback along the zero mode.
+"""Position control of a soliton by feedback along the zero mode.
 
-`Steering` observes the wall frame by frame (`WallObserver`, by the analyser's estimator), leads it
-along a `ReferenceTrajectory`, and has `TorqueAllocation` make torques of the force that it takes.
+`Steering` estimates the wall in each frame with a `WallObserver` (the filter of the analyser),
+tracks a `ReferenceTrajectory`, and converts the required force into torques with
+`TorqueAllocation`.
 """
 
 from soliton_linkage.steering.phonon_energy_estimator import PhononEnergyEstimator

@@ -1,13 +1,14 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Energy of the phonons beside a wall, from the rates of a chain that may be other than thought.
+"""Estimate of the phonon energy beside a wall from the rates, valid for unmodelled deviations.
 
-Springs of unknown lengths hide what energy they hold, but not how rotors move: off the orbit's
-tangent t they move with phonons alone, whose energy is kinetic for half of the time,
+The elastic energy is unknown if the spring lengths are. The rates orthogonal to the tangent t of
+the orbit come from phonons alone. On average half of the energy of phonons is kinetic, so that
 
     E = < I |phi_dot - t (t . phi_dot)|^2 > - I (N - 1) sigma^2.
 
-The noise sigma of the rates is told by their third differences from frame to frame, in which
-phonons, slow beside the frames, are next to nothing: sum (1, 3, 3, 1)^2 = 20 sigma^2 a rotor.
+The noise sigma of the rates follows from their third differences between frames, with variance
+(1^2 + 3^2 + 3^2 + 1^2) sigma^2 = 20 sigma^2 for each rotor. Phonons hardly contribute to these
+differences, because their periods are much longer than the frame period.
 """
 
 from __future__ import annotations
@@ -27,10 +28,10 @@ _THIRD_DIFFERENCE = np.array([-1.0, 3.0, -3.0, 1.0])
 
 
 class PhononEnergyEstimator:
-    """Running mean of the phonons' energy over the last few periods of the slowest."""
+    """Running mean of the phonon energy over several periods of the slowest phonon."""
 
     def __init__(self, orbit: Orbit, settings: SteeringSettings = DEFAULTS) -> None:
-        """Know of no frame yet."""
+        """Start without frames."""
         self._orbit = orbit
         self._memory = settings.phonon_periods * 2 * math.pi / gap(orbit.chain)
         self._rates: deque[Array] = deque(maxlen=len(_THIRD_DIFFERENCE))
@@ -40,13 +41,14 @@ class PhononEnergyEstimator:
 
     @property
     def energy(self) -> float:
-        """Energy of the phonons [J], 0 or more; NaN before the fourth frame with rates."""
+        """Phonon energy [J], 0 or more; NaN before the fourth frame with rates."""
         return max(self._sum / self._weight, 0.0) if self._weight else math.nan
 
     def update(self, time: float, rates: Array | None, arc: float) -> None:
-        """Take in a frame [s] with its rates [rad/s], shape (N,), and the wall's arc [rad].
+        """Process a frame [s] with its rates [rad/s], shape (N,), and the arc of the wall [rad].
 
-        Frames that come late or twice change nothing; a clock that goes back far begins anew.
+        Late and repeated frames are ignored. If the time decreases by more than the memory of
+        the mean, the estimate restarts.
         """
         if time < self._time - self._memory:
             self._rates.clear()
@@ -57,16 +59,16 @@ class PhononEnergyEstimator:
         self._rates.append(rates)
         if len(self._rates) < len(_THIRD_DIFFERENCE):
             return
-        kept = math.exp(-elapsed / self._memory)
-        self._sum = kept * self._sum + (1 - kept) * self._frame_energy(rates, arc)
-        self._weight = kept * self._weight + (1 - kept)
+        decay = math.exp(-elapsed / self._memory)
+        self._sum = decay * self._sum + (1 - decay) * self._frame_energy(rates, arc)
+        self._weight = decay * self._weight + (1 - decay)
 
     def _frame_energy(self, rates: Array, arc: float) -> float:
         about = self._orbit.segment(arc)
         within = slice(about.first, about.first + len(about.tangent))
-        off = rates.copy()
-        off[within] -= about.tangent * float(about.tangent @ rates[within])
+        orthogonal = rates.copy()
+        orthogonal[within] -= about.tangent * float(about.tangent @ rates[within])
         difference = _THIRD_DIFFERENCE @ np.array(self._rates)
         square = float(difference @ difference) / float(_THIRD_DIFFERENCE @ _THIRD_DIFFERENCE)
         noise = square * (len(rates) - 1) / len(rates)
-        return self._orbit.chain.moment_of_inertia * (float(off @ off) - noise)
+        return self._orbit.chain.moment_of_inertia * (float(orthogonal @ orthogonal) - noise)

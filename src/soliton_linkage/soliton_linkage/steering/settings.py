@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Every number of the steering that was chosen, and what moves of walls do where it is another.
+"""Tuned parameters of the steering, and the sensitivity of moves to each of them.
 
-Found with flippers, wobbling flippers and spinners of 12 rotors, in frames of 10 ms with a noise
-of 0.01 to 0.02 rad, friction and deviations of 3 to 6 %, each number halved (/ 2) and doubled
-(x 2) by itself.
+Sensitivities were measured with flippers, wobbling flippers and spinners of 12 rotors. The frames
+had a period of 10 ms and a noise of 0.01 to 0.02 rad, with friction and deviations of 3 to 6 %.
+Each parameter was halved (0.5x) and doubled (2x) separately.
 """
 
 from __future__ import annotations
@@ -15,128 +15,133 @@ from soliton_linkage.linkage.quantities import check_quantities, quantity
 
 @dataclass(frozen=True)
 class SteeringSettings:
-    """Numbers that the steering was tuned with; raises ValueError where they are out of range.
+    """Tuned parameters of the steering; raises ValueError for values out of range.
 
-    Each is described by its `Quantity`. The bandwidth is that of the feedback, b [rad/s].
+    The `Quantity` of each field has its meaning and range. b [rad/s] is the bandwidth of the
+    feedback.
     """
 
     tolerance: float = quantity(
-        0.1, 'distance from its goal at which a wall has arrived', 'rotor spacings', 1e-6
+        0.1, 'distance from the goal at which a wall has arrived', 'rotor spacings', 1e-6
     )
-    """/ 2: arrivals are told later, by nothing to 4 s; x 2: up to 0.6 s earlier. Walls are held
-    alike."""
+    """Sensitivity: at 0.5x, arrivals are reported up to 4 s later; at 2x, up to 0.6 s earlier. The
+    holding accuracy does not change."""
 
-    latency: int = quantity(1, 'frames after theirs from which torques act', 'frames', 0)
-    """That of the loop: 2 frames off it is held as well, 5 off a wall may be lost."""
+    latency: int = quantity(1, 'delay from a frame until its torques act', 'frames', 0)
+    """Latency of the loop. An error of 2 frames does not matter; with 5 frames a wall may be
+    lost."""
 
     radiated_share: float = quantity(
-        1e-5, "share of a wall's energy that one rotor may radiate", '', 1e-12, 1.0
+        1e-5, 'fraction of the energy of a wall that one rotor may radiate', '', 1e-12, 1.0
     )
-    """/ 2: moves take up to 7 % longer; x 2: a wobbling flipper's take 28 % less and leave 2000
-    times the energy of phonons, still a millionth of the wall's."""
+    """Sensitivity: at 0.5x, moves take up to 7 % longer. At 2x, moves of a wobbling flipper take
+    28 % less and leave 2000 times the phonon energy, still 1e-6 of the energy of the wall."""
 
     adiabatic_fraction: float = quantity(
-        0.5, 'gentle rate over that at which a wall radiates this share', '', 1e-3, 1.0
+        0.5, 'adiabatic rate over the rate that radiates radiated_share', '', 1e-3, 1.0
     )
-    """/ 2: moves take up to twice as long; x 2: up to half as long, and phonons keep 5e-8 of a
-    flipper's energy for 3e-11, 2e-4 of a wobbling flipper's for 3e-10."""
+    """Sensitivity: at 0.5x, moves take up to twice as long; at 2x, down to half as long. At 2x the
+    phonon energy rises from 3e-11 to 5e-8 of the energy of a flipper, and from 3e-10 to 2e-4 for
+    a wobbling flipper."""
 
     bandwidth_share: float = quantity(
         0.125, 'bandwidth of the feedback over the gap of the phonons', '', 1e-3, 1.0
     )
-    """/ 2: walls of disordered chains are held four times worse and some are lost; x 2: noise
-    makes six times the torques and 15 to 170 times the phonons."""
+    """Sensitivity: at 0.5x, errors in disordered chains are four times larger and some walls are
+    lost. At 2x, noise causes six times the torques and 15 to 170 times the phonon energy."""
 
     bandwidth_step: float = quantity(
-        0.1, 'largest bandwidth of the feedback times the period of the frames', '', 1e-3, 1.0
+        0.1, 'largest bandwidth of the feedback times the frame period', '', 1e-3, 1.0
     )
-    """A margin of stability: torques may come 3 frames late, at x 2 they make a flipper in frames
-    of 50 ms unstable; / 2 moves in such frames take twice as long. Faster frames know nothing of
-    it."""
+    """Stability margin: torques may be 3 frames late. Sensitivity in frames of 50 ms: at 0.5x,
+    moves take twice as long; at 2x, such a delay destabilises a flipper. Faster frames do not
+    depend on it."""
 
     observer_ratio: float = quantity(
-        3.0, 'bandwidth of the observer over that of the feedback', '', 0.1, 100.0
+        3.0, 'bandwidth of the observer over the bandwidth of the feedback', '', 0.1, 100.0
     )
-    """/ 2: a third of the torques by noise, and errors four times larger in disordered chains;
-    x 2: four times the torques by noise, and 10 to 50 times the phonons."""
+    """Sensitivity: at 0.5x, torques from noise are a third, and errors in disordered chains four
+    times larger. At 2x, noise causes four times the torques and 10 to 50 times the phonon
+    energy."""
 
     period_memory: float = quantity(
-        50.0, 'frames over which the period of the frames is averaged', 'frames', 1.0
+        50.0, 'number of frames over which the frame period is averaged', 'frames', 1.0
     )
-    """/ 2 and x 2: nothing in even frames, 2 % of the time of a move in frames of 50 ms that
-    jitter by a third."""
+    """Sensitivity: at 0.5x or 2x, no effect in regular frames. In frames of 50 ms that jitter by a
+    third, the duration of a move changes by 2 %."""
 
-    shortest_move: float = quantity(
-        10.0, 'least duration of a reference trajectory times the bandwidth', '', 1.0
+    min_duration: float = quantity(
+        10.0, 'shortest duration of a reference trajectory times the bandwidth', '', 1.0
     )
-    """/ 2: short moves take 0.6 of the time with the same errors, x 2 up to 1.8 times; long ones
-    at the gentle rate know nothing of it. Below, torques grow as its square and goals go out of
-    reach."""
+    """Sensitivity: at 0.5x, short moves take 0.6 of the time with the same errors; at 2x, up to 1.8
+    times. Long moves at the adiabatic rate do not depend on it. For smaller values torques grow as
+    the inverse square, and goals get out of reach."""
 
     force_reserve: float = quantity(
-        2.0, 'force that actuators must have over what the trajectory takes', '', 1.0
+        2.0, 'available force over the force that the trajectory needs', '', 1.0
     )
-    """What is left for noise and disturbances. / 2 and x 2: actuators at an edge are said to
-    reach ln(2) penetration depths further and less far; moves that are made are the same."""
+    """Margin for noise and disturbances. Sensitivity: at 0.5x or 2x, the reported reach of actuators
+    at an edge is ln(2) penetration depths longer or shorter. Feasible moves do not change."""
 
-    rest: float = quantity(
+    settling_time: float = quantity(
         3.0,
-        'time within the tolerance after which a wall rests, times the bandwidth',
+        'time within the tolerance after which a wall is at rest, times the bandwidth',
         '',
         0.0,
     )
-    """Errors have decayed by (1 + 3) e^-3 = 0.2. / 2: arrivals are told 1.5 / b earlier, with up
-    to six times the error; x 2: 3 / b later, with no smaller one."""
+    """Errors have then decayed to (1 + 3) e^-3 = 0.2. Sensitivity: at 0.5x, arrivals are reported
+    1.5 / b earlier with up to six times the error; at 2x, 3 / b later with the same error."""
 
-    rest_timeout: float = quantity(
-        30.0, 'time to come to rest in after the trajectory, times the bandwidth', '', 0.0
+    settling_timeout: float = quantity(
+        30.0, 'longest time to settle after the trajectory, times the bandwidth', '', 0.0
     )
-    """/ 2 and x 2: walls that never rest are said not to be held so much earlier and later; all
-    others arrive within 15."""
+    """Sensitivity: at 0.5x or 2x, walls that never settle are reported earlier or later in
+    proportion. All other walls settle within 15."""
 
-    largest_error: float = quantity(
+    max_error: float = quantity(
         1.5,
-        'distance from the reference at which that begins anew from where the wall is',
+        'distance from the reference at which the reference restarts at the wall',
         'rotor spacings',
         1e-3,
     )
-    """/ 2: a wall in a disordered chain that lags by 0.9, or a blow that makes 0.8, begins its way
-    anew; x 2: torques are larger before it does."""
+    """Sensitivity: at 0.5x, the reference restarts for a wall in a disordered chain that lags by
+    0.9, or after an impulse that causes 0.8. At 2x, torques are larger before a restart."""
 
-    most_restarts: int = quantity(
-        20, 'beginnings anew after which a wall that does not come to rest is lost', '', 0
+    max_restarts: int = quantity(
+        20, 'number of restarts after which a wall that does not settle is lost', '', 0
     )
-    """/ 2 and x 2: a wall that is pushed harder than its actuators pull is let go 15 rotor
-    spacings earlier, 30 later; one that frames went missing of needs one to three."""
+    """A wall needs one to three after missing frames. Sensitivity: a wall whose load exceeds the
+    actuators is released 15 rotor spacings earlier at 0.5x, and 30 later at 2x."""
 
-    gap: float = quantity(
-        5.0, 'time without frames after which a wall may be elsewhere', 'periods of them', 1.0
+    max_gap: float = quantity(
+        5.0, 'time without frames after which the wall may have moved', 'frame periods', 1.0
     )
-    """/ 2: a wall that is put elsewhere where two frames are missing is carried on; x 2: one that
-    runs on during a gap of 8 frames is let go."""
+    """Sensitivity: at 0.5x, the move continues for a wall that was displaced while two frames were
+    missing. At 2x, a wall that continues through a gap of 8 frames is released."""
 
-    seen_timeout: float = quantity(
-        0.2, 'time without a frame that shows the wall after which it is lost', 's', 0.0
+    detection_timeout: float = quantity(
+        0.2, 'time without a frame that shows the wall, after which it is lost', 's', 0.0
     )
-    """How long frames may be missing: / 2 a gap of 0.15 s loses the wall, x 2 one of 0.35 s does
-    not and its error stays the same."""
+    """Sensitivity: at 0.5x, a gap of 0.15 s loses the wall. At 2x, a gap of 0.35 s does not, and the
+    error is the same."""
 
-    least_noise: float = quantity(
-        3e-3, 'noise of an angle that the observer reckons with at least', 'rad', 1e-9
+    min_noise: float = quantity(
+        3e-3, 'lower limit of the noise of an angle in the observer', 'rad', 1e-9
     )
-    """In exact frames the first of a blow seems noise, which the filter comes to expect. / 2 and
-    x 2: nothing; without it a blow of 6 to 10 rad/s takes a wall 1.4 times as far."""
+    """In exact frames the filter would otherwise treat the start of an impulse as noise. Then an
+    impulse of 6 to 10 rad/s displaces a wall 1.4 times as far. Sensitivity: none at 0.5x and
+    2x."""
 
     phonon_periods: float = quantity(
-        4.0, 'memory of the phonons over the longest period of one', 'periods', 0.1
+        4.0, 'memory of the phonon energy over the longest phonon period', 'periods', 0.1
     )
-    """Kinetic energy swings about its half of the whole within half a period: / 2 it shows twice
-    as much of that and is as much sooner right."""
+    """The kinetic energy oscillates about half of the total within half a period. Sensitivity: at
+    0.5x, the estimate has twice this ripple and converges twice as fast."""
 
     def __post_init__(self) -> None:
-        """Refuse numbers out of their range."""
+        """Reject values out of range."""
         check_quantities(self)
 
 
 DEFAULTS = SteeringSettings()
-"""The numbers as they were tuned."""
+"""Tuned values."""

@@ -1,18 +1,19 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Carrying a wall to a place and holding it there, by torques along the zero mode.
+"""Position control of a wall by torques along the zero mode.
 
-Along its orbit a chain has one coordinate, the arc s, of inertia I = M r^2 everywhere. A
+Along its orbit a chain has one coordinate, the arc s, with the constant inertia I = M r^2. A
 reference trajectory r(t) leads to the goal, and the force
 
     F = I [r'' + 2 b (r' - s') + b^2 (r - s) - d]
 
-along the orbit keeps the wall on it: with the observed arc, rate and disturbance d, errors decay
-as (1 + b t) e^(-b t). Both are taken at the instant from which the torques act, the latency
-after their frame, so that the latency itself costs no stability.
+along the orbit tracks it. With the estimated arc s, rate s' and disturbance d, errors decay as
+(1 + b t) e^(-b t). The controller predicts reference and estimate to the instant at which the
+torques act, which is the latency after their frame. The latency therefore does not reduce the
+stability margin.
 
-Noise makes a force that goes as b^(5/2), and torques that go as q^(-1/2) where only some rotors
-are actuated (`TorqueAllocation`): there b is lowered by q^(1/5), lest the torques shake the
-chain.
+Noise causes a force proportional to b^(5/2). If only some rotors are actuated, the torques are
+also proportional to q^(-1/2) (`TorqueAllocation`). The controller then multiplies b by q^(1/5), so
+that the torques do not excite phonons.
 """
 
 from __future__ import annotations
@@ -39,16 +40,16 @@ from soliton_linkage.steering.settings import DEFAULTS, SteeringSettings
 from soliton_linkage.steering.torque_allocation import TorqueAllocation
 from soliton_linkage.steering.wall_observer import WallEstimate, WallObserver
 
-_QUIETING = 1 / 5
-"""Exponent e in b ~ q^e [1]: noise makes torques that go as b^(5/2) q^(-1/2), which stay alike."""
-_LONGER = 8
-"""How often a wall that runs is given more time to be braked in [1]."""
-_MORE_TIME_TO_BRAKE = 1.5
-"""Factor by which it is [1]; forces go down with it."""
+_BANDWIDTH_EXPONENT = 1 / 5
+"""Exponent e in b ~ q^e [1]: it keeps the torques from noise, b^(5/2) q^(-1/2), constant."""
+_MAX_EXTENSIONS = 8
+"""Number of durations tried to brake a moving wall [1]."""
+_EXTENSION = 1.5
+"""Factor between two of these durations [1]; a longer one needs less force."""
 
 
 class Outcome(enum.Enum):
-    """How a move ended, or why it never began."""
+    """Result of a move, or the reason for its rejection."""
 
     REACHED = 'reached'
     STOPPED = 'stopped'
@@ -63,47 +64,45 @@ class Outcome(enum.Enum):
 
 @dataclass(frozen=True)
 class MoveResult:
-    """The end of a move.
+    """Result of a move.
 
-    outcome: how it ended, or why it never began.
-    message: the same as a sentence, with values and limits.
-    place: where the wall was then [rotor spacings], NaN where there was none.
+    outcome: result, or the reason for the rejection.
+    message: description with values and limits.
+    site: site coordinate of the wall at the end [rotor spacings], NaN without a wall.
     """
 
     outcome: Outcome
     message: str
-    place: float
+    site: float
 
 
 @dataclass(frozen=True)
 class WallState:
-    """Where a wall is and how fast.
+    """Position and velocity of a wall.
 
-    place: [rotor spacings].
-    speed: velocity of the place [rotor spacings / s], 0 while the wall waits at an edge.
+    site: site coordinate [rotor spacings].
+    speed: velocity along the chain [rotor spacings / s], 0 while the wall is at an edge.
     """
 
-    place: float
+    site: float
     speed: float
 
 
 class _Sent(NamedTuple):
     torques: Array | None
-    """[N m], shape (N,), None where there were none."""
+    """Torques sent with one frame [N m], shape (N,), None if there were none."""
     acceleration: float
-    """That they give the arc [rad/s^2]."""
+    """Their acceleration of the arc [rad/s^2]."""
 
 
-_NOTHING = _Sent(None, 0.0)
-"""Of a steering that holds no wall."""
+_NO_TORQUES = _Sent(None, 0.0)
 
 
 class Steering:
-    """Observes a wall frame by frame, and says which torques carry it on its way.
+    """Controller that estimates a wall in each frame and returns the torques that move it.
 
-    After each `observe` it must be asked for the `torques`, once. It is at rest until `move`.
-    After the end of a move the wall is held where it is, until the next move or `release`; where
-    it is lost, it is let go.
+    Call `torques` once after each `observe`. The controller is inactive until `move`. After a
+    move it holds the wall until the next move or `release`. It releases a wall that it loses.
     """
 
     def __init__(
@@ -112,17 +111,17 @@ class Steering:
         allocation: TorqueAllocation,
         settings: SteeringSettings = DEFAULTS,
     ) -> None:
-        """Wait for the first frame."""
+        """Start without frames."""
         self.orbit = orbit
         self.allocation = allocation
         self.settings = settings
         self.adiabatic_speed = adiabatic_rate(orbit, settings) / orbit.site_arc
         self._inertia = orbit.chain.moment_of_inertia
         self._period = math.nan
-        self._quiet = 1.0
+        self._bandwidth_factor = 1.0
         self._observer = WallObserver(orbit, settings.observer_ratio * self._bandwidth, settings)
         sent = settings.latency + 1
-        self._sent = deque([_NOTHING] * sent, maxlen=sent)
+        self._sent = deque([_NO_TORQUES] * sent, maxlen=sent)
         self._trajectory: ReferenceTrajectory | None = None
         self._stopping = False
         self._resting_since: float | None = None
@@ -134,136 +133,141 @@ class Steering:
 
     @property
     def wall(self) -> WallState | None:
-        """The wall as it was in the last frame, None where it is not known."""
+        """Wall in the last frame, None if unknown."""
         estimate = self._observer.estimate
         if estimate is None:
             return None
-        place = self.orbit.site(estimate.arc)
-        inside = 0 < place < self.orbit.chain.number_of_rotors - 1
-        way = (1 if self.orbit.leg(estimate.arc) % 2 == 0 else -1) if inside else 0
-        return WallState(place, way * estimate.rate / self.orbit.site_arc_at(estimate.arc))
+        site = self.orbit.site(estimate.arc)
+        inside = 0 < site < self.orbit.chain.number_of_rotors - 1
+        direction = (1 if self.orbit.leg(estimate.arc) % 2 == 0 else -1) if inside else 0
+        return WallState(site, direction * estimate.rate / self.orbit.site_arc_at(estimate.arc))
 
     @property
     def estimate(self) -> WallEstimate | None:
-        """The wall as it was in the last frame, by the arc."""
+        """Estimate of the wall in the last frame, None if unknown."""
         return self._observer.estimate
 
     @property
     def trajectory(self) -> ReferenceTrajectory | None:
-        """The way that the wall is taken, at its end that it is held at; None where it is free."""
+        """Trajectory of the current move or hold, None if the wall is free."""
         return self._trajectory
 
     @property
     def holding(self) -> bool:
-        """Whether the wall is on a trajectory, or held at the end of one."""
+        """Whether the wall follows a trajectory or is held at its end."""
         return self._trajectory is not None
 
-    def forget(self) -> None:
-        """Let the wall go and know of no frame, as at first: those that follow come later."""
+    def reset(self) -> None:
+        """Release the wall and discard all frames, as in a new controller."""
         self.release()
-        self._period, self._quiet = math.nan, 1.0
+        self._period, self._bandwidth_factor = math.nan, 1.0
         self._gap_until = self._last = None
-        self._sent.extend([_NOTHING] * len(self._sent))
-        self._observer.forget()
+        self._sent.extend([_NO_TORQUES] * len(self._sent))
+        self._observer.reset()
         self._observer.bandwidth = self.settings.observer_ratio * self._bandwidth
 
     def observe(self, time: float, angles: Array) -> MoveResult | None:
-        """Take in a frame [s], [rad]; tell how the move or the hold has ended, if it has now."""
+        """Process a frame of angles [rad], shape (N,), at an instant [s].
+
+        Return the result if this frame ends the move or the hold, otherwise None.
+        """
         before = self._observer.estimate
         if before is not None and time > before.time:
-            if time - before.time > self.settings.gap * self._period:
-                self._gap_until = time + 2 * self.settings.seen_timeout
+            if time - before.time > self.settings.max_gap * self._period:
+                self._gap_until = time + 2 * self.settings.detection_timeout
             self._measure_period(time - before.time)
-        elsewhere = self._gap_until is not None and time <= self._gap_until
+        after_gap = self._gap_until is not None and time <= self._gap_until
         estimate = self._observer.update(time, angles, self._sent[0].torques)
         if estimate is None:
-            lost = 'no wall is seen any more in the angles'
-            return None if self.holding and elsewhere else self._lost(lost)
+            lost = 'the angles no longer show a wall'
+            return None if self.holding and after_gap else self._lost(lost)
         last, self._last = self._last, estimate
         if before is not None and estimate.time < before.time:
-            return self._lost(f'the clock went back by {before.time - estimate.time:.3g} s')
-        if last is not None and self._ran_too_far(last, estimate):
-            return self._lost('the wall is somewhere else than it can have run to')
+            return self._lost(f'the stamps decreased by {before.time - estimate.time:.3g} s')
+        if last is not None and self._jumped(last, estimate):
+            return self._lost('the wall has moved farther than its speed allows')
         if self._trajectory is None:
             return None
-        off = (self._trajectory.at(time).arc - estimate.arc) / self.orbit.site_arc
-        if abs(off) > self.settings.largest_error:
-            if self._restarts >= self.settings.most_restarts:
+        error = abs(self._trajectory.at(time).arc - estimate.arc) / self.orbit.site_arc
+        if error > self.settings.max_error:
+            if self._restarts >= self.settings.max_restarts:
                 return self._lost(
-                    f'the wall is {abs(off):.2g} rotor spacings off its reference, more than '
-                    f'{self.settings.largest_error:g}, after it began anew {self._restarts} times'
+                    f'the wall differs from its reference by {error:.2g} rotor spacings, more than '
+                    f'{self.settings.max_error:g}, after {self._restarts} restarts'
                 )
             self._restart(estimate)
             return None
-        return self._judged(self._trajectory, estimate)
+        return self._check_arrival(self._trajectory, estimate)
 
-    def move(self, place: float, speed: float = 0.0) -> MoveResult | None:
-        """Begin to carry the wall to a place [rotor spacings]; tell why not, if it cannot be.
+    def move(self, site: float, speed: float = 0.0) -> MoveResult | None:
+        """Start to move the wall to a site coordinate [rotor spacings].
 
-        No faster than the speed [rotor spacings / s], nor than is gentle; 0 for that.
+        `speed` [rotor spacings / s] limits the speed; 0 selects `adiabatic_speed`, which is the
+        limit in any case. Return the reason if the move is rejected, otherwise None.
         """
         estimate = self._observer.estimate
-        refusal = self._refusal(place, speed, estimate)
-        if refusal is not None or estimate is None:
-            return refusal
+        rejection = self._rejection(site, speed, estimate)
+        if rejection is not None or estimate is None:
+            return rejection
         limit = min(speed or math.inf, self.adiabatic_speed) * self.orbit.site_arc
-        shortest = self.settings.shortest_move / (self._bandwidth / self._quiet)
+        shortest = self.settings.min_duration / (self._bandwidth / self._bandwidth_factor)
         point = self._reference(estimate)
-        goal = self._nearest_arc(place, point.arc + point.rate * shortest / 2)
+        goal = self._nearest_arc(site, point.arc + point.rate * shortest / 2)
         trajectory = self._within_reach(goal, estimate, point, limit, shortest)
-        refusal = self._out_of_reach(place, estimate, trajectory)
-        if refusal is None:
-            self._quiet = self.allocation.least_share(estimate.arc, goal) ** _QUIETING
-            shortest = self.settings.shortest_move / self._bandwidth
+        rejection = self._out_of_reach(site, estimate, trajectory)
+        if rejection is None:
+            coupling = self.allocation.min_coupling(estimate.arc, goal)
+            self._bandwidth_factor = coupling**_BANDWIDTH_EXPONENT
+            shortest = self.settings.min_duration / self._bandwidth
             self._restarts, self._speed_limit = 0, limit
             trajectory = self._within_reach(goal, estimate, point, limit, shortest)
             self._begin(trajectory, stopping=False)
-        return refusal
+        return rejection
 
     def stop(self) -> None:
-        """Brake the wall and hold it where it comes to rest."""
+        """Brake the wall and hold it where it stops."""
         estimate = self._observer.estimate
         if estimate is None or not self._moving:
             return
-        shortest = self.settings.shortest_move / self._bandwidth
+        shortest = self.settings.min_duration / self._bandwidth
         self._begin(
             trajectory_to_rest(estimate.time, self._reference(estimate), shortest), stopping=True
         )
 
     def release(self) -> None:
-        """Let the wall go."""
+        """Release the wall: no further torques act on it."""
         self._trajectory = None
         self._moving = False
 
     def torques(self) -> Array:
-        """Torques for the time from the latency after the last frame on [N m], shape (N,)."""
+        """Return the torques that act from the latency after the last frame [N m], shape (N,)."""
         estimate = self._observer.estimate
         if estimate is None or self._trajectory is None:
-            self._sent.append(_NOTHING)
+            self._sent.append(_NO_TORQUES)
             return np.zeros(self.orbit.chain.number_of_rotors)
         then = estimate
         if math.isfinite(self._period):
             for sent in list(self._sent)[1:]:
                 then = then.after(self._period, sent.acceleration)
         point, b = self._trajectory.at(then.time), self._bandwidth
-        wanted = (
+        acceleration = (
             point.acceleration + 2 * b * (point.rate - then.rate) + b**2 * (point.arc - then.arc)
         )
-        force = self._inertia * (wanted - then.disturbance)
-        torques, given = self.allocation.torques(then.arc, force)
+        force = self._inertia * (acceleration - then.disturbance)
+        torques, available = self.allocation.torques(then.arc, force)
         torques = -torques if estimate.upside_down else torques
-        self._sent.append(_Sent(torques, given / self._inertia))
+        self._sent.append(_Sent(torques, available / self._inertia))
         return torques
 
     @property
     def _bandwidth(self) -> float:
-        return self._quiet * bandwidth(self.orbit, self._period, self.settings)
+        return self._bandwidth_factor * bandwidth(self.orbit, self._period, self.settings)
 
     def _measure_period(self, elapsed: float) -> None:
-        """Take the running mean of the times between frames [s], and the gains that go with it."""
+        """Update the running mean of the frame period [s], and the bandwidth of the observer."""
         if math.isnan(self._period):
             self._period = elapsed
-        # A gap says nothing of the period.
+        # A gap between frames must not change the mean by much.
         longer = min(elapsed, 2 * self._period) - self._period
         self._period += longer / self.settings.period_memory
         self._observer.bandwidth = self.settings.observer_ratio * self._bandwidth
@@ -274,24 +278,24 @@ class Steering:
         self._moving = True
         self._resting_since = None
 
-    def _ran_too_far(self, last: WallEstimate, found: WallEstimate) -> bool:
-        """Whether a wall that was found anew is farther away than twice its rate takes it."""
-        way = abs(math.remainder(found.arc - last.arc, self.orbit.length))
-        ran = 2 * abs(last.rate) * (found.time - last.time)
-        return way > ran + self.settings.largest_error * self.orbit.site_arc
+    def _jumped(self, last: WallEstimate, found: WallEstimate) -> bool:
+        """Return whether a wall moved farther than twice its last rate explains."""
+        distance = abs(math.remainder(found.arc - last.arc, self.orbit.length))
+        explained = 2 * abs(last.rate) * (found.time - last.time)
+        return distance > explained + self.settings.max_error * self.orbit.site_arc
 
     def _restart(self, estimate: WallEstimate) -> None:
-        """Begin the way anew from where the wall is, to where it is to come to rest."""
+        """Start a new trajectory from the wall to the goal of the current one."""
         if self._trajectory is None:
             return
         self._restarts += 1
-        shortest = self.settings.shortest_move / self._bandwidth
+        shortest = self.settings.min_duration / self._bandwidth
         point = ReferencePoint(estimate.arc, estimate.rate, 0.0)
         if self._stopping:
             trajectory = trajectory_to_rest(estimate.time, point, shortest)
         else:
-            place = self.orbit.site(self._trajectory.goal)
-            goal = self._nearest_arc(place, point.arc + point.rate * shortest / 2)
+            site = self.orbit.site(self._trajectory.goal)
+            goal = self._nearest_arc(site, point.arc + point.rate * shortest / 2)
             trajectory = self._within_reach(goal, estimate, point, self._speed_limit, shortest)
         moving = self._moving
         self._begin(trajectory, self._stopping)
@@ -305,31 +309,31 @@ class Steering:
         rate: float,
         shortest: float,
     ) -> ReferenceTrajectory:
-        """A trajectory as short as the actuators have the force for, or the longest tried."""
-        for _ in range(_LONGER):
+        """Return the shortest trajectory that the actuators can follow, or the longest tried."""
+        for _ in range(_MAX_EXTENSIONS):
             trajectory = trajectory_to(goal, estimate.time, point, rate, shortest)
-            force = self.settings.force_reserve * self._inertia * trajectory.strongest
-            if not point.rate or self.allocation.carries(estimate.arc, goal, force):
+            force = self.settings.force_reserve * self._inertia * trajectory.max_acceleration
+            if not point.rate or self.allocation.can_move(estimate.arc, goal, force):
                 break
-            shortest *= _MORE_TIME_TO_BRAKE
+            shortest *= _EXTENSION
         return trajectory
 
     def _reference(self, estimate: WallEstimate) -> ReferencePoint:
-        """What the wall is to do now: what its trajectory says, or what it does."""
+        """Return the reference of the current trajectory, or the state of a free wall."""
         if self._trajectory is None:
             return ReferencePoint(estimate.arc, estimate.rate, 0.0)
         return self._trajectory.at(estimate.time)
 
-    def _nearest_arc(self, place: float, arc: float) -> float:
-        """Arc length of a place that is nearest to another arc [rad]."""
+    def _nearest_arc(self, site: float, arc: float) -> float:
+        """Return the arc length of a site that is nearest to another arc [rad]."""
         legs = range(self.orbit.number_of_legs)
-        ways = [self.orbit.arc_at(place, leg) - arc for leg in legs]
-        return arc + min((math.remainder(way, self.orbit.length) for way in ways), key=abs)
+        distances = [self.orbit.arc_at(site, leg) - arc for leg in legs]
+        return arc + min((math.remainder(each, self.orbit.length) for each in distances), key=abs)
 
-    def _judged(
+    def _check_arrival(
         self, trajectory: ReferenceTrajectory, estimate: WallEstimate
     ) -> MoveResult | None:
-        """Tell whether the wall has come to rest where it is to be."""
+        """Return the result if the wall has settled at the goal, or has failed to settle."""
         if not self._moving or estimate.time < trajectory.end:
             return None
         allowed = self.settings.tolerance * self.orbit.site_arc
@@ -337,75 +341,77 @@ class Steering:
             self._resting_since = None
         elif self._resting_since is None:
             self._resting_since = estimate.time
-        elif estimate.time - self._resting_since > self.settings.rest / self._bandwidth:
+        elif estimate.time - self._resting_since > self.settings.settling_time / self._bandwidth:
             self._restarts = 0
             outcome = Outcome.STOPPED if self._stopping else Outcome.REACHED
             return self._ended(outcome, f'the wall is held at {self._here}')
-        if estimate.time - trajectory.end > self.settings.rest_timeout / self._bandwidth:
+        if estimate.time - trajectory.end > self.settings.settling_timeout / self._bandwidth:
             return self._ended(
                 Outcome.NOT_HELD,
-                f'the wall does not come to rest within {self.settings.tolerance:g} rotor '
-                f'spacings of {self.orbit.site(trajectory.goal):.3f}; it is held at {self._here}',
+                f'the wall does not settle within {self.settings.tolerance:g} rotor spacings of '
+                f'rotor {self.orbit.site(trajectory.goal):.3f}; it is held at {self._here}',
             )
         return None
 
     @property
     def _here(self) -> str:
-        return 'no place' if self.wall is None else f'rotor {self.wall.place:.3f}'
+        return 'an unknown position' if self.wall is None else f'rotor {self.wall.site:.3f}'
 
     def _ended(self, outcome: Outcome, message: str) -> MoveResult:
         self._moving = False
-        return MoveResult(outcome, message, math.nan if self.wall is None else self.wall.place)
+        return MoveResult(outcome, message, math.nan if self.wall is None else self.wall.site)
 
     def _lost(self, message: str) -> MoveResult | None:
         held = self.holding
         self.release()
-        return self._ended(Outcome.SOLITON_LOST, f'{message}; it is let go') if held else None
+        return self._ended(Outcome.SOLITON_LOST, f'{message}; it is released') if held else None
 
-    def _refusal(
-        self, place: float, speed: float, estimate: WallEstimate | None
+    def _rejection(
+        self, site: float, speed: float, estimate: WallEstimate | None
     ) -> MoveResult | None:
         last = self.orbit.chain.number_of_rotors - 1
-        here = math.nan if self.wall is None else self.wall.place
-        if not 0 <= place <= last:
+        here = math.nan if self.wall is None else self.wall.site
+        if not 0 <= site <= last:
             return MoveResult(
                 Outcome.OUT_OF_CHAIN,
-                f'rotor = {place:g} must lie in the range 0 to {last}; name a place in the chain',
+                f'rotor = {site:g} must lie in the range 0 to {last}; choose a goal in the chain',
                 here,
             )
         if not (math.isfinite(speed) and speed >= 0):
             return MoveResult(
                 Outcome.INVALID_SPEED,
                 f'speed = {speed:g} rotor spacings per second must be a finite number of 0 or '
-                f'more; 0 takes {self.adiabatic_speed:.3g}, the fastest that wakes no phonons',
+                f'more; 0 selects {self.adiabatic_speed:.3g}, the fastest that excites no phonons',
                 here,
             )
         if estimate is None:
             return MoveResult(
                 Outcome.NO_SOLITON,
-                'the angles show no wall: they are near no configuration of the chain; let it '
-                'come to rest, or check its parameters',
+                'the angles show no wall, because they fit no zero-energy configuration of the '
+                'chain; wait until the chain is at rest, or check its parameters',
                 here,
             )
         return None
 
     def _out_of_reach(
-        self, place: float, estimate: WallEstimate, trajectory: ReferenceTrajectory
+        self, site: float, estimate: WallEstimate, trajectory: ReferenceTrajectory
     ) -> MoveResult | None:
-        force = self.settings.force_reserve * self._inertia * trajectory.strongest
-        if self.allocation.carries(estimate.arc, trajectory.goal, force):
+        force = self.settings.force_reserve * self._inertia * trajectory.max_acceleration
+        if self.allocation.can_move(estimate.arc, trajectory.goal, force):
             return None
         reach = self.allocation.reach(estimate.arc, force)
         here = self.orbit.site(estimate.arc)
         able = (
-            f'they do not get hold of a wall at rotor {here:.2f}'
+            f'they cannot hold a wall at rotor {here:.2f}'
             if math.isnan(reach.first)
-            else f'from rotor {here:.2f} they carry it from {reach.first:.2f} to {reach.last:.2f}'
+            else f'they can move a wall at rotor {here:.2f} between rotors {reach.first:.2f} and '
+            f'{reach.last:.2f}'
         )
         return MoveResult(
             Outcome.OUT_OF_REACH,
-            f'rotor = {place:g} is out of reach of the actuators: {able} with torques up to '
-            f'{self.allocation.torque_limit:g} N m and springs that give way by up to '
-            f'{self.allocation.strain_limit:g} rad; actuate more rotors, or go more slowly',
+            f'rotor = {site:g} is out of reach of the actuators: {able} with torques up to '
+            f'torque_limit ({self.allocation.torque_limit:g} N m) and spring deflections up to '
+            f'strain_limit ({self.allocation.strain_limit:g} rad); actuate more rotors, or lower '
+            'the speed',
             here,
         )

@@ -1,13 +1,14 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What actuators on some of the rotors can do to a wall.
+"""Allocation of a force on a wall to actuators on some of the rotors.
 
-A force F along the orbit takes torques tau with t . tau = F. Those of the least norm on the
-actuated rotors S are tau_n = F t_n / q, with q = sum of t_n^2 over S. On all rotors q is 1 and
-tau is orthogonal to every phonon; on some, what is left of tau strains the springs by
+A force F along the orbit needs torques tau with t . tau = F. On the actuated rotors S
+the minimum-norm torques are tau_n = F t_n / q, with the coupling q = sum of t_n^2 over S. With actuators on
+all rotors q is 1 and tau excites no phonon. With fewer actuators tau also deflects the springs by
 
-    dphi = R^T (R R^T)^(-1) f / k_e,    R^T f = tau - F t,
+    dphi = R^T (R R^T)^(-1) f / k_e,    R^T f = tau - F t.
 
-which grows without bound where q goes to 0: from an edge as e^(2 x / ell) with the distance x.
+The deflection diverges as q tends to 0. For actuators at an edge it grows as e^(2 x / ell) with
+the distance x of the wall.
 """
 
 from __future__ import annotations
@@ -23,18 +24,19 @@ from soliton_linkage.linear.statics import gram_matrix_bands, min_norm_change
 from soliton_linkage.linkage.chain import Array
 from soliton_linkage.orbit.orbit import Orbit
 
-_STEPS_A_SITE = 4
-"""How often the way of a wall is looked at [1/site]: on it t_n^2 changes smoothly."""
-_LEAST_SHARE = 1e-12
-"""q below which no actuator feels the wall [1]: the orbit leaves out all |t_n| < 1e-6."""
+_SAMPLES_PER_SITE = 4
+"""Samples of the path of a wall [1/site]; t_n^2 varies smoothly between them."""
+_MIN_COUPLING = 1e-12
+"""Coupling q below which no actuator acts on the wall [1]; the orbit omits all |t_n| < 1e-6."""
 
 
 @dataclass(frozen=True)
 class Effort:
-    """What it costs to push a wall with a force at a place.
+    """Torque and deflection that a force on a wall needs.
 
     torque: largest torque of an actuator [N m].
-    strain: largest angle by which the springs give way [rad]; 0 with actuators on all rotors.
+    strain: largest deflection of a rotor against the springs [rad]; 0 with actuators on all
+        rotors.
     """
 
     torque: float
@@ -43,9 +45,9 @@ class Effort:
 
 @dataclass(frozen=True)
 class Reach:
-    """Places between which actuators carry a wall that is there [rotor spacings].
+    """Range of site coordinates to which actuators can move a wall [rotor spacings].
 
-    NaN where they cannot hold it at all.
+    Both limits are NaN if the actuators cannot hold the wall.
     """
 
     first: float
@@ -53,9 +55,9 @@ class Reach:
 
 
 class TorqueAllocation:
-    """Actuators on some rotors of a chain, all if none are named.
+    """Actuators on some rotors of a chain, or on all of them by default.
 
-    Raises ValueError for a rotor that the chain has not.
+    Raises ValueError for a rotor that is not in the chain.
     """
 
     def __init__(
@@ -65,13 +67,13 @@ class TorqueAllocation:
         torque_limit: float = math.inf,
         strain_limit: float = 0.1,
     ) -> None:
-        """Limits are for each actuator [N m] and for the springs [rad]."""
+        """Set the limits of the torque of each actuator [N m] and of the deflection [rad]."""
         count = orbit.chain.number_of_rotors
         for rotor in rotors:
             if rotor not in range(count):
                 raise ValueError(
-                    f'actuated rotor {rotor} must be one of 0 to {count - 1}; name rotors of the '
-                    'chain, or none for all of them'
+                    f'actuated rotor {rotor} must be one of 0 to {count - 1}; specify rotors of '
+                    'the chain, or none to actuate all of them'
                 )
         self.orbit = orbit
         self.torque_limit = torque_limit
@@ -83,18 +85,18 @@ class TorqueAllocation:
             self._actuated[:] = True
 
     def torques(self, arc: float, force: float) -> tuple[Array, float]:
-        """Torques [N m], shape (N,), of a force along the orbit [N m], and the force they have.
+        """Return the torques [N m], shape (N,), of a force along the orbit [N m], and their force.
 
-        All are lowered together where one would be beyond its limit.
+        If a torque exceeds its limit, all torques are scaled down by the same factor.
         """
         unit = self._unit_torques(self.orbit.tangent(arc))
-        wanted = force * unit
-        largest = float(np.abs(wanted).max())
-        kept = min(1.0, self.torque_limit / largest) if largest > 0 else 1.0
-        return kept * wanted, kept * force * float(unit.any())
+        required = force * unit
+        largest = float(np.abs(required).max())
+        scale = min(1.0, self.torque_limit / largest) if largest > 0 else 1.0
+        return scale * required, scale * force * float(unit.any())
 
     def effort(self, arc: float, force: float) -> Effort:
-        """Return what it costs to push with a force [N m] at an arc length [rad]."""
+        """Return the effort of a force [N m] at an arc length [rad]."""
         tangent = self.orbit.tangent(arc)
         torques = force * self._unit_torques(tangent)
         if not torques.any() and force:
@@ -104,54 +106,54 @@ class TorqueAllocation:
             return Effort(largest, 0.0)
         return Effort(largest, self._strain(arc, torques))
 
-    def carries(self, start: float, goal: float, force: float) -> bool:
-        """Whether a force [N m] can be had all the way between two arc lengths [rad]."""
+    def can_move(self, start: float, goal: float, force: float) -> bool:
+        """Return whether a force [N m] is available everywhere between two arc lengths [rad]."""
         if self._everywhere and abs(force) <= self.torque_limit:
             return True
-        return all(self._has(arc, force) for arc in self._way(start, goal))
+        return all(self._is_available(arc, force) for arc in self._path(start, goal))
 
-    def least_share(self, start: float, goal: float) -> float:
-        """Return the least q between two arc lengths [rad], to whose root torques are inverse."""
+    def min_coupling(self, start: float, goal: float) -> float:
+        """Return the smallest coupling q between two arc lengths [rad]."""
         if self._everywhere:
             return 1.0
-        tangents = np.array([self.orbit.tangent(arc) for arc in self._way(start, goal)])
+        tangents = np.array([self.orbit.tangent(arc) for arc in self._path(start, goal)])
         return float((tangents[:, self._actuated] ** 2).sum(axis=1).min())
 
     def reach(self, arc: float, force: float) -> Reach:
-        """Places that can be reached from an arc length [rad] on its leg with a force [N m]."""
+        """Return the range within one leg that a force [N m] reaches from an arc length [rad]."""
         orbit = self.orbit
         here, leg = orbit.site(arc), orbit.leg(arc)
         last = orbit.chain.number_of_rotors - 1
-        if not self._has(arc, force):
+        if not self._is_available(arc, force):
             return Reach(math.nan, math.nan)
         ends = []
-        for way, edge in ((-1, 0), (1, last)):
-            place = here
-            for step in range(1, math.ceil(abs(edge - here) * _STEPS_A_SITE) + 1):
-                beyond = here + way * min(step / _STEPS_A_SITE, abs(edge - here))
-                if not self._has(orbit.arc_at(beyond, leg), force):
+        for direction, edge in ((-1, 0), (1, last)):
+            site = here
+            for step in range(1, math.ceil(abs(edge - here) * _SAMPLES_PER_SITE) + 1):
+                beyond = here + direction * min(step / _SAMPLES_PER_SITE, abs(edge - here))
+                if not self._is_available(orbit.arc_at(beyond, leg), force):
                     break
-                place = beyond
-            ends.append(place)
+                site = beyond
+            ends.append(site)
         return Reach(*ends)
 
-    def _way(self, start: float, goal: float) -> list[float]:
-        """Arc lengths from one to another [rad], a few in every spacing."""
-        steps = math.ceil(abs(goal - start) / self.orbit.site_arc * _STEPS_A_SITE)
+    def _path(self, start: float, goal: float) -> list[float]:
+        """Return sampled arc lengths from one to another [rad]."""
+        steps = math.ceil(abs(goal - start) / self.orbit.site_arc * _SAMPLES_PER_SITE)
         return [float(arc) for arc in np.linspace(start, goal, steps + 1)]
 
-    def _has(self, arc: float, force: float) -> bool:
+    def _is_available(self, arc: float, force: float) -> bool:
         effort = self.effort(arc, force)
         return effort.torque <= self.torque_limit and effort.strain <= self.strain_limit
 
     def _unit_torques(self, tangent: Array) -> Array:
-        """Least torques of a unit force, 0 where no actuator feels the wall."""
-        held = np.where(self._actuated, tangent, 0.0)
-        share = float(held @ held)
-        return held / share if share > _LEAST_SHARE else 0 * held
+        """Return the minimum-norm torques of a unit force, 0 if no actuator acts on the wall."""
+        actuated = np.where(self._actuated, tangent, 0.0)
+        coupling = float(actuated @ actuated)
+        return actuated / coupling if coupling > _MIN_COUPLING else 0 * actuated
 
     def _strain(self, arc: float, torques: Array) -> float:
-        """Largest angle by which the springs give way under torques [rad]."""
+        """Return the largest deflection of a rotor against the springs under torques [rad]."""
         chain = self.orbit.chain
         angles = self.orbit.configuration(arc)
         first, second = rigidity_bands(chain, angles)

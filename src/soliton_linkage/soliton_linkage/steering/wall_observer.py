@@ -1,14 +1,14 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Where a wall is while known torques push it along the orbit, frame by frame.
+"""Observer of a wall on which known torques act.
 
-It is what the estimator of the analyser, `OrbitFilter`, makes of the frames and torques, asked for
-a force that lasts: with u the acceleration that torques give the arc s and d the disturbance, what
-gravity, friction and all that the chain is other than thought do,
+The observer is the filter of the analyser, `OrbitFilter`, with a disturbance state. u is the
+acceleration of the arc s by the known torques. d is the disturbance: gravity, friction and
+unmodelled deviations of the chain. With
 
     s'' = u + d,
 
-so that a constant force leaves no error. One Kalman filter follows the wall, whose poles are those
-that are wanted, whatever the noise is and however the wall moves.
+a constant force causes no steady error. The poles of the Kalman filter are set by the bandwidth
+and do not depend on the noise or the motion of the wall.
 """
 
 from __future__ import annotations
@@ -26,14 +26,14 @@ from soliton_linkage.steering.settings import DEFAULTS, SteeringSettings
 
 @dataclass(frozen=True)
 class WallEstimate:
-    """Where a wall is and how it moves.
+    """Estimated state of a wall.
 
     time: instant of the estimate [s].
-    arc: arc length along the orbit [rad], which counts cycles.
+    arc: arc length along the orbit [rad], unwrapped over cycles.
     rate: rate of the arc length [rad/s].
-    disturbance: acceleration that no torque of ours explains [rad/s^2].
+    disturbance: acceleration that is not due to the known torques [rad/s^2].
     seen: instant of the last frame that showed the wall [s].
-    upside_down: whether the chain is the image phi -> pi - phi of that of the orbit.
+    upside_down: whether the configuration is the image phi -> pi - phi of one on the orbit.
     """
 
     time: float
@@ -44,7 +44,7 @@ class WallEstimate:
     upside_down: bool
 
     def after(self, elapsed: float, acceleration: float) -> WallEstimate:
-        """Return what it will be after a time [s] under an acceleration [rad/s^2]."""
+        """Predict the state after a time [s] under an acceleration [rad/s^2]."""
         gained = (acceleration + self.disturbance) * elapsed
         return replace(
             self,
@@ -55,44 +55,44 @@ class WallEstimate:
 
 
 class WallObserver:
-    """Estimates the arc of a wall, its rate, and the disturbance.
+    """Estimator of the arc of a wall, its rate, and the disturbance.
 
-    Until the chain is recognised, and after it was not for the `seen_timeout`, the estimate is
-    None.
+    The estimate is None before the wall is detected, and after `detection_timeout` without a
+    detection.
     """
 
     def __init__(
         self, orbit: Orbit, bandwidth: float, settings: SteeringSettings = DEFAULTS
     ) -> None:
-        """Wait for the first frame; with the bandwidth of the filter [rad/s]."""
+        """Start without frames; `bandwidth` sets the poles of the filter [rad/s]."""
         self.orbit = orbit
         self.bandwidth = bandwidth
         self.estimate: WallEstimate | None = None
         self._settings = settings
         self._seen = -math.inf
         estimation = EstimationSettings(
-            noise=NoiseSettings(least_noise=settings.least_noise),
+            noise=NoiseSettings(least_noise=settings.min_noise),
             filter=FilterSettings(rate_changes=(), biases=(), impulse_ages=0, disturbance=1.0),
         )
         self._filter = OrbitFilter(orbit, settings=estimation)
 
-    def forget(self) -> None:
-        """Know of no frame, as at first, but for the offsets of encoders."""
+    def reset(self) -> None:
+        """Discard all frames, but keep the estimated offsets of the encoders."""
         self.estimate, self._seen = None, -math.inf
         self._filter.restart()
 
     def update(
         self, time: float, angles: Array, torques: Array | None = None
     ) -> WallEstimate | None:
-        """Estimate at an instant [s] from its angles [rad], shape (N,), NaN where unknown.
+        """Return the estimate at an instant [s] from its angles [rad], shape (N,), NaN if unknown.
 
-        Torques [N m], shape (N,), acted since the last frame. Frames that come late or twice
-        change nothing; a clock that goes back by more than the `seen_timeout` begins anew. Raises
-        ValueError for angles that are not one a rotor.
+        `torques` [N m], shape (N,), are those since the previous frame. Late and repeated frames
+        are ignored. If the time decreases by more than `detection_timeout`, the observer restarts.
+        Raises ValueError unless there is one angle for each rotor.
         """
         before = self.estimate
-        if before and time < before.time - self._settings.seen_timeout:
-            self.forget()
+        if before and time < before.time - self._settings.detection_timeout:
+            self.reset()
         elif before and time <= before.time:
             return before
         self._filter.bandwidth = self.bandwidth
@@ -102,7 +102,7 @@ class WallObserver:
         self.estimate = None
         if (
             found.status is not TrackingStatus.LOST
-            and time - self._seen <= self._settings.seen_timeout
+            and time - self._seen <= self._settings.detection_timeout
         ):
             disturbance = self._filter.disturbance
             self.estimate = WallEstimate(

@@ -108,10 +108,10 @@ _OUTCOMES = {
 def move_result_to_msg(ended: MoveResult) -> MoveSoliton.Result:
     """Return the result message of a move."""
     return MoveSoliton.Result(
-        outcome=_OUTCOMES[ended.outcome], message=ended.message, rotor=ended.place
+        outcome=_OUTCOMES[ended.outcome], message=ended.message, rotor=ended.site
     )
 
 
 def move_feedback_to_msg(wall: WallState, phonon_energy: float) -> MoveSoliton.Feedback:
     """Return the feedback message of a move, with the energy of the phonons [J]."""
-    return MoveSoliton.Feedback(rotor=wall.place, speed=wall.speed, phonon_energy=phonon_energy)
+    return MoveSoliton.Feedback(rotor=wall.site, speed=wall.speed, phonon_energy=phonon_energy)

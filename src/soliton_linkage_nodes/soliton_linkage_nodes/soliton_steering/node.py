@@ -274,9 +274,9 @@ def report(chain: SteeredChain | None, silent: bool, server: MoveServer) -> Repo
         if silent
         else 'no soliton'
         if wall is None
-        else f'moving the soliton, at rotor {wall.place:.2f}'
+        else f'moving the soliton, at rotor {wall.site:.2f}'
         if goal is not None
-        else f'holding the soliton at rotor {wall.place:.2f}'
+        else f'holding the soliton at rotor {wall.site:.2f}'
         if chain.steering.holding
         else 'ready'
     )

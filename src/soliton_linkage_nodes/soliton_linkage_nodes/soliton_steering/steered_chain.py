@@ -79,7 +79,7 @@ class SteeredChain:
     @property
     def site(self) -> float:
         """Position of the soliton [rotor spacings], NaN without one."""
-        return math.nan if self.wall is None else self.wall.place
+        return math.nan if self.wall is None else self.wall.site
 
     @property
     def phonon_energy(self) -> float:
@@ -88,7 +88,7 @@ class SteeredChain:
 
     def reset(self) -> None:
         """Discard all frames; not allowed while a wall is held."""
-        self.steering.forget()
+        self.steering.reset()
         self._phonons = PhononEnergyEstimator(self.steering.orbit)
 
     def observe(self, stamp: int, frame: Frame) -> tuple[Array | None, MoveResult | None]:

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Solvers for springs in motion, by name: `symplectic` and those of scipy.
+"""Solvers for springs in motion, by name: `symplectic` and the solvers of scipy.
 
 An entry of INTEGRATORS registers another one.
 """

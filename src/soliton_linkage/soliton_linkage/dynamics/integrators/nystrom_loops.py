@@ -3,7 +3,7 @@
 
 A rotor is stored as its angle, cosine and sine. A drift turns it by a small angle with
 polynomials, so that no loop calls a function and all of them are vectorised. The rows of `work`
-are those of `terms`, then TURNS and the ones below.
+are the rows of `terms`, then TURNS and the ones below.
 """
 
 from __future__ import annotations
