@@ -71,7 +71,7 @@ class Term(ABC):
 class CompiledTerm(Term):
     """Term with a kernel that all integrators call.
 
-    The torques of a dissipative term depend on the rates alone, a conservative term depends on the
+    The torques of a dissipative term depend on the rates alone, of a conservative one on the
     angles alone.
     """
 

@@ -73,15 +73,16 @@ class SteeringSettings:
     min_duration: float = quantity(
         10.0, 'shortest duration of a reference trajectory times the bandwidth', '', 1.0
     )
-    """Sensitivity: at 0.5x, short moves take 0.6 of the time with the same errors; at 2x, up to 1.8
-    times. Long moves at the adiabatic rate do not depend on it. For smaller values torques grow as
-    the inverse square, and goals get out of reach."""
+    """Sensitivity: at 0.5x, short moves take 0.6 of the time with the same errors; at 2x, up to
+    1.8 times. Long moves at the adiabatic rate do not depend on it. For smaller values torques
+    grow as the inverse square, and goals get out of reach."""
 
     force_reserve: float = quantity(
         2.0, 'available force over the force that the trajectory needs', '', 1.0
     )
-    """Margin for noise and disturbances. Sensitivity: at 0.5x or 2x, the reported reach of actuators
-    at an edge is ln(2) penetration depths longer or shorter. Feasible moves do not change."""
+    """Margin for noise and disturbances. Sensitivity: at 0.5x or 2x, the reported reach of
+    actuators at an edge is ln(2) penetration depths longer or shorter. Feasible moves do not
+    change."""
 
     settling_time: float = quantity(
         3.0,
@@ -122,8 +123,8 @@ class SteeringSettings:
     detection_timeout: float = quantity(
         0.2, 'time without a frame that shows the wall, after which it is lost', 's', 0.0
     )
-    """Sensitivity: at 0.5x, a gap of 0.15 s loses the wall. At 2x, a gap of 0.35 s does not, and the
-    error is the same."""
+    """Sensitivity: at 0.5x, a gap of 0.15 s loses the wall. At 2x, a gap of 0.35 s does not, and
+    the error is the same."""
 
     min_noise: float = quantity(
         3e-3, 'lower limit of the noise of an angle in the observer', 'rad', 1e-9

@@ -192,8 +192,8 @@ class Steering:
         if error > self.settings.max_error:
             if self._restarts >= self.settings.max_restarts:
                 return self._lost(
-                    f'the wall differs from its reference by {error:.2g} rotor spacings, more than '
-                    f'{self.settings.max_error:g}, after {self._restarts} restarts'
+                    f'the wall differs from its reference by {error:.2g} rotor spacings, more '
+                    f'than {self.settings.max_error:g}, after {self._restarts} restarts'
                 )
             self._restart(estimate)
             return None

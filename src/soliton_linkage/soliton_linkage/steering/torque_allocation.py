@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """Allocation of a force on a wall to actuators on some of the rotors.
 
-A force F along the orbit needs torques tau with t . tau = F. On the actuated rotors S
-the minimum-norm torques are tau_n = F t_n / q, with the coupling q = sum of t_n^2 over S. With actuators on
+A force F along the orbit needs torques tau with t . tau = F. On the actuated rotors S the minimum-
+norm torques are tau_n = F t_n / q, with the coupling q = sum of t_n^2 over S. With actuators on
 all rotors q is 1 and tau excites no phonon. With fewer actuators tau also deflects the springs by
 
     dphi = R^T (R R^T)^(-1) f / k_e,    R^T f = tau - F t.
