@@ -96,6 +96,7 @@ class _Sent(NamedTuple):
 
 
 _NO_TORQUES = _Sent(None, 0.0)
+"""Entry for a frame without torques, 0 rad/s^2."""
 
 
 class Steering:
