@@ -209,7 +209,7 @@ class RigidSimulation(Simulation):
         return moving + self.gravity.scale(self.chain) + float(np.abs(self.torques).sum())
 
     def _mode(self, angles: Array) -> Array:
-        """Return the zero mode, normalised in the metric of the inertia [kg^(-1/2) m^(-1)], (N,)."""
+        """Return the zero mode of unit inertia norm [kg^(-1/2) m^(-1)], shape (N,)."""
         mode = zero_mode(self.chain, angles)
         return np.asarray(mode / math.sqrt(float(self.chain.moments_of_inertia @ mode**2)))
 

@@ -19,8 +19,10 @@ from soliton_linkage.linkage.gravity import NO_GRAVITY, Gravity
 from soliton_linkage.linkage.recording import Recording
 
 SMALLEST_RELATIVE_TOLERANCE = 100 * float(np.finfo(np.float64).eps)
-"""Smallest relative tolerance of scipy's solvers [1]. The absolute tolerance must dominate, so that
-rotors with large angles are equally accurate."""
+"""Smallest relative tolerance of scipy's solvers [1].
+
+The absolute tolerance must dominate, so that rotors with large angles are equally accurate.
+"""
 
 
 @dataclass(frozen=True)
