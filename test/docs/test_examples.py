@@ -89,7 +89,7 @@ def test_the_notebook_runs_cell_by_cell(capsys: pytest.CaptureFixture[str]) -> N
         assert not cell.get('outputs')
         if cell['cell_type'] == 'code':
             exec(''.join(cell['source']), names)
-    (found,) = re.findall(r'noise found: (.*) rad', capsys.readouterr().out)
+    (found,) = re.findall(r'estimated noise: (.*) rad', capsys.readouterr().out)
     assert float(found) == pytest.approx(0.02, rel=0.1)
 
 

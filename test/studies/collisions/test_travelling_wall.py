@@ -60,5 +60,5 @@ def test_a_travelling_wall_agrees_with_the_continuum_for_small_d(charge: int) ->
 
 def test_a_missing_travelling_wall_is_reported() -> None:
     chain = ring_of((2.0, 1.18))
-    with pytest.raises(ArithmeticError, match=r'charge -1 travels .* d = 3\.7'):
+    with pytest.raises(ArithmeticError, match=r'charge -1 in a chain with d = 3\.7'):
         travelling_wall(chain, 0.2 * speed_of_sound(chain), -1)
