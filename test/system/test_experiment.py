@@ -122,7 +122,7 @@ def test_a_signal_while_nodes_come_up_stops_them_and_leaves_a_readable_bag(
     assert frames_in(bag) >= 0
 
 
-def test_a_nudge_that_sends_no_soliton_is_said_so(start: Start, tmp_path: Path) -> None:
+def test_a_nudge_without_a_soliton_is_reported(start: Start, tmp_path: Path) -> None:
     configuration = configured(tmp_path, 'flipper', 50.0, nudge=0.0, time_limit=2.0)
     process = start(configuration, tmp_path / 'out')
     said = process.communicate(timeout=LONGEST_RUN)[0]
@@ -136,7 +136,7 @@ def test_a_nudge_that_sends_no_soliton_is_said_so(start: Start, tmp_path: Path) 
     assert frames_in(tmp_path / 'out' / 'flipper_0') > 0
 
 
-def test_a_wrong_configuration_is_said_in_one_line(start: Start, tmp_path: Path) -> None:
+def test_a_wrong_configuration_is_logged_in_one_line(start: Start, tmp_path: Path) -> None:
     process = start(configured(tmp_path, 'flipper', nugde=10.0), tmp_path / 'out')
     said = process.communicate(timeout=LONGEST_RUN)[0]
     assert process.returncode == 1
@@ -156,9 +156,7 @@ def test_a_parameter_that_stops_a_node_stops_the_experiment(start: Start, tmp_pa
     assert_nothing_runs(tmp_path / 'out')
 
 
-def test_an_output_that_cannot_be_written_is_said_in_one_line(
-    start: Start, tmp_path: Path
-) -> None:
+def test_an_unwritable_output_is_logged_in_one_line(start: Start, tmp_path: Path) -> None:
     (tmp_path / 'file').write_text('no folder')
     process = start(CONFIGURATION / 'flipper.yaml', tmp_path / 'file' / 'out')
     said = process.communicate(timeout=LONGEST_RUN)[0]

@@ -100,7 +100,7 @@ def test_efforts_by_name_act_on_those_joints_until_the_watchdog_ends_them(desk: 
 def test_a_stream_as_topic_based_ros2_control_sends_it_acts_message_by_message(
     graph: Graph, named: NamedChain
 ) -> None:
-    """All joints of the hardware in every message, effort alone, stamped."""
+    """All joints of the hardware in every message, only effort, stamped."""
     desk = Desk(graph, named, {'command_timeout': 60.0})
     names = list(desk.bench.named.joint_names)
     for number in range(20):
@@ -160,7 +160,7 @@ def test_a_trajectory_goes_straight_through_its_points_and_is_held_for_the_timeo
     np.testing.assert_allclose(torques, [at(r4=effort) for effort in expected], atol=1e-15)
 
 
-def test_a_trajectory_may_begin_later_or_have_begun(desk: Desk) -> None:
+def test_a_trajectory_may_start_in_the_future_or_the_past(desk: Desk) -> None:
     now = desk.bench.node.get_clock().now().nanoseconds
     late = trajectory(['rotor_4'], (0.0, [1e-3]), (100.0, [1e-3]))
     late.header.stamp = time_to_msg(now - 50 * 10**9)
@@ -184,7 +184,7 @@ WRONG: list[tuple[interfaces.Topic, Any, str]] = [
     (JOINTS, JointState(name=['rotor_1'] * 2, effort=[1e-3] * 2), "'rotor_1' twice"),
     (JOINTS, JointState(name=['rotor_1'], effort=[]), 'has 0 efforts for 1 joints'),
     (JOINTS, JointState(effort=[1e-3]), 'names no joint'),
-    (JOINTS, JointState(name=['rotor_1'], position=[0.5], effort=[1e-3]), 'effort alone'),
+    (JOINTS, JointState(name=['rotor_1'], position=[0.5], effort=[1e-3]), 'only effort'),
     (
         JOINTS,
         JointState(header=LONG_AGO, name=['rotor_1'], effort=[1e-3]),
@@ -248,7 +248,7 @@ def test_a_trajectory_without_points_ends_torques(desk: Desk, names: list[str]) 
     desk.frames(5, 0)
 
 
-def test_wrong_commands_are_refused_whole(desk: Desk) -> None:
+def test_wrong_commands_are_rejected_whole(desk: Desk) -> None:
     desk.say(JOINTS, efforts(rotor_1=5e-4))
     desk.frames(1)
     for number, (topic, message, complaint) in enumerate(WRONG, start=1):
@@ -302,7 +302,7 @@ def test_wrong_parameters_stop_it(
         Bench(graph, named, given)
 
 
-def test_a_listed_joint_that_the_chain_has_not_is_refused_with_the_chain(
+def test_a_listed_joint_that_is_unknown_is_rejected_with_the_chain(
     graph: Graph, named: NamedChain
 ) -> None:
     bench = Bench(graph, named, {'joints': ['rotor_9']})
@@ -310,4 +310,4 @@ def test_a_listed_joint_that_the_chain_has_not_is_refused_with_the_chain(
     assert "parameter joints names 'rotor_9', which is none of 'rotor_0' to" in bench.refusal()
     bench.joints(named.chain.uniform_state(-1))
     bench.nudge(1.0)
-    assert 'the chain is not known yet' in bench.refusal(2)
+    assert 'the chain is unknown' in bench.refusal(2)

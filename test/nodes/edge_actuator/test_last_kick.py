@@ -105,7 +105,7 @@ COMMANDS = {
 
 
 @pytest.mark.parametrize('name', COMMANDS)
-def test_the_work_told_is_the_change_of_the_energy_of_the_chain(graph: Graph, name: str) -> None:
+def test_the_reported_work_equals_the_change_of_the_energy(graph: Graph, name: str) -> None:
     rig = Rig(graph)
     for _ in range(2):
         before = rig.energy
@@ -121,7 +121,7 @@ def test_the_work_told_is_the_change_of_the_energy_of_the_chain(graph: Graph, na
         assert len(kick.name) == len(kick.impulse)
 
 
-def test_a_pulse_is_told_with_what_was_asked_and_what_came_of_it(graph: Graph) -> None:
+def test_a_pulse_is_reported_with_its_command_and_effect(graph: Graph) -> None:
     rig = Rig(graph)
     topic, command = COMMANDS['pulse']
     rig.say(topic, command)
@@ -161,7 +161,7 @@ def test_a_command_that_takes_over_cuts_the_last_one_short(graph: Graph) -> None
     assert first.work + second.work == pytest.approx(rig.energy, rel=1e-8)
 
 
-def test_a_pulse_that_is_paused_goes_on_after_resume_with_nothing_lost(graph: Graph) -> None:
+def test_a_paused_pulse_continues_after_resume_without_loss(graph: Graph) -> None:
     rig = Rig(graph, {'state_timeout': 1.0})
     rig.say(*edge(EdgeCommand.PULSE, 2e-3, duration=0.4))
     graph.until(lambda: rig.energy > 0, 'the pulse')
@@ -176,7 +176,7 @@ def test_a_pulse_that_is_paused_goes_on_after_resume_with_nothing_lost(graph: Gr
     assert not kick.cut_short
 
 
-def test_saturation_is_told(graph: Graph) -> None:
+def test_saturation_is_reported(graph: Graph) -> None:
     rig = Rig(graph, {'saturation_torque': 1e-3})
     rig.say(*COMMANDS['pressure'])
     kick = rig.next_kick()
@@ -184,7 +184,7 @@ def test_saturation_is_told(graph: Graph) -> None:
     assert kick.peak_torque == pytest.approx(1e-3)
 
 
-def test_impulses_that_the_simulator_refuses_are_not_told_as_delivered(graph: Graph) -> None:
+def test_impulses_that_the_simulator_rejects_are_not_reported_as_delivered(graph: Graph) -> None:
     rig = Rig(graph, {'speed_limit': 1e6})
     rig.say(interfaces.NUDGE, Float64(data=1e5))
     kick = rig.next_kick()

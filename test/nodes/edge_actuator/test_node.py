@@ -235,7 +235,7 @@ WRONG: list[tuple[dict[str, Any], str]] = [
 ]
 
 
-def test_wrong_commands_are_refused_and_what_is_going_on_goes_on(bench: Bench) -> None:
+def test_wrong_commands_are_rejected_and_the_active_one_continues(bench: Bench) -> None:
     rest = bench.named.chain.uniform_state(LEFT)
     bench.joints(rest)
     bench.joints(rest)
@@ -252,7 +252,7 @@ def test_wrong_commands_are_refused_and_what_is_going_on_goes_on(bench: Bench) -
 
 
 @pytest.mark.parametrize('value', [math.nan, math.inf, 1e3])
-def test_a_wrong_nudge_is_refused(bench: Bench, value: float) -> None:
+def test_a_wrong_nudge_is_rejected(bench: Bench, value: float) -> None:
     bench.joints(bench.named.chain.uniform_state(LEFT))
     bench.nudge(value)
     assert bench.refusal().startswith(f'/nudge: speed = {value:g} rad/s must ')
@@ -260,7 +260,7 @@ def test_a_wrong_nudge_is_refused(bench: Bench, value: float) -> None:
     bench.next_impulses()
 
 
-def test_without_any_joint_states_commands_are_refused(bench: Bench) -> None:
+def test_without_joint_states_commands_are_rejected(bench: Bench) -> None:
     bench.nudge(1.0)
     assert 'no fresh joint_states: none received, the limit is 60 s' in bench.refusal()
     bench.command(**FULL_PRESSURE)
@@ -268,7 +268,7 @@ def test_without_any_joint_states_commands_are_refused(bench: Bench) -> None:
     assert bench.torques == []
 
 
-def test_with_old_joint_states_commands_are_refused(graph: Graph, named: NamedChain) -> None:
+def test_with_old_joint_states_commands_are_rejected(graph: Graph, named: NamedChain) -> None:
     bench = Bench(graph, named, {'state_timeout': 1e-3})
     bench.tell_chain()
     bench.joints(named.chain.uniform_state(LEFT))
@@ -280,7 +280,7 @@ def test_with_old_joint_states_commands_are_refused(graph: Graph, named: NamedCh
     assert 's old, the limit is 0.001 s; start or resume the simulator, or raise' in refusal
 
 
-def test_without_a_chain_commands_are_refused(graph: Graph, named: NamedChain) -> None:
+def test_without_a_chain_commands_are_rejected(graph: Graph, named: NamedChain) -> None:
     bench = Bench(graph, named)
     bench.joints(named.chain.uniform_state(LEFT))
     bench.nudge(1.0)
@@ -328,7 +328,7 @@ def test_warnings_have_the_real_names_of_topics(graph: Graph, said: Callable[[],
         ({'name': ['rotor_0'] * 8}, "'rotor_0' twice"),
     ],
 )
-def test_wrong_joint_states_are_refused_when_they_are_needed(
+def test_wrong_joint_states_are_rejected_when_they_are_needed(
     bench: Bench, named: NamedChain, spoil: dict[str, Any], complaint: str
 ) -> None:
     rest = named.chain.uniform_state(LEFT)
@@ -344,7 +344,9 @@ def test_wrong_joint_states_are_refused_when_they_are_needed(
     bench.next_impulses()
 
 
-def test_while_nobody_takes_impulses_commands_are_refused(graph: Graph, named: NamedChain) -> None:
+def test_without_a_subscriber_of_impulses_commands_are_rejected(
+    graph: Graph, named: NamedChain
+) -> None:
     reports = graph.reports('edge_actuator')
     graph.start(EdgeActuator)
     for number, (topic, message, torques) in enumerate(
@@ -363,7 +365,7 @@ def test_while_nobody_takes_impulses_commands_are_refused(graph: Graph, named: N
         )
 
 
-def test_a_report_tells_what_it_waits_for(graph: Graph, named: NamedChain) -> None:
+def test_a_report_has_the_missing_input(graph: Graph, named: NamedChain) -> None:
     bench = Bench(graph, named)
     graph.until(lambda: bench.reports, 'a report')
     assert bench.reports[-1].message == 'waiting for the topic chain'
@@ -433,7 +435,7 @@ def test_the_actuator_that_is_chosen_gives_the_torques(graph: Graph, named: Name
 
 
 @pytest.mark.usefixtures('twin_bellows')
-def test_an_actuator_that_is_not_known_is_refused(graph: Graph) -> None:
+def test_an_unknown_actuator_is_rejected(graph: Graph) -> None:
     known = "parameter actuator = 'steam' must be one of 'pneumatic', 'twin_bellows'"
     with pytest.raises(ValueError, match=known):
         graph.start(EdgeActuator, {'actuator': 'steam'})

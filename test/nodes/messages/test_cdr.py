@@ -131,7 +131,7 @@ def deserialized(monkeypatch: pytest.MonkeyPatch) -> list[bytes]:
     NAMES | st.just(['a', 'b']),
     st.lists(st.tuples(states(NAMES | st.just(['a', 'b'])), st.integers(0, 255)), max_size=6),
 )
-def test_what_fits_a_layout_has_the_frame_the_names_and_the_arrays_of_the_message(
+def test_a_message_that_fits_a_layout_has_its_frame_names_and_arrays(
     frame_id: str, names: list[str], messages: list[tuple[JointState, int]]
 ) -> None:
     layout = Layout(frame_id, tuple(names))
@@ -181,7 +181,7 @@ def test_big_endian_messages_come_back() -> None:
 
 
 @pytest.mark.parametrize('known', [False, True])
-def test_bytes_that_are_no_joint_states_are_refused(known: bool) -> None:
+def test_bytes_that_are_no_joint_states_are_rejected(known: bool) -> None:
     message = JointState(name=['a', 'b'], position=[1.0, math.nan], velocity=[3.0, 4.0])
     whole = CdrWriter(message).serialized
     decoder = JointStateDecoder()
@@ -211,7 +211,7 @@ def test_impulses_of_the_same_joints_are_not_deserialized_again(deserialized: li
 
 
 @pytest.mark.parametrize('known', [False, True])
-def test_bytes_that_are_no_impulses_are_refused(known: bool) -> None:
+def test_bytes_that_are_no_impulses_are_rejected(known: bool) -> None:
     message = RotorImpulses(name=['two', 'one'], impulse=[1.0, -1.0])
     whole = CdrWriter(message).serialized
     decoder = ImpulseDecoder(ROTORS, LARGEST)
@@ -234,7 +234,7 @@ def test_any_torques_act_as_they_say_whatever_came_before(
 
 
 @pytest.mark.parametrize('rotors', [2, 3, 4, 41, 1000])
-def test_what_a_buffer_writes_reads_as_the_message_and_has_its_size(rotors: int) -> None:
+def test_a_buffer_writes_the_message_with_its_size(rotors: int) -> None:
     for length in range(1, 10):
         named = named_chain(rotors, length)
         buffer, impulse_buffer = JointStateBuffer(named), ImpulseBuffer(named)

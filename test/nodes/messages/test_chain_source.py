@@ -38,7 +38,7 @@ class Learner(GuardedNode):
         self.source = ChainSource(self, diagnostics, self.learnt.append)
 
 
-def test_the_chain_is_learnt_by_those_who_come_before_and_after_it(
+def test_nodes_receive_the_chain_before_and_after_it_is_published(
     graph: Graph, named: NamedChain
 ) -> None:
     early = graph.start(Learner)
@@ -131,7 +131,7 @@ def test_parameters_take_the_place_of_the_topic(graph: Graph) -> None:
     assert graph.user.count_subscribers(interfaces.CHAIN.name) == 0
 
 
-def test_parameters_of_no_chain_are_refused(graph: Graph) -> None:
+def test_parameters_of_no_chain_are_rejected(graph: Graph) -> None:
     with pytest.raises(ValueError, match=r'parameter chain\.mass of learner = -1\.0 must lie'):
         graph.start(Learner, {'chain_from': 'parameters', 'chain.mass': -1.0})
 
@@ -191,7 +191,7 @@ CONFIG = Path(__file__).parents[3] / 'config'
         ),
     ],
 )
-def test_a_file_that_describes_no_chain_is_refused(
+def test_a_file_that_describes_no_chain_is_rejected(
     tmp_path: Path, content: str, complaint: str
 ) -> None:
     path = tmp_path / 'chain.yaml'

@@ -39,13 +39,13 @@ def test_commands_come_back(command: EdgeCommand, edge: Edge) -> None:
 
 
 @pytest.mark.parametrize('fields', [{'edge': 3}, {'kind': 3}])
-def test_codes_without_a_meaning_are_refused(fields: dict[str, int]) -> None:
+def test_unknown_codes_are_rejected(fields: dict[str, int]) -> None:
     ((name, code),) = fields.items()
     with pytest.raises(ValueError, match=f'{name} = {code} must be one of 0, 1, 2'):
         conversions.edge_command_from_msg(msg.EdgeCommand(**fields))
 
 
-def test_what_was_delivered_comes_back() -> None:
+def test_a_delivery_survives_the_round_trip() -> None:
     delivered = DeliveryTotals(STAMP, 3, 0.1, True, -0.2, np.array([1.0, -2.0, 0.0, 1e-300]))
     back = conversions.delivery_from_msg(conversions.delivery_to_msg(delivered))
     for field in dataclasses.fields(DeliveryTotals):

@@ -181,7 +181,7 @@ def take_torques(message: JointState) -> None:
         (take_torques, torques(name=['rotor_1', '']), "names joint ''"),
     ],
 )
-def test_a_wrong_message_is_refused_with_what_is_wrong(
+def test_a_wrong_message_is_rejected_with_the_reason(
     take: Callable[[Any], None], message: Any, complaint: str
 ) -> None:
     with pytest.raises(ValueError, match=re.escape(complaint)) as refusal:
@@ -204,7 +204,7 @@ def test_a_wrong_message_is_refused_with_what_is_wrong(
         ({'encoder_offsets': [math.nan] * 5}, 'offset of rotor 0 = nan rad must lie in the range'),
     ],
 )
-def test_a_message_that_describes_no_chain_is_refused(
+def test_a_message_that_describes_no_chain_is_rejected(
     changes: dict[str, Any], complaint: str
 ) -> None:
     message = conversions.chain_to_msg(NAMED, STAMP)
@@ -214,7 +214,7 @@ def test_a_message_that_describes_no_chain_is_refused(
         conversions.chain_from_msg(message)
 
 
-def test_angles_that_no_encoder_shows_are_refused() -> None:
+def test_angles_beyond_encoders_are_rejected() -> None:
     message = joint_state(position=[0.0, 1e308, 0.0, 0.0, 0.0])
     complaint = (
         'position of rotor_1 = 1e+308 must lie in the range -1e+09 to 1e+09; check its publisher'
@@ -247,7 +247,7 @@ def test_a_reset_by_name_moves_the_named_joints_and_stops_the_others() -> None:
         (Reset.Request(name=['a'], angle=[1.0], rate=[math.inf]), 'reset.rate of a = inf must be'),
     ],
 )
-def test_a_wrong_reset_by_name_is_refused(request_: Reset.Request, complaint: str) -> None:
+def test_a_wrong_reset_by_name_is_rejected(request_: Reset.Request, complaint: str) -> None:
     named = NamedChain(Chain(number_of_rotors=3), ('a', 'b', 'c'))
     with pytest.raises(ValueError, match=re.escape(complaint)):
         state_from_reset(named, request_, State(np.zeros(3), np.zeros(3)))

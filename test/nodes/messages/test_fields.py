@@ -33,7 +33,7 @@ def diagnosis() -> DiagnosticArray:
         PoseWithCovariance(covariance=[0.5] * 36),
     ],
 )
-def test_what_is_written_is_read(message: Any) -> None:
+def test_a_written_message_reads_back(message: Any) -> None:
     assert read(type(message), to_yaml(message)) == message
 
 
@@ -66,7 +66,7 @@ def test_whole_numbers_are_taken_for_numbers_with_a_point() -> None:
         (ByteMultiArray, '{data: 1}', 'data = 1 must be of type sequence<octet>'),
     ],
 )
-def test_what_does_not_fit_is_named(message: type, text: str, complaint: str) -> None:
+def test_a_value_of_the_wrong_type_is_named(message: type, text: str, complaint: str) -> None:
     with pytest.raises(ValueError, match=re.escape(complaint)) as raised:
         read(message, text)
     assert '\n' not in str(raised.value)

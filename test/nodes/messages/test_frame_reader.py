@@ -100,14 +100,12 @@ def test_frames_in_the_order_of_the_rotors_are_read_without_sharing_memory() -> 
         (joint_state(velocity=[1.0]), 'velocity has 1 values for 5 names'),
     ],
 )
-def test_joint_states_that_contradict_themselves_are_refused(
-    message: JointState, complaint: str
-) -> None:
+def test_contradictory_joint_states_are_rejected(message: JointState, complaint: str) -> None:
     with pytest.raises(ValueError, match=re.escape(complaint)):
         FrameReader(NAMES).read(joint_states_from_msg(message))
 
 
-def test_what_no_encoder_shows_is_not_seen() -> None:
+def test_values_beyond_encoders_are_missing() -> None:
     message = JointState(name=['a', 'b', 'c'], position=[1e308, 0.5, -1e308])
     frame = FrameReader(('a', 'b', 'c')).read(joint_states_from_msg(message))
     np.testing.assert_array_equal(frame.angles, [np.nan, 0.5, np.nan])
@@ -129,7 +127,7 @@ def states(chain: Chain) -> list[Array]:
 
 @pytest.mark.parametrize('chain', CHAINS, ids=lambda chain: chain.motion.name)
 @pytest.mark.parametrize('noise', [0.0, 0.05])
-def test_degrees_are_told_from_radians(chain: Chain, noise: float) -> None:
+def test_degrees_are_distinguished_from_radians(chain: Chain, noise: float) -> None:
     errors = noise * np.random.default_rng(7).standard_normal(20)
     for angles in states(chain):
         assert not in_degrees(angles + errors)
@@ -144,7 +142,7 @@ def test_rotors_that_are_not_seen_are_passed_over() -> None:
     assert not in_degrees(np.full(20, np.inf))
 
 
-def test_each_mistake_is_told_once() -> None:
+def test_each_mistake_is_logged_once() -> None:
     told: list[str] = []
     watch = EncoderMonitor(told.append)
     angles = CHAINS[0].uniform_state(1)
@@ -161,7 +159,7 @@ def test_each_mistake_is_told_once() -> None:
 
 
 @pytest.mark.parametrize('create', [SolitonAnalyser, EdgeActuator, SolitonSteering])
-def test_the_nodes_tell_of_mistakes(
+def test_the_nodes_log_mistakes(
     graph: Graph, create: Callable[..., Node], said: Callable[[], str]
 ) -> None:
     chain = replace(Chain(), number_of_rotors=8)

@@ -22,7 +22,7 @@ from soliton_linkage_nodes.messages import view_conversions as views
 NOTHING = [math.nan, math.inf, -math.inf, '1', None, True, [1.0]]
 
 
-def test_a_state_is_told_in_numbers_and_its_walls_in_a_row() -> None:
+def test_a_state_becomes_numbers_and_its_walls_a_list() -> None:
     message = SolitonState(
         motion=SolitonState.SPINNER,
         solitons=[
@@ -58,7 +58,7 @@ def test_an_edge_command_has_all_that_was_asked_for(kind: str, edge: str) -> Non
 
 
 @pytest.mark.parametrize('value', NOTHING)
-def test_what_is_no_finite_number_is_refused_everywhere(value: Any) -> None:
+def test_infinite_numbers_are_rejected_everywhere(value: Any) -> None:
     for convert in (
         views.number_to_msg,
         lambda v: views.edge_command_of('kick', 'nearest', v, 0.0, 0.0, 0.0),
@@ -79,7 +79,7 @@ def test_a_step_is_a_whole_number_of_periods(periods: float) -> None:
     assert views.step_request(7.0).periods == 7
 
 
-def test_words_that_nobody_knows_are_refused_with_those_that_are() -> None:
+def test_unknown_names_are_rejected_with_the_known_ones() -> None:
     with pytest.raises(ValueError, match="kind = 'push' must be one of kick, pulse, pressure"):
         views.edge_command_of('push', 'nearest', 0.0, 0.0, 0.0, 0.0)
     with pytest.raises(ValueError, match="edge = 'left' must be one of nearest, first, last"):
@@ -133,7 +133,7 @@ def test_parameters_that_stay_as_they_are_and_lists_are_not_offered() -> None:
     assert not views.is_adjustable(descriptor('gains', ParameterType.PARAMETER_DOUBLE_ARRAY))
 
 
-def test_reports_tell_their_node_level_and_figures() -> None:
+def test_reports_have_node_level_and_figures() -> None:
     status = DiagnosticStatus(
         level=DiagnosticStatus.WARN,
         name='simulator: simulation',

@@ -52,7 +52,7 @@ def test_a_node_runs_until_it_is_stopped_with_its_words_in_a_log(
     assert (tmp_path / 'run_0' / 'metadata.yaml').is_file()
 
 
-def test_some_are_stopped_while_others_go_on(
+def test_one_process_stops_while_others_continue(
     children: ChildProcesses, environment: dict[str, str], tmp_path: Path
 ) -> None:
     children.start('bag_recorder', ['-p', f'output:={tmp_path / "run"}'], environment)

@@ -45,7 +45,7 @@ OF_ROS = {
 
 
 @pytest.mark.parametrize('node', NODES, ids=executable_name)
-def test_help_tells_of_every_parameter_and_topic(
+def test_help_lists_every_parameter_and_topic(
     graph: Graph,
     node: type[Node],
     named: NamedChain,
@@ -72,7 +72,7 @@ def test_help_tells_of_every_parameter_and_topic(
     assert {name.rpartition('/')[2] for name in spoken} - OF_ROS - replayed <= words
 
 
-def test_help_tells_what_a_parameter_means() -> None:
+def test_help_describes_each_parameter() -> None:
     told = help_text(Simulator)
     assert (
         '  publish_rate:=500.0  (double)\n      rate of joint_states in simulated time [Hz]; '
@@ -107,7 +107,7 @@ def test_help_ends_well(arguments: list[str], capsys: pytest.CaptureFixture[str]
         (BagRecorder, ['run', '--ros-args'], '--ros-args -p output:=run'),
     ],
 )
-def test_arguments_that_are_unknown_are_refused_with_the_right_ones(
+def test_unknown_arguments_are_rejected_with_a_proposal(
     node: type[Node], arguments: list[str], meant: str | None, capsys: pytest.CaptureFixture[str]
 ) -> None:
     with pytest.raises(SystemExit) as ended:
@@ -120,7 +120,7 @@ def test_arguments_that_are_unknown_are_refused_with_the_right_ones(
 
 
 @pytest.mark.parametrize('arguments', [[], ['--ros-args', '-p', 'publish_rate:=5']])
-def test_what_is_for_ros_is_left_to_it(arguments: list[str]) -> None:
+def test_arguments_of_ros_are_left_to_ros(arguments: list[str]) -> None:
     check_arguments(Simulator, arguments)
 
 

@@ -52,7 +52,7 @@ def test_a_warning_of_the_node_is_a_warning(graph: Graph, reporter: Reporter) ->
     assert (status.level, status.message) == (DiagnosticStatus.WARN, 'late')
 
 
-def test_refusals_warn_in_the_next_report_and_stay_counted(
+def test_rejections_warn_in_the_next_report_and_stay_counted(
     graph: Graph, reporter: Reporter
 ) -> None:
     heard = graph.reports('reporter')
@@ -68,7 +68,7 @@ def test_refusals_warn_in_the_next_report_and_stay_counted(
     assert values(later)['last rejection'] == 'nudge: speed = inf'
 
 
-def test_a_flood_of_refusals_is_counted_in_full_and_said_in_one_line(
+def test_a_flood_of_rejections_is_counted_and_logged_in_one_line(
     reporter: Reporter, capfd: pytest.CaptureFixture[str]
 ) -> None:
     for _ in range(1000):
@@ -78,7 +78,7 @@ def test_a_flood_of_refusals_is_counted_in_full_and_said_in_one_line(
     assert line.endswith('rejected nudge: speed = nan rad/s must be a finite number')
 
 
-def test_what_cannot_be_taken_is_refused_and_the_rest_is_taken(reporter: Reporter) -> None:
+def test_invalid_messages_are_rejected_and_valid_ones_processed(reporter: Reporter) -> None:
     take = reporter.diagnostics.guarded('numbers', float)
     for text in ('1.5', 'one', '2'):
         take(text)

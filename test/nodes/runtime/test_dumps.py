@@ -65,7 +65,7 @@ def test_a_dump_of_all_parameters_makes_the_same_node_again(
     assert dump(graph, again) == dumped
 
 
-def test_an_empty_list_may_be_said_on_the_command_line(graph: Graph) -> None:
+def test_an_empty_list_is_allowed_on_the_command_line(graph: Graph) -> None:
     arguments = ['--ros-args', '-p', 'fixed_rotors:=[]', '-p', 'sensors.offsets:=[]']
     simulator = graph.start(Simulator, cli_args=arguments)
     assert simulator.settings.fixed_rotors == ()

@@ -46,7 +46,7 @@ class Clumsy(GuardedNode):
         raise RuntimeError(f'tick {self.ticks}\nwas too much')
 
 
-def test_a_message_that_cannot_be_stood_is_the_only_one_lost(
+def test_a_message_whose_callback_raises_is_the_only_one_lost(
     graph: Graph, said: Callable[[], str]
 ) -> None:
     node = graph.start(Clumsy)
@@ -97,7 +97,7 @@ def test_a_timer_that_is_destroyed_when_it_is_due_calls_back_no_more(graph: Grap
         assert not calls
 
 
-def test_a_parameter_that_cannot_be_taken_is_refused_with_the_reason(graph: Graph) -> None:
+def test_an_invalid_parameter_is_rejected_with_the_reason(graph: Graph) -> None:
     graph.start(Clumsy)
     for name, reason in (
         ('speed', 'could not answer clumsy/set_parameters: IndexError'),

@@ -76,7 +76,7 @@ def test_publishers_and_subscribers_agree_with_the_table(graph: Graph, tmp_path:
         assert min(own, default=topic.qos.depth) == topic.qos.depth
 
 
-def test_topics_are_reliable_and_what_lasts_is_kept_for_late_joiners() -> None:
+def test_topics_are_reliable_and_latched_ones_serve_late_joiners() -> None:
     lasting = (
         interfaces.CHAIN,
         interfaces.IDENTIFIED_CHAIN,
@@ -107,12 +107,12 @@ def test_it_ends_once_there_is_a_subscriber(graph: Graph) -> None:
     assert wait_for_subscriber(publisher, FOR_EVER)
 
 
-def test_it_ends_in_time_where_there_is_none(graph: Graph) -> None:
+def test_it_ends_in_time_without_a_subscriber(graph: Graph) -> None:
     publisher = graph.user.create_publisher(TOPIC.type, TOPIC.name, TOPIC.qos)
     assert not wait_for_subscriber(publisher, 0.0)
 
 
-def test_it_ends_when_it_is_told_to_stop(graph: Graph) -> None:
+def test_it_ends_on_a_stop_request(graph: Graph) -> None:
     publisher = graph.user.create_publisher(TOPIC.type, TOPIC.name, TOPIC.qos)
     stopping = threading.Event()
     stopping.set()

@@ -101,7 +101,7 @@ def test_a_manager_takes_every_node_through_its_life_twice(
     assert state(graph, node) == State.PRIMARY_STATE_FINALIZED
 
 
-def test_navigation2s_manager_begins_pauses_and_ends_the_suite(
+def test_the_manager_of_navigation2_starts_pauses_and_ends_the_suite(
     graph: Graph, tmp_path: Path
 ) -> None:
     """With `bond_timeout: 0.0`: its lifecycle_manager's calls, in its order, and its checks."""
@@ -126,11 +126,11 @@ def test_navigation2s_manager_begins_pauses_and_ends_the_suite(
     all_to(end, State.PRIMARY_STATE_FINALIZED, backwards=True)
 
 
-def test_a_node_starts_by_itself_unless_it_is_told_not_to(graph: Graph) -> None:
+def test_a_node_starts_by_itself_with_autostart(graph: Graph) -> None:
     assert state(graph, graph.start(SolitonAnalyser)) == State.PRIMARY_STATE_ACTIVE
 
 
-def test_a_transition_that_there_is_not_is_refused_and_nothing_dies(
+def test_an_invalid_transition_is_rejected_and_the_node_continues(
     graph: Graph, said: Callable[[], str]
 ) -> None:
     node = graph.start(SolitonAnalyser)
@@ -166,7 +166,7 @@ class Fragile(ManagedNode):
             raise ValueError(f'{where} fails; fix it')
 
 
-def test_what_cannot_be_configured_says_why_and_can_be_asked_again(
+def test_a_failed_configuration_logs_the_reason_and_can_be_repeated(
     graph: Graph, monkeypatch: pytest.MonkeyPatch, said: Callable[[], str]
 ) -> None:
     node = graph.start(Fragile, MANAGED)
@@ -196,7 +196,7 @@ def test_nothing_keeps_a_node_from_stopping(
     Fragile.FAILING.clear()
 
 
-def test_a_node_that_starts_by_itself_raises_what_it_fails_of(
+def test_a_node_that_starts_by_itself_raises_its_error(
     graph: Graph, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(Fragile, 'FAILING', {'activate'})
@@ -204,7 +204,7 @@ def test_a_node_that_starts_by_itself_raises_what_it_fails_of(
         graph.start(Fragile)
 
 
-def test_a_simulator_stands_still_and_goes_on_with_the_next_frame(graph: Graph) -> None:
+def test_a_deactivated_simulator_stops_and_continues_with_the_next_frame(graph: Graph) -> None:
     heard = graph.hear(interfaces.JOINT_STATES)
     simulator = graph.start(Simulator, {'chain.number_of_rotors': 8, 'publish_rate': 100.0})
     graph.until(lambda: len(heard) > 3, 'frames')
@@ -249,7 +249,7 @@ def test_an_actuator_learns_the_chain_before_it_is_activated(graph: Graph) -> No
     assert not actuator.frames.taken
 
 
-def test_a_deactivated_recorder_keeps_nothing_and_goes_on_in_the_same_bag(
+def test_a_deactivated_recorder_records_nothing_and_continues_its_bag(
     graph: Graph, tmp_path: Path
 ) -> None:
     recorder = graph.start(BagRecorder, {**MANAGED, 'output': str(tmp_path / 'run')})

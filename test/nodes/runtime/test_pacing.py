@@ -169,7 +169,7 @@ def test_a_rate_that_is_set_later_counts_from_then_on(clock: Clock) -> None:
     assert loop.punctuality.missed == 0
 
 
-def test_at_an_infinite_rate_it_sleeps_only_where_there_is_nothing_to_do(clock: Clock) -> None:
+def test_at_an_infinite_rate_it_sleeps_only_without_work(clock: Clock) -> None:
     asleep: list[int] = []
     enough = threading.Event()
 
@@ -246,14 +246,14 @@ def allowed() -> bool:
     return os.geteuid() == 0 and policies_of_a_thread()[1] == os.SCHED_FIFO
 
 
-def test_a_thread_requests_and_so_do_those_that_it_begins() -> None:
+def test_a_thread_with_priority_gives_it_to_its_children() -> None:
     if not allowed():
         pytest.skip('this user may not go first')
     ordinary = os.SCHED_OTHER
     assert policies_of_a_thread() == [ordinary, os.SCHED_FIFO, os.SCHED_FIFO, ordinary]
 
 
-def test_where_it_is_not_allowed_a_thread_stays_an_ordinary_one(
+def test_without_permission_a_thread_keeps_its_priority(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     system = os.sched_setscheduler
@@ -276,7 +276,7 @@ def test_a_thread_that_has_ended_is_passed_over() -> None:
 
 
 @pytest.mark.parametrize('first', [False, True])
-def test_a_thread_lets_others_go_where_it_requests_itself(
+def test_a_thread_with_priority_yields_to_others(
     monkeypatch: pytest.MonkeyPatch, first: bool
 ) -> None:
     if first and not allowed():

@@ -63,7 +63,7 @@ def test_names_are_joined(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize('content', ['words', 'a: 1', '', '- 1', '{', 'a\nb: c', 'node: {x: 1.0}'])
-def test_what_is_no_file_of_parameters_is_refused(tmp_path: Path, content: str) -> None:
+def test_an_invalid_parameter_file_is_rejected(tmp_path: Path, content: str) -> None:
     path = tmp_path / 'file.yaml'
     path.write_text(content)
     with pytest.raises(ValueError, match=f'{re.escape(str(path))} is no parameter file') as said:
@@ -98,7 +98,7 @@ def test_the_files_of_the_suite_work_in_every_namespace(graph: Graph, namespace:
         ('other: {ros__parameters: {x: 1}}', [], 500.0, 'parameters for /other, not for /simulat'),
     ],
 )
-def test_what_overrides_what_is_told(
+def test_overridden_values_are_logged(
     graph: Graph, tmp_path: Path, content: str, rules: list[str], rate: float, told: str | None
 ) -> None:
     path = tmp_path / 'file.yaml'
@@ -123,7 +123,7 @@ def test_a_file_for_a_node_of_the_same_process_is_no_mistake(graph: Graph, tmp_p
 
 
 @pytest.mark.parametrize('create', [Simulator, EdgeActuator, SolitonAnalyser, SolitonSteering])
-def test_each_node_that_reads_the_chain_refuses_what_is_no_parameter_of_it(
+def test_each_node_rejects_unknown_parameters_of_the_chain(
     graph: Graph, create: Callable[..., Node]
 ) -> None:
     with pytest.raises(ValueError, match=r"unknown; did you mean 'chain\.spacing'\?"):

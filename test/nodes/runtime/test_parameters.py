@@ -217,7 +217,7 @@ def test_given_values_replace_the_defaults(graph: Graph) -> None:
         ('weights', [True], 'must be a list of numbers such as'),
     ],
 )
-def test_a_value_that_is_not_allowed_is_said_in_one_line(
+def test_an_invalid_value_is_logged_in_one_line(
     graph: Graph, name: str, value: Any, complaint: str
 ) -> None:
     said = re.escape(f'parameter group.{name} of declarer ') + '.*' + re.escape(complaint)
@@ -226,7 +226,7 @@ def test_a_value_that_is_not_allowed_is_said_in_one_line(
     assert '\n' not in str(refusal.value)
 
 
-def test_whole_numbers_are_taken_where_numbers_with_a_point_are_meant(graph: Graph) -> None:
+def test_integers_are_accepted_for_floats(graph: Graph) -> None:
     node = graph.start(Declarer, {'group.rate': 5, 'group.weights': [1, -2]})
     assert node.settings == dataclasses.replace(Examples(), rate=5.0, weights=(1.0, -2.0))
     assert type(node.get_parameter('group.rate').value) is float
@@ -258,7 +258,7 @@ def test_a_list_can_be_emptied(graph: Graph) -> None:
         ('zzz', 'known: group.count, group.gain'),
     ],
 )
-def test_a_parameter_that_nothing_declares_is_refused_with_the_one_meant(
+def test_an_undeclared_parameter_is_rejected_with_a_proposal(
     graph: Graph, name: str, meant: str
 ) -> None:
     said = re.escape(f'parameter {name!r} of declarer is unknown; {meant}')

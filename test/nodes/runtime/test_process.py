@@ -83,7 +83,7 @@ def test_two_signals_are_as_good_as_one(graph: Graph, start: Callable[..., Progr
         assert closed == (nodes[gap] == 'bag_recorder'), gap
 
 
-def test_a_turn_ends_where_messages_never_do(graph: Graph) -> None:
+def test_a_slice_ends_under_a_continuous_stream_of_messages(graph: Graph) -> None:
     node = Node('busy', context=graph.context)
     executor = EventsExecutor(context=graph.context)
     executor.add_node(node)
@@ -109,9 +109,7 @@ def test_a_turn_ends_where_messages_never_do(graph: Graph) -> None:
 
 
 @pytest.mark.parametrize('content', ['simulator:\n  ros__parameters: [', '\x00', None])
-def test_parameters_that_cannot_be_read_are_said_in_one_line(
-    tmp_path: Path, content: str | None
-) -> None:
+def test_unreadable_parameters_are_logged_in_one_line(tmp_path: Path, content: str | None) -> None:
     path = tmp_path / 'wrong.yaml'
     if content is not None:
         path.write_text(content)
@@ -131,7 +129,7 @@ def test_parameters_that_cannot_be_read_are_said_in_one_line(
         ),
     ],
 )
-def test_wrong_arguments_are_said_in_one_line(
+def test_wrong_arguments_are_logged_in_one_line(
     start: Callable[..., Program], arguments: list[str], complaint: str
 ) -> None:
     program = start('edge_actuator', '--ros-args', *arguments)
@@ -142,7 +140,7 @@ def test_wrong_arguments_are_said_in_one_line(
 
 
 @pytest.mark.parametrize('output', ['file/run', 'file/deep/run'])
-def test_an_output_that_cannot_be_written_is_said_in_one_line(
+def test_an_unwritable_output_is_logged_in_one_line(
     graph: Graph, tmp_path: Path, output: str
 ) -> None:
     (tmp_path / 'file').write_text('not a directory')

@@ -98,12 +98,12 @@ def test_of_one_publisher_every_missing_number_after_the_first_is_lost(numbers: 
     assert lost(sorted(numbers)) == missing
 
 
-def test_what_was_sent_before_the_publisher_was_heard_does_not_count() -> None:
+def test_messages_before_the_first_one_received_do_not_count() -> None:
     assert lost([1000, 1001]) == 0
 
 
 @given(st.lists(st.integers(0, 2), max_size=100), st.tuples(*[st.integers(1, 50)] * 3))
-def test_of_several_publishers_nothing_is_lost_where_each_goes_on(
+def test_several_continuous_publishers_lose_nothing(
     turns: list[int], first: tuple[int, int, int]
 ) -> None:
     latest = list(first)
@@ -120,11 +120,11 @@ def test_a_loss_is_put_down_to_the_publisher_that_is_closest_behind() -> None:
 
 
 @pytest.mark.parametrize('at', [1, 7])
-def test_a_publisher_that_begins_anew_loses_nothing(at: int) -> None:
+def test_a_publisher_that_restarts_loses_nothing(at: int) -> None:
     assert lost([5, 6, 7, 8, *range(at, at + 20)]) == 0
 
 
-def test_one_of_several_that_begins_anew_takes_the_place_of_the_silent_one() -> None:
+def test_a_restarted_publisher_replaces_the_silent_one() -> None:
     # Three nodes report in turns; the one at 9 dies, comes back and begins at 1.
     before = [10, 12, 9, 11, 13, 10, 12, 14]
     after = [1, 13, 15, 2, 14, 16, 3]
@@ -149,9 +149,7 @@ def clock(monkeypatch: pytest.MonkeyPatch) -> list[float]:
 
 
 @pytest.mark.parametrize('difference', [0.0, -3600.0, 3600.0])
-def test_who_is_behind_for_longer_than_may_be_is_told_so(
-    clock: list[float], difference: float
-) -> None:
+def test_a_lag_longer_than_allowed_is_reported(clock: list[float], difference: float) -> None:
     watched = Lag(0.5)
     for _ in range(100):
         clock[0] += 0.01

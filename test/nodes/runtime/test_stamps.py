@@ -12,7 +12,7 @@ from soliton_linkage_nodes.runtime import stamps
 from soliton_linkage_nodes.runtime.stamps import ClockMonitor, Freshness
 
 
-def test_what_came_grows_old_and_is_renewed(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_the_age_increases_until_the_next_message(monkeypatch: pytest.MonkeyPatch) -> None:
     now = 100.0
     monkeypatch.setattr(stamps.time, 'monotonic', lambda: now)
     watched = Freshness(0.5)
@@ -30,7 +30,7 @@ SECOND = 10**9
 
 
 @pytest.mark.parametrize(('offset', 'drift'), [(0.0, 0.0), (3.5, 500.0), (-7.0, -2000.0)])
-def test_offset_and_drift_of_a_clock_are_told(offset: float, drift: float) -> None:
+def test_offset_and_drift_of_a_clock_are_reported(offset: float, drift: float) -> None:
     ways = random.Random(1)
     watch = ClockMonitor()
     for second in range(30):
@@ -46,7 +46,7 @@ def test_offset_and_drift_of_a_clock_are_told(offset: float, drift: float) -> No
     assert told['drift of stamps against the clock [ppm]'] == pytest.approx(drift, abs=20)
 
 
-def test_without_messages_nothing_is_told() -> None:
+def test_without_messages_nothing_is_reported() -> None:
     watch = ClockMonitor()
     assert watch.figures() == {}
     watch.note(1, 2)

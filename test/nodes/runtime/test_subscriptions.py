@@ -61,7 +61,7 @@ def assert_heard(graph: Graph, publisher: Publisher, heard: list[Any], name: str
     graph.until(again, f'the joint states of {name}')
 
 
-def test_a_best_effort_publisher_is_heard_and_one_that_comes_later(graph: Graph) -> None:
+def test_a_best_effort_publisher_and_a_later_one_are_received(graph: Graph) -> None:
     heard = listen(graph)
     reliable = speak(graph, RELIABLE)
     assert_heard(graph, reliable, heard, 'reliable')
@@ -70,7 +70,7 @@ def test_a_best_effort_publisher_is_heard_and_one_that_comes_later(graph: Graph)
     assert_heard(graph, reliable, heard, 'reliable as well')
 
 
-def test_it_is_reliable_again_where_all_publishers_are(graph: Graph) -> None:
+def test_it_is_reliable_again_if_all_publishers_are(graph: Graph) -> None:
     heard = listen(graph)
     driver = speak(graph, qos_profile_sensor_data)
     assert_heard(graph, driver, heard, 'driver')
@@ -85,7 +85,7 @@ def test_it_is_reliable_again_where_all_publishers_are(graph: Graph) -> None:
 
 
 @pytest.mark.parametrize('create', [SolitonAnalyser, EdgeActuator, SolitonSteering])
-def test_the_nodes_hear_sensor_data(graph: Graph, create: Callable[..., Node]) -> None:
+def test_the_nodes_receive_sensor_data(graph: Graph, create: Callable[..., Node]) -> None:
     graph.start(create)
     speak(graph, qos_profile_sensor_data)
 
@@ -105,7 +105,7 @@ def test_several_publishers_are_named_once(graph: Graph, said: Callable[[], str]
     assert 'offering incompatible' not in said()
 
 
-def test_what_all_publishers_offer_is_asked_for() -> None:
+def test_the_common_offer_of_all_publishers_is_requested() -> None:
     latched = interfaces.CHAIN.qos
     assert qos_for_all([latched], 7).durability == DurabilityPolicy.TRANSIENT_LOCAL
     assert qos_for_all([latched, RELIABLE], 7).durability == DurabilityPolicy.VOLATILE
@@ -137,7 +137,7 @@ class Listener:
         self.heard.append(message.name[0])
 
 
-def test_what_did_not_fit_into_the_queue_is_counted_and_told(
+def test_messages_beyond_the_queue_are_counted_and_reported(
     graph: Graph, said: Callable[[], str]
 ) -> None:
     listener = Listener(graph)
@@ -155,7 +155,7 @@ def test_what_did_not_fit_into_the_queue_is_counted_and_told(
     assert f'{lost} messages of /joint_states were lost and 0 skipped' in said()
 
 
-def test_who_is_behind_for_too_long_skips_to_the_newest(graph: Graph) -> None:
+def test_a_node_that_lags_too_long_skips_to_the_newest(graph: Graph) -> None:
     listener = Listener(graph, longest_lag=0.1, takes=0.005)
     publisher = speak(graph, RELIABLE)
     publisher.publish(JointState(name=['0']))
@@ -189,7 +189,7 @@ def test_the_first_of_two_publishers_is_kept_to_until_it_is_gone(graph: Graph) -
     assert_heard(graph, second, listener.heard, 'second')
 
 
-def test_what_is_not_attended_to_waits_until_it_is_taken(graph: Graph) -> None:
+def test_undispatched_messages_wait_until_they_are_taken(graph: Graph) -> None:
     listener = Listener(graph)
     subscription = listener.subscription
     subscription.dispatch(False)
@@ -214,7 +214,7 @@ def test_what_is_not_attended_to_waits_until_it_is_taken(graph: Graph) -> None:
     assert values(graph.next_report('listener'))['lost joint_states'] == '0'
 
 
-def test_who_wants_the_latest_is_spared_the_others(graph: Graph) -> None:
+def test_with_latest_older_messages_are_skipped(graph: Graph) -> None:
     listener = Listener(graph, takes=0.01, latest=True)
     publisher = speak(graph, RELIABLE)
     graph.until(publisher.get_subscription_count, 'a subscriber')

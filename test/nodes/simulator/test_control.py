@@ -88,7 +88,7 @@ def test_a_kick_acts_at_the_instant_of_the_next_frame_which_shows_it() -> None:
         simulation.advance()
 
 
-def test_the_sum_of_kicks_is_told_before_the_frame_at_whose_instant_they_act() -> None:
+def test_the_sum_of_kicks_is_announced_before_their_frame() -> None:
     published = Published()
     published.tick(3)
     published.control.kick(KICK)
@@ -123,7 +123,7 @@ def test_without_a_timeout_torques_are_held_for_ever() -> None:
     np.testing.assert_array_equal(published.angles[-1], simulation.angles)
 
 
-def test_a_pause_is_idempotent_and_what_came_meanwhile_acts_on_going_on() -> None:
+def test_a_pause_is_idempotent_and_waiting_commands_act_afterwards() -> None:
     published = Published()
     published.tick(2)
     assert published.control.pause(True) is None
@@ -155,7 +155,7 @@ def test_steps_are_taken_while_paused_only() -> None:
     assert published.numbers == [0, 1, 2]
 
 
-def test_a_reset_drops_commands_and_motion_and_time_goes_on() -> None:
+def test_a_reset_drops_commands_and_motion_and_time_continues() -> None:
     published = Published()
     published.control.kick(KICK)
     published.tick(4)
@@ -170,7 +170,7 @@ def test_a_reset_drops_commands_and_motion_and_time_goes_on() -> None:
         simulation.advance()
 
 
-def test_what_cannot_be_computed_pauses_until_a_reset() -> None:
+def test_a_frame_that_cannot_be_computed_pauses_until_a_reset() -> None:
     published = Published()
     published.control.kick(np.full(6, 1e300))
     published.tick(3)
@@ -187,7 +187,7 @@ def test_what_cannot_be_computed_pauses_until_a_reset() -> None:
     assert published.numbers == [0, 1, 2]
 
 
-def test_of_what_comes_between_two_frames_all_kicks_act_and_the_latest_torques() -> None:
+def test_between_two_frames_all_kicks_and_the_latest_torques_act() -> None:
     published = Published()
     for _ in range(1000):
         published.control.kick(KICK / 500)
@@ -205,7 +205,7 @@ def test_of_what_comes_between_two_frames_all_kicks_act_and_the_latest_torques()
         simulation.advance()
 
 
-def test_kicks_that_wait_for_too_long_are_refused(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_kicks_beyond_the_queue_are_rejected(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(simulation_control, '_MOST_KICKS', 2)
     published = Published()
     published.control.pause(True)
@@ -238,7 +238,7 @@ def test_gravity_turns_at_the_instant_of_the_next_frame_and_stays_after_a_reset(
         simulation.advance()
 
 
-def test_a_pulse_goes_on_after_a_pause_with_nothing_lost() -> None:
+def test_a_pulse_continues_after_a_pause_without_loss() -> None:
     paused, through = Published(), Published()
     for published in (paused, through):
         published.control.hold(TORQUES)
@@ -252,7 +252,7 @@ def test_a_pulse_goes_on_after_a_pause_with_nothing_lost() -> None:
     np.testing.assert_array_equal(paused.angles, through.angles)
 
 
-def test_a_reset_to_what_the_mechanics_do_not_allow_changes_nothing() -> None:
+def test_a_reset_that_the_mechanics_do_not_allow_changes_nothing() -> None:
     published = Published(begin=begin_bars)
     published.tick(2)
     published.control.kick(KICK)
@@ -359,7 +359,7 @@ def test_the_end_gives_up_the_frame_that_is_computed_and_publishes_no_other(
     assert published.numbers == [0]
 
 
-def test_a_state_from_which_no_frame_can_be_computed_is_refused_at_the_door(
+def test_a_state_from_which_no_frame_can_be_computed_is_rejected(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     # On a slow machine the steps take longer than a caller waits for a state.
@@ -382,7 +382,7 @@ def test_a_state_from_which_no_frame_can_be_computed_is_refused_at_the_door(
     assert control.tick()
 
 
-def test_what_a_simulation_fails_of_pauses_it_with_the_reason() -> None:
+def test_a_failure_of_the_simulation_pauses_it_with_the_reason() -> None:
     class Broken(ElasticSimulation):
         def step(self) -> None:
             raise TypeError('no such step')

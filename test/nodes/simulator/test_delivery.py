@@ -84,7 +84,7 @@ def test_torques_are_measured_frame_by_frame_and_once_more(rig: Rig) -> None:
     assert entries[-1].work_of_impulses == 0.0
 
 
-def test_books_go_on_through_a_reset(rig: Rig) -> None:
+def test_the_energy_balance_continues_through_a_reset(rig: Rig) -> None:
     rig.say(interfaces.ROTOR_IMPULSES, IMPULSE)
     rig.step(3)
     before = rig.measured[-1]

@@ -78,7 +78,7 @@ def test_kicks_between_frames_act_at_the_instant_of_a_frame(
     assert len(stream.explain([kick] * 3, lean)) == 3
 
 
-def test_torques_act_for_the_command_timeout_where_no_message_follows(graph: Graph) -> None:
+def test_torques_act_for_the_command_timeout_without_another_message(graph: Graph) -> None:
     stream = Stream(graph, {'command_timeout': 0.1})
     torques = graph.speak(interfaces.ROTOR_TORQUES)
     torques.publish(torque_message())
@@ -107,7 +107,7 @@ def test_torques_act_for_the_command_timeout_where_no_message_follows(graph: Gra
         ),
     ],
 )
-def test_a_wrong_command_is_refused_whole_and_the_next_right_one_acts(
+def test_a_wrong_command_is_rejected_whole_and_the_next_valid_one_acts(
     graph: Graph, topic: interfaces.Topic, wrong: Any, complaint: str
 ) -> None:
     stream = Stream(graph)
@@ -174,7 +174,7 @@ def test_the_chain_is_there_for_late_joiners(graph: Graph) -> None:
     assert list(chains[0].joint_names) == NAMES
 
 
-def test_the_clock_shows_the_stamp_of_each_frame_where_it_is_asked_for(graph: Graph) -> None:
+def test_the_clock_has_the_stamp_of_each_frame_with_publish_clock(graph: Graph) -> None:
     clocks = graph.hear(interfaces.CLOCK)
     stream = Stream(graph, {'publish_clock': True})
     stream.grow(50)
@@ -201,7 +201,7 @@ def test_a_wrong_parameter_stops_it(graph: Graph, name: str, value: Any, complai
     assert complaint in str(refusal.value)
 
 
-def test_time_begins_once_there_are_as_many_subscribers_as_asked_for(graph: Graph) -> None:
+def test_time_begins_with_the_required_number_of_subscribers(graph: Graph) -> None:
     first = graph.hear(interfaces.JOINT_STATES)
     chains = graph.hear(interfaces.CHAIN)
     reports = graph.reports('simulator')
@@ -215,7 +215,9 @@ def test_time_begins_once_there_are_as_many_subscribers_as_asked_for(graph: Grap
     assert first[0].header.stamp == chains[0].header.stamp
 
 
-def test_it_goes_once_its_last_frames_are_heard_or_cannot_be(graph: Graph, tmp_path: Path) -> None:
+def test_it_ends_once_its_last_frames_are_acknowledged_or_cannot_be(
+    graph: Graph, tmp_path: Path
+) -> None:
     stream = Stream(graph)
     arguments = ['--ros-args', '-p', f'output:={tmp_path / "run"}']
     recorder = Program('bag_recorder', arguments, graph.domain, tmp_path / 'log')
@@ -232,7 +234,7 @@ def test_it_goes_once_its_last_frames_are_heard_or_cannot_be(graph: Graph, tmp_p
 
 
 @pytest.mark.parametrize(('seconds', 'when'), [(1, 'ago'), (2**31 - 1, 'ahead')])
-def test_commands_of_another_time_are_refused(graph: Graph, seconds: int, when: str) -> None:
+def test_commands_of_another_time_are_rejected(graph: Graph, seconds: int, when: str) -> None:
     stream = Stream(graph)
     header = Header(stamp=Time(sec=seconds))
     graph.speak(interfaces.ROTOR_TORQUES).publish(

@@ -129,7 +129,7 @@ def test_the_tilt_turns_by_topic_and_by_parameter_at_the_instant_of_a_frame(grap
     assert_shown(paused.taken(1), twin)
 
 
-def test_a_tilt_that_is_no_angle_is_refused(graph: Graph) -> None:
+def test_a_tilt_that_is_no_angle_is_rejected(graph: Graph) -> None:
     paused = Paused(graph, {'gravity.acceleration': 9.81, 'gravity.tilt': 0.1})
     reports = graph.reports('simulator')
     graph.speak(interfaces.TILT).publish(Float64(data=float('nan')))
@@ -139,7 +139,7 @@ def test_a_tilt_that_is_no_angle_is_refused(graph: Graph) -> None:
     assert paused.node.get_parameter('gravity.tilt').value == 0.1
 
 
-def test_a_drawn_chain_is_told_to_the_last_digit_and_warned_of(graph: Graph) -> None:
+def test_a_random_chain_is_published_exactly_with_a_warning(graph: Graph) -> None:
     spread = {'rotor_length': 0.1, 'rest_length': 0.1, 'mass': 0.1, 'damping': 0.2, 'seed': 1}
     parameters = {f'chain.disorder.{name}': value for name, value in spread.items()}
     parameters |= {'chain.damping': 1e-5, 'chain.deviations.stiffness': [0.1] * (ROTORS - 1)}
@@ -215,7 +215,7 @@ def test_a_reset_to_a_soliton_and_to_angles_by_name(graph: Graph, velocity: floa
         ({'state': 7}, 'state = 7 must be one of 0 to 4'),
     ],
 )
-def test_a_reset_to_what_cannot_be_changes_nothing(
+def test_an_impossible_reset_changes_nothing(
     graph: Graph, request_: dict[str, Any], complaint: str
 ) -> None:
     paused = Paused(graph, {'mechanics': 'rigid'})
@@ -227,7 +227,7 @@ def test_a_reset_to_what_cannot_be_changes_nothing(
     assert_shown(paused.taken(10), RigidSimulation(CHAIN, state.angles, state.rates, 1 / RATE))
 
 
-def test_joint_states_are_what_sensors_show(graph: Graph) -> None:
+def test_joint_states_equal_the_sensor_model(graph: Graph) -> None:
     errors = EncoderErrors(noise=0.02, quantisation=0.003, offsets=(0.1,) * ROTORS, seed=9)
     given = {
         'sensors.noise': 0.02,
@@ -255,7 +255,7 @@ def test_joint_states_are_what_sensors_show(graph: Graph) -> None:
     assert list(frame.position) == (twin.angles + 0.1)[shown].tolist()
 
 
-def test_the_simulation_runs_as_much_faster_as_it_is_told(graph: Graph) -> None:
+def test_the_simulation_runs_at_the_real_time_factor(graph: Graph) -> None:
     clocks = graph.hear(interfaces.CLOCK)
     paused = Paused(graph, {'real_time_factor': 0.0, 'publish_clock': True})
     control = paused.node.control
@@ -282,7 +282,7 @@ def test_the_simulation_runs_as_much_faster_as_it_is_told(graph: Graph) -> None:
 @pytest.mark.parametrize(
     'name', ['chain.damping', 'mechanics', 'sensors.seed', 'chain.disorder.mass', 'publish_rate']
 )
-def test_what_may_not_change_is_read_only_and_says_so(graph: Graph, name: str) -> None:
+def test_fixed_parameters_are_read_only(graph: Graph, name: str) -> None:
     paused = Paused(graph)
     before = paused.node.get_parameter(name).value
     changed = 'rigid' if name == 'mechanics' else type(before)(1)

@@ -30,7 +30,7 @@ def read(joints: SensedJoints, frame: int, simulation: Simulation) -> JointState
 
 
 @pytest.mark.parametrize('missing', [(), (0, 5), (7,)])
-def test_without_errors_what_is_shown_is_exact(
+def test_without_errors_the_readings_are_exact(
     named: NamedChain, missing: tuple[int, ...]
 ) -> None:
     joints, simulation = SensedJoints(named, PERIOD, EncoderErrors(), missing), moving(named)
@@ -45,7 +45,9 @@ def test_without_errors_what_is_shown_is_exact(
 
 
 @pytest.mark.parametrize('missing', [(), (0, 5)])
-def test_with_errors_it_is_what_encoders_read(named: NamedChain, missing: tuple[int, ...]) -> None:
+def test_with_errors_the_readings_equal_the_encoder_model(
+    named: NamedChain, missing: tuple[int, ...]
+) -> None:
     joints, simulation = SensedJoints(named, PERIOD, NOISY, missing), moving(named)
     encoders = Encoders(8, PERIOD, NOISY)
     shown = [rotor for rotor in range(8) if rotor not in missing]

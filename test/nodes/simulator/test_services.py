@@ -80,7 +80,7 @@ def test_steps_are_taken_while_paused_and_answered_when_done(graph: Graph) -> No
     assert kicked == stream.number(stream.frames[before])
 
 
-def test_a_step_while_running_or_of_nothing_or_too_far_is_refused(graph: Graph) -> None:
+def test_a_step_while_running_or_of_a_wrong_length_is_rejected(graph: Graph) -> None:
     stream = Stream(graph)
     response = step(graph, 5)
     assert (response.success, response.message) == (

@@ -13,7 +13,7 @@ messages = pytest.importorskip('simulation_interfaces.msg', reason=reason)
 types = pytest.importorskip('simulation_interfaces.srv', reason=reason)
 
 
-def test_it_is_paused_stepped_reset_and_told_by_the_standard(graph: Graph) -> None:
+def test_the_standard_services_pause_step_reset_and_report(graph: Graph) -> None:
     graph.start(Simulator, {'chain.number_of_rotors': 4, 'publish_rate': 50.0})
     features = graph.call(types.GetSimulatorFeatures, 'simulator/get_simulator_features').features
     assert messages.SimulatorFeatures.STEP_SIMULATION_MULTIPLE in features.features

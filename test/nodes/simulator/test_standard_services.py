@@ -157,7 +157,7 @@ def test_it_resets_the_state_but_not_the_time(scope: int, result: int) -> None:
     assert ('ask for SCOPE_STATE = 2' in response.result.error_message) == (result != OK)
 
 
-def test_what_cannot_be_is_said() -> None:
+def test_impossible_requests_are_rejected_with_a_reason() -> None:
     client = Client()
     client.services.complaint = 'pause it first'
     for result in (

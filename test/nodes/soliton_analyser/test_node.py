@@ -274,7 +274,7 @@ def test_parameters_of_the_chain_take_the_place_of_the_topic(
         ({'name': [], 'position': [], 'velocity': []}, 'has none of the 8 rotors'),
     ],
 )
-def test_wrong_joint_states_are_refused_and_right_ones_analysed_as_before(
+def test_wrong_joint_states_are_rejected_and_valid_ones_analysed_as_before(
     graph: Graph, named: NamedChain, spoil: dict[str, Any], complaint: str
 ) -> None:
     states = graph.hear(interfaces.SOLITON_STATE)
@@ -295,7 +295,7 @@ def test_wrong_joint_states_are_refused_and_right_ones_analysed_as_before(
     assert same(states[0], expected_of(named, [right])[0])
 
 
-def test_bytes_that_are_no_joint_states_are_refused(graph: Graph, named: NamedChain) -> None:
+def test_bytes_that_are_no_joint_states_are_rejected(graph: Graph, named: NamedChain) -> None:
     states = graph.hear(interfaces.SOLITON_STATE)
     reports = graph.reports('soliton_analyser')
     tell_chain(graph, named)
@@ -329,7 +329,7 @@ def test_a_frame_of_any_numbers_is_analysed(graph: Graph) -> None:
     assert not reports or values(reports[-1])['rejected'] == '0'
 
 
-def test_a_report_tells_rate_and_number_of_solitons(graph: Graph, named: NamedChain) -> None:
+def test_a_report_has_rate_and_number_of_solitons(graph: Graph, named: NamedChain) -> None:
     states = graph.hear(interfaces.SOLITON_STATE)
     reports = graph.reports('soliton_analyser')
     tell_chain(graph, named)
@@ -366,7 +366,7 @@ def test_a_parameter_maps_joints_to_rotors(graph: Graph, named: NamedChain) -> N
         assert same(state, expected)
 
 
-def test_joints_that_do_not_fit_the_chain_are_said(graph: Graph, named: NamedChain) -> None:
+def test_joints_that_do_not_fit_the_chain_are_reported(graph: Graph, named: NamedChain) -> None:
     reports = graph.reports('soliton_analyser')
     tell_chain(graph, named)
     graph.start(SolitonAnalyser, {'joint_names': ['a', 'b']})
@@ -375,9 +375,7 @@ def test_joints_that_do_not_fit_the_chain_are_said(graph: Graph, named: NamedCha
     )
 
 
-def test_without_any_chain_the_angles_alone_tell_how_it_moves(
-    graph: Graph, named: NamedChain
-) -> None:
+def test_without_a_chain_the_angles_alone_give_the_motion(graph: Graph, named: NamedChain) -> None:
     states = graph.hear(interfaces.SOLITON_STATE)
     reports = graph.reports('soliton_analyser')
     graph.start(SolitonAnalyser, {'chain_from': 'nowhere'})
@@ -414,7 +412,7 @@ def test_late_frames_get_no_state_and_are_counted(graph: Graph, named: NamedChai
 @pytest.mark.parametrize(
     ('spoiled', 'said'), [(1, '1 of 16 rotors are not visible'), (0, 'soliton')]
 )
-def test_rotors_that_are_not_seen_are_said(graph: Graph, spoiled: int, said: str) -> None:
+def test_missing_rotors_are_reported(graph: Graph, spoiled: int, said: str) -> None:
     chain, speed = CHAINS['flipper']
     named = named_chain(chain)
     states = graph.hear(interfaces.SOLITON_STATE)
@@ -433,7 +431,7 @@ def test_rotors_that_are_not_seen_are_said(graph: Graph, spoiled: int, said: str
     assert report.level == (report.WARN if spoiled else report.OK)
 
 
-def test_angles_of_another_class_than_the_parameters_are_said(graph: Graph) -> None:
+def test_angles_of_another_class_than_the_parameters_are_reported(graph: Graph) -> None:
     chain, speed = CHAINS['spinner']
     reports = graph.reports('soliton_analyser')
     tell_chain(graph, named_chain(CHAINS['flipper'][0]))
@@ -448,7 +446,7 @@ def test_angles_of_another_class_than_the_parameters_are_said(graph: Graph) -> N
     assert 'the parameters specify a flipper' in report.message
 
 
-def test_a_second_chain_that_contradicts_is_not_believed_until_the_first_is_gone(
+def test_a_second_chain_is_ignored_until_the_first_publisher_is_gone(
     graph: Graph, said: Callable[[], str]
 ) -> None:
     true, false = named_chain(CHAINS['flipper'][0]), named_chain(CHAINS['spinner'][0])
@@ -468,7 +466,7 @@ def test_a_second_chain_that_contradicts_is_not_believed_until_the_first_is_gone
     assert 'describes a chain of 16 rotors (spinner' in said()
 
 
-def test_angles_that_the_chain_cannot_explain_are_said(graph: Graph) -> None:
+def test_angles_that_do_not_fit_the_chain_are_reported(graph: Graph) -> None:
     chain, speed = CHAINS['flipper']
     reports = graph.reports('soliton_analyser')
     tell_chain(graph, named_chain(dataclasses.replace(chain, rest_angle=0.6)))
@@ -480,10 +478,10 @@ def test_angles_that_the_chain_cannot_explain_are_said(graph: Graph) -> None:
     graph.until(lambda: any(said in r.message for r in reports), 'a warning')
     report = next(r for r in reports if said in r.message)
     assert report.level == report.WARN
-    assert 'check who publishes chain' in report.message
+    assert 'check the parameters in chain' in report.message
 
 
-def test_offsets_of_encoders_are_told(graph: Graph) -> None:
+def test_offsets_of_encoders_are_reported(graph: Graph) -> None:
     chain, speed = CHAINS['flipper']
     named = named_chain(chain)
     reports = graph.reports('soliton_analyser')
@@ -499,7 +497,7 @@ def test_offsets_of_encoders_are_told(graph: Graph) -> None:
     )
 
 
-def test_an_unknown_source_of_the_chain_is_refused(graph: Graph) -> None:
+def test_an_unknown_source_of_the_chain_is_rejected(graph: Graph) -> None:
     said = "chain_from of soliton_analyser = 'telepathy' must be one of 'topic', 'parameters'"
     with pytest.raises(ValueError, match=said):
         graph.start(SolitonAnalyser, {'chain_from': 'telepathy'})

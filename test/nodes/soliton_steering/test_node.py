@@ -171,7 +171,7 @@ def test_cancel_holds_the_soliton_and_release_frees_it(graph: Graph) -> None:
         (6.0, 0.0, Result.OUT_OF_REACH, 'actuate more rotors'),
     ],
 )
-def test_what_cannot_be_is_refused_with_the_reason_and_changes_nothing(
+def test_impossible_goals_are_rejected_with_the_reason(
     graph: Graph, rotor: float, speed: float, outcome: int, reason: str
 ) -> None:
     bench = Bench(graph, {'actuated_joints': ['rotor_0', 'rotor_1']})
@@ -210,7 +210,7 @@ def test_a_wall_is_lost_when_the_joint_states_stop(graph: Graph) -> None:
     assert bench.move(2.0).result.outcome == Result.REACHED
 
 
-def test_a_wall_that_is_somewhere_else_all_at_once_is_lost(graph: Graph) -> None:
+def test_a_wall_that_jumps_is_lost(graph: Graph) -> None:
     bench = Bench(graph)
     handle = bench.send(5.0)
     graph.until(lambda: bench.feedback and bench.feedback[-1].rotor > 2, 'a wall on its way')
@@ -252,7 +252,7 @@ def test_without_a_chain_or_a_wall_there_is_nothing_to_move(graph: Graph) -> Non
     assert math.isnan(none.rotor)
 
 
-def test_a_joint_that_the_chain_has_not_is_refused(graph: Graph) -> None:
+def test_an_unknown_joint_is_rejected(graph: Graph) -> None:
     reports = graph.reports('soliton_steering')
     graph.start(Simulator, {'chain.number_of_rotors': ROTORS})
     graph.start(SolitonSteering, {'actuated_joints': ['rotor_9']})
@@ -261,7 +261,7 @@ def test_a_joint_that_the_chain_has_not_is_refused(graph: Graph) -> None:
     )
 
 
-def test_deviations_that_block_the_way_are_left_out_and_that_is_told() -> None:
+def test_deviations_that_block_the_way_are_ignored_and_reported() -> None:
     shortened = (*7 * (0.0,), -0.5, *4 * (0.0,))
     chain = Chain(12, rotor_length=0.2, rest_angle=1.18)
     blocked = replace(chain, deviations=Deviations(rotor_length=shortened))
@@ -281,7 +281,7 @@ def test_a_steering_that_goes_lets_go(graph: Graph) -> None:
     graph.until(lambda: not any(bench.torques[-1].effort), 'torques of 0')
 
 
-def test_a_limit_below_zero_is_refused(graph: Graph) -> None:
+def test_a_limit_below_zero_is_rejected(graph: Graph) -> None:
     with pytest.raises(ValueError, match=r'torque_limit of soliton_steering = -1'):
         graph.start(SolitonSteering, {'torque_limit': -1.0})
 

@@ -43,15 +43,13 @@ def test_time_runs_to_the_right_and_rotors_upwards_in_the_colours_of_the_figures
     assert (picture[:, begin + 1 :] != BLANK).any(axis=2).all()
 
 
-def test_the_track_is_drawn_where_the_wall_is() -> None:
+def test_the_track_is_drawn_at_the_wall() -> None:
     picture = filled(1.0, wall=3.5).picture()
     black = (picture[:, -1] == BLACK).all(axis=1)
     assert abs(np.flatnonzero(black).mean() - (400 - 4.0 * 50)) <= 2
 
 
-def test_a_track_is_joined_from_column_to_column_but_not_where_the_wall_was_put_elsewhere() -> (
-    None
-):
+def test_a_track_is_continuous_except_at_a_reset() -> None:
     kymograph = Kymograph(CHAIN, 2.0)
     for number, place in enumerate([1.0, 2.0, 3.0, 7.0]):
         kymograph.add(number / RATE, CHAIN.uniform_state(1), [place])
@@ -61,13 +59,13 @@ def test_a_track_is_joined_from_column_to_column_but_not_where_the_wall_was_put_
     assert max(heights[2:]) <= 4
 
 
-def test_time_that_goes_back_begins_anew() -> None:
+def test_a_step_back_in_time_clears_the_picture() -> None:
     kymograph = filled(2.0)
     kymograph.add(5.0, CHAIN.uniform_state(1), [])
     assert kymograph.picture()[:, :-1].tolist() == 400 * [59 * [BLANK]]
 
 
-def test_joints_that_are_not_told_are_blank() -> None:
+def test_missing_joints_are_blank() -> None:
     kymograph = Kymograph(CHAIN, 2.0)
     angles = CHAIN.uniform_state(1)
     angles[2] = np.nan

@@ -105,7 +105,7 @@ def test_markers_have_the_stamp_of_the_frame_and_walls_go(stage: Stage) -> None:
     assert [marker.action for marker in gone if marker][-1] == Marker.DELETE
 
 
-def test_figures_tell_phase_energies_and_how_nodes_do(stage: Stage) -> None:
+def test_the_text_has_phase_energies_and_node_reports(stage: Stage) -> None:
     diagnostics = stage.graph.speak(interfaces.DIAGNOSTICS, subscribers=1)
     status = DiagnosticStatus(level=b'\x01', name='pump: air', message='leaks')
     diagnostics.publish(DiagnosticArray(status=[status]))
@@ -146,7 +146,7 @@ def test_the_last_kick_is_shown_for_a_while(stage: Stage) -> None:
     assert 20 < stage.number - begin < 60
 
 
-def test_another_chain_clears_what_was_drawn(stage: Stage) -> None:
+def test_another_chain_clears_the_drawing(stage: Stage) -> None:
     heard = stage.graph.hear(interfaces.MARKERS)
     stage.move(stage.named.chain.uniform_state(1))
     stage.graph.until(lambda: heard, 'markers')
@@ -173,7 +173,7 @@ def test_the_pose_is_that_of_the_first_wall(stage: Stage) -> None:
     assert not pose.covariance[1:].any()
 
 
-def test_the_kymograph_begins_before_somebody_looks(stage: Stage) -> None:
+def test_the_kymograph_starts_before_the_first_subscriber(stage: Stage) -> None:
     for _ in range(4):
         stage.move(stage.named.chain.uniform_state(1))
     heard = stage.graph.hear(interfaces.KYMOGRAPH)
@@ -187,7 +187,7 @@ def test_the_kymograph_begins_before_somebody_looks(stage: Stage) -> None:
 
 
 @pytest.mark.usefixtures('often')
-def test_nothing_is_drawn_while_nobody_looks(graph: Graph, named: NamedChain) -> None:
+def test_nothing_is_drawn_without_subscribers(graph: Graph, named: NamedChain) -> None:
     stage = Stage(graph, named, {})
     reports = graph.reports('visualisation')
     graph.until(lambda: reports, 'a report')
@@ -199,7 +199,7 @@ def test_nothing_is_drawn_while_nobody_looks(graph: Graph, named: NamedChain) ->
     assert {told[f'{name} [Hz]'] for name in ('markers', 'soliton_pose', 'kymograph')} == {'0'}
 
 
-def test_joints_of_another_chain_are_refused(stage: Stage) -> None:
+def test_joints_of_another_chain_are_rejected(stage: Stage) -> None:
     other = NamedChain(stage.named.chain, tuple('abcdefgh'))
     angles = stage.named.chain.uniform_state(1)
     stage.joints.publish(frame_to_msg(other, Frame(angles, None), angles, Time()))

@@ -53,7 +53,7 @@ def test_a_chain_at_rest_has_grey_springs() -> None:
     np.testing.assert_allclose(colours[:, :3], np.tile(shares(GREY), (10, 1)), atol=1e-6)
 
 
-def test_arrows_of_the_zero_mode_lead_where_the_masses_go() -> None:
+def test_arrows_of_the_zero_mode_follow_the_motion_of_the_masses() -> None:
     mode = resolved_edge_mode(CHAIN, ANGLES, Edge.NEAREST)[1]
     shafts = shape('zero_mode').points.reshape(-1, 3, 2, 3)[:, 0]
     shown = np.abs(mode) > 0.02 * np.abs(mode).max()
@@ -71,7 +71,7 @@ def test_arrows_of_the_zero_mode_lead_where_the_masses_go() -> None:
     np.testing.assert_allclose(lengths / lengths.max(), np.abs(mode[shown]) / np.abs(mode).max())
 
 
-def test_what_hangs_on_a_joint_that_is_not_told_is_left_out() -> None:
+def test_parts_of_a_missing_joint_are_omitted() -> None:
     angles = ANGLES.copy()
     angles[4] = np.nan
     counts = {each.name: len(each.points) for each in ChainScene(CHAIN).shapes(angles)}

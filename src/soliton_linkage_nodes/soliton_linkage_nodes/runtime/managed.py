@@ -49,7 +49,7 @@ class ManagedNode(GuardedNode, LifecycleNode):
         self.active = False
         self.configured = False
         self._leaving = False
-        self._failure: Exception | None = None
+        self._start_error: Exception | None = None
         self._permanent: set[Any] = set()
         managed = declare(self, ManagedParameters)
         self.real_time = managed.real_time
@@ -154,14 +154,14 @@ class ManagedNode(GuardedNode, LifecycleNode):
     def _start(self) -> None:
         for transition in (self.trigger_configure, self.trigger_activate):
             if transition() != TransitionCallbackReturn.SUCCESS:
-                raise self._failure or RuntimeError(f'{self.get_name()} could not start')
+                raise self._start_error or RuntimeError(f'{self.get_name()} could not start')
         self.starting = False
 
     def _run(self, act: Callable[[], None]) -> bool:
         try:
             act()
         except Exception as error:
-            self._failure = error
+            self._start_error = error
             if not self.starting:
                 expected = isinstance(error, (ValueError, OSError))
                 self.get_logger().error(str(error) if expected else traceback.format_exc())

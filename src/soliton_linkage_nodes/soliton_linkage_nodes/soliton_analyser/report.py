@@ -57,10 +57,11 @@ def _disagreement(latest: Analysis) -> str:
     """Return a warning if angles and parameters give different classes of motion, else empty."""
     specified, measured = latest.motion, latest.measured_motion
     certain = measured.confidence > _CONTRADICTION_CONFIDENCE
-    if None in (specified, measured.motion) or measured.motion is specified or not certain:
+    shown = measured.motion
+    if specified is None or shown is None or shown is specified or not certain:
         return ''
     return (
-        f'the angles show a {measured.motion.value} (confidence {measured.confidence:.4f}), the '
+        f'the angles show a {shown.value} (confidence {measured.confidence:.4f}), the '
         f'parameters specify a {specified.value}; check chain.rotor_length, chain.spacing and '
         'chain.rest_angle'
     )
