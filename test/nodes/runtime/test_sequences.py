@@ -7,7 +7,7 @@ import heapq
 from collections.abc import Iterable, Iterator
 
 import pytest
-from hypothesis import given
+from hypothesis import example, given
 from hypothesis import strategies as st
 
 from soliton_linkage_nodes.runtime import sequences
@@ -23,6 +23,8 @@ def stream(who: str, first: int, begin: int, period: int, count: int) -> Iterato
 
 
 @given(st.integers(1, 10_000), st.integers(1, 10_000), PERIODS, PERIODS, st.integers(1, 300))
+@example(1, 4, 1, 2, 1)
+@example(1, 4, 2, 1, 1)
 def test_of_two_publishers_the_first_is_kept_whatever_their_numbers(
     first: int, second: int, period: int, other_period: int, later: int
 ) -> None:

@@ -6,7 +6,7 @@ from __future__ import annotations
 import math
 import time
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from soliton_linkage_nodes.runtime.stamps import SECOND
 
@@ -90,6 +90,10 @@ class _Publisher:
             return 0.0 if count == 1 else math.log(_GAP_RATIO)
         return abs(math.log(took / expected))
 
+    def is_plausible(self, number: int, sent: int) -> bool:
+        """Return whether a message came about when it was expected."""
+        return self.time_mismatch(number, sent) <= math.log(_GAP_RATIO)
+
 
 class PublisherArbitration:
     """Selection of the messages of one publisher, the first one received.
@@ -108,6 +112,7 @@ class PublisherArbitration:
         self.successions = 0
         """Number of times that another publisher replaced a silent one."""
         self._selected: _Publisher | None = None
+        self._before: _Publisher | None = None
         self._others: list[_Publisher] = []
         self._others_since: float | None = None
 
@@ -120,9 +125,23 @@ class PublisherArbitration:
         if selected is None:
             self._selected = _Publisher(number, sent)
             return True
-        if number == selected.number + 1 and not self._others:
+        before, self._before = self._before, None
+        if (
+            number == selected.number + 1
+            and not self._others
+            and (selected.is_plausible(number, sent) or publishers() < 2)
+        ):
+            self._before = replace(selected)
             selected.advance(number, sent)
             return True
+        # Of two messages with the same number, the one closer to its expected time is kept.
+        if (
+            before is not None
+            and number == selected.number
+            and before.time_mismatch(number, sent) < before.time_mismatch(number, selected.sent)
+        ):
+            self._others.append(_Publisher(selected.number, selected.sent))
+            self._selected = selected = before
         return self._assign(selected, number, sent, publishers())
 
     def _assign(self, selected: _Publisher, number: int, sent: int, publishers: int) -> bool:
@@ -163,10 +182,8 @@ class PublisherArbitration:
         known = [selected, *self._others]
         following = [each for each in known if number == each.number + 1] or known
         best = min(following, key=lambda each: each.time_mismatch(number, sent))
-        unlikely = best.time_mismatch(number, sent) > math.log(_GAP_RATIO)
-        if number == best.number + 1 and (len(known) >= publishers or not unlikely):
-            return best
-        return None if unlikely else best
+        next_of_known = number == best.number + 1 and len(known) >= publishers
+        return best if next_of_known or best.is_plausible(number, sent) else None
 
 
 class Lag:
