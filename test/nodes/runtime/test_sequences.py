@@ -25,6 +25,7 @@ def stream(who: str, first: int, begin: int, period: int, count: int) -> Iterato
 @given(st.integers(1, 10_000), st.integers(1, 10_000), PERIODS, PERIODS, st.integers(1, 300))
 @example(1, 4, 1, 2, 1)
 @example(1, 4, 2, 1, 1)
+@example(1, 5, 5, 1, 14)
 def test_of_two_publishers_the_first_is_kept_whatever_their_numbers(
     first: int, second: int, period: int, other_period: int, later: int
 ) -> None:

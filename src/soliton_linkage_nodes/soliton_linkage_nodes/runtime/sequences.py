@@ -131,23 +131,29 @@ class PublisherArbitration:
             and not self._others
             and (selected.is_plausible(number, sent) or publishers() < 2)
         ):
-            self._before = replace(selected)
-            selected.advance(number, sent)
+            self._keep(selected, number, sent)
             return True
-        # Of two messages with the same number, the one closer to its expected time is kept.
+        # A late number shows that the last message may have been another publisher's; the one
+        # closer to its expected time is kept.
         if (
             before is not None
-            and number == selected.number
-            and before.time_mismatch(number, sent) < before.time_mismatch(number, selected.sent)
+            and before.number < number <= selected.number
+            and before.time_mismatch(number, sent)
+            < before.time_mismatch(selected.number, selected.sent)
         ):
             self._others.append(_Publisher(selected.number, selected.sent))
+            self.lost -= selected.number - before.number - 1
             self._selected = selected = before
         return self._assign(selected, number, sent, publishers())
+
+    def _keep(self, selected: _Publisher, number: int, sent: int) -> None:
+        self._before = replace(selected)
+        self.lost += selected.advance(number, sent)
 
     def _assign(self, selected: _Publisher, number: int, sent: int, publishers: int) -> bool:
         owner = self._owner(selected, number, sent, publishers)
         if owner is selected:
-            self.lost += selected.advance(number, sent)
+            self._keep(selected, number, sent)
             self._others_since = None
             if publishers < 2:
                 self._others.clear()
