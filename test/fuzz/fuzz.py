@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Feed wounded bags, texts and messages to all that reads them, for as long as one likes.
+"""Feed corrupted bags, texts and messages to all readers until interrupted.
 
-What is found is made small and kept in test/fuzz/corpus, which the tests try again each time.
+Failing inputs are minimised and stored in test/fuzz/corpus, which the tests repeat.
 """
 
 from __future__ import annotations
@@ -20,11 +20,11 @@ from hypothesis import HealthCheck, Phase, given, seed, settings
 from readers import TARGETS, wounded
 
 MOST_MEMORY = 2**29
-"""That may be taken above what the process begins with [B]."""
+"""Maximum memory above the initial memory of the process [B]."""
 LONGEST = 10.0
-"""That an input may take [s]."""
+"""Maximum time per input [s]."""
 EXAMPLES = 200
-"""Of a target before it is the turn of the next."""
+"""Number of inputs per target in one turn [1]."""
 
 
 def main() -> None:
@@ -33,7 +33,7 @@ def main() -> None:
     parser.add_argument('--target', choices=TARGETS, action='append', help='(all)')
     parser.add_argument('--seed', type=int, default=time.time_ns() % 10**9, help='(the time)')
     options = parser.parse_args()
-    # The middleware says there what it refuses, thousands of times.
+    # Discard the thousands of messages that the middleware prints for rejected input.
     os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stderr.fileno())
     begin, tried = time.monotonic(), dict.fromkeys(options.target or TARGETS, 0)
     found = []
@@ -48,9 +48,9 @@ def main() -> None:
         found += [kept] if kept else []
         print(f'\r{sum(tried.values())} inputs, {len(found)} found', end='', flush=True)
     taken = peak_memory() - least
-    told = ', '.join(f'{name} {count}' for name, count in tried.items())
-    print(f'\n{told}; seed {options.seed}; at most {taken // 2**20} MiB more')
-    print('clean' if not found else '\n'.join(f'not refused: {path}' for path in found))
+    counts = ', '.join(f'{name} {count}' for name, count in tried.items())
+    print(f'\n{counts}; seed {options.seed}; at most {taken // 2**20} MiB more')
+    print('clean' if not found else '\n'.join(f'not rejected: {path}' for path in found))
     sys.exit(bool(found) or taken > MOST_MEMORY)
 
 
@@ -59,7 +59,7 @@ def peak_memory() -> int:
 
 
 def fuzz(name: str, number: int) -> Path | None:
-    """Try a target with many inputs; keep the smallest that is not refused, and say why."""
+    """Test a target with many inputs; store and report the smallest that is not rejected."""
     last = b''
 
     @seed(number)

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What reads the bytes of strangers, each with whole examples: it may refuse, in one line."""
+"""Readers of untrusted bytes, each with valid examples; a rejection has one line."""
 
 from __future__ import annotations
 
@@ -60,21 +60,21 @@ SPLICES = (
     b'[' * 50,
     b'-.inf',
 )
-"""What wounds are made of beside chance."""
+"""Byte patterns for corruptions, besides random bytes."""
 _CRC_PLACE = 24
-"""Of a chunk's checksum in its head, behind two stamps and a size."""
+"""Offset of the checksum in a chunk header [B], after two stamps and a size."""
 
 
 @dataclass(frozen=True)
 class Target:
-    """What is fed, and the whole examples that wounds are made in."""
+    """A reader under test and the valid examples to corrupt."""
 
     feed: Callable[[bytes], object]
     examples: Callable[[], Sequence[bytes]]
 
 
 def refused(act: Callable[[], object]) -> None:
-    """Act, or refuse in one line."""
+    """Run a reader; AssertionError if it rejects the input with more than one line."""
     try:
         act()
     except (ValueError, OSError) as error:
@@ -83,7 +83,7 @@ def refused(act: Callable[[], object]) -> None:
 
 
 def wounded(examples: Sequence[bytes]) -> st.SearchStrategy[bytes]:
-    """One of the examples with some wounds: bytes changed, cut out, put in, and said twice."""
+    """Return a corrupted example: bytes changed, deleted, inserted or duplicated."""
     wound = st.tuples(
         st.floats(0, 1),
         st.sampled_from(['flip', 'cut', 'put', 'over', 'twice', 'end']),
@@ -155,7 +155,7 @@ def _bag(storage: str, compression: str = 'none') -> tuple[bytes, bytes]:
 
 
 def _unchecked(content: bytes) -> bytes:
-    """An MCAP file whose chunks have no checksums, so that wounds within them are read."""
+    """An MCAP file whose chunks have no checksums, so that corruptions reach the reader."""
     changed = bytearray(content)
     size = len(mcap.MAGIC)
     for place, opcode, _ in mcap.records_in(content[size:]):
@@ -190,7 +190,7 @@ def _read(path: Path) -> None:
 
 
 def _feed_definition(content: bytes) -> None:
-    """Read joint states by the definition that a bag has of them."""
+    """Read joint states with the definition in the bag."""
     text, _, serialized = content.partition(b'\x00\x00\x00\x00')
     definition = MessageDefinition(MessageDefinitionFormat.MSG, text.decode(errors='replace'))
     topic = interfaces.JOINT_STATES
@@ -273,5 +273,5 @@ TARGETS = {
 
 
 def corpus(name: str) -> Iterator[Path]:
-    """Inputs that once were not refused as they should be, each a file."""
+    """Return the files of inputs that were once not rejected correctly."""
     yield from sorted(Path(__file__).parent.glob(f'corpus/{name}-*'))

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What reads the bytes of strangers refuses them in a line; `make fuzz` tries for longer."""
+"""Readers reject corrupted input with a one-line error; `make fuzz` runs longer."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ FOUND = [(name, path) for name in TARGETS for path in corpus(name)]
 
 
 @pytest.mark.parametrize('name', TARGETS)
-def test_wounds_are_refused_in_a_line(name: str) -> None:
+def test_corrupted_input_is_rejected_on_one_line(name: str) -> None:
     @settings(max_examples=EXAMPLES, deadline=None, suppress_health_check=list(HealthCheck))
     @given(wounded(TARGETS[name].examples()))
     def feed(content: bytes) -> None:
@@ -28,7 +28,7 @@ def test_wounds_are_refused_in_a_line(name: str) -> None:
 
 
 @pytest.mark.parametrize(('name', 'path'), FOUND, ids=[path.name for _, path in FOUND])
-def test_what_was_found_once_is_refused(name: str, path: Path) -> None:
+def test_the_inputs_of_the_corpus_are_rejected(name: str, path: Path) -> None:
     TARGETS[name].feed(path.read_bytes())
 
 

@@ -118,10 +118,10 @@ class Bench:
         return torques_from_msg(self._order(), message, math.inf)
 
     def refusal(self, number: int = 1) -> str:
-        """Return what was refused last, once so many commands were."""
+        """Return the last rejection after a number of rejected commands."""
         self.graph.until(
             lambda: self.reports and values(self.reports[-1])['rejected'] == str(number),
-            f'{number} refusals',
+            f'{number} rejections',
         )
         assert self.impulses == []
         return values(self.reports[-1])['last rejection']

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Each test of the nodes has its own domain, and programs that do not outlive it."""
+"""Fixtures: each test has its own domain and programs that end with it."""
 
 from __future__ import annotations
 
@@ -26,8 +26,7 @@ from programs import Program
 
 WORKER = int(os.environ.get('PYTEST_XDIST_WORKER', 'gw0').removeprefix('gw'))
 WORKERS = int(os.environ.get('PYTEST_XDIST_WORKER_COUNT', '1'))
-# Each worker has domains of its own, which rest while it uses the others: nobody hears what an
-# earlier test has left.
+# Each worker rotates through its own domains, so that no test receives messages of an earlier one.
 _next_domain = partial(next, itertools.cycle(range(1 + WORKER, 101, WORKERS)))
 
 restrict_to_loopback()
@@ -64,7 +63,7 @@ def start(graph: Graph, tmp_path: Path) -> Iterator[Callable[..., Program]]:
 
 @pytest.fixture
 def often(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Let nodes report twenty times a second."""
+    """Set the diagnostics rate of nodes to 20 Hz."""
     monkeypatch.setattr(diagnostics, '_PERIOD', 0.05)
 
 
@@ -76,7 +75,7 @@ def named() -> NamedChain:
 
 @pytest.fixture
 def terminal() -> Iterator[PseudoTerminal]:
-    """A serial port, whose other end is the test's."""
+    """A serial port with its other end in the test."""
     opened = PseudoTerminal()
     yield opened
     opened.close()
@@ -84,7 +83,7 @@ def terminal() -> Iterator[PseudoTerminal]:
 
 @pytest.fixture
 def said(capfd: pytest.CaptureFixture[str]) -> Callable[[], str]:
-    """Tell what the nodes of the test have logged so far."""
+    """Return the log lines of the nodes so far."""
     lines: list[str] = []
 
     def read() -> str:

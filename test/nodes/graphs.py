@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A ROS graph of its own for each test."""
+"""A separate ROS graph for each test."""
 
 from __future__ import annotations
 
@@ -66,7 +66,7 @@ class Graph:
     def until(
         self, condition: Callable[[], Any], what: str, found: Callable[[], Any] | None = None
     ) -> None:
-        """Spin until a condition holds; where it never does, tell what is found instead."""
+        """Spin until a condition holds; on timeout, fail with the actual value."""
         deadline = time.monotonic() + LONGEST_WAIT
         while not condition():
             if time.monotonic() > deadline:
@@ -84,7 +84,7 @@ class Graph:
         return heard
 
     def speak(self, topic: interfaces.Topic, subscribers: int = 1) -> Publisher:
-        """Return a publisher that so many subscribers listen to, whose answers are heard."""
+        """Return a publisher with matched subscribers whose replies are received."""
         publisher = self.user.create_publisher(topic.type, topic.name, topic.qos)
         self.until(
             lambda: publisher.get_subscription_count() == subscribers,
@@ -145,16 +145,16 @@ class Graph:
         return heard[-1]
 
     def close(self) -> None:
-        """Destroy what is left."""
+        """Destroy the remaining nodes."""
         for node in reversed(self._nodes):
             node.destroy_node()
         self._executor.shutdown()
         rclpy.shutdown(context=self.context)
         if self._refused:
-            # What is left of a node that refused its parameters would be heard by the next test.
+            # Remains of a node that rejected its parameters would disturb the next test.
             gc.collect()
 
 
 def values(status: Any) -> dict[str, str]:
-    """Return the figures of a diagnostic status."""
+    """Return the values of a diagnostic status."""
     return {pair.key: pair.value for pair in status.values}

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Bags that a stranger made to hurt who opens them, of any size; in most an intact part stays."""
+"""Malicious bags of any size; most have an intact part."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ def base(name: Path, named: NamedChain, storage: str = 'mcap') -> Path:
 
 
 def bomb(size: int) -> bytes:
-    """So many zeros, packed."""
+    """Return compressed zeros."""
     packer = zstd.ZstdCompressor()
     piece = bytes(MEBIBYTE)
     packed = [packer.compress(piece) for _ in range(size // MEBIBYTE)]
@@ -44,7 +44,7 @@ def bomb(size: int) -> bytes:
 
 
 def chunk(packed: bytes, uncompressed: int, codec: str = 'zstd', crc: int = 0) -> bytes:
-    """A chunk that says what it likes of its size."""
+    """Return a chunk with an arbitrary stated size."""
     head = mcap.CHUNK_HEADER.pack(START, START, uncompressed, crc) + mcap.text(codec)
     return mcap.record(Opcode.CHUNK, head, struct.pack('<Q', len(packed)), packed)
 
@@ -130,7 +130,7 @@ def packed_message(name: Path, named: NamedChain, size: int) -> Path:
 
 
 def tell(bag: Path, change: Callable[[str], str]) -> Path:
-    """Change what metadata.yaml says."""
+    """Change metadata.yaml."""
     path = bag / 'metadata.yaml'
     path.write_text(change(path.read_text()))
     return bag
@@ -313,7 +313,7 @@ def page_size(value: bytes) -> Callable[..., Path]:
 
 
 def channels(same: bool) -> Callable[..., Path]:
-    """Many channels with definitions of their own, or one channel told again and again."""
+    """Many channels with definitions of their own, or one channel repeated many times."""
 
     def write(name: Path, named: NamedChain, size: int) -> Path:
         def records() -> Iterator[bytes]:
@@ -364,7 +364,7 @@ def zeros_in_the_middle(name: Path, named: NamedChain, size: int) -> Path:
 
 
 def heads_in_noise(name: Path, named: NamedChain, size: int) -> Path:
-    """What looks like the head of a long record, at every place."""
+    """Return bytes that look like the header of a long record at every offset."""
     return put_before_the_index(base(name, named), b'\x07' + b'\x01\x00\x00\x00' * (size // 4))
 
 

@@ -55,7 +55,7 @@ def within(quantity: Quantity, kind: Any, default: Any) -> SearchStrategy[Any]:
 
 @st.composite
 def parameters(draw: DrawFn, groups: dict[Any, str], fixed: dict[str, Any]) -> dict[str, Any]:
-    """A few parameters of a node anywhere in their ranges, others as they are, some fixed."""
+    """A few parameters of a node anywhere in their ranges, others at defaults, some fixed."""
     chosen = {
         prefix + name: within(described, get_type_hints(group)[name], fields[name].default)
         for group, prefix in groups.items()
@@ -65,7 +65,7 @@ def parameters(draw: DrawFn, groups: dict[Any, str], fixed: dict[str, Any]) -> d
     }
     names = draw(st.lists(st.sampled_from(sorted(chosen.keys() - fixed.keys())), max_size=4))
     drawn = {name: draw(chosen[name]) for name in names}
-    # An empty list has no type that ROS could tell.
+    # ROS cannot infer the type of an empty list.
     return {**{name: value for name, value in drawn.items() if value != ()}, **fixed}
 
 

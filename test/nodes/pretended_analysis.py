@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What takes the place of the analysis of a bag, where that must be quick or deadly."""
+"""Stubs of the bag analysis: fast, or killing their process."""
 
 from __future__ import annotations
 

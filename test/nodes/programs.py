@@ -43,7 +43,7 @@ def signalled(moment: str, number: signal.Signals) -> list[str]:
 
 
 class Program:
-    """A program of the suite as a process, and what it has said so far."""
+    """A program of the suite as a process, with its output so far."""
 
     def __init__(
         self,

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Bags made by hand, of which every message is known."""
+"""Synthetic bags with known messages."""
 
 from __future__ import annotations
 
@@ -124,7 +124,7 @@ def messages_of(bag: Path) -> dict[str, list[bytes]]:
 
 
 def lost_in(bag: Path) -> dict[str, int]:
-    """Return how many messages of each topic a bag says were lost."""
+    """Return the lost messages of each topic in the metadata of a bag."""
     with open_bag(bag) as reader:
         return json.loads(reader.storage.metadata.custom['lost_messages'])
 

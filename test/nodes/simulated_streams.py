@@ -64,7 +64,7 @@ class Stream:
         self._epoch = time_from_msg(chains[0].header.stamp)
 
     def grow(self, frames: int) -> None:
-        """Wait for more frames than are published now, of which some may be on their way."""
+        """Wait for a frame beyond those published now, which may still be in transit."""
         target = self.node.control.status.frames + frames
         self.graph.until(lambda: self.number(self.frames[-1]) >= target, f'{frames} frames')
 
@@ -76,7 +76,7 @@ class Stream:
         return number
 
     def explain(self, commands: Sequence[Act], lean: int = -1) -> list[int]:
-        """Assert that the frames are those of a simulation with these commands in this order.
+        """Assert that the frames equal a simulation with these commands in this order.
 
         The numbers of the frames at which they took effect are returned. Of kicks the frame
         itself shows it, of torques the next one.

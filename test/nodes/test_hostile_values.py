@@ -106,7 +106,7 @@ def test_no_value_of_a_range_and_no_message_is_a_failure(
     monkeypatch: pytest.MonkeyPatch,
     terminal: PseudoTerminal,
 ) -> None:
-    # What is drawn for the output of a recorder is a name in here.
+    # The random output path of a recorder is a name in this folder.
     monkeypatch.chdir(tmp_path)
     brief = partial(PlaybackClock, longest_burst=0.1)
     monkeypatch.setattr('soliton_linkage_nodes.bags.player.PlaybackClock', brief)

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Launch files as `ros2 launch` takes them, where it is installed: what they begin and end."""
+"""Launch files start and stop their nodes with `ros2 launch`, if it is installed."""
 
 from __future__ import annotations
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What does not integrate starts at once and takes little memory: it imports no scipy."""
+"""Programs without integration start fast and use little memory: they do not import scipy."""
 
 from __future__ import annotations
 

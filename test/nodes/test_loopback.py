@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What the environment of the suite starts is open to this machine alone.
+"""Nodes in the environment of the suite are visible on this machine only.
 
 Nor does it use the middleware's shared memory: what a process leaves there half made that was
 killed at its start, all others of the machine wait for.

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The SROS2 policy allows each node what it opens, and no more than that where that is known."""
+"""The SROS2 policy grants each node exactly the topics and services that it opens."""
 
 from __future__ import annotations
 
@@ -53,7 +53,7 @@ def enclaves() -> Iterator[tuple[str, ElementTree.Element]]:
 
 
 def allowed(enclave: ElementTree.Element) -> Rights:
-    """What the profiles of an enclave allow: how, and the full name."""
+    """Return the permissions of an enclave: access and full name."""
     rights = set()
     for profile in enclave.findall('profiles/profile'):
         for group in profile:
@@ -65,7 +65,7 @@ def allowed(enclave: ElementTree.Element) -> Rights:
 
 
 def opened(graph: Graph, node: str) -> Rights:
-    """What a node, and the hidden one that it takes messages by, have opened."""
+    """Return the endpoints of a node and of its hidden subscription node."""
     asked = {
         'publish': graph.user.get_publisher_names_and_types_by_node,
         'subscribe': graph.user.get_subscriber_names_and_types_by_node,

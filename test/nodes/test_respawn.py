@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A node that was killed and begun anew finds its way back by itself."""
+"""A killed and restarted node resumes its work by itself."""
 
 from __future__ import annotations
 

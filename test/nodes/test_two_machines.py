@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A simulator on one machine is heard on another, as two network namespaces are to each other."""
+"""A subscriber on another machine receives a simulator; network namespaces emulate machines."""
 
 from __future__ import annotations
 
@@ -51,7 +51,7 @@ def machines() -> Iterator[list[list[str]]]:
             ip(f'-n {name} addr add 10.89.0.{number}/24 dev {end}')
             ip(f'-n {name} link set {end} up')
             ip(f'-n {name} link set lo up')
-        # A node that starts before its end of the wire is up binds without it, for good.
+        # A node that starts before its end of the wire is up binds without it permanently.
         deadline = time.monotonic() + LONGEST_WAIT
         while not all(is_up(name, end) for name, end in zip(NAMES, ENDS, strict=True)):
             assert time.monotonic() < deadline

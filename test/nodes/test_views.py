@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What the layouts of viewers show exists: topics, types, fields, nodes; and it is all of it."""
+"""Viewer layouts show existing topics, types, fields and nodes, and miss none."""
 
 from __future__ import annotations
 

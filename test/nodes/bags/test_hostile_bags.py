@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What a stranger made costs little memory and time, and what is intact of it comes back."""
+"""A malicious bag uses little memory and time; its intact part is recovered."""
 
 from __future__ import annotations
 

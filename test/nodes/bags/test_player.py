@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A bag is played whole, in order and at its pace, and to somebody who listens."""
+"""A bag is played completely, in order and in real time, after subscribers match."""
 
 from __future__ import annotations
 
@@ -44,7 +44,7 @@ PATIENT = {'lockstep_timeout': 600.0}
 
 
 def played(graph: Graph) -> str:
-    """How many messages the player says that it has played."""
+    """Return the number of played messages in the diagnostics."""
     return values(graph.next_report('bag_player'))['messages played']
 
 
@@ -335,7 +335,7 @@ def test_it_waits_for_the_subscribers_that_are_expected(
 
 
 def soliton_states(graph: Graph, bag: Path, **given: Any) -> list[bytes]:
-    """What a fresh analyser makes of a bag that is played in lockstep."""
+    """Return the states of a new analyser for a bag that is played in lockstep."""
     heard: list[bytes] = []
     topic = interfaces.SOLITON_STATE
     subscription = graph.user.create_subscription(

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A recording holds every message as it came, says what was lost, and is finished properly."""
+"""A recording has every received message, counts losses, and is finished properly."""
 
 from __future__ import annotations
 
@@ -198,7 +198,7 @@ def test_what_was_sent_a_second_before_a_kill_is_kept(
     reports = graph.reports('bag_recorder')
     graph.until(
         lambda: reports and '/joint_states' in values(reports[-1])['topics received'],
-        'the recorder to hear',
+        'the recorder to receive',
     )
     sent, times = publish_for(publisher, named, after, 0.001)
     program.process.kill()
@@ -260,7 +260,7 @@ def few(folder: Path) -> dict[str, Any]:
 
 
 def held_back(graph: Graph) -> str:
-    """How many messages the recorder says that it holds back."""
+    """Return the number of buffered messages in the diagnostics."""
     return values(graph.next_report('bag_recorder'))['messages held back']
 
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Bags of rosbag2's layouts, with joint states alone, are read, checked, mended and played."""
+"""Bags in rosbag2 layouts, with joint states only, are read, checked, recovered and played."""
 
 from __future__ import annotations
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Services have types of rosbag2 where that is installed, and elsewhere others like them."""
+"""Services have the types of rosbag2 if it is installed, otherwise equivalent types."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from soliton_linkage_nodes.bags.services import Reply, serve, serve_value, servi
 
 
 class Offering:
-    """What a service sees of a node."""
+    """A stub of a node for a service."""
 
     def create_service(self, _type: Any, _name: str, respond: Any) -> None:
         self.respond = respond

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Topics, parameters and services are shown and used without `ros2`."""
+"""The commands inspect and use topics, parameters and services without `ros2`."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ Said = Callable[..., str]
 
 
 class Pendulum(Node):
-    """A node with a parameter, a topic that is latched and the services that all have."""
+    """A node with a parameter, a latched topic and the standard services."""
 
     def __init__(self, **kwargs: Any) -> None:
         super().__init__('pendulum', **kwargs)
@@ -36,7 +36,7 @@ class Pendulum(Node):
 def said(
     graph: Graph, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> Said:
-    """Run a command on the domain of the test, which goes on meanwhile; return what it prints."""
+    """Run a command on the domain of the test while it spins; return the output."""
     monkeypatch.setenv('ROS_DOMAIN_ID', str(graph.domain))
     monkeypatch.setattr(visitor, 'FOUND_WITHIN', 60.0)
     monkeypatch.setattr(visitor, '_ALL_ANNOUNCED', 0.0)
@@ -68,7 +68,7 @@ def test_a_latched_message_is_echoed(said: Said) -> None:
         said(topic, 'echo', '--field', 'size', 'angle')
 
 
-def test_a_message_is_published_to_who_waits_for_it(said: Said, graph: Graph) -> None:
+def test_a_message_is_published_to_a_waiting_subscriber(said: Said, graph: Graph) -> None:
     heard = graph.hear(interfaces.TILT)
     shown = said(topic, 'pub', '--once', 'tilt', 'std_msgs/msg/Float64', '{data: 3}')
     graph.until(lambda: heard, 'the message')
@@ -76,7 +76,9 @@ def test_a_message_is_published_to_who_waits_for_it(said: Said, graph: Graph) ->
     assert shown == 'published on /tilt: std_msgs.msg.Float64(data=3.0)\n'
 
 
-def test_nothing_is_published_to_nobody(said: Said, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_nothing_is_published_without_a_subscriber(
+    said: Said, monkeypatch: pytest.MonkeyPatch
+) -> None:
     monkeypatch.setattr(topic, '_MATCH_LIMIT', 0.1)
     with pytest.raises(RuntimeError, match=r'/tilt has 0 subscribers after 0.1 s, not 1; nothing'):
         said(topic, 'pub', '--once', 'tilt', 'std_msgs/msg/Float64', '{data: 3}')
@@ -88,7 +90,7 @@ def test_parameters_are_listed_got_set_and_dumped(said: Said) -> None:
     said(param, 'set', 'pendulum', 'length', '0.75')
     dumped = yaml.safe_load(said(param, 'dump', 'pendulum'))['/pendulum']['ros__parameters']
     assert (dumped['length'], dumped['masses']) == (0.75, [1, 2])
-    with pytest.raises(RuntimeError, match='pendulum refused length: '):
+    with pytest.raises(RuntimeError, match='pendulum rejected length: '):
         said(param, 'set', 'pendulum', 'length', 'long')
     with pytest.raises(RuntimeError, match='pendulum has no parameter mass, or it is not set'):
         said(param, 'get', 'pendulum', 'mass')
@@ -116,12 +118,14 @@ def test_a_list_is_complete_once_it_no_longer_grows(
         )
         late = visiting.settled(lambda: ['a', 'b'][: 1 + (time.monotonic() - begin > 0.8)])
     assert names == ['a', 'b', 'c']
-    assert late == ['a', 'b'], 'nobody is missed who announces himself within a period'
+    assert late == ['a', 'b'], 'no node is missed that announces itself within a period'
 
 
-def test_what_is_not_there_is_named(said: Said, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_an_unknown_name_is_reported(said: Said, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(visitor, 'FOUND_WITHIN', 0.1)
-    with pytest.raises(RuntimeError, match='there is no topic /none; soliton-linkage topic list'):
+    with pytest.raises(
+        RuntimeError, match='there is no topic /none; list all with: soliton-linkage topic list'
+    ):
         said(topic, 'echo', 'none')
     with pytest.raises(RuntimeError, match='nobody: there is no service /nobody/get_parameters'):
         said(param, 'get', 'nobody', 'length')

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The picture of the chain shows the lean of its rotors, several a mark where there are many."""
+"""The terminal line shows rotor directions, several rotors per mark for a long chain."""
 
 from __future__ import annotations
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""From a film with times of its own to a bag that is analysed, and markers of a file."""
+"""A film with its own time stamps becomes a bag for the analyser; markers come from a file."""
 
 from __future__ import annotations
 

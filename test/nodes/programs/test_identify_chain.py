@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A bag's chain is written to a file that nodes take, and what shows none is said."""
+"""The identified chain is a valid parameter file; an unusable bag is reported."""
 
 from __future__ import annotations
 

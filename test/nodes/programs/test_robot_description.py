@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The URDF of a parameter file is that which the visualisation publishes of its chain."""
+"""The URDF of a parameter file equals the URDF from the visualisation node."""
 
 from __future__ import annotations
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The controller that is played: a simulated chain at the other end of a line."""
+"""The emulated controller: a simulated chain behind a serial port."""
 
 from __future__ import annotations
 
@@ -41,7 +41,7 @@ def terminal(tmp_path: Path) -> Iterator[PseudoTerminal]:
 
 
 class Computer:
-    """Whoever opens the port at the other end."""
+    """A client that opens the emulated port."""
 
     def __init__(self, terminal: PseudoTerminal) -> None:
         self._port = os.open(terminal.path, os.O_RDWR | os.O_NOCTTY)

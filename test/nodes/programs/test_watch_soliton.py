@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The line in the terminal tells where the soliton is and how fast it goes."""
+"""The terminal line shows position and velocity of the soliton."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ def shown(
     monkeypatch: pytest.MonkeyPatch,
     capsys: pytest.CaptureFixture[str],
 ) -> Callable[[SolitonState, str], None]:
-    """Publish a left-leaning chain and a state until somebody who watches is shown them."""
+    """Publish a left-leaning chain and a state until the program displays them."""
     monkeypatch.setattr(progress, '_LOG_INTERVAL', 0.0)
     graph.start(WatchSoliton)
     graph.until(lambda: 'no chain, joint_states, soliton_state' in capsys.readouterr().err, 'that')

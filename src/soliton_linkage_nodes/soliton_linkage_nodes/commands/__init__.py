@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Sub-commands of `soliton-linkage` for shells without `ros2`, with its words and exit codes.
+"""Sub-commands of `soliton-linkage` with the syntax and exit codes of `ros2`.
 
-Each module is one, and `main(arguments)` in it is its entry point. They know nothing of the suite
-and serve any node; `visitor` is their place in the graph, `fields` turns messages into text.
+Each module is one command with the entry point `main(arguments)`. The commands work with any ROS
+node. `visitor` is their temporary node; `fields` converts messages to text.
 """

@@ -26,15 +26,15 @@ def main(arguments: list[str]) -> int:
         ('list', _list, 'print the names of the parameters of a node'),
         ('get', _get, 'print a parameter'),
         ('set', _set, 'set a parameter'),
-        ('describe', _describe, 'print what a parameter means and may be'),
-        ('dump', _dump, 'print all parameters as a file of parameters'),
+        ('describe', _describe, 'print the description and the range of a parameter'),
+        ('dump', _dump, 'print all parameters as a parameter file'),
     ):
         parser = verbs.add(name, verb, summary)
         parser.add_argument('node')
         if name in ('get', 'set', 'describe'):
             parser.add_argument('name')
         if name == 'set':
-            parser.add_argument('value', help='in YAML')
+            parser.add_argument('value', help='value in YAML')
     return verbs.run(arguments)
 
 
@@ -49,7 +49,9 @@ def _ask(visitor: Visitor, node: str, service_type: Any, **request: Any) -> Any:
     try:
         return visitor.call(service_type, service, service_type.Request(**request))
     except RuntimeError as error:
-        raise RuntimeError(f'{node}: {error}; soliton-linkage node list has the nodes') from error
+        raise RuntimeError(
+            f'{node}: {error}; list nodes with: soliton-linkage node list'
+        ) from error
 
 
 def _names(visitor: Visitor, node: str) -> list[str]:
@@ -79,7 +81,7 @@ def _set(visitor: Visitor, options: argparse.Namespace) -> None:
     answer = _ask(visitor, options.node, SetParameters, parameters=[parameter])
     result = answer.results[0]
     if not result.successful:
-        raise RuntimeError(f'{options.node} refused {options.name}: {result.reason}')
+        raise RuntimeError(f'{options.node} rejected {options.name}: {result.reason}')
 
 
 def _describe(visitor: Visitor, options: argparse.Namespace) -> None:
@@ -95,7 +97,7 @@ def _describe(visitor: Visitor, options: argparse.Namespace) -> None:
 
 
 def _dump(visitor: Visitor, options: argparse.Namespace) -> None:
-    # Asked for several of which one is not set, rclpy tells none.
+    # Request one at a time: rclpy returns no value at all if one parameter is not set.
     found = {
         name: value
         for name in _names(visitor, options.node)

@@ -10,18 +10,18 @@ from soliton_linkage.command_line import PlainParser, complete
 from soliton_linkage_nodes import start
 
 PROGRAMS = sorted(name for name, value in vars(start).items() if isinstance(value, partial))
-"""Names that `ros2 run soliton_linkage_nodes` knows."""
+"""Names of the executables for `ros2 run soliton_linkage_nodes`."""
 
 
 def main(arguments: list[str]) -> int:
-    """Become the program that the first argument names; the rest of the arguments is for it."""
+    """Run the program in the first argument with the remaining arguments."""
     parser = PlainParser(
         prog='soliton-linkage run',
         usage='%(prog)s PROGRAM ...',
         description=f'Run a node or a program of the suite: {", ".join(PROGRAMS)}.',
-        epilog='Each of them tells with --help what may follow.',
+        epilog='Run a program with --help to list its arguments.',
     )
-    parser.add_argument('program', choices=PROGRAMS, metavar='PROGRAM', help='its name')
+    parser.add_argument('program', choices=PROGRAMS, metavar='PROGRAM', help='name of the program')
     complete(parser)
     name = parser.parse_args(arguments[:1]).program
     sys.argv = [name, *arguments[1:]]

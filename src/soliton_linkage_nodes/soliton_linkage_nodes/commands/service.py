@@ -13,11 +13,13 @@ def main(arguments: list[str]) -> int:
     """Run one of the verbs; return its exit code."""
     verbs = Verbs('service', __doc__)
     listing = verbs.add('list', _list, 'print the names of all services')
-    listing.add_argument('-t', '--show-types', action='store_true', help='with their types')
+    listing.add_argument('-t', '--show-types', action='store_true', help='also print the types')
     call = verbs.add('call', _call, 'call a service and print its response as YAML')
     call.add_argument('service')
-    call.add_argument('type', help='as std_srvs/srv/SetBool')
-    call.add_argument('values', nargs='?', default='{}', help="YAML, as '{data: true}'")
+    call.add_argument('type', help='type, such as std_srvs/srv/SetBool')
+    call.add_argument(
+        'values', nargs='?', default='{}', help="request in YAML, such as '{data: true}'"
+    )
     return verbs.run(arguments)
 
 

@@ -16,39 +16,43 @@ from soliton_linkage_nodes.runtime.interfaces import Topic
 from soliton_linkage_nodes.runtime.subscriptions import AdaptiveSubscription
 
 _QOS = QoSProfile(depth=1000)
-"""Reliable, if the publishers offer that."""
+"""Reliable quality of service if the publishers offer it."""
 _MATCH_LIMIT = 10.0
-"""For as many subscribers as are waited for [s]."""
-_FAREWELL = 0.1
-"""After the last message [s], so that it is on its way before the publisher is gone."""
+"""Maximum wait for matching subscribers [s]."""
+_LINGER = 0.1
+"""Wait after the last message [s], so that it is sent before the publisher closes."""
 
 
 def main(arguments: list[str]) -> int:
     """Run one of the verbs; return its exit code."""
     verbs = Verbs('topic', __doc__)
     listing = verbs.add('list', _list, 'print the names of all topics')
-    listing.add_argument('-t', '--show-types', action='store_true', help='with their types')
+    listing.add_argument('-t', '--show-types', action='store_true', help='also print the types')
     echo = verbs.add('echo', _echo, 'print the messages of a topic as YAML')
     echo.add_argument('topic')
-    echo.add_argument('type', nargs='?', help='of its messages [that of who publishes]')
-    echo.add_argument('--once', action='store_true', help='one message, and end')
-    echo.add_argument('--field', default='', help='one field alone, as energies.kinetic')
-    rate = verbs.add('hz', _rate, 'print how often messages come, once a second')
+    echo.add_argument('type', nargs='?', help='message type [type of the publisher]')
+    echo.add_argument('--once', action='store_true', help='print one message and exit')
+    echo.add_argument('--field', default='', help='print one field only, such as energies.kinetic')
+    rate = verbs.add('hz', _rate, 'print the message rate once per second')
     rate.add_argument('topic')
-    publish = verbs.add('pub', _publish, 'publish a message, once a second unless told otherwise')
+    publish = verbs.add('pub', _publish, 'publish a message, by default once per second')
     publish.add_argument('topic')
-    publish.add_argument('type', help='as std_msgs/msg/Float64')
-    publish.add_argument('values', nargs='?', default='{}', help="YAML, as '{data: 0.25}'")
-    publish.add_argument('-r', '--rate', type=_positive, default=1.0, help='in Hz [1]')
+    publish.add_argument('type', help='type, such as std_msgs/msg/Float64')
+    publish.add_argument(
+        'values', nargs='?', default='{}', help="message in YAML, such as '{data: 0.25}'"
+    )
+    publish.add_argument('-r', '--rate', type=_positive, default=1.0, help='rate in Hz [1]')
     times = publish.add_mutually_exclusive_group()
-    times.add_argument('-1', '--once', action='store_true', help='once, to a subscriber')
-    times.add_argument('-t', '--times', type=int, default=0, help='so often [for ever]')
+    times.add_argument(
+        '-1', '--once', action='store_true', help='wait for a subscriber and publish once'
+    )
+    times.add_argument('-t', '--times', type=int, default=0, help='number of messages [unlimited]')
     publish.add_argument(
         '-w',
         '--wait-matching-subscriptions',
         dest='subscribers',
         type=int,
-        help='wait for so many subscribers first [1 with --once or --times, else 0]',
+        help='subscribers to wait for [1 with --once or --times, else 0]',
     )
     return verbs.run(arguments)
 
@@ -73,19 +77,19 @@ def _type(visitor: Visitor, options: argparse.Namespace) -> Any:
 
 
 def _echo(visitor: Visitor, options: argparse.Namespace) -> None:
-    heard: list[Any] = []
+    received: list[Any] = []
     message_type = _type(visitor, options)
     _field(message_type(), options.field)
     topic = visitor.node.resolve_topic_name(options.topic)
     visitor.until(lambda: visitor.node.count_publishers(topic), FOUND_WITHIN)
-    AdaptiveSubscription(visitor.node, Topic(topic, message_type, _QOS), heard.append)
+    AdaptiveSubscription(visitor.node, Topic(topic, message_type, _QOS), received.append)
     while True:
         visitor.spin()
-        for message in heard:
+        for message in received:
             print(f'{to_yaml(_field(message, options.field))}---', flush=True)
             if options.once:
                 return
-        heard.clear()
+        received.clear()
 
 
 def _field(message: Any, path: str) -> Any:
@@ -142,4 +146,4 @@ def _publish(visitor: Visitor, options: argparse.Namespace) -> None:
         if number == times:
             break
         visitor.rest(begin + number / options.rate - time.monotonic())
-    visitor.rest(_FAREWELL)
+    visitor.rest(_LINGER)

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A node that visits the graph for one command."""
+"""Temporary node for one command."""
 
 from __future__ import annotations
 
@@ -18,23 +18,23 @@ from soliton_linkage.command_line import PlainParser, complete
 from soliton_linkage_nodes.runtime.guarded import SERVICE_QOS
 
 FOUND_WITHIN = 10.0
-"""What is looked for by its name has to show itself within this [s]; on one machine it is there in
-a fraction, now and then in 3, on a busy one later."""
+"""Maximum wait for the discovery of a name [s]. Discovery usually takes less than 1 s, sometimes
+3 s, and longer on a busy machine."""
 _ALL_ANNOUNCED = 3.2
-"""Each process announces itself every 3 s [s]: a list that is asked for sooner may lack some."""
+"""Minimum wait for a complete list [s], because each process announces itself every 3 s."""
 _SETTLED = 1.0
-"""Without a change, before a list is taken to be complete [s]."""
+"""Time without a change after which a list is complete [s]."""
 ANSWER_LIMIT = 10.0
-"""For the answer of a service that is there [s]."""
+"""Maximum wait for the response of a service [s]."""
 _SPIN = 0.05
-"""How soon a condition is looked at again where nothing comes [s]."""
+"""Poll interval of conditions without incoming messages [s]."""
 
 Found = TypeVar('Found')
 NamesAndTypes = Sequence[tuple[str, list[str]]]
 
 
 class Visitor:
-    """A node of its own in the graph of the domain, and what it is told there."""
+    """Temporary node in the ROS graph with its executor."""
 
     def __init__(self) -> None:
         self.node = rclpy.create_node(
@@ -46,16 +46,16 @@ class Visitor:
         self._executor.add_node(self.node)
 
     def leave(self) -> None:
-        """Leave the graph."""
+        """Destroy the node and its executor."""
         self._executor.shutdown()
         self.node.destroy_node()
 
     def spin(self, seconds: float = _SPIN) -> None:
-        """Take what comes next."""
+        """Execute the next callback, if one is ready in time [s]."""
         self._executor.spin_once(timeout_sec=seconds)
 
     def until(self, condition: Callable[[], Any], seconds: float) -> bool:
-        """Spin until a condition holds; False where it does not in time."""
+        """Spin until a condition holds; return False on timeout."""
         deadline = time.monotonic() + seconds
         while not condition():
             if time.monotonic() > deadline:
@@ -64,13 +64,13 @@ class Visitor:
         return True
 
     def rest(self, seconds: float) -> None:
-        """Take what comes for so long."""
+        """Execute callbacks for a duration [s]."""
         end = time.monotonic() + seconds
         while (left := end - time.monotonic()) > 0:
             self.spin(min(left, _SPIN))
 
     def settled(self, there: Callable[[], Found]) -> Found:
-        """What is there once all have announced themselves, and it no longer changes."""
+        """Return a list from the graph after it is complete and no longer changes."""
         begun = since = time.monotonic()
         found = there()
         while time.monotonic() < min(
@@ -83,7 +83,7 @@ class Visitor:
         return found
 
     def type_name(self, kind: str, name: str, there: Callable[[], NamesAndTypes]) -> str:
-        """Type of the topic or service of a name; RuntimeError where there is none."""
+        """Return the type of a topic or service; RuntimeError if the name does not exist."""
         full = self.node.resolve_topic_name(name)
         found: dict[str, list[str]] = {}
 
@@ -92,24 +92,26 @@ class Visitor:
             return full in found
 
         if not self.until(look, FOUND_WITHIN):
-            raise RuntimeError(f'there is no {kind} {full}; soliton-linkage {kind} list has all')
+            raise RuntimeError(
+                f'there is no {kind} {full}; list all with: soliton-linkage {kind} list'
+            )
         return found[full][0]
 
     def call(self, service_type: Any, name: str, request: Any) -> Any:
-        """Response of a service; RuntimeError where it is not there or does not answer."""
+        """Call a service; RuntimeError if it does not exist or does not respond."""
         client = self.node.create_client(service_type, name, qos_profile=SERVICE_QOS)
         if not self.until(client.service_is_ready, FOUND_WITHIN):
             name = service_type.__name__
             raise RuntimeError(f'there is no service {client.srv_name} of the type {name}')
         future = client.call_async(request)
         if not self.until(future.done, ANSWER_LIMIT):
-            raise RuntimeError(f'{client.srv_name} gave no answer in {ANSWER_LIMIT:g} s')
+            raise RuntimeError(f'{client.srv_name} gave no response within {ANSWER_LIMIT:g} s')
         return future.result()
 
 
 @contextmanager
 def visiting() -> Iterator[Visitor]:
-    """Be in the graph, until the end of the block or Ctrl-C."""
+    """Create a visitor for the duration of the block."""
     rclpy.init(args=[], signal_handler_options=SignalHandlerOptions.NO)
     try:
         visitor = Visitor()
@@ -125,14 +127,14 @@ Verb = Callable[[Visitor, argparse.Namespace], None]
 
 
 class Verbs:
-    """Verbs of a command, each with arguments of its own."""
+    """Verbs of a command, each with its own arguments."""
 
     def __init__(self, command: str, description: str | None) -> None:
         self._parser = PlainParser(prog=f'soliton-linkage {command}', description=description)
         self._verbs = self._parser.add_subparsers(metavar='VERB', required=True)
 
     def add(self, name: str, verb: Verb, summary: str) -> argparse.ArgumentParser:
-        """Add a verb; return its parser, which is to be given its arguments."""
+        """Add a verb and return its parser for further arguments."""
         parser: argparse.ArgumentParser = self._verbs.add_parser(
             name, help=summary, description=f'{summary[0].upper()}{summary[1:]}.'
         )

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Texts of strangers are refused before they cost anything, and plain ones are read."""
+"""Malicious texts are rejected early; valid texts are read."""
 
 from __future__ import annotations
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A player is paused, burst, stopped and begun again by services, as rosbag2's is."""
+"""Services pause, burst, stop and restart a player, as in rosbag2."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ Services = dict[str, Callable[[Any, Any], Any]]
 
 @pytest.fixture
 def services(monkeypatch: pytest.MonkeyPatch) -> Services:
-    """What answers the requests of each service, of whatever type, of the player that is next."""
+    """Return the callback of each service of the next player."""
     offered: Services = {}
     create = Node.create_service
 

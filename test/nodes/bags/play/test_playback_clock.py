@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Messages are due when the time of the bag says so, whatever was done to it in between."""
+"""Messages are due at their bag time, after any pause, seek or change of rate."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ SECOND = 10**9
 
 
 class Clock(threading.Condition):
-    """A clock that goes on only while somebody waits."""
+    """A clock that advances only during waits."""
 
     def __init__(self) -> None:
         super().__init__()

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Recorded states are left out while an analyser publishes its own, unless they are asked for."""
+"""Recorded states are not played while an analyser publishes, unless requested."""
 
 from __future__ import annotations
 

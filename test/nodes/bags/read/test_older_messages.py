@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Bags outlive the definitions of their messages: fields are found by name, others are default."""
+"""Bags with older message definitions are readable: missing fields have defaults."""
 
 from __future__ import annotations
 
@@ -93,7 +93,7 @@ def test_an_older_message_is_played_as_one_of_today(graph: Graph, older_chain: P
 
 
 def parts(message: Any, without: str) -> Any:
-    """Type and fields of a message for `made`, but for those whose names begin with a word."""
+    """Type and fields of a message for `made`, without fields that begin with a prefix."""
     if isinstance(message, list):
         return [parts(each, without) for each in message]
     if not hasattr(message, 'get_fields_and_field_types'):

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A bag gives back what was put into it; what is no bag is said to be none, in one line."""
+"""A bag returns the written messages; an invalid bag is reported on one line."""
 
 from __future__ import annotations
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What is written is read, message by message, by readers that know nothing of the suite."""
+"""Independent readers read every written message."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ Sent = list[tuple[str, int, bytes]]
 
 
 def write(name: Path, named: NamedChain, compression: str = 'none') -> Sent:
-    """Write a bag of many chunks and return what it holds."""
+    """Write a bag of many chunks and return its messages."""
     writer = BagWriter(name, compression)
     topics = {}
     sent = []

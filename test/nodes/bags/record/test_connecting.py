@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""All is connected when those who publish are heard and nobody has come for a while."""
+"""Discovery is complete when all publishers match and no new one appears for a while."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ from soliton_linkage_nodes.runtime.stamps import time_to_msg
 
 
 def done_at(polls: list[tuple[float, int, int]]) -> Any:
-    """Return when the wait ends and what is missing, for publishers and matches at times [s]."""
+    """Return the end time and the missing topics, for publishers and matches at times [s]."""
     now = 0.0
     wait = DiscoveryWait(clock=lambda: now)
     for step in range(200):

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Topics are found by name and pattern, and every publisher of theirs is heard."""
+"""Topics are found by name and pattern; every publisher is received."""
 
 from __future__ import annotations
 

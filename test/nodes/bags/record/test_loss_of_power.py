@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A loss of power costs no more than `sync_interval`, on a disk that loses all else."""
+"""A power failure loses at most `sync_interval` of messages if the disk keeps synced data only."""
 
 from __future__ import annotations
 
@@ -52,7 +52,7 @@ def test_what_was_sent_an_interval_before_is_kept(
     reports = graph.reports('bag_recorder')
     graph.until(
         lambda: reports and '/joint_states' in values(reports[-1])['topics received'],
-        'the recorder to hear',
+        'the recorder to receive',
     )
     sent, times = publish_for(publisher, named, LASTED, 0.002)
     program.process.kill()

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A gate passes all, none, or the last seconds, and what is latched is never lost behind it."""
+"""A gate passes all, none, or the last seconds; latched messages are never lost."""
 
 from __future__ import annotations
 

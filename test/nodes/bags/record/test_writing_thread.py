@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A disk that is slow loses nothing, and one that is full nothing that it took."""
+"""A slow disk loses no message; a full disk loses no written message."""
 
 from __future__ import annotations
 

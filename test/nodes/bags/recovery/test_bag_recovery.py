@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What is intact of a damaged file comes back, or it is said why nothing does."""
+"""The intact part of a damaged file is recovered, or the failure is reported."""
 
 from __future__ import annotations
 
@@ -73,7 +73,7 @@ def write(
 
 
 def attempt(bag: Path, output: Path) -> Held:
-    """What is brought back from a bag that is left as it is."""
+    """Return the recovered messages and check that the bag is unchanged."""
     before = {path: path.read_bytes() for path in bag.iterdir()}
     report, new = recover_bag(bag, output)
     assert {path: path.read_bytes() for path in bag.iterdir()} == before
@@ -83,7 +83,7 @@ def attempt(bag: Path, output: Path) -> Held:
 
 
 def rescued(file: Path) -> Held:
-    """What is intact of a file, which is left as it is."""
+    """Return the intact messages and check that the file is unchanged."""
     return recovered_and_unverified(file)[0]
 
 

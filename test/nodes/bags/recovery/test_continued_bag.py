@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A recorder that comes back goes on with the bag of the one that was killed."""
+"""A restarted recorder continues the bag of a killed recorder."""
 
 from __future__ import annotations
 

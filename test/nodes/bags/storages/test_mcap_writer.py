@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Every chunk of a file has messages and says where, or some readers of rosbag2 play nothing."""
+"""Every chunk has messages and a message index, which some rosbag2 readers require."""
 
 from __future__ import annotations
 

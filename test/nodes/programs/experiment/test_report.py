@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What is reported of a bag is what is in it, shown on the recordings that come with the suite."""
+"""The report of a bag matches its content, for the recordings of the suite."""
 
 from __future__ import annotations
 
