@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A bag is analysed as the live node analysed it, and what is no bag is said."""
+"""Offline analysis equals the live analysis; an invalid bag is reported."""
 
 from __future__ import annotations
 
@@ -70,7 +70,7 @@ def bag_of(folder: Path, messages: Sequence[JointState], chain: bool = True) -> 
 
 
 def states_of(bag: Path) -> list[SolitonState]:
-    """States of all frames, of which none is late."""
+    """Return the states of all frames; no frame is late."""
     with open_bag(bag) as reader:
         found = list(analyse_frames(reader))
     return [state_to_msg(analysis, joints) for joints, analysis in found if analysis is not None]
@@ -89,7 +89,7 @@ def rows(folder: Path, name: str = 'soliton_state') -> list[dict[str, str]]:
 
 @pytest.mark.parametrize('name', NAMES)
 def test_recorded_bags_give_the_states_that_were_published_live(name: str) -> None:
-    """To within what is stated: they were recorded on another machine."""
+    """Within the stated deviations, because the bag is from another machine."""
     with open_bag(BAGS / f'{name}_0') as reader:
         live = [state for _, state in read_topic(reader, 'soliton_state')]
     offline = states_of(BAGS / f'{name}_0')
@@ -102,7 +102,7 @@ def test_recorded_bags_give_the_states_that_were_published_live(name: str) -> No
             assert abs(wall.position - same.position) < same.position_deviation
 
 
-def test_a_node_that_hears_the_frames_of_a_bag_publishes_the_same(
+def test_a_node_that_receives_the_frames_of_a_bag_publishes_the_same(
     graph: Graph, tmp_path: Path
 ) -> None:
     sent = frames()
@@ -276,7 +276,7 @@ def test_a_chain_that_is_not_that_of_the_bag_is_asked_for_twice(
 
 
 @pytest.mark.parametrize('noise', ['-1', '0', 'nan', 'inf', 'much'])
-def test_what_is_no_noise_is_refused(noise: str, capsys: pytest.CaptureFixture[str]) -> None:
+def test_an_invalid_noise_is_rejected(noise: str, capsys: pytest.CaptureFixture[str]) -> None:
     with pytest.raises(SystemExit) as end:
         main(['bag', '--noise', noise])
     assert end.value.code == 2
@@ -284,7 +284,7 @@ def test_what_is_no_noise_is_refused(noise: str, capsys: pytest.CaptureFixture[s
     assert f'noise {noise} must be above 0 and at most 1 rad' in line
 
 
-def test_of_many_frames_that_are_refused_a_few_are_told(
+def test_only_the_first_rejected_frames_are_logged(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     messages = frames()
@@ -296,9 +296,7 @@ def test_of_many_frames_that_are_refused_a_few_are_told(
     assert 'rejected joint_states: 20 in all' in said
 
 
-def test_frames_that_are_refused_are_passed_over(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_rejected_frames_are_skipped(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     messages = frames()
     messages[20].position = messages[20].position[:3]
     messages.insert(31, messages[30])

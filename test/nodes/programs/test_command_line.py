@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What is wrong with a command line, and what a program fails of, is said in one line."""
+"""Errors of a command line and failures of a program are reported on one line."""
 
 from __future__ import annotations
 

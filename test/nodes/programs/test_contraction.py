@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Walls that the nodes record have the widths of the theory, and what goes wrong is said."""
+"""Recorded solitons have the predicted widths; failures are reported."""
 
 from __future__ import annotations
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The table of many bags is the same whatever happens to those who fill it."""
+"""The table of several bags is complete even if worker processes die."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ def test_200_bags_with_two_workers_killed_on_the_way_give_the_same_table(
         tables.append((output / 'bags.csv').read_text())
     assert tables[0] == tables[1]
     assert len(tables[0].splitlines()) == 201
-    # Two that are killed at the same time are told of once.
+    # Two workers that are killed at the same time are reported once.
     assert capsys.readouterr().err.count('other processes continue') in (1, 2)
     assert not list(tmp_path.glob('*.deadly'))
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The command move_soliton shows a move and how it ended."""
+"""The program move_soliton shows the progress and the result of a move."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ QUICK = {'chain.number_of_rotors': 8, 'publish_rate': 250.0, 'tolerance': 1e-8}
 
 
 def steered(graph: Graph) -> Callable[[], float]:
-    """Start a steering that sees the wall of a simulated chain; return what tells its rotor."""
+    """Start a steering that sees the wall of a simulated chain; return a function of its rotor."""
     reports = graph.reports('soliton_steering')
     graph.start(Simulator, QUICK)
     graph.start(SolitonSteering, {'state_timeout': 5.0})
@@ -114,7 +114,7 @@ def test_interrupted_where_nobody_answers_it_ends_at_once(graph: Graph) -> None:
     server.destroy()
 
 
-def test_a_refusal_is_said(graph: Graph, start: Callable[..., Program]) -> None:
+def test_a_rejection_is_reported(graph: Graph, start: Callable[..., Program]) -> None:
     steered(graph)
     program = start('move_soliton', '77')
     graph.until(lambda: program.process.poll() is not None, 'the refusal')

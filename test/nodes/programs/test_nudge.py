@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The command nudge kicks the chain and says what became of that, or why nothing did."""
+"""The program nudge kicks the chain and reports the executed kick or the failure."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ pytestmark = pytest.mark.usefixtures('often')
 
 
 def nudged(graph: Graph, speed: float, timeout: float = 20.0) -> str:
-    """What the command says of a nudge, or fails with."""
+    """Return the report of a nudge, or its error message."""
     nudger = NudgeClient(threading.Event(), context=graph.context)
     try:
         with ThreadPoolExecutor(1) as pool:
@@ -48,7 +48,7 @@ def test_it_says_what_the_actuator_and_the_simulator_did(graph: Graph) -> None:
     assert said.startswith('a kick of -2.5 rad/s at the first edge; an impulse of ')
     graph.until(lambda: kicks, 'the kick')
     assert said.endswith(f'a work of {kicks[0].work:.3g} J, measured by the simulator')
-    # Neither what was kicked before nor a recorder that listens counts as an answer.
+    # Neither an earlier kick nor a subscribed recorder counts as a report.
     refused = 'speed = 500 rad/s must lie in the range -100 to 100 rad/s'
     assert f'/edge_actuator rejected it: {refused}' in nudged(graph, 500.0)
     assert [message.data for message in nudges] == [-2.5, 500.0]

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""`recover_bag` and `check_bag` as a person runs them."""
+"""The programs `recover_bag` and `check_bag`, run as processes."""
 
 from __future__ import annotations
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The nodes of the suite in one process are the nodes that they are alone."""
+"""Nodes in one process behave as in separate processes."""
 
 from __future__ import annotations
 
@@ -49,7 +49,7 @@ def test_five_nodes_in_one_process_as_in_their_own(
 
 
 def given_to(*rules: str) -> tuple[list[str], dict[str, dict[str, Any]]]:
-    """Return what is left of rules, and the values that each node is given."""
+    """Return the remaining rules and the parameters of each node."""
     arguments = [part for rule in rules for part in ('-p', rule)]
     rest, given = addressed(['suite', '--ros-args', *arguments], CLASSES)
     return rest[2:], {
@@ -115,7 +115,7 @@ def test_a_port_puts_a_controller_in_the_place_of_the_simulator(rule: str, witho
     ]
 
 
-def test_who_hears_a_controller_tells_the_chain_unless_told_otherwise(
+def test_serial_encoders_publishes_the_chain_unless_configured_otherwise(
     graph: Graph, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     components: list[Any] = []
@@ -143,7 +143,7 @@ def test_a_rule_that_is_for_none_is_left_to_ros(rule: str) -> None:
         (['left/simulator', '--ros-args', '-r', '__ns:=/lab'], '__ns:= applies to all nodes'),
     ],
 )
-def test_what_cannot_be_run_is_refused_in_one_line(
+def test_an_invalid_node_list_is_rejected_on_one_line(
     monkeypatch: pytest.MonkeyPatch,
     capsys: pytest.CaptureFixture[str],
     arguments: list[str],

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The observer of an experiment knows where the ends of the chain are before it judges."""
+"""The observer of an experiment waits for the chain before it detects arrivals."""
 
 from __future__ import annotations
 
@@ -57,7 +57,7 @@ def test_a_soliton_is_back_once_it_has_been_at_the_other_edge(graph: Graph) -> N
     assert 'it is at rotor 1.5 now; raise nudge or time_limit' in trip.missing()
 
 
-def test_a_nudge_that_is_refused_is_not_waited_for(graph: Graph) -> None:
+def test_a_rejected_nudge_ends_the_wait(graph: Graph) -> None:
     observer = graph.start(Observer)
     refusal = KeyValue(key='last rejection', value='/nudge: too fast')
     status = DiagnosticStatus(name='edge_actuator: chain', values=[refusal])

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The filmed experiment refuses what it does not know, and its page has all that it made."""
+"""The filmed experiment rejects unknown parameters; its page links all its files."""
 
 from __future__ import annotations
 
@@ -21,9 +21,7 @@ CONFIG = Path(__file__).resolve().parents[4] / 'config/filmed.yaml'
         ({'duration': 0.0}, 'duration = 0.0 must lie in the range 1 to 3600 s'),
     ],
 )
-def test_parameters_that_there_are_not_are_refused(
-    given: dict[str, Any], said: str, tmp_path: Path
-) -> None:
+def test_unknown_parameters_are_rejected(given: dict[str, Any], said: str, tmp_path: Path) -> None:
     with pytest.raises(ValueError, match=said):
         run(CONFIG, given, tmp_path)
 

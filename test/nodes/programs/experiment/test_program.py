@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What an experiment says at its end is true, and two at a time do not write over each other."""
+"""The conclusion of an experiment is correct; parallel experiments use separate folders."""
 
 from __future__ import annotations
 
