@@ -12,26 +12,25 @@ A first script, in which a kick of the first edge sends a soliton through the ch
 >>> [crossing.direction for crossing in sl.find_crossings(chain, track)]
 [1, -1]
 
-What lives where, each folder importing only from those before it:
+Folders, each of which imports only from the folders above it:
 
 ============== ==============================================================================
 linkage        the chain: parameters, deviations, gravity, encoders, recorded motion
 linear         linear theory about a configuration: rigidity, zero mode, bands, statics
 solitons       walls at rest, in the continuum, in the unit cell; found and tracked in frames
-orbit          the zero-energy orbit, the closed curve along which a wall runs to and fro
+orbit          the zero-energy orbit, the closed curve along which a wall moves
 dynamics       simulations of springs and of rigid bars, integrators, energy balance
-actuation      soft actuators, commands, and the torques and impulses that come of them
-estimation     the analyser: what frames of noisy angles show
-identification a chain that nobody has measured, from the angles of a recording
-steering       a soliton carried to a place and held there
-studies        figures, films, sweeps and measurements, each a program
+actuation      soft actuators, commands, and their torques and impulses
+estimation     the analyser: positions of walls from noisy angles
+identification parameters of a chain from recorded angles
+steering       controlled motion of a soliton
 ============== ==============================================================================
 
 A *wall*, short for domain wall, is where the chain changes from leaning right to leaning left; a
 *soliton* is a wall that moves, as topics and messages call it. The *orbit* is the curve of all
-configurations that cost nothing, a *cycle* one round of it.
+zero-energy configurations; a *cycle* is one round of it.
 
-Angles are the actual ones, phi [rad], with the rotors on the last axis, unless a name says
+Angles are plain angles phi [rad], with the rotors on the last axis, unless a name contains
 `staggered`. The symbols of the equations:
 
 ========== ======================= ==========================================================

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Colours of all that is drawn: those of Okabe and Ito, which the colour-blind can tell apart."""
+"""Colours of all pictures: the palette of Okabe and Ito, which suits colour-blind readers."""
 
 from __future__ import annotations
 

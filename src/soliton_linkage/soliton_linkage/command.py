@@ -1,10 +1,10 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The command `soliton-linkage`: a sub-command for each study, and those of other packages.
+"""The command `soliton-linkage` with sub-commands of the studies and of other packages.
 
 A package adds one by an entry point of the group `soliton_linkage.commands`: its name, and a
-function that takes the arguments after it and returns an exit code, as `ros2` has them: 0, 1 after
-an error, 2 after Ctrl-C or for a line that cannot be understood. The first line of the module's
-docstring is its help; modules are imported when their sub-command is asked for.
+function that takes the remaining arguments and returns an exit code as `ros2` does: 0, 1 after an
+error, 2 after Ctrl-C or for an invalid command line. The first line of the module's docstring is
+its help; a module is imported when its sub-command runs.
 """
 
 from __future__ import annotations
@@ -36,7 +36,7 @@ _FAILURES = (ArithmeticError, LookupError, OSError, RuntimeError, ValueError)
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Run the sub-command that the first argument names, or tell which there are."""
+    """Run the sub-command of the first argument, or print the available ones."""
     given = sys.argv[1:] if arguments is None else list(arguments)
     words = words_before() or given
     commands = {found.name: found for found in sorted(entry_points(group=_GROUP))}
@@ -64,7 +64,7 @@ def _run(command: EntryPoint, arguments: list[str]) -> int:
     except KeyboardInterrupt:
         return int(signal.SIGINT)
     except BrokenPipeError:
-        # Who reads has what it wanted; Python would complain once more as it ends.
+        # Python would write to the closed pipe again at its exit.
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         return 0
     except ModuleNotFoundError as error:
@@ -90,17 +90,17 @@ def _parser(commands: Mapping[str, EntryPoint]) -> PlainParser:
         prog=PROGRAM,
         usage=f'{PROGRAM} COMMAND ...',
         description='A topological linkage: its studies, and its nodes where ROS 2 is installed.',
-        epilog='\n'.join(['commands, each of which has a --help:', *lines]),
+        epilog='\n'.join(['commands; each has a --help:', *lines]),
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
     parser.add_argument('command', nargs='?', choices=list(commands), help=argparse.SUPPRESS)
-    said = f'{PROGRAM} {version("soliton_linkage")}'
-    parser.add_argument('--version', action='version', version=said)
+    text = f'{PROGRAM} {version("soliton_linkage")}'
+    parser.add_argument('--version', action='version', version=text)
     return parser
 
 
 def _summary(command: EntryPoint) -> str:
-    """First line of the docstring of a command's module, which is not imported for that."""
+    """Return the first line of the docstring of a command's module, without importing it."""
     if command.dist is None:
         return ''
     path = Path(str(command.dist.locate_file(command.module.replace('.', '/') + '.py')))

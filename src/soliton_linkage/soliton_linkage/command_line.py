@@ -22,14 +22,14 @@ _NEGATIVE = re.compile(r'-(\d|\.\d|inf|nan)')
 
 
 class PlainParser(argparse.ArgumentParser):
-    """Parser that reports in one line what is wrong, and ends the program with 2."""
+    """Parser that reports an error in one line and exits with 2."""
 
     def error(self, message: str) -> NoReturn:
         """End the program."""
         self.exit(2, f'{self.prog}: {message}; see {self.prog} --help\n')
 
     def parse(self, arguments: Sequence[str] | None = None) -> argparse.Namespace:
-        """Return the options of a program's arguments, by default those of the command line."""
+        """Return the options in the arguments, by default from the command line."""
         given = sys.argv[1:] if arguments is None else arguments
         # argparse takes only plain decimals for negative numbers, and other ones for options.
         spaced = [f' {each}' if _NEGATIVE.match(each) else each for each in given]

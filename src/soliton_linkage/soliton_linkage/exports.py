@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Public names of a package, imported when they are first asked for (Scientific Python, SPEC 1).
+"""Public names of a package, imported at their first use (Scientific Python, SPEC 1).
 
-They stand in the stub beside its `__init__`, for type checkers too, and only there. No program
-waits for what it does not use.
+The stub beside its `__init__` lists them, also for type checkers. No program waits for unused
+modules.
 """
 
 from __future__ import annotations

@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
 """Linear theory of the uniform chain: phonons, sound, zero mode, polarisation, tails of walls.
 
-Waves are those of staggered angles, dtheta_n ~ e^(i k a n). Waves of the actual angles have
-wave numbers pi / a away, since dphi_n = (-1)^n dtheta_n. What tends to 0 in any limit is
-computed in a form in which nothing cancels there.
+Waves are waves of staggered angles, dtheta_n ~ e^(i k a n). Waves of the actual angles have
+wave numbers pi / a away, since dphi_n = (-1)^n dtheta_n. Quantities that tend to
+0 in a limit are computed without cancellation.
 """
 
 from __future__ import annotations
@@ -140,7 +140,7 @@ def penetration_depth(chain: Chain) -> float:
 
 
 def tail_ratio(chain: Chain) -> float:
-    """What the tail of a wall turns a rotor by, over the next one towards the wall [1].
+    """Return the ratio of neighbouring deviations in the tail of a wall, outer over inner [1].
 
     q- / q+ = (d - 1) / (d + 1), in actual angles, of small turns of relaxed bars.
     """
@@ -187,11 +187,11 @@ def wobble_exponents(chain: Chain) -> tuple[complex, complex]:
 
 
 def continuum_tail(chain: Chain) -> Tail:
-    """Tail by `wobble_exponents`, of which the one that decays more slowly is left.
+    """Return the tail of the more slowly decaying exponent of `wobble_exponents`.
 
     For d > 1 / sqrt(2) it decays over ub and oscillates, with a wave number that tends to
-    sqrt(8) / a: artefacts of the truncation, of which `exact_tail` has none. Both agree on the
-    decay length for d << 1, a^2 / (4 ub), and for d >> 1, ub.
+    sqrt(8) / a. These are artefacts of the truncation, which `exact_tail` does not have. Both
+    agree on the decay length for d << 1, a^2 / (4 ub), and for d >> 1, ub.
     """
     plus, minus = wobble_exponents(chain)
     return Tail(1 / minus.real, plus.imag)

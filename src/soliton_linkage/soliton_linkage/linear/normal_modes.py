@@ -21,7 +21,7 @@ from soliton_linkage.linear.statics import unstretched
 from soliton_linkage.linkage.chain import Array, Chain
 
 _MOST_STRETCH = 1e-6
-"""Of a spring that counts as relaxed, over its length [1]: frequencies err by no more."""
+"""Largest relative extension of a relaxed spring [1]; frequencies have at most this error."""
 
 
 @dataclass(frozen=True)
@@ -107,13 +107,13 @@ def mode_energies(modes: NormalModes, displacements: ArrayLike, rates: ArrayLike
 
 
 def phonon_energies(chain: Chain, angles: ArrayLike, rates: ArrayLike) -> tuple[Array, Array]:
-    """Frequencies [rad/s] and energies [J] of the modes of a moving state, each of shape (N,).
+    """Return frequencies [rad/s] and energies [J] of the modes of a moving state, shape (N,) each.
 
-    The modes are those of the nearest configuration with relaxed springs, see `unstretched`.
-    The energies add up to the whole to third order in the distance from it. With free ends the
-    first is that of the zero mode, which is kinetic alone: the motion of the wall as if its
-    springs were rigid. Raises ValueError for angles and rates that do not fit the chain, and
-    where no such configuration is near.
+    The modes belong to the nearest configuration with relaxed springs, see `unstretched`. Their
+    energies add up to the total to third order in the distance from it. With free ends the first
+    energy belongs to the zero mode and is purely kinetic: the motion of a wall of rigid bars.
+    Raises ValueError for angles and rates that do not fit the chain, and if no such configuration
+    is near.
     """
     relaxed, displacement = _departure(chain, angles)
     modes = normal_modes(chain, relaxed)

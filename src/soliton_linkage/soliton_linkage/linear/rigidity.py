@@ -16,11 +16,11 @@ if TYPE_CHECKING:
     from scipy.sparse import csr_array
 
 VANISHING = 1e-280
-"""Stands in for a lever that vanishes [m^2/rad], far below rounding beside any that does not."""
+"""Replacement of a vanishing lever [m^2/rad], far below the rounding error of any other."""
 _BLOCK = 500
 """Factors between 1/2 and 1 whose product stays in the range of doubles [1], 2^-1022."""
 _FAR_FROM_OVERFLOW = 1e100
-"""Between 1 over it and it squares and their sums are far from the ends of the range [1]."""
+"""Squares of numbers between 1 over this and this cannot overflow or underflow [1]."""
 
 
 class Edge(enum.Enum):
@@ -66,16 +66,16 @@ def dynamical_matrix(chain: Chain, angles: Array) -> csr_array:
 
 
 def zero_modes(chain: Chain, angles: Array, tolerance: float = 1e-10) -> Array:
-    """Orthonormal motions [1] that stretch no spring to first order, R t = 0, shape (N, N_0).
+    """Return orthonormal motions [1] that stretch no spring to first order, R t = 0, (N, N_0).
 
-    Their number and that of the states of self-stress obey N_0 - N_ss = N - springs (paper,
+    The numbers of zero modes and states of self-stress obey N_0 - N_ss = N - springs (paper,
     section 1). Singular values below the tolerance times the largest count as 0. Dense, O(N^3).
     """
     return _null_space(rigidity_matrix(chain, angles).toarray(), tolerance)
 
 
 def states_of_self_stress(chain: Chain, angles: Array, tolerance: float = 1e-10) -> Array:
-    """Orthonormal tensions [1] that turn no rotor, R^T s = 0, shape (springs, N_ss)."""
+    """Return orthonormal tensions [1] without torque, R^T s = 0, shape (springs, N_ss)."""
     return _null_space(rigidity_matrix(chain, angles).toarray().T, tolerance)
 
 
@@ -86,14 +86,13 @@ def _null_space(matrix: Array, tolerance: float) -> Array:
 
 
 def zero_mode(chain: Chain, angles: Array) -> Array:
-    """Unit vector t [1] with R t = 0 at a configuration, shape (N,); exact in O(N).
+    """Return the unit vector t [1] with R t = 0 at a configuration, shape (N,); exact in O(N).
 
-    The recurrence t_{n+1} = -(A_n / B_n) t_n has no cancellation, so that each component has
-    its ratio to the next to rounding; where doubles do not reach far enough, it is followed in
-    numbers with an exponent of their own, which no valley between two walls is too deep for. The
-    sign is that of the maximal minors of R, t_n ~ (-1)^n A_0 ... A_{n-1} B_n ... B_{N-2}: along a
-    motion of the linkage t turns continuously and never flips. Raises ValueError for periodic
-    ends, between which it takes more than relaxed springs to have a zero mode.
+    The recurrence t_{n+1} = -(A_n / B_n) t_n has no cancellation, so that the ratio of neighbours
+    is exact to rounding. Numbers with a separate exponent prevent underflow between distant walls.
+    The sign follows the maximal minors of R, t_n ~ (-1)^n A_0 ... A_{n-1} B_n ... B_{N-2}, so that
+    t changes continuously along a motion of the linkage. Raises ValueError for periodic ends,
+    which have no zero mode in general.
 
     >>> chain = Chain(number_of_rotors=10)
     >>> leaning_left = chain.uniform_state(-1)
@@ -113,15 +112,14 @@ def mode_centre(mode: Array) -> float:
 
 
 def mode_towards_last(chain: Chain, angles: Array) -> Array:
-    """The zero mode with the sign that moves the wall towards the last rotor [1], shape (N,).
+    """Return the zero mode with the sign that moves the wall to the last rotor [1], shape (N,).
 
-    A wall at an edge goes on into the chain either way, after the edge rotor has swung past the
-    line from its pivot to its neighbour's mass; there its coupling, A_0 or B_{N-2}, changes
-    sign, and with it the wall's direction along the zero mode. The sign to start from is that of
-    the left-leaning state with d < 1, where all A_n and B_n have the sign (-1)^(n+1) and the
-    wall moves towards the last rotor while all theta_n grow; upside down all three signs are
-    reversed. A spinner's edge rotor passes no such line: its wall moves towards the last rotor
-    while sum_n h_n grows.
+    An edge rotor can swing past the line from its pivot to its neighbour's mass. There its
+    coupling, A_0 or B_{N-2}, changes sign, and so does the direction of the wall along the zero
+    mode. The reference is the left-leaning state with d < 1, where all A_n and B_n have the sign
+    (-1)^(n+1) and the wall moves to the last rotor while all theta_n grow; upside down all three
+    signs are reversed. The edge rotor of a spinner passes no such line: its wall moves to the last
+    rotor while sum_n h_n grows.
     """
     first, second = _levers_of_free_chain(chain, angles)
     mode = _zero_mode_of(first, second)
@@ -157,7 +155,7 @@ def resolved_edge_mode(
 
 
 def _levers_of_free_chain(chain: Chain, angles: Array) -> tuple[Array, Array]:
-    """A_n l_n and B_n l_n [m^2/rad], see `Chain.springs`: their ratio is that of A_n and B_n."""
+    """Return A_n l_n and B_n l_n [m^2/rad], see `Chain.springs`; l_n cancels in their ratio."""
     if chain.periodic:
         raise ValueError(
             'a chain with periodic ends has as many springs as rotors and no zero mode of its '
@@ -187,10 +185,10 @@ def _zero_mode_of(first: Array, second: Array) -> Array:
 
 
 def _cumulative_product(factors: Array) -> tuple[Array, NDArray[np.int64]]:
-    """Products of the first 0, 1, ... factors as mantissas and exponents of 2, (n + 1,).
+    """Return products of the first 0, 1, ... factors as mantissas and exponents of 2, (n + 1,).
 
-    Mantissas of a block of factors multiply to no less than 2^-500; those of the blocks are
-    brought back into range one after the other.
+    The product of the mantissas of a block is at least 2^-500; each block is then scaled back into
+    the range of doubles.
     """
     mantissas, exponents = np.frexp(np.concatenate([[1.0], factors]))
     powers = np.cumsum(exponents, dtype=np.int64)

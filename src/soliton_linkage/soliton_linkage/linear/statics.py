@@ -14,9 +14,9 @@ from soliton_linkage.linear.rigidity import Edge, rigidity_bands, rigidity_matri
 from soliton_linkage.linkage.chain import Array, Chain
 
 _ITERATIONS = 60
-"""Of Newton's method [1]: one that converges takes a few, one from afar as many steps."""
+"""Largest number of Newton iterations [1]; a distant start needs many steps."""
 _LONGEST_STEP = 0.5
-"""Of an angle in one iteration [rad], well inside of what bends a chain into another."""
+"""Largest change of an angle in one iteration [rad], far below a change of the configuration."""
 _ROUNDING = 1e-12
 """Torque that is left in balance over k_e lbar r [1]: the rounding of sums of such terms."""
 

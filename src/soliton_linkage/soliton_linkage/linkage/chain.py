@@ -39,11 +39,11 @@ class Motion(enum.Enum):
 @document_fields
 @dataclass(frozen=True)
 class Chain:
-    """Parameters of a chain; raises ValueError where they are invalid.
+    """Parameters of a chain; raises ValueError if they are invalid.
 
-    Its ends are free, or periodic: then one more spring joins the last rotor to the image of
-    the first beyond the end. Lengths, masses and all else are those of every rotor and spring,
-    but for `deviations`, fractions by which single ones differ.
+    Its ends are free or periodic. In a periodic chain one more spring joins the last rotor to the
+    image of the first. Lengths, masses and other values apply to every rotor and spring;
+    `deviations` are relative differences of single ones.
     """
 
     number_of_rotors: int = quantity(40, 'number of rotors', '', 2, 100_000)
@@ -80,7 +80,7 @@ class Chain:
 
     @cached_property
     def pivots(self) -> Array:
-        """Place of each pivot along the chain, from that of rotor 0 on [m], shape (N,)."""
+        """Distance of each pivot from the pivot of rotor 0 [m], shape (N,)."""
         between = self.spacings[: self.number_of_rotors - 1]
         return np.concatenate([[0.0], np.cumsum(between)])
 
@@ -113,7 +113,7 @@ class Chain:
 
     @cached_property
     def moments_of_inertia(self) -> Array:
-        """Of each rotor about its pivot [kg m^2], M r^2, shape (N,)."""
+        """Moment of inertia of each rotor about its pivot [kg m^2], M r^2, shape (N,)."""
         return np.asarray(self.masses * self.rotor_lengths**2)
 
     @cached_property
@@ -126,7 +126,7 @@ class Chain:
 
     @cached_property
     def moment_of_inertia(self) -> float:
-        """Of a rotor without deviations about its pivot [kg m^2], M r^2."""
+        """Moment of inertia of a rotor without deviations about its pivot [kg m^2], M r^2."""
         return self.mass * self.rotor_length**2
 
     @cached_property
@@ -136,7 +136,7 @@ class Chain:
 
     @cached_property
     def lean_ratio(self) -> float:
-        """How far a rotor leans, d = 2 r sin(theta_bar) / a; flippers with d > 1 wobble."""
+        """Lean ratio d = 2 r sin(theta_bar) / a; flippers with d > 1 wobble."""
         return 2 * self.rotor_length * math.sin(self.rest_angle) / self.spacing
 
     @cached_property
@@ -170,7 +170,7 @@ class Chain:
     def check_angles(self, angles: ArrayLike, what: str = 'angle') -> Array:
         """Return one number a rotor as an array of shape (N,); raise ValueError if it is not.
 
-        They are angles, unless said to be something else for the sake of the message.
+        `what` names the numbers in the error message.
         """
         checked = np.asarray(angles, dtype=np.float64)
         check_shape(checked, self.number_of_rotors, what)
@@ -265,7 +265,7 @@ def staggered(angles: ArrayLike) -> Array:
 
 
 def displacement(chain: Chain, angles: ArrayLike) -> Array:
-    """By how much each rotor leans to the right, u = r sin(theta) = r sin(phi) [m], (..., N)."""
+    """Return the displacement of each rotor, u = r sin(theta) = r sin(phi) [m], (..., N)."""
     return chain.positions(np.asarray(angles, dtype=np.float64))[0]
 
 

@@ -18,13 +18,13 @@ from soliton_linkage.linkage.quantities import (
 )
 
 _LARGEST_FRACTION = 1e3
-"""That a rotor or spring may have more [1]: products of lengths stay numbers."""
+"""Largest relative deviation of a rotor or spring [1]; larger ones would overflow products."""
 
 
 @document_fields
 @dataclass(frozen=True)
 class Deviations:
-    """Fractions by which rotors and springs differ; empty where all are as the chain says.
+    """Relative deviations of rotors and springs from the parameters of the chain; empty for none.
 
     A rotor whose fraction of rotor_length is 0.02 is 1.02 times as long as the chain's
     parameter. Raises ValueError for a fraction that leaves nothing (-1 or less).
@@ -87,7 +87,7 @@ _NAMES = tuple(f.name for f in fields(Deviations))
 _OF_SPRINGS = ('spacing', 'stiffness', 'rest_length')
 NO_DEVIATIONS = Deviations()
 _LARGEST_SPREAD = 0.5
-"""Standard deviation [1], of which one rotor in forty has nothing left."""
+"""Largest standard deviation [1]: one rotor in forty would have a negative value."""
 
 
 def _spread(of: str) -> Any:
@@ -100,7 +100,7 @@ def _spread(of: str) -> Any:
 class Disorder:
     """Standard deviations of the fractions by which rotors and springs differ, and their seed.
 
-    Raises ValueError for what is out of its range.
+    Raises ValueError for values out of range.
     """
 
     spacing: float = _spread('distances between pivots')

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What encoders on the rotors show of them: noise, steps between readings, and offsets."""
+"""Readings of encoders on the rotors: noise, resolution and offsets."""
 
 from __future__ import annotations
 
@@ -48,9 +48,9 @@ class EncoderErrors:
 @document_fields
 @dataclass(frozen=True)
 class KnownEncoders:
-    """What is known of the encoders of a chain; raises ValueError for values out of their range.
+    """Known properties of the encoders of a chain; raises ValueError for values out of range.
 
-    Whoever takes readings for angles takes the offsets off first; recordings keep readings.
+    Subtract the offsets before readings are used as angles; recordings contain readings.
     """
 
     offsets: tuple[float, ...] = quantity(

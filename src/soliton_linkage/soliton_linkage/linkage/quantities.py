@@ -10,17 +10,17 @@ from dataclasses import dataclass, field, fields
 from typing import Any, TypeVar
 
 LARGEST_SEED = 10**9
-"""Of random numbers; any is as good, and parameters of nodes are whole numbers of 64 bits."""
+"""Largest seed of random numbers; it fits into a parameter of a node, an integer of 64 bits."""
 
 LARGEST_ANGLE = 1e9
-"""Of a rotor, turns and all [rad], of which a number tells 1e-7 rad: less than encoders do."""
+"""Largest unwrapped angle [rad]; a double resolves it to 1e-7 rad, finer than encoders."""
 
 Described = TypeVar('Described')
 
 
 @dataclass(frozen=True)
 class Quantity:
-    """What a parameter means and which values it may take; the bounds are inclusive."""
+    """Meaning and range of a parameter; the bounds are inclusive."""
 
     description: str
     unit: str = ''
@@ -30,7 +30,7 @@ class Quantity:
     adjustable: bool = False
 
     def complaint(self, value: object) -> str | None:
-        """Say what is wrong with a value and what to do about it, or None if it is allowed."""
+        """Return the error of a value with its remedy, or None if it is allowed."""
         if self.choices and value not in self.choices:
             return f'must be one of {", ".join(map(repr, self.choices))}'
         if isinstance(value, numbers.Real) and not isinstance(value, bool):

@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """A chain in the Unified Robot Description Format (URDF) of ROS, Gazebo and MuJoCo.
 
-A tree of rigid bodies: URDF has no springs, which are left to who simulates them. The joints turn
-by the actual angles phi, on even and odd rotors alike, as `joint_states` tells them.
+URDF describes a tree of rigid bodies, without springs. The joints turn by the plain angles phi, on
+even and odd rotors, as in `joint_states`.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ points, and readers of URDF refuse a moment of 0."""
 @document_fields
 @dataclass(frozen=True)
 class JointLimits:
-    """What a rotor is not to exceed; it may turn as far as it will."""
+    """Limits of a rotor; its angle is unlimited."""
 
     torque: float = quantity(0.1, 'largest torque on a rotor', 'N m', 0.0, 1e6)
     speed: float = quantity(100.0, 'largest rate of a rotor', 'rad/s', 0.0, 1e6)
@@ -70,7 +70,7 @@ def robot_description(
 
 
 def link_name(joint: str) -> str:
-    """Name of the link that a joint turns, which is that of its frame."""
+    """Return the name of the link of a joint, which is also the name of its frame."""
     return f'{joint}_link'
 
 
