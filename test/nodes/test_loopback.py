@@ -40,7 +40,7 @@ def test_a_running_graph_binds_the_loopback_alone_and_shares_no_memory(
     enter = ['bash', '-c', ENTER]
     nodes = [start(name, command=enter) for name in ('simulator', 'soliton_analyser')]
     deadline = time.monotonic() + LONGEST_WAIT
-    while not any('/chain tells of' in line for line in nodes[1].said):
+    while not any('/chain describes' in line for line in nodes[1].said):
         assert time.monotonic() < deadline, [node.said for node in nodes]
         time.sleep(0.1)
     for node in nodes:

@@ -81,7 +81,7 @@ def test_simulator_here_analyser_there(
         time.sleep(0.2)
     assert simulator.stop() == 0
     assert hearing.stop() == 0
-    assert any('/chain tells of' in line for line in hearing.said)
+    assert any('/chain describes' in line for line in hearing.said)
     assert hearing.said[-1].endswith(', 0 lost')
     held = messages_of(bag)
     assert held['/joint_states']

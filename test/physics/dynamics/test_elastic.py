@@ -407,7 +407,7 @@ def test_a_chain_too_fast_to_follow_is_given_up_by_rotor_and_limit() -> None:
         chain, chain.uniform_state(-1), period=chain.time_unit / 2, settings=settings
     )
     simulation.kick(chain.moment_of_inertia * 1e100 * np.eye(4)[2])
-    complaint = r't = 0 s, where rotor 2 turns at 1e\+100 rad/s: .* more than 150 steps; kick'
+    complaint = r't = 0 s, where rotor 2 turns at 1e\+100 rad/s: .* more than 150 steps; apply'
     with pytest.raises(ArithmeticError, match=complaint):
         simulation.advance()
     assert np.array_equal(simulation.angles, chain.uniform_state(-1))
