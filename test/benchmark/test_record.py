@@ -40,7 +40,7 @@ def taken(bursts: list[dict[str, Any]]) -> float:
 
 def test_every_recorder_was_sent_more_and_more(part: dict[str, Any]) -> None:
     for kind in KINDS:
-        ((*bursts,),) = part['details'][f'mcap, N = 100, {kind}']
+        ((*bursts,),) = part['details'][f'N = 100, {kind}']
         asked = [burst['asked'] for burst in bursts]
         assert asked == [1000.0, 2000.0, 8000.0, 32000.0][: len(asked)]
         for burst in bursts:
@@ -51,7 +51,7 @@ def test_every_recorder_was_sent_more_and_more(part: dict[str, Any]) -> None:
 
 
 def test_rates_and_shares_are_those_of_the_bursts(part: dict[str, Any]) -> None:
-    trials = {kind: part['details'][f'mcap, N = 100, {kind}'][0] for kind in KINDS}
+    trials = {kind: part['details'][f'N = 100, {kind}'][0] for kind in KINDS}
     for kind, each in zip(KINDS[1:], comparisons(part, 'none lost'), strict=True):
         for side, name in ((each['theirs'], kind), (each['ours'], 'ours')):
             rate = taken(trials[name])
