@@ -6,7 +6,7 @@ from __future__ import annotations
 import math
 import time
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 from soliton_linkage_nodes.runtime.stamps import SECOND
 
@@ -90,10 +90,6 @@ class _Publisher:
             return 0.0 if count == 1 else math.log(_GAP_RATIO)
         return abs(math.log(took / expected))
 
-    def is_plausible(self, number: int, sent: int) -> bool:
-        """Return whether a message came about when it was expected."""
-        return self.time_mismatch(number, sent) <= math.log(_GAP_RATIO)
-
 
 class PublisherArbitration:
     """Selection of the messages of one publisher, the first one received.
@@ -112,7 +108,6 @@ class PublisherArbitration:
         self.successions = 0
         """Number of times that another publisher replaced a silent one."""
         self._selected: _Publisher | None = None
-        self._before: _Publisher | None = None
         self._others: list[_Publisher] = []
         self._others_since: float | None = None
 
@@ -125,35 +120,15 @@ class PublisherArbitration:
         if selected is None:
             self._selected = _Publisher(number, sent)
             return True
-        before, self._before = self._before, None
-        if (
-            number == selected.number + 1
-            and not self._others
-            and (selected.is_plausible(number, sent) or publishers() < 2)
-        ):
-            self._keep(selected, number, sent)
+        if number == selected.number + 1 and not self._others:
+            selected.advance(number, sent)
             return True
-        # A late number shows that the last message may have been another publisher's; the one
-        # closer to its expected time is kept.
-        if (
-            before is not None
-            and before.number < number <= selected.number
-            and before.time_mismatch(number, sent)
-            < before.time_mismatch(selected.number, selected.sent)
-        ):
-            self._others.append(_Publisher(selected.number, selected.sent))
-            self.lost -= selected.number - before.number - 1
-            self._selected = selected = before
         return self._assign(selected, number, sent, publishers())
-
-    def _keep(self, selected: _Publisher, number: int, sent: int) -> None:
-        self._before = replace(selected)
-        self.lost += selected.advance(number, sent)
 
     def _assign(self, selected: _Publisher, number: int, sent: int, publishers: int) -> bool:
         owner = self._owner(selected, number, sent, publishers)
         if owner is selected:
-            self._keep(selected, number, sent)
+            self.lost += selected.advance(number, sent)
             self._others_since = None
             if publishers < 2:
                 self._others.clear()
@@ -188,8 +163,10 @@ class PublisherArbitration:
         known = [selected, *self._others]
         following = [each for each in known if number == each.number + 1] or known
         best = min(following, key=lambda each: each.time_mismatch(number, sent))
-        next_of_known = number == best.number + 1 and len(known) >= publishers
-        return best if next_of_known or best.is_plausible(number, sent) else None
+        unlikely = best.time_mismatch(number, sent) > math.log(_GAP_RATIO)
+        if number == best.number + 1 and (len(known) >= publishers or not unlikely):
+            return best
+        return None if unlikely else best
 
 
 class Lag:
