@@ -31,7 +31,7 @@ class Leg:
     direction: int
     """+1 towards the last rotor, -1 towards rotor 0."""
     crossed: bool
-    """Whether it reached the other edge."""
+    """Whether the wall reached the other edge."""
     furthest: float
     """Wall position furthest from the edge that it left [rotor spacings]."""
     arc: float

@@ -38,7 +38,7 @@ _CLOSED = 1e-6
 
 
 def partner_angles(chain: Chain, theta_1: ArrayLike) -> Array:
-    """Return both solutions theta_2 [rad] for each theta_1, shape (..., 2); NaN without one.
+    """Return both solutions theta_2 [rad] for each theta_1, shape (..., 2); NaN if none exists.
 
     The condition p cos(theta_2) + q sin(theta_2) = g, with p = r cos(theta_1),
     q = a - r sin(theta_1) and g = r cos(2 theta_bar) + a sin(theta_1), has the solutions

@@ -374,7 +374,7 @@ def is_older(connection: Connection) -> bool:
 
 
 def _older_decoder(connection: Connection, message_type: Any) -> Callable[[bytes], Any]:
-    """Return a decoder by the definition in the bag; fields it lacks keep their default."""
+    """Return a decoder for the definition in the bag; missing fields keep their default."""
     name, text = connection.msgtype, connection.msgdef.data
     store = get_typestore(Stores.EMPTY)
     try:

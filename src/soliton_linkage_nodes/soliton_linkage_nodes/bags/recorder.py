@@ -123,7 +123,7 @@ class BagRecorder(ManagedNode):
 
     @property
     def failure(self) -> Exception | None:
-        """Error that ended the recording, None for none."""
+        """Error that ended the recording, or None."""
         if not self.configured:
             return None
         return self._receiving.failure or self._bag.failure

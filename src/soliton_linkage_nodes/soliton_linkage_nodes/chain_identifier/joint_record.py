@@ -99,7 +99,7 @@ class JointRecord:
         self._add_impulses(self._delivered_impulses, stamp, message)
 
     def add_delivery(self, message: Delivery) -> None:
-        """Keep the impulses of a simulator's torques since the previous message."""
+        """Store the impulses that the torques of a simulator gave since its last message."""
         before, now = self._delivered, delivery_from_msg(message)
         self._delivered = now
         if before is not None and len(now.impulse_of_torques) == len(self.joint_names):

@@ -220,7 +220,7 @@ def _add_span(parser: PlainParser) -> None:
 _FEWEST_FRAMES = 50
 """Smallest number of frames [1]: a wall passes a rotor or two in them."""
 _MOST_FRAMES = 8000
-"""Frames that are adjusted together [1]: bars of 40 rotors take some ten seconds."""
+"""Largest number of frames in a fit [1]; 40 rotors with rigid bars take about ten seconds."""
 
 
 def read_joints(

@@ -92,7 +92,7 @@ class _Publisher:
 
 
 class PublisherArbitration:
-    """Selection of the messages of one publisher, the first one received.
+    """Filter that keeps only the messages of the publisher that was received first.
 
     Each publisher numbers its messages 1, 2, 3, ...; a message does not identify its publisher.
     It is assigned to the publisher whose numbers it continues or, after a gap, to the one whose

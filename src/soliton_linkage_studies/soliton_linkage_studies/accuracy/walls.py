@@ -199,7 +199,7 @@ _TRIES = 25
 
 @dataclass(frozen=True)
 class SteadyWall:
-    """Wall that moves without phonons, as a difference from the static wall."""
+    """Difference between a wall that moves without phonons and the static wall."""
 
     place: float
     """Position in a long chain [rotor spacings]."""

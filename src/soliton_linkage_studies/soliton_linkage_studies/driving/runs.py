@@ -335,7 +335,7 @@ class TiltedRun:
 
 @dataclass(frozen=True)
 class TiltTask:
-    """Task to tilt a left-leaning chain at rest back and forth under gravity."""
+    """Task that tilts a chain back and forth; it leans left and is at rest at the start."""
 
     chain: Chain
     mechanics: str

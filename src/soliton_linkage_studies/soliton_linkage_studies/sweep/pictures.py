@@ -80,7 +80,7 @@ _SIGNS = ((r'\sqrt{k_e/M}', '√(k_e/M)'), (r'\bar\theta', 'θ̄'), (r'\dot\phi'
 
 
 def sweep_figure(study: SweepStudy, rows: Sequence[dict[str, str]]) -> Figure | None:
-    """Return a figure with `draw_sweep`, or None for more than two axes."""
+    """Draw a sweep and return the figure, or None for more than two axes."""
     if len(study.axes) > 2:
         return None
     figure = Figure(figsize=(7.5, 5.2), layout='constrained')

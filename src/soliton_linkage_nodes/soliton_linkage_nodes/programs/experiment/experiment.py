@@ -43,7 +43,7 @@ _REPORT = 'soliton_linkage_nodes.programs.experiment.report'
 _NODES = ('bag_recorder', 'soliton_analyser', 'edge_actuator', 'simulator')
 _PAGE = 'live_view'
 _ALL_FRAMES = ['-p', 'longest_lag:=0.0']
-"""Argument of analysers that must agree to the last digit, also on a busy machine."""
+"""Argument with which analysers skip no frame, so that their results agree."""
 _UNUSED = (
     interfaces.IDENTIFIED_CHAIN,
     interfaces.JOINT_STATE_DEVIATIONS,
