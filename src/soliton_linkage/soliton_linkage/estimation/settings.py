@@ -88,7 +88,7 @@ class FilterSettings(_Part):
     )
     bias_way: float = quantity(0.5, 'correlation length of a bias', 'rotor spacings')
     memory_way: float = quantity(
-        10.0, 'displacement over which the likelihoods of models fade by e', 'rotor spacings'
+        20.0, 'displacement over which the likelihoods of models fade by e', 'rotor spacings'
     )
     restart_odds: float = quantity(6.0, 'log odds at which the steady model restarts')
     impulse_ages: int = quantity(8, 'number of impulse hypotheses, at ages of 1, 2, 4, ... frames')
