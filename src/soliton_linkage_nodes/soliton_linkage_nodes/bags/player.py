@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, ClassVar
 
+from rosbags.interfaces import Connection
 from rosbags.rosbag2 import Reader
 
 from soliton_linkage.linkage.quantities import quantity
@@ -25,7 +26,7 @@ from soliton_linkage_nodes.bags.play.replay_publishers import (
     RecordedStates,
     ReplayPublishers,
 )
-from soliton_linkage_nodes.bags.reading import find_topic, open_bag
+from soliton_linkage_nodes.bags.reading import find_topic, latched, open_bag, types_of_topic
 from soliton_linkage_nodes.runtime import interfaces
 from soliton_linkage_nodes.runtime.diagnostics import Diagnostics, Report
 from soliton_linkage_nodes.runtime.managed import ManagedNode, ManagedParameters
@@ -52,7 +53,15 @@ class BagPlayerParameters:
     subscriber_timeout: float = quantity(
         5.0, 'longest wait for each of these subscribers', 's', 0.0, 3600.0
     )
-    publish_clock: bool = quantity(False, 'publish the recorded time on /clock')
+    publish_clock: bool = quantity(
+        False, 'publish the receive times on /clock; a recorded /clock is then not played'
+    )
+    longest_gap: float = quantity(
+        3600.0,
+        'time without a message above which the player skips the rest of the gap; 0: never skip',
+        's',
+        0.0,
+    )
     lockstep: bool = quantity(
         False, 'play as fast as the analyser answers each frame with a soliton_state'
     )
@@ -99,13 +108,16 @@ class BagPlayer(ManagedNode):
         self._playback = PlaybackClock(settings.rate, settings.start_paused, not settings.lockstep)
         self._lockstep: Lockstep | None = None
         with open_bag(Path(settings.bag), limits) as reader:
-            self._replay = ReplayPublishers(
-                self, find_topics(reader, settings.topics), self._playback.stopping
-            )
+            topics = self._without_clock(find_topics(reader, settings.topics))
+            try:
+                self._replay = ReplayPublishers(self, topics, self._playback.stopping)
+            except ValueError as error:
+                raise ValueError(f'bag {settings.bag!r}: {error}') from error
             pace = 'in lockstep' if settings.lockstep else f'at rate {settings.rate:g}'
             self.get_logger().info(f'playing {settings.bag}: {self._replay.total} messages {pace}')
             self._range = playback_range(reader, settings.start_offset, settings.playback_until)
             self._awaited = self._topics_to_wait_for(reader)
+            self._latched = {each.topic for each in reader.connections if latched(each)}
             if settings.lockstep:
                 self._lockstep = self._keep_step(reader)
             else:
@@ -123,7 +135,7 @@ class BagPlayer(ManagedNode):
             settings.loop,
             self._prepare,
             self._publish_clock,
-            'in lockstep' if settings.lockstep else '',
+            settings.longest_gap,
             limits,
         )
         self.diagnostics = Diagnostics(self, 'playing', self.reporting(self._report))
@@ -161,9 +173,18 @@ class BagPlayer(ManagedNode):
 
     def _topics_to_wait_for(self, reader: Reader) -> list[str]:
         if self._settings.wait_for:
-            return [find_topic(reader, name).topic for name in self._settings.wait_for]
+            wanted = self._settings.wait_for
+            return [types_of_topic(reader, name)[0].topic for name in wanted]
         frames = full_name(reader, interfaces.JOINT_STATES.name)
         return [frames] if frames else []
+
+    def _without_clock(self, connections: list[Connection]) -> list[Connection]:
+        """Return topics without a recorded clock, if the player publishes its own."""
+        others = [each for each in connections if each.topic != interfaces.CLOCK.name]
+        if not self._settings.publish_clock or len(others) == len(connections):
+            return connections
+        self.get_logger().info('the recorded /clock is not played, because publish_clock is set')
+        return others
 
     def _keep_step(self, reader: Reader) -> Lockstep:
         frames = find_topic(reader, interfaces.JOINT_STATES.name).topic
@@ -180,8 +201,13 @@ class BagPlayer(ManagedNode):
                 states = RecordedStates(self, connection.topic, name in chosen)
                 self._replay.suppress_beside_analyser(states)
 
-    def _prepare(self) -> None:
-        self._replay.wait_for_subscribers(self._awaited, self._settings.subscriber_timeout)
+    def _prepare(self, latched_topics: bool) -> None:
+        """Wait for the subscribers of latched topics, or for the others and the analyser."""
+        awaited = [each for each in self._awaited if (each in self._latched) is latched_topics]
+        limit = self._settings.subscriber_timeout
+        self._replay.wait_for_subscribers(awaited, limit)
+        if not latched_topics:
+            self._replay.wait_for_the_analyser(limit)
 
     def _publish_clock(self, stamp: int) -> None:
         if self._clock_publisher is not None:

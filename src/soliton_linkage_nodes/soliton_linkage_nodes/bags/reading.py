@@ -5,6 +5,7 @@ from __future__ import annotations
 
 import importlib
 import sys
+from collections import deque
 from collections.abc import Callable, Collection, Generator, Iterator, Mapping
 from contextlib import ExitStack, contextmanager
 from importlib.machinery import PathFinder
@@ -252,19 +253,28 @@ def read_messages(
         ) from error
 
 
-def last_before(reader: Reader, connection: Connection, stop: int) -> tuple[int, bytes] | None:
-    """Return time and data of the last message of a topic received before an instant [ns]."""
-    last = None
-    for _, stamp, serialized in read_messages(reader, [connection], None, stop):
-        last = stamp, serialized
-    return last
+def latched_before(reader: Reader, connection: Connection, stop: int) -> list[bytes]:
+    """Return the messages of a topic that a subscriber receives that starts at an instant [ns]."""
+    earlier = read_messages(reader, [connection], None, stop)
+    return list(deque((data for _, _, data in earlier), maxlen=latched_depth(connection)))
 
 
 def find_topic(reader: Reader, name: str) -> Connection:
     """Return the topic with this full name, else the one in any namespace that ends in it.
 
-    Raises ValueError if there is none, or more than one.
+    Raises ValueError if there is none, or more than one, or if the topic has several types.
     """
+    found = types_of_topic(reader, name)
+    if len(found) > 1:
+        raise ValueError(
+            f'bag {str(reader.path)!r} has topic {found[0].topic} with {len(found)} types: '
+            f'{", ".join(c.msgtype for c in found)}; only one can be read'
+        )
+    return found[0]
+
+
+def types_of_topic(reader: Reader, name: str) -> list[Connection]:
+    """Return one topic, found as by `find_topic`, once with each of its types."""
     wanted = name.rpartition('/')[2]
     found = [c for c in reader.connections if c.topic == name] or [
         c for c in reader.connections if c.topic.rpartition('/')[2] == wanted
@@ -275,13 +285,13 @@ def find_topic(reader: Reader, name: str) -> Connection:
             f'bag {str(reader.path)!r} has no topic {wanted!r}, it contains {held}; '
             'record it with bag_recorder'
         )
-    if len(found) > 1:
-        names = ', '.join(sorted(c.topic for c in found))
+    names = sorted({c.topic for c in found})
+    if len(names) > 1:
         raise ValueError(
-            f'bag {str(reader.path)!r} has {len(found)} topics {wanted!r}: {names}; '
+            f'bag {str(reader.path)!r} has {len(names)} topics {wanted!r}: {", ".join(names)}; '
             'give the full name of one'
         )
-    return found[0]
+    return found
 
 
 def read_topic(reader: Reader, name: str) -> Iterator[tuple[int, Any]]:
@@ -340,16 +350,24 @@ def type_name(message_type: Any) -> str:
     return f'{message_type.__module__.partition(".")[0]}/msg/{message_type.__name__}'
 
 
+_UNKNOWN_DEPTH = 10
+"""Depth of a latched topic whose depth was not recorded [messages]."""
+
+
 def latched(connection: Connection) -> bool:
     """Return whether a topic was recorded from a transient-local publisher."""
     return latched_depth(connection) > 0
 
 
 def latched_depth(connection: Connection) -> int:
-    """Return how many messages the recorded publisher kept for late subscribers [1]."""
+    """Return how many messages the recorded publisher kept for late subscribers [1].
+
+    A depth of 0 is unknown, because the middleware does not report it. Then 10 is returned, which
+    rosbag2 uses.
+    """
     profiles = getattr(connection.ext, 'offered_qos_profiles', [])
     kept = [p.depth for p in profiles if p.durability is QosDurability.TRANSIENT_LOCAL]
-    return max(1, *kept) if kept else 0
+    return max(depth if depth > 0 else _UNKNOWN_DEPTH for depth in kept) if kept else 0
 
 
 def _one_line(error: Exception) -> str:

@@ -10,6 +10,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from enum import Enum, auto
 from functools import partial
+from itertools import islice
 from pathlib import Path
 
 from rosbags.interfaces import Connection
@@ -19,11 +20,11 @@ from soliton_linkage.progress import ProgressLine
 from soliton_linkage_nodes.bags.guards import DEFAULT_LIMITS, BagLimits
 from soliton_linkage_nodes.bags.play.replay_publishers import ReplayPublishers
 from soliton_linkage_nodes.bags.reading import (
-    find_topic,
-    last_before,
     latched,
+    latched_before,
     open_bag,
     read_messages,
+    types_of_topic,
 )
 from soliton_linkage_nodes.runtime.stamps import SECOND
 
@@ -82,6 +83,11 @@ class PlaybackClock:
     def rate(self) -> float:
         """Playback rate relative to the recording [1]."""
         return self._rate
+
+    @property
+    def paced(self) -> bool:
+        """Whether messages keep their recorded distance in time."""
+        return self._paced
 
     @property
     def paused(self) -> bool:
@@ -283,21 +289,23 @@ def find_topics(reader: Reader, names: Sequence[str]) -> list[Connection]:
     """Return the topics with these names, without names all; ValueError if one is missing."""
     if not names:
         return list(reader.connections)
-    return list({c.topic: c for c in (find_topic(reader, name) for name in names)}.values())
+    found = (each for name in names for each in types_of_topic(reader, name))
+    return list({each.id: each for each in found}.values())
 
 
 def full_name(reader: Reader, name: str) -> str:
     """Return the full name of a topic in any namespace, '' if the bag does not have it."""
     ends = (c.topic.rpartition('/')[2] for c in reader.connections)
-    return find_topic(reader, name).topic if name in ends else ''
+    return types_of_topic(reader, name)[0].topic if name in ends else ''
 
 
 class PlaybackThread:
     """Thread that publishes messages when they are due.
 
-    The last latched messages before the start come first; then `prepare` is called, and for each
-    message `publish_clock` with its receive time [ns]. `finished` is set at the end of the bag,
-    but not after a stop. `rounds` counts starts from the beginning, `jumps` seeks.
+    The last latched messages before the start come first, between the calls `prepare(True)` and
+    `prepare(False)`. For each message `publish_clock` is called with its receive time [ns].
+    `finished` is set at the end of the bag, but not after a stop. `rounds` counts starts from the
+    beginning, `jumps` seeks.
     """
 
     def __init__(
@@ -306,12 +314,12 @@ class PlaybackThread:
         publishers: ReplayPublishers,
         clock: PlaybackClock,
         loop: bool,
-        prepare: Callable[[], None],
+        prepare: Callable[[bool], None],
         publish_clock: Callable[[int], None],
-        pace: str = '',
+        longest_gap: float = 0.0,
         limits: BagLimits = DEFAULT_LIMITS,
     ) -> None:
-        """Prepare the playback; the progress line shows `pace`, or the rate if it is empty."""
+        """Prepare the playback; longer gaps between messages [s] are skipped, with 0 none."""
         self.failure: Exception | None = None
         self.finished = False
         self.playing = False
@@ -323,7 +331,7 @@ class PlaybackThread:
         self._loop = loop
         self._prepare = prepare
         self._publish_clock = publish_clock
-        self._pace = pace
+        self._longest_gap = longest_gap
         self._limits = limits
         self._thread: threading.Thread | None = None
 
@@ -371,8 +379,9 @@ class PlaybackThread:
 
     def _play(self, reader: Reader) -> None:
         start = self._range.start
+        self._prepare(True)
         ahead = self._publish_latched(reader, start)
-        self._prepare()
+        self._prepare(False)
         while (action := self._play_from(reader, start, ahead)) is not NextAction.STOP:
             if action is NextAction.SEEK:
                 self.jumps += 1
@@ -390,12 +399,15 @@ class PlaybackThread:
         self._clock.start(start)
         connections = self._publishers.of(reader.connections)
         messages = read_messages(reader, connections, start, self._range.end)
+        before = start
         for connection, stamp, serialized in messages:
             if ahead.get(connection.topic) == stamp:
                 del ahead[connection.topic]
                 continue
             if self._publishers.leaves_out(connection):
                 continue
+            self._skip_long_gap(before, stamp)
+            before = stamp
             action = self._clock.wait_for(stamp, partial(self._show, stamp))
             if action is not NextAction.PLAY:
                 return action
@@ -404,6 +416,12 @@ class PlaybackThread:
             self._show(stamp)
         return self._clock.wait_at_end()
 
+    def _skip_long_gap(self, before: int, stamp: int) -> None:
+        gap = (stamp - before) / SECOND
+        if self._longest_gap and gap > self._longest_gap:
+            self._publishers.report_gap(stamp, gap)
+            self._clock.start(stamp)
+
     def _publish_latched(self, reader: Reader, start: int) -> dict[str, int]:
         """Publish the last latched messages before an instant, without any the first after it.
 
@@ -411,18 +429,18 @@ class PlaybackThread:
         """
         ahead = {}
         for connection in filter(latched, self._publishers.of(reader.connections)):
-            found = last_before(reader, connection, start)
-            if found is None:
+            kept = latched_before(reader, connection, start)
+            if not kept:
                 after = read_messages(reader, [connection], start)
-                found = next(((stamp, data) for _, stamp, data in after), None)
-                if found is not None:
-                    ahead[connection.topic] = found[0]
-            if found is not None:
-                self._publishers.publish(connection, found[1])
+                for _, stamp, data in islice(after, 1):
+                    ahead[connection.topic] = stamp
+                    kept = [data]
+            for data in kept:
+                self._publishers.publish(connection, data)
         return ahead
 
     def _show(self, stamp: int) -> None:
         at = (stamp - self._range.origin) / SECOND
-        pace = self._pace or f'x {self._clock.rate:.3g}'
+        pace = f'x {self._clock.rate:.3g}' if self._clock.paced else 'in lockstep'
         state = 'paused' if self._clock.paused else pace
         self._progress.show(at, f'{at:.1f} of {self._range.duration:.1f} s, {state}')

@@ -6,11 +6,13 @@ from __future__ import annotations
 import struct
 import threading
 import time
-from collections import deque
-from collections.abc import Callable, Collection, Iterable, Sequence
+from collections import Counter, deque
+from collections.abc import Callable, Iterable, Sequence
 from typing import Any
 
 from rclpy.duration import Duration
+from rclpy.exceptions import NameValidationException
+from rclpy.impl.implementation_singleton import rclpy_implementation
 from rclpy.node import Node
 from rclpy.publisher import Publisher
 from rclpy.serialization import serialize_message
@@ -110,23 +112,30 @@ def _stamp(message: bytes) -> bytes:
 
 _POLL_INTERVAL = Duration(seconds=0.02)
 """Poll interval of the stop request while waiting for acknowledgements."""
+_MOST_REASONS = 3
+"""Largest number of reasons in one line, for topics that are not played [1]."""
 _MOST_TOPICS = 1000
 """Largest number of topics that are played [1]; a publisher takes a millisecond and 100 kB."""
 _LONGEST_DELIVERY = 10.0
 """Longest wait for a subscriber to acknowledge the last messages [s]; then it counts as dead."""
+_REFUSED = (ValueError, NameValidationException, rclpy_implementation.RCLError)
+"""Errors for a topic whose type is not installed, or whose name or type ROS does not accept."""
 
 
 class ReplayPublishers:
     """Publishers of the messages of a bag.
 
-    Messages are published as recorded, or converted if their definition has changed. Waiting for
-    subscribers ends when `stopping` is set.
+    Messages are published as recorded, or converted if their definition has changed. A topic has
+    one type, the first that is installed. Waiting for subscribers ends when `stopping` is set.
     """
 
     def __init__(
         self, node: Node, connections: Sequence[Connection], stopping: threading.Event
     ) -> None:
-        """Create a publisher for each topic; log the topics whose type is not installed."""
+        """Create a publisher for each topic; log the topics that cannot be published.
+
+        Raises ValueError if there are topics and none can be published.
+        """
         if len(connections) > _MOST_TOPICS:
             raise ValueError(
                 f'the bag has {len(connections)} topics, and at most {_MOST_TOPICS} are played; '
@@ -140,17 +149,26 @@ class ReplayPublishers:
         self._states: dict[str, RecordedStates] = {}
         self._decoders: dict[str, Callable[[bytes], Any]] = {}
         self._publishers: dict[str, Publisher] = {}
-        self._counts = {connection.topic: connection.msgcount for connection in connections}
-        for connection in connections:
+        self._types: dict[str, str] = {}
+        self._unconfirmed: Counter[str] = Counter()
+        self._silent: set[str] = set()
+        self._connections = connections
+        refusals = []
+        for each in connections:
             try:
-                self._open(connection)
-            except ValueError as error:
-                node.get_logger().warning(f'{connection.topic} is not played: {error}')
+                self._open(each)
+            except _REFUSED as error:
+                reason = ' '.join(str(error).partition(', at /')[0].split())
+                refusals.append(f'{each.topic} of type {each.msgtype} is not played: {reason}')
+        if refusals and not self._publishers:
+            raise ValueError(f'no topic can be played; {"; ".join(refusals[:_MOST_REASONS])}')
+        for refusal in refusals:
+            node.get_logger().warning(refusal)
 
     @property
     def total(self) -> int:
         """Number of messages in the bag on the published topics."""
-        return sum(self._counts[topic] for topic in self._publishers)
+        return sum(each.msgcount for each in self.of(self._connections))
 
     def set_lockstep(self, lockstep: Lockstep) -> None:
         """Publish frames in lockstep with the analyser, and no recorded states."""
@@ -161,6 +179,13 @@ class ReplayPublishers:
         """Leave recorded states out while an analyser publishes its own."""
         self._states[states.topic] = states
 
+    def report_gap(self, stamp: int, gap: float) -> None:
+        """Log that a gap of the recording [s] before a message was skipped."""
+        self._node.get_logger().warning(
+            f'skipped {gap:.0f} s without a message before {stamp} ns; '
+            'parameter longest_gap limits such gaps'
+        )
+
     def reset(self) -> None:
         """Reset the counters, and expect no answer to earlier frames."""
         self.published = 0
@@ -170,7 +195,8 @@ class ReplayPublishers:
 
     def of(self, connections: Iterable[Connection]) -> list[Connection]:
         """Return the topics that are published."""
-        return [c for c in connections if c.topic in self._publishers]
+        played = self._publishers.keys()
+        return [c for c in connections if c.topic in played and self._types[c.topic] == c.msgtype]
 
     def leaves_out(self, connection: Connection) -> bool:
         """Return whether a message is a recorded state that is suppressed; count it."""
@@ -186,35 +212,45 @@ class ReplayPublishers:
             serialized = serialize_message(self._decoders[topic](serialized))
         if self._lockstep is not None:
             self._lockstep.wait_for_turn(topic, serialized, self._stopping.is_set)
+        if self._unconfirmed[topic] >= self._publishers[topic].qos_profile.depth:
+            self._wait_for_acknowledgements(topic)
         self._publishers[topic].publish(serialized)
+        self._unconfirmed[topic] += 1
         if self._lockstep is not None and topic != self._lockstep.frames:
-            self._wait_for_acknowledgements([self._publishers[topic]])
+            self._wait_for_acknowledgements(topic)
         self.published += 1
 
     def wait_for_subscribers(self, topics: Iterable[str], limit: float) -> None:
-        """Wait for a subscriber of each topic, and for the analyser, each up to a time [s].
-
-        Raises ValueError if lockstep is set and there is no analyser.
-        """
+        """Wait for a subscriber of each topic, which is no own one, each up to a time [s]."""
         for topic in topics:
             if topic not in self._publishers or self._stopping.is_set():
                 continue
-            found = wait_for_subscriber(self._publishers[topic], limit, self._stopping)
+            publisher = self._publishers[topic]
+            own = sum(publisher.topic_name == s.topic_name for s in self._node.subscriptions)
+            found = wait_for_subscriber(publisher, limit, self._stopping, own + 1)
             if not found and not self._stopping.is_set():
                 self._node.get_logger().warning(
                     f'nothing subscribes to {topic} after {limit:g} s; playing without subscribers'
                 )
+
+    def wait_for_the_analyser(self, limit: float) -> None:
+        """In lockstep, wait for the analyser; ValueError if there is none after a time [s]."""
         if self._lockstep is not None:
             self._lockstep.wait_for_the_analyser(limit, self._stopping)
 
     def deliver(self) -> None:
         """Wait until every subscriber has all messages and the last frame is answered."""
-        self._wait_for_acknowledgements(self._publishers.values())
+        self._wait_for_acknowledgements(*self._publishers)
         if self._lockstep is not None:
             self._lockstep.settle(self._stopping.is_set)
 
     def _open(self, connection: Connection) -> None:
         message_type = message_class(connection.msgtype)
+        published = self._types.setdefault(connection.topic, connection.msgtype)
+        if published != connection.msgtype:
+            raise ValueError(f'the topic is played with type {published}; a topic has one type')
+        if connection.topic in self._publishers:
+            return
         if is_older(connection):
             self._decoders[connection.topic] = decoder(connection)
         qos = interfaces.stream_qos()
@@ -223,12 +259,28 @@ class ReplayPublishers:
         publisher = self._node.create_publisher(message_type, connection.topic, qos)
         self._publishers[connection.topic] = publisher
 
-    def _wait_for_acknowledgements(self, publishers: Collection[Publisher]) -> None:
+    def _wait_for_acknowledgements(self, *topics: str) -> None:
+        """Wait until the subscribers have all messages, because a full queue drops the oldest."""
         deadline = time.monotonic() + _LONGEST_DELIVERY
-        for publisher in publishers:
-            while time.monotonic() < deadline and not self._stopping.is_set():
-                if publisher.wait_for_all_acked(_POLL_INTERVAL):
+        for topic in topics:
+            patience = Duration() if topic in self._silent else _POLL_INTERVAL
+            while not self._publishers[topic].wait_for_all_acked(patience):
+                if self._stopping.is_set():
+                    return
+                if topic in self._silent or time.monotonic() > deadline:
+                    self._report_silence(topic)
                     break
+            else:
+                self._silent.discard(topic)
+            self._unconfirmed[topic] = 0
+
+    def _report_silence(self, topic: str) -> None:
+        if topic not in self._silent:
+            self._silent.add(topic)
+            self._node.get_logger().warning(
+                f'a subscriber of {topic} has acknowledged nothing for {_LONGEST_DELIVERY:g} s; '
+                'it may miss messages. Restart it'
+            )
 
 
 _QUERY_INTERVAL = 0.25
