@@ -149,8 +149,9 @@ def test_a_late_subscriber_gets_the_latched_messages_as_from_rosbag2(
     profiles = LATCHED.replace('DEPTH', str(depth))
     bag = write_mcap(tmp_path / 'x.mcap', Channel('/chatter', TEXTS, texts(12), profiles))
     given = {'bag': str(bag), 'subscriber_timeout': 0.0, 'stay': True, 'wait_for': ['chatter']}
-    player = graph.start(BagPlayer, given)
-    graph.until(lambda: player.finished or not player._playing.playing, 'the end')
+    graph.start(BagPlayer, given)
+    reports = graph.reports('bag_player')
+    graph.until(lambda: reports and values(reports[-1])['messages played'] == '12', 'the end')
     heard = latecomer(graph)
     graph.until(lambda: len(heard) == held, f'{held} texts')
     assert numbers_in(heard) == list(range(12 - held, 12))
