@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The picture and the film of the live page that the README shows, made with a browser.
+"""Picture and film of the live page for the README, recorded with a browser.
 
     make shell
     python3 docs/live_pictures.py
@@ -39,7 +39,7 @@ START_LIMIT = 60.0
 
 
 def main() -> None:
-    """Make them."""
+    """Record live.png and live.gif."""
     browser_path = next(filter(None, map(shutil.which, BROWSERS)), None)
     if browser_path is None:
         sys.exit(f'live_pictures: none of {", ".join(BROWSERS)} is installed')
@@ -53,7 +53,7 @@ def main() -> None:
         page = browser.new_page(viewport=SIZE)
         page.goto(address)
         page.wait_for_function('() => window.live && live.drawn > 10')
-        # All of it, to the last row.
+        # The picture shows the whole page.
         height = page.evaluate('document.documentElement.scrollHeight')
         page.set_viewport_size({**SIZE, 'height': height})
         film(page, Path(folder))
@@ -63,7 +63,7 @@ def main() -> None:
 
 @contextmanager
 def served(folder: Path) -> Iterator[str]:
-    """The page with a chain behind it, and its address."""
+    """Start the live page with a simulated chain and yield its address."""
     command = ['live', str(CONFIGURATION), '--output', str(folder / 'live'), '--no-browser']
     process = subprocess.Popen(
         [*command, '--port', '0'], stdout=subprocess.PIPE, text=True, env=os.environ
@@ -83,7 +83,7 @@ def served(folder: Path) -> Iterator[str]:
 
 
 def film(page: Any, folder: Path) -> None:
-    """A soliton that is put into the chain and carried along it."""
+    """Record a move of a soliton along the chain."""
     page.get_by_role('tab', name='Run').click()
     page.locator('label.q-select:visible:has-text("state")').click()
     page.get_by_role('option', name='soliton', exact=True).click()
@@ -91,7 +91,7 @@ def film(page: Any, folder: Path) -> None:
     page.click('#live-reset')
     page.get_by_role('tab', name='Drive').click()
     page.wait_for_function(f'() => Math.abs(live.shown.rotor - {FROM}) < 0.1')
-    # What the picture is to show is the history of the move, not that of getting there.
+    # Wait until the reset has left the plotted history.
     page.wait_for_timeout(6000)
     page.evaluate(f'live.act("move", {{rotor: {TO}, speed: {SPEED}}})')
     begun = time.monotonic()

@@ -1,12 +1,12 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The pictures of the pages about viewers: what the topics hold, laid out as the layouts say.
+"""Pictures for the pages about viewers: the content of the topics in the layout of each viewer.
 
     make shell
     python3 docs/tool_pictures.py
 
 runs a chain for 15 s and writes rviz.png, foxglove.png, plotjuggler.png and rqt.png into
-docs/pictures. The viewers are not needed: matplotlib draws what they are sent. With the argument
-`urdf` it writes urdf.png alone, with MuJoCo.
+docs/pictures. The viewers need not be installed, because matplotlib draws the messages. With the
+argument `urdf` it writes only urdf.png, with MuJoCo.
 """
 
 from __future__ import annotations
@@ -47,7 +47,7 @@ PICTURES = Path(__file__).parent / 'pictures'
 CONFIG = PICTURES.parents[1] / 'config'
 VIEWS = CONFIG / 'views'
 NODES = ('simulator', 'edge_actuator', 'soliton_analyser', 'visualisation')
-HEARD = (
+TOPICS = (
     interfaces.MARKERS,
     interfaces.KYMOGRAPH,
     interfaces.SOLITON_STATE,
@@ -55,29 +55,29 @@ HEARD = (
     interfaces.DIAGNOSTICS,
 )
 NUDGES = ((2.0, 10.0), (15.0, 0.0))
-"""When [s], and how strong [rad/s]; the last one only ends the recording."""
+"""Time [s] and value [rad/s] of each nudge; the last nudge only ends the recording."""
 COLOURS, DPI = 64, 65
 URDF_SIZE = (800, 130)
 Series = dict[str, list[tuple[float, float]]]
 
 
 def main() -> None:
-    """Run a chain and draw what came of it."""
+    """Run a chain and draw the received messages."""
     if sys.argv[1:] == ['urdf']:
         urdf()
         return
     with private_domain():
-        heard = run()
-    series = numbers(heard)
-    save(rviz(heard), 'rviz')
-    save(foxglove(heard, series), 'foxglove')
+        received = run()
+    series = numbers(received)
+    save(rviz(received), 'rviz')
+    save(foxglove(received, series), 'foxglove')
     save(plotjuggler(series), 'plotjuggler')
-    save(rqt(heard, series), 'rqt')
+    save(rqt(received, series), 'rqt')
 
 
 @contextmanager
 def running(*programs: str) -> Iterator[None]:
-    """Nodes of the suite as processes."""
+    """Run nodes of the suite as processes."""
     parameters = ['--ros-args', '--params-file', str(CONFIG / 'flipper.yaml')]
     start = 'from soliton_linkage_nodes import start; start.{}()'
     processes = [
@@ -94,44 +94,44 @@ def running(*programs: str) -> Iterator[None]:
 
 
 def run() -> dict[str, list[tuple[float, Any]]]:
-    """Messages of each topic with the time at which they came [s]."""
+    """Return the messages of each topic with their times of arrival [s]."""
     rclpy.init()
     user, executor = Node('user'), EventsExecutor()
     executor.add_node(user)
-    heard = defaultdict(list)
+    received = defaultdict(list)
     begin = [0.0]
 
-    def hear(topic: interfaces.Topic) -> None:
-        def take(message: Any) -> None:
-            heard[topic.name].append((time.monotonic() - begin[0], message))
+    def subscribe(topic: interfaces.Topic) -> None:
+        def store(message: Any) -> None:
+            received[topic.name].append((time.monotonic() - begin[0], message))
 
-        user.create_subscription(topic.type, topic.name, take, topic.qos)
+        user.create_subscription(topic.type, topic.name, store, topic.qos)
 
-    for topic in HEARD:
-        hear(topic)
+    for topic in TOPICS:
+        subscribe(topic)
     nudge = interfaces.NUDGE.publisher(user)
     with running(*NODES):
-        while not (heard['markers'] and nudge.get_subscription_count()):
+        while not (received['markers'] and nudge.get_subscription_count()):
             executor.spin_once(timeout_sec=0.05)
-        heard.clear()
+        received.clear()
         begin[0] = time.monotonic()
         for moment, value in NUDGES:
             while time.monotonic() - begin[0] < moment:
                 executor.spin_once(timeout_sec=0.05)
             nudge.publish(interfaces.NUDGE.type(data=value))
     rclpy.shutdown()
-    return {name: list(messages) for name, messages in heard.items()}
+    return {name: list(messages) for name, messages in received.items()}
 
 
-def numbers(heard: dict[str, list[tuple[float, Any]]]) -> dict[str, list[tuple[float, Any]]]:
-    """Messages by the full name of their topic."""
-    return {f'/{name.lstrip("/")}': messages for name, messages in heard.items()}
+def numbers(received: dict[str, list[tuple[float, Any]]]) -> dict[str, list[tuple[float, Any]]]:
+    """Return the messages by the full name of their topic."""
+    return {f'/{name.lstrip("/")}': messages for name, messages in received.items()}
 
 
 def values(
     series: dict[str, list[tuple[float, Any]]], path: str
 ) -> tuple[list[float], list[float]]:
-    """Times and values of a number, by a path such as /soliton_state.solitons[0].rotor."""
+    """Return times and values of a field, given a path like /soliton_state.solitons[0].rotor."""
     topic, *fields = path.split('.')
     times, found = [], []
     for moment, message in series[topic]:
@@ -149,7 +149,7 @@ def values(
 
 
 def draw_plot(axes: Axes, series: Any, title: str, curves: list[tuple[str, str, str]]) -> None:
-    """Draw numbers by path, label and colour."""
+    """Draw curves; each is a field path, a label and a colour."""
     for path, label, colour in curves:
         axes.plot(*values(series, path), color=colour, label=label, linewidth=1)
     axes.set_title(title, fontsize=8, loc='left', pad=2)
@@ -159,11 +159,11 @@ def draw_plot(axes: Axes, series: Any, title: str, curves: list[tuple[str, str, 
         axes.legend(fontsize=5, loc='upper left', frameon=False, ncols=3)
 
 
-def draw_markers(axes: Axes, heard: Any) -> None:
-    """Draw the last message with a wall in it and a kick."""
+def draw_markers(axes: Axes, received: Any) -> None:
+    """Draw the last message with a wall and a kick."""
     message = next(
         message
-        for _, message in reversed(heard['markers'])
+        for _, message in reversed(received['markers'])
         if any(m.ns == 'last_kick' and m.action == Marker.ADD for m in message.markers)
         and any(m.ns == 'solitons' for m in message.markers)
     )
@@ -193,32 +193,32 @@ def draw_markers(axes: Axes, heard: Any) -> None:
     axes.axis('off')
 
 
-def draw_image(axes: Axes, heard: Any) -> None:
+def draw_image(axes: Axes, received: Any) -> None:
     """Draw the last picture."""
-    picture = heard['kymograph'][-1][1]
+    picture = received['kymograph'][-1][1]
     axes.imshow(np.frombuffer(picture.data, np.uint8).reshape(picture.height, picture.width, 3))
     axes.set_aspect('auto')
     axes.axis('off')
 
 
-def draw_diagnostics(axes: Axes, heard: Any) -> None:
-    """List what nodes say of themselves."""
-    told = {s.name: s.message for _, array in heard['/diagnostics'] for s in array.status}
-    axes.text(0, 1, '\n'.join(f'{n}: {m}' for n, m in told.items()), fontsize=6, va='top')
+def draw_diagnostics(axes: Axes, received: Any) -> None:
+    """Write the diagnostic message of each node."""
+    status = {s.name: s.message for _, array in received['/diagnostics'] for s in array.status}
+    axes.text(0, 1, '\n'.join(f'{n}: {m}' for n, m in status.items()), fontsize=6, va='top')
     axes.axis('off')
 
 
-def rviz(heard: Any) -> Figure:
-    """The markers above, the image below."""
+def rviz(received: Any) -> Figure:
+    """Draw the markers above the kymograph."""
     figure = plt.figure(figsize=(9, 4.2), layout='constrained')
     above, below = figure.subplots(2, 1, height_ratios=(1, 1.2))
-    draw_markers(above, heard)
-    draw_image(below, heard)
+    draw_markers(above, received)
+    draw_image(below, received)
     return figure
 
 
-def foxglove(heard: Any, series: Any) -> Figure:
-    """The panels of the layout in their places."""
+def foxglove(received: Any, series: Any) -> Figure:
+    """Draw the panels of the layout at their positions."""
     held = json.loads((VIEWS / 'foxglove.json').read_text(encoding='utf-8'))
     figure = plt.figure(figsize=(10, 6))
     panels = held['configById']
@@ -241,15 +241,15 @@ def foxglove(heard: Any, series: Any) -> Figure:
             curves = [(p['value'], p['label'], p['color']) for p in panel['paths']]
             draw_plot(axes, series, panel['foxglovePanelTitle'], curves)
         elif kind == '3D':
-            draw_markers(axes, heard)
+            draw_markers(axes, received)
         elif kind == 'Image':
-            draw_image(axes, heard)
+            draw_image(axes, received)
         elif kind in ('Publish', 'CallService'):
             box = {'facecolor': panel['buttonColor'], 'pad': 6, 'edgecolor': 'none'}
             axes.text(0.1, 0.5, panel['buttonText'], color='white', bbox=box, fontsize=8)
             axes.axis('off')
         else:
-            draw_diagnostics(axes, heard)
+            draw_diagnostics(axes, received)
 
     outer = figure.add_gridspec(1, 1, left=0.04, right=0.99, top=0.99, bottom=0.05)
     place(held['layout'], outer[0])
@@ -257,7 +257,7 @@ def foxglove(heard: Any, series: Any) -> Figure:
 
 
 def plotjuggler(series: Any) -> Figure:
-    """The plots of the first tab."""
+    """Draw the plots of the first tab."""
     tab = Xml.parse(VIEWS / 'plotjuggler.xml').find('.//Tab')
     areas = list(tab.iter('DockArea'))
     figure = plt.figure(figsize=(8, 4.2), layout='constrained')
@@ -270,8 +270,8 @@ def plotjuggler(series: Any) -> Figure:
     return figure
 
 
-def rqt(heard: Any, series: Any) -> Figure:
-    """The plugins of the perspective."""
+def rqt(received: Any, series: Any) -> Figure:
+    """Draw the plugins of the perspective."""
     held = json.loads((VIEWS / 'rqt.perspective').read_text(encoding='utf-8'))
     plugins = held['groups']['pluginmanager']['groups'].items()
     figure = plt.figure(figsize=(9, 4), layout='constrained')
@@ -280,9 +280,9 @@ def rqt(heard: Any, series: Any) -> Figure:
     for name, plugin in plugins:
         keys = plugin['groups']['plugin']['keys']
         if 'ImageView' in name:
-            draw_image(next(spots), heard)
+            draw_image(next(spots), received)
         elif 'RobotMonitor' in name:
-            draw_diagnostics(next(spots), heard)
+            draw_diagnostics(next(spots), received)
         else:
             paths = [p[1:].replace('/', '.') for p in ast.literal_eval(keys['topics']['repr'])]
             shown = [
@@ -294,7 +294,7 @@ def rqt(heard: Any, series: Any) -> Figure:
 
 
 def urdf() -> None:
-    """The URDF as MuJoCo draws it, with a soliton in the chain, without a display."""
+    """Render the URDF of a chain with a soliton by MuJoCo, without a display."""
     os.environ |= {'MUJOCO_GL': 'egl', 'PYOPENGL_PLATFORM': 'egl'}
     try:
         import mujoco
@@ -321,7 +321,7 @@ def urdf() -> None:
 
 
 def save(figure: Figure, name: str) -> None:
-    """Write a picture."""
+    """Write a figure as a PNG."""
     path = PICTURES / f'{name}.png'
     figure.savefig(path, dpi=DPI)
     plt.close(figure)
@@ -329,7 +329,7 @@ def save(figure: Figure, name: str) -> None:
 
 
 def shrink(path: Path) -> None:
-    """Keep the colours that it takes."""
+    """Reduce the number of colours of a picture."""
     with Image.open(path) as picture:
         small = picture.convert('RGB').quantize(
             COLOURS, Image.Quantize.MAXCOVERAGE, dither=Image.Dither.NONE

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Formulas as MathML, which browsers draw without a script, so that the site works offline."""
+"""Formulas as MathML. Browsers draw MathML without a script, so that the site works offline."""
 
 from __future__ import annotations
 
