@@ -9,6 +9,7 @@ from typing import Any
 import pytest
 from graphs import Graph
 
+from soliton_linkage_nodes.live_view.chain_topics import ChainFinder
 from soliton_linkage_nodes.live_view.commands import ChainCommands, Move
 
 ACTIONS: dict[str, Callable[[ChainCommands], Any]] = {
@@ -26,16 +27,14 @@ ACTIONS: dict[str, Callable[[ChainCommands], Any]] = {
 
 def done(action: Callable[[ChainCommands], Any], commands: ChainCommands) -> None:
     async def act() -> None:
-        answer = action(commands)
-        if not isinstance(answer, str):
-            await answer
+        await action(commands)
 
     asyncio.run(act())
 
 
 @pytest.mark.parametrize('name', ACTIONS)
 def test_a_read_only_page_sends_no_command(graph: Graph, name: str) -> None:
-    commands = ChainCommands(graph.user, '/', read_only=True)
+    commands = ChainCommands(graph.user, '/', True, ChainFinder(graph.user, '/'))
     with pytest.raises(ValueError, match='this page is read-only'):
         done(ACTIONS[name], commands)
     commands.close()
@@ -43,7 +42,7 @@ def test_a_read_only_page_sends_no_command(graph: Graph, name: str) -> None:
 
 @pytest.mark.parametrize('name', ACTIONS)
 def test_a_command_without_a_receiver_is_rejected_with_a_remedy(graph: Graph, name: str) -> None:
-    commands = ChainCommands(graph.user, '/', read_only=False)
+    commands = ChainCommands(graph.user, '/', False, ChainFinder(graph.user, '/'))
     with pytest.raises(
         ValueError, match=r'^no node (subscribes to|serves) .*; start|^no node serves '
     ):
@@ -65,12 +64,13 @@ def reported(
 ) -> dict[str, str]:
     start, goal = ends or (math.nan, math.nan)
     figures = {'moves begun': started, 'move from rotor': start, 'move to rotor': goal}
-    return {name: str(value) for name, value in figures.items()} | {'last move': ended}
+    texts = {'last move': ended, 'holding': 'True'}
+    return {name: str(value) for name, value in figures.items()} | texts
 
 
 @pytest.fixture
 def commands(graph: Graph) -> Iterator[ChainCommands]:
-    made = ChainCommands(graph.user, '/', read_only=True)
+    made = ChainCommands(graph.user, '/', True, ChainFinder(graph.user, '/'))
     yield made
     made.close()
 
@@ -98,6 +98,16 @@ def test_a_move_of_this_page_is_not_foreign(commands: ChainCommands) -> None:
     commands.move.state = 'reached'
     commands.follow(3.0, reported(4, '', (1.0, 5.0)))
     assert (commands.move.state, commands.move.foreign) == ('reached', False)
+
+
+def test_an_outcome_goes_when_the_steering_no_longer_holds_the_soliton(
+    commands: ChainCommands,
+) -> None:
+    commands.move = Move('reached', goal=5.0, start=1.0, message='held', ended_at=2.0)
+    commands.follow(3.0, reported(4) | {'holding': 'True'})
+    assert (commands.move.state, commands.holding) == ('reached', True)
+    commands.follow(4.0, reported(4) | {'holding': 'False'})
+    assert (commands.move.state, commands.holding) == ('', False)
 
 
 @pytest.mark.parametrize('text', ['', 'nan', 'inf', 'nonsense'])

@@ -15,6 +15,7 @@ from hypothesis import strategies as st
 from hypothesis.strategies import DataObject
 from rclpy.serialization import serialize_message
 
+from soliton_linkage.linkage.quantities import Quantity
 from soliton_linkage_nodes.live_view import chain_topics
 from soliton_linkage_nodes.live_view.chain_topics import ChainFinder
 from soliton_linkage_nodes.live_view.commands import ChainCommands
@@ -119,7 +120,7 @@ class SteppedView(View):
 
 @pytest.fixture
 def commands(graph: Graph) -> Iterator[ChainCommands]:
-    made = ChainCommands(graph.user, '/', read_only=False)
+    made = ChainCommands(graph.user, '/', False, ChainFinder(graph.user, '/'))
     yield made
     made.close()
 
@@ -165,7 +166,7 @@ def test_a_browser_receives_valid_messages_and_an_answer_to_each_action(
     value=st.one_of(NUMBERS, ANYTHING),
 )
 def test_a_field_value_fits_the_parameter_or_is_rejected(kind: str, value: Any) -> None:
-    parameter = AdjustableParameter('p', kind, '', '', None, None, ())
+    parameter = AdjustableParameter('p', kind, '', '', Quantity(''))
     try:
         message = parameter_value(parameter, value)
     except ValueError:
@@ -185,9 +186,9 @@ def test_commands_with_invalid_numbers_are_rejected_in_one_line(
         lambda: commands.tilt(value),
         lambda: commands.drive(text, 'first', value, (value, 0.0, value)),
         lambda: commands.drive('kick', text, 1.0, (0.0, value, 0.0)),
-        lambda: asyncio.run(commands.step(value)),
-        lambda: asyncio.run(commands.reset(text, value, value, {text: value})),
-        lambda: asyncio.run(commands.move_to(value, value, value)),
+        lambda: commands.step(value),
+        lambda: commands.reset(text, value, value, {text: value}),
+        lambda: commands.move_to(value, value, value),
     ):
         with pytest.raises(ValueError, match=r'^[^\n]+$'):
-            command()
+            asyncio.run(command())

@@ -203,11 +203,11 @@ def test_an_invalid_message_is_rejected_and_the_stream_continues(message: str) -
 
 def test_an_action_is_carried_out_and_answered() -> None:
     async def play(session: Session) -> None:
-        await session.send({'act': 'move', 'chain': '/', 'rotor': 3.5})
+        await session.send({'act': 'move', 'id': 7, 'chain': '/', 'rotor': 3.5})
 
     session = run_session(play)
     assert session.chains.moves == [(3.5, 0.0)]
-    assert {'answer': 'done', 'good': True} in session.socket.texts
+    assert {'answer': 'done', 'good': True, 'id': 7} in session.socket.texts
 
 
 def test_the_status_is_sent_only_when_it_changes() -> None:

@@ -115,9 +115,9 @@ def test_parameters_that_may_be_changed_come_with_range_and_choices() -> None:
         ParameterValue(type=ParameterType.PARAMETER_BOOL, bool_value=True),
     ]
     gain, count, edge, loud = views.adjustable_parameters([ranged, counted, chosen, flag], values)
-    assert (gain.value, gain.minimum, gain.maximum) == (1.5, 0.0, 2.0)
-    assert (count.value, count.minimum, count.maximum) == (3, 1.0, 9.0)
-    assert (edge.value, edge.choices) == ('last', ('first', 'last'))
+    assert (gain.value, gain.range.minimum, gain.range.maximum) == (1.5, 0.0, 2.0)
+    assert (count.value, count.range.minimum, count.range.maximum) == (3, 1.0, 9.0)
+    assert (edge.value, edge.range.choices) == ('last', ('first', 'last'))
     assert loud.value is True
     assert views.parameter_value(count, 4.0).integer_value == 4
     assert views.parameter_value(gain, '0.5').double_value == 0.5

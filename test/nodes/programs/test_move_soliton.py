@@ -122,6 +122,21 @@ def test_a_rejection_is_reported(graph: Graph, start: Callable[..., Program]) ->
     assert 'range 0 to 7' in program.said[-1]
 
 
+def test_it_waits_for_a_steering_that_does_not_know_the_chain_yet(
+    graph: Graph, start: Callable[..., Program]
+) -> None:
+    reports = graph.reports('soliton_steering')
+    graph.start(SolitonSteering, {'state_timeout': 5.0})
+    program = start('move_soliton', '2.5', '--wait', '60')
+    graph.until(
+        lambda: 'move_soliton' in graph.user.get_node_names() and len(reports) > 5, 'the program'
+    )
+    assert 'waiting for the topic chain' in reports[-1].message
+    graph.start(Simulator, QUICK)
+    graph.until(lambda: program.process.poll() is not None, 'the end of the move')
+    assert program.process.returncode == 0, program.said
+
+
 def test_it_says_that_nobody_steers(start: Callable[..., Program]) -> None:
     program = start('move_soliton', '3')
     assert program.wait() == 1

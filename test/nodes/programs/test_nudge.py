@@ -14,7 +14,8 @@ from programs import Program
 
 from soliton_linkage_msgs.msg import LastKick
 from soliton_linkage_nodes.edge_actuator.node import EdgeActuator
-from soliton_linkage_nodes.programs.nudge import NudgeClient, described
+from soliton_linkage_nodes.messages.view_conversions import describe_kick
+from soliton_linkage_nodes.programs.nudge import NudgeClient
 from soliton_linkage_nodes.runtime import interfaces
 from soliton_linkage_nodes.simulator.node import Simulator
 
@@ -32,7 +33,7 @@ def nudged(graph: Graph, speed: float, timeout: float = 20.0) -> str:
             graph.until(answer.done, 'the answer')
         kick = answer.result()
         assert kick is not None
-        return described(kick)
+        return describe_kick(kick)
     except ValueError as error:
         return str(error)
     finally:
@@ -70,7 +71,7 @@ def test_a_subscriber_that_is_no_actuator_does_not_do(graph: Graph) -> None:
 
 def test_what_the_simulator_did_not_do_is_a_failure() -> None:
     with pytest.raises(ValueError, match='the simulator did not execute it'):
-        described(LastKick(cut_short=True, measured=True))
+        describe_kick(LastKick(cut_short=True, measured=True))
 
 
 def test_as_a_person_runs_it_in_a_namespace(graph: Graph, start: Callable[..., Program]) -> None:

@@ -5,9 +5,11 @@ from __future__ import annotations
 
 import math
 import time
+from dataclasses import replace
 
 from rclpy.node import Node
 
+from soliton_linkage_msgs.msg import LastKick
 from soliton_linkage_nodes.live_view.chain_model import ChainModel
 from soliton_linkage_nodes.live_view.frame_layout import pack_camera
 from soliton_linkage_nodes.messages.cdr import JointStateDecoder
@@ -112,6 +114,10 @@ class ChainTopics:
         self.camera = CameraTopic(node, namespace)
         self.publishers = 0
         """Number of publishers of `joint_states`."""
+        self.kick: LastKick | None = None
+        """Latest message of last_kick."""
+        self.kicks = 0
+        """Number of messages of last_kick."""
         self._decoder = JointStateDecoder()
         self._chain = subscribe_newest(node, interfaces.CHAIN, f'{namespace}chain')
         self._joints = subscribe_newest(
@@ -121,9 +127,16 @@ class ChainTopics:
             node, interfaces.SOLITON_STATE, f'{namespace}soliton_state'
         )
 
+        self._kicks = AdaptiveSubscription(
+            node, replace(interfaces.LAST_KICK, name=f'{namespace}{interfaces.LAST_KICK.name}')
+        )
+
     def update(self) -> None:
         """Put the newest messages into the model."""
         self.camera.update()
+        for kick, _ in self._kicks.waiting():
+            self.kick = kick
+            self.kicks += 1
         chain = self._chain.newest()
         if chain is not None:
             try:
@@ -143,13 +156,13 @@ class ChainTopics:
 
     def adapt(self) -> None:
         """Adapt to new publishers."""
-        for topic in (self._joints, self._states, self.camera):
+        for topic in (self._joints, self._states, self._kicks, self.camera):
             topic.adapt()
         self.publishers = len(self._joints.publishers)
 
     def close(self) -> None:
         """Unsubscribe."""
-        for topic in (self._chain, self._joints, self._states, self.camera):
+        for topic in (self._chain, self._joints, self._states, self._kicks, self.camera):
             topic.close()
 
 

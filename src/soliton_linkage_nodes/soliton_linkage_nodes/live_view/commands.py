@@ -5,6 +5,7 @@ from __future__ import annotations
 
 import asyncio
 import math
+import time
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from typing import Any
@@ -18,18 +19,26 @@ from rclpy.node import Node
 from std_srvs.srv import SetBool, Trigger
 
 from soliton_linkage_msgs.action import MoveSoliton
+from soliton_linkage_msgs.msg import LastKick
 from soliton_linkage_msgs.srv import Reset, Step
+from soliton_linkage_nodes.live_view.chain_topics import ChainFinder
 from soliton_linkage_nodes.messages import view_conversions as views
-from soliton_linkage_nodes.messages.view_conversions import AdjustableParameter
+from soliton_linkage_nodes.messages.view_conversions import AdjustableParameter, NodeReport
 from soliton_linkage_nodes.runtime import interfaces
 from soliton_linkage_nodes.runtime.guarded import ACTION_QOS, SERVICE_QOS
 
 _ANSWER_TIMEOUT = 10.0
-"""Longest time for the response of a service [s]."""
+"""Longest time for the answer to a command [s]; the page reports a missing one after 2 s."""
+_ACCEPTED_TIME = 2.0
+"""Time to wait for the effect of an accepted command [s]."""
 _PARAMETERS_TIMEOUT = 3.0
 """Longest time for the parameter services of a node to appear [s]."""
-_POLL_INTERVAL = 0.05
-"""Poll interval for a service or goal [s]."""
+_POLL_INTERVAL = 0.02
+"""Poll interval for an answer [s]."""
+_TILT_RESOLUTION = 1e-5
+"""Resolution of the reported tilt [rad]."""
+_CARRIED_OUT = 'commands carried out'
+"""Figure of the reports of edge_actuator."""
 READ_ONLY = 'this page is read-only; start live_view with read_only:=false to send commands'
 """Reason of a rejection."""
 UNDER_WAY = 'under way'
@@ -50,6 +59,8 @@ _PARAMETER_SERVICES = {
     GetParameters: 'get_parameters',
     SetParameters: 'set_parameters',
 }
+_HELD = (MoveSoliton.Result.REACHED, MoveSoliton.Result.CANCELLED)
+"""Outcomes after which the soliton is held."""
 
 
 @dataclass
@@ -67,12 +78,19 @@ class Move:
     message: str = ''
     foreign: bool = False
     """Whether another client requested the move."""
+    ended_at: float = math.inf
+    """Time of the outcome [s], of the monotonic clock."""
     handle: Any = field(default=None, repr=False)
 
     @property
     def under_way(self) -> bool:
         """Whether the move has not ended."""
         return self.state == UNDER_WAY
+
+    @property
+    def held(self) -> bool:
+        """Whether the soliton is held where the move ended."""
+        return self.state in (views.OUTCOMES[code] for code in _HELD)
 
     @property
     def progress(self) -> float:
@@ -86,13 +104,19 @@ class Move:
 class ChainCommands:
     """Commands to the nodes of a namespace, which ends in a slash.
 
-    Each command raises ValueError if it is rejected.
+    Each command waits for its answer: it returns the result, and raises ValueError with the reason
+    if it is rejected or has no answer. The finder reports the answers to topics.
     """
 
-    def __init__(self, node: Node, namespace: str, read_only: bool) -> None:
+    def __init__(self, node: Node, namespace: str, read_only: bool, finder: ChainFinder) -> None:
         self.namespace = namespace
         self.read_only = read_only
         self.move = Move()
+        self.holding = False
+        """Whether the steering moves or holds a soliton."""
+        self._finder = finder
+        self._edge = asyncio.Lock()
+        self._tilt = math.nan
         self._requested = False
         self._moves_started = ''
         self._reported_at = 0.0
@@ -128,22 +152,35 @@ class ChainCommands:
         if self.read_only:
             raise ValueError(READ_ONLY)
 
-    def nudge(self, speed: float) -> str:
+    async def nudge(self, speed: float) -> str:
         """Nudge the edge [rad/s]."""
-        self._publish('nudge', views.number_to_msg(speed), 'edge_actuator')
-        return f'sent a nudge of {speed:g} rad/s'
+        return await self._actuate('nudge', views.number_to_msg(speed))
 
-    def drive(self, kind: str, edge: str, value: float, times: tuple[float, float, float]) -> str:
+    async def drive(
+        self, kind: str, edge: str, value: float, times: tuple[float, float, float]
+    ) -> str:
         """Send an edge_command; the times are duration, ramp up and ramp down [s]."""
-        command = views.edge_command_of(kind, edge, value, *times)
-        self._publish('edge_command', command, 'edge_actuator')
-        unit = {'kick': 'rad/s', 'pulse': 'N m', 'pressure': 'Pa'}[kind]
-        return f'sent a {kind} of {value:g} {unit}'
+        return await self._actuate(
+            'edge_command', views.edge_command_of(kind, edge, value, *times), bool(any(times))
+        )
 
-    def tilt(self, angle: float) -> str:
-        """Tilt the chain [rad]."""
-        self._publish('tilt', views.number_to_msg(angle), 'simulator')
-        return f'tilted the chain to {angle:.3f} rad'
+    async def tilt(self, angle: float) -> str:
+        """Tilt the chain [rad]; empty if a newer tilt replaces it before its answer."""
+        message = views.number_to_msg(angle)
+        before = self._report('simulator')
+        self._publish('tilt', message, 'simulator')
+        self._tilt = angle
+
+        def answer() -> str | None:
+            report = self._report('simulator')
+            if self._tilt != angle:
+                return ''
+            if rejection := _new_rejection(before, report, 'tilt'):
+                raise ValueError(f'simulator rejected it: {rejection}')
+            tilt = views.figure(report.figures, 'tilt [rad]') if report else math.nan
+            return f'tilt of {tilt:.4g} rad' if abs(tilt - angle) < _TILT_RESOLUTION else None
+
+        return await self._until(answer, 'simulator')
 
     async def pause(self, paused: bool) -> str:
         """Pause or resume the simulation."""
@@ -165,11 +202,15 @@ class ChainCommands:
         `joints` gives angles [rad] by joint name.
         """
         request = views.reset_request(state, position, velocity, joints)
-        return await self._call_own('simulator/reset', request)
+        answer = await self._call_own('simulator/reset', request)
+        self._forget_move()
+        return answer
 
     async def release(self) -> str:
         """Release the held soliton."""
-        return await self._call_own('soliton_steering/release', Trigger.Request())
+        answer = await self._call_own('soliton_steering/release', Trigger.Request())
+        self._forget_move()
+        return answer
 
     async def call_identifier(self, name: str) -> str:
         """Call a service of the chain identifier: `identify`, `save` or `forget`."""
@@ -181,13 +222,13 @@ class ChainCommands:
         goal = views.move_goal(rotor, speed)
         if self._mover is None or not self._mover.server_is_ready():
             raise ValueError('no node serves move_soliton; start soliton_steering')
-        move = Move(
-            UNDER_WAY, rotor, position, position, f'moving the soliton to rotor {rotor:.2f}'
-        )
-        mover, previous = self._mover, self.move
+        move = Move(UNDER_WAY, rotor, position, position)
+        mover = self._mover
+        started = False
 
         def on_feedback(message: Any) -> None:
-            move.rotor = message.feedback.rotor
+            nonlocal started
+            move.rotor, started = message.feedback.rotor, True
 
         def send() -> Any:
             sent = mover.send_goal_async(goal, feedback_callback=on_feedback)
@@ -195,13 +236,20 @@ class ChainCommands:
             sent.add_done_callback(lambda accepted: _await_end(move, accepted.result()))
             return sent
 
-        self.move = move
+        def answer() -> str | None:
+            return 'started' if started or not move.under_way else None
+
+        self._requested = True
         handle = await self._result_of(send)
         if handle is None or not handle.accepted:
-            self.move = previous
             raise ValueError('move_soliton rejected the goal; see the log of soliton_steering')
-        self._requested = True
-        return move.message
+        await self._until(answer, 'soliton_steering')
+        if move.under_way or move.held:
+            # A rejected goal does not replace the move that is under way.
+            self.move = move
+            return move.message or f'moving the soliton to rotor {rotor:.2f}'
+        self._requested = False
+        raise ValueError(f'{move.state}: {move.message}')
 
     def follow(self, received_at: float, figures: Mapping[str, str]) -> None:
         """Show a move of another client, from a report of the steering and its reception time."""
@@ -216,6 +264,15 @@ class ChainCommands:
             self.move = Move(UNDER_WAY, goal, start, start, foreign=True)
         if self.move.foreign and self.move.under_way and not math.isfinite(goal):
             self.move.state, _, self.move.message = figures.get('last move', '').partition(': ')
+            self.move.ended_at = received_at
+        self.holding = figures.get('holding') == 'True'
+        if received_at > self.move.ended_at and not self.holding:
+            self.move = Move()
+
+    def _forget_move(self) -> None:
+        """Drop the outcome of the last move, because the chain is in another state now."""
+        if not self.move.under_way:
+            self.move = Move()
 
     async def cancel(self) -> str:
         """Cancel the move that is under way."""
@@ -225,14 +282,13 @@ class ChainCommands:
             # A request without a goal cancels all goals.
             name = f'{self.namespace}{interfaces.MOVE_SOLITON}/_action/cancel_goal'
             await self.call(name, CancelGoal, CancelGoal.Request())
-            return 'cancelling the move'
-        while move.handle is None and move.under_way:
-            # The goal is not accepted yet.
-            await asyncio.sleep(_POLL_INTERVAL)
-        if not move.under_way:
+        elif move.under_way:
+            await self._result_of(move.handle.cancel_goal_async)
+        else:
             raise ValueError('no move is under way')
-        await self._result_of(move.handle.cancel_goal_async)
-        return 'cancelling the move'
+        return await self._until(
+            lambda: None if move.under_way else f'{move.state}: {move.message}', 'soliton_steering'
+        )
 
     async def parameters(self, node: str) -> list[AdjustableParameter]:
         """Return the adjustable parameters of a node, given its full name."""
@@ -261,6 +317,49 @@ class ChainCommands:
         if not client.service_is_ready():
             raise ValueError(f'no node serves {name}')
         return await self._result_of(lambda: client.call_async(request))
+
+    def _report(self, node: str) -> NodeReport | None:
+        """Return the last report of a node of this namespace."""
+        return self._finder.reports.get(f'{self.namespace}{node}', (0.0, None))[1]
+
+    def _kicks(self) -> tuple[int, LastKick | None]:
+        chain = self._finder.chains.get(self.namespace)
+        return (chain.kicks, chain.kick) if chain else (0, None)
+
+    async def _actuate(self, topic: str, message: Any, lasting: bool = False) -> str:
+        """Publish a command to the edge actuator and return its answer."""
+        # One at a time, so that each answer belongs to its command.
+        async with self._edge:
+            before, kicks = self._report('edge_actuator'), self._kicks()[0]
+            self._publish(topic, message, 'edge_actuator')
+            sent_at = time.monotonic()
+
+            def answer() -> str | None:
+                report = self._report('edge_actuator')
+                if rejection := _new_rejection(before, report, topic):
+                    raise ValueError(f'edge_actuator rejected it: {rejection}')
+                count, kick = self._kicks()
+                if kick is not None and count > kicks:
+                    return views.describe_kick(kick)
+                if not lasting and time.monotonic() < sent_at + _ACCEPTED_TIME:
+                    return None
+                earlier, now = (
+                    views.figure(each.figures, _CARRIED_OUT) if each else math.nan
+                    for each in (before, report)
+                )
+                accepted = 'edge_actuator accepted it; last_kick reports its effect at its end'
+                return accepted if now > earlier else None
+
+            return await self._until(answer, 'edge_actuator')
+
+    async def _until(self, answer: Callable[[], str | None], node: str) -> str:
+        """Wait for an answer, which raises ValueError for a rejection."""
+        deadline = time.monotonic() + _ANSWER_TIMEOUT
+        while time.monotonic() < deadline:
+            if (text := answer()) is not None:
+                return text
+            await asyncio.sleep(_POLL_INTERVAL)
+        raise ValueError(f'no answer of {node} within {_ANSWER_TIMEOUT:g} s; see its log')
 
     def close(self) -> None:
         """Destroy publishers and clients."""
@@ -301,7 +400,7 @@ class ChainCommands:
         try:
             return await asyncio.wait_for(result, _ANSWER_TIMEOUT)
         except asyncio.TimeoutError as error:
-            raise ValueError(f'no response within {_ANSWER_TIMEOUT:g} s; try again') from error
+            raise ValueError(f'no answer within {_ANSWER_TIMEOUT:g} s; try again') from error
 
     def _client(self, name: str, service_type: Any) -> Client:
         if name not in self._clients:
@@ -317,6 +416,16 @@ class ChainCommands:
         self._publishers[topic].publish(message)
 
 
+def _new_rejection(before: NodeReport | None, report: NodeReport | None, topic: str) -> str:
+    """Return the reason if a node has rejected a message of a topic since an earlier report."""
+    if report is None:
+        return ''
+    rejected = views.figure(report.figures, 'rejected')
+    source, _, reason = report.figures.get('last rejection', '').partition(': ')
+    new = before is not None and rejected > views.figure(before.figures, 'rejected')
+    return reason if new and source.rpartition('/')[2] == topic else ''
+
+
 def _await_end(move: Move, handle: Any) -> None:
     if handle is not None and handle.accepted:
         move.handle = handle
@@ -325,8 +434,8 @@ def _await_end(move: Move, handle: Any) -> None:
 
 def _conclude(move: Move, ended: Any) -> None:
     result = ended.result
+    move.message, move.rotor, move.ended_at = result.message, result.rotor, time.monotonic()
     move.state = views.OUTCOMES.get(result.outcome, f'outcome {result.outcome}')
-    move.message, move.rotor = result.message, result.rotor
 
 
 def _set_result(result: asyncio.Future[Any], future: Any) -> None:

@@ -98,6 +98,7 @@ class Page:
         with ui.tabs().props('dense no-caps align=justify inline-label') as tabs:
             for name in ('Drive', 'Run', 'Settings', 'Bags', 'Identify'):
                 ui.tab(name)
+        ui.html('<div class="live-answer" id="live-answer"></div>', sanitize=False)
         with ui.tab_panels(tabs, value='Drive', animated=False, keep_alive=True).classes(
             'live-panels'
         ):

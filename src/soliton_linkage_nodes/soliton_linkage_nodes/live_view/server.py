@@ -31,6 +31,8 @@ _LONGEST_PERIOD = 0.2
 _LARGEST_MESSAGE = 65536
 """Largest message of a browser [bytes]."""
 _COOKIE = 'soliton_linkage_live_view'
+_PUNCTUATION = '.,;:)\'"'
+"""Characters after an address in a text, which a terminal may take for a part of it."""
 _REMEDY = 'open the address that live_view printed'
 
 
@@ -170,7 +172,9 @@ class Gate:
         answer: ASGIApp = self._application
         if scope['type'] in ('http', 'websocket'):
             connection = HTTPConnection(scope)
-            in_address = self._is_token(connection.query_params.get('token', ''))
+            in_address = self._is_token(
+                connection.query_params.get('token', '').rstrip(_PUNCTUATION)
+            )
             reason = self._rejection(connection, in_address)
             if reason and scope['type'] == 'websocket':
                 await send({'type': 'websocket.close', 'code': 1008, 'reason': reason})
@@ -181,6 +185,8 @@ class Gate:
                 # The cookie hides the token from other pages and from the history.
                 answer = redirection = RedirectResponse(scope['path'], 303)
                 redirection.set_cookie(_COOKIE, self._token, httponly=True, samesite='strict')
+            elif scope['type'] == 'http' and not scope['path'].strip('/' + _PUNCTUATION):
+                scope = {**scope, 'path': '/', 'raw_path': b'/'}
         await answer(scope, receive, send)
 
     def _rejection(self, connection: HTTPConnection, in_address: bool) -> str:

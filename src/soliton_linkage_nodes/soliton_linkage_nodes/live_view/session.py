@@ -20,8 +20,16 @@ from soliton_linkage_nodes.runtime.child_processes import (
 from soliton_linkage_nodes.runtime.process import stop_on_signals
 from soliton_linkage_nodes.start import INTERRUPTED
 
-_NODES = ('simulator', 'edge_actuator', 'soliton_analyser', 'soliton_steering')
+_IDENTIFIER = 'chain_identifier'
+_NODES = (
+    *('simulator', 'edge_actuator', 'soliton_analyser', 'soliton_steering'),
+    _IDENTIFIER,
+)
 _PAGE = 'live_view'
+_RESTART_DELAY = 1.0
+"""Time from the end of a node to its restart [s]."""
+_MOST_RESTARTS = 100
+"""Largest number of restarts, for nodes that cannot run."""
 _POLL_INTERVAL = 0.1
 """Poll interval for ended processes [s]."""
 
@@ -36,8 +44,7 @@ def main() -> None:
     try:
         _start(processes, arguments)
         _open_page(processes, stopping, not arguments.no_browser)
-        while not stopping.wait(_POLL_INTERVAL):
-            processes.check()
+        _respawn(processes, stopping)
         code = INTERRUPTED
         print('Stopping all nodes.', flush=True)
     except RuntimeError as error:
@@ -57,18 +64,36 @@ def _start(processes: ChildProcesses, arguments: argparse.Namespace) -> None:
     page = ['-p', f'bag_folders:={folders}', '-p', 'record:=paused']
     page += ['-p', f'port:={arguments.port}', '-p', f'host:={arguments.host}']
     processes.start(_PAGE, [*common, *page], environment)
+    identified = arguments.output.resolve() / 'identified_chain.yaml'
+    own = {_IDENTIFIER: ['-p', 'interval:=0.0', '-p', f'output:={identified}']}
     for node in _NODES:
-        processes.start(node, common, environment)
+        processes.start(node, [*common, *own.get(node, [])], environment)
+
+
+def _respawn(processes: ChildProcesses, stopping: threading.Event) -> None:
+    """Start each node again that ends, as the launch files do, until `stopping` is set."""
+    restarts = 0
+    while not stopping.wait(_POLL_INTERVAL):
+        for node, how in processes.ended().items():
+            if restarts == _MOST_RESTARTS:
+                raise RuntimeError(f'{how} after {restarts} restarts of nodes; see its log')
+            restarts += 1
+            print(f'{how}; it is started again.', flush=True)
+            if stopping.wait(_RESTART_DELAY):
+                return
+            processes.restart(node)
+            if node == _PAGE:
+                _open_page(processes, stopping, False)
 
 
 def _open_page(processes: ChildProcesses, stopping: threading.Event, show: bool) -> None:
     """Print the address of the page, and open it if there is a display."""
     deadline = time.monotonic() + START_LIMIT
     while not stopping.is_set():
-        processes.check()
+        processes.ended()
         address = page_address(processes.output(_PAGE))
         if address:
-            print(f'The page is at {address}. Press Ctrl-C to stop everything.', flush=True)
+            print(f'Press Ctrl-C to stop everything. The page:\n  {address}', flush=True)
             if show and has_display():
                 webbrowser.open(address)
             return

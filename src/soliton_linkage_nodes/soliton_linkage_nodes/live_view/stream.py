@@ -50,7 +50,7 @@ async def carry_out(view: View, name: str, arguments: Mapping[str, Any]) -> str:
         return await commands.move_to(arguments['rotor'], arguments.get('speed', 0.0), position)
     if name == 'nudge':
         edge = str(arguments.get('edge', 'nearest'))
-        return commands.drive('kick', edge, arguments['speed'], (0.0, 0.0, 0.0))
+        return await commands.drive('kick', edge, arguments['speed'], (0.0, 0.0, 0.0))
     if name == 'seek':
         return await view.replay.seek(commands, float(arguments['at']))
     if name == 'pause':
@@ -177,18 +177,21 @@ class BrowserStream:
             self._window = (int(first), int(last))
             self._latest.clear()
         if 'act' in message:
-            arguments = {k: v for k, v in message.items() if k != 'act'}
-            task = asyncio.ensure_future(self._act(str(message['act']), arguments))
+            task = asyncio.ensure_future(self._act(message))
             self._actions.add(task)
             task.add_done_callback(self._actions.discard)
 
-    async def _act(self, name: str, arguments: Mapping[str, Any]) -> None:
+    async def _act(self, message: Mapping[str, Any]) -> None:
+        name, number = str(message['act']), message.get('id')
+        arguments = {k: v for k, v in message.items() if k not in ('act', 'id')}
         try:
-            await self._answer(await carry_out(self._source, name, arguments), True)
+            text, good = await carry_out(self._source, name, arguments), True
         except KeyError as error:
-            await self._answer(f'action {name!r} needs {error}', False)
+            text, good = f'action {name!r} needs {error}', False
         except (ValueError, TypeError, ArithmeticError) as error:
-            await self._answer(str(error), False)
+            text, good = str(error), False
+        await self._answer(text, good, number)
 
-    async def _answer(self, text: str, good: bool) -> None:
-        await self._socket.send_text(json.dumps({'answer': text, 'good': good}))
+    async def _answer(self, text: str, good: bool, number: object = None) -> None:
+        answer = {'answer': text, 'good': good, 'id': number}
+        await self._socket.send_text(json.dumps(answer))

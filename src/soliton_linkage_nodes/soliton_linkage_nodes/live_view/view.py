@@ -57,7 +57,9 @@ class View:
     def commands(self, namespace: str) -> ChainCommands:
         """Return the commands to the nodes of a namespace."""
         if namespace not in self._commands:
-            self._commands[namespace] = ChainCommands(self._node, namespace, self.read_only)
+            self._commands[namespace] = ChainCommands(
+                self._node, namespace, self.read_only, self.finder
+            )
         return self._commands[namespace]
 
     @property

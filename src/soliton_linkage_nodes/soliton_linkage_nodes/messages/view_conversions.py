@@ -12,6 +12,7 @@ from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from rcl_interfaces.msg import ParameterDescriptor, ParameterType, ParameterValue
 from std_msgs.msg import Float64
 
+from soliton_linkage.linkage.quantities import Quantity
 from soliton_linkage_msgs import msg
 from soliton_linkage_msgs.action import MoveSoliton
 from soliton_linkage_msgs.srv import Reset, Step
@@ -40,6 +41,8 @@ STATES = {
 """Code of each state of a reset."""
 _EDGES = {name: getattr(msg.EdgeCommand, name.upper()) for name in ('nearest', 'first', 'last')}
 _KINDS = {name: getattr(msg.EdgeCommand, name.upper()) for name in ('kick', 'pulse', 'pressure')}
+KICK_UNITS = {'kick': 'rad/s', 'pulse': 'N m', 'pressure': 'Pa'}
+"""Unit of the value of each kind of edge command."""
 _TYPES: Mapping[int, tuple[type[bool | int | float | str], str]] = {
     ParameterType.PARAMETER_BOOL: (bool, 'bool_value'),
     ParameterType.PARAMETER_INTEGER: (int, 'integer_value'),
@@ -78,9 +81,8 @@ class AdjustableParameter:
     """Name of the Python type: bool, int, float or str."""
     value: bool | int | float | str
     description: str
-    minimum: float | None
-    maximum: float | None
-    choices: tuple[str, ...]
+    range: Quantity
+    """Its allowed values."""
 
 
 def state_numbers(message: msg.SolitonState) -> Numbers:
@@ -178,6 +180,25 @@ def step_request(periods: float) -> Step.Request:
     return Step.Request(periods=int(periods))
 
 
+def describe_kick(kick: msg.LastKick) -> str:
+    """Return the effect of a kick as text; raises ValueError if nothing was delivered."""
+    if kick.cut_short and not kick.name:
+        raise ValueError('the simulator did not execute it; see its log')
+    command = kick.asked
+    edge = next((e for e, code in _EDGES.items() if code == command.edge), 'nearest')
+    kind = next((k for k, code in _KINDS.items() if code == command.kind), 'kick')
+    lasting = f' for {kick.duration:.3g} s' if kick.duration else ''
+    peak = f', up to {kick.peak_torque:.3g} N m' if kick.peak_torque else ''
+    parts = [
+        f'a {kind} of {command.value:g} {KICK_UNITS[kind]}{lasting} at the {edge} edge{peak}',
+        f'an impulse of {math.hypot(*kick.impulse):.3g} N m s and a work of {kick.work:.3g} J, '
+        + ('measured by the simulator' if kick.measured else 'estimated, without a measurement'),
+    ]
+    parts += ['less than requested, because the actuator saturated'] if kick.saturated else []
+    parts += ['shortened'] if kick.cut_short else []
+    return '; '.join(parts)
+
+
 def move_goal(rotor: float, speed: float) -> MoveSoliton.Goal:
     """Return a goal: position [rotor spacings] and speed [rotor spacings/s]."""
     return MoveSoliton.Goal(rotor=_finite('rotor', rotor), speed=_finite('speed', speed))
@@ -197,17 +218,19 @@ def adjustable_parameters(
     for descriptor, value in zip(descriptors, values, strict=False):
         kind, field = _TYPES[descriptor.type]
         ranges = [*descriptor.floating_point_range, *descriptor.integer_range]
-        low, high = (ranges[0].from_value, ranges[0].to_value) if ranges else (None, None)
-        choices = descriptor.additional_constraints
+        ends = (ranges[0].from_value, ranges[0].to_value) if ranges else ()
+        # Descriptors have no open ends.
+        low, high = (
+            each if abs(each) < _INT64_END - 1 else None for each in ends or (math.inf,) * 2
+        )
+        choices = descriptor.additional_constraints if kind is str else ''
         found.append(
             AdjustableParameter(
                 descriptor.name,
                 kind.__name__,
                 getattr(value, field),
                 descriptor.description,
-                low,
-                high,
-                tuple(choices.split(', ')) if choices and kind is str else (),
+                Quantity('', '', low, high, tuple(filter(None, choices.split(', ')))),
             )
         )
     return found
@@ -228,6 +251,9 @@ def parameter_value(parameter: AdjustableParameter, value: Any) -> ParameterValu
         raise ValueError(
             f'parameter {parameter.name} = {value!r} must be a {parameter.kind}'
         ) from error
+    complaint = parameter.range.complaint(converted)
+    if complaint:
+        raise ValueError(f'{parameter.name} = {value} {complaint}')
     return ParameterValue(type=code, **{field: converted})
 
 

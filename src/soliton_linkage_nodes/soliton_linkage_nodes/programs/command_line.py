@@ -16,6 +16,7 @@ from rclpy.utilities import remove_ros_args
 from soliton_linkage.command_line import PlainParser
 from soliton_linkage.linkage.quantities import Quantity, described_fields
 from soliton_linkage_nodes.bags.guards import BagLimits
+from soliton_linkage_nodes.runtime.parameter_files import check_files
 from soliton_linkage_nodes.start import INTERRUPTED
 
 _SOURCE_LOCATION = re.compile(r', at /\S+:\d+')
@@ -25,9 +26,11 @@ def parse_own_arguments(
     parser: PlainParser, arguments: Sequence[str] | None = None
 ) -> argparse.Namespace:
     """Return the options of the program, without the arguments of ROS."""
+    given = sys.argv[1:] if arguments is None else arguments
     try:
-        own = remove_ros_args(sys.argv[1:] if arguments is None else arguments)
-    except RuntimeError as error:
+        check_files(given)
+        own = remove_ros_args(given)
+    except (RuntimeError, ValueError) as error:
         parser.error(f'wrong ROS arguments: {reason(error)}')
     return parser.parse(own)
 

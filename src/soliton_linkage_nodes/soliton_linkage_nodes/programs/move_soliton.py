@@ -15,6 +15,7 @@ from collections.abc import Callable
 from typing import Any
 
 import rclpy
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from rclpy.action import ActionClient
 
 from soliton_linkage.command_line import PlainParser
@@ -34,8 +35,10 @@ from soliton_linkage_nodes.start import INTERRUPTED
 _ROTOR = Quantity('destination, counted from rotor 0', 'rotor spacings')
 _SPEED = Quantity('largest speed of the move', 'rotor spacings/s', minimum=0.0)
 """The steering chooses the speed if this is 0."""
+_WAIT = Quantity('longest wait for a steering that is ready', 's', 0.0, 3600.0)
+"""At most an hour."""
 _LONGEST_WAIT = 5.0
-"""Time limit for finding the steering and for its acceptance of the goal [s]."""
+"""Default of the longest wait, and time limit for the acceptance of the goal [s]."""
 _LONGEST_SILENCE = 3.0
 """Time without feedback after which the steering counts as stopped [s]; it sends ten a second."""
 _CANCEL_TIME = 0.3
@@ -51,18 +54,26 @@ class MoveClient(WaitingNode):
         self._client = ActionClient(self, MoveSoliton, interfaces.MOVE_SOLITON, **ACTION_QOS)
         self._line = ChainLine(self)
         self._received_at = math.inf
+        self._steering = DiagnosticStatus()
+        interfaces.DIAGNOSTICS.subscribe(self, self._on_diagnostics)
 
-    def move(self, rotor: float, speed: float) -> MoveSoliton.Result:
-        """Move the soliton and return the result.
+    def move(self, rotor: float, speed: float, wait: float = _LONGEST_WAIT) -> MoveSoliton.Result:
+        """Move the soliton and return the result; wait at most `wait` [s] for a ready steering.
 
         Raises ValueError if the action server is missing or disappears, and KeyboardInterrupt if
         the move is interrupted and does not end soon.
         """
+        deadline = time.monotonic() + wait
         self._until(
             self._client.server_is_ready,
-            f'no node offers the action {interfaces.MOVE_SOLITON} after {_LONGEST_WAIT:g} s; '
+            f'no node offers the action {interfaces.MOVE_SOLITON} after {wait:g} s; '
             'start soliton_steering first',
+            wait,
         )
+        # A steering that is not ready rejects the goal with its reason.
+        self.wait(self._ready, deadline - time.monotonic())
+        if self.stopping.is_set():
+            raise KeyboardInterrupt
         goal = MoveSoliton.Goal(rotor=rotor, speed=speed)
         sent = self._client.send_goal_async(goal, feedback_callback=self._on_feedback)
         self._until(sent.done, 'soliton_steering did not answer the goal; see its log')
@@ -104,8 +115,20 @@ class MoveClient(WaitingNode):
         on_the_way: MoveSoliton.Feedback = message.feedback
         self._line.show([on_the_way.rotor], progress_of(on_the_way))
 
-    def _until(self, condition: Callable[[], bool], complaint: str) -> None:
-        if not self.wait(condition, _LONGEST_WAIT):
+    def _ready(self) -> bool:
+        """Return whether the steering reports a soliton that it can move."""
+        return bool(self._steering.name) and self._steering.level == DiagnosticStatus.OK
+
+    def _on_diagnostics(self, message: DiagnosticArray) -> None:
+        steering = f'{self.get_namespace().rstrip("/")}/soliton_steering'
+        for status in message.status:
+            if status.hardware_id == steering:
+                self._steering = status
+
+    def _until(
+        self, condition: Callable[[], bool], complaint: str, limit: float = _LONGEST_WAIT
+    ) -> None:
+        if not self.wait(condition, limit):
             if self.stopping.is_set():
                 raise KeyboardInterrupt
             raise ValueError(complaint)
@@ -125,7 +148,7 @@ def main() -> None:
     try:
         with exit_on_failure('move_soliton'):
             initialise()
-            result = MoveClient(stopping).move(options.rotor, options.speed)
+            result = MoveClient(stopping).move(options.rotor, options.speed, options.wait)
     finally:
         rclpy.try_shutdown()
     if stopping.is_set():
@@ -145,5 +168,11 @@ def _parser() -> PlainParser:
         type=number(_SPEED),
         default=0.0,
         help=f'{_SPEED.description}, 0 for automatic [{_SPEED.unit}] (%(default)g)',
+    )
+    parser.add_argument(
+        '--wait',
+        type=number(_WAIT),
+        default=_LONGEST_WAIT,
+        help=f'{_WAIT.description} [{_WAIT.unit}] (%(default)g)',
     )
     return parser

@@ -7,7 +7,6 @@ the actuator on last_kick, or the reason why there is none.
 
 from __future__ import annotations
 
-import math
 import sys
 import threading
 import time
@@ -19,7 +18,8 @@ from std_msgs.msg import Float64
 
 from soliton_linkage.command_line import PlainParser
 from soliton_linkage.linkage.quantities import Quantity
-from soliton_linkage_msgs.msg import EdgeCommand, LastKick
+from soliton_linkage_msgs.msg import LastKick
+from soliton_linkage_nodes.messages.view_conversions import describe_kick
 from soliton_linkage_nodes.programs.command_line import (
     exit_on_failure,
     number,
@@ -38,7 +38,6 @@ _LONGEST_WAIT = 5.0
 """Time limit for finding the actuator and for its answer [s]."""
 _DISCOVERY_TIME = 1.0
 """Time for the discovery of other subscribers, and for the arrival of an earlier last_kick [s]."""
-_EDGES = {EdgeCommand.FIRST: 'first', EdgeCommand.LAST: 'last'}
 
 
 class NudgeClient(WaitingNode):
@@ -137,24 +136,6 @@ class NudgeClient(WaitingNode):
         self._reports.update({status.hardware_id: status for status in message.status})
 
 
-def described(kick: LastKick) -> str:
-    """Return the result of a nudge as text; raises ValueError if nothing was delivered."""
-    if kick.cut_short and not kick.name:
-        raise ValueError('the simulator did not execute it; see its log')
-    command = kick.asked
-    edge = f'at the {_EDGES.get(command.edge, "nearest")} edge'
-    parts = [
-        f'{command.value:g} Pa for {kick.duration:.3g} s {edge}, up to {kick.peak_torque:.3g} N m'
-        if command.kind == EdgeCommand.PRESSURE
-        else f'a kick of {command.value:g} rad/s {edge}',
-        f'an impulse of {math.hypot(*kick.impulse):.3g} N m s and a work of {kick.work:.3g} J, '
-        + ('measured by the simulator' if kick.measured else 'estimated, without a measurement'),
-    ]
-    parts += ['less than requested, because the actuator saturated'] if kick.saturated else []
-    parts += ['shortened'] if kick.cut_short else []
-    return '; '.join(parts)
-
-
 def main() -> None:
     """Nudge as the command line specifies; exit with 1 after a failure, 130 after Ctrl-C."""
     options = parse_own_arguments(_parser())
@@ -165,7 +146,7 @@ def main() -> None:
             node = NudgeClient(stopping)
             kick = node.nudge(options.speed, options.subscribers, options.timeout)
             if kick is not None:
-                print(f'nudge: {described(kick)}')
+                print(f'nudge: {describe_kick(kick)}')
     finally:
         rclpy.try_shutdown()
     if stopping.is_set():

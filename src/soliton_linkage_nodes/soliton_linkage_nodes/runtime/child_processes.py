@@ -42,6 +42,7 @@ class ChildProcesses:
         self._log_folder = log_folder
         self._log_folder.mkdir(parents=True, exist_ok=True)
         self._running: dict[str, subprocess.Popen[bytes]] = {}
+        self._starts: dict[str, tuple[float, list[str], dict[str, str]]] = {}
 
     def start(
         self,
@@ -52,9 +53,13 @@ class ChildProcesses:
     ) -> None:
         """Start a node with ROS arguments, after its own."""
         executable = Path(get_package_prefix(_PACKAGE), 'lib', _PACKAGE, node)
+        self._start(node, [str(executable), *own, '--ros-args', *arguments], environment)
+
+    def _start(self, node: str, command: list[str], environment: dict[str, str]) -> None:
+        self._starts[node] = time.monotonic(), command, environment
         with self._log(node).open('wb') as log:
             self._running[node] = subprocess.Popen(
-                [str(executable), *own, '--ros-args', *arguments],
+                command,
                 env=environment,
                 stdin=subprocess.DEVNULL,
                 stdout=log,
@@ -62,6 +67,27 @@ class ChildProcesses:
                 start_new_session=True,
                 preexec_fn=_die_with_parent,
             )
+
+    def ended(self) -> dict[str, str]:
+        """Return how each process has ended that `restart` can start again.
+
+        Raises RuntimeError, with the last output, if a process failed within a minute of its
+        start, because it would fail again.
+        """
+        found = {}
+        for node, process in self._running.items():
+            if process.poll() is None:
+                continue
+            early = time.monotonic() < self._starts[node][0] + START_LIMIT
+            if process.returncode > 0 and early:
+                raise RuntimeError(self._ended(node, process.returncode))
+            found[node] = f'{node} ended with exit code {process.returncode}'
+        return found
+
+    def restart(self, node: str) -> None:
+        """Start an ended process again, as it was started before."""
+        _, command, environment = self._starts[node]
+        self._start(node, command, environment)
 
     def check(self) -> None:
         """Raise RuntimeError, with the last output, if a process has ended."""

@@ -39,6 +39,15 @@ def resolve_path(argument: str, value: str, known: Mapping[str, Path]) -> Path:
     return path
 
 
+def check_files(arguments: Sequence[str]) -> None:
+    """Raise ValueError if a parameter file of a command line does not exist."""
+    for path in map(Path, _values_of(arguments, '--params-file')):
+        if not path.is_file():
+            raise ValueError(
+                f'parameter file {str(path)!r} does not exist; give a path from {Path.cwd()}'
+            )
+
+
 def read_sections(path: Path) -> dict[str, dict[str, Any]]:
     """Return the parameters of a file by the node pattern of their section and by their name.
 

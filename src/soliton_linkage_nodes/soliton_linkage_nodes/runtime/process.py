@@ -24,7 +24,7 @@ from rclpy.task import Future
 
 from soliton_linkage_nodes.runtime.command_line import check_arguments
 from soliton_linkage_nodes.runtime.pacing import IdlePriority
-from soliton_linkage_nodes.runtime.parameter_files import notices
+from soliton_linkage_nodes.runtime.parameter_files import check_files, notices
 from soliton_linkage_nodes.runtime.parameters import reject_unknown
 
 _SPIN = 0.02
@@ -114,6 +114,7 @@ def interruptible(stopping: threading.Event) -> Iterator[None]:
 
 def initialise(arguments: list[str] | None = None) -> None:
     """Initialise ROS from arguments, by default the command line; ValueError if they are wrong."""
+    check_files(sys.argv if arguments is None else arguments)
     try:
         rclpy.init(args=arguments, signal_handler_options=SignalHandlerOptions.NO)
     except RuntimeError as error:

@@ -141,6 +141,7 @@ class SolitonSteering(ManagedNode):
             if ended.outcome is Outcome.SOLITON_LOST:
                 self.get_logger().warning(ended.message)
             self.server.conclude(ended)
+            self.diagnostics.publish()
         self.server.publish_feedback(self.chain.wall, self.chain.phonon_energy)
         self._joint_states.dispatch(self.holding)
 
@@ -189,6 +190,7 @@ class SolitonSteering(ManagedNode):
         self.server.begin(handle, site)
         self._recent.clear()
         self._joint_states.dispatch(True)
+        self.diagnostics.publish()
 
     def _start_move(self, request: MoveSoliton.Goal) -> MoveResult | None:
         """Start the move of a request, or return the reason of a rejection."""
@@ -246,6 +248,7 @@ class SolitonSteering(ManagedNode):
         message = f'{reason}; the soliton is released{where}'
         self.get_logger().info(message)
         self.server.conclude(MoveResult(outcome, message, site))
+        self.diagnostics.publish()
         return True
 
     def _send(self, torques: Array) -> None:
@@ -287,6 +290,7 @@ def report(chain: SteeredChain | None, silent: bool, server: MoveServer) -> Repo
         'move from rotor': math.nan if goal is None else server.start,
         'move to rotor': math.nan if goal is None else goal.request.rotor,
         'deviations left out': '' if chain is None else chain.limitation,
+        'holding': chain is not None and chain.steering.holding,
         'last move': '' if ended is None else f'{ended.outcome.value}: {ended.message}',
         'gentle speed [rotor spacings/s]': (
             math.nan if chain is None else chain.steering.adiabatic_speed

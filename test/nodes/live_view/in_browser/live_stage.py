@@ -180,9 +180,9 @@ class Visit:
         """Wait until an element contains a text."""
         self.wait(f'document.getElementById("live-{name}").textContent.includes({text!r})')
 
-    def notifies(self, text: str) -> None:
-        """Wait until a notification contains a text."""
-        self.page.locator('.q-notification', has_text=text).first.wait_for()
+    def answers(self, text: str) -> None:
+        """Wait until the answer to an action contains a text."""
+        self.wait(f'live.answers.log.some((answer) => answer.includes({text!r}))')
 
     def text(self, name: str) -> str:
         return self.page.locator(f'#live-{name}').inner_text()

@@ -20,12 +20,12 @@ def test_a_bag_is_recorded_split_and_finished(visit: Visit, view: View) -> None:
         ('split', 'started a new file'),
     ):
         visit.page.locator(f'#live-record-{name}:enabled').click()
-        visit.notifies(done)
+        visit.answers(done)
     visit.click('record-snapshot')
-    visit.notifies('snapshot_duration of bag_recorder = 0')
+    visit.answers('snapshot_duration of bag_recorder = 0')
     visit.shot('recording')
     visit.click('record-stop')
-    visit.notifies('the bag is complete')
+    visit.answers('the bag is complete')
     (bag,) = [bag for bag in view.catalogue.bags() if bag.name.startswith('recording_')]
     assert bag.lost == 0
     assert bag.topics['/joint_states'] > 10

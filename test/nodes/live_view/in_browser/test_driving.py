@@ -40,6 +40,34 @@ def test_a_nudge_is_sent_by_button_drag_and_key(at_rest: Visit, stage: Stage) ->
     assert commands[-1].value == 3.0
 
 
+def test_a_rejected_nudge_is_shown_with_the_reason_of_the_actuator(
+    at_rest: Visit, view: View, stage: Stage
+) -> None:
+    visit = at_rest
+    kicks = stage.record(interfaces.LAST_KICK)
+    visit.fill('speed', 1000)
+    visit.click('nudge')
+    visit.wait('live.answers.last && live.answers.last.good === null')
+    visit.answers('edge_actuator rejected it: ')
+    figures = view.finder.reports['/edge_actuator'][1].figures
+    assert figures['last rejection'].removeprefix('/nudge: ') in visit.js('live.answers.text')
+    assert not kicks
+    visit.fill('speed', 3)
+    visit.click('nudge')
+    visit.answers('a kick of 3 rad/s at the ')
+    until(lambda: kicks, 'the kick')
+    assert kicks[-1].asked.value == 3.0
+    assert '1000' not in visit.text('answer')
+
+
+def test_an_answer_that_is_late_is_reported_after_two_seconds(visit: Visit, stage: Stage) -> None:
+    visit.js("live.answers.show({id: 'late', name: 'Nudge', good: null})")
+    visit.has_text('answer', 'Nudge: waiting for the answer')
+    visit.has_text('answer', 'Nudge: no answer within 2 s, still waiting')
+    visit.js("live.answers.show({id: 'late', answer: 'done', good: true})")
+    visit.has_text('answer', 'Nudge: done')
+
+
 def test_edge_commands_are_sent_with_their_times(visit: Visit, stage: Stage) -> None:
     received = stage.record(interfaces.EDGE_COMMAND)
     visit.tab('Drive')
@@ -107,10 +135,10 @@ def test_the_simulation_is_paused_stepped_and_resumed_and_its_factor_is_set(
     visit.wait('document.getElementById("live-stale").hidden')
     visit.choose('real-time factor', '0.5 ×')
     visit.click('pace')
-    visit.notifies('real_time_factor = 0.5')
+    visit.answers('real_time_factor = 0.5')
     visit.choose('real-time factor', '1 ×')
     visit.click('pace')
-    visit.notifies('real_time_factor = 1.0')
+    visit.answers('real_time_factor = 1.0')
 
 
 @pytest.mark.parametrize('state', ['left-leaning', 'right-leaning', 'soliton', 'initial'])
@@ -138,10 +166,10 @@ def test_the_chain_is_reset_to_angles_and_invalid_angles_are_rejected(
     visit.choose('state', 'angles')
     visit.fill('angles [rad]', 'rotor_0: x')
     visit.click('reset')
-    visit.notifies('write joint and angle')
+    visit.answers('write joint and angle')
     visit.fill('angles [rad]', 'rotor_99: 1.0')
     visit.click('reset')
-    visit.notifies("'rotor_99', which is none of 'rotor_0' to 'rotor_11'")
+    visit.answers("'rotor_99', which is none of 'rotor_0' to 'rotor_11'")
     subscription = stage.subscribe(interfaces.JOINT_STATES)
     received = stage.record(interfaces.JOINT_STATES)
     until(lambda: received, 'frames')
@@ -157,7 +185,7 @@ def test_the_chain_is_reset_to_angles_and_invalid_angles_are_rejected(
 def test_parameters_are_shown_with_range_and_unit_and_changed(visit: Visit, view: View) -> None:
     visit.tab('Settings')
     visit.choose('node', 'simulator')
-    visit.panel_has_text('acceleration of a free mass [m/s^2]; from 0')
+    visit.panel_has_text('acceleration of a free mass [m/s^2]; 0 ')
     visit.shot('settings')
     visit.fill('gravity.acceleration', 0.5)
     until(
@@ -165,10 +193,10 @@ def test_parameters_are_shown_with_range_and_unit_and_changed(visit: Visit, view
         'the gravity',
     )
     visit.fill('gravity.acceleration', -1)
-    visit.notifies('gravity.acceleration')
+    visit.answers('gravity.acceleration = -1.0 must be 0 or more')
     visit.has_value('gravity.acceleration', '0.5')
     visit.fill('gravity.acceleration', 0)
-    visit.notifies('gravity.acceleration = 0.0')
+    visit.answers('gravity.acceleration = 0.0')
 
 
 def test_the_keyboard_reaches_all_controls(visit: Visit, stage: Stage) -> None:

@@ -26,7 +26,7 @@ def test_a_click_moves_the_soliton_and_release_ends_the_hold(at_rest: Visit, vie
     assert move.state == 'reached'
     visit.has_text('move', 'reached')
     visit.click('release')
-    visit.notifies('released')
+    visit.answers('released')
 
 
 def test_a_move_is_cancelled_and_a_goal_outside_the_chain_is_rejected(
@@ -43,10 +43,24 @@ def test_a_move_is_cancelled_and_a_goal_outside_the_chain_is_rejected(
     visit.has_text('move', 'cancelled')
     visit.fill('to rotor', 40)
     visit.click('carry')
-    visit.has_text('move', 'outside the chain')
+    visit.answers('outside the chain: ')
+    assert view.commands('/').move.state == 'cancelled'
     visit.click('release')
+    visit.answers('released')
+    visit.wait('document.getElementById("live-move").textContent === ""')
     visit.page.focus('#live-chain')
     visit.page.keyboard.press('Escape')
+
+
+def test_a_reset_ends_the_status_of_a_move(at_rest: Visit, view: View) -> None:
+    visit = at_rest
+    visit.fill('to rotor', 6)
+    visit.click('carry')
+    visit.has_text('move', 'reached: ')
+    visit.tab('Run')
+    visit.click('reset')
+    visit.wait('document.getElementById("live-move").textContent === ""')
+    assert not view.commands('/').move.state
 
 
 def test_a_move_of_another_client_is_shown_and_cancelled(
@@ -61,7 +75,7 @@ def test_a_move_of_another_client_is_shown_and_cancelled(
     visit.wait('live.shown.goal === 9')
     visit.wait('document.querySelector("#live-move progress").value > 0.05')
     visit.click('cancel')
-    visit.has_text('move', 'stopped: ')
+    visit.answers('stopped: ')
     until(sent.done, 'the answer')
     ended = sent.result().get_result_async()
     until(ended.done, 'the result')

@@ -117,8 +117,8 @@ def test_a_read_only_page_sends_no_commands(
     )
     for number, act in enumerate(acts, 1):
         visit.js(f'live.act({act})')
-        visit.wait(f'live.answers.length === {number}')
-    assert all('read-only' in answer for answer in visit.js('live.answers'))
+        visit.wait(f'live.answers.log.length === {number}')
+    assert all('read-only' in answer for answer in visit.js('live.answers.log'))
     for topic in ('/nudge', '/edge_command', '/tilt'):
         assert not stage.user.count_publishers(topic)
     visit.close()

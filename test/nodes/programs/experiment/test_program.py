@@ -74,3 +74,13 @@ def test_a_folder_in_use_is_left_to_whom_it_belongs(
     assert said[0] == f'Another experiment writes to {demo}; this one writes to {demo}_1.'
     with claimed(demo) as again:
         assert again == demo
+
+
+def test_results_of_an_earlier_experiment_do_not_remain(tmp_path: Path) -> None:
+    (tmp_path / 'notes.txt').write_text('of the user')
+    with claimed(tmp_path) as folder:
+        (folder / 'index.html').write_text('film')
+        (folder / 'filmed_0').mkdir()
+        (folder / 'filmed_0' / 'metadata.yaml').write_text('bag')
+    with claimed(tmp_path) as folder:
+        assert [path.name for path in folder.iterdir()] == ['notes.txt']

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 // Receives the stream of the page, draws each frame and reports how old it is.
 
+import { Answers } from './answers.js';
 import { CameraPanel } from './camera.js';
 import { ChainView } from './chain.js';
 import { leanScale, setText } from './drawing.js';
@@ -24,7 +25,7 @@ class Live {
     this.unacknowledged = 0; // frames that arrived and are not drawn yet
     this.costs = []; // milliseconds to draw each of the last frames
     this.received = 0; // time of the last message
-    this.answers = [];
+    this.answers = new Answers();
     this.view = new ChainView(element('chain'), {
       act: (name, more) => this.act(name, more),
       window: (first, last) => this.send({ window: [first, last] }),
@@ -79,15 +80,8 @@ class Live {
     if (message.chains) this.chains = message.chains.map(withScale);
     if (message.track) this.time.track = message.track;
     if (message.status) this.status = message.status;
-    if ('answer' in message) this.notify(message.answer, message.good);
+    if ('answer' in message) this.answers.show(message);
     if (!this.watched && this.chains.length) this.watch(this.chains[0].name);
-  }
-
-  notify(text, good) {
-    this.answers = [...this.answers, text].slice(-20);
-    if (text && window.Quasar) {
-      window.Quasar.Notify.create({ message: text, type: good ? 'positive' : 'negative', position: 'bottom-right', timeout: good ? 2000 : 6000 });
-    }
   }
 
   readBinary(buffer) {
@@ -122,7 +116,7 @@ class Live {
     element('small').hidden = name !== ALL;
   }
 
-  act(name, more) { this.send({ act: name, chain: this.watched, ...more }); }
+  act(name, more) { this.send({ act: name, id: this.answers.begin(name), chain: this.watched, ...more }); }
 
   statusOf(name) { return this.status.chains.find((s) => s.name === name) || {}; }
 
@@ -200,6 +194,7 @@ class Live {
 
   // Updates texts and warnings ten times a second.
   refresh() {
+    this.answers.refresh();
     this.refreshHealth();
     const index = this.chains.findIndex((chain) => chain.name === this.watched);
     const newest = this.frames.get(index);

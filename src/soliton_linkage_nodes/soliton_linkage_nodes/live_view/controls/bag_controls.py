@@ -112,10 +112,10 @@ class BagControls:
 
             async def change_rate() -> None:
                 commands = view.commands(REPLAY)
-                await attempt(lambda: view.replay.set_rate(commands, float(rate.value)))
+                await attempt('Speed', lambda: view.replay.set_rate(commands, float(rate.value)))
 
             async def change_loop() -> None:
-                await attempt(lambda: view.replay.set_loop(bool(loop.value)))
+                await attempt('Repeat', lambda: view.replay.set_loop(bool(loop.value)))
 
             rate.on_value_change(change_rate)
             loop.on_value_change(change_loop)

@@ -3,6 +3,8 @@
 
 from __future__ import annotations
 
+import itertools
+import json
 import math
 from collections.abc import Awaitable, Callable, Mapping
 from typing import Any, Protocol
@@ -27,6 +29,7 @@ _FACTORS = (0.01, 0.05, 0.1, 0.25, 0.5, 1.0, 2.0, 5.0, 10.0, 0.0)
 """Real-time factors [1]; 0 is as fast as possible."""
 _EXAMPLE = 'write joint and angle, for example rotor_0: 1.2'
 
+_numbers = itertools.count()
 Action = Callable[[], 'str | Awaitable[str]']
 
 
@@ -36,29 +39,31 @@ class Shown(Protocol):
     namespace: str
 
 
-async def attempt(action: Action) -> bool:
-    """Carry out an action and show its result; return False if it was rejected."""
+async def attempt(name: str, action: Action) -> bool:
+    """Carry out an action and show its answer; return False if it was rejected."""
+    number = next(_numbers)
+    show_answer(number, name)
+    good = True
     try:
         done = action()
-        result = done if isinstance(done, str) else await done
+        text = done if isinstance(done, str) else await done
     except (ValueError, OSError) as error:
-        show_error(error)
-        return False
-    if result:
-        ui.notify(result, type='positive', timeout=2000, position='bottom-right')
-    return True
+        text, good = str(error), False
+    show_answer(number, name, text, good)
+    return good
 
 
-def show_error(error: Exception) -> None:
-    """Show an error for a few seconds."""
-    ui.notify(str(error), type='negative', multi_line=True, timeout=6000, position='bottom-right')
+def show_answer(number: int, name: str, text: str = '', good: bool | None = None) -> None:
+    """Show the state of an action: pending, successful or rejected."""
+    answer = json.dumps({'id': f'control {number}', 'name': name, 'answer': text, 'good': good})
+    ui.run_javascript(f'live.answers.show({answer})')
 
 
 def button(text: str, action: Action, icon: str = '', marker: str = '') -> ui.button:
-    """Add a button that carries out an action and shows its result."""
+    """Add a button that carries out an action and shows its answer."""
 
     async def press() -> None:
-        await attempt(action)
+        await attempt(text, action)
 
     created = ui.button(text, icon=icon or None, on_click=press).props('dense no-caps unelevated')
     return created.props(f'id={marker}') if marker else created
@@ -170,10 +175,10 @@ class DriveControls(ChainControls):
             kind.on_value_change(adapt)
             adapt()
 
-            def send() -> str:
+            async def send() -> str:
                 instant = kind.value == 'kick'
                 duration, up, down = (0.0 if instant else value_of(field) for field in fields)
-                return self._commands.drive(
+                return await self._commands.drive(
                     kind.value, edge.value, value_of(value), (duration, up, down)
                 )
 
@@ -186,11 +191,8 @@ class DriveControls(ChainControls):
             slider = ui.slider(min=-_LARGEST_TILT, max=_LARGEST_TILT, step=0.005, value=0.0)
             slider.props('label aria-label="tilt [rad]" id=live-tilt').classes('live-slider')
 
-            def tilt() -> None:
-                try:
-                    self._commands.tilt(float(slider.value))
-                except ValueError as error:
-                    show_error(error)
+            async def tilt() -> None:
+                await attempt('Tilt', lambda: self._commands.tilt(float(slider.value)))
 
             slider.on('change', tilt, throttle=0.1)
             slider.on('update:model-value', tilt, throttle=0.1)

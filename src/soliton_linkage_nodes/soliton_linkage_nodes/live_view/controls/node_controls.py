@@ -18,7 +18,6 @@ from soliton_linkage_nodes.live_view.controls.drive_controls import (
     attempt,
     button,
     hint,
-    show_error,
 )
 from soliton_linkage_nodes.live_view.status import reports_of
 from soliton_linkage_nodes.live_view.view import View
@@ -27,6 +26,7 @@ from soliton_linkage_nodes.messages.view_conversions import (
     NodeReport,
     figure,
 )
+from soliton_linkage_nodes.runtime.parameters import describe_range
 
 _HINT = (
     'Identify estimates the lengths of the rotors and springs from all frames received so far. '
@@ -83,8 +83,10 @@ def describe(report: NodeReport, progress: str = '') -> list[str]:
     figures = report.figures
     found = 'noise [rad]' in figures
     lines = [', '.join(filter(None, (f'{figures.get("frames", "?")} frames', progress)))]
-    if found or report.level or not progress:
-        lines += report.message.split('; ')
+    if progress:
+        # The last result or failure belongs to earlier frames.
+        return lines
+    lines += report.message.split('; ')
     if figures.get('worst bonds'):
         lines.append(f'least accurate springs or bars: {figures["worst bonds"]}')
     if found:
@@ -124,10 +126,13 @@ class ParameterControls:
         node = self._nodes.value
         if not node:
             return
-        try:
-            found = await self._view.commands(self._page.namespace).parameters(node)
-        except ValueError as error:
-            show_error(error)
+        found: list[AdjustableParameter] = []
+
+        async def read() -> str:
+            found.extend(await self._view.commands(self._page.namespace).parameters(node))
+            return ''
+
+        if not await attempt(f'Parameters of {node}', read):
             return
         self._fields.clear()
         with self._fields:
@@ -140,7 +145,9 @@ class ParameterControls:
         async def change(event: Any) -> None:
             commands = self._view.commands(self._page.namespace)
             value = event.value if hasattr(event, 'value') else entry.value
-            changed = await attempt(lambda: commands.set_parameter(node, parameter, value))
+            changed = await attempt(
+                parameter.name, lambda: commands.set_parameter(node, parameter, value)
+            )
             if not changed:
                 await self._show()
 
@@ -148,8 +155,8 @@ class ParameterControls:
         name = parameter.name
         if parameter.kind == 'bool':
             entry = ui.switch(name, value=bool(parameter.value), on_change=change)
-        elif parameter.choices:
-            choices = list(parameter.choices)
+        elif parameter.range.choices:
+            choices = list(parameter.range.choices)
             entry = ui.select(choices, value=parameter.value, label=name, on_change=change)
         elif parameter.kind in ('int', 'float'):
             entry = ui.number(name, value=float(parameter.value), format='%g')
@@ -165,10 +172,5 @@ class ParameterControls:
 
 def description(parameter: AdjustableParameter) -> str:
     """Return the description of a parameter with its range."""
-    low, high = parameter.minimum, parameter.maximum
-    bounds = [
-        f'from {low:g}' if low is not None and low > -1e300 else '',
-        f'to {high:g}' if high is not None and high < 1e300 else '',
-    ]
-    text = ' '.join(filter(None, bounds))
-    return f'{parameter.description}; {text}' if text else parameter.description
+    allowed = '' if parameter.range.choices else describe_range(parameter.range)
+    return '; '.join(filter(None, (parameter.description, allowed)))

@@ -87,7 +87,7 @@ class Experiment:
         self._executor.add_node(observer)
         self._report: Any = None
         self._processes = ChildProcesses(output / 'log')
-        # An existing recording is the previous run of this experiment.
+        # A killed experiment leaves its recording.
         if self.bag.exists():
             shutil.rmtree(self.bag)
 
@@ -135,7 +135,7 @@ class Experiment:
                 self._interrupted()
                 address = page_address(self._processes.output(_PAGE))
                 if address:
-                    _say(f'Watch the chain at {address} while it runs.')
+                    _say(f'Watch the chain while it runs:\n  {address}')
                     if has_display():
                         webbrowser.open(address)
                     return True

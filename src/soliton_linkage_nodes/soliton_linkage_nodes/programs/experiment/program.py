@@ -12,6 +12,7 @@ from __future__ import annotations
 import argparse
 import fcntl
 import os
+import shutil
 import sys
 import threading
 import webbrowser
@@ -36,6 +37,8 @@ from soliton_linkage_nodes.runtime.process import (
 from soliton_linkage_nodes.start import INTERRUPTED
 
 _FILMED = 'filmed_experiment'
+_WRITTEN = '.written'
+"""File in a folder of results with the names of all that an experiment wrote there."""
 
 
 def main() -> None:
@@ -104,16 +107,40 @@ def _run_filmed(options: argparse.Namespace, given: dict[str, Any]) -> None:
 
 @contextmanager
 def claimed(folder: Path) -> Iterator[Path]:
-    """Yield a folder that no other experiment uses: this one, or the first free of _1, _2, ..."""
+    """Yield a folder that no other experiment uses: this one, or the first free of _1, _2, ...
+
+    What an earlier experiment wrote there is removed first, so that no result of another
+    configuration remains.
+    """
     candidates = (folder.with_name(f'{folder.name}_{n}') if n else folder for n in count())
     claims = ((each, _claim(each)) for each in candidates)
     chosen, claim = next((each, claim) for each, claim in claims if claim is not None)
     if chosen != folder:
         print(f'Another experiment writes to {folder}; this one writes to {chosen}.', flush=True)
     try:
-        yield chosen
+        _remove_written(chosen)
+        found = {path.name for path in chosen.iterdir()}
+        try:
+            yield chosen
+        finally:
+            written = sorted({path.name for path in chosen.iterdir()} - found)
+            (chosen / _WRITTEN).write_text('\n'.join(written), encoding='utf-8')
     finally:
         os.close(claim)
+
+
+def _remove_written(folder: Path) -> None:
+    """Remove the files and folders that the last experiment wrote into a folder."""
+    record = folder / _WRITTEN
+    if not record.is_file():
+        return
+    for name in record.read_text(encoding='utf-8').splitlines():
+        path = folder / Path(name).name
+        if path.is_dir() and not path.is_symlink():
+            shutil.rmtree(path)
+        else:
+            path.unlink(missing_ok=True)
+    record.unlink()
 
 
 def _claim(folder: Path) -> int | None:

@@ -1,0 +1,54 @@
+// SPDX-License-Identifier: Apache-2.0
+// Answers to the actions of this page: pending, successful or rejected.
+
+import { setText } from './drawing.js';
+
+const PATIENCE = 2; // seconds after which a missing answer is reported
+const SHOWN = { true: 6, false: 20 }; // seconds that a success and a rejection are shown
+const NAMES = { move: 'Move', nudge: 'Nudge', seek: 'Seek', pause: 'Pause' };
+
+export class Answers {
+  constructor() {
+    this.log = []; // texts of the last answers
+    this.last = null; // the action that changed last
+    this.count = 0;
+  }
+
+  // Starts an action of a canvas and returns its number.
+  begin(name) {
+    this.count += 1;
+    this.show({ id: this.count, name: NAMES[name] || name, good: null });
+    return this.count;
+  }
+
+  // Shows the state of an action; `good` is null while it waits for its answer.
+  show({ id, name, answer, good }) {
+    if (good !== null) this.log = [...this.log, answer].slice(-20);
+    // An older action does not hide a newer one that still waits.
+    const waits = this.last && this.last.good === null && good !== null && id !== this.last.id;
+    if (waits) return;
+    if (good !== null && !answer) this.last = null;
+    else this.last = { id, name: name || (this.last && this.last.name), answer, good, since: performance.now() };
+    this.refresh();
+  }
+
+  get text() {
+    const { last } = this;
+    if (!last) return '';
+    const seconds = (performance.now() - last.since) / 1000;
+    if (last.good === null) {
+      return seconds < PATIENCE ? `… ${last.name}: waiting for the answer` : `▲ ${last.name}: no answer within ${PATIENCE} s, still waiting`;
+    }
+    if (seconds > SHOWN[last.good]) return '';
+    const name = last.name ? `${last.name}: ` : '';
+    return last.good ? `✓ ${name}${last.answer}` : `✗ ${name}${last.answer}`;
+  }
+
+  refresh() {
+    const { text } = this;
+    document.querySelectorAll('.live-answer').forEach((place) => {
+      setText(place, text);
+      place.dataset.state = text ? text[0] : '';
+    });
+  }
+}

@@ -1,0 +1,51 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The program live keeps its nodes running and prints an address that can be opened."""
+
+from __future__ import annotations
+
+import os
+import signal
+from collections.abc import Callable
+from pathlib import Path
+
+from graphs import Graph
+from programs import Program
+
+from soliton_linkage_nodes.runtime import interfaces
+
+CONFIG = Path(__file__).parents[3] / 'config' / 'flipper.yaml'
+
+
+def test_a_killed_node_is_started_again_and_named(
+    graph: Graph, start: Callable[..., Program], tmp_path: Path
+) -> None:
+    states = graph.hear(interfaces.SOLITON_STATE)
+    output = tmp_path / 'out'
+    program = start('live', str(CONFIG), '--output', str(output), '--port', '0', '--no-browser')
+    graph.until(lambda: states, 'the first state')
+    graph.until(lambda: any('http://' in line for line in program.said), 'the address')
+    (address,) = [line.strip() for line in program.said if 'http://' in line]
+    assert address.endswith('/')
+    folder = f'/proc/{program.process.pid}/task/{program.process.pid}'
+    children = [int(pid) for pid in Path(folder, 'children').read_text().split()]
+    (analyser,) = [
+        pid for pid in children if b'soliton_analyser' in Path(f'/proc/{pid}/cmdline').read_bytes()
+    ]
+    os.kill(analyser, signal.SIGKILL)
+    graph.until(
+        lambda: 'soliton_analyser ended with exit code -9; it is started again.' in program.said,
+        'the restart',
+    )
+    states.clear()
+    graph.until(lambda: states, 'a state of the new analyser')
+    assert program.stop() == 130
+
+
+def test_a_node_that_cannot_start_ends_the_program(
+    start: Callable[..., Program], tmp_path: Path
+) -> None:
+    wrong = tmp_path / 'wrong.yaml'
+    wrong.write_text('/**/simulator: {ros__parameters: {chain.spacing: -1.0}}')
+    program = start('live', str(wrong), '--output', str(tmp_path / 'out'), '--port', '0')
+    assert program.wait() == 1
+    assert any('simulator ended with exit code 1' in line for line in program.said)
