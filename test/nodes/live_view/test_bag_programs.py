@@ -81,10 +81,10 @@ def test_a_read_only_page_plays_nothing(tmp_path: Path, named: NamedChain, name:
 def test_no_recorder_is_started_beside_one_of_another_program(tmp_path: Path) -> None:
     recording = BagRecording(tmp_path, finder('/bag_recorder'), read_only=False)
     with pytest.raises(ValueError, match='another program is recording this chain'):
-        recording.start('/')
+        recording.begin('/')
 
 
 def test_without_a_folder_nothing_is_recorded() -> None:
     recording = BagRecording(None, finder(), read_only=False)
     with pytest.raises(ValueError, match='start live_view with bag_folders'):
-        recording.start('/')
+        recording.begin('/')

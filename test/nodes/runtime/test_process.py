@@ -113,7 +113,7 @@ def test_unreadable_parameters_are_logged_in_one_line(tmp_path: Path, content: s
     path = tmp_path / 'wrong.yaml'
     if content is not None:
         path.write_text(content)
-    with pytest.raises(ValueError, match='wrong ROS arguments: |does not exist') as refusal:
+    with pytest.raises(ValueError, match=r'wrong ROS arguments: |does not exist') as refusal:
         initialise(['--ros-args', '--params-file', str(path)])
     assert 'rcl' not in str(refusal.value) or content is not None
     assert str(path) in str(refusal.value)

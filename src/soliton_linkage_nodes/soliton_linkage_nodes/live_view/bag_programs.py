@@ -25,6 +25,8 @@ from soliton_linkage_nodes.runtime.stamps import SECOND, time_to_msg
 
 _RECORDER = 'bag_recorder'
 _PLAYER = 'bag_player'
+_POLL_INTERVAL = 0.05
+"""Poll interval for the first report of a recorder [s]."""
 _RESULTS = {
     'pause': 'paused',
     'resume': 'resumed',
@@ -97,6 +99,8 @@ class BagRecording(_BagProgram):
         """Record into a folder; None disables recording."""
         super().__init__(_RECORDER, finder, read_only)
         self.namespace = '/'
+        self.finished = 0
+        """Number of bags that this page finished."""
         self._folder = folder
 
     @property
@@ -122,7 +126,16 @@ class BagRecording(_BagProgram):
             return 'another program is recording this chain; stop that recorder first'
         return ''
 
-    def start(self, namespace: str, snapshot: float = 0.0, paused: bool = False) -> str:
+    async def start(self, namespace: str, snapshot: float = 0.0) -> str:
+        """Begin to record, and return when the recorder reports."""
+        name = self.begin(namespace, snapshot)
+        while self.running and self.report is None:
+            await asyncio.sleep(_POLL_INTERVAL)
+        if not self.running:
+            raise ValueError('the recorder has ended; see its log')
+        return f'recording to {name}_0'
+
+    def begin(self, namespace: str, snapshot: float = 0.0) -> str:
         """Record the chain of a namespace; with `snapshot` keep only so many last seconds."""
         if self._folder is None or self.rejection:
             raise ValueError(self.rejection)
@@ -131,10 +144,9 @@ class BagRecording(_BagProgram):
         self.namespace = namespace
         name = self._folder / time.strftime('recording_%Y_%m_%d-%H_%M_%S')
         arguments = ['-p', f'output:={name}', '-p', f'snapshot_duration:={float(snapshot)}']
-        arguments += ['-p', f'start_paused:={str(paused).lower()}']
         arguments += ['-r', f'__ns:={namespace.rstrip("/") or "/"}']
         self._start(self._folder / 'log', arguments)
-        return f'{"ready to record" if paused else "recording"} to {name.name}_0'
+        return name.name
 
     async def stop(self) -> str:
         """Finish the bag."""
@@ -142,6 +154,7 @@ class BagRecording(_BagProgram):
         if not self.running:
             raise ValueError('this page is not recording')
         code = await self._stop()
+        self.finished += 1
         self._finder.reports.pop(f'{self.namespace}{_RECORDER}', None)
         if code:
             raise ValueError(f'the recorder ended with exit code {code}; see its log')

@@ -43,11 +43,7 @@ class LiveViewParameters:
     bag_folders: tuple[str, ...] = quantity(
         (), 'folders whose bags are listed; the first one receives recordings; empty for no bags'
     )
-    record: str = quantity(
-        'no',
-        'whether to record from the start; paused starts a recorder that waits',
-        choices=('no', 'yes', 'paused'),
-    )
+    record: bool = quantity(False, 'whether to record from the start')
 
 
 class LiveView(GuardedNode):
@@ -86,9 +82,8 @@ class LiveView(GuardedNode):
         self._sent_before = 0
         self.diagnostics = Diagnostics(self, 'page', self._report)
         self._serve()
-        if settings.record != 'no':
-            paused = settings.record == 'paused'
-            self.get_logger().info(self.view.recording.start(own, paused=paused))
+        if settings.record:
+            self.get_logger().info(f'recording to {self.view.recording.begin(own)}_0')
 
     def _serve(self) -> None:
         try:

@@ -5,6 +5,7 @@ from __future__ import annotations
 
 import asyncio
 from pathlib import Path
+from typing import Any
 
 from fastapi import FastAPI
 from nicegui import ui
@@ -117,6 +118,12 @@ class Page:
             with ui.tab_panel('Identify'):
                 self._identify = IdentifyControls(view, self)
         ui.timer(0.1, self._bags.list_bags, once=True)
+
+        async def on_tab(event: Any) -> None:
+            if event.value == 'Bags':
+                await self._bags.list_bags()
+
+        tabs.on_value_change(on_tab)
 
     def _toggle_dark(self) -> None:
         dark = self._dark.value

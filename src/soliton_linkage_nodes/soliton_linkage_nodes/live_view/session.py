@@ -57,11 +57,11 @@ def main() -> None:
 
 
 def _start(processes: ChildProcesses, arguments: argparse.Namespace) -> None:
-    print(f'Starting {", ".join(_NODES)}, bag_recorder and {_PAGE}.', flush=True)
+    print(f'Starting {", ".join(_NODES)} and {_PAGE}.', flush=True)
     common = ['--params-file', str(arguments.configuration)]
     environment = dict(os.environ)
     folders = f'[{arguments.output.resolve()},{arguments.bags.resolve()}]'
-    page = ['-p', f'bag_folders:={folders}', '-p', 'record:=paused']
+    page = ['-p', f'bag_folders:={folders}']
     page += ['-p', f'port:={arguments.port}', '-p', f'host:={arguments.host}']
     processes.start(_PAGE, [*common, *page], environment)
     identified = arguments.output.resolve() / 'identified_chain.yaml'

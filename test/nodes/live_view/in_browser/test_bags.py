@@ -11,22 +11,25 @@ from soliton_linkage_nodes.runtime.stamps import SECOND
 def test_a_bag_is_recorded_split_and_finished(visit: Visit, view: View) -> None:
     visit.tab('Bags')
     visit.click('record')
-    until(lambda: view.recording.report, 'the recorder')
+    visit.answers('recording to ')
     visit.has_text('health', '● recorder: recording')
     until(lambda: int(view.recording.report.figures['messages']) > 20, 'messages')
-    for name, done in (
-        ('pause', 'paused'),
-        ('resume', 'resumed'),
-        ('split', 'started a new file'),
-    ):
-        visit.page.locator(f'#live-record-{name}:enabled').click()
-        visit.answers(done)
+    assert visit.page.locator('#live-record').is_disabled()
+    visit.page.locator('#live-record-pause').click()
+    visit.answers('paused')
+    visit.has_text('recording', ': paused')
+    visit.page.locator('#live-record:enabled').click()
+    visit.answers('resumed')
+    visit.page.locator('#live-record-split_bagfile').click()
+    visit.answers('started a new file')
     visit.click('record-snapshot')
     visit.answers('snapshot_duration of bag_recorder = 0')
     visit.shot('recording')
     visit.click('record-stop')
     visit.answers('the bag is complete')
     (bag,) = [bag for bag in view.catalogue.bags() if bag.name.startswith('recording_')]
+    visit.page.locator('.live-bag', has_text=bag.name).wait_for()
+    assert visit.text('recording') == ''
     assert bag.lost == 0
     assert bag.topics['/joint_states'] > 10
     assert len(list(bag.path.glob('*.mcap*'))) == 2

@@ -15,6 +15,7 @@ from soliton_linkage_nodes.live_view.controls.drive_controls import (
     Shown,
     attempt,
     button,
+    enable,
     number,
     value_of,
 )
@@ -24,40 +25,41 @@ from soliton_linkage_nodes.live_view.view import View
 _RATES = (0.1, 0.25, 0.5, 1.0, 2.0, 5.0, 10.0)
 """Rates of a replay relative to the recording [1]."""
 _REQUESTS = (
-    ('Pause', 'pause', 'pause', 'live-record-pause'),
-    ('Resume', 'resume', 'play_arrow', 'live-record-resume'),
-    ('New file', 'split_bagfile', 'call_split', 'live-record-split'),
-    ('Snapshot', 'snapshot', 'photo_camera', 'live-record-snapshot'),
+    ('Pause', 'pause', 'pause'),
+    ('New file', 'split_bagfile', 'call_split'),
+    ('Snapshot', 'snapshot', 'photo_camera'),
 )
-"""Text, request, icon and id of each button of a running recorder."""
+"""Text, request and icon of each button of a running recorder."""
 
 
 class RecordControls:
-    """Start, pause, split, snapshot and stop, for the chain that the page shows."""
+    """Record, pause, split, snapshot and stop, for the chain that the page shows."""
 
     def __init__(self, view: View, page: Shown) -> None:
         self._view, self._page = view, page
-        self._start = ControlGroup('Record this chain to a bag', 'start')
-        with self._start.body:
+        self._group = ControlGroup('Record this chain to a bag', 'record')
+        with self._group.body:
             kept = number('only keep the last', 0.0, 's', min=0, max=3600)
             kept.tooltip('0 records everything; otherwise Snapshot writes the last seconds')
-            start = partial(self._start_recorder, kept)
-            button('Start', start, 'fiber_manual_record', 'live-record')
-        self._requests = ControlGroup('Running recorder', 'request')
-        with self._requests.body:
-            for text, name, icon, marker in _REQUESTS:
-                button(text, partial(self._request, name), icon, marker)
-        self._stop = ControlGroup('Finish the bag', 'stop')
-        with self._stop.body:
-            button('Stop', view.recording.stop, 'stop', 'live-record-stop')
-        self._summary = ui.label().classes('live-hint').props('id=live-recording')
+            record = partial(self._record, kept)
+            self._start = button('Record', record, 'fiber_manual_record', 'live-record')
+            self._requests = [
+                button(text, partial(self._request, name), icon, f'live-record-{name}')
+                for text, name, icon in _REQUESTS
+            ]
+            self._stop = button('Stop', view.recording.stop, 'stop', 'live-record-stop')
+        self._summary = ui.label().classes('live-hint').props('id=live-recording role=status')
 
-    def _start_recorder(self, kept: ui.number) -> str:
+    async def _record(self, kept: ui.number) -> str:
+        """Start a recorder, or resume one that is paused."""
+        recording = self._view.recording
+        if recording.report is not None:
+            return await self._request('resume')
         if self._view.read_only:
             raise ValueError(READ_ONLY)
         if self._page.namespace not in self._view.chains:
             raise ValueError('select the chain to record')
-        return self._view.recording.start(self._page.namespace, value_of(kept))
+        return await recording.start(self._page.namespace, value_of(kept))
 
     async def _request(self, name: str) -> str:
         recording = self._view.recording
@@ -68,14 +70,15 @@ class RecordControls:
         recording = self._view.recording
         if not recording.running and self._page.namespace in self._view.chains:
             recording.namespace = self._page.namespace
-        read_only = READ_ONLY if self._view.read_only else ''
         report = recording.report
-        silent = '' if report else 'no recorder is running'
-        foreign = 'another program started this recorder; stop it there' if report else silent
-        running = 'a recorder is already running' if recording.running else ''
-        self._start.disable_for(read_only or recording.rejection or running)
-        self._requests.disable_for(read_only or silent)
-        self._stop.disable_for(read_only or ('' if recording.running else foreign))
+        reason = READ_ONLY if self._view.read_only else '' if report else recording.rejection
+        self._group.disable_for(reason)
+        if not reason:
+            paused = report is not None and report.message.startswith('paused')
+            enable(self._start, paused or not (report or recording.running))
+            for requested in self._requests:
+                enable(requested, report is not None)
+            enable(self._stop, recording.running)
         text = ''
         if report:
             figures = report.figures
@@ -94,6 +97,7 @@ class BagControls:
     def __init__(self, view: View, page: Shown) -> None:
         self._view, self._page = view, page
         self._listings = 0
+        self._finished = view.recording.finished
         self._rows: dict[str, tuple[CataloguedBag | None, ui.element]] = {}
         with ui.element('div').classes('live-row'):
             ui.label('Recorded bags').classes('live-title')
@@ -125,6 +129,9 @@ class BagControls:
         read_only = READ_ONLY if self._view.read_only else ''
         closed = '' if self._view.replay.bag else 'no bag is open; press Play beside a bag'
         self._transport.disable_for(read_only or closed)
+        if self._finished != self._view.recording.finished:
+            self._finished = self._view.recording.finished
+            ui.timer(0, self.list_bags, once=True)
 
     async def list_bags(self) -> None:
         """List the bags of the folders."""

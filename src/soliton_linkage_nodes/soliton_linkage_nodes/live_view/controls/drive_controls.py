@@ -69,6 +69,12 @@ def button(text: str, action: Action, icon: str = '', marker: str = '') -> ui.bu
     return created.props(f'id={marker}') if marker else created
 
 
+def enable(control: ui.button, enabled: bool) -> None:
+    """Enable or disable a button; a change is sent to the browser."""
+    if control.enabled != enabled:
+        control.set_enabled(enabled)
+
+
 def number(label: str, value: float, unit: str, **props: Any) -> ui.number:
     """Add a field for a number with its unit."""
     created = ui.number(label, value=value, format='%g', **props).props('dense outlined')
