@@ -16,7 +16,6 @@ import pytest
 from soliton_linkage.linkage.chain import Chain
 from soliton_linkage_nodes.messages.conversions import NamedChain, default_joint_names
 from soliton_linkage_nodes.programs.simulated_controller import PseudoTerminal
-from soliton_linkage_nodes.runtime import diagnostics
 from soliton_linkage_nodes.runtime.child_processes import restrict_to_loopback
 
 sys.path.append(str(Path(__file__).parent))
@@ -59,12 +58,6 @@ def start(graph: Graph, tmp_path: Path) -> Iterator[Callable[..., Program]]:
     for program in programs:
         program.process.kill()
         program.process.wait()
-
-
-@pytest.fixture
-def often(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Set the diagnostics rate of nodes to 20 Hz."""
-    monkeypatch.setattr(diagnostics, '_PERIOD', 0.05)
 
 
 @pytest.fixture

@@ -13,7 +13,6 @@ from pathlib import Path
 from ament_index_python.packages import get_package_prefix
 
 LONGEST_WAIT = 120.0
-STOP_LIMIT = 20.0
 PACKAGE = 'soliton_linkage_nodes'
 
 _SIGNALLED = """
@@ -75,6 +74,6 @@ class Program:
         return self.process.wait(LONGEST_WAIT)
 
     def stop(self, number: signal.Signals = signal.SIGINT) -> int:
-        """Return the exit code with which it ends within the limit after a signal."""
+        """Return the exit code with which it ends after a signal."""
         self.process.send_signal(number)
-        return self.process.wait(STOP_LIMIT)
+        return self.process.wait(LONGEST_WAIT)

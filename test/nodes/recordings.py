@@ -5,7 +5,6 @@ from __future__ import annotations
 
 import json
 import shutil
-import time
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
@@ -32,21 +31,6 @@ START = 1_700_000_000 * 10**9
 MILLISECOND = 10**6
 
 Entry = tuple[interfaces.Topic, int, Any]
-
-
-def publish_for(
-    publisher: Publisher, named: NamedChain, seconds: float, pause: float
-) -> tuple[list[bytes], list[float]]:
-    """Publish frames for a time [s], a pause [s] after each; return them, and when each went."""
-    sent: list[bytes] = []
-    times: list[float] = []
-    begin = time.monotonic()
-    while time.monotonic() - begin < seconds:
-        sent.append(serialize_message(frame_message(named, len(sent))))
-        publisher.publish(sent[-1])
-        times.append(time.monotonic())
-        time.sleep(pause)
-    return sent, times
 
 
 def frame_message(named: NamedChain, number: int) -> JointState:

@@ -5,7 +5,6 @@ from __future__ import annotations
 
 import sys
 import threading
-import time
 from collections.abc import Callable
 from typing import Any
 
@@ -15,7 +14,8 @@ from graphs import Graph
 from rclpy.node import Node
 from std_msgs.msg import Float64
 
-from soliton_linkage_nodes.commands import node, param, run, service, topic, visitor
+from soliton_linkage_nodes.commands import node, param, run, service, topic
+from soliton_linkage_nodes.commands.visitor import visiting
 from soliton_linkage_nodes.runtime import interfaces
 
 Said = Callable[..., str]
@@ -38,22 +38,20 @@ def said(
 ) -> Said:
     """Run a command on the domain of the test while it spins; return the output."""
     monkeypatch.setenv('ROS_DOMAIN_ID', str(graph.domain))
-    monkeypatch.setattr(visitor, 'FOUND_WITHIN', 60.0)
-    monkeypatch.setattr(visitor, '_ALL_ANNOUNCED', 0.0)
     graph.start(Pendulum)
 
-    def run_beside(command: Any, *arguments: str) -> str:
+    def run_beside(command: Any, verb: str, *arguments: str, timeout: float = 60.0) -> str:
         codes: list[Any] = []
 
         def work() -> None:
             try:
-                codes.append(command.main(list(arguments)))
+                codes.append(command.main([verb, '--timeout', str(timeout), *arguments]))
             except Exception as error:
                 codes.append(error)
 
         thread = threading.Thread(target=work)
         thread.start()
-        graph.until(lambda: not thread.is_alive(), ' '.join(arguments))
+        graph.until(lambda: not thread.is_alive(), ' '.join((verb, *arguments)))
         if codes != [0]:
             raise codes[0]
         return capsys.readouterr().out
@@ -76,12 +74,9 @@ def test_a_message_is_published_to_a_waiting_subscriber(said: Said, graph: Graph
     assert shown == 'published on /tilt: std_msgs.msg.Float64(data=3.0)\n'
 
 
-def test_nothing_is_published_without_a_subscriber(
-    said: Said, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setattr(topic, '_MATCH_LIMIT', 0.1)
+def test_nothing_is_published_without_a_subscriber(said: Said) -> None:
     with pytest.raises(RuntimeError, match=r'/tilt has 0 subscribers after 0.1 s, not 1; nothing'):
-        said(topic, 'pub', '--once', 'tilt', 'std_msgs/msg/Float64', '{data: 3}')
+        said(topic, 'pub', '--once', 'tilt', 'std_msgs/msg/Float64', '{data: 3}', timeout=0.1)
 
 
 def test_parameters_are_listed_got_set_and_dumped(said: Said) -> None:
@@ -97,38 +92,41 @@ def test_parameters_are_listed_got_set_and_dumped(said: Said) -> None:
 
 
 def test_nodes_and_services_are_listed_and_called(said: Said, graph: Graph) -> None:
-    graph.until(lambda: '/pendulum' in said(node, 'list').split(), 'the node')
+    graph.until(lambda: '/pendulum' in said(node, 'list', timeout=0.0).split(), 'the node')
     listed = '/pendulum/list_parameters'
-    graph.until(lambda: listed in said(service, 'list').split(), 'its services')
+    graph.until(lambda: listed in said(service, 'list', timeout=0.0).split(), 'its services')
     kind = 'rcl_interfaces/srv/GetParameters'
     shown = said(service, 'call', '/pendulum/get_parameters', kind, '{names: [length]}')
     assert yaml.safe_load(shown)['values'][0]['double_value'] == 0.5
 
 
+@pytest.mark.parametrize(
+    ('announced', 'length'),
+    [([3.1], 4.1), ([3.1, 4.0, 4.9], 5.9), ([], 3.2), ([0.7 * n for n in range(20)], 10)],
+)
 def test_a_list_is_complete_once_it_no_longer_grows(
-    graph: Graph, monkeypatch: pytest.MonkeyPatch
+    graph: Graph, monkeypatch: pytest.MonkeyPatch, announced: list[float], length: float
 ) -> None:
     monkeypatch.setenv('ROS_DOMAIN_ID', str(graph.domain))
-    monkeypatch.setattr(visitor, '_ALL_ANNOUNCED', 0.5)
-    monkeypatch.setattr(visitor, '_SETTLED', 0.2)
-    begin = time.monotonic()
-    with visitor.visiting() as visiting:
-        names = visiting.settled(
-            lambda: ['a', 'b', 'c'][: 1 + int(8 * (time.monotonic() - begin))]
-        )
-        late = visiting.settled(lambda: ['a', 'b'][: 1 + (time.monotonic() - begin > 0.8)])
-    assert names == ['a', 'b', 'c']
-    assert late == ['a', 'b'], 'no node is missed that announces itself within a period'
+    now = 0.0
+
+    def found() -> list[float]:
+        nonlocal now
+        now += 0.05
+        return [time for time in announced if time <= now]
+
+    with visiting(clock=lambda: now) as visitor:
+        assert visitor.settled(found) == [time for time in announced if time <= length]
+    assert now == pytest.approx(length, abs=0.11)
 
 
-def test_an_unknown_name_is_reported(said: Said, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(visitor, 'FOUND_WITHIN', 0.1)
+def test_an_unknown_name_is_reported(said: Said) -> None:
     with pytest.raises(
         RuntimeError, match='there is no topic /none; list all with: soliton-linkage topic list'
     ):
-        said(topic, 'echo', 'none')
+        said(topic, 'echo', 'none', timeout=0.1)
     with pytest.raises(RuntimeError, match='nobody: there is no service /nobody/get_parameters'):
-        said(param, 'get', 'nobody', 'length')
+        said(param, 'get', 'nobody', 'length', timeout=0.1)
 
 
 def test_programs_are_run_by_their_names(monkeypatch: pytest.MonkeyPatch) -> None:

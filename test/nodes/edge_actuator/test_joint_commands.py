@@ -21,8 +21,6 @@ from soliton_linkage_nodes.messages.conversions import NamedChain
 from soliton_linkage_nodes.runtime import interfaces
 from soliton_linkage_nodes.runtime.stamps import time_to_msg
 
-pytestmark = pytest.mark.usefixtures('often')
-
 JOINTS, EFFORTS = interfaces.JOINT_COMMANDS, interfaces.EFFORT_COMMANDS
 TRAJECTORY = interfaces.JOINT_TRAJECTORY
 PERIOD = 0.01

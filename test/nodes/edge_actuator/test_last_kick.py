@@ -23,8 +23,6 @@ from soliton_linkage_nodes.messages.conversions import NamedChain
 from soliton_linkage_nodes.runtime import interfaces
 from soliton_linkage_nodes.simulator.node import Simulator
 
-pytestmark = pytest.mark.usefixtures('often')
-
 ROTORS = 8
 CHAIN = Chain(number_of_rotors=ROTORS)
 # The actuator waits for frames as long as a busy machine takes.

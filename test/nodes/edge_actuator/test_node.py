@@ -29,8 +29,6 @@ from soliton_linkage_nodes.messages.conversions import Frame, NamedChain, frame_
 from soliton_linkage_nodes.runtime import interfaces
 from soliton_linkage_nodes.runtime.stamps import time_from_msg, time_to_msg
 
-pytestmark = pytest.mark.usefixtures('often')
-
 LEFT, RIGHT = -1, 1
 NEAR_EDGE = {LEFT: EdgeCommand.FIRST, RIGHT: EdgeCommand.LAST}
 LASTING = EdgeCommand.PRESSURE

@@ -20,12 +20,10 @@ from soliton_linkage_nodes.messages.conversions import (
     chain_to_msg,
     default_joint_names,
 )
-from soliton_linkage_nodes.runtime import interfaces, subscriptions
+from soliton_linkage_nodes.runtime import interfaces
 from soliton_linkage_nodes.runtime.diagnostics import Diagnostics, Report
 from soliton_linkage_nodes.runtime.guarded import GuardedNode
 from soliton_linkage_nodes.runtime.stamps import time_to_msg
-
-pytestmark = pytest.mark.usefixtures('often')
 
 
 class Learner(GuardedNode):
@@ -97,10 +95,7 @@ def test_a_chain_that_changes_is_logged_once(
     )
 
 
-def test_two_publishers_of_the_chain_are_reported(
-    graph: Graph, monkeypatch: pytest.MonkeyPatch, said: Callable[[], str]
-) -> None:
-    monkeypatch.setattr(subscriptions, '_POLL_PERIOD', 0.05)
+def test_two_publishers_of_the_chain_are_reported(graph: Graph, said: Callable[[], str]) -> None:
     graph.start(Learner)
     graph.speak(interfaces.CHAIN)
     graph.speak(interfaces.CHAIN)

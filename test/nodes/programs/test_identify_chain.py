@@ -15,8 +15,7 @@ from soliton_linkage_nodes.bags.guards import DEFAULT_LIMITS
 from soliton_linkage_nodes.bags.reading import open_bag
 from soliton_linkage_nodes.messages.chain_source import chain_of_file
 from soliton_linkage_nodes.messages.conversions import Frame, NamedChain, frame_to_msg
-from soliton_linkage_nodes.programs import identify_chain
-from soliton_linkage_nodes.programs.identify_chain import main
+from soliton_linkage_nodes.programs.identify_chain import main, read_joints
 from soliton_linkage_nodes.runtime import interfaces
 from soliton_linkage_nodes.runtime.stamps import time_to_msg
 
@@ -60,12 +59,9 @@ def test_a_bag_becomes_a_file_that_nodes_take(
     assert 'bonds with the largest' in said.out
 
 
-def test_of_a_long_bag_all_frames_of_the_time_that_is_chosen_stay(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setattr(identify_chain, '_MOST_FRAMES', 80)
+def test_all_frames_of_the_selected_time_of_a_long_bag_are_kept(tmp_path: Path) -> None:
     with open_bag(bag_of(tmp_path, passage(MADE, 200)), DEFAULT_LIMITS) as reader:
-        readings = identify_chain.read_joints(reader, None, (0.1, 0.35)).readings()
+        readings = read_joints(reader, None, (0.1, 0.35), 80).readings()
     np.testing.assert_allclose(readings.times, 0.004 * np.arange(len(readings.times)), atol=1e-9)
     assert readings.times[-1] == pytest.approx(0.248)
 

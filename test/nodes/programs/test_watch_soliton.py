@@ -11,7 +11,6 @@ import pytest
 from graphs import Graph
 from programs import Program
 
-from soliton_linkage import progress
 from soliton_linkage_msgs.msg import Soliton, SolitonState
 from soliton_linkage_nodes.messages.conversions import (
     Frame,
@@ -29,11 +28,9 @@ from soliton_linkage_nodes.runtime.stamps import time_to_msg
 def shown(
     graph: Graph,
     named: NamedChain,
-    monkeypatch: pytest.MonkeyPatch,
     capsys: pytest.CaptureFixture[str],
 ) -> Callable[[SolitonState, str], None]:
     """Publish a left-leaning chain and a state until the program displays them."""
-    monkeypatch.setattr(progress, '_LOG_INTERVAL', 0.0)
     graph.start(WatchSoliton)
     graph.until(lambda: 'no chain, joint_states, soliton_state' in capsys.readouterr().err, 'that')
     graph.speak(interfaces.CHAIN).publish(chain_to_msg(named, time_to_msg(0)))

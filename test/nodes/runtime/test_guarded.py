@@ -7,7 +7,6 @@ import time
 from collections.abc import Callable
 from typing import Any
 
-import pytest
 from graphs import Graph, values
 from rcl_interfaces.srv import SetParameters
 from rclpy.parameter import Parameter
@@ -17,8 +16,6 @@ from std_srvs.srv import Trigger
 from soliton_linkage_nodes.runtime import interfaces
 from soliton_linkage_nodes.runtime.diagnostics import Diagnostics, Report
 from soliton_linkage_nodes.runtime.guarded import SERVICE_QOS, GuardedNode
-
-pytestmark = pytest.mark.usefixtures('often')
 
 
 class Clumsy(GuardedNode):

@@ -121,7 +121,7 @@ def test_readings_become_joint_states_with_the_stamp_of_their_measurement(
 
 
 def test_noise_and_frames_of_another_chain_are_counted_and_not_published(
-    graph: Graph, plugged: Callable[..., Controller], often: None
+    graph: Graph, plugged: Callable[..., Controller]
 ) -> None:
     controller = plugged(protocol='text')
     node, received = begin(graph, controller)

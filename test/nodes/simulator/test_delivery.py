@@ -56,7 +56,7 @@ class Rig:
 
 
 @pytest.fixture
-def rig(graph: Graph, often: None) -> Rig:
+def rig(graph: Graph) -> Rig:
     return Rig(graph)
 
 

@@ -36,8 +36,6 @@ from soliton_linkage_nodes.runtime import interfaces
 from soliton_linkage_nodes.runtime.stamps import time_from_msg
 from soliton_linkage_nodes.simulator.node import Simulator
 
-pytestmark = pytest.mark.usefixtures('often')
-
 
 def test_a_chain_at_rest_is_published_as_it_is(graph: Graph) -> None:
     stream = Stream(graph)

@@ -23,8 +23,6 @@ from soliton_linkage_msgs.msg import RotorImpulses
 from soliton_linkage_msgs.srv import Reset, Step
 from soliton_linkage_nodes.runtime import interfaces
 
-pytestmark = pytest.mark.usefixtures('often')
-
 
 def pause(graph: Graph, paused: bool) -> Any:
     return graph.call(SetBool, 'simulator/pause', data=paused)

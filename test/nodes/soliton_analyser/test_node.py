@@ -36,10 +36,7 @@ from soliton_linkage_nodes.messages.joint_state_analysis import JointStateAnalys
 from soliton_linkage_nodes.messages.state_conversions import state_to_msg
 from soliton_linkage_nodes.runtime import interfaces
 from soliton_linkage_nodes.runtime.stamps import time_to_msg
-from soliton_linkage_nodes.soliton_analyser import node as soliton_analyser
 from soliton_linkage_nodes.soliton_analyser.node import SolitonAnalyser
-
-pytestmark = pytest.mark.usefixtures('often')
 
 CHAINS = {
     'flipper': (Chain(number_of_rotors=16), 10.0),
@@ -221,28 +218,19 @@ def test_an_experiment_that_is_stopped_meanwhile_loses_no_state_of_a_replay(
         observer.wait()
 
 
-def test_of_frames_that_wait_for_the_chain_too_long_the_last_are_kept(
-    graph: Graph, named: NamedChain, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setattr(soliton_analyser.interfaces, '_DEEPEST_QUEUE', 20)
-    states = graph.hear(interfaces.SOLITON_STATE)
+def test_the_last_1000_frames_wait_for_the_chain(graph: Graph, named: NamedChain) -> None:
+    topic = interfaces.SOLITON_STATE
+    states = graph.hear(replace(topic, qos=interfaces.lossless_stream_qos()))
     analyser = graph.start(SolitonAnalyser)
-    joints = graph.speak(interfaces.JOINT_STATES)
-    frames = frames_of(named, 10.0)[:50]
-    for number, frame in enumerate(frames):
-        joints.publish(frame)
-        graph.until(
-            lambda n=number: (
-                analyser.waiting
-                and analyser.waiting[-1][1][4:12]
-                == frames[n].header.stamp.sec.to_bytes(4, 'little')
-                + frames[n].header.stamp.nanosec.to_bytes(4, 'little')
-            ),
-            'the frame',
-        )
+    rest = named.chain.uniform_state(1)
+    for number in range(1030):
+        stamp = time_to_msg(number * PERIOD)
+        frame = frame_to_msg(named, Frame(rest, 0 * rest), 0 * rest, stamp)
+        analyser.take(serialize_message(frame))
     tell_chain(graph, named)
-    graph.until(lambda: states and states[-1].header == frames[-1].header, 'the last state')
-    assert [state.header for state in states] == [frame.header for frame in frames[-20:]]
+    graph.until(lambda: states and states[-1].header == frame.header, 'the last state')
+    assert states[0].header.stamp == time_to_msg(30 * PERIOD)
+    assert len(analyser.waiting) == 0
 
 
 def test_parameters_of_the_chain_take_the_place_of_the_topic(

@@ -37,8 +37,6 @@ from soliton_linkage_nodes.soliton_steering.steered_chain import (
     SteeredChain,
 )
 
-pytestmark = pytest.mark.usefixtures('often')
-
 ROTORS = 8
 CHAIN = Chain(number_of_rotors=ROTORS)
 EVEN = Disorder()

@@ -186,7 +186,6 @@ def test_the_kymograph_starts_before_the_first_subscriber(stage: Stage) -> None:
     assert (pixels[0, -9:] != 217).any(axis=1).all()
 
 
-@pytest.mark.usefixtures('often')
 def test_nothing_is_drawn_without_subscribers(graph: Graph, named: NamedChain) -> None:
     stage = Stage(graph, named, {})
     reports = graph.reports('visualisation')

@@ -9,7 +9,6 @@ import numpy as np
 import pytest
 from chains import FLIPPER, SPINNER, WOBBLER, chain_of
 
-from soliton_linkage.estimation import relocalisation
 from soliton_linkage.estimation.hypotheses import Hypotheses, Hypothesis
 from soliton_linkage.estimation.measurement import FrameLikelihood
 from soliton_linkage.estimation.multiple_model_filter import MultipleModelFilter
@@ -20,8 +19,8 @@ from soliton_linkage.orbit.uniform_orbit import UniformOrbit
 EXAMPLES = [FLIPPER, WOBBLER, SPINNER]
 
 
-def search_of(orbit: UniformOrbit) -> Relocaliser:
-    return Relocaliser(orbit, DEFAULTS.likelihood)
+def search_of(orbit: UniformOrbit, **limits: int) -> Relocaliser:
+    return Relocaliser(orbit, DEFAULTS.likelihood, **limits)
 
 
 @pytest.mark.parametrize('example', EXAMPLES)
@@ -69,12 +68,10 @@ def test_frames_without_information_give_no_candidate(example: tuple[float, floa
 
 @pytest.mark.parametrize('example', EXAMPLES)
 def test_a_long_orbit_is_scanned_where_the_backgrounds_allow(
-    example: tuple[float, float], monkeypatch: pytest.MonkeyPatch
+    example: tuple[float, float],
 ) -> None:
     orbit, random = UniformOrbit(chain_of(example, 60)), np.random.default_rng(3)
-    whole = search_of(orbit)
-    monkeypatch.setattr(relocalisation, '_MOST_NUMBERS', 1)
-    parts = search_of(orbit)
+    whole, parts = search_of(orbit), search_of(orbit, most_angles=1)
     for site in (0.2, 7.3, 31.6, 58.9):
         leg = int(random.integers(orbit.number_of_legs))
         frame = orbit.configuration(orbit.arc_at(site, leg)) + 0.01 * random.standard_normal(60)

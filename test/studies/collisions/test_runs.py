@@ -72,12 +72,13 @@ def test_slow_flippers_are_captured_and_fast_ones_separate() -> None:
     assert max(slow.drift, fast.drift) < 1e-8
 
 
-@pytest.mark.parametrize('integrator', ['symplectic', 'DOP853'])
-def test_a_bounce_window_does_not_depend_on_the_integrator(integrator: str) -> None:
-    run = run_collision(replace(meeting(NARROW, 0.16), integrator=integrator))
-    assert (run.escaped, run.collisions) == (True, 2)
-    assert run.speed_after == pytest.approx(0.1401, abs=2e-4)
-    assert run.drift < 1e-6
+def test_a_bounce_window_does_not_depend_on_the_integrator() -> None:
+    task = meeting(NARROW, 0.16)
+    runs = [run_collision(replace(task, integrator=name)) for name in ('symplectic', 'DOP853')]
+    for run in runs:
+        assert (run.escaped, run.collisions) == (True, 2)
+        assert run.drift < 1e-6
+    assert runs[0].speed_after == pytest.approx(runs[1].speed_after, abs=2e-4)
 
 
 def test_small_d_agrees_with_phi4_theory() -> None:

@@ -3,7 +3,8 @@
 
 from __future__ import annotations
 
-import importlib
+import subprocess
+import sys
 from pathlib import Path
 from typing import Any
 
@@ -132,16 +133,15 @@ def parabola(section, quick):
 """
 
 
-def test_an_external_figure_is_drawn_with_the_others(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_an_external_figure_is_drawn_with_the_others(tmp_path: Path) -> None:
     (tmp_path / 'own_figure.py').write_text(OWN_FIGURE, encoding='utf-8')
     config = tmp_path / 'figures.yaml'
     config.write_text('own_parabola: {points: 5}\n', encoding='utf-8')
-    monkeypatch.syspath_prepend(tmp_path)
-    monkeypatch.setattr(FIGURES, '_entries', dict(FIGURES))
-    importlib.import_module('own_figure')
-    assert figures.main([str(config), '--output', str(tmp_path), '--only', 'own']) == 0
+    # The registry of this process must not keep the figure.
+    program = 'import own_figure, sys; from soliton_linkage_studies.figures.program import main'
+    command = [sys.executable, '-c', f'{program}; sys.exit(main(sys.argv[1:]))']
+    arguments = [str(config), '--output', str(tmp_path), '--only', 'own']
+    subprocess.run([*command, *arguments], cwd=tmp_path, check=True)
     assert (tmp_path / 'own_parabola.png').exists()
     data = (tmp_path / 'own_parabola.csv').read_text(encoding='utf-8').splitlines()
     assert data[-1] == ',parabola,4.0,16.0,x,y'

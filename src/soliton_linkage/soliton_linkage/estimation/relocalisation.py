@@ -56,8 +56,6 @@ _MOST_PLACES = 12
 """Largest number of maxima that are refined [1]."""
 _STEPS_OF_TABLE = 32
 """Steps of the table of the likelihood per standard deviation [1], accurate to 1e-4."""
-_MOST_NUMBERS = 2_000_000
-"""Most angles of a sampled orbit that are stored [1]: 16 MB."""
 _MOST_SAMPLES = 500
 """Samples per leg of a longer orbit [1]."""
 
@@ -122,8 +120,10 @@ def samples_of(orbit: Orbit, arcs: Array) -> OrbitSamples:
 class Relocaliser:
     """Search for the walls of an orbit, or of its image upside down, in single frames."""
 
-    def __init__(self, orbit: Orbit, likelihood: LikelihoodSettings) -> None:
-        """Sample the orbit if it is short enough."""
+    def __init__(
+        self, orbit: Orbit, likelihood: LikelihoodSettings, most_angles: int = 2_000_000
+    ) -> None:
+        """Sample the orbit, unless its samples have more angles than `most_angles` [1] (16 MB)."""
         self._orbit, self._given = orbit, likelihood
         chain = orbit.chain
         legs = range(orbit.number_of_legs)
@@ -141,7 +141,7 @@ class Relocaliser:
         self._core = math.ceil(2 + 2 * max(chain.wall_width / chain.spacing, depth))
         count = orbit.length / self._step
         self._all = None
-        if count * min(chain.number_of_rotors, 30 * depth + 12) < _MOST_NUMBERS:
+        if count * min(chain.number_of_rotors, 30 * depth + 12) < most_angles:
             self._all = samples_of(orbit, np.arange(0.0, orbit.length, self._step))
 
     def find(

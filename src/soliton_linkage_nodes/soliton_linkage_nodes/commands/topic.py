@@ -10,15 +10,13 @@ from typing import Any
 
 from rclpy.qos import QoSProfile
 
-from soliton_linkage_nodes.commands.visitor import FOUND_WITHIN, Verbs, Visitor
+from soliton_linkage_nodes.commands.visitor import Verbs, Visitor
 from soliton_linkage_nodes.messages.fields import interface_type, read, to_yaml
 from soliton_linkage_nodes.runtime.interfaces import Topic
 from soliton_linkage_nodes.runtime.subscriptions import AdaptiveSubscription
 
 _QOS = QoSProfile(depth=1000)
 """Reliable quality of service if the publishers offer it."""
-_MATCH_LIMIT = 10.0
-"""Maximum wait for matching subscribers [s]."""
 _LINGER = 0.1
 """Wait after the last message [s], so that it is sent before the publisher closes."""
 
@@ -81,7 +79,7 @@ def _echo(visitor: Visitor, options: argparse.Namespace) -> None:
     message_type = _type(visitor, options)
     _field(message_type(), options.field)
     topic = visitor.node.resolve_topic_name(options.topic)
-    visitor.until(lambda: visitor.node.count_publishers(topic), FOUND_WITHIN)
+    visitor.until(lambda: visitor.node.count_publishers(topic))
     AdaptiveSubscription(visitor.node, Topic(topic, message_type, _QOS), received.append)
     while True:
         visitor.spin()
@@ -134,10 +132,10 @@ def _publish(visitor: Visitor, options: argparse.Namespace) -> None:
         subscribers = 1 if times else 0
     message = read(interface_type(options.type, 'msg'), options.values)
     publisher = visitor.node.create_publisher(type(message), options.topic, 10)
-    if not visitor.until(lambda: publisher.get_subscription_count() >= subscribers, _MATCH_LIMIT):
+    if not visitor.until(lambda: publisher.get_subscription_count() >= subscribers):
         raise RuntimeError(
             f'{publisher.topic_name} has {publisher.get_subscription_count()} subscribers '
-            f'after {_MATCH_LIMIT:g} s, not {subscribers}; nothing was published'
+            f'after {visitor.limit:g} s, not {subscribers}; nothing was published'
         )
     begin = time.monotonic()
     for number in count(1):

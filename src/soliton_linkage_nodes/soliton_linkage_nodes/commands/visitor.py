@@ -17,9 +17,9 @@ from rclpy.signals import SignalHandlerOptions
 from soliton_linkage.command_line import PlainParser, complete
 from soliton_linkage_nodes.runtime.guarded import SERVICE_QOS
 
-FOUND_WITHIN = 10.0
-"""Maximum wait for the discovery of a name [s]. Discovery usually takes less than 1 s, sometimes
-3 s, and longer on a busy machine."""
+_FOUND_WITHIN = 10.0
+"""Default limit of the wait for the discovery of a name [s]. Discovery usually takes less than
+1 s, sometimes 3 s, and longer on a busy machine."""
 _ALL_ANNOUNCED = 3.2
 """Minimum wait for a complete list [s], because each process announces itself every 3 s."""
 _SETTLED = 1.0
@@ -36,7 +36,12 @@ NamesAndTypes = Sequence[tuple[str, list[str]]]
 class Visitor:
     """Temporary node in the ROS graph with its executor."""
 
-    def __init__(self) -> None:
+    def __init__(
+        self, limit: float = _FOUND_WITHIN, clock: Callable[[], float] = time.monotonic
+    ) -> None:
+        """Create the node; `limit` is the longest wait for a name in the graph [s]."""
+        self.limit = limit
+        self._clock = clock
         self.node = rclpy.create_node(
             f'soliton_linkage_command_{os.getpid()}',
             enable_rosout=False,
@@ -54,11 +59,11 @@ class Visitor:
         """Execute the next callback, if one is ready in time [s]."""
         self._executor.spin_once(timeout_sec=seconds)
 
-    def until(self, condition: Callable[[], Any], seconds: float) -> bool:
-        """Spin until a condition holds; return False on timeout."""
-        deadline = time.monotonic() + seconds
+    def until(self, condition: Callable[[], Any], seconds: float | None = None) -> bool:
+        """Spin until a condition holds; return False after a time [s], by default the limit."""
+        deadline = self._clock() + (self.limit if seconds is None else seconds)
         while not condition():
-            if time.monotonic() > deadline:
+            if self._clock() > deadline:
                 return False
             self.spin()
         return True
@@ -71,15 +76,15 @@ class Visitor:
 
     def settled(self, there: Callable[[], Found]) -> Found:
         """Return a list from the graph after it is complete and no longer changes."""
-        begun = since = time.monotonic()
+        begun = since = self._clock()
         found = there()
-        while time.monotonic() < min(
-            max(begun + _ALL_ANNOUNCED, since + _SETTLED), begun + FOUND_WITHIN
+        while self._clock() < min(
+            max(begun + _ALL_ANNOUNCED, since + _SETTLED), begun + self.limit
         ):
             self.spin()
             before, found = found, there()
             if found != before:
-                since = time.monotonic()
+                since = self._clock()
         return found
 
     def type_name(self, kind: str, name: str, there: Callable[[], NamesAndTypes]) -> str:
@@ -91,7 +96,7 @@ class Visitor:
             found.update(there())
             return full in found
 
-        if not self.until(look, FOUND_WITHIN):
+        if not self.until(look):
             raise RuntimeError(
                 f'there is no {kind} {full}; list all with: soliton-linkage {kind} list'
             )
@@ -100,7 +105,7 @@ class Visitor:
     def call(self, service_type: Any, name: str, request: Any) -> Any:
         """Call a service; RuntimeError if it does not exist or does not respond."""
         client = self.node.create_client(service_type, name, qos_profile=SERVICE_QOS)
-        if not self.until(client.service_is_ready, FOUND_WITHIN):
+        if not self.until(client.service_is_ready):
             name = service_type.__name__
             raise RuntimeError(f'there is no service {client.srv_name} of the type {name}')
         future = client.call_async(request)
@@ -110,11 +115,13 @@ class Visitor:
 
 
 @contextmanager
-def visiting() -> Iterator[Visitor]:
+def visiting(
+    limit: float = _FOUND_WITHIN, clock: Callable[[], float] = time.monotonic
+) -> Iterator[Visitor]:
     """Create a visitor for the duration of the block."""
     rclpy.init(args=[], signal_handler_options=SignalHandlerOptions.NO)
     try:
-        visitor = Visitor()
+        visitor = Visitor(limit, clock)
         try:
             yield visitor
         finally:
@@ -139,12 +146,19 @@ class Verbs:
             name, help=summary, description=f'{summary[0].upper()}{summary[1:]}.'
         )
         parser.set_defaults(verb=verb)
+        parser.add_argument(
+            '--timeout',
+            type=float,
+            default=_FOUND_WITHIN,
+            metavar='SECONDS',
+            help='longest wait for names, services and subscribers [%(default)g]',
+        )
         return parser
 
     def run(self, arguments: list[str]) -> int:
         """Parse the arguments, run the verb in the graph and return the exit code."""
         complete(self._parser)
         options = self._parser.parse_args(arguments)
-        with visiting() as visitor:
+        with visiting(options.timeout) as visitor:
             options.verb(visitor, options)
         return 0

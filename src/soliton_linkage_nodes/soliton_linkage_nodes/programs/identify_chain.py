@@ -224,11 +224,15 @@ _MOST_FRAMES = 8000
 
 
 def read_joints(
-    reader: Reader, known: NamedChain | None, span: tuple[float, float]
+    reader: Reader,
+    known: NamedChain | None,
+    span: tuple[float, float],
+    most_frames: int = _MOST_FRAMES,
 ) -> JointRecord:
     """Read angles, standard deviations, impulses and tilts, in the order of the joints of a chain.
 
     `span` contains the first and last time of the frames to use, from the first frame [s].
+    Of longer recordings, at most `most_frames` frames are kept.
     """
     joints = find_topic(reader, 'joint_states')
     others = {
@@ -249,7 +253,7 @@ def read_joints(
     decoders = {connection.topic: decoder(connection) for connection in wanted}
     progress = ProgressLine('reading', joints.msgcount)
     watch = EncoderMonitor(lambda line: print(f'identify_chain: {line}', file=sys.stderr))
-    record = JointRecord(known.joint_names if known else (), _MOST_FRAMES)
+    record = JointRecord(known.joint_names if known else (), most_frames)
     first = None
     for connection, received, serialized in read_messages(reader, wanted):
         message = decoders[connection.topic](serialized)

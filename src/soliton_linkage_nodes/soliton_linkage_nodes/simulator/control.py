@@ -16,10 +16,8 @@ from soliton_linkage.linkage.chain import Array
 from soliton_linkage.linkage.gravity import Gravity
 from soliton_linkage_nodes.runtime.guarded import describe_error
 
-_LONGEST_TRIAL = 1.0
-"""Processor time for which a reset waits for its first frame [s]."""
 _LEAST_PROGRESS = 1e-3
-"""Share of a frame that must be computed in that time [1]: a frame of 1000 s is rejected."""
+"""Share of a frame that a trial must compute [1]: a frame of 1000 s is rejected."""
 _MOST_KICKS = 10_000
 """Largest number of kicks that wait for a frame [1], enough for 1 s on the fastest topic."""
 
@@ -70,14 +68,17 @@ class SimulationControl:
         command_timeout: float,
         publish: Callable[[int, Simulation], None],
         announce: Callable[[int, Array], None] = lambda frame, impulses: None,
+        longest_trial: float = 1.0,
     ) -> None:
         """Start in a state; `publish` is called with each frame's number and the simulation.
 
         `announce` is called before that with the sum of the impulses at its instant [N m s].
+        A reset computes its first frame for at most `longest_trial` [s] of processor time.
         """
         self._begin = begin
         self._gravity = gravity
         self._publish, self._announce = publish, announce
+        self._longest_trial = longest_trial
         self._lock = threading.Lock()
         self._frame_in_work = threading.Lock()
         self._stopping = False
@@ -179,7 +180,7 @@ class SimulationControl:
         can be computed from it.
         """
         simulation = self._begin(state, self._gravity)
-        _try(simulation)
+        _try(simulation, self._longest_trial)
         with self._lock:
             self._simulation = simulation
             self._commands = _Pending()
@@ -248,9 +249,9 @@ class SimulationControl:
             self._torques_expire = None
 
 
-def _try(simulation: Simulation) -> None:
-    """Compute the first frame within the time limit; ValueError if it would take too long."""
-    deadline = time.thread_time() + _LONGEST_TRIAL
+def _try(simulation: Simulation, limit: float) -> None:
+    """Compute the first frame within a limit [s]; ValueError if it would take too long."""
+    deadline = time.thread_time() + limit
     try:
         while not simulation.ready and time.thread_time() < deadline:
             simulation.step()
@@ -258,7 +259,7 @@ def _try(simulation: Simulation) -> None:
         raise ValueError(str(error)) from error
     if 0 < simulation.progress < _LEAST_PROGRESS:
         raise ValueError(
-            f'a frame of this state takes {_LONGEST_TRIAL / _LEAST_PROGRESS:g} s or more '
+            f'a frame of this state takes {limit / _LEAST_PROGRESS:g} s or more '
             f'to compute, and at least {simulation.steps_per_frame:.3g} steps; start from slower '
             'rotors, or from softer springs and heavier masses'
         )

@@ -7,16 +7,13 @@ import os
 import resource
 import subprocess
 import threading
-import time
 from collections.abc import Callable, Iterator
 from pathlib import Path
-from typing import Any
 
 import pytest
 from graphs import Graph
 from programs import Program
-from rclpy.serialization import serialize_message
-from recordings import frame_message, lost_in, messages_of, publish_frames
+from recordings import messages_of, publish_frames
 
 from soliton_linkage_nodes.bags.record.bag_writer import BagWriter
 from soliton_linkage_nodes.bags.record.writing_thread import (
@@ -24,7 +21,6 @@ from soliton_linkage_nodes.bags.record.writing_thread import (
     RecordedTopic,
     WritingThread,
 )
-from soliton_linkage_nodes.bags.recorder import BagRecorder
 from soliton_linkage_nodes.messages.conversions import NamedChain
 from soliton_linkage_nodes.runtime import interfaces
 
@@ -70,33 +66,6 @@ def test_a_full_disk_ends_it_with_one_line(
     assert 'choose another output; ' in failed
 
 
-def test_a_disk_that_stalls_for_two_seconds_loses_nothing(
-    graph: Graph, named: NamedChain, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    write = BagWriter.write_all
-    stalled = threading.Event()
-
-    def stalling(*arguments: Any) -> None:
-        if not stalled.is_set():
-            stalled.set()
-            time.sleep(2.0)
-        write(*arguments)
-
-    monkeypatch.setattr(BagWriter, 'write_all', stalling)
-    given = {'output': str(tmp_path / 'run'), 'topics': ['joint_states']}
-    recorder = graph.start(BagRecorder, given)
-    publisher = graph.speak(interfaces.JOINT_STATES)
-    sent = [serialize_message(frame_message(named, number)) for number in range(2000)]
-    begin = time.monotonic()
-    for number, message in enumerate(sent):
-        publisher.publish(message)
-        time.sleep(max(0.0, begin + number / 1000 - time.monotonic()))
-    assert stalled.is_set()
-    graph.stop(recorder)
-    assert messages_of(tmp_path / 'run_0')['/joint_states'] == sent
-    assert lost_in(tmp_path / 'run_0') == {'/joint_states': 0}
-
-
 @pytest.mark.parametrize('largest', [0, 100_000])
 def test_what_a_full_disk_took_can_be_read(small_disk: Path, largest: int) -> None:
     bag = small_disk / 'run'
@@ -116,20 +85,22 @@ def test_what_a_full_disk_took_can_be_read(small_disk: Path, largest: int) -> No
     assert failed.endswith(f'; choose another output; the {len(held)} messages before are kept')
 
 
-def test_messages_are_told_lost_that_a_slow_disk_leaves_no_room_for(
-    named: NamedChain, tmp_path: Path
+@pytest.mark.parametrize(('room', 'kept'), [(1000, 10), (10_000, 100)])
+def test_messages_wait_for_a_stalled_disk_and_are_counted_as_lost_beyond_the_limit(
+    tmp_path: Path, room: int, kept: int
 ) -> None:
     gate = threading.Event()
 
-    class SlowDisk(BagWriter):
+    class StalledDisk(BagWriter):
         def split(self) -> None:
             gate.wait()
 
-    thread = WritingThread(lambda: SlowDisk(tmp_path / 'run'), most_waiting=1000)
+    thread = WritingThread(lambda: StalledDisk(tmp_path / 'run'), most_waiting=room)
     thread.split()
-    for number in range(100):
-        thread.put([ReceivedMessage(NUDGES, number, bytes(100))])
+    sent = [number.to_bytes(100, 'big') for number in range(100)]
+    for number, message in enumerate(sent):
+        thread.put([ReceivedMessage(NUDGES, number, message)])
     gate.set()
     thread.close({})
-    assert thread.dropped == {'/nudge': 90}
-    assert len(messages_of(tmp_path / 'run_0')['/nudge']) == 10
+    assert thread.dropped['/nudge'] == 100 - kept
+    assert messages_of(tmp_path / 'run_0')['/nudge'] == sent[:kept]
