@@ -112,9 +112,9 @@ def pytest_terminal_summary(terminalreporter: pytest.TerminalReporter) -> None:
         for report in terminalreporter.stats.get('skipped', [])
         if isinstance(report.longrepr, tuple)
     )
-    if reasons:
-        said = ', '.join(f'{reason} ({number})' for reason, number in reasons.most_common())
-        terminalreporter.write_line(f'{reasons.total()} skipped: {said}')
+    for reason, number in reasons.most_common():
+        tests = '1 test was' if number == 1 else f'{number} tests were'
+        terminalreporter.write_line(f'{tests} skipped: {reason}')
 
 
 def pytest_unconfigure(config: pytest.Config) -> None:

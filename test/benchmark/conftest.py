@@ -22,7 +22,7 @@ def run_part(
 ) -> Callable[..., Path]:
     """Run a part by its name and return its output; what it says of a failure is shown."""
     if not request.config.getoption('--benchmarks'):
-        pytest.skip("parts of the benchmark are run by make test ARGS='--benchmarks'")
+        pytest.skip("parts of the benchmark: make test ARGS='--benchmarks'")
 
     def run(name: str, *options: str) -> Path:
         path = tmp_path_factory.mktemp('benchmark') / 'benchmark.json'

@@ -15,7 +15,7 @@ import pytest
 @pytest.fixture(scope='module')
 def output(run_part: Callable[..., Path]) -> Path:
     for needed in ('heyoka', 'mujoco', 'numba'):
-        pytest.importorskip(needed, reason=f'{needed} is not installed, as make benchmark does')
+        pytest.importorskip(needed, reason=f'needs {needed}: run make benchmark once')
     return run_part('integrate', '--rotors', '20', '30')
 
 

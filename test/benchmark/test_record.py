@@ -16,7 +16,7 @@ KINDS = ('ours', 'raw', 'typed')
 
 @pytest.fixture(scope='module')
 def output(run_part: Callable[..., Path]) -> Path:
-    pytest.importorskip('mcap')
+    pytest.importorskip('mcap', reason='needs mcap: pip install mcap')
     return run_part('record')
 
 

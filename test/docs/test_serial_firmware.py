@@ -25,7 +25,7 @@ FIRMWARE = ROOT / 'examples/serial_firmware/serial_firmware.ino'
 def test_the_firmware_says_and_hears_binary_frames(tmp_path: Path) -> None:
     compiler = shutil.which('c++')
     if compiler is None:
-        pytest.skip('there is no compiler')
+        pytest.skip('needs a C++ compiler: apt install g++')
     program = tmp_path / 'firmware'
     stage = Path(__file__).with_name('arduino.h')
     included = f'-DFIRMWARE="{FIRMWARE}"'

@@ -16,7 +16,7 @@ from graphs import Graph
 from programs import PACKAGE
 
 if not shutil.which('ros2'):
-    pytest.skip('ros2 launch is not installed', allow_module_level=True)
+    pytest.skip('needs ros2 launch: apt install ros-jazzy-ros2launch', allow_module_level=True)
 
 CHAINS = yaml.safe_load(
     Path(get_package_share_directory(PACKAGE), 'config/chains/three_motions.yaml').read_text()

@@ -101,7 +101,7 @@ def test_the_policy_has_the_form_of_the_schema() -> None:
             for group in profile:
                 assert group.attrib.items() <= {(rule, 'ALLOW') for rule in RULES[group.tag]}
                 assert {item.tag for item in group} == {group.tag.removesuffix('s')}
-    sros2 = pytest.importorskip('sros2.policy', reason='sros2 is part of a full install')
+    sros2 = pytest.importorskip('sros2.policy', reason='needs sros2: apt install ros-jazzy-sros2')
     sros2.load_policy(POLICY)
 
 

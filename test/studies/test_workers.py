@@ -365,7 +365,7 @@ def test_rows_measured_by_processes_are_the_same() -> None:
 
 
 def test_rows_measured_by_a_cluster_are_the_same() -> None:
-    distributed = pytest.importorskip('distributed')
+    distributed = pytest.importorskip('distributed', reason='needs Dask: pip install distributed')
     local = distributed.LocalCluster(
         n_workers=1, threads_per_worker=2, processes=False, dashboard_address=':0'
     )
@@ -378,7 +378,7 @@ def test_rows_measured_by_a_cluster_are_the_same() -> None:
 
 
 def test_a_cluster_that_does_not_answer_is_reported() -> None:
-    pytest.importorskip('distributed')
+    pytest.importorskip('distributed', reason='needs Dask: pip install distributed')
     complaint = r'--scheduler tcp://127.0.0.1:9 does not answer'
     with pytest.raises(ValueError, match=complaint), cluster('tcp://127.0.0.1:9', timeout=0.5):
         pass

@@ -51,7 +51,7 @@ def info() -> CameraInfo:
 
 
 def test_pictures_become_joint_states_with_deviations(graph: Graph) -> None:
-    pytest.importorskip('cv2', reason='cameras need OpenCV')
+    pytest.importorskip('cv2', reason='needs OpenCV: pip install opencv-python-headless')
     parameters: dict[str, Any] = {
         'chain_from': 'parameters',
         'chain.number_of_rotors': CHAIN.number_of_rotors,

@@ -36,8 +36,8 @@ from soliton_linkage_nodes.simulator.node import Simulator
 
 sys.path.append(str(Path(__file__).parent))
 
-pytest.importorskip('foxglove', reason='the Foxglove SDK is not installed')
-pytest.importorskip('websockets.sync.client', reason='websockets is not installed')
+pytest.importorskip('foxglove', reason='needs the Foxglove SDK: pip install foxglove-sdk')
+pytest.importorskip('websockets.sync.client', reason='needs websockets: pip install websockets')
 
 from foxglove_client import FoxgloveClient
 
@@ -248,11 +248,20 @@ def test_a_failed_call_reports_the_reason(
         until(graph, client, lambda c=call: c in client.answers, 'a failure')
         assert complaint in str(client.answers[call])
     graph.user.destroy_service(service)
+    until(graph, client, lambda: '/lab/pause' not in client.services, 'the end of the service')
+
+
+def test_a_call_without_a_response_is_reported(
+    graph: Graph, served: FoxgloveServer, client: FoxgloveClient
+) -> None:
+    unspun = Graph(graph.domain)
+    unspun.user.create_service(SetBool, 'lab/pause', lambda _, response: response)
+    until(graph, client, lambda: '/lab/pause' in client.services, 'a service')
     served.serving.services.services['/lab/pause'].answer_timeout = 0.3
-    call = client.call('/lab/pause', sound)
+    call = client.call('/lab/pause', serialize_message(SetBool.Request()))
     until(graph, client, lambda: call in client.answers, 'a timeout')
     assert str(client.answers[call]).endswith('/lab/pause did not respond in 0.3 s')
-    until(graph, client, lambda: '/lab/pause' not in client.services, 'an end of the service')
+    unspun.close()
 
 
 def test_an_invalid_message_is_rejected(

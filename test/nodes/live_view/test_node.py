@@ -10,7 +10,7 @@ from graphs import Graph
 from soliton_linkage_nodes import live_view
 from soliton_linkage_nodes.live_view.node import LiveView
 
-pytest.importorskip('nicegui', reason='NiceGUI is not installed')
+pytest.importorskip('nicegui', reason='needs NiceGUI: pip install nicegui')
 
 
 def test_an_error_names_a_port_that_is_in_use(graph: Graph) -> None:

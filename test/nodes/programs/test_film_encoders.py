@@ -35,8 +35,8 @@ TIMES = np.array([0.0, 0.016, 0.034, 0.05, 0.1, 0.117])
 
 @pytest.fixture(scope='module')
 def film() -> Renderer:
-    pytest.importorskip('cv2', reason='cameras need OpenCV')
-    pytest.importorskip('av', reason='films need PyAV')
+    pytest.importorskip('cv2', reason='needs OpenCV: pip install opencv-python-headless')
+    pytest.importorskip('av', reason='needs PyAV: pip install av')
     return renderer(Chain(number_of_rotors=6))[1]
 
 

@@ -27,7 +27,7 @@ def steered(graph: Graph) -> Callable[[], float]:
     """Start a steering that sees the wall of a simulated chain; return a function of its rotor."""
     reports = graph.reports('soliton_steering')
     graph.start(Simulator, QUICK)
-    graph.start(SolitonSteering, {'state_timeout': 5.0})
+    graph.start(SolitonSteering, {'state_timeout': 60.0})
 
     def rotor() -> float:
         return float(values(reports[-1])['rotor']) if reports else math.nan
@@ -75,7 +75,7 @@ def test_interrupted_it_stops_the_soliton(graph: Graph, start: Callable[..., Pro
 def test_it_ends_when_the_steering_is_killed(graph: Graph, start: Callable[..., Program]) -> None:
     reports = graph.reports('soliton_steering')
     graph.start(Simulator, QUICK)
-    steering = start('soliton_steering', '--ros-args', '-p', 'state_timeout:=5.0')
+    steering = start('soliton_steering', '--ros-args', '-p', 'state_timeout:=60.0')
     graph.until(lambda: reports and reports[-1].message == 'ready', 'a wall')
     mover = MoveClient(threading.Event(), context=graph.context)
     with ThreadPoolExecutor(1) as pool:

@@ -22,7 +22,7 @@ from soliton_linkage_nodes.simulator.node import Simulator
 QUICK = {'chain.number_of_rotors': 8, 'publish_rate': 100.0}
 
 
-def nudged(graph: Graph, speed: float, timeout: float = 20.0) -> str:
+def nudged(graph: Graph, speed: float, timeout: float = 60.0) -> str:
     """Return the report of a nudge, or its error message."""
     nudger = NudgeClient(threading.Event(), context=graph.context)
     try:
@@ -40,7 +40,7 @@ def nudged(graph: Graph, speed: float, timeout: float = 20.0) -> str:
 
 
 def test_it_says_what_the_actuator_and_the_simulator_did(graph: Graph) -> None:
-    graph.start(EdgeActuator, {'state_timeout': 5.0})
+    graph.start(EdgeActuator, {'state_timeout': 60.0})
     graph.start(Simulator, QUICK)
     kicks, nudges = graph.hear(interfaces.LAST_KICK), graph.hear(interfaces.NUDGE)
     said = nudged(graph, -2.5)
@@ -55,7 +55,7 @@ def test_it_says_what_the_actuator_and_the_simulator_did(graph: Graph) -> None:
 
 def test_an_actuator_without_a_simulator_says_what_it_lacks(graph: Graph) -> None:
     graph.start(EdgeActuator)
-    said = nudged(graph, 10.0, timeout=1.0)
+    said = nudged(graph, 10.0)
     assert said.startswith('/edge_actuator rejected it: nothing subscribes to rotor_impulses')
 
 
@@ -73,7 +73,7 @@ def test_what_the_simulator_did_not_do_is_a_failure() -> None:
 
 
 def test_as_a_person_runs_it_in_a_namespace(graph: Graph, start: Callable[..., Program]) -> None:
-    graph.start(EdgeActuator, {'state_timeout': 5.0}, namespace='left')
+    graph.start(EdgeActuator, {'state_timeout': 60.0}, namespace='left')
     graph.start(Simulator, QUICK, namespace='left')
     program = start('nudge', '10', '--ros-args', '-r', '__ns:=/left')
     graph.until(lambda: program.process.poll() is not None, 'the end of nudge')

@@ -248,7 +248,7 @@ def allowed() -> bool:
 
 def test_a_thread_with_priority_gives_it_to_its_children() -> None:
     if not allowed():
-        pytest.skip('this user may not go first')
+        pytest.skip('needs real-time priority: run as root, or raise the limit rtprio')
     ordinary = os.SCHED_OTHER
     assert policies_of_a_thread() == [ordinary, os.SCHED_FIFO, os.SCHED_FIFO, ordinary]
 
@@ -280,7 +280,7 @@ def test_a_thread_with_priority_yields_to_others(
     monkeypatch: pytest.MonkeyPatch, first: bool
 ) -> None:
     if first and not allowed():
-        pytest.skip('this user may not go first')
+        pytest.skip('needs real-time priority: run as root, or raise the limit rtprio')
     yielded: list[bool] = []
     monkeypatch.setattr(os, 'sched_yield', lambda: yielded.append(True))
 

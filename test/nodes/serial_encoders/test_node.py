@@ -71,7 +71,7 @@ class Controller:
 
 @pytest.fixture
 def plugged(graph: Graph, tmp_path: Path) -> Iterator[Callable[..., Controller]]:
-    pytest.importorskip('serial', reason='serial ports need pyserial')
+    pytest.importorskip('serial', reason='needs pyserial: pip install pyserial')
     controllers: list[Controller] = []
 
     def plug(**settings: Any) -> Controller:
@@ -243,7 +243,7 @@ def test_a_message_with_an_invalid_torque_is_rejected_as_a_whole(
 def test_an_invalid_parameter_is_reported_in_one_line_at_the_start(
     graph: Graph, parameters: dict[str, Any], reason: str
 ) -> None:
-    pytest.importorskip('serial', reason='serial ports need pyserial')
+    pytest.importorskip('serial', reason='needs pyserial: pip install pyserial')
     chain = {'chain_from': 'parameters', 'chain.number_of_rotors': ROTORS}
     with pytest.raises(ValueError, match=reason) as raised:
         graph.start(SerialEncoders, {**chain, **parameters})

@@ -8,7 +8,7 @@ from graphs import Graph
 
 from soliton_linkage_nodes.simulator.node import Simulator
 
-reason = 'simulation_interfaces is not installed; make test-interfaces has it'
+reason = 'needs simulation_interfaces: run make test-interfaces'
 messages = pytest.importorskip('simulation_interfaces.msg', reason=reason)
 types = pytest.importorskip('simulation_interfaces.srv', reason=reason)
 

@@ -114,7 +114,7 @@ def test_joints_may_come_in_any_order_and_without_rates(graph: Graph, rates: boo
     named = named_chain(chain)
     states = graph.hear(interfaces.SOLITON_STATE)
     tell_chain(graph, named)
-    graph.start(SolitonAnalyser)
+    graph.start(SolitonAnalyser, EVERY_FRAME)
     joints = graph.speak(interfaces.JOINT_STATES)
     frame = frames_of(named, speed)[60]
     order = np.random.default_rng(1).permutation(chain.number_of_rotors)
@@ -137,7 +137,7 @@ def test_joints_may_come_in_any_order_and_without_rates(graph: Graph, rates: boo
 def test_no_soliton_is_an_empty_list(graph: Graph, named: NamedChain, lean: int) -> None:
     states = graph.hear(interfaces.SOLITON_STATE)
     tell_chain(graph, named)
-    graph.start(SolitonAnalyser)
+    graph.start(SolitonAnalyser, EVERY_FRAME)
     joints = graph.speak(interfaces.JOINT_STATES)
     rest = named.chain.uniform_state(lean)
     joints.publish(frame_to_msg(named, Frame(rest, 0 * rest), 0 * rest, time_to_msg(1)))
@@ -238,7 +238,8 @@ def test_parameters_of_the_chain_take_the_place_of_the_topic(
 ) -> None:
     states = graph.hear(interfaces.SOLITON_STATE)
     graph.start(
-        SolitonAnalyser, {'chain_from': 'parameters', 'chain.number_of_rotors': named.rotors}
+        SolitonAnalyser,
+        {'chain_from': 'parameters', 'chain.number_of_rotors': named.rotors, **EVERY_FRAME},
     )
     joints = graph.speak(interfaces.JOINT_STATES)
     frames = frames_of(named, 10.0)
@@ -268,7 +269,7 @@ def test_wrong_joint_states_are_rejected_and_valid_ones_analysed_as_before(
     states = graph.hear(interfaces.SOLITON_STATE)
     reports = graph.reports('soliton_analyser')
     tell_chain(graph, named)
-    graph.start(SolitonAnalyser)
+    graph.start(SolitonAnalyser, EVERY_FRAME)
     joints = graph.speak(interfaces.JOINT_STATES)
     right = frames_of(named, 10.0)[60]
     wrong = frames_of(named, 10.0)[60]
@@ -287,7 +288,7 @@ def test_bytes_that_are_no_joint_states_are_rejected(graph: Graph, named: NamedC
     states = graph.hear(interfaces.SOLITON_STATE)
     reports = graph.reports('soliton_analyser')
     tell_chain(graph, named)
-    graph.start(SolitonAnalyser)
+    graph.start(SolitonAnalyser, EVERY_FRAME)
     joints = graph.speak(interfaces.JOINT_STATES)
     right = frames_of(named, 10.0)[60]
     joints.publish(serialize_message(right)[:200])
@@ -321,7 +322,7 @@ def test_a_report_has_rate_and_number_of_solitons(graph: Graph, named: NamedChai
     states = graph.hear(interfaces.SOLITON_STATE)
     reports = graph.reports('soliton_analyser')
     tell_chain(graph, named)
-    graph.start(SolitonAnalyser)
+    graph.start(SolitonAnalyser, EVERY_FRAME)
     graph.until(lambda: reports and reports[-1].message == 'waiting for joint_states', 'a warning')
     joints = graph.speak(interfaces.JOINT_STATES)
     joints.publish(frames_of(named, 10.0)[20])
@@ -337,7 +338,7 @@ def test_a_parameter_maps_joints_to_rotors(graph: Graph, named: NamedChain) -> N
     joints = [f'wheel_{7 - rotor}' for rotor in range(8)]
     states = graph.hear(interfaces.SOLITON_STATE)
     tell_chain(graph, named)
-    graph.start(SolitonAnalyser, {'joint_names': joints})
+    graph.start(SolitonAnalyser, {'joint_names': joints, **EVERY_FRAME})
     publisher = graph.speak(interfaces.JOINT_STATES)
     frames = frames_of(named, 10.0)
     for frame in frames:
@@ -386,7 +387,7 @@ def test_late_frames_get_no_state_and_are_counted(graph: Graph, named: NamedChai
     states = graph.hear(interfaces.SOLITON_STATE)
     reports = graph.reports('soliton_analyser')
     tell_chain(graph, named)
-    graph.start(SolitonAnalyser)
+    graph.start(SolitonAnalyser, EVERY_FRAME)
     publisher = graph.speak(interfaces.JOINT_STATES)
     frames = frames_of(named, 10.0)[:10]
     for frame in (*frames, frames[4], frames[9]):
@@ -406,7 +407,7 @@ def test_missing_rotors_are_reported(graph: Graph, spoiled: int, said: str) -> N
     states = graph.hear(interfaces.SOLITON_STATE)
     reports = graph.reports('soliton_analyser')
     tell_chain(graph, named)
-    graph.start(SolitonAnalyser)
+    graph.start(SolitonAnalyser, EVERY_FRAME)
     publisher = graph.speak(interfaces.JOINT_STATES)
     for frame in frames_of(named, speed)[:60]:
         if spoiled:
@@ -439,7 +440,7 @@ def test_a_second_chain_is_ignored_until_the_first_publisher_is_gone(
 ) -> None:
     true, false = named_chain(CHAINS['flipper'][0]), named_chain(CHAINS['spinner'][0])
     reports = graph.reports('soliton_analyser')
-    graph.start(SolitonAnalyser)
+    graph.start(SolitonAnalyser, EVERY_FRAME)
     first = graph.speak(interfaces.CHAIN)
     first.publish(chain_to_msg(true, time_to_msg(0)))
     graph.until(lambda: 'describes a chain of 16 rotors (flipper' in said(), 'the chain')
@@ -458,7 +459,7 @@ def test_angles_that_do_not_fit_the_chain_are_reported(graph: Graph) -> None:
     chain, speed = CHAINS['flipper']
     reports = graph.reports('soliton_analyser')
     tell_chain(graph, named_chain(dataclasses.replace(chain, rest_angle=0.6)))
-    graph.start(SolitonAnalyser)
+    graph.start(SolitonAnalyser, EVERY_FRAME)
     publisher = graph.speak(interfaces.JOINT_STATES)
     for frame in frames_of(named_chain(chain), speed):
         publisher.publish(frame)
@@ -474,7 +475,7 @@ def test_offsets_of_encoders_are_reported(graph: Graph) -> None:
     named = named_chain(chain)
     reports = graph.reports('soliton_analyser')
     tell_chain(graph, named)
-    graph.start(SolitonAnalyser)
+    graph.start(SolitonAnalyser, EVERY_FRAME)
     publisher = graph.speak(interfaces.JOINT_STATES)
     for frame in frames_of(named, speed, 8.0):
         frame.position[5] += 0.2

@@ -92,7 +92,7 @@ def test_names_that_do_not_fit_are_refused(names: list[str]) -> None:
 
 @pytest.mark.parametrize('chain', CHAINS)
 def test_mujoco_finds_the_masses_there_with_their_moments(chain: Chain) -> None:
-    mujoco = pytest.importorskip('mujoco')
+    mujoco = pytest.importorskip('mujoco', reason='needs MuJoCo: pip install mujoco')
     model = mujoco.MjModel.from_xml_string(robot_description(chain))
     data = mujoco.MjData(model)
     angles = angles_of(chain)
@@ -109,7 +109,7 @@ def test_mujoco_finds_the_masses_there_with_their_moments(chain: Chain) -> None:
 
 @pytest.mark.parametrize('chain', CHAINS)
 def test_tendons_of_mujoco_pull_as_the_springs_do(chain: Chain) -> None:
-    mujoco = pytest.importorskip('mujoco')
+    mujoco = pytest.importorskip('mujoco', reason='needs MuJoCo: pip install mujoco')
     specification = mujoco.MjSpec.from_string(robot_description(chain))
     for rotor, length in enumerate(chain.rotor_lengths):
         body = specification.body(f'rotor_{rotor}_link')

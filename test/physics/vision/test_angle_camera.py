@@ -18,7 +18,7 @@ from soliton_linkage.vision.opencv import Picture
 from soliton_linkage.vision.video import TimedPicture, read_video, write_video
 from soliton_linkage_studies.camera.renderer import Hand
 
-cv2 = pytest.importorskip('cv2', reason='cameras need OpenCV')
+cv2 = pytest.importorskip('cv2', reason='needs OpenCV: pip install opencv-python-headless')
 CHAIN = Chain(number_of_rotors=10)
 TIMES = PERIOD * np.arange(24)
 

@@ -18,7 +18,7 @@ PLANE = posed_plane(CAMERA, (0.1, 0.0), 2.0, 0.2, -0.15, 0.05)
 
 
 def test_a_lens_maps_rays_by_its_formula_and_back() -> None:
-    pytest.importorskip('cv2', reason='cameras need OpenCV')
+    pytest.importorskip('cv2', reason='needs OpenCV: pip install opencv-python-headless')
     x, y = rays = np.array([(0.3, 0.0, -0.5), (-0.2, 0.0, 0.25)])
     q = x**2 + y**2
     for lens in (LENS, (0.3, -0.1, 1e-4, 1e-4, 0.01, 0.5, -0.05, 0.02)):
@@ -40,7 +40,7 @@ def test_points_are_recovered_from_their_pixels(height: float) -> None:
 
 
 def test_a_plane_is_fitted_to_its_points() -> None:
-    pytest.importorskip('cv2', reason='cameras need OpenCV')
+    pytest.importorskip('cv2', reason='needs OpenCV: pip install opencv-python-headless')
     found, misfit = fit_plane(CAMERA, POINTS, PLANE.pixels(POINTS))
     assert misfit < 1e-4
     assert np.allclose(found.columns, PLANE.columns, atol=1e-5)

@@ -13,7 +13,7 @@ from soliton_linkage.vision.camera import uncalibrated_camera
 from soliton_linkage.vision.dark_rotors import DarkRotors
 from soliton_linkage.vision.layout import MarkerLayout
 
-cv2 = pytest.importorskip('cv2', reason='cameras need OpenCV')
+cv2 = pytest.importorskip('cv2', reason='needs OpenCV: pip install opencv-python-headless')
 CHAIN = Chain(number_of_rotors=8)
 SCALE, FINE, PARTS = 600.0, 8, 8
 

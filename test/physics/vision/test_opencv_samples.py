@@ -19,9 +19,9 @@ FOCAL, MIDDLE, LENS = 535.9, (342.3, 235.6), (-0.266, -0.0386, 0.2384)
 """Parameters from left_intrinsics.yml, next to these pictures in the sources of OpenCV."""
 
 
-@pytest.mark.skipif(not SAMPLES.is_dir(), reason='needs the package opencv-doc')
+@pytest.mark.skipif(not SAMPLES.is_dir(), reason='needs samples: apt install opencv-doc')
 def test_the_calibration_agrees_with_the_parameters_from_opencv() -> None:
-    cv2 = pytest.importorskip('cv2', reason='cameras need OpenCV')
+    cv2 = pytest.importorskip('cv2', reason='needs OpenCV: pip install opencv-python-headless')
     pictures = [cv2.imread(str(path)) for path in sorted(SAMPLES.glob('left[01]*.jpg'))]
     found = calibrate(pictures, 9, 6, 0.025)
     assert found.pictures >= 8
@@ -35,9 +35,9 @@ def test_the_calibration_agrees_with_the_parameters_from_opencv() -> None:
         assert np.dot((k1, k2, k3), powers) == pytest.approx(theirs, abs=0.01)
 
 
-@pytest.mark.skipif(not TUTORIALS.is_dir(), reason='needs the package opencv-doc')
+@pytest.mark.skipif(not TUTORIALS.is_dir(), reason='needs samples: apt install opencv-doc')
 def test_markers_in_a_photo_agree_with_the_drawing() -> None:
-    cv2 = pytest.importorskip('cv2', reason='cameras need OpenCV')
+    cv2 = pytest.importorskip('cv2', reason='needs OpenCV: pip install opencv-python-headless')
     found = []
     for name in ('charuco_board.png', 'screen_charuco.jpg'):
         grey = cv2.imread(str(TUTORIALS / name), cv2.IMREAD_GRAYSCALE)

@@ -11,7 +11,7 @@ import pytest
 from soliton_linkage.vision.angle_camera import AngleFrame
 from soliton_linkage.vision.overlay import WallMark, draw_overlay
 
-pytest.importorskip('cv2', reason='cameras need OpenCV')
+pytest.importorskip('cv2', reason='needs OpenCV: pip install opencv-python-headless')
 ROTORS = 5
 NAMES = [f'rotor_{rotor}' for rotor in range(ROTORS)]
 PICTURE = np.full((300, 600, 3), 128, dtype=np.uint8)

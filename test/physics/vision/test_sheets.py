@@ -16,7 +16,7 @@ from soliton_linkage.vision.frame_markers import FrameMarkers
 from soliton_linkage.vision.layout import MarkerLayout, MarkerSettings
 from soliton_linkage.vision.sheets import write_sheets
 
-pytest.importorskip('cv2', reason='the cells of frame markers come from OpenCV')
+pytest.importorskip('cv2', reason='needs OpenCV: pip install opencv-python-headless')
 CHAIN = Chain(number_of_rotors=8)
 
 

@@ -33,7 +33,7 @@ def test_a_varying_rate_is_not_a_gap() -> None:
 
 @pytest.mark.parametrize(('content', 'message'), [(b'', 'not exist'), (b'no film', 'be read')])
 def test_other_files_are_rejected(tmp_path: Path, content: bytes, message: str) -> None:
-    pytest.importorskip('cv2', reason='cameras need OpenCV')
+    pytest.importorskip('cv2', reason='needs OpenCV: pip install opencv-python-headless')
     path = tmp_path / 'film.mp4'
     if content:
         path.write_bytes(content)
@@ -42,7 +42,7 @@ def test_other_files_are_rejected(tmp_path: Path, content: bytes, message: str) 
 
 
 def test_an_absent_camera_is_reported_once(capfd: pytest.CaptureFixture[str]) -> None:
-    pytest.importorskip('cv2', reason='cameras need OpenCV')
+    pytest.importorskip('cv2', reason='needs OpenCV: pip install opencv-python-headless')
     with pytest.raises(
         ValueError, match='camera 63 delivers no picture; check that it is connected'
     ):
@@ -51,7 +51,7 @@ def test_an_absent_camera_is_reported_once(capfd: pytest.CaptureFixture[str]) ->
 
 
 def test_the_error_for_a_damaged_video_states_the_time(tmp_path: Path) -> None:
-    pytest.importorskip('av', reason='films are written with PyAV')
+    pytest.importorskip('av', reason='needs PyAV: pip install av')
     path, random = tmp_path / 'film.mp4', np.random.default_rng(1)
     pictures = random.integers(0, 256, (60, 48, 64, 3), dtype=np.uint8)
     write_video(

@@ -26,7 +26,7 @@ def test_the_chain_differs_from_its_plan_and_lets_walls_pass() -> None:
 
 
 def test_a_camera_with_only_the_plan_measures_the_true_angles() -> None:
-    pytest.importorskip('cv2', reason='cameras need OpenCV')
+    pytest.importorskip('cv2', reason='needs OpenCV: pip install opencv-python-headless')
     film = BENCH.film()
     eye = AngleCamera(MarkerLayout(PLAN), CAMERA)
     shots = [next(film) for _ in range(3)]

@@ -137,7 +137,7 @@ def test_a_quick_run_makes_nine_playable_films(
         assert len(words.split()) > 20, caption
     assert kind.reason in capsys.readouterr().err
     if not kind.ffmpeg:
-        pytest.skip('no ffmpeg to read the films with')
+        pytest.skip('needs ffmpeg: pip install imageio-ffmpeg')
     for path in films:
         assert frames_of(path, kind.ffmpeg, 320, 180) == 4
 
@@ -146,7 +146,7 @@ def test_a_quick_run_makes_nine_playable_films(
 def test_a_film_has_the_requested_number_of_frames(tmp_path: Path, frames: int) -> None:
     kind = file_kind()
     if not kind.ffmpeg:
-        pytest.skip('no ffmpeg to write MP4 with')
+        pytest.skip('needs ffmpeg: pip install imageio-ffmpeg')
     path = tmp_path / 'film.mp4'
     write_film(scene_of(resized(film_of('S6'), 322, 182, frames)), 25, path, kind, lambda: None)
     assert frames_of(path, kind.ffmpeg, 322, 182) == frames

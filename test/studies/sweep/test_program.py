@@ -151,7 +151,7 @@ def whole_table(tmp_path_factory: pytest.TempPathFactory) -> bytes:
 
 
 def test_a_cluster_gives_the_same_table(config: Path, swept: Path, tmp_path: Path) -> None:
-    distributed = pytest.importorskip('distributed')
+    distributed = pytest.importorskip('distributed', reason='needs Dask: pip install distributed')
     cluster = distributed.LocalCluster(
         n_workers=1, threads_per_worker=1, processes=False, dashboard_address=':0'
     )

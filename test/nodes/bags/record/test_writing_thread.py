@@ -34,7 +34,7 @@ def small_disk(tmp_path: Path) -> Iterator[Path]:
     disk.mkdir()
     mount = ['mount', '-t', 'tmpfs', '-o', 'size=3m', 'tmpfs', str(disk)]
     if os.geteuid() or subprocess.run(mount, check=False).returncode:
-        pytest.skip('a small disk can be mounted by root only')
+        pytest.skip('needs a small disk: run as root, or in a privileged container')
     yield disk
     subprocess.run(['umount', str(disk)], check=True)
 

@@ -48,11 +48,13 @@ def pytest_runtest_makereport(
 
 @pytest.fixture(scope='package')
 def browser() -> Iterator[Browser]:
-    pytest.importorskip('nicegui', reason='NiceGUI is not installed')
-    sync = pytest.importorskip('playwright.sync_api', reason='Playwright is not installed')
+    pytest.importorskip('nicegui', reason='needs NiceGUI: pip install nicegui')
+    sync = pytest.importorskip(
+        'playwright.sync_api', reason='needs Playwright: pip install playwright'
+    )
     path = next(filter(None, map(shutil.which, BROWSERS)), None)
     if path is None:
-        pytest.skip(f'no browser for the page: none of {", ".join(BROWSERS)} is installed')
+        pytest.skip('needs a browser: apt install chromium')
     with sync.sync_playwright() as playwright:
         launch = partial(
             playwright.chromium.launch,

@@ -14,7 +14,7 @@ from pathlib import Path
 import pytest
 from live_stage import Browser, Rig, Stage, Visit, until
 
-pytest.importorskip('nicegui', reason='NiceGUI is not installed')
+pytest.importorskip('nicegui', reason='needs NiceGUI: pip install nicegui')
 
 RUN = 'from soliton_linkage_nodes.start import live_view; live_view()'
 BAGS = Path(__file__).parents[4] / 'bags'
