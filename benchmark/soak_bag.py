@@ -55,7 +55,7 @@ class BagAudit:
 
     def _read_file(self, path: Path) -> None:
         file = RecoveredMcap(path, False, DEFAULT_LIMITS)
-        for topic, received, data in file.messages():
+        for topic, (_, _, received, _, data) in file.messages():
             self.messages[topic.name] += 1
             if topic.name == FRAMES:
                 self._take_frame(received, data)

@@ -35,8 +35,10 @@ NOTHING_LEFT = {
     'page size of 512',
     'page size of 65536',
     'page size of 4095',
+    'view without end',
+    'view that spins',
+    'generated gigabytes',
 }
-NO_MESSAGE_LEFT = {'view without end', 'view that spins', 'generated gigabytes'}
 NAMED_LIMITS = {
     'zstd bomb: file': 'max_unpacked_file = 8388608',
     'zstd bomb: honest chunk': 'max_unpacked = 2097152',
@@ -107,7 +109,7 @@ def test_what_is_intact_comes_back_in_bounded_memory_and_time(
         return
     assert not checked
     held = contents(tmp_path / 'new_0')
-    assert held == set() if case in NO_MESSAGE_LEFT else sent <= held
+    assert sent <= held
     if case in NAMED_LIMITS:
         assert NAMED_LIMITS[case] in '; '.join([*check_bag(bag, limits=LIMITS).damage, read])
 

@@ -14,7 +14,7 @@ from typing import Any, Final
 
 import yaml
 
-from soliton_linkage_nodes.bags.guards import MAX_TEXT_SIZE, load_yaml, read_file
+from soliton_linkage_nodes.bags.guards import MAX_TEXT_SIZE, PACKED, load_yaml, read_file
 from soliton_linkage_nodes.bags.stored_topic import StoredTopic, profiles_in
 
 MCAP: Final = 'mcap'
@@ -39,8 +39,28 @@ class StoredFile:
 
 
 def storage_of(path: Path) -> str | None:
-    """Return the storage name of a file by its suffix; None if it is not a bag file."""
-    return next((name for name, suffix in SUFFIXES.items() if suffix == path.suffix), None)
+    """Return the storage name of a file, which may be compressed; None if it is no bag file."""
+    plain = Path(path.stem) if path.suffix == PACKED else path
+    return next((name for name, suffix in SUFFIXES.items() if suffix == plain.suffix), None)
+
+
+def explain_no_bag(path: Path) -> str:
+    """Return why a path cannot be a bag, as an error message; empty if it may be one."""
+    bag = f'bag {str(path)!r}'
+    if not path.exists():
+        return f'{bag} does not exist; give the path of a bag directory'
+    if path.suffix == '.bag' and path.is_file():
+        new = path.with_suffix('')
+        return (
+            f'{bag} is a bag of ROS 1; convert it with: '
+            f'rosbags-convert --src {path} --dst {new}, from the Python package rosbags'
+        )
+    files = list(path.iterdir()) if path.is_dir() else [path]
+    if not any(file.name == METADATA_FILE or storage_of(file) for file in files):
+        why = '' if files else ', the directory is empty'
+        suffixes = ' or '.join(SUFFIXES.values())
+        return f'{bag} has no {suffixes} file{why}; give a bag directory'
+    return ''
 
 
 @lru_cache(maxsize=1)
@@ -57,13 +77,19 @@ def bag_information(
     """Return the metadata of an MCAP bag with the message count of each topic."""
     filled = [file for file in files if file.messages] or list(files)
     start = min(file.start for file in filled)
+    listed: dict[tuple[str, str, str], tuple[StoredTopic, int]] = {}
+    for topic, count in topics.items():
+        # The channels of one topic and type are one topic, as in rosbag2.
+        key = (topic.name, topic.type_name, topic.serialization)
+        first, counted = listed.get(key, (topic, 0))
+        listed[key] = (first, counted + count)
     return {
         'version': METADATA_VERSION,
         'storage_identifier': MCAP,
         'duration': {'nanoseconds': max(file.end for file in filled) - start},
         'starting_time': {'nanoseconds_since_epoch': start},
         'message_count': sum(file.messages for file in files),
-        _TOPICS: topics,
+        _TOPICS: dict(listed.values()),
         'compression_format': '',
         'compression_mode': '',
         'relative_file_paths': [file.name for file in files],

@@ -28,6 +28,7 @@ from soliton_linkage_nodes.bags.metadata import (
     SUFFIXES,
     StoredFile,
     custom_data_in,
+    explain_no_bag,
     load_metadata,
     storage_of,
 )
@@ -96,9 +97,13 @@ def recover_bag(
     """
     scan = _BagScan(path, output, doubtful, show, limits)
     report, writer = scan.report, scan.writer
-    if writer is None:
-        why = '; '.join(report.damage) or 'it is empty'
-        raise ValueError(f'nothing can be recovered from bag {str(path)!r}: {why}')
+    if report.damage and not report.messages:
+        if writer is not None:
+            writer.remove_if_empty()
+        raise ValueError(
+            f'nothing can be recovered from bag {str(path)!r}: {"; ".join(report.damage)}'
+        )
+    writer = writer or BagWriter(output)
     custom = {**report.custom_data, 'recovered_from': str(path)}
     if report.damage:
         custom['damage'] = '; '.join(report.damage)
@@ -118,18 +123,21 @@ class _BagScan:
         self, path: Path, output: Path | None, doubtful: bool, show: Show, limits: BagLimits
     ) -> None:
         files, rejected = _files_of(path)
-        self.report = BagReport(path, _storage_of(files[0]), files, damage=rejected)
+        self.report = BagReport(path, storage_of(files[0]) or '', files, damage=rejected)
         self.writer: BagWriter | None = None
         self._output = output
         self._show = show
         self._limits = limits
-        self._topics: dict[tuple[str, str], StoredTopic] = {}
+        self._topics: dict[StoredTopic, StoredTopic] = {}
         self._taken = 0
         information, error = _metadata_of(path)
         types = _types_in(information)
         for file in files:
             with _opened(file, doubtful, limits) as recovered:
                 found = recovered.topics.values()
+                if output is not None:
+                    for opcode, body in recovered.records:
+                        self._new_bag(output).copy_record(opcode, body)
                 self._take(
                     recovered, {topic: self._known(_typed(topic, types)) for topic in found}
                 )
@@ -140,22 +148,25 @@ class _BagScan:
         _compare(self.report, information)
         self.report.damage += error
 
+    def _new_bag(self, output: Path) -> BagWriter:
+        self.writer = self.writer or BagWriter(output)
+        return self.writer
+
     def _known(self, topic: StoredTopic) -> StoredTopic | None:
         """Return the topic as numbered in the new bag; None if its type is lost."""
-        key = (topic.name, topic.type_name)
-        if topic.type_name and key not in self._topics:
+        key = replace(topic, number=0)
+        if not topic.type_is_lost and key not in self._topics:
             self._topics[key] = replace(topic, number=len(self._topics) + 1)
             self.report.counts[self._topics[key]] = 0
             if self._output is not None:
-                self.writer = self.writer or BagWriter(self._output)
-                self.writer.add_stored_topic(self._topics[key])
+                self._new_bag(self._output).add_stored_topic(self._topics[key])
         return self._topics.get(key)
 
     def _take(
         self, recovered: RecoveredFile, topics: Mapping[StoredTopic, StoredTopic | None]
     ) -> None:
         report, nameless, damaged = self.report, 0, 0
-        for topic, stamp, data in recovered.messages():
+        for topic, (_, sequence, stamp, published, data) in recovered.messages():
             known = topics[topic]
             if known is None:
                 nameless += 1
@@ -166,7 +177,7 @@ class _BagScan:
                 damaged, why = damaged + 1, error
                 continue
             if self.writer is not None:
-                self.writer.write(known, stamp, plain)
+                self.writer.write(known, stamp, plain, published, sequence)
             report.counts[known] += 1
             report.start = stamp if report.start is None else min(report.start, stamp)
             report.end = max(report.end, stamp)
@@ -212,11 +223,9 @@ def _compare(report: BagReport, information: Mapping[str, Any] | None) -> None:
 
 def _typed(topic: StoredTopic, types: Mapping[str, str]) -> StoredTopic:
     """Return a topic; a lost type is taken from metadata.yaml."""
-    if topic.type_name or topic.name not in types:
+    if not topic.type_is_lost or topic.name not in types:
         return topic
-    return completed(
-        topic.number, topic.name, types[topic.name], None, topic.digest, topic.profiles
-    )
+    return completed(replace(topic, type_name=types[topic.name], definition=''))
 
 
 def _types_in(information: Mapping[str, Any] | None) -> dict[str, str]:
@@ -230,19 +239,19 @@ def _types_in(information: Mapping[str, Any] | None) -> dict[str, str]:
 
 def _files_of(path: Path) -> tuple[list[Path], list[str]]:
     """Return the files of a bag in recording order, and why others are rejected."""
-    if not path.exists():
-        raise ValueError(f'bag {str(path)!r} does not exist; give the path of a bag directory')
+    if complaint := explain_no_bag(path):
+        raise ValueError(complaint)
     folder = path if path.is_dir() else None
     files, rejected = [], []
     for file in sorted(path.iterdir()) if folder else [path]:
-        if _storage_of(file):
+        if storage_of(file):
             try:
                 regular_file(file, folder)
                 files.append(file)
             except (OSError, ValueError) as error:
                 rejected.append(f'{file.name}: {error}')
     if not files:
-        why = '; '.join(rejected) or f'has no {" or ".join(SUFFIXES.values())} file'
+        why = '; '.join(rejected) or f'has {METADATA_FILE}, but no file with messages'
         raise ValueError(f'bag {str(path)!r} {why}; give a bag directory')
     return sorted(files, key=_position), rejected
 
@@ -252,14 +261,9 @@ def _position(file: Path) -> tuple[int, str]:
     return (int(number[1]) if number else 0, file.name)
 
 
-def _storage_of(file: Path) -> str:
-    """Return the storage name of a file, which may be compressed; empty if it has none."""
-    return storage_of(Path(file.stem) if file.suffix == PACKED else file) or ''
-
-
 @contextmanager
 def _opened(file: Path, doubtful: bool, limits: BagLimits) -> Iterator[RecoveredFile]:
-    storage = _storage_of(file)
+    storage = storage_of(file) or ''
     if file.suffix != PACKED:
         yield recovered_file(file, storage, doubtful, limits)
         return

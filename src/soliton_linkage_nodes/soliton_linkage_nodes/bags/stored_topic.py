@@ -5,7 +5,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import lru_cache
 from pathlib import Path
 from typing import Any
@@ -24,6 +24,8 @@ from rosbags.typesys.store import Typestore
 
 from soliton_linkage_nodes.bags.guards import load_yaml
 
+CDR = 'cdr'
+"""Encoding of ROS 2 messages; messages in other encodings are copied, but not decoded."""
 _LONGEST_NAME = 255
 """Longest name [characters] that ROS and file systems accept."""
 _UNLIMITED = {'sec': 2147483647, 'nsec': 4294967295}
@@ -37,7 +39,9 @@ class StoredTopic:
     """A topic of a bag; numbers count from 1, in the order in which topics were added.
 
     `definition` is the text of the type in a format such as 'ros2msg', `digest` its RIHS01 hash,
-    `profiles` the offered QoS profiles in rosbag2's YAML. An empty text means unknown.
+    `profiles` the offered QoS profiles in rosbag2's YAML. An empty text means unknown. Bytes of a
+    binary definition that are not UTF-8 are surrogates. `about` holds other texts of an MCAP
+    channel. A topic without a schema has no format.
     """
 
     number: int
@@ -47,7 +51,13 @@ class StoredTopic:
     definition_format: str
     digest: str
     profiles: str
-    serialization: str = 'cdr'
+    serialization: str = CDR
+    about: tuple[tuple[str, str], ...] = ()
+
+    @property
+    def type_is_lost(self) -> bool:
+        """Whether the topic had a type whose name is not known."""
+        return not self.type_name and bool(self.definition_format)
 
 
 def type_definition(name: str) -> tuple[str, str]:
@@ -116,20 +126,17 @@ def _not_installed(kind: str, name: str, error: Exception) -> str:
     )
 
 
-def completed(
-    number: int,
-    name: str,
-    type_name: str,
-    definition: tuple[str, str] | None,
-    digest: str,
-    profiles: str,
-) -> StoredTopic:
-    """Return a topic; a missing definition (encoding, text) is taken from the installed type."""
-    encoding, text = definition or ('ros2msg', '')
-    if not text or not digest:
-        known, known_digest, _ = _installed(type_name)
-        text, digest = text or known, digest or known_digest
-    return StoredTopic(number, name, type_name, text, encoding, digest, profiles)
+def completed(topic: StoredTopic) -> StoredTopic:
+    """Return a topic; a missing definition of a CDR topic is taken from the installed type."""
+    if topic.serialization != CDR or (topic.definition and topic.digest):
+        return topic
+    known, digest, _ = _installed(topic.type_name)
+    return replace(
+        topic,
+        definition=topic.definition or known,
+        digest=topic.digest or digest,
+        definition_format=topic.definition_format or ('ros2msg' if known else ''),
+    )
 
 
 def profiles_text(profiles: Sequence[QoSProfile]) -> str:

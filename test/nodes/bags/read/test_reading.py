@@ -17,6 +17,7 @@ from recordings import MILLISECOND, START, data_file, run_of, write_bag
 from rosbags.highlevel import AnyReader
 from rosbags.interfaces import QosDurability, QosReliability
 from std_msgs.msg import Header
+from std_srvs.srv import Trigger
 
 from soliton_linkage_msgs.msg import Soliton, SolitonState
 from soliton_linkage_nodes.bags import reading as bags
@@ -151,7 +152,8 @@ def test_what_cannot_be_read_is_said_in_one_line_that_names_it(
 ) -> None:
     path = write_bag(tmp_path / 'run', run_of(named, 2000), storage)
     spoil(path)
-    said = rf'^bag {re.escape(repr(str(path)))} cannot be read: \S.*[^\n]Give a directory'
+    bag = re.escape(f'bag {str(path)!r} ')
+    said = rf'^{bag}(cannot be read: \S|has no ).*[Gg]ive a .*directory'
     with pytest.raises(ValueError, match=said) as refusal, open_bag(path):
         pass
     assert '\n' not in str(refusal.value)
@@ -244,15 +246,34 @@ def test_types_are_found_by_their_name(topic: interfaces.Topic) -> None:
     assert bags.message_class(bags.type_name(topic.type)) is topic.type
 
 
-@pytest.mark.parametrize('name', ['nothing_msgs/msg/Nothing', 'std_msgs/msg/Nothing'])
-def test_a_type_that_is_not_installed_is_named(name: str) -> None:
-    with pytest.raises(ValueError, match=rf"message type '{name}' is not installed; install"):
+@pytest.mark.parametrize(
+    ('name', 'reason'),
+    [
+        ('nothing_msgs/msg/Nothing', "is not installed; install its package 'nothing_msgs'"),
+        (
+            'std_msgs/msg/Nothing',
+            "is not in the installed package 'std_msgs'; install",
+        ),
+        ('std_msgs/String', 'is not PACKAGE/KIND/TYPE as in ROS 2'),
+        ('', 'is not PACKAGE/KIND/TYPE as in ROS 2'),
+    ],
+)
+def test_a_type_that_is_not_installed_is_named_with_the_right_remedy(
+    name: str, reason: str
+) -> None:
+    with pytest.raises(ValueError, match=f"message type '{name}' {reason}"):
         bags.message_class(name)
+
+
+def test_the_events_of_a_service_have_a_class() -> None:
+    assert bags.message_class('std_srvs/srv/Trigger_Event') is Trigger.Event
 
 
 @pytest.mark.parametrize('name', ['none', 'notes.txt'])
 def test_what_is_no_bag_is_named(tmp_path: Path, name: str) -> None:
     (tmp_path / 'notes.txt').write_text('no bag')
-    said = re.escape(f'bag {str(tmp_path / name)!r} ') + '(does not exist|cannot be read)'
+    said = (
+        re.escape(f'bag {str(tmp_path / name)!r} ') + '(does not exist|has no .mcap or .db3 file)'
+    )
     with pytest.raises(ValueError, match=said), open_bag(tmp_path / name):
         pass

@@ -91,7 +91,7 @@ def recovered_and_unverified(file: Path) -> tuple[Held, int]:
     """The same, and how many of the messages are marked to be without a checksum."""
     before = file.read_bytes()
     found = recovered_file(file, storage_of(file) or '', False, DEFAULT_LIMITS)
-    held = [(topic.name, stamp, data) for topic, stamp, data in found.messages()]
+    held = [(topic.name, each.stamp, each.data) for topic, each in found.messages()]
     assert file.read_bytes() == before
     assert all('\n' not in damage for damage in found.damage)
     return held, found.unverified

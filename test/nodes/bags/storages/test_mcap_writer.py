@@ -13,6 +13,7 @@ from std_msgs.msg import Float64
 
 from soliton_linkage_nodes.bags.storages.mcap_recovery import RecoveredMcap
 from soliton_linkage_nodes.bags.storages.mcap_writer import McapWriter
+from soliton_linkage_nodes.bags.storages.storage import Message
 from soliton_linkage_nodes.bags.stored_topic import StoredTopic, type_definition
 
 RECORDINGS = sorted(Path(__file__).resolve().parents[4].glob('bags/*/*.mcap'))
@@ -91,7 +92,7 @@ def test_topics_that_were_silent_till_a_kill_are_known(tmp_path: Path) -> None:
     assert rescued.topics == {1: topic(1)}
     writer.write(1, 10, message(10))
     writer.flush()
-    assert list(RecoveredMcap(path).messages()) == [(topic(1), 10, message(10))]
+    assert list(RecoveredMcap(path).messages()) == [(topic(1), Message(1, 0, 10, 10, message(10)))]
     writer.abandon()
 
 
@@ -106,4 +107,4 @@ def test_a_chunk_tells_what_its_messages_are_though_the_head_is_lost(tmp_path: P
     writer.abandon()
     whole = path.read_bytes()
     path.write_bytes(bytes(begin) + whole[begin:])
-    assert list(RecoveredMcap(path).messages()) == [(topic(1), 10, message(10))]
+    assert list(RecoveredMcap(path).messages()) == [(topic(1), Message(1, 0, 10, 10, message(10)))]

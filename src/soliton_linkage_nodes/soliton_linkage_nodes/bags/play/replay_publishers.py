@@ -19,7 +19,7 @@ from rclpy.serialization import serialize_message
 from rclpy.topic_endpoint_info import TopicEndpointInfo
 from rosbags.interfaces import Connection
 
-from soliton_linkage_nodes.bags.reading import decoder, is_older, latched_depth, message_class
+from soliton_linkage_nodes.bags.reading import class_of, decoder, is_older, latched_depth
 from soliton_linkage_nodes.runtime import interfaces
 from soliton_linkage_nodes.runtime.interfaces import wait_for_subscriber
 
@@ -245,7 +245,7 @@ class ReplayPublishers:
             self._lockstep.settle(self._stopping.is_set)
 
     def _open(self, connection: Connection) -> None:
-        message_type = message_class(connection.msgtype)
+        message_type = class_of(connection)
         published = self._types.setdefault(connection.topic, connection.msgtype)
         if published != connection.msgtype:
             raise ValueError(f'the topic is played with type {published}; a topic has one type')

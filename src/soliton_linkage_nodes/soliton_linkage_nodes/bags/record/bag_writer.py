@@ -24,6 +24,7 @@ from soliton_linkage_nodes.bags.metadata import (
     bag_information,
     write_metadata,
 )
+from soliton_linkage_nodes.bags.storages.mcap_records import Bytes
 from soliton_linkage_nodes.bags.storages.mcap_writer import McapWriter
 from soliton_linkage_nodes.bags.stored_topic import StoredTopic, profiles_text, type_definition
 from soliton_linkage_nodes.runtime.stamps import SECOND
@@ -123,6 +124,9 @@ class BagWriter:
 
         Raises ValueError if the definition of its type is not installed.
         """
+        known = self._known.get((topic, type_name))
+        if known is not None:
+            return known
         definition, digest = type_definition(type_name)
         text = profiles_text(profiles)
         stored = StoredTopic(0, topic, type_name, definition, 'ros2msg', digest, text)
@@ -132,30 +136,38 @@ class BagWriter:
 
     def add_stored_topic(self, topic: StoredTopic) -> StoredTopic:
         """Add a complete topic; return it with its number in this bag."""
-        known = self._known.get((topic.name, topic.type_name))
-        if known is not None:
-            return known
         stored = replace(topic, number=len(self.topics) + 1)
         self._remember(stored)
         with self._naming_the_bag():
             self._file.add_topic(stored)
         return stored
 
-    def write(self, topic: StoredTopic, stamp: int, serialized: bytes) -> None:
-        """Store a serialized message that was received at a time [ns since 1970]."""
-        self.write_all([(topic, stamp, serialized)])
+    def write(
+        self,
+        topic: StoredTopic,
+        stamp: int,
+        serialized: bytes,
+        published: int | None = None,
+        sequence: int = 0,
+    ) -> None:
+        """Store a serialized message with receive and publish time [ns] and sequence number."""
+        with self._naming_the_bag():
+            self._split_if_full(stamp)
+            self._file.write(topic.number, stamp, serialized, published, sequence)
+        self.flush_if_due()
 
     def write_all(self, messages: Iterable[tuple[StoredTopic, int, bytes]]) -> None:
         """Store serialized messages, each with its topic and receive time [ns]."""
         with self._naming_the_bag():
             for topic, stamp, serialized in messages:
-                if self._begun is None:
-                    self._begun = stamp
-                elif self._is_full(stamp - self._begun):
-                    self._split()
-                    self._begun = stamp
+                self._split_if_full(stamp)
                 self._file.write(topic.number, stamp, serialized)
         self.flush_if_due()
+
+    def copy_record(self, opcode: int, body: Bytes) -> None:
+        """Write an MCAP record of another file unchanged, such as an attachment."""
+        with self._naming_the_bag():
+            self._file.copy_record(opcode, body)
 
     def flush_if_due(self) -> None:
         """Flush, synchronise and write custom data, each if its interval is over."""
@@ -238,6 +250,13 @@ class BagWriter:
         earlier = load_json(begun.custom_data.get(_GAPS, '[]'))
         gaps = [*(earlier if isinstance(earlier, list) else []), [begun.file.end, now]]
         self._custom_data = {**begun.custom_data, _GAPS: json.dumps(gaps)}
+
+    def _split_if_full(self, stamp: int) -> None:
+        if self._begun is None:
+            self._begun = stamp
+        elif self._is_full(stamp - self._begun):
+            self._split()
+            self._begun = stamp
 
     def _split(self) -> None:
         self._close_file()

@@ -6,7 +6,8 @@ from __future__ import annotations
 import heapq
 import struct
 from collections import Counter
-from collections.abc import Collection, Generator, Iterator
+from collections.abc import Collection, Generator, Iterable, Iterator
+from operator import attrgetter
 from pathlib import Path
 from typing import NamedTuple
 
@@ -17,17 +18,16 @@ from soliton_linkage_nodes.bags.storages import mcap_records as mcap
 from soliton_linkage_nodes.bags.storages.mcap_records import (
     Bytes,
     Channel,
-    Message,
     Opcode,
     Schema,
 )
 from soliton_linkage_nodes.bags.storages.storage import (
     LAST_STAMP,
     LimitedReader,
+    Message,
     connection,
     summary_of,
 )
-from soliton_linkage_nodes.bags.stored_topic import StoredTopic
 
 _FOOTER_SIZE = 20
 """Size of the footer's fields [B]: two offsets and a checksum."""
@@ -36,23 +36,28 @@ _TAIL = mcap.RECORD_HEADER.size + _FOOTER_SIZE + len(mcap.MAGIC)
 _MESSAGE_COST = 250
 """Approximate memory of a waiting message in addition to its data [B]."""
 _MOST_WAITING = 4
-"""Memory for messages of chunks that overlap in time, in multiples of `max_unpacked` [1]."""
-_CHUNK_INDEX = struct.Struct('<QQQ')
+"""Memory for messages of parts that overlap in time, in multiples of `max_unpacked` [1]."""
+_LONGEST_RUN = 2**20
+"""Size of messages outside chunks that are read together, as if they were a chunk [B]."""
+_CHUNK_INDEX = struct.Struct('<QQQQ')
+_stamp = attrgetter('stamp')
 
 
-class _ChunkEntry(NamedTuple):
-    """First and last receive time [ns] of a chunk and its offset in the file [B]."""
+class _Part(NamedTuple):
+    """First and last receive time [ns], offset and size [B] of a chunk or run of messages."""
 
     start: int
     end: int
     offset: int
+    size: int
 
 
 class IndexedMcap(LimitedReader):
     """The messages of an MCAP file in the order of their receive times.
 
-    A file without an index is read completely when it is opened; its messages come in file order.
-    Methods raise ValueError if the file is damaged or exceeds the limits.
+    A file without statistics or definitions in its index is scanned when it is opened. Messages
+    outside chunks are found in any case. Methods raise ValueError if the file is damaged or
+    exceeds the limits.
     """
 
     def __init__(self, path: Path) -> None:
@@ -62,7 +67,8 @@ class IndexedMcap(LimitedReader):
         self._end = 0
         self._schemas: dict[int, Schema] = {}
         self._channels: dict[int, Channel] = {}
-        self._chunks: dict[int, _ChunkEntry] = {}
+        self._parts: list[_Part] = []
+        self._after: dict[int, int] = {}
         self._counts: Counter[int] | None = None
         self._span: tuple[int, int] | None = None
 
@@ -82,16 +88,17 @@ class IndexedMcap(LimitedReader):
             for _, opcode, body in mcap.records_in(self._data[summary : self._end]):
                 self._learn(opcode, body)
             self._end = min(summary, self._end)
-        if self._counts is None or not (self._schemas and self._channels):
-            stamps: list[int] = []
-            self._counts = Counter()
-            for message in self._in_file_order():
-                self._counts[message.channel] += 1
-                stamps = [min([message.stamp, *stamps[:1]]), max([message.stamp, *stamps[1:]])]
-            self._span = (stamps[0], stamps[1]) if stamps else None
+        if self._counts is None or not self._is_defined(self._counts):
+            self._parts, self._after = [], {}
+            self._counts = self._scan()
+            starts = [part.start for part in self._parts]
+            self._span = (min(starts), max(part.end for part in self._parts)) if starts else None
+        else:
+            self._scan()
+        self._parts.sort()
         counts = self._counts
         self.connections += [
-            connection(self, self._topic(channel), counts[channel.id])
+            connection(self, mcap.topic_of(channel, self._schemas), counts[channel.id])
             for channel in self._channels.values()
         ]
         if self._span and max(self._span) > LAST_STAMP:
@@ -112,24 +119,14 @@ class IndexedMcap(LimitedReader):
         wanted = {each.id: each for each in connections}
         first = 0 if start is None else start
         last = LAST_STAMP if stop is None else stop - 1
-        for message in self._in_order(first, last) if self._chunks else self._in_file_order():
-            if message.stamp > LAST_STAMP:
-                raise ValueError(f'a message has the stamp {message.stamp} ns, above 63 bits')
-            if message.channel in wanted and first <= message.stamp <= last:
-                yield wanted[message.channel], message.stamp, message.data
+        for message in self._in_order(first, last):
+            if message.topic in wanted:
+                yield wanted[message.topic], message.stamp, message.data
 
-    def _topic(self, channel: Channel) -> StoredTopic:
-        schema = self._schemas.get(channel.schema) or Schema(0, '', '', b'')
-        return StoredTopic(
-            channel.id,
-            channel.topic,
-            schema.name,
-            schema.data.decode(),
-            schema.encoding,
-            channel.metadata.get('topic_type_hash', ''),
-            channel.metadata.get('offered_qos_profiles', ''),
-            channel.encoding,
-        )
+    def _is_defined(self, counts: Collection[int]) -> bool:
+        """Return whether all counted channels and their schemas are known."""
+        schemas = {channel.schema for channel in self._channels.values()} - {0}
+        return set(counts) <= self._channels.keys() and schemas <= self._schemas.keys()
 
     def _learn(self, opcode: int, body: Bytes) -> None:
         if opcode == Opcode.SCHEMA:
@@ -139,8 +136,12 @@ class IndexedMcap(LimitedReader):
             channel = mcap.parse_channel(body)
             self._channels[channel.id] = channel
         elif opcode == Opcode.CHUNK_INDEX:
-            entry = _ChunkEntry(*_CHUNK_INDEX.unpack(mcap.Fields(body).take(_CHUNK_INDEX.size)))
-            self._chunks[entry.offset] = entry
+            fields = mcap.Fields(body)
+            part = _Part(*_CHUNK_INDEX.unpack(fields.take(_CHUNK_INDEX.size)))
+            fields.sized()
+            if part.offset not in self._after:
+                self._parts.append(part)
+            self._after[part.offset] = part.offset + part.size + fields.number(8)
         elif opcode == Opcode.STATISTICS:
             fields = mcap.Fields(body)
             fields.take(8 + 2 + 4 * 4)
@@ -148,53 +149,89 @@ class IndexedMcap(LimitedReader):
             self._counts = Counter(dict(struct.iter_unpack('<HQ', fields.sized())))
             self._span = span if any(self._counts.values()) else None
 
-    def _in_order(self, first: int, last: int) -> Iterator[Message]:
-        """Yield messages sorted by stamp, of the chunks that overlap [first, last]."""
-        waiting: list[tuple[int, int, Message]] = []
-        number = cost = 0
-        most = _MOST_WAITING * self.limits.max_unpacked
+    def _scan(self) -> Counter[int]:
+        """Add the messages and definitions that the index does not list; count the messages."""
+        counts: Counter[int] = Counter()
         budget = self.limits.for_file(len(self._data))
-        for entry in sorted(self._chunks.values()):
-            if entry.end < first or entry.start > last:
+        offset = len(mcap.MAGIC)
+        while offset + mcap.RECORD_HEADER.size <= self._end:
+            if offset in self._after:
+                offset = max(self._after[offset], offset + mcap.RECORD_HEADER.size)
                 continue
-            while waiting and waiting[0][0] < entry.start:
-                message = heapq.heappop(waiting)[2]
-                cost -= len(message.data) + _MESSAGE_COST
-                yield message
-            records = self._chunk_at(entry.offset)
-            budget -= len(records)
-            self._check(budget >= 0, 'its chunks together', 'max_unpacked_file')
-            for message in mcap.messages_in(records):
-                if first <= message.stamp <= last:
-                    number += 1
-                    cost += len(message.data) + _MESSAGE_COST
-                    self._check(cost <= most, 'chunks that overlap in time', 'max_unpacked')
-                    heapq.heappush(waiting, (message.stamp, number, message))
-        while waiting:
-            yield heapq.heappop(waiting)[2]
-
-    def _in_file_order(self) -> Iterator[Message]:
-        """Yield all messages as they are stored, and learn the definitions among them."""
-        budget = self.limits.for_file(len(self._data))
-        for _, opcode, body in mcap.records_in(self._data[len(mcap.MAGIC) : self._end]):
-            inner: Iterator[tuple[int, int, Bytes]] = iter([(0, opcode, body)])
+            opcode, size = mcap.RECORD_HEADER.unpack_from(self._data, offset)
+            begin = offset + mcap.RECORD_HEADER.size
+            end = int(begin + size)
+            if opcode == Opcode.DATA_END or not opcode or end > self._end:
+                break
+            body = self._data[begin:end]
+            inner: Iterable[tuple[int, int, Bytes]] = [(0, opcode, body)]
             if opcode == Opcode.CHUNK:
                 records = self._unpacked(body)
                 budget -= len(records)
                 self._check(budget >= 0, 'its chunks together', 'max_unpacked_file')
                 inner = mcap.records_in(records)
+            stamps = []
             for _, kind, content in inner:
                 if kind == Opcode.MESSAGE:
-                    yield mcap.parse_message(content)
+                    message = mcap.parse_message(content)
+                    counts[message.topic] += 1
+                    stamps.append(message.stamp)
                 elif kind in (Opcode.SCHEMA, Opcode.CHANNEL):
                     self._learn(kind, content)
+            if stamps:
+                part = _Part(min(stamps), max(stamps), offset, end - offset)
+                self._add_part(part, opcode == Opcode.MESSAGE)
+            offset = end
+        return counts
 
-    def _chunk_at(self, offset: int) -> Bytes:
-        begin = offset + mcap.RECORD_HEADER.size
+    def _add_part(self, part: _Part, in_run: bool) -> None:
+        """Add a part; consecutive messages outside chunks form one."""
+        last = self._parts[-1] if self._parts and in_run else part
+        follows = last.offset not in self._after and last.offset + last.size == part.offset
+        if follows and self._data[last.offset] == Opcode.MESSAGE and last.size < _LONGEST_RUN:
+            start, end = min(last.start, part.start), max(last.end, part.end)
+            self._parts[-1] = _Part(start, end, last.offset, last.size + part.size)
+        else:
+            self._parts.append(part)
+
+    def _in_order(self, first: int, last: int) -> Iterator[Message]:
+        """Yield messages sorted by stamp, of the parts that overlap [first, last]."""
+        waiting: list[tuple[int, int, Message]] = []
+        number = cost = 0
+        most = _MOST_WAITING * self.limits.max_unpacked
+        budget = self.limits.for_file(len(self._data))
+        chosen = [part for part in self._parts if part.end >= first and part.start <= last]
+        for position, part in enumerate(chosen):
+            while waiting and waiting[0][0] < part.start:
+                message = heapq.heappop(waiting)[2]
+                cost -= len(message.data) + _MESSAGE_COST
+                yield message
+            records = self._records_of(part)
+            budget -= len(records)
+            self._check(budget >= 0, 'its chunks together', 'max_unpacked_file')
+            found = [each for each in mcap.messages_in(records) if first <= each.stamp <= last]
+            if not waiting and (part is chosen[-1] or part.end < chosen[position + 1].start):
+                found.sort(key=_stamp)
+                yield from found
+                continue
+            for message in found:
+                number += 1
+                cost += len(message.data) + _MESSAGE_COST
+                heapq.heappush(waiting, (message.stamp, number, message))
+            self._check(cost <= most, 'messages that overlap in time', 'max_unpacked')
+        while waiting:
+            yield heapq.heappop(waiting)[2]
+
+    def _records_of(self, part: _Part) -> Bytes:
+        begin = part.offset + mcap.RECORD_HEADER.size
         if begin > self._end:
-            raise ValueError(f'its index points to byte {offset}, beyond its messages')
-        opcode, size = mcap.RECORD_HEADER.unpack_from(self._data, offset)
-        return self._unpacked(self._data[begin : begin + size]) if opcode == Opcode.CHUNK else b''
+            raise ValueError(f'its index points to byte {part.offset}, beyond its messages')
+        opcode, size = mcap.RECORD_HEADER.unpack_from(self._data, part.offset)
+        if opcode == Opcode.MESSAGE:
+            return self._data[part.offset : part.offset + part.size]
+        if opcode != Opcode.CHUNK:
+            raise ValueError(f'its index points to byte {part.offset}, where no chunk begins')
+        return self._unpacked(self._data[begin : begin + size])
 
     def _unpacked(self, body: Bytes) -> Bytes:
         head = mcap.parse_chunk_head(body)

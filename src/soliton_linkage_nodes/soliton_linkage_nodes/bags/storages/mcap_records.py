@@ -7,12 +7,14 @@ import struct
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from enum import IntEnum
-from typing import Final, NamedTuple, TypeAlias
+from typing import Final, TypeAlias
 from zlib import crc32
 
 from backports import zstd
 
 from soliton_linkage_nodes.bags.guards import decompress_prefix
+from soliton_linkage_nodes.bags.storages.storage import Message
+from soliton_linkage_nodes.bags.stored_topic import CDR, StoredTopic
 
 MAGIC: Final = b'\x89MCAP0\r\n'
 MESSAGE_HEADER: Final = struct.Struct('<HIQQ')
@@ -22,6 +24,8 @@ CHUNK_HEADER: Final = struct.Struct('<QQQI')
 CODECS: Final = ('', 'zstd', 'lz4')
 Bytes: TypeAlias = bytes | bytearray | memoryview
 PROFILE: Final = 'ros2'
+_PROFILES: Final = 'offered_qos_profiles'
+_DIGEST: Final = 'topic_type_hash'
 CUSTOM_DATA: Final = 'soliton_linkage'
 """Name of the metadata records that hold the custom data of a bag that is not closed yet."""
 
@@ -37,6 +41,8 @@ class Opcode(IntEnum):
     CHUNK = 0x06
     MESSAGE_INDEX = 0x07
     CHUNK_INDEX = 0x08
+    ATTACHMENT = 0x09
+    ATTACHMENT_INDEX = 0x0A
     STATISTICS = 0x0B
     METADATA = 0x0C
     METADATA_INDEX = 0x0D
@@ -63,14 +69,6 @@ class Channel:
     topic: str
     encoding: str
     metadata: Mapping[str, str]
-
-
-class Message(NamedTuple):
-    """A message with its channel number and receive time [ns]."""
-
-    channel: int
-    stamp: int
-    data: bytes
 
 
 def record(opcode: Opcode, *parts: bytes) -> bytes:
@@ -102,6 +100,33 @@ def channel_record(channel: Channel) -> bytes:
     return record(Opcode.CHANNEL, numbers, names, _text_map(channel.metadata))
 
 
+def topic_of(channel: Channel, schemas: Mapping[int, Schema]) -> StoredTopic:
+    """Return the topic of a channel; its type is lost if its schema is missing."""
+    schema = schemas.get(channel.schema) or Schema(0, '', 'ros2msg' if channel.schema else '', b'')
+    texts = dict(channel.metadata)
+    digest, profiles = texts.pop(_DIGEST, ''), texts.pop(_PROFILES, '')
+    return StoredTopic(
+        channel.id,
+        channel.topic,
+        schema.name,
+        schema.data.decode(errors='surrogateescape'),
+        schema.encoding,
+        digest,
+        profiles,
+        channel.encoding,
+        tuple(texts.items()),
+    )
+
+
+def channel_of(topic: StoredTopic, schema: int) -> Channel:
+    """Return the channel of a topic; rosbag2 expects QoS profiles and a hash for CDR topics."""
+    own = {_PROFILES: topic.profiles, _DIGEST: topic.digest}
+    if topic.serialization != CDR:
+        own = {key: value for key, value in own.items() if value}
+    about = {**own, **dict(topic.about)}
+    return Channel(topic.number, schema, topic.name, topic.serialization, about)
+
+
 def metadata_record(name: str, texts: Mapping[str, str]) -> bytes:
     """Return a metadata record of named texts."""
     return record(Opcode.METADATA, text(name), _text_map(texts))
@@ -111,13 +136,16 @@ def _text_map(texts: Mapping[str, str]) -> bytes:
     return sized(b''.join(text(key) + text(value) for key, value in texts.items()))
 
 
-def message_head(channel: int, stamp: int, size: int) -> bytes:
+def message_head(
+    channel: int, stamp: int, size: int, published: int | None = None, sequence: int = 0
+) -> bytes:
     """Return the head of a message record; the message of `size` bytes follows it.
 
-    The publish time is set to the receive time [ns], because it is unknown.
+    An unknown publish time is set to the receive time [ns].
     """
     length = MESSAGE_HEADER.size + size
-    return _MESSAGE_RECORD_HEADER.pack(Opcode.MESSAGE, length, channel, 0, stamp, stamp)
+    published = stamp if published is None else published
+    return _MESSAGE_RECORD_HEADER.pack(Opcode.MESSAGE, length, channel, sequence, stamp, published)
 
 
 def chunk_record(
@@ -134,6 +162,23 @@ def message_index_record(channel: int, entries: Sequence[int]) -> bytes:
     """Return the index of a channel in a chunk; entries alternate stamp [ns] and offset [B]."""
     packed = struct.pack(f'<{len(entries)}Q', *entries)
     return record(Opcode.MESSAGE_INDEX, struct.pack('<H', channel), sized(packed))
+
+
+def attachment_index_record(body: Bytes, offset: int, length: int) -> bytes:
+    """Return the index of an attachment record with this content, offset and length [B]."""
+    fields = Fields(body)
+    times, name, media_type = bytes(fields.take(16)), fields.sized(), fields.sized()
+    size = struct.pack('<Q', fields.number(8))
+    position = struct.pack('<QQ', offset, length)
+    names = sized(bytes(name)) + sized(bytes(media_type))
+    return record(Opcode.ATTACHMENT_INDEX, position, times, size, names)
+
+
+def attachment_is_intact(body: Bytes) -> bool:
+    """Return whether the checksum of an attachment is right or missing."""
+    size = len(body) - extra_bytes(Opcode.ATTACHMENT, body) - 4
+    checksum = int.from_bytes(body[size : size + 4], 'little')
+    return not checksum or crc32(body[:size]) == checksum
 
 
 class Fields:
@@ -197,8 +242,8 @@ def parse_message(body: Bytes) -> Message:
     """Return the message in a record."""
     if len(body) < MESSAGE_HEADER.size:
         raise ValueError(f'a message of {len(body)} bytes is shorter than its header')
-    channel, _, stamp, _ = MESSAGE_HEADER.unpack_from(body)
-    return Message(channel, stamp, bytes(body[MESSAGE_HEADER.size :]))
+    channel, sequence, stamp, published = MESSAGE_HEADER.unpack_from(body)
+    return Message(channel, sequence, stamp, published, bytes(body[MESSAGE_HEADER.size :]))
 
 
 def parse_metadata(body: Bytes) -> tuple[str, dict[str, str]]:
@@ -207,12 +252,43 @@ def parse_metadata(body: Bytes) -> tuple[str, dict[str, str]]:
     return fields.text(), fields.text_map()
 
 
-def check_message_index(body: Bytes) -> None:
-    """Raise ValueError unless a record is a message index: pairs of two 64-bit numbers."""
+_TEXT, _DATA = 4, 8
+_LAYOUTS: dict[int, tuple[int, tuple[int, ...], int]] = {
+    Opcode.HEADER: (0, (_TEXT, _TEXT), 0),
+    Opcode.FOOTER: (20, (), 0),
+    Opcode.SCHEMA: (2, (_TEXT, _TEXT, _TEXT), 0),
+    Opcode.CHANNEL: (4, (_TEXT, _TEXT, _TEXT), 0),
+    Opcode.MESSAGE_INDEX: (2, (_TEXT,), 0),
+    Opcode.CHUNK_INDEX: (32, (_TEXT,), 8),
+    Opcode.ATTACHMENT: (16, (_TEXT, _TEXT, _DATA), 4),
+    Opcode.ATTACHMENT_INDEX: (40, (_TEXT, _TEXT), 0),
+    Opcode.STATISTICS: (42, (_TEXT,), 0),
+    Opcode.METADATA: (0, (_TEXT, _TEXT), 0),
+    Opcode.METADATA_INDEX: (16, (_TEXT,), 0),
+    Opcode.SUMMARY_OFFSET: (17, (), 0),
+    Opcode.DATA_END: (4, (), 0),
+}
+"""Size of the numbers, sizes of the lengths of the texts, and size of the numbers after them [B].
+
+Chunks and messages are not among them; a chunk index has other fields after these.
+"""
+
+
+def extra_bytes(opcode: int, body: Bytes) -> int:
+    """Return how many bytes follow the known fields of a record; ValueError if some are missing.
+
+    Readers ignore these bytes, which a later version of the format may define.
+    """
+    head, lengths, tail = _LAYOUTS[opcode]
     fields = Fields(body)
-    fields.take(2)
-    if len(fields.sized()) % 16 or fields.rest:
-        raise ValueError('a message index has the wrong length')
+    fields.take(head)
+    for size in lengths:
+        fields.take(fields.number(size))
+    fields.take(tail)
+    if opcode == Opcode.CHUNK_INDEX:
+        fields.sized()
+        fields.take(16)
+    return fields.rest
 
 
 @dataclass(frozen=True)

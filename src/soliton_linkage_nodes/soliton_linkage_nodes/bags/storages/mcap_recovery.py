@@ -5,7 +5,7 @@ from __future__ import annotations
 
 import re
 import struct
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from contextlib import suppress
 from dataclasses import replace
 from pathlib import Path
@@ -22,8 +22,8 @@ from soliton_linkage_nodes.bags.storages.mcap_records import (
     Opcode,
     Schema,
 )
-from soliton_linkage_nodes.bags.storages.storage import RecoveredFile
-from soliton_linkage_nodes.bags.stored_topic import StoredTopic, completed
+from soliton_linkage_nodes.bags.storages.storage import LAST_STAMP, Message, RecoveredFile
+from soliton_linkage_nodes.bags.stored_topic import completed
 
 
 class _Chunk(NamedTuple):
@@ -37,10 +37,11 @@ class _Chunk(NamedTuple):
 
 
 class _Run(NamedTuple):
-    """Offsets of consecutive messages outside any chunk [B]."""
+    """Offsets of consecutive messages outside any chunk [B]; after damage they are doubtful."""
 
     begin: int
     end: int
+    doubtful: bool
 
 
 class RecoveredMcap(RecoveredFile):
@@ -48,7 +49,8 @@ class RecoveredMcap(RecoveredFile):
 
     After a damaged record, the file is searched for the next plausible record head. A chunk
     counts if its checksum is right. Of a chunk at a truncated end, the complete messages count.
-    With `doubtful`, messages of chunks with wrong checksums count as well.
+    With `doubtful`, messages of chunks with wrong checksums count as well. In a file with
+    chunks, messages that directly follow damage may be a part of a chunk and are doubtful too.
     """
 
     def _scan(self, path: Path) -> None:
@@ -59,28 +61,38 @@ class RecoveredMcap(RecoveredFile):
         self._unverified_channels: dict[int, Channel] = {}
         self._stated: int | None = None
         self._footer = False
+        self._after_damage = False
         self._sizes: dict[int, int] = {}
         self._data = map_file(path)
         self._budget = self._limits.for_file(len(self._data))
         self._scan_records()
         channels = {**self._unverified_channels, **self._channels}
         self._schemas = {**self._unverified_schemas, **self._schemas}
-        self.topics = {number: self._topic(channel) for number, channel in channels.items()}
+        self.topics = {
+            number: completed(mcap.topic_of(channel, self._schemas))
+            for number, channel in channels.items()
+        }
 
-    def _messages(self) -> Iterator[tuple[int, int, bytes]]:
+    def _messages(self) -> Iterator[Message]:
         chunked = any(isinstance(part, _Chunk) for part in self._found)
         for part in self._found:
             if isinstance(part, _Chunk):
                 yield from self._messages_of(part)
-            elif not chunked:
-                yield from self._counted(self._data[part.begin : part.end])
+                continue
+            messages = self._counted(self._data[part.begin : part.end])
+            if not (part.doubtful and chunked) or self._doubtful:
+                yield from messages
+                continue
+            count = sum(1 for _ in messages)
+            self.unverified -= count
+            self.report_damage(f'{count} messages at byte {part.begin} are left out', count)
 
     def _conclude(self) -> None:
         missing = (self._stated or 0) - self._read - self.lost
         if missing > 0:
             self.report_damage(f'the index lists {missing} more messages than the file', missing)
 
-    def _messages_of(self, chunk: _Chunk) -> Iterator[mcap.Message]:
+    def _messages_of(self, chunk: _Chunk) -> Iterator[Message]:
         if chunk.rejected:
             self.report_damage(f'the chunk at byte {chunk.offset} {chunk.rejected}')
             return
@@ -98,7 +110,7 @@ class RecoveredMcap(RecoveredFile):
                 count,
             )
 
-    def _counted(self, records: Bytes) -> Iterator[mcap.Message]:
+    def _counted(self, records: Bytes) -> Iterator[Message]:
         for message in mcap.messages_in(records, strict=False):
             self.unverified += 1
             yield message
@@ -113,6 +125,7 @@ class RecoveredMcap(RecoveredFile):
             if after is None:
                 after = next_record(self._data, offset + 1)
                 self.report_damage(f'bytes {offset} to {after} are damaged')
+                self._after_damage = True
             offset = after
         if not self._footer:
             self.report_damage('it was not finished: there is no index')
@@ -125,18 +138,27 @@ class RecoveredMcap(RecoveredFile):
         begin = offset + mcap.RECORD_HEADER.size
         if opcode == Opcode.CHUNK:
             return self._take_chunk(offset, begin, size)
-        end = begin + size
-        if opcode not in KINDS or end > len(self._data):
+        end = int(begin + size)
+        if end > len(self._data):
             return None
         if opcode == Opcode.MESSAGE:
             return self._take_message(offset, begin, size)
         body = self._data[begin:end]
+        if opcode not in KINDS:
+            if not _may_follow(self._data, end) or self._is_changed(opcode, body):
+                return None
+            self.records.append((opcode, body))
+            return end
         try:
+            # A wrong length would skip the records after this one.
+            if mcap.extra_bytes(opcode, body) and not _may_follow(self._data, end):
+                return None
             self._define(opcode, body, self._unverified_schemas, self._unverified_channels)
             self._learn_about_file(offset, opcode, body)
         except ValueError:
             return None
-        return int(end)
+        self._after_damage &= opcode in _IN_CHUNKS
+        return end
 
     def _take_chunk(self, offset: int, begin: int, size: int) -> int | None:
         try:
@@ -149,7 +171,7 @@ class RecoveredMcap(RecoveredFile):
             self._add_chunk(chunk, self._unpack(chunk)[0])
             return len(self._data)
         # If the two stated lengths differ, the checksum decides which one is right.
-        lengths = {size - head.begin, head.packed}
+        lengths = {head.packed, size - head.begin}
         for packed in lengths:
             chunk = _Chunk(offset, begin, replace(head, packed=packed))
             if not 0 <= packed <= len(self._data) - begin - head.begin:
@@ -157,7 +179,8 @@ class RecoveredMcap(RecoveredFile):
             records, whole = self._unpack(chunk)
             if whole:
                 self._add_chunk(chunk, records)
-                return begin + chunk.head.size
+                end = int(begin + max(size, chunk.head.size))
+                return end if _may_follow(self._data, end) else begin + chunk.head.size
         rejected = self._rejection(head)
         if len(lengths) > 1 and not rejected:
             return None
@@ -185,6 +208,7 @@ class RecoveredMcap(RecoveredFile):
     def _add_chunk(self, chunk: _Chunk, records: Bytes) -> None:
         """Keep a chunk and its definitions."""
         self._found.append(chunk)
+        self._after_damage = False
         for _, opcode, body in mcap.records_in(records):
             with suppress(ValueError):
                 self._define(opcode, body, self._schemas, self._channels)
@@ -199,25 +223,37 @@ class RecoveredMcap(RecoveredFile):
         end = begin + size
         channel = struct.unpack_from('<H', self._data, begin)[0]
         known = channel in self._unverified_channels or channel in self._channels
-        following = self._data[end : end + 1]
         # The length is right if a record follows, or if earlier messages had the same length.
-        fits = not following or following[0] in KINDS or self._sizes.get(channel) == size
+        following = self._data[end : end + 1]
+        expected = self._sizes.get(channel) == size or not following or following[0] in KINDS
+        fits = expected or _may_follow(self._data, end)
         if not known or not fits:
             return None
         self._sizes[channel] = size
         last = self._found[-1] if self._found else None
         if isinstance(last, _Run) and last.end == offset:
-            self._found[-1] = _Run(last.begin, end)
+            self._found[-1] = last._replace(end=end)
         else:
-            self._found.append(_Run(offset, end))
+            self._found.append(_Run(offset, end, self._after_damage))
         return end
+
+    def _is_changed(self, opcode: int, body: Bytes) -> bool:
+        """Return whether a record of unknown type is a chunk or message with a flipped bit."""
+        flipped = [opcode ^ 1 << bit for bit in range(8)]
+        with suppress(ValueError):
+            if Opcode.CHUNK in flipped:
+                return mcap.parse_chunk_head(body[:LARGEST_CHUNK_HEAD]).size == len(body)
+            if Opcode.MESSAGE in flipped:
+                message = mcap.parse_message(body)
+                known = {**self._unverified_channels, **self._channels}
+                return message.topic in known and message.stamp <= LAST_STAMP
+        return False
 
     def _define(
         self, opcode: int, body: Bytes, schemas: dict[int, Schema], channels: dict[int, Channel]
     ) -> None:
         if opcode == Opcode.SCHEMA:
             schema = mcap.parse_schema(body)
-            schema.data.decode()
             schemas[schema.id] = schema
         elif opcode == Opcode.CHANNEL:
             channel = mcap.parse_channel(body)
@@ -230,48 +266,49 @@ class RecoveredMcap(RecoveredFile):
                 self.custom_data.update(texts)
             elif name == 'rosbag2':
                 self.custom_data.update(custom_data_of(texts.get('serialized_metadata', '')))
-        elif opcode == Opcode.MESSAGE_INDEX:
-            mcap.check_message_index(body)
+            else:
+                self.records.append((opcode, body))
+        elif opcode == Opcode.ATTACHMENT:
+            intact = mcap.attachment_is_intact(body)
+            if not intact:
+                self.report_damage(f'the attachment at byte {offset} has a wrong checksum')
+            if intact or self._doubtful:
+                self.records.append((opcode, body))
         elif opcode == Opcode.STATISTICS:
             self._stated = mcap.Fields(body).number(8)
         elif opcode == Opcode.FOOTER:
             fields = mcap.Fields(body)
             start, _, checksum = fields.number(8), fields.number(8), fields.number(4)
             self._footer = True
-            covered = self._data[start : offset + mcap.RECORD_HEADER.size + 16]
+            # Without a summary, the checksum covers the footer alone.
+            covered = self._data[start or offset : offset + mcap.RECORD_HEADER.size + 16]
             if checksum and crc32(covered) != checksum:
                 self._stated = None
                 self.report_damage('its index has a wrong checksum')
 
-    def _topic(self, channel: Channel) -> StoredTopic:
-        schema = self._schemas.get(channel.schema)
-        return completed(
-            channel.id,
-            channel.topic,
-            schema.name if schema else '',
-            (schema.encoding, schema.data.decode()) if schema else None,
-            channel.metadata.get('topic_type_hash', ''),
-            channel.metadata.get('offered_qos_profiles', ''),
-        )
-
 
 KINDS: Final = range(Opcode.HEADER, Opcode.DATA_END + 1)
-"""Opcodes that the format defines [1]."""
+"""Opcodes that the format defines [1]; readers skip records with others."""
+_IN_CHUNKS: Final = (Opcode.SCHEMA, Opcode.CHANNEL, Opcode.MESSAGE)
 LARGEST_CHUNK_HEAD: Final = 64
 """Size that the head of a chunk fits into [B]: 40 of numbers and the codec's name."""
 _HEAD = re.compile(rb'[\x01-\x0f](?=.{5}\x00\x00\x00)', re.DOTALL)
 """Head of a record: an opcode and a length below 2^40 [B]."""
+_SHORTEST, _LONGEST = 4, 2**40
+"""Size of the shortest and the longest plausible content of a record [B]."""
 _WINDOW = 2**26
 """Bytes that are searched before their memory pages are released [B]."""
-_SIZES: dict[int, int] = {Opcode.DATA_END: 4, Opcode.FOOTER: 20}
-"""Sizes of the records with a fixed size [B]."""
-_PARSERS: dict[int, Callable[[Bytes], object]] = {
-    Opcode.MESSAGE: mcap.parse_message,
-    Opcode.MESSAGE_INDEX: mcap.check_message_index,
-    Opcode.SCHEMA: mcap.parse_schema,
-    Opcode.CHANNEL: mcap.parse_channel,
-    Opcode.METADATA: mcap.parse_metadata,
-}
+
+
+def _may_follow(data: Bytes, offset: int) -> bool:
+    """Return whether a record, the magic at the end or nothing more may be at an offset."""
+    rest = data[offset : offset + mcap.RECORD_HEADER.size]
+    if len(rest) < mcap.RECORD_HEADER.size:
+        return not rest or rest == mcap.MAGIC or rest[0] in KINDS
+    opcode, size = mcap.RECORD_HEADER.unpack(rest)
+    if opcode in KINDS:
+        return _SHORTEST <= int(size) < _LONGEST
+    return bool(opcode) and offset + len(rest) + int(size) <= len(data)
 
 
 def next_record(data: memoryview, begin: int) -> int:
@@ -300,8 +337,7 @@ def _is_record(data: Bytes, offset: int) -> bool:
         following = data[end : end + 1]
         if end > len(data) or (following and following[0] not in (*KINDS, mcap.MAGIC[0])):
             return False
-        if opcode in _PARSERS:
-            _PARSERS[opcode](data[begin:end])
-            return True
-        return _SIZES.get(opcode) == int(size)
+        if opcode == Opcode.MESSAGE:
+            return int(size) >= mcap.MESSAGE_HEADER.size
+        return not mcap.extra_bytes(opcode, data[begin:end])
     return False

@@ -43,7 +43,7 @@ class McapWriter:
         self._codec = codec
         self._definitions_interval = definitions_interval
         self._file = path.open('xb', buffering=0)
-        self._schemas: dict[str, Schema] = {}
+        self._schemas: dict[tuple[str, str, str], Schema] = {}
         self._channels: dict[int, Channel] = {}
         # The buffer is reused and never shrunk: allocating takes longer than writing.
         self._chunk = BytesIO()
@@ -51,6 +51,7 @@ class McapWriter:
         self._entries: defaultdict[int, list[int]] = defaultdict(list)
         self._chunk_indexes: list[bytes] = []
         self._metadata: list[tuple[int, int, str]] = []
+        self._attachments: list[bytes] = []
         self._defined_at = time.monotonic()
         library = f'soliton_linkage {suite_version()}'
         header = mcap.record(Opcode.HEADER, mcap.text(mcap.PROFILE), mcap.text(library))
@@ -63,26 +64,28 @@ class McapWriter:
 
     def add_topic(self, topic: StoredTopic) -> None:
         """Add a topic."""
-        schema = self._schemas.get(topic.type_name)
-        if schema is None:
-            schema = Schema(
-                len(self._schemas) + 1,
-                topic.type_name,
-                topic.definition_format,
-                topic.definition.encode(),
-            )
-            self._schemas[topic.type_name] = schema
+        key = (topic.type_name, topic.definition_format, topic.definition)
+        if any(key) and key not in self._schemas:
+            definition = topic.definition.encode(errors='surrogateescape')
+            schema = Schema(len(self._schemas) + 1, *key[:2], definition)
+            self._schemas[key] = schema
             self._define(mcap.schema_record(schema))
-        about = {'offered_qos_profiles': topic.profiles, 'topic_type_hash': topic.digest}
-        channel = Channel(topic.number, schema.id, topic.name, topic.serialization, about)
+        channel = mcap.channel_of(topic, self._schemas[key].id if any(key) else 0)
         self._channels[channel.id] = channel
         self.counts[channel.id] = 0
         self._define(mcap.channel_record(channel))
 
-    def write(self, number: int, stamp: int, serialized: bytes) -> None:
-        """Add a message [ns] of a topic."""
+    def write(
+        self,
+        number: int,
+        stamp: int,
+        serialized: bytes,
+        published: int | None = None,
+        sequence: int = 0,
+    ) -> None:
+        """Add a message of a topic with receive and publish time [ns] and sequence number."""
         self._entries[number] += (stamp, self._chunk.tell())
-        self._chunk.write(mcap.message_head(number, stamp, len(serialized)))
+        self._chunk.write(mcap.message_head(number, stamp, len(serialized), published, sequence))
         self._chunk.write(serialized)
         self.counts[number] += 1
         if self._chunk.tell() > _LARGEST_CHUNK:
@@ -136,6 +139,16 @@ class McapWriter:
         """Write custom data, in case the file is never closed."""
         self._add_metadata(mcap.CUSTOM_DATA, texts)
 
+    def copy_record(self, opcode: int, body: mcap.Bytes) -> None:
+        """Write a record of another file unchanged, such as an attachment."""
+        begin, head = self._end, mcap.RECORD_HEADER.pack(opcode, len(body))
+        self._append(head, body)
+        length = self._end - begin
+        if opcode == Opcode.METADATA:
+            self._metadata.append((begin, length, mcap.Fields(body).text()))
+        elif opcode == Opcode.ATTACHMENT:
+            self._attachments.append(mcap.attachment_index_record(body, begin, length))
+
     def close(self, metadata: str) -> None:
         """Write pending messages, the bag's metadata and the index, and close the file."""
         self.flush()
@@ -166,6 +179,7 @@ class McapWriter:
             Opcode.SCHEMA: b''.join(map(mcap.schema_record, self._schemas.values())),
             Opcode.CHANNEL: b''.join(map(mcap.channel_record, self._channels.values())),
             Opcode.CHUNK_INDEX: b''.join(self._chunk_indexes),
+            Opcode.ATTACHMENT_INDEX: b''.join(self._attachments),
             Opcode.METADATA_INDEX: b''.join(
                 mcap.record(Opcode.METADATA_INDEX, struct.pack('<QQ', *position), mcap.text(name))
                 for *position, name in self._metadata
@@ -190,7 +204,7 @@ class McapWriter:
             sum(self.counts.values()),
             len(self._schemas),
             len(self._channels),
-            0,
+            len(self._attachments),
             len(self._metadata),
             len(self._chunk_indexes),
         )

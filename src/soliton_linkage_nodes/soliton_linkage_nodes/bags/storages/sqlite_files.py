@@ -17,8 +17,8 @@ from rosbags.interfaces import Connection
 from soliton_linkage_nodes.bags.guards import open_file, regular_file
 from soliton_linkage_nodes.bags.metadata import custom_data_of
 from soliton_linkage_nodes.bags.storages.storage import (
-    LAST_STAMP,
     LimitedReader,
+    Message,
     RecoveredFile,
     connection,
     summary_of,
@@ -168,8 +168,10 @@ class StoredSqlite(LimitedReader):
 
     def open(self) -> None:
         """Read the topics."""
-        self._tables = Tables(self._path, self.limits.max_unpacked)
+        self._folder = TemporaryDirectory(prefix='bag_')
         try:
+            path = _with_journal(self._path, Path(self._folder.name))
+            self._tables = Tables(path, self.limits.max_unpacked)
             self._learn(self._tables)
         except BaseException:
             self.close()
@@ -179,6 +181,7 @@ class StoredSqlite(LimitedReader):
         """Close the file."""
         if self._tables is not None:
             self._tables.close()
+        self._folder.cleanup()
 
     def messages(
         self,
@@ -221,7 +224,7 @@ class StoredSqlite(LimitedReader):
             self.connections.append(connection(self, topic, counts.get(number, 0)))
         span = tables.extremes('messages', 'timestamp') if counts else None
         for stamp in span or ():
-            if not isinstance(stamp, int) or not 0 <= stamp <= LAST_STAMP:
+            if not isinstance(stamp, int):
                 raise ValueError(f'a message has the stamp {str(stamp)[:40]}, not a time in ns')
         self.metadata = summary_of(self.connections, span)
 
@@ -246,14 +249,14 @@ class RecoveredSqlite(RecoveredFile):
         except (sqlite3.Error, ValueError) as damage:
             self._report_error(damage)
 
-    def _messages(self) -> Iterator[tuple[int, int, bytes]]:
+    def _messages(self) -> Iterator[Message]:
         try:
             with closing(self._tables()) as tables:
                 for row in tables.rows('messages', _MESSAGE, 'ORDER BY id'):
                     match row:
                         case (int(topic), int(stamp), bytes(data)):
                             self.unverified += 1
-                            yield topic, stamp, data
+                            yield Message(topic, 0, stamp, stamp, data)
                         case _:
                             self._invalid += 1
         except (sqlite3.Error, ValueError) as error:
@@ -272,34 +275,12 @@ class RecoveredSqlite(RecoveredFile):
             self.report_damage(line)
 
     def _readable(self, path: Path) -> Path:
-        """Return the file, or a copy of its whole pages, after an interrupted transaction."""
-        journals = [Path(f'{path}{end}') for end in ('-journal', '-wal')]
-        present = [each for each in journals if each.is_file() and each.stat().st_size]
+        """Return the file, or a copy of its whole pages with its journal applied."""
         excess = _bytes_after_last_page(path)
         if excess:
             # SQLite would read the rest of a truncated page as zeros.
             self.report_damage(f'the last {excess} bytes are not a whole page')
-        elif not present:
-            return path
-        copy = Path(self._folder.name, path.name)
-        for source in (path, *present):
-            with (
-                open_file(source, path.parent) as held,
-                Path(self._folder.name, source.name).open('wb') as out,
-            ):
-                shutil.copyfileobj(held, out)
-                if source != path:
-                    # A journal may end in the name of another file, which SQLite would delete.
-                    out.write(bytes(8))
-                elif excess:
-                    out.truncate(out.tell() - excess)
-        try:
-            with closing(sqlite3.connect(copy)) as database:
-                database.execute('PRAGMA journal_mode = DELETE').fetchall()
-                database.execute('SELECT count(*) FROM sqlite_master').fetchall()
-        except sqlite3.Error:
-            pass
-        return copy
+        return _with_journal(path, Path(self._folder.name), excess)
 
     def _learn_topics(self, tables: Tables) -> None:
         if 'metadata' in tables.columns('metadata'):
@@ -307,11 +288,49 @@ class RecoveredSqlite(RecoveredFile):
                 self.custom_data.update(custom_data_of(_text(text)))
         for number, *fields in tables.topics():
             if isinstance(number, int):
-                name, type_name, _, profiles, digest, encoding, text = map(_text, fields)
-                definition = (encoding or 'ros2msg', text)
-                self.topics[number] = completed(
-                    number, name, type_name, definition, digest, profiles
+                name, type_name, serialization, profiles, digest, encoding, text = map(
+                    _text, fields
                 )
+                self.topics[number] = completed(
+                    StoredTopic(
+                        number,
+                        name,
+                        type_name,
+                        text,
+                        encoding or 'ros2msg',
+                        digest,
+                        profiles,
+                        serialization,
+                    )
+                )
+
+
+def _with_journal(path: Path, folder: Path, excess: int = 0) -> Path:
+    """Return a file, or its copy in a folder without `excess` bytes at the end [B].
+
+    SQLite modifies a file to complete an interrupted transaction, or to add the messages in its
+    write-ahead log. Therefore a copy of a file with a journal is opened.
+    """
+    journals = [Path(f'{path}{end}') for end in ('-journal', '-wal')]
+    present = [each for each in journals if each.is_file() and each.stat().st_size]
+    if not (present or excess):
+        return path
+    copy = folder / path.name
+    for source in (path, *present):
+        with open_file(source, path.parent) as held, (folder / source.name).open('wb') as out:
+            shutil.copyfileobj(held, out)
+            if source.name.endswith('-journal'):
+                # A journal may end in the name of another file, which SQLite would delete.
+                out.write(bytes(8))
+            elif source == path and excess:
+                out.truncate(out.tell() - excess)
+    try:
+        with closing(sqlite3.connect(copy)) as database:
+            database.execute('PRAGMA journal_mode = DELETE').fetchall()
+            database.execute('SELECT count(*) FROM sqlite_master').fetchall()
+    except sqlite3.Error:
+        pass
+    return copy
 
 
 def _bytes_after_last_page(path: Path) -> int:

@@ -6,7 +6,7 @@ from __future__ import annotations
 from abc import ABC, abstractmethod
 from collections.abc import Iterator, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 from rosbags.interfaces import (
     Connection,
@@ -30,6 +30,16 @@ _FORMATS = {
 }
 LAST_STAMP = 2**63 - 1
 """Largest stamp [ns since 1970] of ROS's 64-bit time, in the year 2262."""
+
+
+class Message(NamedTuple):
+    """A message with topic number, sequence number, receive time and publish time [ns]."""
+
+    topic: int
+    sequence: int
+    stamp: int
+    published: int
+    data: bytes
 
 
 class LimitedReader:
@@ -99,6 +109,7 @@ class RecoveredFile(ABC):
     `topics` are keyed by their number in the file. `damage` describes each damaged part in a
     line. `lost` counts messages that are known to be in the file and cannot be read,
     `unverified` those read without a checksum. All are complete after the last message.
+    `records` holds opcodes and contents of MCAP records that are copied uninterpreted.
     """
 
     def __init__(
@@ -113,27 +124,31 @@ class RecoveredFile(ABC):
         self.damage: list[str] = []
         self.lost = 0
         self.unverified = 0
+        self.records: list[tuple[int, bytes | bytearray | memoryview]] = []
         self._doubtful = doubtful
         self._limits = limits
         self._read = 0
         self._scan(path)
 
-    def messages(self) -> Iterator[tuple[StoredTopic, int, bytes]]:
-        """Yield topic, stamp [ns] and bytes of each intact message."""
+    def messages(self) -> Iterator[tuple[StoredTopic, Message]]:
+        """Yield topic and content of each intact message."""
         nameless = timeless = 0
-        for number, stamp, data in self._messages():
-            topic = self.topics.get(number)
+        for message in self._messages():
+            topic = self.topics.get(message.topic)
             if topic is None:
                 nameless += 1
-            elif not 0 <= stamp <= LAST_STAMP:
+            elif not 0 <= message.stamp <= LAST_STAMP:
                 timeless += 1
             else:
                 self._read += 1
-                yield topic, stamp, data
+                yield topic, message
         if nameless:
             self.report_damage(f'{nameless} messages have topics whose names are lost', nameless)
         if timeless:
-            self.report_damage(f'{timeless} stamps are before 1970 or after 2262', timeless)
+            self.report_damage(
+                f'{timeless} messages have stamps before 1970 or after 2262, unlike MCAP',
+                timeless,
+            )
         self._conclude()
 
     def report_damage(self, damage: str, lost: int = 0) -> None:
@@ -146,8 +161,8 @@ class RecoveredFile(ABC):
         """Fill `topics` and `custom_data`."""
 
     @abstractmethod
-    def _messages(self) -> Iterator[tuple[int, int, bytes]]:
-        """Yield topic number, stamp [ns] and bytes of the intact messages."""
+    def _messages(self) -> Iterator[Message]:
+        """Yield the intact messages."""
 
     @abstractmethod
     def _conclude(self) -> None:
