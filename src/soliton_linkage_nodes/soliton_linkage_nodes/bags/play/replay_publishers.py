@@ -19,7 +19,9 @@ from rclpy.serialization import serialize_message
 from rclpy.topic_endpoint_info import TopicEndpointInfo
 from rosbags.interfaces import Connection
 
+from soliton_linkage_nodes.bags.bag_files import topic_key
 from soliton_linkage_nodes.bags.reading import class_of, decoder, is_older, latched_depth
+from soliton_linkage_nodes.bags.stored_topic import CDR
 from soliton_linkage_nodes.runtime import interfaces
 from soliton_linkage_nodes.runtime.interfaces import wait_for_subscriber
 
@@ -195,8 +197,8 @@ class ReplayPublishers:
 
     def of(self, connections: Iterable[Connection]) -> list[Connection]:
         """Return the topics that are published."""
-        played = self._publishers.keys()
-        return [c for c in connections if c.topic in played and self._types[c.topic] == c.msgtype]
+        played = {(topic, self._types[topic], CDR) for topic in self._publishers}
+        return [each for each in connections if topic_key(each) in played]
 
     def leaves_out(self, connection: Connection) -> bool:
         """Return whether a message is a recorded state that is suppressed; count it."""
