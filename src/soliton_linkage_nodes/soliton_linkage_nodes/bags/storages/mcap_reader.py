@@ -43,7 +43,7 @@ _CHUNK_INDEX = struct.Struct('<QQQQ')
 _stamp = attrgetter('stamp')
 
 
-class _Part(NamedTuple):
+class _Stretch(NamedTuple):
     """First and last receive time [ns], offset and size [B] of a chunk or run of messages."""
 
     start: int
@@ -67,7 +67,7 @@ class IndexedMcap(LimitedReader):
         self._end = 0
         self._schemas: dict[int, Schema] = {}
         self._channels: dict[int, Channel] = {}
-        self._parts: list[_Part] = []
+        self._parts: list[_Stretch] = []
         self._after: dict[int, int] = {}
         self._counts: Counter[int] | None = None
         self._span: tuple[int, int] | None = None
@@ -137,7 +137,7 @@ class IndexedMcap(LimitedReader):
             self._channels[channel.id] = channel
         elif opcode == Opcode.CHUNK_INDEX:
             fields = mcap.Fields(body)
-            part = _Part(*_CHUNK_INDEX.unpack(fields.take(_CHUNK_INDEX.size)))
+            part = _Stretch(*_CHUNK_INDEX.unpack(fields.take(_CHUNK_INDEX.size)))
             fields.sized()
             if part.offset not in self._after:
                 self._parts.append(part)
@@ -179,18 +179,18 @@ class IndexedMcap(LimitedReader):
                 elif kind in (Opcode.SCHEMA, Opcode.CHANNEL):
                     self._learn(kind, content)
             if stamps:
-                part = _Part(min(stamps), max(stamps), offset, end - offset)
+                part = _Stretch(min(stamps), max(stamps), offset, end - offset)
                 self._add_part(part, opcode == Opcode.MESSAGE)
             offset = end
         return counts
 
-    def _add_part(self, part: _Part, in_run: bool) -> None:
+    def _add_part(self, part: _Stretch, in_run: bool) -> None:
         """Add a part; consecutive messages outside chunks form one."""
         last = self._parts[-1] if self._parts and in_run else part
         follows = last.offset not in self._after and last.offset + last.size == part.offset
         if follows and self._data[last.offset] == Opcode.MESSAGE and last.size < _LONGEST_RUN:
             start, end = min(last.start, part.start), max(last.end, part.end)
-            self._parts[-1] = _Part(start, end, last.offset, last.size + part.size)
+            self._parts[-1] = _Stretch(start, end, last.offset, last.size + part.size)
         else:
             self._parts.append(part)
 
@@ -222,7 +222,7 @@ class IndexedMcap(LimitedReader):
         while waiting:
             yield heapq.heappop(waiting)[2]
 
-    def _records_of(self, part: _Part) -> Bytes:
+    def _records_of(self, part: _Stretch) -> Bytes:
         begin = part.offset + mcap.RECORD_HEADER.size
         if begin > self._end:
             raise ValueError(f'its index points to byte {part.offset}, beyond its messages')
