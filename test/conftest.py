@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
-"""How the tests are run: repeatably, side by side, and with a plain last word.
+"""Configuration of the tests: repeatable, in parallel, with a summary.
 
-Hypothesis takes the same examples in every run, unless told `--hypothesis-profile`.
+Hypothesis uses the same examples in every run, unless `--hypothesis-profile` is given.
 """
 
 from __future__ import annotations
@@ -18,8 +18,8 @@ from hypothesis import HealthCheck, settings
 
 HERE = Path(__file__).parent
 
-# Before numpy is imported: side by side each worker has a core, and threads of linear algebra
-# would only wait for one another.
+# This must precede the import of numpy. Each worker has one core, so that further threads of
+# linear algebra would wait for each other.
 if 'PYTEST_XDIST_WORKER' in os.environ:
     os.environ.setdefault('OPENBLAS_NUM_THREADS', '1')
 
@@ -37,7 +37,7 @@ def pytest_addoption(parser: pytest.Parser) -> None:
 
 
 def pytest_collection() -> None:
-    """What is imported stays: no search for garbage looks through it, then or later."""
+    """Exclude imported modules from garbage collection."""
     gc.disable()
 
 
@@ -48,10 +48,10 @@ def pytest_collection_finish() -> None:
 
 @pytest.hookimpl(tryfirst=True)
 def pytest_runtest_setup() -> None:
-    """Each test has Python's own handlers of signals, and so have the programs that it starts.
+    """Restore Python's signal handlers before each test.
 
-    A program that an earlier test ran in this process leaves its own; where the tests were started
-    in the background of a script, a shell has SIGINT ignored, and who is started inherits that.
+    A program that an earlier test ran in this process may have changed them. A shell ignores
+    SIGINT in background jobs, and child processes inherit that.
     """
     signal.signal(signal.SIGINT, signal.default_int_handler)
     signal.signal(signal.SIGTERM, signal.SIG_DFL)
@@ -59,7 +59,7 @@ def pytest_runtest_setup() -> None:
 
 @pytest.hookimpl(trylast=True)
 def pytest_runtest_teardown(item: pytest.Item, nextitem: pytest.Item | None) -> None:
-    """What a module has kept for its tests goes with them: garbage would be searched for in it."""
+    """Clear the caches of a module after its last test, to relieve garbage collection."""
     module = getattr(item, 'module', None)
     if module is None or (nextitem is not None and nextitem.path == item.path):
         return
@@ -69,9 +69,9 @@ def pytest_runtest_teardown(item: pytest.Item, nextitem: pytest.Item | None) -> 
 
 
 def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
-    """Side by side, what takes long begins, and nodes, which wait, run among what computes.
+    """Order parallel tests: long ones first, tests of nodes (which wait) among computations.
 
-    A worker begins with an even share of the list; later it takes from the ends of others'.
+    Each worker starts with an even share of the list and later takes tests from other workers.
     """
     if not hasattr(config, 'workerinput'):
         return
@@ -82,11 +82,11 @@ def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item
         kinds[next(apart, parts[0])].append(item)
     workers = config.workerinput['workercount']
     shares: list[list[pytest.Item]] = [[] for _ in range(workers)]
-    # Who waited for moves of a soliton at the end would wait alone.
+    # At the end, the other workers would be idle during the moves of a soliton.
     longest = kinds.pop('system', []) + kinds.pop('soliton_steering', [])
     for number, item in enumerate(longest):
         shares[number % workers].append(item)
-    # The tests of a benchmark share its one run, and those in a browser its one page.
+    # The tests of a benchmark share one run, and the tests in a browser share one page.
     together = groupby(kinds.pop('benchmark', []), lambda item: item.path)
     for number, (_, group) in enumerate(together):
         shares[number % workers].extend(group)

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The house: who may import whom, how long a module is, what is said of a name and a number."""
+"""Layering: allowed imports, lengths of modules, documentation of names and numbers."""
 
 from __future__ import annotations
 
@@ -70,7 +70,7 @@ def modules() -> dict[str, ast.Module]:
 
 @cache
 def imports(module: str) -> frozenset[str]:
-    """Dotted names that a module imports, down to the module where that is one of ours."""
+    """Dotted names that a module imports, down to the module for the project's own packages."""
     names = set()
     for statement in ast.walk(modules()[module]):
         if isinstance(statement, ast.Import):

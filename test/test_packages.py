@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What the packages import is what their package.xml and setup.py say that they need."""
+"""The packages import exactly the dependencies of their package.xml and setup.py."""
 
 from __future__ import annotations
 
@@ -33,24 +33,24 @@ KEYS = {
     'scipy': 'python3-scipy',
     'yaml': 'python3-yaml',
 }
-"""Key of rosdep by what is imported; ROS packages have their own name."""
+"""Key of rosdep by imported name; ROS packages have their own name."""
 PROJECTS = {'backports': 'backports.zstd', 'mpl_toolkits': 'matplotlib', 'yaml': 'pyyaml'}
-"""Name on PyPI where it is another than what is imported."""
+"""Name on PyPI by imported name, if they differ."""
 OF_THE_PAGE = {'fastapi', 'nicegui', 'starlette', 'uvicorn'}
-"""Imported by the live page alone, which is an extra: rosdep has no key for nicegui."""
+"""Imports of the live page only, which is an extra: rosdep has no key for nicegui."""
 WHEN_NEEDED = {
     'soliton_linkage': {'python3-opencv'},
     'soliton_linkage_studies': set(),
     'soliton_linkage_nodes': {'python3-serial'},
 }
-"""Keys of what is imported when a camera or a serial port is used, extras on PyPI."""
+"""Keys of the imports for a camera or a serial port, which are extras on PyPI."""
 EXTRAS = {*OF_THE_PAGE, 'foxglove'}
-"""Imported by what is an extra; a ROS install has a bridge of its own to Foxglove."""
+"""Imports of extras; a ROS install has its own bridge to Foxglove."""
 
 
 @cache
 def imported(package: str) -> frozenset[str]:
-    """Return the top names that a package and its launch files import, those of Python not."""
+    """Return the top names that a package and its launch files import, without Python's own."""
     folder = SOURCES / package
     paths = [*folder.glob(f'{package}/**/*.py'), *folder.glob('launch/*.py')]
     names = {name.partition('.')[0] for path in paths for name in imports(path)}

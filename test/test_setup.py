@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""All that is installed is pinned, and archives do not tell when and where they were made."""
+"""All installed packages are pinned, and archives do not depend on time and place."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ def test_a_requirement_without_a_pin_is_named(tmp_path: Path) -> None:
     problems: Callable[[Path], list[str]] = runpy.run_path(str(SETUP / 'pins.py'))['problems']
     (tmp_path / 'constraints.txt').write_text('numpy==2.2.6\nscipy>=1.11\n', encoding='utf-8')
     (tmp_path / 'requirements-run.txt').write_text(
-        '# what it takes\nNumPy\nlz4  # packed bags\n', encoding='utf-8'
+        '# dependencies\nNumPy\nlz4  # packed bags\n', encoding='utf-8'
     )
     assert problems(tmp_path) == [
         "constraints.txt: 'scipy>=1.11' is no pin",

@@ -20,7 +20,7 @@ sys.path.append(str(PROGRAMS))
 def run_part(
     request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory
 ) -> Callable[..., Path]:
-    """Run a part by its name and return its output; what it says of a failure is shown."""
+    """Run a part by its name and return its output; show its messages if it fails."""
     if not request.config.getoption('--benchmarks'):
         pytest.skip("parts of the benchmark: make test ARGS='--benchmarks'")
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What is written of a benchmark is what was measured."""
+"""The tables of a benchmark contain its measurements."""
 
 from __future__ import annotations
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The measurement of how cost grows runs, and what it prints is fitted to what it measured."""
+"""The measurement of cost against size runs, and prints a fit of its measurements."""
 
 from __future__ import annotations
 

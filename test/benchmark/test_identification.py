@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The measurement of the identification runs, and goes on where it was stopped."""
+"""The measurement of the identification runs, and continues after a stop."""
 
 from __future__ import annotations
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The benchmark of the page: what it counts, and a run of its cheapest part."""
+"""The benchmark of the page: its counters, and a run of its cheapest part."""
 
 from __future__ import annotations
 

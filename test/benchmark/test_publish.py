@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The comparison of publishing runs, and what its table says is what was timed."""
+"""The comparison of publishing runs, and its table contains the measured times."""
 
 from __future__ import annotations
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The measurement of reactions runs, and its percentiles are those of what was timed."""
+"""The measurement of reactions runs, and its percentiles follow from the measured times."""
 
 from __future__ import annotations
 

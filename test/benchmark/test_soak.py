@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A long day is judged by what was noted: kills explain what they cost, and nothing else."""
+"""A long run is judged by its records: kills explain their own losses, and no others."""
 
 from __future__ import annotations
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The examples run, and what they print is physics."""
+"""The examples run and print results that agree with the physics."""
 
 from __future__ import annotations
 

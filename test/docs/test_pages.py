@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What the pages say of files, topics and parameters is so."""
+"""The pages name existing files, topics and parameters."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ OF_THE_CODE = [
     *(DOCS / f'{name}.md' for name in ('physics', 'glossary', 'architecture', 'analyser', 'bags')),
     *DOCS.glob('extending/*.md'),
 ]
-"""Pages that call what they speak of by its name in the code."""
+"""Pages that use the names of the code."""
 MOST_PICTURES = 1_200_000
 """Bytes that all pictures may take in the repository."""
 

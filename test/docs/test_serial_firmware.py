@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The firmware that the docs show is understood, and does what it is told for as long."""
+"""The firmware of the docs sends valid frames, and executes commands until their timeout."""
 
 from __future__ import annotations
 

@@ -110,8 +110,8 @@ class Graph:
     def call(self, service_type: Any, name: str, /, **request: Any) -> Any:
         """Return the response of a service.
 
-        Recorder and player take rosbag2's types where there are any. What these answer is told as
-        the type that a test asks for would.
+        Recorder and player offer the types of rosbag2 if they are installed. Such a response is
+        converted to the requested type.
         """
         node, _, verb = name.rpartition('/')
         offered = service_type

@@ -94,10 +94,10 @@ def reach(chain: Chain) -> float:
 
 
 def rounding(chain: Chain) -> float:
-    """What rounding may do to an extension [m], e_n / (l_n + lbar_n) with l_n + lbar_n >= lbar_n.
+    """Rounding error of an extension [m], e_n / (l_n + lbar_n) with l_n + lbar_n >= lbar_n.
 
-    The dozen terms of e_n are each at most the squared reach, and half of them cancel in pairs
-    but for the deviations; each is rounded up to four times by EPS / 2 of its size.
+    The dozen terms of e_n are each at most the squared reach. Half of them cancel in pairs, except
+    for the deviations. Each is rounded up to four times by EPS / 2 of its size.
     """
     return 12 * 2 * EPS * reach(chain) ** 2 / float(chain.rest_lengths.min())
 

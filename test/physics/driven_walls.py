@@ -46,7 +46,7 @@ class RigidWall:
 
 
 class SpringWall:
-    """A chain of springs, whose place is that of the nearest point of the orbit."""
+    """Chain of springs; the nearest point of the orbit gives the position of its wall."""
 
     def __init__(self, simulation: ElasticSimulation) -> None:
         self.simulation = simulation
@@ -99,13 +99,13 @@ class Loop:
             self.step()
 
     def miss(self, seconds: float) -> None:
-        """Go on without a frame, under the torques that were sent last."""
+        """Advance without a frame, under the last torques."""
         for _ in range(round(seconds / self.period)):
             self.wall.go_on(self.torques, self.period)
             self.frames += 1
 
     def until_ended(self, longest: float = 60.0) -> MoveResult:
-        """Go on until a move ends."""
+        """Advance until a move ends."""
         self.ended = None
         limit = self.time + longest
         while self.ended is None:

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What every picture must tell: its units, what its panels show, what its lines are."""
+"""Every picture states its units, the content of its panels and the meaning of its lines."""
 
 from __future__ import annotations
 
@@ -17,12 +17,12 @@ STYLES = {'--': 'dashed', ':': 'dotted'}
 
 
 def unexplained(figure: Figure, caption: str) -> list[str]:
-    """Return what a picture leaves to be guessed, in words; nothing where it tells all."""
+    """Return descriptions of all parts of a picture without an explanation."""
     panels = [axes for axes in figure.axes if axes.axison and axes.get_label() != '<colorbar>']
     found = [f'axis without unit: {words!r}' for words in _labels(panels) if '[' not in words]
     titles = [axes.get_title(loc) for axes in figure.axes for loc in ('left', 'center')]
     found += [
-        f'title that says nothing: {title!r}'
+        f'empty title: {title!r}'
         for title in filter(None, titles)
         if not re.search(r'\w{3}', LETTER.sub('', title))
     ]

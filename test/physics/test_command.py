@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""One command has all sub-commands, imports what is asked for alone, and ends as `ros2` does."""
+"""One command has all sub-commands, imports only the requested one, and ends as `ros2` does."""
 
 from __future__ import annotations
 

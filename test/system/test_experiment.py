@@ -234,12 +234,12 @@ def assert_live_analysis_is_that_of_the_recording(bag: Path) -> None:
 
 def wait_for_line(process: subprocess.Popen[str], begin: str) -> None:
     assert process.stdout is not None
-    said = []
+    lines = []
     for line in process.stdout:
         if line.startswith(begin):
             return
-        said.append(line)
-    pytest.fail(f'no line began with {begin!r} before the experiment ended: {"".join(said[-20:])}')
+        lines.append(line)
+    pytest.fail(f'no line began with {begin!r} before the end: {"".join(lines[-20:])}')
 
 
 def predicted_speed(run: RecordedRun) -> float:

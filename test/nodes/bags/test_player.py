@@ -217,7 +217,7 @@ def test_a_signal_stops_it_while_it_plays_and_while_it_waits(
     chains = graph.hear(interfaces.CHAIN)
     frames = graph.hear(interfaces.JOINT_STATES) if heard else chains
     program = start('bag_player', '--ros-args', *given)
-    graph.until(lambda: frames, 'what it plays first')
+    graph.until(lambda: frames, 'the first message')
     assert program.stop(number) == 0
 
 
@@ -479,7 +479,7 @@ def test_the_keys_of_a_terminal_pause_step_and_change_the_rate(
         os.write(terminal, b'\x1b[C')
         graph.until(lambda: read(b'') or len(frames) == 1, 'one frame')
         os.write(terminal, b'\x1b[A\x1b[A \x1b[B')
-        graph.until(lambda: read(b's, x 1.1') and len(frames) > 5, 'it to go on, faster')
+        graph.until(lambda: read(b's, x 1.1') and len(frames) > 5, 'faster playback')
         os.kill(child, signal.SIGINT)
         graph.until(lambda: read(b'played '), 'its end')
     finally:

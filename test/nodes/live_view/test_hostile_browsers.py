@@ -87,7 +87,7 @@ class DrawnTopic:
 
 
 class Browser:
-    """Browser that sends some messages and records what it receives."""
+    """Browser that sends some messages and records the received ones."""
 
     def __init__(self, messages: list[str]) -> None:
         self._messages = messages

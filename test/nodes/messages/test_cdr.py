@@ -115,7 +115,7 @@ def named_chain(rotors: int, length: int) -> NamedChain:
 
 @pytest.fixture
 def deserialized(monkeypatch: pytest.MonkeyPatch) -> list[bytes]:
-    """What was deserialized by ROS."""
+    """Messages that ROS deserialized."""
     made: list[bytes] = []
     deserialize = cdr.deserialize_message
     monkeypatch.setattr(

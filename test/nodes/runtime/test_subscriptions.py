@@ -204,7 +204,7 @@ def test_undispatched_messages_wait_until_they_are_taken(graph: Graph) -> None:
     publisher.publish(JointState(name=['before']))
     subscription.dispatch(True)
     publisher.publish(JointState(name=['after']))
-    graph.until(lambda: len(listener.heard) == 2, 'what waited and what comes')
+    graph.until(lambda: len(listener.heard) == 2, 'waiting and new messages')
     assert listener.heard == ['before', 'after']
     assert values(graph.next_report('listener'))['lost joint_states'] == '0'
 

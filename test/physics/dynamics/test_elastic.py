@@ -217,7 +217,7 @@ def test_the_books_of_work_and_energy_balance_through_kicks_and_torques(
         simulation.hold(0.05 * impulse / chain.time_unit * random.normal(size=10))
         for _ in range(10):
             simulation.advance()
-        # As in free motion, and a unit of rounding for each change of the books.
+        # As in free motion, and a unit of rounding for each change of the energy balance.
         limit = 2 * DURATION * 1e-9 / (np.linalg.norm(rates) * chain.time_unit)
         assert abs(simulation.energy_drift) <= limit
     assert simulation.energy > 1.5 * energy
@@ -318,7 +318,7 @@ def test_the_error_does_not_grow_with_the_rotors_at_rest() -> None:
 
 
 def unseen(chain: Chain, spacings: int) -> float:
-    """What is left of a wall at some spacings from it [rad]: its tail, and the solver's errors."""
+    """Deviation at some spacings from a wall [rad]: its tail, and the solver's errors."""
     return 4 * math.exp(-spacings * chain.spacing / penetration_depth(chain)) + 1e-8
 
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""States to start from: relaxed springs, and walls that go where and as fast as they are told."""
+"""Initial states: relaxed springs, and walls with a specified position and velocity."""
 
 from __future__ import annotations
 

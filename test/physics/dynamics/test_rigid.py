@@ -218,7 +218,7 @@ def test_motion_played_backwards_returns_to_its_start(example: tuple[float, floa
 def test_a_held_torque_does_the_work_torque_times_angle(example: tuple[float, float]) -> None:
     chain = deviating(chain_of(example, 6), 3, 0.01)
     simulation = pushed(chain)
-    # The books round at the size of the largest energy that they have held.
+    # The energy balance rounds at the size of its largest energy.
     largest = 0.0
     for torques in (TORQUES, -TORQUES, np.zeros(6), 3 * TORQUES[::-1]):
         simulation.hold(torques)
@@ -494,7 +494,7 @@ def test_bars_and_forces_together_are_what_turns_the_rotors(
     others = TORQUES + TILTED.torques(chain, simulation.angles) - chain.dampings * simulation.rates
     simulation.advance()
     turning = chain.moments_of_inertia * (simulation.rates - before) / (2 * period)
-    # The difference is off by rates in jerks of their own time scale, 1 / (30 rad/s), squared.
+    # The error of the difference is the jerk times the squared time scale, 1 / (30 rad/s).
     assert now + others == pytest.approx(turning, rel=0, abs=1e-4 * float(np.abs(now).max()))
 
 

@@ -45,8 +45,8 @@ def shaken(
 def largest_drift(simulation: ElasticSimulation) -> float:
     """Bound of the drift [1] that the tolerance allows in all time units together.
 
-    A rate off by the tolerance a time unit, in each of them, lets the energy be off by that
-    times the momenta, sqrt(2 T I), and the angles do as much against the forces.
+    An error of the rates by the tolerance in each time unit changes the energy by this error times
+    the momenta, sqrt(2 T I). The angles contribute as much against the forces.
     """
     chain = simulation.chain
     inertia = float(chain.moments_of_inertia.max())

@@ -52,7 +52,7 @@ def scale(chain: Chain) -> float:
 
 
 def rounding_of_levers(chain: Chain) -> float:
-    """What rounding may do to a lever [m/rad]: EPS of r, as often as r makes up for lengths."""
+    """Rounding error of a lever [m/rad]: EPS of r, as often as r contributes to lengths."""
     return 16 * EPS * chain.rotor_length * (1 + chain.rotor_length / chain.rest_length)
 
 
@@ -111,8 +111,8 @@ def test_waves_of_staggered_angles_are_on_one_branch_and_of_angles_on_the_other(
     wave = np.exp(1j * phase * rotors)
     if branch == 1:
         wave *= (-1.0) ** rotors
-    # Springs within an endless wave all stretch alike but for their phase, as does a force on
-    # the rotors: |R wave| is r omega in the units of the springs.
+    # All springs in an endless wave stretch equally, up to their phase, as does a force on the
+    # rotors: |R wave| is r omega in the units of the springs.
     stretch = np.abs(rigidity_matrix(chain, chain.uniform_state(lean)) @ wave)
     omega = dispersion(chain, phase / chain.spacing, branch)
     limit = rounding_of_frequencies(chain)

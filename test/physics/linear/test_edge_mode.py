@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What an actuator at an edge does: it pushes the wall away from its edge, or is refused."""
+"""An actuator at an edge pushes the wall away from its edge, or is rejected."""
 
 from __future__ import annotations
 

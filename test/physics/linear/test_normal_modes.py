@@ -40,7 +40,7 @@ LEANS = st.sampled_from([-1, 1])
 
 
 def rounding(chain: Chain) -> float:
-    """What rounding may do to a frequency [rad/s]: to two levers a row, and to the solver."""
+    """Rounding error of a frequency [rad/s]: of two levers per row, and of the solver."""
     levers = 32 * EPS * (1 + chain.rotor_length / chain.rest_length) / chain.time_unit
     return levers + 16 * math.sqrt(chain.number_of_rotors) * EPS * band_edges(chain)[1]
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Configurations at rest: second derivatives, relaxed springs, balance, and where none exist."""
+"""Configurations at rest: second derivatives, relaxed springs, balance, and chains without any."""
 
 from __future__ import annotations
 

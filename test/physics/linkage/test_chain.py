@@ -43,7 +43,7 @@ def lengths(chain: Chain, angles: Array) -> Array:
 
 
 def rounding_of_lengths(chain: Chain) -> float:
-    """What rounding may do to a length of the naive twin [m].
+    """Rounding error of a length of the naive implementation [m].
 
     Places are sums of up to N a and r, and each is rounded a few times.
     """
@@ -51,7 +51,7 @@ def rounding_of_lengths(chain: Chain) -> float:
 
 
 def rounding_of_extensions(chain: Chain) -> float:
-    """What rounding may do to an extension [m], e_n / (l_n + lbar) with l_n + lbar >= lbar.
+    """Rounding error of an extension [m], e_n / (l_n + lbar) with l_n + lbar >= lbar.
 
     The terms of e_n, of the sizes 2 r^2, 4 a r and 2 r^2, are each rounded up to four times, by
     EPS / 2 of their size.

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Gravity: work against a field, torques as its gradient, its tilt, what it refuses."""
+"""Gravity: work against a field, torques as its gradient, tilt, invalid values."""
 
 from __future__ import annotations
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Described fields accept what lies in their range, and say what is wrong with the rest."""
+"""Described fields accept values in their range, and reject others with the reason."""
 
 from __future__ import annotations
 

@@ -76,7 +76,7 @@ def test_the_torque_of_an_edge_actuator_grows_as_the_zero_mode_decays(
     orbit = orbit_of_example(example, 24)
     allocation = TorqueAllocation(orbit, (0,))
     depth = penetration_depth(orbit.chain) / orbit.chain.spacing
-    # Two rotors further the wall is the same; what is left of the edge falls off with every one.
+    # Two rotors further the wall is the same; the effect of the edge decays with each rotor.
     places = 3 * depth + 2 + np.array([0, 2])
     nearer, farther = (
         allocation.effort(orbit.arc_at(place, 0), 1e-9).torque for place in places.tolist()

@@ -135,7 +135,7 @@ def test_the_subscription_of_its_own_clock_is_no_subscriber(graph: Graph, tmp_pa
 
 
 def latecomer(graph: Graph) -> list[String]:
-    """What a transient-local subscriber receives that begins now."""
+    """Return the messages that a new transient-local subscriber receives."""
     node = graph.start(lambda **kwargs: Node('latecomer', **kwargs))
     heard: list[String] = []
     node.create_subscription(String, 'chatter', heard.append, latched_qos(1000))
