@@ -170,7 +170,7 @@ def test_no_function_takes_more_than_8_positional_arguments() -> None:
     assert not offenders, f'more than {MOST_ARGUMENTS} positional arguments:{listed(offenders)}'
 
 
-def test_each_package_says_what_lives_there() -> None:
+def test_each_package_describes_its_content() -> None:
     folders = {path.parent for path in SOURCES.glob('soliton_linkage*/soliton_linkage*/**/*.py')}
     offenders = [
         str(folder.relative_to(SOURCES))
@@ -231,7 +231,7 @@ def is_number(part: ast.AST) -> bool:
     )
 
 
-def test_tests_of_nodes_read_what_is_public() -> None:
+def test_tests_of_nodes_use_public_names() -> None:
     offenders = [
         f'{path.relative_to(TESTS)}:{part.lineno} {ast.unparse(part)}'
         for path in sorted([*TESTS.glob('nodes/**/*.py'), *TESTS.glob('system/**/*.py')])

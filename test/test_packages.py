@@ -94,18 +94,18 @@ def project(requirement: str) -> str:
 
 
 @pytest.mark.parametrize('package', PACKAGES)
-def test_rosdep_installs_what_is_imported(package: str) -> None:
+def test_rosdep_installs_the_imported_packages(package: str) -> None:
     needed = {KEYS.get(name, name) for name in imported(package) - EXTRAS}
     assert declared(package) == needed | WHEN_NEEDED[package]
 
 
-def test_what_has_no_key_comes_with_what_has_one() -> None:
+def test_packages_without_a_key_are_dependencies_of_packages_with_one() -> None:
     brought = {project(requirement) for requirement in requires('rosbags') or []}
     assert {'backports.zstd', 'lz4'} <= brought
 
 
 @pytest.mark.parametrize('package', PACKAGES)
-def test_pip_installs_what_is_imported(package: str, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_pip_installs_the_imported_packages(package: str, monkeypatch: pytest.MonkeyPatch) -> None:
     data = setup_data(package, monkeypatch, 'bdist_wheel')
     extras = data.get('extras_require', {})
     required = {project(name) for name in data['install_requires']}
@@ -215,7 +215,7 @@ def test_metadata_of_the_physics(monkeypatch: pytest.MonkeyPatch) -> None:
     assert data['python_requires'] == '>=3.10'
 
 
-def test_studies_without_matplotlib_name_what_to_install() -> None:
+def test_studies_without_matplotlib_name_the_package_to_install() -> None:
     hidden = """
 import sys
 from importlib.machinery import PathFinder

@@ -23,12 +23,12 @@ def test_a_ratio_is_taken_within_a_round() -> None:
     assert cost.row() == '| peer | work | 4 s | 1 s | 3 (2 to 4) |'
 
 
-def test_of_a_rate_more_is_better() -> None:
+def test_higher_rates_are_better() -> None:
     rate = Comparison('peer', 'work', 'Hz', [10.0], [25.0], more_is_better=True)
     assert rate.row() == '| peer | work | 10 Hz | 25 Hz | 2.5 (2.5 to 2.5) |'
 
 
-def test_what_a_peer_did_not_do_has_no_ratio() -> None:
+def test_missing_measurements_of_a_peer_have_no_ratio() -> None:
     assert Comparison('peer', 'work', 's', [], [0.5e-3]).row() == (
         '| peer | work | not reached | 500 µs |  |'
     )
@@ -59,7 +59,7 @@ def test_parts_stand_beside_each_other_in_their_order(tmp_path: Path) -> None:
     assert '2 (2 to 2)' not in table
 
 
-def test_the_extra_has_what_the_benchmark_installs() -> None:
+def test_the_extra_has_the_packages_of_the_benchmark() -> None:
     lines = (ROOT / 'setup/requirements-benchmark.txt').read_text().splitlines()
     installed = {line.partition(';')[0] for line in lines if not line.startswith('#')}
     extra = [each for each in requires('soliton_linkage') or [] if '"benchmark"' in each]

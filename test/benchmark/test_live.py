@@ -22,7 +22,7 @@ from live_watchers import crowd
 from soliton_linkage_nodes.live_view.frame_layout import pack, pack_history
 
 
-def test_a_watcher_says_of_each_picture_that_it_drew_it_and_of_nothing_else() -> None:
+def test_a_watcher_reports_exactly_the_drawn_pictures() -> None:
     picture, history = pack({}, {}), pack_history(0, [])
     said: list[list[str]] = []
 
@@ -42,7 +42,7 @@ def test_a_watcher_says_of_each_picture_that_it_drew_it_and_of_nothing_else() ->
     assert said == [['drawn', 'drawn']] * 3
 
 
-def test_memory_is_what_a_process_holds() -> None:
+def test_memory_is_the_resident_memory_of_a_process() -> None:
     before = memory(os.getpid())
     kept = bytearray(os.urandom(50_000_000))
     assert memory(os.getpid()) - before == pytest.approx(len(kept) / 1e6, abs=10)
@@ -53,7 +53,7 @@ def part(run_part: Callable[..., Path]) -> dict[str, Any]:
     return json.loads(run_part('live', '--only', 'silent').read_text())['live']
 
 
-def test_a_browser_that_reads_nothing_costs_no_growing_memory(part: dict[str, Any]) -> None:
+def test_memory_does_not_grow_for_a_browser_that_reads_nothing(part: dict[str, Any]) -> None:
     (figure,) = part['figures']
     assert figure['what'] == 'memory for a browser that reads nothing for 3 s'
     (grown,) = figure['values']

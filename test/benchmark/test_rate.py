@@ -26,7 +26,7 @@ def part(run_part: Callable[..., Path]) -> dict[str, Any]:
     return json.loads(run_part('rate').read_text())['rate']
 
 
-def test_both_are_run_and_what_is_compared_is_what_the_runs_gave(part: dict[str, Any]) -> None:
+def test_both_are_run_and_their_outputs_are_compared(part: dict[str, Any]) -> None:
     runs = part['details']['runs']
     rows = {row['work'].partition(',')[0]: row for row in part['comparisons']}
     for side in ('ours', 'theirs'):
@@ -97,13 +97,13 @@ def test_the_largest_size_that_holds_is_found_and_confirmed(limit: int) -> None:
     assert 0.65 * lasts <= lasting <= lasts
 
 
-def test_nobody_is_asked_for_more_than_the_most() -> None:
+def test_no_rate_above_the_limit_is_requested() -> None:
     bench = Imagined(10 * MOST_ROTORS, 10 * MOST_ROTORS)
     assert bench.most_rotors('ours', lambda *_: []) == [MOST_ROTORS]
     assert bench.longest == MOST_ROTORS
 
 
-def test_where_nothing_holds_nothing_is_found() -> None:
+def test_no_rate_is_found_if_none_is_sustained() -> None:
     assert Imagined(0, 0).most_rotors('ours', lambda *_: []) == []
 
 

@@ -21,7 +21,7 @@ def part(run_part: Callable[..., Path]) -> dict[str, Any]:
     ]
 
 
-def test_every_nudge_is_followed_by_impulses_then_a_frame_then_what_it_shows(
+def test_every_nudge_is_followed_by_impulses_a_frame_and_a_state(
     part: dict[str, Any],
 ) -> None:
     rounds = part['details']['seconds']

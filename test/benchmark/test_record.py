@@ -68,7 +68,7 @@ def test_bags_are_read_and_analysed(part: dict[str, Any]) -> None:
     assert 0 < analysed['ours'][0] < decoded['ours'][0]
 
 
-def test_the_table_has_what_was_measured(output: Path, part: dict[str, Any]) -> None:
+def test_the_table_contains_the_measurements(output: Path, part: dict[str, Any]) -> None:
     table = output.with_suffix('.md').read_text()
     for each in part['comparisons']:
         if not (each['theirs'] and each['ours']):

@@ -88,14 +88,14 @@ def noted(folder: Path, **changes: Any) -> Ledger:
         ({'damage': ['bytes 10 to 20 are damaged']}, 1),
     ],
 )
-def test_what_no_kill_explains_is_told(
+def test_losses_without_a_kill_are_reported(
     tmp_path: Path, changes: dict[str, Any], complaints: int
 ) -> None:
     judged = verdicts(noted(tmp_path, **changes))
     assert sum(not good for _, good in judged) == complaints
 
 
-def test_a_day_is_gone_on_with_though_a_line_was_cut(tmp_path: Path) -> None:
+def test_a_run_continues_after_a_truncated_line(tmp_path: Path) -> None:
     ledger = Ledger(tmp_path / 'ledger.jsonl')
     ledger.note('nudge')
     with (tmp_path / 'ledger.jsonl').open('a', encoding='utf-8') as file:

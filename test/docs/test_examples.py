@@ -29,7 +29,7 @@ from soliton_linkage.solitons.continuum import wall_theory
 REGISTERED = ACTUATORS.pop('voice_coil')
 
 
-def test_a_harder_kick_makes_a_faster_soliton_as_the_theory_says(
+def test_a_harder_kick_makes_a_faster_soliton_as_in_theory(
     capsys: pytest.CaptureFixture[str],
 ) -> None:
     speeds = speed_against_kick.main((4.0, 8.0))
@@ -40,7 +40,7 @@ def test_a_harder_kick_makes_a_faster_soliton_as_the_theory_says(
     assert 'theory / c' in capsys.readouterr().out
 
 
-def test_a_slow_wall_goes_with_the_arc_of_the_orbit() -> None:
+def test_a_slow_wall_follows_the_arc_of_the_orbit() -> None:
     ((speed, slow),) = speed_against_rest_angle.main((0.97,)).values()
     assert speed == pytest.approx(slow, rel=0.01)
 

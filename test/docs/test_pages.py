@@ -54,7 +54,7 @@ def sources() -> str:
 
 
 @pytest.mark.parametrize('page', OF_THE_CODE, ids=named(OF_THE_CODE))
-def test_what_a_page_calls_by_its_name_is_in_the_code(page: Path, sources: str) -> None:
+def test_names_on_a_page_exist_in_the_code(page: Path, sources: str) -> None:
     names = set(re.findall(r'(?<!`)`([A-Za-z_][\w./]*)`(?!`)', page.read_text(encoding='utf-8')))
     unknown = {
         name

@@ -22,7 +22,7 @@ from soliton_linkage.microcontroller.frames import (
 FIRMWARE = ROOT / 'examples/serial_firmware/serial_firmware.ino'
 
 
-def test_the_firmware_says_and_hears_binary_frames(tmp_path: Path) -> None:
+def test_the_firmware_sends_and_receives_binary_frames(tmp_path: Path) -> None:
     compiler = shutil.which('c++')
     if compiler is None:
         pytest.skip('needs a C++ compiler: apt install g++')

@@ -41,7 +41,7 @@ print(*{name.partition('.')[0] for name in sys.modules})
 """
 
 
-def test_what_does_not_integrate_imports_no_scipy() -> None:
+def test_nodes_without_integration_import_no_scipy() -> None:
     modules = [getattr(programs, name).args[0] for name in LIGHT]
     command = [sys.executable, '-c', _IMPORTED, *modules]
     imported = subprocess.run(command, capture_output=True, text=True, check=True).stdout.split()

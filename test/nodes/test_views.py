@@ -167,7 +167,7 @@ def test_curves_of_plotjuggler_show_numbers_that_there_are(curve: dict[str, str]
         check((topic, path))
 
 
-def test_plotjuggler_takes_a_splitter_for_what_it_says_and_one_plot_an_area() -> None:
+def test_layouts_of_plotjuggler_have_valid_splitters_and_one_plot_per_area() -> None:
     root = Xml.parse(VIEWS / 'plotjuggler.xml').getroot()
     assert (root.tag, root.get('pj4_version'), root.get('binding')) == ('root', '4', 'generic')
     for splitter in root.iter('DockSplitter'):

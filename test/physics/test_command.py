@@ -66,7 +66,7 @@ def test_without_a_command_there_is_help(capsys: pytest.CaptureFixture[str]) -> 
     assert said.count('\n') == 1
 
 
-def test_a_study_without_its_package_names_what_to_install(
+def test_a_study_without_its_package_names_the_package_to_install(
     monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     monkeypatch.setattr(command, 'entry_points', lambda **_: [])

@@ -47,7 +47,7 @@ def test_examples_in_docstrings_are_true(module: str) -> None:
     assert results.failed == 0
 
 
-def test_what_is_not_asked_for_is_not_imported() -> None:
+def test_unused_modules_are_not_imported() -> None:
     command = 'import sys, soliton_linkage; soliton_linkage.Chain(); print(*sys.modules)'
     done = subprocess.run(
         [sys.executable, '-c', command], capture_output=True, text=True, check=True

@@ -93,7 +93,7 @@ def attempt(act: Callable[[], object]) -> str:
 
 
 @pytest.mark.parametrize('case', CASES)
-def test_what_is_intact_comes_back_in_bounded_memory_and_time(
+def test_intact_messages_are_recovered_in_bounded_memory_and_time(
     case: str, named: NamedChain, tmp_path: Path
 ) -> None:
     storage = 'sqlite3' if case in SQLITE else 'mcap'
@@ -117,7 +117,7 @@ def test_what_is_intact_comes_back_in_bounded_memory_and_time(
 @pytest.mark.parametrize(
     'case', ['pipe as metadata', 'link to a device as metadata', 'laughs in metadata']
 )
-def test_what_is_no_metadata_is_said_with_its_reason(
+def test_invalid_metadata_is_reported_with_its_reason(
     case: str, named: NamedChain, tmp_path: Path
 ) -> None:
     bag = write_hostile(case, tmp_path / 'hostile', named, SIZE)

@@ -49,7 +49,7 @@ def played(graph: Graph) -> str:
 
 
 @pytest.mark.parametrize(('storage', 'namespace'), [('mcap', '/lab'), ('sqlite3', '')])
-def test_every_message_is_played_in_order_as_it_was(
+def test_every_message_is_played_unchanged_and_in_order(
     graph: Graph, named: NamedChain, tmp_path: Path, storage: str, namespace: str
 ) -> None:
     entries = run_of(named, 300)
@@ -95,7 +95,7 @@ def test_a_late_analyser_still_gets_the_chain(
     graph.until(lambda: chains, 'the chain')
 
 
-def test_where_nobody_subscribes_it_plays_to_nobody_and_says_so(
+def test_without_subscribers_it_plays_and_reports_so(
     graph: Graph, named: NamedChain, tmp_path: Path, capfd: pytest.CaptureFixture[str]
 ) -> None:
     bag = write_bag(tmp_path / 'run', run_of(named, 10))
@@ -153,7 +153,7 @@ def test_the_clock_shows_the_recorded_time_where_it_is_asked_for(
         ({'bag': 'RUN', 'speed': 2.0}, "parameter 'speed' of bag_player is unknown"),
     ],
 )
-def test_what_cannot_be_played_is_said_in_one_line(
+def test_an_unplayable_bag_is_reported_in_one_line(
     graph: Graph, named: NamedChain, tmp_path: Path, given: dict[str, Any], complaint: str
 ) -> None:
     run = run_of(named, 3)
@@ -191,7 +191,7 @@ def test_damage_that_shows_while_playing_ends_it_with_one_line(
     assert 'Traceback' not in ''.join(program.said)
 
 
-def test_it_ends_by_itself_once_everybody_has_everything(
+def test_it_ends_after_all_subscribers_received_all_messages(
     graph: Graph, start: Callable[..., Program], named: NamedChain, tmp_path: Path
 ) -> None:
     bag = write_bag(tmp_path / 'run', run_of(named, 100))
@@ -250,7 +250,7 @@ def chains_among_frames(named: NamedChain, frames: int = 100) -> list[Any]:
     return entries
 
 
-def test_a_seek_sends_the_latched_message_before_it_and_goes_on_from_there(
+def test_a_seek_sends_the_preceding_latched_message_and_continues_there(
     graph: Graph, named: NamedChain, tmp_path: Path
 ) -> None:
     bag = write_bag(tmp_path / 'run', chains_among_frames(named))
@@ -272,7 +272,7 @@ def test_a_seek_sends_the_latched_message_before_it_and_goes_on_from_there(
 
 
 @pytest.mark.parametrize('place', [-1, 200])
-def test_what_is_not_in_the_bag_is_not_sought(
+def test_a_seek_outside_the_bag_is_rejected(
     graph: Graph, named: NamedChain, tmp_path: Path, place: int
 ) -> None:
     bag = write_bag(tmp_path / 'run', run_of(named, 100))
@@ -298,7 +298,7 @@ def test_in_a_pause_it_plays_message_by_message(
     assert frames == [frame_message(named, number) for number in range(20)]
 
 
-def test_the_rate_is_set_and_told(graph: Graph, named: NamedChain, tmp_path: Path) -> None:
+def test_the_rate_is_set_and_reported(graph: Graph, named: NamedChain, tmp_path: Path) -> None:
     bag = write_bag(tmp_path / 'run', run_of(named, 2, gap=MINUTE))
     player = graph.start(BagPlayer, {'bag': str(bag), 'subscriber_timeout': 0.0})
     assert graph.call(GetRate, 'bag_player/get_rate').rate == 1.0

@@ -34,7 +34,7 @@ from soliton_linkage_nodes.runtime import interfaces
 from soliton_linkage_nodes.runtime.stamps import time_to_msg
 
 
-def test_every_message_of_every_topic_is_recorded_as_it_came(
+def test_every_message_of_every_topic_is_recorded_unchanged(
     graph: Graph, named: NamedChain, tmp_path: Path
 ) -> None:
     recorder = graph.start(BagRecorder, {'output': str(tmp_path / 'run')})
@@ -98,7 +98,7 @@ def test_without_an_output_the_bag_is_named_by_date_and_time(
     assert messages_of(bag).keys() >= {'/joint_states'}
 
 
-def test_what_is_lost_is_counted_reported_and_kept_in_the_bag(
+def test_losses_are_counted_reported_and_stored_in_the_bag(
     graph: Graph, named: NamedChain, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     drain = RecordedSubscription.drain
@@ -132,7 +132,7 @@ def test_what_is_lost_is_counted_reported_and_kept_in_the_bag(
     assert lost_in(tmp_path / 'run_0')['/joint_states'] == lost
 
 
-def test_a_report_names_the_bag_and_the_topics_that_are_heard(
+def test_a_report_names_the_bag_and_the_received_topics(
     graph: Graph, named: NamedChain, tmp_path: Path
 ) -> None:
     given = {'output': str(tmp_path / 'run'), 'topics': ['chain', 'joint_states', 'nudge']}
@@ -262,9 +262,7 @@ def call(graph: Graph, name: str) -> Any:
     return graph.call(Trigger, f'bag_recorder/{name}')
 
 
-def test_a_bag_is_split_when_it_is_told_to(
-    graph: Graph, named: NamedChain, tmp_path: Path
-) -> None:
+def test_a_bag_is_split_on_request(graph: Graph, named: NamedChain, tmp_path: Path) -> None:
     recorder = graph.start(BagRecorder, few(tmp_path))
     publisher = graph.speak(interfaces.JOINT_STATES)
     publish_frames(publisher, named, 10)
@@ -281,7 +279,7 @@ def test_a_bag_is_split_when_it_is_told_to(
     ]
 
 
-def test_what_is_sent_in_a_pause_is_left_out_except_what_is_latched(
+def test_messages_during_a_pause_are_omitted_except_latched_ones(
     graph: Graph, named: NamedChain, tmp_path: Path
 ) -> None:
     recorder = graph.start(BagRecorder, few(tmp_path))
@@ -305,7 +303,7 @@ def test_what_is_sent_in_a_pause_is_left_out_except_what_is_latched(
     assert lost_in(tmp_path / 'run_0')['/joint_states'] == 0
 
 
-def test_each_service_says_in_the_log_what_it_did_or_why_not(
+def test_each_service_logs_its_result_or_the_reason_of_a_rejection(
     graph: Graph, tmp_path: Path, capfd: pytest.CaptureFixture[str]
 ) -> None:
     graph.start(BagRecorder, few(tmp_path))

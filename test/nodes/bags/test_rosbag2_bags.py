@@ -60,7 +60,7 @@ def test_it_is_played(
 
 
 @pytest.mark.parametrize('name', ['mcap without chunks', 'mcap in lz4 chunks', 'sqlite3'])
-def test_a_file_that_was_never_finished_gives_back_what_is_in_it(
+def test_an_unfinished_file_gives_its_messages(
     name: str, frames: list[tuple[int, interfaces.JointState]], tmp_path: Path
 ) -> None:
     bag = write_rosbag2_bag(tmp_path / 'rosbag2_2026', LAYOUTS[name], frames)
@@ -75,7 +75,7 @@ def test_a_file_that_was_never_finished_gives_back_what_is_in_it(
     assert all(entry in frames for entry in held)
 
 
-def test_damage_to_a_file_without_chunks_costs_one_message(
+def test_damage_to_a_file_without_chunks_loses_one_message(
     frames: list[tuple[int, interfaces.JointState]], tmp_path: Path
 ) -> None:
     bag = write_rosbag2_bag(tmp_path / 'rosbag2_2026', LAYOUTS['mcap without chunks'], frames)

@@ -59,7 +59,7 @@ def test_with_rosbag2_its_types_are_taken(monkeypatch: pytest.MonkeyPatch) -> No
 
 
 @pytest.mark.parametrize('complaint', [None, 'not now'])
-def test_a_service_says_and_logs_what_it_did_or_what_is_wrong(
+def test_a_service_returns_and_logs_its_result_or_error(
     graph: Graph, complaint: str | None, capfd: pytest.CaptureFixture[str]
 ) -> None:
     serve(graph.user, 'pause', 'Pause', partial(act, complaint))
@@ -97,7 +97,7 @@ def test_figures_fill_the_fields_that_a_response_has() -> None:
     assert (response.success, response.message) == (True, '7 messages')
 
 
-def test_a_value_is_told_in_its_field_or_as_success() -> None:
+def test_a_value_is_returned_in_its_field_or_as_success() -> None:
     node = Offering()
     serve_value(cast(Any, node), 'is_paused', 'IsPaused', 'paused', lambda: True)
     assert node.respond(None, SimpleNamespace(paused=False)).paused

@@ -108,13 +108,13 @@ def test_a_stream_as_topic_based_ros2_control_sends_it_acts_message_by_message(
         np.testing.assert_array_equal(desk.frames(1), [asked])
 
 
-def test_an_array_as_forward_command_controller_takes_it_is_for_all_joints(desk: Desk) -> None:
+def test_an_array_as_for_forward_command_controller_commands_all_joints(desk: Desk) -> None:
     asked = 1e-3 * np.arange(8.0)
     desk.say(EFFORTS, Float64MultiArray(data=list(asked)))
     np.testing.assert_array_equal(desk.frames(3), [asked] * 3)
 
 
-def test_joints_that_are_listed_take_arrays_in_their_order_and_have_limits_of_their_own(
+def test_listed_joints_use_arrays_in_their_order_and_their_own_limits(
     graph: Graph, named: NamedChain
 ) -> None:
     given = {
@@ -149,7 +149,7 @@ def test_without_a_timeout_efforts_are_held_until_they_are_taken_back(
     assert not desk.frames(3, messages=1).any()
 
 
-def test_a_trajectory_goes_straight_through_its_points_and_is_held_for_the_timeout(
+def test_a_trajectory_interpolates_its_points_linearly_and_is_held_for_the_timeout(
     desk: Desk,
 ) -> None:
     desk.say(TRAJECTORY, trajectory(['rotor_4'], (0.02, [2e-3]), (0.05, [-1e-3])))

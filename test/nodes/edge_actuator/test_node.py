@@ -159,7 +159,7 @@ def test_a_pulse_without_a_time_is_the_impulse_of_one_period(bench: Bench) -> No
 
 
 @pytest.mark.parametrize('side', [Edge.FIRST, Edge.LAST])
-def test_a_pressure_comes_and_goes_as_the_chamber_fills_and_vents(
+def test_a_pressure_follows_the_filling_and_venting_of_the_chamber(
     bench: Bench, side: Edge
 ) -> None:
     chain = bench.named.chain
@@ -381,7 +381,7 @@ def test_a_report_has_the_missing_input(graph: Graph, named: NamedChain) -> None
     assert values(report)['commands carried out'] == '1'
 
 
-def test_valves_that_take_torques_alone_are_enough(graph: Graph, named: NamedChain) -> None:
+def test_a_subscriber_of_torques_is_sufficient(graph: Graph, named: NamedChain) -> None:
     given = {'chain_from': 'parameters', 'chain.number_of_rotors': named.rotors}
     node = graph.start(EdgeActuator, {**given, 'state_timeout': 60.0})
     joints = graph.speak(interfaces.JOINT_STATES)

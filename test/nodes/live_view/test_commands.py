@@ -100,7 +100,7 @@ def test_a_move_of_this_page_is_not_foreign(commands: ChainCommands) -> None:
     assert (commands.move.state, commands.move.foreign) == ('reached', False)
 
 
-def test_an_outcome_goes_when_the_steering_no_longer_holds_the_soliton(
+def test_an_outcome_disappears_when_the_steering_releases_the_soliton(
     commands: ChainCommands,
 ) -> None:
     commands.move = Move('reached', goal=5.0, start=1.0, message='held', ended_at=2.0)

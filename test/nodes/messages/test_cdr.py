@@ -196,7 +196,7 @@ def test_bytes_that_are_no_joint_states_are_rejected(known: bool) -> None:
 
 
 @given(st.lists(IMPULSES, min_size=2, max_size=5))
-def test_any_impulses_act_as_they_say_whatever_came_before(messages: list[RotorImpulses]) -> None:
+def test_impulses_are_decoded_independently_of_earlier_ones(messages: list[RotorImpulses]) -> None:
     decoder = ImpulseDecoder(ROTORS, LARGEST)
     for message in messages * 2:
         assert_as_of_the_message(decoder, message, serialize_message(message))
@@ -224,7 +224,7 @@ def test_bytes_that_are_no_impulses_are_rejected(known: bool) -> None:
 
 
 @given(st.lists(IMPULSES, min_size=2, max_size=5), st.lists(st.floats(), max_size=3))
-def test_any_torques_act_as_they_say_whatever_came_before(
+def test_torques_are_decoded_independently_of_earlier_ones(
     values: list[RotorImpulses], angles: list[float]
 ) -> None:
     decoder = TorqueDecoder(ROTORS, LARGEST)

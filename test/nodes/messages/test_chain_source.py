@@ -118,7 +118,7 @@ def test_a_message_that_describes_no_chain_changes_nothing(
     assert learner.learnt == [named]
 
 
-def test_parameters_take_the_place_of_the_topic(graph: Graph) -> None:
+def test_parameters_replace_the_topic(graph: Graph) -> None:
     given = {'chain_from': 'parameters', 'chain.number_of_rotors': 3, 'chain.mass': 0.5}
     learner = graph.start(Learner, given)
     chain = Chain(number_of_rotors=3, mass=0.5)

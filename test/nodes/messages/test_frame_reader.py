@@ -42,7 +42,7 @@ def joint_state(**changes: Any) -> JointState:
     return JointState(**{**fields, **changes})
 
 
-def test_frames_are_read_as_far_as_they_go() -> None:
+def test_incomplete_frames_are_read_as_far_as_possible() -> None:
     reader = FrameReader(NAMES)
 
     def read(message: JointState) -> Frame:

@@ -125,7 +125,7 @@ def test_parameters_that_may_be_changed_come_with_range_and_choices() -> None:
         views.parameter_value(gain, 'much')
 
 
-def test_parameters_that_stay_as_they_are_and_lists_are_not_offered() -> None:
+def test_read_only_parameters_and_lists_are_not_offered() -> None:
     number = ParameterType.PARAMETER_DOUBLE
     assert views.is_adjustable(descriptor('gain', number))
     assert not views.is_adjustable(descriptor('gain', number, read_only=True))

@@ -165,9 +165,7 @@ def kicked() -> list[tuple[interfaces.Topic, JointState | RotorImpulses]]:
     return sent
 
 
-def test_a_node_and_a_bag_are_told_of_kicks_and_deviations_alike(
-    graph: Graph, tmp_path: Path
-) -> None:
+def test_a_node_and_a_bag_use_kicks_and_deviations_equally(graph: Graph, tmp_path: Path) -> None:
     sent, told = kicked(), chain_to_msg(NAMED, time_to_msg(START))
     entries: list[Any] = [(interfaces.CHAIN, START - 1, told)]
     entries += [(topic, START + number, message) for number, (topic, message) in enumerate(sent)]
@@ -307,7 +305,7 @@ def test_rejected_frames_are_skipped(tmp_path: Path, capsys: pytest.CaptureFixtu
     assert len(rows(tmp_path / 'out')) == len(frames()) - 1
 
 
-def test_what_is_no_bag_is_said(tmp_path: Path) -> None:
+def test_a_path_without_a_bag_is_reported(tmp_path: Path) -> None:
     with pytest.raises(SystemExit) as end:
         main([str(tmp_path / 'nothing'), '--output', str(tmp_path / 'out')])
     assert 'does not exist; give the path of a bag directory' in str(end.value)

@@ -22,7 +22,7 @@ def test_solitons_are_where_they_are_and_stay_on_the_line() -> None:
     assert drawn(np.ones(5), [-3.0, 9.0], 5) == 'O///O'
 
 
-def test_where_there_is_less_room_a_mark_is_the_mean_of_several() -> None:
+def test_on_a_short_line_a_mark_is_the_mean_of_several() -> None:
     leans = np.concatenate([np.ones(500), -np.ones(500)])
     leans[:5] = np.nan
     picture = drawn(leans, [499.0], 10)

@@ -26,7 +26,7 @@ contraction:
 """
 
 
-def test_a_wall_is_recorded_and_as_wide_as_theory_says(
+def test_a_recorded_wall_has_the_width_of_theory(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     settings = tmp_path / 'settings.yaml'
@@ -43,7 +43,7 @@ def test_a_wall_is_recorded_and_as_wide_as_theory_says(
     assert imread(tmp_path / 'contraction_recorded.png').std() > 0.02
 
 
-def test_it_says_why_a_wall_is_recorded_once_more(
+def test_it_reports_why_a_wall_is_recorded_again(
     tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     settings = tmp_path / 'settings.yaml'
@@ -61,7 +61,7 @@ def test_it_says_why_a_wall_is_recorded_once_more(
     assert 'the second bag shows no wall' in str(end.value)
 
 
-def test_settings_without_walls_are_refused(tmp_path: Path) -> None:
+def test_settings_without_walls_are_rejected(tmp_path: Path) -> None:
     settings = tmp_path / 'settings.yaml'
     settings.write_text('record: {}\n')
     with pytest.raises(SystemExit) as end:

@@ -70,7 +70,7 @@ def test_a_film_becomes_a_bag_with_its_own_times(film: Renderer, tmp_path: Path)
     assert [shot.time for shot in overlay] == pytest.approx(TIMES.tolist(), abs=1e-4)
 
 
-def test_of_a_damaged_film_what_was_before_is_in_the_bag_which_tells_so(
+def test_frames_before_the_damage_of_a_film_are_in_the_bag_with_a_note(
     film: Renderer, tmp_path: Path
 ) -> None:
     arguments = given(film, tmp_path)

@@ -66,7 +66,7 @@ def test_all_frames_of_the_selected_time_of_a_long_bag_are_kept(tmp_path: Path) 
     assert readings.times[-1] == pytest.approx(0.248)
 
 
-def test_what_shows_no_chain_is_one_line(
+def test_a_recording_without_a_chain_is_reported_in_one_line(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     bag = bag_of(tmp_path, np.tile(passage(MADE, 2)[:1], (50, 1)))

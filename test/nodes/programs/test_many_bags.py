@@ -38,7 +38,7 @@ def test_200_bags_with_two_workers_killed_on_the_way_give_the_same_table(
     assert not list(tmp_path.glob('*.deadly'))
 
 
-def test_bags_are_analysed_as_one_is_and_one_that_fails_is_told(
+def test_several_bags_give_the_results_of_each_and_failures_are_reported(
     named: NamedChain, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     bag = write_bag(tmp_path / 'run', run_of(named, 50))
@@ -57,7 +57,7 @@ def test_bags_are_analysed_as_one_is_and_one_that_fails_is_told(
     assert '1 of 2 bags in ' in capsys.readouterr().out
 
 
-def test_bags_of_one_name_are_told_apart_and_none_is_taken_twice(tmp_path: Path) -> None:
+def test_bags_of_one_name_are_distinguished_and_none_is_analysed_twice(tmp_path: Path) -> None:
     paths = [tmp_path / 'a/run_0', tmp_path / 'b/run_0', tmp_path / 'run_1']
     assert [name for name, _ in named_bags(paths)] == ['a_run_0', 'b_run_0', 'run_1']
     with pytest.raises(ValueError, match='run_1 is given twice'):

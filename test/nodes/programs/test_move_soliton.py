@@ -47,7 +47,7 @@ def test_it_ends_when_the_soliton_is_there(graph: Graph, start: Callable[..., Pr
     assert abs(rotor() - 2.5) < 0.1
 
 
-def test_phonons_are_told_where_rates_tell_them() -> None:
+def test_phonons_are_reported_if_rates_are_known() -> None:
     told = MoveSoliton.Feedback(rotor=2.5, speed=1.0, phonon_energy=1e-3)
     assert progress_of(told).endswith('1.0e-03 J in phonons')
     told.phonon_energy = math.nan
@@ -132,7 +132,7 @@ def test_it_waits_for_a_steering_that_does_not_know_the_chain_yet(
     assert program.process.returncode == 0, program.said
 
 
-def test_it_says_that_nobody_steers(start: Callable[..., Program]) -> None:
+def test_it_reports_that_no_node_steers(start: Callable[..., Program]) -> None:
     program = start('move_soliton', '3')
     assert program.wait() == 1
     assert program.said == [

@@ -39,7 +39,7 @@ def nudged(graph: Graph, speed: float, timeout: float = 60.0) -> str:
         graph.until(lambda: 'nudge' not in graph.user.get_node_names(), 'a nudger that is gone')
 
 
-def test_it_says_what_the_actuator_and_the_simulator_did(graph: Graph) -> None:
+def test_it_reports_the_results_of_the_actuator_and_the_simulator(graph: Graph) -> None:
     graph.start(EdgeActuator, {'state_timeout': 60.0})
     graph.start(Simulator, QUICK)
     kicks, nudges = graph.hear(interfaces.LAST_KICK), graph.hear(interfaces.NUDGE)
@@ -53,7 +53,7 @@ def test_it_says_what_the_actuator_and_the_simulator_did(graph: Graph) -> None:
     assert [message.data for message in nudges] == [-2.5, 500.0]
 
 
-def test_an_actuator_without_a_simulator_says_what_it_lacks(graph: Graph) -> None:
+def test_an_actuator_without_a_simulator_names_it(graph: Graph) -> None:
     graph.start(EdgeActuator)
     said = nudged(graph, 10.0)
     assert said.startswith('/edge_actuator rejected it: nothing subscribes to rotor_impulses')
@@ -67,7 +67,7 @@ def test_a_subscriber_that_is_no_actuator_does_not_do(graph: Graph) -> None:
     assert heard == []
 
 
-def test_what_the_simulator_did_not_do_is_a_failure() -> None:
+def test_a_kick_that_the_simulator_did_not_execute_is_a_failure() -> None:
     with pytest.raises(ValueError, match='the simulator did not execute it'):
         describe_kick(LastKick(cut_short=True, measured=True))
 

@@ -15,7 +15,7 @@ from soliton_linkage_nodes.bags.reading import open_bag
 from soliton_linkage_nodes.messages.conversions import NamedChain
 
 
-def test_a_whole_bag_is_said_to_be_whole(
+def test_a_whole_bag_is_reported_as_whole(
     start: Callable[..., Program], named: NamedChain, tmp_path: Path
 ) -> None:
     bag = write_bag(tmp_path / 'run', run_of(named, 50))
@@ -56,7 +56,7 @@ def test_a_cut_bag_is_recovered_beside_it(
 
 
 @pytest.mark.parametrize('program', ['recover_bag', 'check_bag'])
-def test_what_is_no_bag_is_said_in_one_line(
+def test_a_path_without_a_bag_is_reported_in_one_line(
     start: Callable[..., Program], tmp_path: Path, program: str
 ) -> None:
     started = start(program, str(tmp_path / 'nowhere'))

@@ -39,7 +39,7 @@ def test_limits_of_a_file_are_those_of_the_joints(tmp_path: Path) -> None:
     assert [(j.limit.effort, j.limit.velocity) for j in robot.joints] == 3 * [(0.5, 100.0)]
 
 
-def test_what_is_no_parameter_file_is_said_in_one_line(
+def test_an_invalid_parameter_file_is_reported_in_one_line(
     capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(sys, 'argv', ['robot_description', '/no/such.yaml'])

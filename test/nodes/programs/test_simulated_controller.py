@@ -64,7 +64,7 @@ class Computer:
         return [self._reader.read(frame) for frame in readings]
 
 
-def test_the_chain_moves_as_its_valves_are_told(terminal: PseudoTerminal) -> None:
+def test_the_chain_moves_by_the_torques_of_its_valves(terminal: PseudoTerminal) -> None:
     named = NamedChain(CHAIN, default_joint_names(ROTORS))
     played = RealTimeChain(named, SimulatedController(ROTORS), terminal, RATE)
     computer = Computer(terminal)
@@ -80,7 +80,7 @@ def test_the_chain_moves_as_its_valves_are_told(terminal: PseudoTerminal) -> Non
     assert computer.times == [10_000 * frame for frame in range(15)]
 
 
-def test_its_encoders_read_too_much_what_the_chain_says() -> None:
+def test_its_encoders_have_the_offsets_of_the_chain() -> None:
     offsets = tuple(0.1 * (1 + np.arange(ROTORS)))
     encoders = encoders_of(NamedChain(CHAIN, default_joint_names(ROTORS), offsets), 2.0**16)
     said = SimulatedController(ROTORS, encoders).measure(0.0, np.zeros(ROTORS))

@@ -132,7 +132,7 @@ def test_serial_encoders_publishes_the_chain_unless_configured_otherwise(
 
 
 @pytest.mark.parametrize('rule', ['nonsense:=1', 'use_sim_time:=true', 'other:publish_rate:=1.0'])
-def test_a_rule_that_is_for_none_is_left_to_ros(rule: str) -> None:
+def test_a_rule_for_no_node_is_passed_to_ros(rule: str) -> None:
     assert given_to(rule) == (['-p', rule], {})
 
 

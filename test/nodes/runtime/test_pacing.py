@@ -100,7 +100,7 @@ def test_after_a_long_stall_the_deadlines_lag_instead_of_bursting(clock: Clock) 
     assert loop.punctuality == pacing.Punctuality(40, 1, late / SECOND, late / SECOND)
 
 
-def test_a_loop_that_cannot_keep_up_runs_as_fast_as_it_can_and_says_so(clock: Clock) -> None:
+def test_an_overloaded_loop_runs_at_full_speed_and_reports_its_lag(clock: Clock) -> None:
     work = SECOND // 10
     seen, loop = instants(clock, 1000.0, 100, lambda call: work)
     assert seen == [call * work for call in range(100)]
@@ -126,7 +126,7 @@ def test_a_failure_ends_the_loop_and_is_kept() -> None:
     assert calls == [1]
 
 
-def test_stop_lets_the_call_that_is_being_made_end_and_makes_no_other() -> None:
+def test_stop_completes_the_current_call_and_makes_no_other() -> None:
     entered, release, calls = threading.Event(), threading.Event(), []
 
     def act() -> None:

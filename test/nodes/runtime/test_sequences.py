@@ -39,7 +39,7 @@ def start_of_second(period: int, later: int) -> int:
 
 
 @given(st.integers(1, 10_000), st.integers(1, 10_000), PERIODS, PERIODS, st.integers(1, 300))
-def test_of_two_publishers_the_first_is_kept_whatever_their_numbers(
+def test_the_first_of_two_publishers_is_kept_for_any_numbers(
     first: int, second: int, period: int, other_period: int, later: int
 ) -> None:
     last = first + start_of_second(period, later) // (2 * period)
@@ -77,7 +77,7 @@ def test_a_single_publisher_is_kept_with_uneven_periods(
     assert kept.lost == sum(ahead - 1 for ahead, _ in steps)
 
 
-def test_one_that_falls_silent_is_succeeded_after_a_while(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_silent_publisher_is_replaced_after_a_while(monkeypatch: pytest.MonkeyPatch) -> None:
     now = [10.0]
     monkeypatch.setattr(sequences.time, 'monotonic', lambda: now[0])
     kept = PublisherArbitration()
@@ -93,7 +93,7 @@ def test_one_that_falls_silent_is_succeeded_after_a_while(monkeypatch: pytest.Mo
     assert kept.foreign == taken.index(True)
 
 
-def test_one_that_is_gone_is_succeeded_at_once() -> None:
+def test_a_publisher_that_ended_is_replaced_at_once() -> None:
     kept = PublisherArbitration()
     for number in range(5000, 5100):
         assert kept.take(number, 2 * MILLISECOND * number, lambda: 1)
@@ -110,7 +110,7 @@ def lost(numbers: Iterable[int], publishers: int = 1) -> int:
 
 
 @given(st.sets(st.integers(1, 200), min_size=1))
-def test_of_one_publisher_every_missing_number_after_the_first_is_lost(numbers: set[int]) -> None:
+def test_every_missing_number_of_a_publisher_after_the_first_is_lost(numbers: set[int]) -> None:
     missing = max(numbers) - min(numbers) + 1 - len(numbers)
     assert lost(sorted(numbers)) == missing
 

@@ -163,7 +163,7 @@ def test_a_node_that_lags_too_long_skips_to_the_newest(graph: Graph) -> None:
     assert values(graph.next_report('listener'))['lost joint_states'] == '0'
 
 
-def test_the_first_of_two_publishers_is_kept_to_until_it_is_gone(graph: Graph) -> None:
+def test_the_first_of_two_publishers_is_used_until_it_ends(graph: Graph) -> None:
     listener = Listener(graph)
     first, second = speak(graph, RELIABLE), speak(graph, RELIABLE)
     for number in range(20):

@@ -319,7 +319,7 @@ def begin(published: Published, begun: threading.Event) -> threading.Thread:
     return tick
 
 
-def test_while_a_frame_is_computed_everybody_is_answered(endless: threading.Event) -> None:
+def test_calls_are_answered_while_a_frame_is_computed(endless: threading.Event) -> None:
     published = Published()
     tick = begin(published, endless)
     published.control.kick(KICK)

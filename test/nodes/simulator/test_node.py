@@ -37,7 +37,7 @@ from soliton_linkage_nodes.runtime.stamps import time_from_msg
 from soliton_linkage_nodes.simulator.node import Simulator
 
 
-def test_a_chain_at_rest_is_published_as_it_is(graph: Graph) -> None:
+def test_a_chain_at_rest_is_published_unchanged(graph: Graph) -> None:
     stream = Stream(graph)
     stream.grow(100)
     stream.explain([])

@@ -290,7 +290,7 @@ def test_fixed_parameters_are_read_only(graph: Graph, name: str) -> None:
     assert kept == Parameter(name, value=before).get_parameter_value()
 
 
-def test_of_a_flood_with_wrong_commands_the_right_ones_alone_count(graph: Graph) -> None:
+def test_only_the_valid_commands_of_a_flood_are_executed(graph: Graph) -> None:
     paused = Paused(graph, {'command_timeout': 0.0})
     paused.reset()
     control = paused.node.control

@@ -168,9 +168,7 @@ def test_frames_that_come_before_the_chain_are_analysed_once_it_is_known(graph: 
     assert [state.header for state in states] == [frame.header for frame in frames]
 
 
-def test_of_all_frames_none_is_lost_that_came_while_it_was_busy(
-    graph: Graph, named: NamedChain
-) -> None:
+def test_no_frame_is_lost_while_the_analyser_is_busy(graph: Graph, named: NamedChain) -> None:
     reports = graph.reports('soliton_analyser')
     graph.start(SolitonAnalyser, EVERY_FRAME)
     joints = graph.speak(replace(interfaces.JOINT_STATES, qos=interfaces.lossless_stream_qos()))
@@ -233,9 +231,7 @@ def test_the_last_1000_frames_wait_for_the_chain(graph: Graph, named: NamedChain
     assert len(analyser.waiting) == 0
 
 
-def test_parameters_of_the_chain_take_the_place_of_the_topic(
-    graph: Graph, named: NamedChain
-) -> None:
+def test_parameters_of_the_chain_replace_the_topic(graph: Graph, named: NamedChain) -> None:
     states = graph.hear(interfaces.SOLITON_STATE)
     graph.start(
         SolitonAnalyser,
@@ -435,7 +431,7 @@ def test_angles_of_another_class_than_the_parameters_are_reported(graph: Graph) 
     assert 'the parameters specify a flipper' in report.message
 
 
-def test_a_second_chain_is_ignored_until_the_first_publisher_is_gone(
+def test_a_second_chain_is_ignored_until_the_first_publisher_ends(
     graph: Graph, said: Callable[[], str]
 ) -> None:
     true, false = named_chain(CHAINS['flipper'][0]), named_chain(CHAINS['spinner'][0])

@@ -126,7 +126,7 @@ def test_the_wall_is_drawn_out_of_its_edge_to_a_place_and_held_there(graph: Grap
     assert bench.feedback[-1].phonon_energy < 1e-7
 
 
-def test_a_goal_on_the_way_takes_the_place_of_the_one_before(graph: Graph) -> None:
+def test_a_goal_during_a_move_replaces_the_current_one(graph: Graph) -> None:
     bench = Bench(graph, disorder=UNEVEN)
     first = bench.send(6.0)
     graph.until(lambda: len(bench.feedback) > 3, 'feedback')
@@ -271,7 +271,7 @@ def test_deviations_that_block_the_way_are_ignored_and_reported() -> None:
         assert ('cannot pass' in steered.limitation) is left_out
 
 
-def test_a_steering_that_goes_lets_go(graph: Graph) -> None:
+def test_a_steering_node_that_ends_releases_the_wall(graph: Graph) -> None:
     bench = Bench(graph)
     bench.send(6.0)
     graph.until(lambda: bench.feedback and bench.feedback[-1].rotor > 1, 'a wall on its way')

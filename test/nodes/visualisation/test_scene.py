@@ -33,7 +33,7 @@ def test_rods_lead_from_the_pivots_to_the_masses() -> None:
     np.testing.assert_array_equal(shape('masses').points, rods[:, 1])
 
 
-def test_springs_are_as_long_as_their_extensions_say_and_coloured_by_them() -> None:
+def test_springs_have_the_length_and_colour_of_their_extension() -> None:
     springs = shape('springs')
     lines, colours = springs.points.reshape(-1, 2, 3), springs.colours[::2, :3]
     lengths = np.linalg.norm(lines[:, 1] - lines[:, 0], axis=1)

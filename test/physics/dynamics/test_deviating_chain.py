@@ -209,7 +209,7 @@ def test_kinetic_energy_counts_each_mass_at_its_own_speed(chain: Chain) -> None:
 
 
 @pytest.mark.parametrize('rotors', [3, 41])
-def test_a_periodic_chain_of_odd_number_is_refused(rotors: int) -> None:
+def test_a_periodic_chain_of_odd_number_is_rejected(rotors: int) -> None:
     with pytest.raises(
         ValueError, match=f'number_of_rotors = {rotors} must be even with periodic'
     ):
@@ -217,13 +217,13 @@ def test_a_periodic_chain_of_odd_number_is_refused(rotors: int) -> None:
 
 
 @pytest.mark.parametrize('damping', [-1e-9, math.nan, math.inf])
-def test_a_damping_that_would_drive_is_refused(damping: float) -> None:
+def test_a_damping_that_would_drive_is_rejected(damping: float) -> None:
     with pytest.raises(ValueError, match=rf'Chain\.damping = {damping} must (be|lie)'):
         Chain(damping=damping)
 
 
 @pytest.mark.parametrize(('periodic', 'springs'), [(False, 5), (True, 6)])
-def test_deviations_of_another_chain_are_refused(periodic: bool, springs: int) -> None:
+def test_deviations_of_another_chain_are_rejected(periodic: bool, springs: int) -> None:
     for count in {5, 6, 7} - {springs}:
         drawn = Deviations(stiffness=(0.1,) * count)
         with pytest.raises(ValueError, match=f'{count} deviations of stiffness .* {springs} spr'):

@@ -254,7 +254,7 @@ def test_a_rotor_of_a_chain_with_slack_springs_is_accelerated_evenly() -> None:
     )
 
 
-def test_the_state_of_a_frame_is_that_at_its_time_however_far_the_solver_has_gone() -> None:
+def test_the_state_of_a_frame_does_not_depend_on_the_steps_of_the_solver() -> None:
     chain = Chain(3, mass=1000.0, stiffness=1e-9)
     start, rates = chain.uniform_state(-1), np.array([0.0, 1000.0, -30.0])
     recording = simulate(chain, start, rates, 1.0, 0.01)
@@ -276,7 +276,7 @@ def test_holding_the_same_torque_again_changes_nothing() -> None:
     assert once.energy_drift == again.energy_drift
 
 
-def test_the_simulation_keeps_its_own_copy_of_what_it_is_given() -> None:
+def test_the_simulation_copies_its_arguments() -> None:
     chain, angles, rates = nudged(FLIPPER, 0.1)
     torque = np.full(10, 1e-5)
     given = ElasticSimulation(chain, angles, rates)
@@ -294,7 +294,7 @@ def test_the_simulation_keeps_its_own_copy_of_what_it_is_given() -> None:
 
 
 @pytest.mark.parametrize('turns', [1, 1000])
-def test_turns_that_the_rotors_have_made_cost_no_accuracy(turns: int) -> None:
+def test_full_turns_of_the_rotors_do_not_reduce_accuracy(turns: int) -> None:
     chain, angles, rates = nudged(SPINNER, 0.3)
     turned = moved(chain, angles + 2 * np.pi * turns, rates)
     straight = moved(chain, angles, rates)
@@ -349,7 +349,7 @@ def test_a_wall_in_ten_thousand_rotors_moves_as_in_forty(example: tuple[float, f
     assert tracks[1] == pytest.approx(tracks[0], rel=0, abs=unseen(chain, 16))
 
 
-def test_rotors_far_from_a_kick_rest_but_for_rounding() -> None:
+def test_rotors_far_from_a_kick_rest_up_to_rounding() -> None:
     chain, angles, rates = nudged(FLIPPER, 0.1, rotors=10_000)
     simulation = ElasticSimulation(chain, angles, rates, period=chain.time_unit)
     for _ in range(10):
@@ -371,7 +371,7 @@ def test_rotors_far_from_a_kick_rest_but_for_rounding() -> None:
         ({'rates': np.array([0, math.inf, 0, 0])}, 'rate of rotor 1 = inf must be a finite'),
     ],
 )
-def test_a_simulation_refuses_by_name_and_value(
+def test_a_simulation_rejects_by_name_and_value(
     arguments: dict[str, object], complaint: str
 ) -> None:
     chain = chain_of(FLIPPER, 4)
@@ -380,7 +380,7 @@ def test_a_simulation_refuses_by_name_and_value(
 
 
 @pytest.mark.parametrize(('command', 'what'), [('kick', 'impulse'), ('hold', 'torque')])
-def test_a_command_with_a_bad_value_is_refused_whole(command: str, what: str) -> None:
+def test_a_command_with_a_bad_value_is_rejected_whole(command: str, what: str) -> None:
     chain, angles, rates = nudged(FLIPPER, 0.1, rotors=4)
     simulation = ElasticSimulation(chain, angles, rates)
     with pytest.raises(ValueError, match=f'{what} of rotor 2 = nan must be a finite number'):
@@ -395,7 +395,7 @@ def test_a_command_with_a_bad_value_is_refused_whole(command: str, what: str) ->
 
 
 @pytest.mark.parametrize('duration', [-1.0, math.nan, math.inf])
-def test_a_duration_that_is_no_time_is_refused(duration: float) -> None:
+def test_a_duration_that_is_no_time_is_rejected(duration: float) -> None:
     chain, angles, rates = nudged(FLIPPER, 0.1, rotors=2)
     with pytest.raises(ValueError, match=f'duration = {duration} s must be'):
         simulate(chain, angles, rates, duration, 0.1)
@@ -415,7 +415,7 @@ def test_a_chain_too_fast_to_follow_is_given_up_by_rotor_and_limit() -> None:
 
 
 @pytest.mark.parametrize('example', [FLIPPER, SPINNER])
-def test_a_chain_at_rest_stays_there_but_for_rounding(example: tuple[float, float]) -> None:
+def test_a_chain_at_rest_stays_there_up_to_rounding(example: tuple[float, float]) -> None:
     chain = chain_of(example, 40)
     rest = chain.uniform_state(1)
     recording = simulate(chain, rest, np.zeros(40), 500 * chain.time_unit, chain.time_unit)
@@ -451,7 +451,7 @@ def test_the_integrators_made_for_chains_move_one_as_scipy_does(damping: float) 
             np.testing.assert_allclose(one, other, rtol=0, atol=1e-8)
 
 
-def test_an_unknown_integrator_is_refused() -> None:
+def test_an_unknown_integrator_is_rejected() -> None:
     chain = chain_of(FLIPPER, 4)
     with pytest.raises(ValueError, match="'leapfrog' must be one of"):
         ElasticSimulation(chain, chain.uniform_state(1), integrator='leapfrog')

@@ -30,7 +30,9 @@ def test_energy_that_is_lost_is_that_which_is_dissipated(given_chain: tuple[Chai
 
 
 @given(any_deviating_configuration())
-def test_the_compiled_loop_sums_what_turns_each_rotor(given_chain: tuple[Chain, Array]) -> None:
+def test_the_compiled_loop_sums_the_torques_of_each_rotor(
+    given_chain: tuple[Chain, Array],
+) -> None:
     chain, angles = given_chain
     rotors, gravity = np.arange(chain.number_of_rotors), Gravity(3.0, 0.2)
     torques = (rotors - 1.0) * gravity.scale(chain)
@@ -59,7 +61,7 @@ def test_torques_and_fixed_rotors_act_on_their_own_rotor_alone() -> None:
     np.testing.assert_allclose(slope[6:], expected, rtol=0, atol=1e-9 * expected.max())
 
 
-def test_what_does_not_fit_the_chain_is_refused() -> None:
+def test_arrays_of_another_shape_are_rejected() -> None:
     with pytest.raises(ValueError, match='give one a rotor'):
         EquationOfMotion(Chain(6), np.zeros(5))
     with pytest.raises(ValueError, match='fixed rotor 6 must be one of 0 to 5'):

@@ -52,7 +52,7 @@ def test_a_soliton_is_a_wall_with_its_kinetic_energy_and_stretches_no_spring(
 
 @pytest.mark.parametrize('velocity', [-0.25, 0.25])
 @pytest.mark.parametrize('example', CLASSES)
-def test_a_wall_of_rigid_bars_is_where_its_velocity_takes_it(
+def test_a_wall_of_rigid_bars_moves_with_its_velocity(
     example: tuple[float, float], velocity: float
 ) -> None:
     chain = chain_of(example, 40)
@@ -85,11 +85,11 @@ def test_a_slow_wall_of_springs_moves_as_one_of_rigid_bars(
 
 
 @pytest.mark.parametrize('velocity', [math.nan, math.inf])
-def test_a_velocity_that_is_no_number_is_refused(velocity: float) -> None:
+def test_a_velocity_that_is_no_number_is_rejected(velocity: float) -> None:
     with pytest.raises(ValueError, match=f'velocity of the soliton = {velocity} m/s must be'):
         with_soliton(Chain(10), 5.0, velocity)
 
 
-def test_a_place_beyond_the_chain_is_refused() -> None:
+def test_a_place_beyond_the_chain_is_rejected() -> None:
     with pytest.raises(ValueError, match=r'site = 9\.0 must lie from 0\.5 to'):
         with_soliton(Chain(10), 9.0, 1.0)

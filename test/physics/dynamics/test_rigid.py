@@ -234,7 +234,7 @@ def test_a_held_torque_does_the_work_torque_times_angle(example: tuple[float, fl
 
 
 @pytest.mark.parametrize('example', CLASSES)
-def test_of_a_kick_the_bars_bear_all_but_the_part_along_the_zero_mode(
+def test_bars_bear_a_kick_except_its_part_along_the_zero_mode(
     example: tuple[float, float],
 ) -> None:
     chain = deviating(chain_of(example, 6), 3, 0.05)
@@ -267,7 +267,7 @@ def test_rates_that_the_bars_do_not_allow_are_projected() -> None:
 
 @pytest.mark.parametrize('gravity', [NO_GRAVITY, TILTED])
 @pytest.mark.parametrize('example', CLASSES)
-def test_damping_takes_the_energy_that_it_is_said_to(
+def test_damping_dissipates_the_stated_energy(
     example: tuple[float, float], gravity: Gravity
 ) -> None:
     chain = dataclasses.replace(chain_of(example, 6), damping=1e-5)
@@ -366,7 +366,7 @@ def test_gravity_along_the_chain_swings_the_wall_from_end_to_end_and_back(
 @pytest.mark.parametrize('upright', [True, False])
 @pytest.mark.parametrize('degrees', [10, -10, -60])
 @pytest.mark.parametrize('example', [FLIPPER, STRONG_WOBBLER, SPINNER])
-def test_a_chain_let_go_turns_where_its_orbit_is_as_high_as_its_start(
+def test_a_released_chain_reverses_at_the_height_of_its_start(
     example: tuple[float, float], degrees: float, upright: bool
 ) -> None:
     chain = chain_of(example, 7)
@@ -424,7 +424,7 @@ def test_the_smallest_chains_move_at_the_border_of_spinning(rotors: int, offset:
         assert abs(simulation.energy_drift) <= 16 * EPS
 
 
-def test_angles_that_the_bars_do_not_allow_are_refused_by_bar() -> None:
+def test_angles_that_the_bars_do_not_allow_are_rejected_by_bar() -> None:
     chain = chain_of(FLIPPER, 4)
     angles = chain.uniform_state(-1)
     angles[3] += 0.1
@@ -441,7 +441,7 @@ def test_angles_off_by_less_than_the_play_of_a_bar_are_brought_onto_them() -> No
     assert 0 < np.abs(simulation.angles - given).max() <= 1e-6
 
 
-def test_bars_between_periodic_ends_are_refused() -> None:
+def test_bars_between_periodic_ends_are_rejected() -> None:
     chain = Chain(4, periodic=True)
     with pytest.raises(
         ValueError, match='rigid bars with periodic ends cannot move; set periodic'
@@ -449,14 +449,14 @@ def test_bars_between_periodic_ends_are_refused() -> None:
         RigidSimulation(chain, chain.uniform_state(1))
 
 
-def test_an_impulse_without_finite_energy_is_refused() -> None:
+def test_an_impulse_without_finite_energy_is_rejected() -> None:
     simulation = pushed(chain_of(FLIPPER, 6))
     with pytest.raises(ValueError, match=r'impulse of rotor 2 = 1e\+200 N m s gives an energy'):
         simulation.kick(1e200 * np.eye(6)[2])
 
 
 @pytest.mark.parametrize('rate', [1.0, 100.0])
-def test_jammed_bars_are_said_to_jam(rate: float) -> None:
+def test_jammed_bars_are_reported(rate: float) -> None:
     chain = Chain(2)
     # A bar as long as both rotors and the spacing in one line can move to neither side.
     fraction = (chain.spacing + 2 * chain.rotor_length) / chain.rest_length - 1
@@ -479,7 +479,7 @@ def test_a_kick_too_hard_to_follow_is_given_up_and_not_taken_for_a_jam() -> None
 
 @pytest.mark.parametrize('damping', [0.0, 1e-4])
 @pytest.mark.parametrize('example', CLASSES)
-def test_bars_and_forces_together_are_what_turns_the_rotors(
+def test_bars_and_forces_together_accelerate_the_rotors(
     example: tuple[float, float], damping: float
 ) -> None:
     chain = dataclasses.replace(chain_of(example, 6), damping=damping)
@@ -498,7 +498,7 @@ def test_bars_and_forces_together_are_what_turns_the_rotors(
     assert now + others == pytest.approx(turning, rel=0, abs=1e-4 * float(np.abs(now).max()))
 
 
-def test_a_fixed_rotor_that_would_stop_the_bars_is_refused() -> None:
+def test_a_fixed_rotor_that_would_stop_the_bars_is_rejected() -> None:
     chain = chain_of(FLIPPER, 6)
     with pytest.raises(ValueError, match='cannot move with rotor 3 fixed; fix no rotor, or'):
         RigidSimulation(chain, chain.uniform_state(1), fixed=(3,))

@@ -58,7 +58,7 @@ def largest_drift(simulation: ElasticSimulation) -> float:
 @pytest.mark.parametrize('damping', [0.0, 0.05])
 @pytest.mark.parametrize('gravity', [NO_GRAVITY, TILTED])
 @pytest.mark.parametrize('example', CLASSES)
-def test_energy_with_what_the_damping_took_is_constant(
+def test_energy_plus_dissipated_energy_is_constant(
     example: tuple[float, float], gravity: Gravity, damping: float, periodic: bool
 ) -> None:
     simulation = shaken(example, gravity, periodic, damping)
@@ -84,7 +84,7 @@ def test_the_damping_takes_the_integral_of_its_power(example: tuple[float, float
     )
 
 
-def test_what_was_dissipated_before_a_command_stays_in_the_books() -> None:
+def test_energy_dissipated_before_a_command_stays_in_the_balance() -> None:
     simulation = shaken(FLIPPER, damping=0.05)
     dissipated = [0.0]
     for torque in (1e-4, 0.0, -2e-4):
@@ -186,7 +186,7 @@ def test_gravity_turned_at_a_frame_is_a_start_from_that_frame(
             assert abs(simulation.energy_drift) <= largest_drift(simulation)
 
 
-def test_turning_gravity_to_what_it_is_changes_nothing() -> None:
+def test_setting_the_present_gravity_changes_nothing() -> None:
     once, again = shaken(FLIPPER), shaken(FLIPPER)
     for _ in range(10):
         again.set_gravity(Gravity(9.81, 0.5))
@@ -264,7 +264,7 @@ def test_a_chain_at_rest_stays_there_however_it_is_damped(damping: float, period
         assert np.abs(simulation.rates).max() * chain.time_unit <= 100 * 4 * EPS
 
 
-def test_a_chain_that_hangs_at_rest_stays_there_but_for_rounding() -> None:
+def test_a_chain_that_hangs_at_rest_stays_there_up_to_rounding() -> None:
     chain = Chain(2, rotor_length=1e-3, stiffness=1e-9)
     simulation = ElasticSimulation(
         chain,
@@ -322,12 +322,12 @@ def test_rotors_beyond_a_fixed_one_know_nothing_of_each_other() -> None:
 
 
 @pytest.mark.parametrize('rotor', [-1, 8, 2.5])
-def test_a_fixed_rotor_that_there_is_not_is_refused(rotor: int) -> None:
+def test_a_fixed_rotor_that_there_is_not_is_rejected(rotor: int) -> None:
     with pytest.raises(ValueError, match=rf'fixed rotor {rotor} must be one of 0 to 7'):
         ElasticSimulation(Chain(8), np.zeros(8), fixed=(rotor,))
 
 
-def test_rates_of_an_energy_beyond_numbers_are_refused() -> None:
+def test_rates_of_an_energy_beyond_numbers_are_rejected() -> None:
     rates = np.array([0.0, 0.0, -1e300, 0.0])
     with pytest.raises(ValueError, match=r'rate of rotor 2 = -1e\+300 rad/s gives an energy'):
         ElasticSimulation(Chain(4), np.zeros(4), rates)
@@ -342,7 +342,7 @@ def test_torques_of_springs_are_those_of_the_chain(example: tuple[float, float])
     assert np.abs(expected).max() > 0
 
 
-def test_however_much_happens_at_a_frame_the_solver_starts_anew_once(
+def test_the_solver_restarts_once_per_frame_for_any_number_of_commands(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     starts = []

@@ -123,7 +123,7 @@ def test_rigid_bars_take_forces_as_they_take_damping() -> None:
     assert outside.dissipated == pytest.approx(inside.dissipated, rel=1e-9)
 
 
-def test_what_the_compiled_steps_do_not_have_is_rejected() -> None:
+def test_forces_without_compiled_steps_are_rejected() -> None:
     with pytest.raises(
         ValueError, match=r"'symplectic' does not integrate the plain functions .*'DOP853'"
     ):

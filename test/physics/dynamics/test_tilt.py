@@ -38,7 +38,7 @@ def test_two_rotors_on_a_wall_has_fallen_by_twice_their_swing(
 
 
 @pytest.mark.parametrize('example', [FLIPPER, WOBBLER, SPINNER])
-def test_what_a_wall_of_bars_has_fallen_is_its_kinetic_energy(
+def test_the_potential_energy_lost_by_a_wall_of_bars_is_its_kinetic_energy(
     example: tuple[float, float],
 ) -> None:
     chain, field = chain_of(example, 20), Gravity(STRENGTH, 1.2)

@@ -56,7 +56,7 @@ def test_the_balance_closes_over_a_run_with_all_that_can_act(
     assert (simulation.dissipated > 0) == (damping > 0)
 
 
-def test_what_is_not_entered_is_missing() -> None:
+def test_unrecorded_work_is_missing() -> None:
     chain = chain_of(FLIPPER, 6)
     rates = np.ones(6)
     simulation = ElasticSimulation(chain, chain.uniform_state(-1), rates, PERIOD)
@@ -67,7 +67,7 @@ def test_what_is_not_entered_is_missing() -> None:
     assert balance.imbalance == pytest.approx(3 / 4)
 
 
-def test_where_there_is_no_energy_none_is_missing() -> None:
+def test_without_energy_none_is_missing() -> None:
     chain = chain_of(FLIPPER, 6)
     simulation = RigidSimulation(chain, chain.uniform_state(-1), None, PERIOD)
     assert EnergyBalance(simulation).imbalance == 0
@@ -114,7 +114,7 @@ def test_a_torque_of_known_size_gives_its_impulse() -> None:
 
 
 @pytest.mark.parametrize('example', EXAMPLES)
-def test_the_work_of_an_impulse_is_what_the_kick_gives(example: tuple[float, float]) -> None:
+def test_the_work_of_an_impulse_is_the_energy_of_the_kick(example: tuple[float, float]) -> None:
     chain = chain_of(example, 8)
     start = chain.uniform_state(-1)
     simulation = ElasticSimulation(chain, start, 2.0 * mode_towards_last(chain, start), 0.05)

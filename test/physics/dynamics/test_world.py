@@ -50,7 +50,7 @@ def test_it_starts_with_a_soliton() -> None:
     assert np.array_equal(one.initial_state().rates, expected.rates)
 
 
-def test_bars_between_periodic_ends_and_bars_with_a_fixed_rotor_are_refused() -> None:
+def test_bars_between_periodic_ends_and_bars_with_a_fixed_rotor_are_rejected() -> None:
     ring = dataclasses.replace(CHAIN, periodic=True)
     for stuck in (world(ring, mechanics='rigid'), world(mechanics='rigid', fixed_rotors=('1',))):
         with pytest.raises(ValueError, match='or choose elastic mechanics'):
@@ -62,7 +62,7 @@ def test_fixed_rotors_are_those_of_the_simulation() -> None:
     assert one.begin(one.initial_state(), NO_GRAVITY).fixed == (2, 7)
 
 
-def test_a_joint_goes_by_its_name_or_its_number_and_the_name_goes_first() -> None:
+def test_a_joint_is_identified_by_its_name_or_else_its_number() -> None:
     assert joint_numbers('these', ('b', '0', 'a'), ('a', 'b', 'c')) == (0, 1)
     assert joint_numbers('these', ('0',), ('1', '0')) == (1,)
     assert joint_numbers('these', (), ('a', 'b')) == ()

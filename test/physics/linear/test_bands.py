@@ -164,7 +164,7 @@ def test_the_winding_number_counts_the_turns_of_the_determinant(chain: Chain, le
 
 
 @pytest.mark.parametrize('branch', [0, 2])
-def test_a_branch_that_is_neither_upper_nor_lower_is_refused(branch: int) -> None:
+def test_a_branch_that_is_neither_upper_nor_lower_is_rejected(branch: int) -> None:
     with pytest.raises(ValueError, match=f'branch = {branch} must be'):
         dispersion(chain_of(FLIPPER, 2), 0.0, branch)
 
@@ -238,7 +238,7 @@ def test_the_speed_of_sound_is_the_curvature_at_the_bottom_of_the_band(chain: Ch
 
 
 @given(ANY_LEAN_RATIO)
-def test_the_largest_group_velocity_is_the_slope_where_it_is_said_to_be(chain: Chain) -> None:
+def test_the_largest_group_velocity_is_the_slope_at_its_wave_number(chain: Chain) -> None:
     with mp.workdps(60):
         truth = exact(chain)
         where = mp.acos(-truth.minus / truth.plus)
@@ -279,7 +279,7 @@ def test_the_zero_mode_is_a_wave_of_its_complex_wave_number(chain: Chain, lean: 
 
 
 @given(any_chain(fewest=4), LEANS)
-def test_the_zero_mode_sits_where_its_wave_number_and_the_winding_number_say(
+def test_the_zero_mode_is_at_the_edge_of_its_wave_number_and_the_winding_number(
     chain: Chain, lean: int
 ) -> None:
     assume(abs(chain.lean_ratio - 1) > 1e-6)
@@ -364,7 +364,7 @@ def test_the_spectrum_collapses_where_all_rotors_lie_along_the_chain(ratio: floa
 
 
 @pytest.mark.parametrize('wave_number', [math.nan, math.inf, -math.inf])
-def test_wave_numbers_that_are_not_finite_are_refused(wave_number: float) -> None:
+def test_wave_numbers_that_are_not_finite_are_rejected(wave_number: float) -> None:
     chain = chain_of(FLIPPER, 2)
     for function in (dispersion, bloch_matrix, bloch_dynamical_matrix):
         with pytest.raises(ValueError, match=r'wave number = .* rad/m must be a finite number'):
@@ -372,13 +372,13 @@ def test_wave_numbers_that_are_not_finite_are_refused(wave_number: float) -> Non
 
 
 @pytest.mark.parametrize('frequency', [math.nan, math.inf, -1.0])
-def test_a_density_at_no_frequency_is_refused(frequency: float) -> None:
+def test_a_density_at_no_frequency_is_rejected(frequency: float) -> None:
     with pytest.raises(ValueError, match=rf'frequency = {frequency} rad/s must be a finite'):
         density_of_states(chain_of(FLIPPER, 2), [1.0, frequency])
 
 
 @pytest.mark.parametrize('lean', [0, 2])
-def test_a_lean_that_is_neither_right_nor_left_is_refused(lean: int) -> None:
+def test_a_lean_that_is_neither_right_nor_left_is_rejected(lean: int) -> None:
     chain = chain_of(FLIPPER, 2)
     for function in (couplings, winding_number, zero_mode_wave_number):
         with pytest.raises(ValueError, match=f'lean = {lean} must be'):

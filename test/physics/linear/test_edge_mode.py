@@ -67,7 +67,7 @@ def test_a_push_at_either_edge_points_away_from_it(example: tuple[float, float])
         assert np.array_equal(edge_mode(chain, angles, edge), sense * towards_last)
 
 
-def test_an_edge_that_the_mode_is_far_from_is_refused_unless_it_may_be_anywhere() -> None:
+def test_an_edge_that_the_mode_is_far_from_is_rejected_unless_it_may_be_anywhere() -> None:
     chain = chain_of(FLIPPER, 20)
     angles = wall_between(chain, 3)
     complaint = (

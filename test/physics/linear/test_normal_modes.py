@@ -230,7 +230,7 @@ def test_a_slow_wall_keeps_energy_out_of_its_zero_mode_as_the_fourth_power_of_it
 
 
 @pytest.mark.parametrize('example', EXAMPLES)
-def test_the_modes_of_a_long_chain_lie_as_densely_as_the_density_of_states_says(
+def test_the_modes_of_a_long_chain_have_the_density_of_states(
     example: tuple[float, float],
 ) -> None:
     chain = chain_of(example, 500)
@@ -260,7 +260,7 @@ def test_a_hundred_thousand_rotors_have_an_energy_of_phonons() -> None:
     assert energy == pytest.approx(whole, rel=3e-4)
 
 
-def test_modes_about_stretched_springs_are_refused() -> None:
+def test_modes_about_stretched_springs_are_rejected() -> None:
     chain = chain_of(FLIPPER, 5)
     angles = chain.uniform_state(1) + 0.1 * np.eye(5)[2]
     for function in (normal_modes, mode_frequencies):
@@ -268,7 +268,7 @@ def test_modes_about_stretched_springs_are_refused() -> None:
             function(chain, angles)
 
 
-def test_angles_and_rates_that_do_not_fit_the_chain_are_refused() -> None:
+def test_angles_and_rates_that_do_not_fit_the_chain_are_rejected() -> None:
     chain = chain_of(FLIPPER, 5)
     angles, zeros = chain.uniform_state(1), np.zeros(5)
     for wrong in (zeros[:4], np.array([0, 0, np.nan, 0, 0])):
@@ -283,7 +283,7 @@ def test_angles_and_rates_that_do_not_fit_the_chain_are_refused() -> None:
 
 
 @pytest.mark.parametrize('shape', [(4,), (2, 6), ()])
-def test_a_motion_that_does_not_fit_the_modes_is_refused(shape: tuple[int, ...]) -> None:
+def test_a_motion_that_does_not_fit_the_modes_is_rejected(shape: tuple[int, ...]) -> None:
     chain = chain_of(FLIPPER, 5)
     modes: NormalModes = normal_modes(chain, chain.uniform_state(1))
     wrong, fitting = np.zeros(shape), np.zeros(5)
@@ -294,7 +294,7 @@ def test_a_motion_that_does_not_fit_the_modes_is_refused(shape: tuple[int, ...])
 
 
 @pytest.mark.parametrize('frequency', [np.nan, np.inf, -1.0])
-def test_a_density_of_no_frequencies_is_refused(frequency: float) -> None:
+def test_a_density_of_no_frequencies_is_rejected(frequency: float) -> None:
     with pytest.raises(ValueError, match=rf'frequency = {frequency} rad/s must be'):
         mode_density([1.0, frequency], [0.0, 2.0])
     with pytest.raises(ValueError, match='of 0 frequencies'):
@@ -302,6 +302,6 @@ def test_a_density_of_no_frequencies_is_refused(frequency: float) -> None:
 
 
 @pytest.mark.parametrize('edges', [[0.0], [0.0, 0.0], [2.0, 1.0], [[0.0, 1.0]], [0.0, np.inf]])
-def test_edges_that_make_no_bins_are_refused(edges: list[float]) -> None:
+def test_edges_that_make_no_bins_are_rejected(edges: list[float]) -> None:
     with pytest.raises(ValueError, match=r'edges of bins = .* in ascending order'):
         mode_density([1.0], edges)

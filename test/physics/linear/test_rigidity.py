@@ -341,7 +341,7 @@ def test_walls_with_a_valley_between_too_deep_for_numbers_share_the_zero_mode(
     assert leftovers(chain, angles, mode).max() <= 4 * EPS
 
 
-def test_periodic_ends_are_refused_a_zero_mode_of_their_own() -> None:
+def test_periodic_ends_are_rejected_a_zero_mode_of_their_own() -> None:
     chain = dataclasses.replace(chain_of(FLIPPER, 6), periodic=True)
     with pytest.raises(ValueError, match='periodic ends has as many springs as rotors'):
         zero_mode(chain, chain.uniform_state(1))

@@ -119,7 +119,9 @@ def test_unstretched_relaxes_every_spring_and_moves_nothing_that_is(
 
 
 @pytest.mark.parametrize('example', EXAMPLES)
-def test_unstretched_goes_the_shortest_way_to_first_order(example: tuple[float, float]) -> None:
+def test_unstretched_is_the_nearest_configuration_to_first_order(
+    example: tuple[float, float],
+) -> None:
     chain = deviating(chain_of(example, 8), 5, 0.01)
     rest = rest_state(chain, -1)
     away = np.cos(3 * np.arange(8))
@@ -186,7 +188,7 @@ def energy_of_antikink(rest_angle: float, rotors: int) -> tuple[float, float]:
     return float(chain.elastic_energy(found)) / continuum, chain.lean_ratio
 
 
-def test_an_antikink_in_a_ring_costs_the_energy_of_the_continuum_up_to_d_squared() -> None:
+def test_an_antikink_in_a_ring_has_the_energy_of_the_continuum_up_to_d_squared() -> None:
     ratios, leans = np.transpose(
         [
             energy_of_antikink(angle, rotors)
@@ -250,7 +252,7 @@ def test_a_chain_with_a_motion_that_nothing_resists_has_no_balance() -> None:
         equilibrium(Chain(4), np.zeros(4))
 
 
-def test_torques_are_in_balance_or_refused_by_rotor() -> None:
+def test_torques_are_in_balance_or_rejected_by_rotor() -> None:
     # Next to the one balance of an anti-kink Newton's method finds it or does not, by rounding.
     chain = chain_of(FLIPPER, 20)
     start = antikink(9.5, dataclasses.replace(chain, number_of_rotors=40))[:20]
@@ -270,7 +272,7 @@ def test_torques_are_in_balance_or_refused_by_rotor() -> None:
 
 
 @pytest.mark.parametrize('law', [unstretched, equilibrium])
-def test_angles_that_do_not_fit_are_refused(law: Callable[[Chain, Array], Array]) -> None:
+def test_angles_that_do_not_fit_are_rejected(law: Callable[[Chain, Array], Array]) -> None:
     with pytest.raises(ValueError, match=r'angles of shape \(3,\) do not fit a chain of 4 rotors'):
         law(Chain(4), np.zeros(3))
     with pytest.raises(ValueError, match='angle of rotor 1 = nan must be a finite number'):

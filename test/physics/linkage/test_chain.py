@@ -244,7 +244,9 @@ def test_kinetic_energy_is_that_of_masses_on_circles(chain: Chain, data: st.Data
 
 
 @pytest.mark.parametrize('example', EXAMPLES)
-def test_many_frames_at_once_give_what_each_gives_alone(example: tuple[float, float]) -> None:
+def test_many_frames_at_once_give_the_results_of_single_frames(
+    example: tuple[float, float],
+) -> None:
     chain = chain_of(example, 7)
     frames = np.random.default_rng(1).normal(size=(2, 3, 7))
     for law in (
@@ -298,7 +300,7 @@ def test_motion_changes_where_d_passes_1_and_d_c(
     assert tuple(chain_of((ratio, rest_angle), 2).motion for ratio in ratios) == motions
 
 
-def test_each_example_moves_as_it_is_said_to() -> None:
+def test_each_example_has_its_stated_motion() -> None:
     assert chain_of(FLIPPER, 2).motion is Motion.FLIPPER
     assert chain_of(WOBBLER, 2).motion is Motion.WOBBLING_FLIPPER
     assert chain_of(SPINNER, 2).motion is Motion.SPINNER
@@ -326,7 +328,7 @@ def test_staggering_twice_gives_the_angles_back(configuration: tuple[Chain, Arra
         ('stiffness', '50', 'number'),
     ],
 )
-def test_a_chain_refuses_a_parameter_by_name_value_and_limit(
+def test_a_chain_rejects_a_parameter_by_name_value_and_limit(
     name: str, value: object, limit: str
 ) -> None:
     with pytest.raises(ValueError, match=rf'Chain\.{name} = .*{limit}') as refusal:
@@ -335,20 +337,20 @@ def test_a_chain_refuses_a_parameter_by_name_value_and_limit(
 
 
 @pytest.mark.parametrize('lean', [0, 2, -3])
-def test_a_lean_that_is_neither_right_nor_left_is_refused(lean: int) -> None:
+def test_a_lean_that_is_neither_right_nor_left_is_rejected(lean: int) -> None:
     with pytest.raises(ValueError, match=f'lean = {lean} must be'):
         chain_of(FLIPPER, 2).uniform_state(lean)
 
 
 @pytest.mark.parametrize('shape', [(), (3,), (5,), (1, 4), (4, 1)])
-def test_angles_that_do_not_fit_are_refused_with_their_shape(shape: tuple[int, ...]) -> None:
+def test_angles_that_do_not_fit_are_rejected_with_their_shape(shape: tuple[int, ...]) -> None:
     complaint = re.escape(f'angles of shape {shape} do not fit a chain of 4 rotors')
     with pytest.raises(ValueError, match=complaint):
         chain_of(FLIPPER, 4).check_angles(np.zeros(shape))
 
 
 @pytest.mark.parametrize('value', [math.nan, math.inf, -math.inf])
-def test_a_value_that_is_not_finite_is_refused_by_rotor_and_name(value: float) -> None:
+def test_a_value_that_is_not_finite_is_rejected_by_rotor_and_name(value: float) -> None:
     with pytest.raises(ValueError, match=f'torque of rotor 2 = {value} must be a finite number'):
         chain_of(FLIPPER, 4).check_angles([0, 1, value, math.nan], 'torque')
 

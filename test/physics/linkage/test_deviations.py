@@ -34,7 +34,7 @@ def test_the_same_seed_draws_the_same_deviations(seed: int, rotors: int, periodi
 
 
 @given(SEEDS, st.integers(2, 50), st.sets(st.sampled_from(NAMES), min_size=1))
-def test_what_one_quantity_draws_does_not_depend_on_the_others(
+def test_the_draws_of_a_quantity_do_not_depend_on_others(
     seed: int, rotors: int, names: set[str]
 ) -> None:
     together = drawn_deviations(rotors, seed, **dict.fromkeys(NAMES, 0.01))
@@ -83,7 +83,7 @@ def test_other_seeds_draw_independently() -> None:
     assert np.abs(correlations).max() <= 5 / math.sqrt(10_000)
 
 
-def test_a_fraction_of_0_leaves_everything_as_the_chain_says() -> None:
+def test_a_fraction_of_0_changes_nothing() -> None:
     drawn = drawn_deviations(5, 1, **dict.fromkeys(NAMES, 0.0))
     for name in NAMES:
         assert not np.any(getattr(drawn, name))
@@ -91,25 +91,25 @@ def test_a_fraction_of_0_leaves_everything_as_the_chain_says() -> None:
 
 
 @pytest.mark.parametrize('fraction', [-0.01, math.nan, math.inf])
-def test_a_fraction_that_no_spread_has_is_refused(fraction: float) -> None:
+def test_a_fraction_that_no_spread_has_is_rejected(fraction: float) -> None:
     with pytest.raises(ValueError, match=f'fraction of mass = {fraction} must be .* 0 or more'):
         drawn_deviations(5, 1, mass=fraction)
 
 
-def test_an_unknown_quantity_is_refused_by_name() -> None:
+def test_an_unknown_quantity_is_rejected_by_name() -> None:
     known = ', '.join(NAMES)
     with pytest.raises(ValueError, match=f"deviation of 'rest_angle' must be of one of {known}"):
         drawn_deviations(5, 1, rest_angle=0.01)
 
 
-def test_a_spread_that_leaves_something_with_nothing_is_refused() -> None:
+def test_a_spread_that_leaves_something_with_nothing_is_rejected() -> None:
     with pytest.raises(ValueError, match=r'deviation \d+ of spacing = -.* above -1'):
         drawn_deviations(1000, 1, spacing=1.0)
 
 
 @pytest.mark.parametrize('fraction', [-1.0, -1.5, math.nan, math.inf, -math.inf])
 @pytest.mark.parametrize('name', NAMES)
-def test_a_fraction_that_leaves_nothing_is_refused_by_place(name: str, fraction: float) -> None:
+def test_a_fraction_that_leaves_nothing_is_rejected_by_site(name: str, fraction: float) -> None:
     complaint = re.escape(f'deviation 2 of {name} = {fraction:g} must be a finite number above -1')
     with pytest.raises(ValueError, match=complaint):
         Deviations(**{name: (0.0, -0.99, fraction, -2.0)})
@@ -117,7 +117,7 @@ def test_a_fraction_that_leaves_nothing_is_refused_by_place(name: str, fraction:
 
 @pytest.mark.parametrize('count', [1, 3, 6])
 @pytest.mark.parametrize('name', NAMES)
-def test_a_number_of_fractions_that_does_not_fit_is_refused(name: str, count: int) -> None:
+def test_a_number_of_fractions_that_does_not_fit_is_rejected(name: str, count: int) -> None:
     wanted, what = (4, 'springs') if name in OF_SPRINGS else (5, 'rotors')
     complaint = f'{count} deviations of {name} do not fit a chain of {wanted} {what}'
     with pytest.raises(ValueError, match=complaint):
@@ -126,14 +126,14 @@ def test_a_number_of_fractions_that_does_not_fit_is_refused(name: str, count: in
 
 
 @pytest.mark.parametrize('seed', [-1, 1.5, '3', None, math.nan])
-def test_a_seed_that_is_no_whole_number_is_refused(seed: Any) -> None:
+def test_a_seed_that_is_no_whole_number_is_rejected(seed: Any) -> None:
     complaint = re.escape(f'seed = {seed!r} must be a whole number; give one of 0 or more')
     with pytest.raises(ValueError, match=complaint):
         drawn_deviations(5, seed, mass=0.01)
 
 
 @pytest.mark.parametrize('rotors', [-1, 0, 1, 2.5])
-def test_a_number_of_rotors_that_no_chain_has_is_refused(rotors: Any) -> None:
+def test_a_number_of_rotors_that_no_chain_has_is_rejected(rotors: Any) -> None:
     complaint = f'number_of_rotors = {rotors} must be a whole number; give one of 2 or more'
     with pytest.raises(ValueError, match=complaint):
         drawn_deviations(rotors, 0, rest_length=0.01)
@@ -146,7 +146,7 @@ def test_whole_numbers_of_numpy_are_whole_numbers() -> None:
 
 
 @given(st.integers(0, 10**9), st.sets(st.sampled_from(NAMES)), st.booleans())
-def test_disorder_draws_what_it_names_and_nothing_else(
+def test_disorder_draws_only_the_named_quantities(
     seed: int, names: set[str], periodic: bool
 ) -> None:
     fractions = dict.fromkeys(sorted(names), 0.01)
@@ -158,7 +158,7 @@ def test_disorder_draws_what_it_names_and_nothing_else(
 @pytest.mark.parametrize(
     ('name', 'value'), [('mass', -0.01), ('spacing', 0.51), ('damping', math.nan), ('seed', -1)]
 )
-def test_disorder_out_of_its_range_is_refused(name: str, value: float) -> None:
+def test_disorder_out_of_its_range_is_rejected(name: str, value: float) -> None:
     with pytest.raises(ValueError, match=rf'Disorder\.{name} = {value} must'):
         Disorder(**{name: value})
 

@@ -111,7 +111,7 @@ def test_errors_of_nothing_are_none() -> None:
         ),
     ],
 )
-def test_errors_out_of_their_range_are_refused(
+def test_errors_out_of_their_range_are_rejected(
     errors: dict[str, float | int | tuple[float, ...]], complaint: str
 ) -> None:
     with pytest.raises(ValueError, match=complaint):

@@ -99,7 +99,7 @@ def test_the_mirrored_chain_in_the_mirrored_field_has_the_same_energy(
     assert np.array_equal(mirrored.torques(chain, -angles), -field.torques(chain, angles))
 
 
-def test_many_frames_at_once_give_what_each_gives_alone() -> None:
+def test_many_frames_at_once_give_the_results_of_single_frames() -> None:
     chain, field = chain_of(FLIPPER, 7), Gravity(9.81, 0.4)
     frames = np.random.default_rng(1).normal(size=(2, 3, 7))
     for law in (field.energy, field.torques):
@@ -115,13 +115,13 @@ def test_no_gravity_does_nothing() -> None:
 
 
 @pytest.mark.parametrize('acceleration', [-9.81, math.nan, math.inf])
-def test_a_strength_that_no_field_has_is_refused(acceleration: float) -> None:
+def test_a_strength_that_no_field_has_is_rejected(acceleration: float) -> None:
     complaint = rf'Gravity\.acceleration = {acceleration} must .*in the range 0 to 1e\+06 m/s\^2'
     with pytest.raises(ValueError, match=complaint):
         Gravity(acceleration)
 
 
 @pytest.mark.parametrize('tilt', [math.nan, -math.inf])
-def test_a_tilt_that_is_no_angle_is_refused(tilt: float) -> None:
+def test_a_tilt_that_is_no_angle_is_rejected(tilt: float) -> None:
     with pytest.raises(ValueError, match=rf'Gravity\.tilt = {tilt} must be a finite number'):
         Gravity(9.81, tilt)

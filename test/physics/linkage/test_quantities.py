@@ -78,7 +78,7 @@ def test_a_complaint_names_the_limit_and_its_unit(
         ({'colour': 'blue'}, "Lamp.colour = 'blue' must be one of 'red', 'green'"),
     ],
 )
-def test_a_field_that_is_not_allowed_is_refused_by_name_and_value(
+def test_a_field_that_is_not_allowed_is_rejected_by_name_and_value(
     arguments: dict[str, object], complaint: str
 ) -> None:
     with pytest.raises(ValueError, match=f'^{re.escape(complaint)}$'):
@@ -102,7 +102,7 @@ def test_a_field_that_is_allowed_is_kept(arguments: dict[str, object]) -> None:
     assert all(getattr(lamp, name) == value for name, value in arguments.items())
 
 
-def test_fields_are_described_with_everything_that_was_said_of_them() -> None:
+def test_fields_are_described_completely() -> None:
     described = described_fields(Lamp)
     assert list(described) == ['brightness', 'bulbs', 'colour', 'dimmable']
     assert described['brightness'] == Quantity('light that it gives', 'cd', 0.5, 2.0)
@@ -110,7 +110,7 @@ def test_fields_are_described_with_everything_that_was_said_of_them() -> None:
     assert [name for name, what in described.items() if what.adjustable] == ['dimmable']
 
 
-def test_help_shows_what_fields_mean() -> None:
+def test_help_shows_the_meaning_of_fields() -> None:
     @document_fields
     @dataclass(frozen=True)
     class Kettle:

@@ -28,7 +28,7 @@ def test_a_recording_of_no_frames_is_one() -> None:
 
 
 @pytest.mark.parametrize('shape', [(2, 4), (4, 4), (3,), (3, 4, 1), ()])
-def test_angles_that_are_not_a_row_a_frame_are_refused_with_their_shape(
+def test_angles_that_are_not_a_row_a_frame_are_rejected_with_their_shape(
     shape: tuple[int, ...],
 ) -> None:
     complaint = re.escape(f'angles of shape {shape} do not fit 3 times')
@@ -37,7 +37,7 @@ def test_angles_that_are_not_a_row_a_frame_are_refused_with_their_shape(
 
 
 @pytest.mark.parametrize('shape', [(2, 4), (3, 3), (0, 3), (0,), (1, 4)])
-def test_rates_that_do_not_fit_the_angles_are_refused_with_both_shapes(
+def test_rates_that_do_not_fit_the_angles_are_rejected_with_both_shapes(
     shape: tuple[int, ...],
 ) -> None:
     complaint = re.escape(f'rates of shape {shape} do not fit angles of shape (3, 4)')
@@ -46,14 +46,14 @@ def test_rates_that_do_not_fit_the_angles_are_refused_with_both_shapes(
 
 
 @pytest.mark.parametrize(('late', 'frame'), [(0.0, 1), (-0.1, 1), (0.3, 2), (0.4, 2)])
-def test_times_that_do_not_increase_are_refused_by_frame(late: float, frame: int) -> None:
+def test_times_that_do_not_increase_are_rejected_by_frame(late: float, frame: int) -> None:
     with pytest.raises(ValueError, match=f'time of frame {frame} = .* does not come after'):
         Recording(np.array([0.0, late, 0.3]), ANGLES, ANGLES)
 
 
 @pytest.mark.parametrize('frame', [0, 1, 2])
 @pytest.mark.parametrize('value', [math.nan, math.inf])
-def test_times_that_are_not_finite_are_refused_by_frame(frame: int, value: float) -> None:
+def test_times_that_are_not_finite_are_rejected_by_frame(frame: int, value: float) -> None:
     times = TIMES.copy()
     times[frame] = value
     with pytest.raises(ValueError, match=f'time of frame {frame} = {value} s must be a finite'):

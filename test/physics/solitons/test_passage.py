@@ -156,7 +156,7 @@ def test_a_chain_with_deviations_of_ten_percent_stops_a_wall_only_at_an_obstacle
     st.integers(0, 2**32),
     st.integers(3, 6),
 )
-def test_any_chain_without_obstacles_lets_the_wall_pass(
+def test_the_wall_passes_any_chain_without_obstacles(
     logarithm: float, rest_angle: float, fraction: float, seed: int, rotors: int
 ) -> None:
     chain = deviating(chain_of((math.exp(logarithm), rest_angle), rotors), seed, fraction)

@@ -17,7 +17,7 @@ PLAN = Chain(6, 0.1, 0.05, 0.97)
 BENCH = FilmedBench(PLAN, MarkerSettings(), BenchParameters(seed=3, duration=0.5))
 
 
-def test_the_chain_differs_from_its_plan_and_lets_walls_pass() -> None:
+def test_the_chain_differs_from_its_plan_and_walls_pass() -> None:
     made = BENCH.chain
     assert not blocked_bonds(made).any()
     for name in ('rotor_lengths', 'spacings', 'rest_lengths'):

@@ -41,7 +41,7 @@ def test_a_broken_anti_kink_has_not_escaped() -> None:
     assert escaped_after(replace(broken, run=replace(broken.run, broken=True))) is None
 
 
-def test_tables_count_what_changed_and_find_the_limit() -> None:
+def test_tables_count_changes_and_find_the_limit() -> None:
     rows = [row(speed, outcome) for speed, outcome in ((0.1, None), (0.2, 1), (0.3, 1))]
     rows += [row(speed, 1, 'variations', 'base') for speed in (0.1, 0.2)]
     rows += [row(0.1, None, 'variations', 'other'), row(0.2, 1, 'variations', 'other')]

@@ -224,7 +224,7 @@ def test_a_cycle_ends_in_its_initial_state(name: str) -> None:
     assert away[1:-1].min() > 0.5
 
 
-def test_gravity_takes_the_rotors_to_the_lower_end_and_back() -> None:
+def test_gravity_moves_the_wall_to_the_lower_end_and_back() -> None:
     tilted = scene('S2', 136)
     assert isinstance(tilted, TiltScene)
     leans = np.sin(tilted.angles[:, 4:-4])

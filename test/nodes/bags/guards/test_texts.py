@@ -20,7 +20,7 @@ PLAIN = st.recursive(
 
 
 @given(PLAIN)
-def test_plain_yaml_is_read_as_it_was_written(value: object) -> None:
+def test_plain_yaml_is_read_unchanged(value: object) -> None:
     assert load_yaml(yaml.safe_dump(value)) == value
 
 
@@ -36,13 +36,13 @@ def test_plain_yaml_is_read_as_it_was_written(value: object) -> None:
         ('x: \x00', 'characters are not allowed'),
     ],
 )
-def test_yaml_is_refused_with_its_reason(text: str, why: str) -> None:
+def test_yaml_is_rejected_with_its_reason(text: str, why: str) -> None:
     with pytest.raises(ValueError, match=why):
         load_yaml(text)
 
 
 @pytest.mark.parametrize('text', ['[' * 100_000, 'Infinity', '{"a": NaN}', '[', '1' * 5_000_000])
-def test_json_is_refused(text: str) -> None:
+def test_json_is_rejected(text: str) -> None:
     with pytest.raises(ValueError, match=r'.'):
         load_json(text)
 
@@ -55,7 +55,7 @@ def test_json_is_read(text: str) -> None:
 @pytest.mark.parametrize(
     'value', [-1, math.inf, math.nan, 2**63, True, None, 'many', '-3', '9' * 50, [1], 1.5]
 )
-def test_what_is_no_count_is_none(value: object) -> None:
+def test_an_invalid_count_is_none(value: object) -> None:
     assert parse_count(value) == 0
 
 

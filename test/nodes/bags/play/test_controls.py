@@ -135,7 +135,7 @@ def test_a_part_of_the_bag_is_played_after_a_stop(
     assert not play(services, offset=3600.0)
 
 
-def test_a_stopped_player_begins_again_as_its_parameters_say(
+def test_a_stopped_player_restarts_with_its_parameters(
     graph: Graph, named: NamedChain, tmp_path: Path, services: Services
 ) -> None:
     bag = write_bag(tmp_path / 'run', run_of(named, 30)[1:-1])
@@ -151,7 +151,7 @@ def test_a_stopped_player_begins_again_as_its_parameters_say(
     assert frames_of(heard) == list(range(10, 30))
 
 
-def test_rounds_are_told(
+def test_rounds_are_reported(
     graph: Graph, named: NamedChain, tmp_path: Path, capfd: pytest.CaptureFixture[str]
 ) -> None:
     bag = write_bag(tmp_path / 'run', run_of(named, 10))
@@ -170,7 +170,7 @@ def test_rounds_are_told(
     assert 12 * (rounds - 1) <= played <= 12 * rounds
 
 
-def test_jumps_are_told(
+def test_jumps_are_reported(
     graph: Graph, named: NamedChain, tmp_path: Path, capfd: pytest.CaptureFixture[str]
 ) -> None:
     bag = write_bag(tmp_path / 'run', run_of(named, 100, gap=50 * MILLISECOND)[1:-1])

@@ -70,7 +70,7 @@ CHATTER = Topic('chatter', String, reliable_qos(1000))
 
 
 @pytest.mark.parametrize(('name', 'type_name'), [('/x', 'absent_msgs/msg/X'), ('/a b', TEXTS)])
-def test_a_bag_without_a_topic_that_can_be_played_is_refused_in_one_line(
+def test_a_bag_without_a_topic_that_can_be_played_is_rejected_in_one_line(
     start: Callable[..., Program], tmp_path: Path, name: str, type_name: str
 ) -> None:
     bag = write_mcap(tmp_path / 'x.mcap', Channel(name, type_name, texts(3)))
@@ -81,7 +81,7 @@ def test_a_bag_without_a_topic_that_can_be_played_is_refused_in_one_line(
 
 
 @pytest.mark.parametrize('chosen', [[], ['chatter']])
-def test_of_two_types_of_a_topic_the_first_that_is_installed_is_played(
+def test_the_first_installed_type_of_a_topic_is_played(
     graph: Graph, tmp_path: Path, capfd: pytest.CaptureFixture[str], chosen: list[str]
 ) -> None:
     number = serialize_message(Int32(data=7))

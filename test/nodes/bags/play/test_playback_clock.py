@@ -66,7 +66,7 @@ def test_the_rate_may_change_on_the_way(
     assert moved.rate == 4.0
 
 
-def test_a_pause_puts_off_what_follows_by_as_long(
+def test_a_pause_delays_later_messages_by_its_duration(
     clock: Clock, started: Callable[..., PlaybackClock]
 ) -> None:
     moved = started(2.0)
@@ -128,7 +128,7 @@ def test_there_is_no_step_where_there_is_no_pause() -> None:
     assert not PlaybackClock().play_next()
 
 
-def test_a_step_that_nobody_takes_is_forgotten() -> None:
+def test_an_unused_step_is_forgotten() -> None:
     moved = PlaybackClock(paused=True, longest_step=0.05)
     assert not moved.play_next()
     moved.start(0)
@@ -169,7 +169,7 @@ def playing() -> Iterator[tuple[PlaybackClock, list[int]]]:
     thread.join()
 
 
-def test_a_burst_lets_so_many_messages_pass_in_a_pause_and_0_lets_all(
+def test_a_burst_plays_a_number_of_messages_in_a_pause_and_0_plays_all(
     playing: tuple[PlaybackClock, list[int]],
 ) -> None:
     moved, passed = playing

@@ -71,7 +71,7 @@ def test_an_analyser_comes_before_the_recording_unless_that_is_chosen(
     assert (left_out in log) == (not states)
 
 
-def test_who_does_not_hear_the_frames_is_no_analyser(
+def test_a_node_that_does_not_receive_the_frames_is_no_analyser(
     graph: Graph, named: NamedChain, tmp_path: Path
 ) -> None:
     bag = bag_with_states(tmp_path, named)
@@ -82,7 +82,7 @@ def test_who_does_not_hear_the_frames_is_no_analyser(
     graph.until(lambda: len(heard) == 30, 'the states')
 
 
-def test_once_the_analyser_is_gone_the_recorded_states_are_played(
+def test_recorded_states_are_played_after_the_analyser_ends(
     graph: Graph, named: NamedChain, tmp_path: Path
 ) -> None:
     bag = bag_with_states(tmp_path, named, gap=200 * MILLISECOND)
@@ -95,7 +95,7 @@ def test_once_the_analyser_is_gone_the_recorded_states_are_played(
     graph.until(lambda: heard, 'a state')
 
 
-def test_what_is_left_out_is_no_step_in_a_pause(
+def test_omitted_messages_are_no_steps_in_a_pause(
     graph: Graph, named: NamedChain, tmp_path: Path
 ) -> None:
     bag = bag_with_states(tmp_path, named)

@@ -32,7 +32,7 @@ def storage(request: pytest.FixtureRequest) -> str:
     return str(request.param)
 
 
-def test_every_message_comes_back_in_order_as_it_was(
+def test_every_message_is_read_unchanged_and_in_order(
     named: NamedChain, storage: str, tmp_path: Path
 ) -> None:
     entries = run_of(named, 500)
@@ -147,7 +147,7 @@ def halve(data: Path) -> None:
     ],
     ids=['all', 'no data', 'empty data', 'half', 'garbled', 'empty metadata', 'version'],
 )
-def test_what_cannot_be_read_is_said_in_one_line_that_names_it(
+def test_unreadable_files_are_named_in_one_line(
     named: NamedChain, storage: str, tmp_path: Path, spoil: Callable[[Path], None]
 ) -> None:
     path = write_bag(tmp_path / 'run', run_of(named, 2000), storage)
@@ -169,7 +169,7 @@ def test_a_bag_that_was_not_finished_is_named_with_the_remedy(
         pass
 
 
-def test_a_file_that_is_damaged_is_let_go_of(named: NamedChain, tmp_path: Path) -> None:
+def test_a_damaged_file_is_closed(named: NamedChain, tmp_path: Path) -> None:
     bag = write_bag(tmp_path / 'run', run_of(named, 5), 'sqlite3')
     data = data_file(bag)
     data.write_bytes(b'no table' * 1000)
@@ -217,9 +217,7 @@ def test_topics_are_found_in_any_namespace(named: NamedChain, tmp_path: Path, as
         assert bags.find_topic(reader, asked).topic == '/lab/joint_states'
 
 
-def test_of_two_topics_of_one_name_the_full_name_tells_which(
-    named: NamedChain, tmp_path: Path
-) -> None:
+def test_the_full_name_distinguishes_topics_of_one_name(named: NamedChain, tmp_path: Path) -> None:
     writer = BagWriter(tmp_path / 'run')
     for name in ('/a/joint_states', '/b/joint_states'):
         writer.add_topic(name, 'sensor_msgs/msg/JointState', interfaces.JOINT_STATES.qos)
@@ -270,7 +268,7 @@ def test_the_events_of_a_service_have_a_class() -> None:
 
 
 @pytest.mark.parametrize('name', ['none', 'notes.txt'])
-def test_what_is_no_bag_is_named(tmp_path: Path, name: str) -> None:
+def test_a_path_without_a_bag_is_named(tmp_path: Path, name: str) -> None:
     (tmp_path / 'notes.txt').write_text('no bag')
     said = (
         re.escape(f'bag {str(tmp_path / name)!r} ') + '(does not exist|has no .mcap or .db3 file)'

@@ -81,7 +81,9 @@ def test_the_mcap_ros2_support_package_decodes_our_messages(tmp_path: Path) -> N
     assert (message.solitons[0].rotor, message.solitons[0].velocity) == (7.25, -0.5)
 
 
-def test_a_bag_of_several_files_says_what_is_in_each(named: NamedChain, tmp_path: Path) -> None:
+def test_a_bag_of_several_files_lists_the_content_of_each(
+    named: NamedChain, tmp_path: Path
+) -> None:
     writer = BagWriter(tmp_path / 'run')
     topic = interfaces.NUDGE
     stored = writer.add_topic('/nudge', type_name(topic.type), topic.qos)
@@ -122,7 +124,7 @@ def test_batches_are_the_same_as_single_messages(tmp_path: Path, compression: st
             assert [(stamp, bytes(data)) for _, stamp, data in reader.messages()] == sent
 
 
-def test_a_batch_goes_on_in_a_new_file_where_one_is_full(tmp_path: Path) -> None:
+def test_a_batch_continues_in_a_new_file_at_the_largest_size(tmp_path: Path) -> None:
     largest, size = 2 * 2**20, 300_000
     writer = BagWriter(tmp_path / 'run', largest_file=largest)
     stored = writer.add_topic('/x', 'std_msgs/msg/String', interfaces.NUDGE.qos)
@@ -136,7 +138,7 @@ def test_a_batch_goes_on_in_a_new_file_where_one_is_full(tmp_path: Path) -> None
         assert [(stamp, bytes(data)) for _, stamp, data in reader.messages()] == sent
 
 
-def test_what_waits_to_be_written_counts_for_the_size_of_a_file(tmp_path: Path) -> None:
+def test_waiting_messages_count_for_the_size_of_a_file(tmp_path: Path) -> None:
     largest, size = 100_000, 500
     writer = BagWriter(tmp_path / 'run', largest_file=largest)
     topic = writer.add_topic('/nudge', 'std_msgs/msg/Float64', interfaces.NUDGE.qos)
@@ -150,7 +152,7 @@ def test_what_waits_to_be_written_counts_for_the_size_of_a_file(tmp_path: Path) 
     assert all(0.9 * largest < count * size <= largest for count in full)
 
 
-def test_a_batch_goes_on_in_a_new_file_where_one_is_long_enough(tmp_path: Path) -> None:
+def test_a_batch_continues_in_a_new_file_at_the_longest_duration(tmp_path: Path) -> None:
     writer = BagWriter(tmp_path / 'run', longest_file=1.0)
     stored = writer.add_topic('/x', 'std_msgs/msg/String', interfaces.NUDGE.qos)
     writer.write_all((stored, START + n * 10**8, b'') for n in range(35))
@@ -198,7 +200,7 @@ def test_a_type_of_which_nothing_is_known_is_named(tmp_path: Path) -> None:
     writer.close()
 
 
-def test_an_unknown_compression_is_refused(tmp_path: Path) -> None:
+def test_an_unknown_compression_is_rejected(tmp_path: Path) -> None:
     with pytest.raises(ValueError, match="compression 'lz4' is unknown; use none or zstd"):
         BagWriter(tmp_path / 'run', 'lz4')
     assert not list(tmp_path.iterdir())

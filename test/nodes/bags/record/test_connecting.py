@@ -47,7 +47,7 @@ def done_at(polls: list[tuple[float, int, int]]) -> Any:
         ([(0.0, 1, 1), (1.0, 2, 1)], 10.0, ['/nudge']),
     ],
 )
-def test_it_is_done_when_nobody_has_come_for_a_while(
+def test_discovery_ends_when_no_publisher_has_appeared_for_a_while(
     polls: list[tuple[float, int, int]],
     done: float,
     missing: list[str],
@@ -55,7 +55,7 @@ def test_it_is_done_when_nobody_has_come_for_a_while(
     assert done_at(polls) == (done, missing)
 
 
-def test_what_was_latched_is_kept_and_the_next_nudge_heard_once_it_says_that_it_records(
+def test_latched_and_later_messages_are_recorded_after_the_log_line(
     graph: Graph,
     named: NamedChain,
     tmp_path: Path,

@@ -73,7 +73,7 @@ def test_a_pattern_adds_to_the_suite(graph: Graph, tmp_path: Path) -> None:
     assert messages_of(tmp_path / 'run_0').keys() == {*suite, '/arm/force'}
 
 
-def test_a_publisher_that_offers_less_is_heard_as_well(graph: Graph, tmp_path: Path) -> None:
+def test_a_publisher_that_offers_less_is_received_as_well(graph: Graph, tmp_path: Path) -> None:
     recorder = graph.start(BagRecorder, {'output': str(tmp_path / 'run')})
     volatile = QoSProfile(depth=10, reliability=ReliabilityPolicy.BEST_EFFORT)
     publisher = graph.user.create_publisher(JointState, 'joint_states', volatile)
@@ -91,7 +91,7 @@ def test_a_pattern_that_is_none_is_named(graph: Graph, tmp_path: Path) -> None:
     assert list(tmp_path.iterdir()) == []
 
 
-def test_of_what_a_latched_topic_said_before_the_recording_the_last_is_kept_and_all_since(
+def test_the_last_latched_message_before_the_recording_and_all_later_ones_are_kept(
     graph: Graph, tmp_path: Path
 ) -> None:
     publisher = interfaces.DELIVERY.publisher(graph.user)

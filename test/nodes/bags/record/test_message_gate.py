@@ -60,7 +60,7 @@ def test_a_topic_that_is_taken_late_lengthens_no_snapshot() -> None:
     assert gate.snapshot() == [newest, late]
 
 
-def test_the_last_seconds_take_no_more_memory_than_they_may() -> None:
+def test_the_memory_of_a_snapshot_is_limited() -> None:
     gate = RecordingBuffer(snapshot=3600.0, most_kept=1000)
     messages = [message(STREAM, stamp, 100) for stamp in range(50)]
     gate.take(messages)

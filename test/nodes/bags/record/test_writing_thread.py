@@ -67,7 +67,7 @@ def test_a_full_disk_ends_it_with_one_line(
 
 
 @pytest.mark.parametrize('largest', [0, 100_000])
-def test_what_a_full_disk_took_can_be_read(small_disk: Path, largest: int) -> None:
+def test_messages_on_a_full_disk_can_be_read(small_disk: Path, largest: int) -> None:
     bag = small_disk / 'run'
     thread = WritingThread(lambda: BagWriter(bag, largest_file=largest, flush_interval=0.0))
     sent: list[bytes] = []

@@ -108,7 +108,7 @@ def test_a_whole_bag_comes_back_whole(named: NamedChain, storage: str, tmp_path:
     assert custom['recovered_from'] == str(bag)
 
 
-def test_topics_come_back_as_they_were(named: NamedChain, storage: str, tmp_path: Path) -> None:
+def test_topics_are_recovered_unchanged(named: NamedChain, storage: str, tmp_path: Path) -> None:
     bag = write(tmp_path / 'run', named, storage)
     _, new = recover_bag(bag, tmp_path / 'new')
     told = []
@@ -157,7 +157,7 @@ def test_at_every_length_all_whole_messages_of_a_cut_mcap_file_come_back(
 
 
 @pytest.mark.parametrize('compression', ['none', 'zstd'])
-def test_a_flipped_byte_costs_one_chunk_at_most_and_changes_no_message(
+def test_a_flipped_byte_loses_at_most_one_chunk_and_changes_no_message(
     named: NamedChain, tmp_path: Path, compression: str
 ) -> None:
     bag = write(tmp_path / 'run', named, 'mcap', 30, 5, compression)
@@ -174,7 +174,7 @@ def test_a_flipped_byte_costs_one_chunk_at_most_and_changes_no_message(
         assert len(held) >= len(sent) - 5
 
 
-def test_many_wounds_leave_messages_as_they_were_or_an_error(
+def test_damaged_bags_give_unchanged_messages_or_an_error(
     named: NamedChain, storage: str, tmp_path: Path
 ) -> None:
     bag = write(tmp_path / 'run', named, storage, 30, 3)
@@ -231,7 +231,7 @@ def test_a_bag_that_was_never_closed_comes_back_to_its_last_flush(
     assert messages == [message for _, _, message in entries][: len(held)]
 
 
-def test_definitions_are_told_again_so_that_the_first_may_be_lost(
+def test_definitions_are_repeated_so_that_the_first_may_be_lost(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     often = partial(McapWriter, definitions_interval=0.0)
@@ -262,7 +262,7 @@ def test_a_file_by_itself_comes_back(named: NamedChain, storage: str, tmp_path: 
 
 
 @pytest.mark.parametrize('make', [Path.mkdir, lambda path: path.write_text('no bag')])
-def test_what_is_no_bag_is_named(tmp_path: Path, make: Callable[[Path], object]) -> None:
+def test_a_path_without_a_bag_is_named(tmp_path: Path, make: Callable[[Path], object]) -> None:
     make(tmp_path / 'x')
     with pytest.raises(ValueError, match=r"/x' has no .mcap or .db3 file"):
         recover_bag(tmp_path / 'x', tmp_path / 'new')
@@ -312,7 +312,7 @@ def test_bags_of_other_writers_come_back(
     assert attempt(tmp_path / 'run_0', tmp_path / 'again') == sent
 
 
-def test_a_compressed_file_that_is_cut_gives_back_what_is_before(
+def test_messages_before_the_cut_of_a_compressed_file_are_recovered(
     named: NamedChain, tmp_path: Path
 ) -> None:
     sent = write_with_rosbags(

@@ -64,7 +64,7 @@ def test_a_finished_bag_is_left_alone(named: NamedChain, tmp_path: Path) -> None
     assert unfinished_bag(tmp_path / 'other') is None
 
 
-def test_a_bag_of_another_storage_or_of_nothing_is_not_gone_on_with(
+def test_a_bag_of_another_storage_or_without_content_is_not_continued(
     named: NamedChain, tmp_path: Path
 ) -> None:
     write_bag(tmp_path / 'run', run_of(named, 2), 'sqlite3')

@@ -96,7 +96,7 @@ def test_topics_that_were_silent_till_a_kill_are_known(tmp_path: Path) -> None:
     writer.abandon()
 
 
-def test_a_chunk_tells_what_its_messages_are_though_the_head_is_lost(tmp_path: Path) -> None:
+def test_a_chunk_defines_its_messages_without_the_head_of_the_file(tmp_path: Path) -> None:
     path = tmp_path / 'x.mcap'
     writer = McapWriter(path)
     writer.add_topic(topic(1))

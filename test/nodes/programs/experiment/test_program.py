@@ -45,11 +45,11 @@ SUMMARY: dict[str, Any] = {
         ),
     ],
 )
-def test_the_end_is_said_in_words(changed: dict[str, Any], said: str) -> None:
+def test_the_end_is_described(changed: dict[str, Any], said: str) -> None:
     assert said in conclusion({**SUMMARY, **changed}, Path('out'), Path('out/flipper_0'))
 
 
-def test_what_was_not_run_is_suggested() -> None:
+def test_omitted_steps_are_suggested() -> None:
     others = [path.stem for path in other_scenarios(CONFIG / 'wobbler.yaml')]
     assert others == ['filmed', 'filmed_spinner', 'filmed_wobbler', 'flipper', 'spinner']
 
@@ -62,7 +62,7 @@ def test_files_that_are_no_scenario_are_not_suggested(tmp_path: Path) -> None:
     assert other_scenarios(tmp_path / 'mine.yaml') == [tmp_path / 'c.yaml']
 
 
-def test_a_folder_in_use_is_left_to_whom_it_belongs(
+def test_a_folder_in_use_is_not_changed(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     demo = tmp_path / 'out' / 'demo'

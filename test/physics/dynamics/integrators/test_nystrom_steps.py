@@ -54,7 +54,7 @@ def test_the_loops_interpolate_as_the_equations_have_it(name: str) -> None:
     np.testing.assert_allclose(fast[[0, 3, 6]], states[[0, 1, 3]], rtol=0, atol=1e-14)
 
 
-def test_the_pull_of_a_spring_is_exact_but_for_rounding() -> None:
+def test_the_pull_of_a_spring_is_exact_up_to_rounding() -> None:
     near_one = 1 + np.linspace(-0.3, 0.3, 2001)
     squares = np.concatenate([near_one, np.geomspace(1e-12, 1e12, 2001)])
     exact = [float(1 - 1 / mpmath.sqrt(square)) for square in squares]
@@ -67,7 +67,7 @@ def test_the_pull_of_a_spring_is_exact_but_for_rounding() -> None:
     assert abs(tension(1.0)) < 1e-20
 
 
-def test_where_steps_are_split_does_not_matter_to_what_is_measured() -> None:
+def test_measurements_do_not_depend_on_the_split_of_steps() -> None:
     def measured(*counts: int) -> list[int]:
         found, taken = [], 0
         for count in counts:
@@ -182,7 +182,7 @@ def test_a_step_is_symplectic_without_damping(name: str) -> None:
     assert np.abs(matrix - np.eye(2 * number)).max() > 0.5
 
 
-def test_damping_shrinks_areas_as_it_does_in_the_motion() -> None:
+def test_damping_contracts_areas_as_in_the_motion() -> None:
     motion = EquationOfMotion(unit_chain(6, damping=0.05))
     gamma = float(motion.decay_rates[0])
     matrix = jacobian(motion, lively_state(motion), 1.1)

@@ -53,7 +53,7 @@ def test_the_error_of_each_is_of_the_size_of_its_tolerance(integrator: str) -> N
 
 
 @pytest.mark.parametrize('integrator', INTEGRATORS)
-def test_what_damping_takes_is_what_is_missing(integrator: str) -> None:
+def test_dissipated_energy_is_the_missing_energy(integrator: str) -> None:
     simulation = kicked(integrator, 1e-7, damping=1e-5)
     moved(simulation)
     assert simulation.dissipated > 1e-3 * simulation.energy
@@ -112,7 +112,7 @@ print(json.dumps([moved(kicked('symplectic', 1e-6, c)).tolist() for c in (0.0, 1
 """
 
 
-def test_without_compilation_all_is_the_same_but_for_rounding() -> None:
+def test_without_compilation_all_is_the_same_up_to_rounding() -> None:
     here = Path(__file__).parent
     paths = [str(here), str(here.parent.parent), *sys.path]
     environment = {**os.environ, 'NUMBA_DISABLE_JIT': '1', 'PYTHONPATH': os.pathsep.join(paths)}

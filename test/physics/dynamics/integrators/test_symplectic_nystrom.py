@@ -142,7 +142,7 @@ def test_the_energy_does_not_drift() -> None:
     assert late < 2 * early
 
 
-def test_dissipated_energy_is_what_is_missing() -> None:
+def test_dissipated_energy_is_the_missing_energy() -> None:
     chain = in_units(10, damping=0.01)
     torques = np.zeros(10)
     motion = EquationOfMotion(chain, torques, Gravity(0.05, 0.3))
@@ -258,7 +258,7 @@ def test_a_rotor_that_spins_fast_is_followed() -> None:
     assert found[1, -1] == pytest.approx(500, abs=1e-3)
 
 
-def test_what_it_cannot_integrate_is_refused() -> None:
+def test_unsupported_forces_are_rejected() -> None:
     chain = in_units(4)
     motion, state = EquationOfMotion(chain), np.zeros(8)
     with pytest.raises(TypeError, match='choose DOP853'):
