@@ -80,3 +80,14 @@ def test_delivered_impulses_replace_commanded_ones() -> None:
     kept = record.readings().impulses
     assert [each.time for each in kept] == [1.0, 3.0]
     np.testing.assert_allclose(kept[1].values, [0.0, 0.2, 0.0])
+
+
+def test_frames_in_halves_name_all_joints() -> None:
+    record = JointRecord((), 100)
+    for stamp in range(1, 4):
+        for names in (('a', 'b'), ('c', 'd')):
+            angles = np.full(2, float(stamp))
+            record.add(JointStates(stamp, 0, '', names, angles, angles[:0]))
+    record.finish()
+    assert record.joint_names == ('a', 'b', 'c', 'd')
+    np.testing.assert_array_equal(record.readings().angles, np.outer([1, 2, 3], np.ones(4)))

@@ -310,3 +310,36 @@ def test_a_path_without_a_bag_is_reported(tmp_path: Path) -> None:
         main([str(tmp_path / 'nothing'), '--output', str(tmp_path / 'out')])
     assert 'does not exist; give the path of a bag directory' in str(end.value)
     assert not (tmp_path / 'out').exists()
+
+
+def chain_file(folder: Path, rotors: int) -> str:
+    path = folder / 'chain.yaml'
+    path.write_text(f'/**:\n  ros__parameters:\n    chain:\n      number_of_rotors: {rotors}\n')
+    return str(path)
+
+
+def test_joints_of_a_given_chain_that_are_not_in_the_bag_are_reported(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    bag = bag_of(tmp_path, frames(), chain=False)
+    given = [str(bag), '--output', str(tmp_path / 'out'), '--chain', chain_file(tmp_path, 14)]
+    line = "has no angle of 4 of the 14 joints of the chain: 'rotor_10' to 'rotor_13'"
+    with pytest.raises(SystemExit, match=f'{line}; correct --chain, or add --missing-joints'):
+        main(given)
+    main([*given, '--missing-joints'])
+    assert line in capsys.readouterr().err
+    assert len(rows(tmp_path / 'out')) == len(frames())
+
+
+def test_frames_without_stamps_are_analysed_at_their_log_times_if_requested(
+    tmp_path: Path,
+) -> None:
+    messages = frames()
+    for message in messages:
+        message.header.stamp = time_to_msg(0)
+    given = [str(bag_of(tmp_path, messages)), '--output', str(tmp_path / 'out')]
+    with pytest.raises(SystemExit, match='frames have the stamp 0; add --stamps log'):
+        main(given)
+    main([*given, '--stamps', 'log'])
+    stamps = [int(row['stamp [ns]']) for row in rows(tmp_path / 'out')]
+    assert stamps == [START + number * PERIOD for number in range(len(messages))]

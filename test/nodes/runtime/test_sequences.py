@@ -11,7 +11,12 @@ from hypothesis import assume, given
 from hypothesis import strategies as st
 
 from soliton_linkage_nodes.runtime import sequences
-from soliton_linkage_nodes.runtime.sequences import Lag, PublisherArbitration, SequenceGaps
+from soliton_linkage_nodes.runtime.sequences import (
+    Lag,
+    PublisherArbitration,
+    SequenceGaps,
+    StreamArbitration,
+)
 
 MILLISECOND = 10**6
 PERIODS = st.integers(1, 20)
@@ -100,6 +105,50 @@ def test_a_publisher_that_ended_is_replaced_at_once() -> None:
     for number in range(1, 100):
         assert kept.take(number, 10**12 + 2 * MILLISECOND * number, lambda: 1)
     assert (kept.lost, kept.foreign, kept.successions) == (0, 0, 1)
+
+
+def kept_of_parts(streams: dict[str, list[tuple]]) -> tuple[list[str], StreamArbitration]:
+    """Publishers of the messages that are kept, by name with the parts in its first letters."""
+    arbitration = StreamArbitration()
+    taken = []
+    for at, who, number in heapq.merge(*streams.values()):
+        parts = who.partition(' ')[0]
+        if arbitration.take(number, at * MILLISECOND, lambda: len(streams), lambda p=parts: p):
+            taken.append(who)
+    return taken, arbitration
+
+
+@given(st.integers(1, 1000), st.integers(1, 1000), PERIODS, PERIODS, st.integers(0, 300))
+def test_publishers_of_different_parts_are_all_kept(
+    first: int, second: int, period: int, other_period: int, later: int
+) -> None:
+    taken, arbitration = kept_of_parts(
+        {
+            'ab': list(stream('ab', first, 0, period, 300)),
+            'c': list(stream('c', second, later, other_period, 300)),
+        }
+    )
+    assert (taken.count('ab'), taken.count('c')) == (300, 300)
+    assert (arbitration.lost, arbitration.foreign, arbitration.successions) == (0, 0, 0)
+
+
+def test_a_second_publisher_of_one_part_is_not_kept_beside_a_third_of_another() -> None:
+    taken, arbitration = kept_of_parts(
+        {
+            'ab': list(stream('ab', 1, 0, 10, 100)),
+            'c': list(stream('c', 501, 1, 10, 100)),
+            'b other': list(stream('b other', 901, 52, 10, 95)),
+        }
+    )
+    assert (taken.count('ab'), taken.count('c'), taken.count('b other')) == (100, 100, 0)
+    assert (arbitration.lost, arbitration.foreign) == (0, 95)
+
+
+def test_lost_messages_of_each_part_count() -> None:
+    one, other = list(stream('ab', 1, 0, 10, 100)), list(stream('c', 501, 1, 10, 100))
+    del one[50:53], other[20]
+    taken, arbitration = kept_of_parts({'ab': one, 'c': other})
+    assert (len(taken), arbitration.lost) == (196, 4)
 
 
 def lost(numbers: Iterable[int], publishers: int = 1) -> int:

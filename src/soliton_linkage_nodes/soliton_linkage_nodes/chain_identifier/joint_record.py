@@ -22,6 +22,7 @@ from soliton_linkage.linkage.gravity import NO_GRAVITY, Gravity
 from soliton_linkage_msgs.msg import Delivery, RotorImpulses
 from soliton_linkage_nodes.messages.command_conversions import delivery_from_msg
 from soliton_linkage_nodes.messages.conversions import JointStates
+from soliton_linkage_nodes.messages.frame_assembler import FrameAssembler
 from soliton_linkage_nodes.messages.frame_reader import FrameReader
 from soliton_linkage_nodes.runtime.stamps import SECOND, time_from_msg
 
@@ -52,6 +53,7 @@ class JointRecord:
         self.joint_names = tuple(joint_names)
         self.frames = 0
         """Number of frames received."""
+        self._assembler = FrameAssembler(joint_names)
         self._reader = FrameReader(joint_names) if joint_names else None
         self._most = most
         self._angles: dict[int, Array] = {}
@@ -66,7 +68,16 @@ class JointRecord:
         return len(self._angles)
 
     def add(self, joints: JointStates) -> None:
-        """Keep a frame if it is later than the previous one; raise ValueError if it is invalid."""
+        """Keep complete frames later than the previous one; raise ValueError for invalid ones."""
+        for frame in self._assembler.add(joints):
+            self._keep(frame)
+
+    def finish(self) -> None:
+        """Keep an incomplete last frame; raise ValueError if it is invalid."""
+        for frame in self._assembler.flush():
+            self._keep(frame)
+
+    def _keep(self, joints: JointStates) -> None:
         angles = self._read(joints)
         if joints.stamp <= self._latest:
             return
@@ -78,7 +89,10 @@ class JointRecord:
 
     def add_deviations(self, joints: JointStates) -> None:
         """Keep the standard deviations of the angles of a stamp; raise ValueError if invalid."""
+        named = self._reader is not None
         self._deviations[joints.stamp] = self._read(joints)
+        if not named:
+            self._assembler = FrameAssembler(self.joint_names)
         if len(self._deviations) > len(self._angles) + _MOST_UNMATCHED:
             self._drop_unmatched_deviations()
 

@@ -235,6 +235,13 @@ def read_stamp(serialized: bytes) -> int:
     return int(seconds) * SECOND + int(nanoseconds)
 
 
+def stamped(serialized: bytes, stamp: int) -> bytes:
+    """Return a message that begins with a header, with another stamp [ns]."""
+    order = '<' if serialized[1:2] == _LITTLE_ENDIAN[1:] else '>'
+    head = serialized[:_ENCAPSULATION_BYTES]
+    return head + struct.pack(f'{order}iI', *divmod(stamp, SECOND)) + serialized[_STAMP.size :]
+
+
 def publish_buffer(publisher: Publisher, serialized: bytearray) -> None:
     """Publish a serialized message without the copy that `Publisher.publish` needs."""
     handle = publisher.handle

@@ -102,7 +102,8 @@ class EncoderMonitor:
         """Check the stamp of a frame [ns] and the angle of each rotor [rad], NaN if missing."""
         if stamp == 0:
             self._warn_once(
-                'joint_states have no stamps; stamp each frame with the time of its measurement'
+                'joint_states have no stamps; stamp each frame with the time of its measurement, '
+                'or set parameter stamps of soliton_analyser to arrival'
             )
         elif self._last is not None and 0 <= self._last - stamp <= _LONGEST_LATENESS:
             before = self._last - stamp

@@ -6,12 +6,15 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 
+import numpy as np
+
 from soliton_linkage.estimation.analyser import Analyser
 from soliton_linkage.estimation.analysis import Analysis, FrameAnalyser, UnknownChainAnalyser
 from soliton_linkage.estimation.frames import check_deviations
 from soliton_linkage.linkage.chain import Array
 from soliton_linkage_nodes.messages.cdr import ImpulseDecoder, read_stamp
 from soliton_linkage_nodes.messages.conversions import Frame, JointStates, NamedChain
+from soliton_linkage_nodes.messages.frame_assembler import FrameAssembler
 from soliton_linkage_nodes.messages.frame_reader import FrameReader
 
 _MOST_WAITING = 1000
@@ -30,6 +33,9 @@ class JointStateAnalysis:
         self._deviation_reader: FrameReader | None = None
         self._deviations: dict[int, Array] = {}
         self.analyser: FrameAnalyser | None = None
+        self.assembler = FrameAssembler()
+        """Assembler of the messages for `analyse`, for frames that arrive in parts."""
+        self._unseen: set[int] = set()
         self.latest: Analysis | None = None
         self.frame: Frame | None = None
         """Last frame that was read."""
@@ -38,6 +44,11 @@ class JointStateAnalysis:
     def joint_names(self) -> tuple[str, ...]:
         """Names of the joints, rotor 0 first."""
         return () if self._reader is None else self._reader.joint_names
+
+    @property
+    def absent(self) -> tuple[str, ...]:
+        """Names of the joints that had no angle in any frame."""
+        return tuple(self.joint_names[rotor] for rotor in sorted(self._unseen))
 
     @property
     def spacing(self) -> float:
@@ -51,14 +62,15 @@ class JointStateAnalysis:
         if self._named is None or named.chain != self._named.chain:
             self.analyser = Analyser(named.chain, self._noise)
         self._named = named
-        self._reader = FrameReader(named.joint_names, named.encoder_offsets)
+        self._set_reader(FrameReader(named.joint_names, named.encoder_offsets))
         self._impulses = ImpulseDecoder(named.numbers, math.inf)
         self._deviation_reader, self._deviations = FrameReader(named.joint_names), {}
 
     def set_joints(self, joint_names: Sequence[str]) -> None:
         """Analyse frames of an unknown chain, whose joints are given in order."""
         self.analyser = UnknownChainAnalyser(len(joint_names))
-        self._named, self._reader = None, FrameReader(joint_names)
+        self._named = None
+        self._set_reader(FrameReader(joint_names))
         self._impulses = self._deviation_reader = None
 
     def add_impulses(self, serialized: bytes) -> None:
@@ -78,7 +90,10 @@ class JointStateAnalysis:
         if self._deviation_reader is None:
             return
         by_rotor = self._deviation_reader.read(deviations).angles
-        self._deviations[deviations.stamp] = check_deviations(by_rotor, len(by_rotor))
+        by_rotor = check_deviations(by_rotor, len(by_rotor))
+        before = self._deviations.get(deviations.stamp, by_rotor)
+        merged = np.where(np.isnan(by_rotor), before, by_rotor)
+        self._deviations[deviations.stamp] = merged
         if len(self._deviations) > _MOST_WAITING:
             del self._deviations[next(iter(self._deviations))]
 
@@ -92,9 +107,16 @@ class JointStateAnalysis:
                 'joint_states arrived before the chain; set the chain or the joints first'
             )
         frame = self.frame = self._reader.read(joints)
+        if self._unseen:
+            self._unseen.difference_update(np.flatnonzero(~np.isnan(frame.angles)).tolist())
         stamp = joints.stamp
         deviations = self._deviations.pop(stamp, None)
         analysis = self.analyser.analyse(stamp, frame.angles, frame.rates, deviations)
         if analysis is not None:
             self.latest = analysis
         return analysis
+
+    def _set_reader(self, reader: FrameReader) -> None:
+        self._reader = reader
+        self.assembler = FrameAssembler(reader.joint_names)
+        self._unseen = set(range(len(reader.joint_names)))

@@ -36,6 +36,7 @@ from soliton_linkage_nodes.bags.reading import find_topic, open_bag
 from soliton_linkage_nodes.messages.chain_source import chain_of_file, differences
 from soliton_linkage_nodes.messages.conversions import JointStates, NamedChain
 from soliton_linkage_nodes.messages.frame_reader import FrameReader
+from soliton_linkage_nodes.messages.joint_state_analysis import JointStateAnalysis
 from soliton_linkage_nodes.messages.state_conversions import (
     EVENT_COLUMNS,
     columns,
@@ -226,9 +227,17 @@ def analyse(
     given: NamedChain | None = None,
     noise: float | None = None,
     limits: BagLimits = DEFAULT_LIMITS,
+    log_time: bool = False,
+    missing_joints: bool = False,
 ) -> int:
-    """Write soliton_state.csv, soliton_events.csv, two pictures; return the number of frames."""
-    frames = late = 0
+    """Write soliton_state.csv, soliton_events.csv, two pictures; return the number of frames.
+
+    With `log_time` the receive times replace the stamps. Raises ValueError if there are no frames,
+    if several frames have the stamp 0, or if the given chain has joints without any angle, unless
+    `missing_joints` is set.
+    """
+    frames = late = unstamped = 0
+    analysed = JointStateAnalysis(noise)
     with open_bag(bag, limits) as reader:
         total = find_topic(reader, 'joint_states').msgcount
         named = given or read_chain(reader)
@@ -242,7 +251,8 @@ def analyse(
             table, events = csv.writer(file), csv.writer(events_file)
             table.writerow(columns())
             events.writerow(EVENT_COLUMNS)
-            for joints, analysis in analyse_frames(reader, given, noise):
+            for joints, analysis in analyse_frames(reader, given, analysed, log_time):
+                unstamped += not joints.stamp
                 if analysis is None:
                     late += 1
                     continue
@@ -253,9 +263,30 @@ def analyse(
                 progress.show(frames, f'{frames} frames')
     if not frames:
         raise ValueError(f'bag {str(bag)!r} has no frame that could be analysed')
+    if unstamped > 1:
+        raise ValueError(
+            f'bag {str(bag)!r}: {unstamped} of {frames + late} frames have the stamp 0; '
+            'add --stamps log to use their receive times'
+        )
+    _report_absent(bag, analysed, given is not None and not missing_joints)
     drawn.draw(named.chain, folder)
     progress.end(f'{frames} frames of {bag} analysed, {late} late frames skipped; see {folder}')
     return frames
+
+
+def _report_absent(bag: Path, analysed: JointStateAnalysis, fatal: bool) -> None:
+    """Report the joints of the chain without any angle; ValueError if this is `fatal`."""
+    absent = analysed.absent
+    if not absent:
+        return
+    named = f'{absent[0]!r}' if len(absent) == 1 else f'{absent[0]!r} to {absent[-1]!r}'
+    line = (
+        f'bag {str(bag)!r} has no angle of {len(absent)} of the {len(analysed.joint_names)} '
+        f'joints of the chain: {named}'
+    )
+    if fatal:
+        raise ValueError(f'{line}; correct --chain, or add --missing-joints')
+    print(f'analyse_bag: {line}', file=sys.stderr)
 
 
 def check_override(
@@ -289,7 +320,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
                 for bag in options.bags:
                     check_override(bag, given, options.override, limits)
             if len(options.bags) == 1:
-                analyse(options.bags[0], options.output, given, options.noise, limits)
+                _within(options)(options.bags[0], options.output, given, options.noise)
             else:
                 failed = analyse_many(_many(options), options.workers, options.scheduler)
                 sys.exit(min(failed, 1))
@@ -301,8 +332,16 @@ def main(arguments: Sequence[str] | None = None) -> None:
 def _many(options: argparse.Namespace) -> BagBatch:
     chain = options.chain.resolve() if options.chain else None
     folder = options.output.resolve()
-    within = partial(analyse, limits=limits_of(options))
-    return BagBatch(named_bags(options.bags), folder, within, chain, options.noise)
+    return BagBatch(named_bags(options.bags), folder, _within(options), chain, options.noise)
+
+
+def _within(options: argparse.Namespace) -> Callable[..., int]:
+    return partial(
+        analyse,
+        limits=limits_of(options),
+        log_time=options.stamps == 'log',
+        missing_joints=options.missing_joints,
+    )
 
 
 def _parser() -> PlainParser:
@@ -334,6 +373,18 @@ def _parser() -> PlainParser:
         '--noise',
         type=_noise,
         help='standard deviation of the encoder noise [rad], above 0 and at most 1 (estimated)',
+    )
+    parser.add_argument(
+        '--stamps',
+        choices=('header', 'log'),
+        default='header',
+        help='times of the frames: their stamps, or for a driver without stamps the times at '
+        'which the recorder received them (%(default)s)',
+    )
+    parser.add_argument(
+        '--missing-joints',
+        action='store_true',
+        help='allow joints of --chain that have no angle in the bag',
     )
     add_limits(parser)
     where = parser.add_mutually_exclusive_group()

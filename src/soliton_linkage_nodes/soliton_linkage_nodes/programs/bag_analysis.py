@@ -20,7 +20,7 @@ from soliton_linkage_nodes.bags.reading import (
     read_messages,
     read_topic,
 )
-from soliton_linkage_nodes.messages.cdr import JointStateDecoder
+from soliton_linkage_nodes.messages.cdr import JointStateDecoder, stamped
 from soliton_linkage_nodes.messages.conversions import (
     JointStates,
     NamedChain,
@@ -28,23 +28,27 @@ from soliton_linkage_nodes.messages.conversions import (
     frame_from_msg,
     joint_states_from_msg,
 )
+from soliton_linkage_nodes.messages.frame_assembler import FrameAssembler
 from soliton_linkage_nodes.messages.joint_state_analysis import JointStateAnalysis
 from soliton_linkage_nodes.runtime import interfaces
-from soliton_linkage_nodes.runtime.stamps import time_from_msg
 
 _MAX_LINES = 3
 """Largest number of lines about rejected messages of a topic."""
 
 
 def analyse_frames(
-    reader: Reader, given: NamedChain | None = None, noise: float | None = None
+    reader: Reader,
+    given: NamedChain | None = None,
+    analysis: JointStateAnalysis | None = None,
+    log_time: bool = False,
 ) -> Iterator[tuple[JointStates, Analysis | None]]:
     """Yield each frame of a bag with its analysis, None if it is late, as the live node does.
 
-    The chain is the given one, or the one in the bag. Rejected messages are skipped; the first few
-    are reported on stderr. Raises ValueError if the bag has no frames or no chain.
+    The chain is the given one, or the one in the bag. With `log_time` the receive times of the
+    messages replace their stamps. Rejected messages are skipped; the first few are reported on
+    stderr. Raises ValueError if the bag has no frames or no chain.
     """
-    analysis = JointStateAnalysis(noise)
+    analysis = analysis or JointStateAnalysis()
     joints = find_topic(reader, interfaces.JOINT_STATES.name)
     connections = [joints]
     if given is None:
@@ -60,10 +64,11 @@ def analyse_frames(
     deviation_decoders = {each.id: _decoder(each) for each in deviations}
     rejections: Counter[str] = Counter()
     wanted = [*connections, *impulses, *deviations]
-    for connection, _, serialized in read_messages(reader, wanted):
+    for connection, received, serialized in read_messages(reader, wanted):
         if connection.id in chain_decoders:
             analysis.set_chain(chain_from_msg(chain_decoders[connection.id](serialized)))
             continue
+        serialized = stamped(serialized, received) if log_time else serialized
         try:
             if connection in impulses:
                 analysis.add_impulses(serialized)
@@ -71,15 +76,15 @@ def analyse_frames(
             if connection.id in deviation_decoders:
                 analysis.add_deviations(deviation_decoders[connection.id](serialized))
                 continue
-            frame = decode_joints(serialized)
-            found = analysis.analyse(frame)
+            for frame in analysis.assembler.add(decode_joints(serialized)):
+                yield frame, analysis.analyse(frame)
         except ValueError as error:
             topic = connection.topic.rpartition('/')[2]
             rejections[topic] += 1
             if rejections[topic] <= _MAX_LINES:
                 print(f'rejected {topic}: {error}', file=sys.stderr)
-            continue
-        yield frame, found
+    for frame in analysis.assembler.flush():
+        yield frame, analysis.analyse(frame)
     for topic, count in rejections.items():
         if count > _MAX_LINES:
             print(f'rejected {topic}: {count} in all', file=sys.stderr)
@@ -113,8 +118,10 @@ def read_recording(reader: Reader) -> tuple[NamedChain, Recording]:
     messages = [message for _, message in read_topic(reader, 'joint_states')]
     if not messages:
         raise ValueError(f'bag {str(reader.path)!r} has no message on the topic joint_states')
-    frames = [frame_from_msg(named, message) for message in messages]
-    stamps = [time_from_msg(message.header.stamp) for message in messages]
+    assembler = FrameAssembler(named.joint_names)
+    joints = list(assembler.add_all(map(joint_states_from_msg, messages)))
+    frames = [frame_from_msg(named, each) for each in joints]
+    stamps = [each.stamp for each in joints]
     times = np.array([stamp - stamps[0] for stamp in stamps], dtype=np.float64) * 1e-9
     rates = [frame.rates for frame in frames if frame.rates is not None]
     complete = np.array(rates) if len(rates) == len(frames) else np.empty((0, named.rotors))

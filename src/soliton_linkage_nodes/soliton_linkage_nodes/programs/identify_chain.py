@@ -274,6 +274,7 @@ def read_joints(
             record.add_delivery(message)
         else:
             record.add_command(message, received)
+    record.finish()
     progress.clear()
     if len(record) < _FEWEST_FRAMES:
         raise ValueError(

@@ -5,7 +5,7 @@ from __future__ import annotations
 
 import math
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Collection
 from dataclasses import dataclass
 
 from soliton_linkage_nodes.runtime.stamps import SECOND
@@ -167,6 +167,93 @@ class PublisherArbitration:
         if number == best.number + 1 and (len(known) >= publishers or not unlikely):
             return best
         return None if unlikely else best
+
+
+@dataclass
+class _Share:
+    """Publishers of the same parts of a stream: their arbitration, parts and last message [s]."""
+
+    arbitration: PublisherArbitration
+    parts: set[str]
+    taken_at: float
+
+
+_ABSENCE = 5.0
+"""Time without messages after which the publisher of a part counts as gone [s]."""
+
+
+class StreamArbitration:
+    """Arbitration of publishers of which each may publish a part of a stream, such as some joints.
+
+    Messages that have a part in common compete in one `PublisherArbitration`. Messages without a
+    common part are kept beside each other.
+    """
+
+    def __init__(self, lost: int = 0, foreign: int = 0) -> None:
+        """Begin with numbers of lost and foreign messages."""
+        self._counts = [lost, foreign, 0]
+        self._shares = [_Share(PublisherArbitration(), set(), 0.0)]
+        self._latest: Callable[[], Collection[str]] = tuple
+
+    @property
+    def lost(self) -> int:
+        """Number of messages that were published and never received."""
+        return self._counts[0] + sum(each.arbitration.lost for each in self._shares)
+
+    @property
+    def foreign(self) -> int:
+        """Number of messages of other publishers of the same parts."""
+        return self._counts[1] + sum(each.arbitration.foreign for each in self._shares)
+
+    @property
+    def successions(self) -> int:
+        """Number of times that another publisher replaced a silent one."""
+        return self._counts[2] + sum(each.arbitration.successions for each in self._shares)
+
+    def take(
+        self,
+        number: int,
+        sent: int,
+        publishers: Callable[[], int],
+        parts: Callable[[], Collection[str]] | None = None,
+    ) -> bool:
+        """Return whether to keep a message with this number and source time [ns]; count others.
+
+        `publishers` returns the number of publishers, `parts` the parts of the message.
+        """
+        first = self._shares[0]
+        if parts is None:
+            return first.arbitration.take(number, sent, publishers)
+        count, now = publishers(), time.monotonic()
+        if count < 2 and len(self._shares) == 1:
+            kept = first.arbitration.take(number, sent, lambda: count)
+            if kept:
+                self._latest, first.taken_at = parts, now
+            return kept
+        first.parts = first.parts or set(self._latest())
+        given = parts()
+        share = self._share_of(given, count, now)
+        others = len(self._shares) - 1
+        kept = share.arbitration.take(number, sent, lambda: max(count - others, 1))
+        if kept:
+            share.parts.update(given)
+            share.taken_at = now
+        return kept
+
+    def _share_of(self, parts: Collection[str], count: int, now: float) -> _Share:
+        """Return the publishers of any of these parts, a new share if there are none."""
+        for share in self._shares:
+            if not share.parts or not share.parts.isdisjoint(parts):
+                return share
+        for gone in [each for each in self._shares if now - each.taken_at > _ABSENCE]:
+            old = gone.arbitration
+            mine = old.lost, old.foreign, old.successions
+            self._counts = [a + b for a, b in zip(self._counts, mine, strict=True)]
+            self._shares.remove(gone)
+        if self._shares and len(self._shares) >= count:
+            return self._shares[0]
+        self._shares.append(_Share(PublisherArbitration(), set(), now))
+        return self._shares[-1]
 
 
 class Lag:

@@ -3,9 +3,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from dataclasses import replace
-from functools import wraps
+from functools import partial, wraps
 from typing import Any
 
 from rclpy.clock import Clock, ClockType
@@ -18,7 +18,7 @@ from rclpy.subscription import Subscription
 from soliton_linkage_nodes.runtime.diagnostics import Diagnostics
 from soliton_linkage_nodes.runtime.guarded import GuardedNode
 from soliton_linkage_nodes.runtime.interfaces import Topic
-from soliton_linkage_nodes.runtime.sequences import Lag, PublisherArbitration, SequenceGaps
+from soliton_linkage_nodes.runtime.sequences import Lag, SequenceGaps, StreamArbitration
 
 LONGEST_LAG = 0.5
 """Default time that a node may be behind before it skips waiting messages [s]."""
@@ -207,8 +207,9 @@ class StreamSubscription:
     """Subscription of a node that receives one stream of messages, from one publisher at a time.
 
     If several nodes publish, the messages of the first one received are kept until it falls silent
-    or is gone. Logs and diagnostics report several publishers and lost messages. A node that lags
-    for longer than `longest_lag` [s] skips all waiting messages except the newest.
+    or is gone. Publishers whose messages have no part in common, such as joints, are all kept.
+    Logs and diagnostics report several publishers and lost messages. A node that lags for longer
+    than `longest_lag` [s] skips all waiting messages except the newest.
     """
 
     def __init__(
@@ -221,24 +222,29 @@ class StreamSubscription:
         longest_lag: float = LONGEST_LAG,
         on_takeover: Callable[[], None] = lambda: None,
         latest: bool = False,
+        parts: Callable[[Any], Collection[str]] | None = None,
     ) -> None:
         """Pass each message of a topic, or its CDR bytes if `raw`, to `take`.
 
         With `latest` only the newest waiting message is taken, without a report of the others.
-        `on_takeover` is called when another publisher replaces the first.
+        `on_takeover` is called when another publisher replaces the first. `parts` returns the
+        parts of the stream in a message, such as joints, if publishers may share the stream.
         """
         self.skipped = 0
         """Number of messages that were skipped."""
         self.dispatched = True
         """Whether the executor takes each message when it arrives."""
+        self.received_at = 0
+        """Time at which the last message was received [ns]."""
         self._node = node
         self._topic = topic
+        self._parts = parts
         self._full_name = node.resolve_topic_name(topic.name)
         self._take = take
         self._on_takeover = on_takeover
         self._latest = latest
         self._lag = Lag(longest_lag)
-        self._arbitration = PublisherArbitration()
+        self._arbitration = StreamArbitration()
         self._adaptive = AdaptiveSubscription(node, topic, _with_info(self._take_with_info), raw)
         self._publishers: list[str] = []
         self._unsettled = True
@@ -249,9 +255,7 @@ class StreamSubscription:
 
     def resubscribe(self) -> None:
         """Subscribe again, so that latched messages are received again."""
-        lost, foreign = self._arbitration.lost, self._arbitration.foreign
-        self._arbitration = PublisherArbitration()
-        self._arbitration.lost, self._arbitration.foreign = lost, foreign
+        self._arbitration = StreamArbitration(self._arbitration.lost, self._arbitration.foreign)
         self._adaptive.resubscribe()
         self._restore_dispatch()
 
@@ -263,10 +267,10 @@ class StreamSubscription:
 
     def take_waiting(self) -> list[Any]:
         """Take and return the messages that wait, the oldest first."""
-        return [message for message, info in self._adaptive.waiting() if self._keeps(info)]
+        return [each for each, info in self._adaptive.waiting() if self._keeps(each, info)]
 
     def _take_with_info(self, message: Any, info: Info) -> None:
-        if not self._keeps(info):
+        if not self._keeps(message, info):
             return
         late = not self._topic.latched and self._lag.too_long(info['source_timestamp'])
         if late or self._latest:
@@ -275,14 +279,18 @@ class StreamSubscription:
             message = waiting[-1] if waiting else message
         self._take(message)
 
-    def _keeps(self, info: Info) -> bool:
-        number, successions = info['publication_sequence_number'], self._arbitration.successions
-        count = self._adaptive.subscription.get_publisher_count
-        if number is None or self._arbitration.take(number, info['source_timestamp'], count):
-            if self._arbitration.successions != successions:
+    def _keeps(self, message: Any, info: Info) -> bool:
+        number, arbitration = info['publication_sequence_number'], self._arbitration
+        if number is not None:
+            successions = arbitration.successions
+            count = self._adaptive.subscription.get_publisher_count
+            parts = None if self._parts is None else partial(self._parts, message)
+            if not arbitration.take(number, info['source_timestamp'], count, parts):
+                return False
+            if arbitration.successions != successions:
                 self._on_takeover()
-            return True
-        return False
+        self.received_at = info['received_timestamp']
+        return True
 
     def _poll(self) -> None:
         """Adapt to the publishers if they changed or are not all received."""
@@ -302,10 +310,16 @@ class StreamSubscription:
         self._unsettled = not (received and self._adaptive.as_requested) or any(
             _NAMELESS in name for name in names
         )
-        if len(names) > 1 and len(before) < 2:
+        if self._several and len(before) < 2:
             self._node.get_logger().warning(self._warning())
         elif len(names) < len(before) and self._topic.latched and self._arbitration.foreign:
             self.resubscribe()
+
+    @property
+    def _several(self) -> bool:
+        """Whether there are several publishers, which do not share the stream."""
+        shared = self._parts is not None and not self._arbitration.foreign
+        return len(self._publishers) > 1 and not shared
 
     def _restore_dispatch(self) -> None:
         if not self.dispatched:
@@ -325,7 +339,7 @@ class StreamSubscription:
             f'skipped {name}': self.skipped,
         }
         concerns = []
-        if len(self._publishers) > 1:
+        if self._several:
             concerns.append(self._warning())
         # With a queue of one message, or with `latest`, other messages are dropped on purpose.
         lost = lost if self._topic.qos.depth > 1 else 0

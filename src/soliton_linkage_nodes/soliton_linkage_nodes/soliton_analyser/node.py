@@ -10,14 +10,16 @@ from dataclasses import dataclass, replace
 from functools import partial
 from typing import Any, ClassVar
 
+from rclpy.clock import Clock, ClockType
+
 from soliton_linkage.linkage.quantities import quantity
-from soliton_linkage_nodes.messages.cdr import JointStateDecoder
+from soliton_linkage_nodes.messages.cdr import JointStateDecoder, stamped
 from soliton_linkage_nodes.messages.chain_source import (
     CHAIN_PARAMETERS,
     ChainSource,
     OptionalChainSourceParameters,
 )
-from soliton_linkage_nodes.messages.conversions import NamedChain
+from soliton_linkage_nodes.messages.conversions import JointStates, NamedChain
 from soliton_linkage_nodes.messages.frame_reader import EncoderMonitor
 from soliton_linkage_nodes.messages.joint_state_analysis import JointStateAnalysis
 from soliton_linkage_nodes.messages.state_conversions import events_to_msgs, state_to_msg
@@ -33,6 +35,11 @@ from soliton_linkage_nodes.runtime.subscriptions import (
     StreamSubscription,
 )
 from soliton_linkage_nodes.soliton_analyser.report import describe, figures
+
+_LONGEST_ASSEMBLY = 1.0
+"""Time that an incomplete frame waits for its other joints [s]; the next frame ends it earlier."""
+_FRAMES_BEFORE_REPORT = 100
+"""Frames after which joints without any angle are reported [1]."""
 
 
 @dataclass(frozen=True)
@@ -60,6 +67,11 @@ class AnalyserParameters:
         'rad',
         1e-3,
         10.0,
+    )
+    stamps: str = quantity(
+        'header',
+        'time of a frame: the stamp in its header, or for a driver without stamps its arrival',
+        choices=('header', 'arrival'),
     )
 
 
@@ -89,6 +101,7 @@ class SolitonAnalyser(ManagedNode):
         self._decoder = JointStateDecoder()
         self._stamps = ClockMonitor()
         self._frames = 0
+        self._reported_absent = False
         self._busy = 0.0
         self._reported = (time.monotonic(), 0, 0.0)
         self.diagnostics = Diagnostics(self, 'analysis', self.reporting(self._report))
@@ -118,7 +131,7 @@ class SolitonAnalyser(ManagedNode):
             self, topic, take_deviations, self.diagnostics, raw=True
         )
         take = self.while_active(self.take)
-        StreamSubscription(
+        self._frames_of = StreamSubscription(
             self,
             frames,
             take,
@@ -126,7 +139,11 @@ class SolitonAnalyser(ManagedNode):
             raw=True,
             longest_lag=settings.longest_lag,
             on_takeover=self._source.resubscribe,
+            parts=lambda serialized: self._decoder.decode(serialized).name,
         )
+        steady = Clock(clock_type=ClockType.STEADY_TIME)
+        self._waiting_since: int | None = None
+        self.create_timer(_LONGEST_ASSEMBLY, self._end_assembly, clock=steady)
         name = self.resolve_topic_name(frames.name)
         self.get_logger().info(f'analysing {name} of {self._source.description}')
 
@@ -144,6 +161,8 @@ class SolitonAnalyser(ManagedNode):
     def take(self, serialized: bytes) -> None:
         """Analyse joint states and publish the result, once the chain is known."""
         # The order of messages of different topics is arbitrary; a frame needs its impulses first.
+        if self.settings.stamps == 'arrival':
+            serialized = stamped(serialized, self._frames_of.received_at)
         self._impulses.take_waiting()
         self._deviations.take_waiting()
         self._act_or_wait(self._analyse, serialized)
@@ -167,23 +186,49 @@ class SolitonAnalyser(ManagedNode):
         begin = time.perf_counter()
         try:
             joints = self._decoder.decode(serialized)
-            stamp = joints.stamp
-            self._stamps.note(stamp, nanoseconds_of(self.get_clock()))
+            self._stamps.note(joints.stamp, nanoseconds_of(self.get_clock()))
             if self._analysis.analyser is None:
                 self._analysis.set_joints(self._source.parameters.joint_names or joints.name)
-            analysis = self._analysis.analyse(joints)
-            if self._analysis.frame is not None:
-                self._encoders.check(stamp, self._analysis.frame.angles)
+            for frame in self._analysis.assembler.add(joints):
+                self._publish(frame)
         except ValueError as error:
             self.diagnostics.reject('joint_states', error)
             return
-        if analysis is not None:
-            if self._publisher.get_subscription_count():
-                self._publisher.publish(state_to_msg(analysis, joints))
-            for event in events_to_msgs(analysis, joints, self._analysis.spacing):
-                self._events.publish(event)
-            self._frames += 1
         self._busy += time.perf_counter() - begin
+
+    def _publish(self, joints: JointStates) -> None:
+        """Analyse a frame and publish the result; ValueError if it is invalid."""
+        analysis = self._analysis.analyse(joints)
+        if self._analysis.frame is not None:
+            self._encoders.check(joints.stamp, self._analysis.frame.angles)
+        if analysis is None:
+            return
+        if self._publisher.get_subscription_count():
+            self._publisher.publish(state_to_msg(analysis, joints))
+        for event in events_to_msgs(analysis, joints, self._analysis.spacing):
+            self._events.publish(event)
+        self._frames += 1
+
+    def _end_assembly(self) -> None:
+        """Analyse a frame that has waited for its other joints, and report absent joints once."""
+        if not self.active:
+            return
+        assembler, before = self._analysis.assembler, self._waiting_since
+        self._waiting_since = assembler.waiting_since
+        if before is not None and before == self._waiting_since:
+            try:
+                for frame in assembler.flush():
+                    self._publish(frame)
+            except ValueError as error:
+                self.diagnostics.reject('joint_states', error)
+        absent = self._analysis.absent
+        if absent and self._frames > _FRAMES_BEFORE_REPORT and not self._reported_absent:
+            self._reported_absent = True
+            self.get_logger().warning(
+                f'joint_states had no angle of {len(absent)} of '
+                f'{len(self._analysis.joint_names)} joints so far, first {absent[0]!r}; '
+                'their rotors are estimated from the others. Check the names and the publishers'
+            )
 
     def _report(self) -> Report:
         now = time.monotonic()

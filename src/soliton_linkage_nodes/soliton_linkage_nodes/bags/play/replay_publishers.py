@@ -32,7 +32,8 @@ _ANSWER_POLL_INTERVAL = 0.05
 class Lockstep:
     """Flow control of a replay by the analyser's answers: its `soliton_state` for each frame.
 
-    An answer to a frame also counts for earlier frames, which the analyser may have rejected.
+    Messages with the same stamp are one frame. An answer to a frame also counts for earlier
+    frames, which the analyser may have rejected.
     """
 
     def __init__(self, node: Node, frames: str, window: int, limit: float) -> None:
@@ -48,6 +49,7 @@ class Lockstep:
         self._limit = limit
         self._changed = threading.Condition()
         self._unanswered: deque[bytes] = deque()
+        self._sent = b''
         self._subscription = node.create_subscription(
             interfaces.SOLITON_STATE.type,
             self.states,
@@ -73,14 +75,19 @@ class Lockstep:
         if topic != self.frames:
             self.settle(stopped)
             return
+        stamp = _stamp(message)
+        if stamp == self._sent:
+            return
         self._wait(self._window - 1, stopped)
         with self._changed:
-            self._unanswered.append(_stamp(message))
+            self._sent = stamp
+            self._unanswered.append(stamp)
 
     def forget(self) -> None:
         """Expect no answer to the frames sent so far."""
         with self._changed:
             self._unanswered.clear()
+            self._sent = b''
 
     def settle(self, stopped: Callable[[], bool]) -> None:
         """Wait until every frame is answered."""

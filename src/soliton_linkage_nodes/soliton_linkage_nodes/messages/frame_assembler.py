@@ -1,0 +1,128 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Assembly of frames whose joints arrive in several messages."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator, Sequence
+
+import numpy as np
+
+from soliton_linkage.linkage.chain import Array
+from soliton_linkage_nodes.messages.conversions import JointStates, check_length, check_names
+
+_SHORT_FRAMES = 10
+"""Consecutive frames without a joint after which it is no longer expected [1]. Sensitivity: at
+0.5x, a board that pauses costs its part of one more frame; at 2x, frames are delayed by a period
+for longer after a board has failed."""
+
+
+class FrameAssembler:
+    """Assembler of joint states with equal stamps and disjoint joints into frames.
+
+    A frame is complete when it has all joints of the chain, or all joints of the frames before it.
+    Otherwise it is complete when a message with another stamp arrives. After the first stamp that
+    had a single message, messages are frames until two of them share a stamp.
+    """
+
+    def __init__(self, joint_names: Sequence[str] = ()) -> None:
+        """Assemble frames of these joints, without names of any joints."""
+        self._rotors = frozenset(joint_names)
+        self._parts: list[JointStates] = []
+        self._joints: frozenset[str] = frozenset()
+        self._expected: frozenset[str] | None = None
+        self._short = 0
+        self._last: tuple[int, frozenset[str]] | None = None
+        self._whole: tuple[str, ...] | None = None
+
+    @property
+    def waiting_since(self) -> int | None:
+        """Stamp of the incomplete frame [ns], None without one."""
+        return self._parts[0].stamp if self._parts else None
+
+    def add(self, joints: JointStates) -> list[JointStates]:
+        """Add a message and return the frames that are complete now, none to two.
+
+        A message without a joint of the chain is returned as it is. Raises ValueError if a joint
+        is named twice, or an array and the names of a part of a frame differ in length.
+        """
+        if not self._parts and joints.name is self._whole:
+            self._last = joints.stamp, self._rotors
+            return [joints]
+        check_names('joint_states.name', joints.name)
+        names = frozenset(joints.name)
+        names = names & self._rotors if self._rotors else names
+        if not names:
+            return [joints]
+        if not (self._rotors and names == self._rotors):
+            _check_lengths(joints)
+        same = joints.stamp == self.waiting_since
+        if same and names.isdisjoint(self._joints):
+            self._parts.append(joints)
+            self._joints |= names
+            return self._complete()
+        earlier = self.flush()
+        if self._last is not None and self._last[0] == joints.stamp:
+            rest = names.isdisjoint(self._last[1])
+            self._expected = names | self._last[1] if rest else self._expected
+            return [*earlier, joints]
+        self._parts, self._joints = [joints], names
+        return [*earlier, *self._complete()]
+
+    def add_all(self, messages: Iterable[JointStates]) -> Iterator[JointStates]:
+        """Yield the frames of a record, the incomplete last one as well."""
+        for joints in messages:
+            yield from self.add(joints)
+        yield from self.flush()
+
+    def flush(self) -> list[JointStates]:
+        """Return the incomplete frame, if there is one."""
+        if not self._parts:
+            return []
+        self._short += 1
+        divided = len(self._parts) > 1
+        frame = self._take()
+        if self._short >= _SHORT_FRAMES:
+            self._expected, self._short = self._joints if divided else frozenset(), 0
+        return [frame]
+
+    def _complete(self) -> list[JointStates]:
+        whole = bool(self._rotors) and self._joints == self._rotors
+        if not whole and (self._expected is None or not self._joints >= self._expected):
+            return []
+        self._short = 0
+        if whole and len(self._parts) == 1:
+            self._whole = self._parts[0].name
+        return [self._take()]
+
+    def _take(self) -> JointStates:
+        parts, self._parts = self._parts, []
+        self._last = parts[0].stamp, self._joints
+        expected = self._expected or frozenset()
+        self._expected = expected if len(parts) == 1 else expected | self._joints
+        return parts[0] if len(parts) == 1 else self._merged(parts)
+
+    def _merged(self, parts: Sequence[JointStates]) -> JointStates:
+        kept = [
+            [n for n, name in enumerate(part.name) if not self._rotors or name in self._rotors]
+            for part in parts
+        ]
+        pairs = list(zip(parts, kept, strict=True))
+        rates = any(len(part.velocity) for part in parts)
+        unknown = [part.velocity if len(part.velocity) else _unknown(part) for part in parts]
+        return parts[0]._replace(
+            name=tuple(part.name[n] for part, at in pairs for n in at),
+            position=np.concatenate([part.position[at] for part, at in pairs]),
+            velocity=np.concatenate([v[at] for v, at in zip(unknown, kept, strict=True)])
+            if rates
+            else parts[0].velocity,
+        )
+
+
+def _check_lengths(joints: JointStates) -> None:
+    check_length('joint_states.position', joints.name, joints.position)
+    if len(joints.velocity):
+        check_length('joint_states.velocity', joints.name, joints.velocity)
+
+
+def _unknown(part: JointStates) -> Array:
+    return np.full(len(part.name), np.nan)

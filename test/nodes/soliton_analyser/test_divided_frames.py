@@ -1,0 +1,194 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Frames whose joints come in several messages are analysed like whole frames."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from pathlib import Path
+
+import numpy as np
+import pytest
+from graphs import Graph, values
+from recordings import START, write_bag
+from sensor_msgs.msg import JointState
+from std_msgs.msg import Header
+
+from soliton_linkage.dynamics.elastic import simulate
+from soliton_linkage.linear.rigidity import mode_towards_last
+from soliton_linkage_msgs.msg import SolitonState
+from soliton_linkage_nodes.bags.player import BagPlayer
+from soliton_linkage_nodes.bags.reading import open_bag
+from soliton_linkage_nodes.messages.conversions import (
+    Frame,
+    NamedChain,
+    chain_to_msg,
+    frame_to_msg,
+    joint_states_from_msg,
+)
+from soliton_linkage_nodes.messages.joint_state_analysis import JointStateAnalysis
+from soliton_linkage_nodes.messages.state_conversions import state_to_msg
+from soliton_linkage_nodes.programs.bag_analysis import analyse_frames
+from soliton_linkage_nodes.runtime import interfaces
+from soliton_linkage_nodes.runtime.stamps import time_from_msg, time_to_msg
+from soliton_linkage_nodes.soliton_analyser.node import SolitonAnalyser
+
+PERIOD = 20 * 10**6
+FRAMES = 120
+
+
+@pytest.fixture
+def frames(named: NamedChain) -> list[JointState]:
+    """A wall that leaves the edge."""
+    start = named.chain.uniform_state(-1)
+    kick = 10 * mode_towards_last(named.chain, start)
+    record = simulate(named.chain, start, kick, PERIOD * 1e-9 * (FRAMES - 1), PERIOD * 1e-9)
+    return [
+        frame_to_msg(named, Frame(*each), 0 * each[0], time_to_msg(START + number * PERIOD))
+        for number, each in enumerate(zip(record.angles, record.rates, strict=True))
+    ]
+
+
+def part(frame: JointState, joints: Sequence[int], later: int = 0) -> JointState:
+    """Some joints of a frame, as a board sends them a time later [ns]."""
+    return JointState(
+        header=Header(stamp=time_to_msg(time_from_msg(frame.header.stamp) + later)),
+        name=[frame.name[joint] for joint in joints],
+        position=[frame.position[joint] for joint in joints],
+        velocity=[frame.velocity[joint] for joint in joints],
+    )
+
+
+def halves(frame: JointState, later: int = 0) -> list[JointState]:
+    middle = len(frame.name) // 2
+    return [part(frame, range(middle)), part(frame, range(middle, len(frame.name)), later)]
+
+
+def expected(named: NamedChain, frames: Sequence[JointState]) -> list[SolitonState]:
+    """States of whole frames, without a frame id."""
+    analysis = JointStateAnalysis()
+    analysis.set_chain(named)
+    states = []
+    for joints in map(joint_states_from_msg, frames):
+        found = analysis.analyse(joints)
+        assert found is not None
+        states.append(state_to_msg(found, joints._replace(frame_id='')))
+    assert any(state.solitons for state in states)
+    return states
+
+
+def bag_of(folder: Path, named: NamedChain, messages: Sequence[JointState]) -> Path:
+    chain = (interfaces.CHAIN, START, chain_to_msg(named, time_to_msg(START)))
+    joints = [(interfaces.JOINT_STATES, START + n, each) for n, each in enumerate(messages)]
+    return write_bag(folder / 'run', [chain, *joints])
+
+
+def start_analyser(graph: Graph, named: NamedChain, **parameters: object) -> list[SolitonState]:
+    states = graph.hear(interfaces.SOLITON_STATE)
+    topic = interfaces.CHAIN
+    chain = graph.user.create_publisher(topic.type, topic.name, topic.qos)
+    chain.publish(chain_to_msg(named, time_to_msg(START)))
+    graph.start(SolitonAnalyser, {'longest_lag': 0.0, **parameters})
+    return states
+
+
+def test_a_bag_with_frames_in_halves_gives_the_states_of_whole_frames(
+    named: NamedChain, frames: list[JointState], tmp_path: Path
+) -> None:
+    messages = [half for frame in frames for half in halves(frame)]
+    with open_bag(bag_of(tmp_path, named, messages)) as reader:
+        found = list(analyse_frames(reader))
+    states = [state_to_msg(each, joints) for joints, each in found if each is not None]
+    assert list(map(repr, states)) == list(map(repr, expected(named, frames)))
+
+
+@pytest.mark.parametrize('publishers', [1, 2])
+def test_halves_of_one_or_two_publishers_give_the_states_of_whole_frames(
+    graph: Graph,
+    named: NamedChain,
+    frames: list[JointState],
+    said: Callable[[], str],
+    publishers: int,
+) -> None:
+    states = start_analyser(graph, named)
+    boards = [graph.speak(interfaces.JOINT_STATES) for _ in range(publishers)]
+    for frame in frames:
+        for number, half in enumerate(halves(frame)):
+            boards[number % publishers].publish(half)
+    graph.until(lambda: len(states) == FRAMES, f'{FRAMES} states', lambda: len(states))
+    assert list(map(repr, states)) == list(map(repr, expected(named, frames)))
+    figures = values(graph.next_report('soliton_analyser'))
+    assert (figures['lost joint_states'], figures['joint_states of others']) == ('0', '0')
+    assert 'nodes publish' not in said()
+
+
+def test_publishers_of_different_joints_and_stamps_are_both_used(
+    graph: Graph, named: NamedChain, frames: list[JointState]
+) -> None:
+    states = start_analyser(graph, named)
+    boards = [graph.speak(interfaces.JOINT_STATES) for _ in range(2)]
+    for frame in frames:
+        for board, half in zip(boards, halves(frame, PERIOD // 3), strict=True):
+            board.publish(half)
+    graph.until(lambda: len(states) == 2 * FRAMES, 'a state for each half', lambda: len(states))
+    walls = [state.solitons for state in states[-FRAMES:]]
+    assert sum(map(len, walls)) > FRAMES // 2
+
+
+def test_a_lockstep_replay_of_halves_answers_every_frame(
+    graph: Graph, named: NamedChain, frames: list[JointState], tmp_path: Path
+) -> None:
+    bag = bag_of(tmp_path, named, [half for frame in frames for half in halves(frame)])
+    states = graph.hear(interfaces.SOLITON_STATE)
+    graph.start(SolitonAnalyser)
+    given = {'lockstep': True, 'lockstep_window': 1, 'lockstep_timeout': 600.0}
+    player = graph.start(BagPlayer, {'bag': str(bag), **given})
+    graph.until(lambda: player.finished and len(states) == FRAMES, 'the end')
+    assert list(map(repr, states)) == list(map(repr, expected(named, frames)))
+
+
+def test_a_frame_that_stays_incomplete_is_analysed_without_a_later_one(
+    graph: Graph, named: NamedChain, frames: list[JointState]
+) -> None:
+    states = start_analyser(graph, named)
+    graph.speak(interfaces.JOINT_STATES).publish(halves(frames[60])[0])
+    graph.until(lambda: states, 'the state')
+
+
+def test_joints_without_any_angle_are_reported_once(
+    graph: Graph, named: NamedChain, frames: list[JointState], said: Callable[[], str]
+) -> None:
+    states = start_analyser(graph, named)
+    joints = graph.speak(interfaces.JOINT_STATES)
+    for frame in frames:
+        joints.publish(part(frame, range(6)))
+    line = "joint_states had no angle of 2 of 8 joints so far, first 'rotor_6'"
+    graph.until(lambda: line in said(), 'the line')
+    assert len(states) == FRAMES
+    reports = graph.reports('soliton_analyser')
+    graph.until(lambda: len(reports) > 3, 'some time')
+    assert said().count('had no angle of') == 1
+
+
+@pytest.mark.parametrize('stamps', ['header', 'arrival'])
+def test_frames_without_stamps_are_analysed_at_their_arrival_if_requested(
+    graph: Graph,
+    named: NamedChain,
+    frames: list[JointState],
+    said: Callable[[], str],
+    stamps: str,
+) -> None:
+    states = start_analyser(graph, named, stamps=stamps)
+    joints = graph.speak(interfaces.JOINT_STATES)
+    for frame in frames:
+        frame.header.stamp = time_to_msg(0)
+        joints.publish(frame)
+    if stamps == 'header':
+        line = 'set parameter stamps of soliton_analyser to arrival'
+        graph.until(lambda: line in said() and states, 'the warning')
+        assert len(states) == 1
+    else:
+        graph.until(lambda: len(states) == FRAMES, 'the states')
+        received = [time_from_msg(state.header.stamp) for state in states]
+        assert received[0] > START
+        assert (np.diff(received) > 0).all()
+        assert 'no stamps' not in said()
