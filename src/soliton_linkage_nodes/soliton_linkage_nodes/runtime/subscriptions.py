@@ -221,6 +221,7 @@ class StreamSubscription:
         raw: bool = False,
         longest_lag: float = LONGEST_LAG,
         on_takeover: Callable[[], None] = lambda: None,
+        *,
         latest: bool = False,
         parts: Callable[[Any], Collection[str]] | None = None,
     ) -> None:
