@@ -6,6 +6,7 @@ from __future__ import annotations
 import math
 
 import numpy as np
+from chain_motions import motor_torque_rates, motor_torques
 
 from soliton_linkage.dynamics.equation_of_motion import EquationOfMotion
 from soliton_linkage.dynamics.integrators.nystrom_loops import LARGEST_TURN, Checks
@@ -39,13 +40,17 @@ class NaiveNystrom:
             states.append(after)
         return np.array(states), largest
 
-    def after(self, before: Array, step: float) -> Array:
+    def after(self, state: Array, step: float) -> Array:
         motion, number = self._motion, self._motion.rotors
-        after = before.copy()
+        after = state.copy()
         angles, rates, dissipated = after[:number], after[number : 2 * number], after[-1:]
         for stage, drift in enumerate(DRIFTS):
             if stage:
-                rates += step * KICKS[stage - 1] * motion.accelerations(angles)
+                before, kick = rates.copy(), step * KICKS[stage - 1]
+                rates += kick * motion.accelerations(angles)
+                if motion.damped:
+                    impulses = kick * motor_torques(motion.chain, angles)
+                    dissipated -= impulses @ (before + rates) / 2
             time, gamma = step * drift, motion.decay_rates
             factors = np.exp(-gamma * time)
             safe = np.where(gamma == 0, 1.0, gamma)
@@ -84,7 +89,9 @@ class NaiveNystrom:
         number, motion = self._motion.rotors, self._motion
         slope = motion(0.0, state)
         rates, accelerations = slope[:number], slope[number : 2 * number]
-        heating = 2 * motion.chain.dampings * rates @ accelerations
+        motors = motor_torques(motion.chain, state[:number])
+        heating = 2 * motion.chain.dampings * rates @ accelerations - motors @ accelerations
+        heating -= motor_torque_rates(motion.chain, rates) @ rates
         values = np.concatenate([state[:number], state[2 * number :]])
         first = np.concatenate([rates, slope[2 * number :]])
         second = np.concatenate([accelerations, [heating] * motion.damped])

@@ -1,10 +1,13 @@
 # SPDX-License-Identifier: Apache-2.0
 from __future__ import annotations
 
+import dataclasses
+import math
+
 import numpy as np
 import pytest
-from chain_motions import MOTIONS, lively_state
-from chains import FLIPPER, chain_of
+from chain_motions import MOTIONS, coordinates, lively_state, motor_torques
+from chains import FLIPPER, SPINNER, chain_of
 
 from soliton_linkage.dynamics.elastic import ElasticSimulation
 from soliton_linkage.dynamics.initial_states import with_soliton
@@ -14,9 +17,11 @@ from soliton_linkage.dynamics.terms import (
     DryFriction,
     HeldTorques,
     LinearDamping,
+    QuadraticDamping,
     TorqueFunction,
 )
 from soliton_linkage.linkage.chain import Array, Chain
+from soliton_linkage.linkage.deviations import Deviations
 
 DRAG = 2e-6
 
@@ -40,16 +45,23 @@ def by(
     return simulation
 
 
+def site_torques(chain: Chain, angles: Array) -> Array:
+    order, q = chain.on_site_order, coordinates(chain, angles)
+    return -chain.signs * chain.on_site_torques * np.sin(order * (q - chain.on_site_phase))
+
+
 @pytest.mark.parametrize('name', MOTIONS)
 def test_the_derivative_is_the_sum_of_the_terms(name: str) -> None:
     motion = MOTIONS[name]
     state, number, chain = lively_state(motion), motion.rotors, motion.chain
     angles, rates = state[:number], state[number : 2 * number]
-    torques = chain.spring_torques(angles) + motion.gravity.torques(chain, angles)
+    active = motor_torques(chain, angles)
+    torques = chain.spring_torques(angles) + motion.gravity.torques(chain, angles) + active
     torques += (0 if motion.torques is None else motion.torques) - chain.dampings * rates
+    torques += site_torques(chain, angles)
     expected = [rates, torques / motion.inertias]
     if motion.damped:
-        expected.append([float(chain.dampings @ rates**2)])
+        expected.append([float(chain.dampings @ rates**2 - active @ rates)])
     np.testing.assert_allclose(motion(0.0, state), np.concatenate(expected), rtol=0, atol=1e-12)
 
 
@@ -59,7 +71,7 @@ def test_torques_of_terms_with_an_energy_are_its_gradient(name: str) -> None:
     state, number, width = lively_state(motion), motion.rotors, 1e-6
     angles, rates = state[:number], state[number : 2 * number]
     for term in motion.terms:
-        if isinstance(term, HeldTorques | LinearDamping):
+        if isinstance(term, HeldTorques) or term.dissipative or term.active:
             continue
         torques = np.zeros(number)
         assert term.add(torques, 0.0, angles, rates) == 0
@@ -88,7 +100,14 @@ def test_nonlinear_laws_keep_the_balance_of_energy(law: DryFriction | TorqueFunc
 
 
 @pytest.mark.parametrize('integrator', ['symplectic', 'DOP853'])
-@pytest.mark.parametrize('law', [LinearDamping(np.full(8, DRAG)), DryFriction(2e-6, 0.5)])
+@pytest.mark.parametrize(
+    'law',
+    [
+        LinearDamping(np.full(8, DRAG)),
+        DryFriction(2e-6, 0.5),
+        QuadraticDamping(np.full(8, 1e-7)),
+    ],
+)
 def test_all_integrators_agree_on_a_compiled_damping_law(
     integrator: str, law: CompiledTerm
 ) -> None:
@@ -99,6 +118,61 @@ def test_all_integrators_agree_on_a_compiled_damping_law(
     assert found.dissipated == pytest.approx(exact.dissipated, rel=1e-8)
     assert found.dissipated > 1e-3 * found.energy
     assert abs(found.energy_drift) < 1e-8
+
+
+@pytest.mark.parametrize('example', [FLIPPER, SPINNER])
+@pytest.mark.parametrize('damping', [0.0, DRAG])
+def test_all_integrators_agree_on_the_work_of_motors(
+    example: tuple[float, float], damping: float
+) -> None:
+    chain = dataclasses.replace(chain_of(example, 8), non_reciprocity=1e-5, damping=damping)
+    exact = by(chain, tolerance=1e-13)
+    for integrator in ('symplectic', 'DOP853'):
+        found = by(chain, integrator=integrator)
+        np.testing.assert_allclose(found.angles, exact.angles, rtol=0, atol=2e-9)
+        assert found.dissipated == pytest.approx(exact.dissipated, rel=1e-8)
+        assert abs(found.energy_drift) < 1e-9
+    assert abs(exact.dissipated) > 1e-3 * exact.energy
+
+
+def test_work_of_motors_between_frames_of_a_long_step() -> None:
+    chain = dataclasses.replace(chain_of(FLIPPER, 8), non_reciprocity=1e-5)
+    start = with_soliton(chain, 3.0, 0.1)
+    many = ElasticSimulation(chain, start.angles, start.rates, period=1e-4)
+    few = ElasticSimulation(chain, start.angles, start.rates, period=0.1)
+    for _ in range(1000):
+        many.advance()
+        assert abs(many.energy_drift) < 1e-10
+    few.advance()
+    assert few.dissipated == pytest.approx(many.dissipated, rel=1e-8)
+
+
+def test_a_change_of_non_reciprocity_acts_at_the_current_frame() -> None:
+    chain = chain_of(FLIPPER, 8)
+    start = with_soliton(chain, 3.0, 0.1)
+    changed = ElasticSimulation(chain, start.angles, start.rates)
+    changed.record(0.1)
+    changed.set_non_reciprocity(1e-5)
+    active = dataclasses.replace(chain, non_reciprocity=1e-5)
+    anew = ElasticSimulation(active, changed.angles, changed.rates)
+    changed.record(0.2)
+    anew.record(0.2)
+    np.testing.assert_allclose(changed.angles, anew.angles, rtol=0, atol=1e-12)
+    assert abs(changed.energy_drift) < 1e-10
+    with pytest.raises(ValueError, match='non_reciprocity = inf must be a finite number'):
+        changed.set_non_reciprocity(math.inf)
+
+
+def test_frictions_of_single_rotors_and_signs_of_single_bonds() -> None:
+    none_but_first, reversed_bond = (0.0, *[-1.0] * 7), (0.0,) * 3 + (-2.0,) + (0.0,) * 3
+    deviations = Deviations(quadratic_damping=none_but_first, non_reciprocity=reversed_bond)
+    chain = dataclasses.replace(
+        chain_of(FLIPPER, 8), quadratic_damping=1e-7, non_reciprocity=1e-5, deviations=deviations
+    )
+    assert chain.quadratic_dampings.tolist() == [1e-7] + [0.0] * 7
+    assert chain.non_reciprocities.tolist() == [1e-5] * 3 + [-1e-5] + [1e-5] * 3
+    with pytest.raises(ValueError, match=r'dry_friction = -1.5 must be .* -1 or more'):
+        Deviations(dry_friction=(-1.5,))
 
 
 def test_forces_see_the_time_since_the_start_after_a_kick_too() -> None:

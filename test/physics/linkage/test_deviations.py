@@ -21,7 +21,8 @@ from soliton_linkage.linkage.deviations import (
 )
 
 NAMES = tuple(field.name for field in dataclasses.fields(Deviations))
-OF_SPRINGS = ('spacing', 'stiffness', 'rest_length')
+OF_SPRINGS = ('spacing', 'stiffness', 'rest_length', 'non_reciprocity')
+POSITIVE = ('spacing', 'rotor_length', 'mass', 'stiffness', 'rest_length', 'damping')
 SEEDS = st.integers(0, 2**64)
 
 
@@ -108,11 +109,19 @@ def test_a_spread_that_leaves_something_with_nothing_is_rejected() -> None:
 
 
 @pytest.mark.parametrize('fraction', [-1.0, -1.5, math.nan, math.inf, -math.inf])
-@pytest.mark.parametrize('name', NAMES)
+@pytest.mark.parametrize('name', POSITIVE)
 def test_a_fraction_that_leaves_nothing_is_rejected_by_site(name: str, fraction: float) -> None:
     complaint = re.escape(f'deviation 2 of {name} = {fraction:g} must be a finite number above -1')
     with pytest.raises(ValueError, match=complaint):
         Deviations(**{name: (0.0, -0.99, fraction, -2.0)})
+
+
+@pytest.mark.parametrize('fraction', [-1001.0, math.nan, math.inf])
+@pytest.mark.parametrize('name', sorted(set(NAMES) - set(POSITIVE)))
+def test_fractions_of_forces_may_cancel_them_but_have_bounds(name: str, fraction: float) -> None:
+    assert getattr(Deviations(**{name: (-1.0, 0.5)}), name) == (-1.0, 0.5)
+    with pytest.raises(ValueError, match=rf'deviation 1 of {name} = .* or more, 1000 or less'):
+        Deviations(**{name: (0.0, fraction)})
 
 
 @pytest.mark.parametrize('count', [1, 3, 6])

@@ -13,8 +13,12 @@ import numpy as np
 from soliton_linkage.dynamics.terms import (
     AppliedFunction,
     CompiledTerm,
+    DryFriction,
     HeldTorques,
     LinearDamping,
+    NonReciprocal,
+    OnSitePotential,
+    QuadraticDamping,
     SpringTorques,
     Term,
     TermTable,
@@ -34,9 +38,9 @@ class EquationOfMotion:
     M r^2 phi_ddot = sum of the torques of all terms,
     W_dot = sum of the powers that they dissipate,
 
-    where the dissipated energy W [J] belongs to the state only if a term is dissipative. The
-    terms are springs, held torques, gravity, linear damping and `forces`. Raises ValueError for
-    torques or fixed rotors that do not fit the chain.
+    where the dissipated energy W [J] belongs to the state only if a term is dissipative or
+    active. The terms are springs, held torques, gravity, those of `of_chain` and `forces`. Raises
+    ValueError for torques or fixed rotors that do not fit the chain.
     """
 
     chain: Chain
@@ -64,7 +68,7 @@ class EquationOfMotion:
     @cached_property
     def damped(self) -> bool:
         """Whether the state ends with the dissipated energy."""
-        return any(term.dissipative for term in self.loads)
+        return any(term.dissipative or term.active for term in self.loads)
 
     @cached_property
     def loads(self) -> tuple[Term, ...]:
@@ -74,10 +78,9 @@ class EquationOfMotion:
             loads.append(HeldTorques(self.torques))
         if self.gravity.acceleration:
             loads.append(Weights(self.chain, self.gravity))
-        if self.chain.damping > 0:
-            loads.append(LinearDamping(self.chain.dampings))
+        loads += of_chain(self.chain)
         loads += [f if isinstance(f, Term) else AppliedFunction(f) for f in self.forces]
-        return tuple(loads)
+        return tuple(sorted(loads, key=lambda term: term.active))
 
     @cached_property
     def terms(self) -> tuple[Term, ...]:
@@ -107,21 +110,38 @@ class EquationOfMotion:
 
     @cached_property
     def fastest_vibration(self) -> float:
-        """Bound of the angular frequencies of vibrations, sqrt(4 k_e / M + g / r) [1/s]."""
+        """Bound of the angular frequencies of vibrations [1/s].
+
+        sqrt(4 k_e / M + g / r + (4 abs(kappa) + m abs(A)) / (M r^2)).
+        """
         chain = self.chain
         of_springs = 4 * float(chain.stiffnesses.max() / chain.masses.min())
         of_gravity = self.gravity.acceleration / float(chain.rotor_lengths.min())
-        return math.sqrt(of_springs + of_gravity)
+        of_motors = 4 * float(np.abs(chain.non_reciprocities).max())
+        of_sites = chain.on_site_order * float(np.abs(chain.on_site_torques).max())
+        inertia = float(chain.moments_of_inertia.min())
+        return math.sqrt(of_springs + of_gravity + (of_motors + of_sites) / inertia)
 
     @cached_property
     def fastest_decay(self) -> float:
-        """Largest decay rate of a free rotor, c / (M r^2) [1/s]."""
-        return float(self.decay_rates.max())
+        """Largest decay rate of a free rotor by damping and dry friction at low rates [1/s]."""
+        of_friction = self.chain.dry_frictions / self.chain.friction_rate / self.inertias
+        return float((self.decay_rates + of_friction).max())
 
     @property
     def fastest_rate(self) -> float:
         """Bound of vibrations and of the decay of energies, 2 c / (M r^2) [1/s]."""
         return max(self.fastest_vibration, 2 * self.fastest_decay)
+
+    def external_energy(self, angles: Array) -> float:
+        """Return the energy of the terms other than springs, such as gravity [J]."""
+        return sum(term.energy(angles) for term in self.loads)
+
+    @property
+    def external_scale(self) -> float:
+        """Scale of the external energy [J]: gravity over the rotors' lengths, wells of sites."""
+        wells = np.abs(self.chain.on_site_torques).sum() / self.chain.on_site_order
+        return self.gravity.scale(self.chain) + float(wells)
 
     def state(self, angles: Array, rates: Array) -> Array:
         """Return the state with no dissipated energy, shape (2N,), or (2N + 1,) if damped."""
@@ -162,6 +182,22 @@ class EquationOfMotion:
     @cached_property
     def _table_of_loads(self) -> TermTable:
         return self.table(self.loads)
+
+
+def of_chain(chain: Chain) -> list[Term]:
+    """Return the terms that the parameters of a chain specify besides its springs."""
+    terms: list[Term] = []
+    if chain.on_site_torque:
+        terms.append(OnSitePotential(chain))
+    if chain.damping:
+        terms.append(LinearDamping(chain.dampings))
+    if chain.dry_friction:
+        terms.append(DryFriction(chain.dry_frictions, chain.friction_rate))
+    if chain.quadratic_damping:
+        terms.append(QuadraticDamping(chain.quadratic_dampings))
+    if chain.non_reciprocity:
+        terms.append(NonReciprocal(chain))
+    return terms
 
 
 def checked_rotors(chain: Chain, rotors: Sequence[int]) -> tuple[int, ...]:

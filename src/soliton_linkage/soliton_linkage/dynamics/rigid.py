@@ -131,7 +131,11 @@ class RigidSimulation(Simulation):
         return angles, speed * self._mode(angles), dissipated
 
     def _applied_torques(self, angles: Array) -> Array:
-        return self.torques + self.gravity.torques(self.chain, angles)
+        torques, rest = np.zeros(len(angles)), np.zeros(len(angles))
+        for term in self.motion.loads:
+            if not (term.dissipative or term.active):
+                term.add(torques, 0.0, angles, rest)
+        return torques
 
     def _solver_from(self, state: Array) -> tuple[OdeSolver, float]:
         longest_step = self._settings.longest_step * self.period
@@ -192,7 +196,7 @@ class RigidSimulation(Simulation):
         return float(self.chain.kinetic_energy(self.rates))  # bars hold no energy
 
     def _excess_energy(self, angles: Array, speed: float, dissipated: float) -> float:
-        potential = float(self.gravity.energy(self.chain, angles))
+        potential = self.motion.external_energy(angles)
         work = self._work + work_of_torques(self.torques, angles - self._held_from)
         return speed**2 / 2 + potential - work + self._dissipated_before + dissipated
 
@@ -206,7 +210,7 @@ class RigidSimulation(Simulation):
     def _energy_scale(self) -> float:
         """Return the scale of energies [J]: kinetic, and the work of loads over one radian."""
         moving = float(self.chain.kinetic_energy(self.rates))
-        return moving + self.gravity.scale(self.chain) + float(np.abs(self.torques).sum())
+        return moving + self.motion.external_scale + float(np.abs(self.torques).sum())
 
     def _mode(self, angles: Array) -> Array:
         """Return the zero mode of unit inertia norm [kg^(-1/2) m^(-1)], shape (N,)."""

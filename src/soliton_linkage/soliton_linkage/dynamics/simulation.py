@@ -6,7 +6,7 @@ from __future__ import annotations
 import math
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.integrate import OdeSolver
@@ -40,7 +40,7 @@ DEFAULTS = SimulationSettings()
 
 
 class Simulation(ABC):
-    """Simulation of a chain with gravity, damping, applied torques and kicks.
+    """Simulation of a chain with gravity, applied torques, kicks and the chain's own force terms.
 
     Frame k is the state at exactly k * period after the start, taken from the dense output of the
     solver. Kicks, torques and changes of gravity act at the instant of the current frame. The
@@ -91,9 +91,9 @@ class Simulation(ABC):
         self._dissipated_before = 0.0
         self._work = self._finite_energy()
         self._stale = True
-        self._gravity_at_start = float(gravity.energy(chain, self.angles))
+        self._external_at_start = self.motion.external_energy(self.angles)
         rounding = np.finfo(float).eps * chain.stiffness * chain.rest_length**2
-        self._largest_energy = float(rounding) + gravity.scale(chain)
+        self._largest_energy = float(rounding) + self.motion.external_scale
         self._restart()
 
     @property
@@ -103,9 +103,8 @@ class Simulation(ABC):
 
     @property
     def energy(self) -> float:
-        """Kinetic, elastic and gravitational energy of the current frame [J]."""
-        weight = self.gravity.energy(self.chain, self.angles)
-        return self._motion_and_springs() + float(weight)
+        """Kinetic, elastic, gravitational and on-site energy of the current frame [J]."""
+        return self._motion_and_springs() + self.motion.external_energy(self.angles)
 
     @property
     @abstractmethod
@@ -123,7 +122,7 @@ class Simulation(ABC):
 
     @property
     def dissipated(self) -> float:
-        """Energy dissipated by damping and `forces` since the start [J]."""
+        """Energy dissipated since the start [J], negative where motors add energy."""
         return self._dissipated_before + self._dissipated
 
     @property
@@ -134,7 +133,7 @@ class Simulation(ABC):
         damping. It is divided by the largest energy so far, which is at least sum_n M g r plus
         the rounding error of k_e lbar^2.
         """
-        change = float(self.gravity.energy(self.chain, self.angles)) - self._gravity_at_start
+        change = self.motion.external_energy(self.angles) - self._external_at_start
         self._largest_energy = max(self._largest_energy, self._motion_and_springs(), abs(change))
         return (self.energy - self._expected_energy()) / self._largest_energy
 
@@ -173,15 +172,20 @@ class Simulation(ABC):
 
     def set_gravity(self, gravity: Gravity) -> None:
         """Change gravity at the instant of the current frame; the energy difference is work."""
-        if gravity == self.gravity:
-            return
-        before = float(self.gravity.energy(self.chain, self.angles))
-        self.gravity = gravity
-        gained = float(gravity.energy(self.chain, self.angles)) - before
-        self._work += gained
-        self._gravity_at_start += gained
-        self._largest_energy = max(self._largest_energy, gravity.scale(self.chain))
-        self._restart()
+        if gravity != self.gravity:
+            before = self.energy
+            self.gravity = gravity
+            self._restart_with(before)
+
+    def set_non_reciprocity(self, value: float) -> None:
+        """Change the non-reciprocity [N m/rad] at the instant of the current frame.
+
+        Raises ValueError for a value out of range.
+        """
+        if value != self.chain.non_reciprocity:
+            before = self.energy
+            self.chain = replace(self.chain, non_reciprocity=value)
+            self._restart_with(before)
 
     @property
     def steps_per_frame(self) -> float:
@@ -294,6 +298,14 @@ class Simulation(ABC):
             f'{fastest} turns at {self.rates[fastest]:.3g} rad/s: {complaint.rstrip(".")}; '
             f'apply smaller impulses or raise the tolerance ({self.tolerance:g} rad)'
         )
+
+    def _restart_with(self, before: float) -> None:
+        """Restart with other forces; the change of energy [J] is work."""
+        self._restart()
+        gained = self.energy - before
+        self._work += gained
+        self._external_at_start += gained
+        self._largest_energy = max(self._largest_energy, self.motion.external_scale)
 
     def _restart(self) -> None:
         """Restart the solver at the current frame, because the state or the forces changed."""

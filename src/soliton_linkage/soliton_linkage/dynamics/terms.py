@@ -42,10 +42,12 @@ TorqueFunction = Callable[[float, Array, Array], Array]
 VECTOR = 8
 """Largest number of doubles in a vector register."""
 
-ANGLES, RATES, COSINES, SINES, TORQUES, TORQUES_ON_RIGHT = range(6)
-"""Rows of `work`. TORQUES_ON_RIGHT has at n + 1 the torque of spring n on its right rotor."""
+ANGLES, RATES, COSINES, SINES, TORQUES, TORQUES_ON_RIGHT, ACTIVE = range(7)
+"""Rows of `work`. TORQUES_ON_RIGHT has at n + 1 the torque of spring n on its right rotor, and
+ACTIVE the torques of the active terms, which TORQUES includes."""
 
 SPRINGS, GRAVITY, CONSTANT, LINEAR_DAMPING, DRY_FRICTION = range(5)
+QUADRATIC_DAMPING, ON_SITE, NON_RECIPROCAL = range(5, 8)
 """Kinds of compiled terms."""
 
 
@@ -54,6 +56,9 @@ class Term(ABC):
 
     dissipative = False
     """Whether the power of the term counts as dissipated."""
+    active = False
+    """Whether the term depends on the angles and its work, counted as dissipated, is negative or
+    positive."""
 
     @abstractmethod
     def add(self, torques: Array, time: float, angles: Array, rates: Array) -> float:
@@ -164,6 +169,59 @@ class DryFriction(CompiledTerm):
         self.rows = np.array([torques, np.full_like(torques, 1 / regularisation)])
 
 
+class QuadraticDamping(CompiledTerm):
+    """Torques -c phi_dot abs(phi_dot), with c [N m s^2/rad^2] of each rotor, shape (N,)."""
+
+    kind, dissipative = QUADRATIC_DAMPING, True
+
+    def __init__(self, dampings: Array) -> None:
+        self.rows = dampings[np.newaxis]
+
+
+class OnSitePotential(CompiledTerm):
+    """Torques of a periodic potential of each rotor, as in the Frenkel-Kontorova model.
+
+    V = sum_n (A_n / m) [1 - cos(m (q_n - q_0))], with the coordinate q = s phi + (1 - s) pi / 2
+    of `Chain.signs`, has m wells per turn, one of them at q_0.
+    """
+
+    kind = ON_SITE
+
+    def __init__(self, chain: Chain) -> None:
+        signs, order = chain.signs, chain.on_site_order
+        self.rows = np.array(
+            [
+                signs * chain.on_site_torques,
+                signs * order,
+                order * ((1 - signs) * math.pi / 2 - chain.on_site_phase),
+            ]
+        )
+
+    def energy(self, angles: Array) -> float:
+        """Return V [J], 0 or more where the on-site torque is positive."""
+        torques, slopes, phases = self.rows
+        return float(torques / slopes @ (1 - np.cos(slopes * angles + phases)))
+
+
+class NonReciprocal(CompiledTerm):
+    """Torques of motors that break reciprocity, the same on both rotors of a bond.
+
+    The bond of rotors n and n + 1 adds kappa (q_n - q_{n+1}) to the torque on each of both
+    coordinates, with the difference wrapped to (-pi, pi] and q of `Chain.signs`. In angles, with
+    D = phi_n + sigma phi_{n+1} - (1 + sigma) pi / 2 and sigma = 1 for flippers, -1 for spinners,
+    the torque is kappa D on rotor n and -sigma kappa D on rotor n + 1.
+
+    Brandenbourger et al., Nature Communications 10, 4608 (2019).
+    """
+
+    kind, active = NON_RECIPROCAL, True
+
+    def __init__(self, chain: Chain) -> None:
+        self.rows = np.zeros((2, chain.number_of_rotors))
+        self.rows[0, : chain.number_of_springs] = chain.non_reciprocities
+        self.rows[1] = -chain.signs[1]
+
+
 class AppliedFunction(Term):
     """Torques of a plain function of time, angles and rates."""
 
@@ -211,7 +269,7 @@ def padded_size(rotors: int) -> int:
 def sum_terms(work: Array, rotors: int, kinds: NDArray[np.int64], parameters: Array) -> float:
     """Set the torques to the sum of terms; return the power that they dissipate [W].
 
-    If springs act they are the first term.
+    If springs act they are the first term. An active term is the last one.
     """
     power, start = 0.0, 0
     if kinds.shape[0] and kinds[0, 0] == SPRINGS:
@@ -230,6 +288,22 @@ def sum_terms(work: Array, rotors: int, kinds: NDArray[np.int64], parameters: Ar
             power += _add_damping(work, parameters, first)
         elif kind == DRY_FRICTION:
             power += _add_dry_friction(work, parameters, first)
+        elif kind == QUADRATIC_DAMPING:
+            power += _add_quadratic_damping(work, parameters, first)
+        elif kind == ON_SITE:
+            _add_on_site(work, parameters, first)
+        elif kind == NON_RECIPROCAL:
+            _add_non_reciprocal(work, rotors, parameters, first)
+            power += active_power(work, rotors)
+    return power
+
+
+@inlined
+def active_power(work: Array, rotors: int) -> float:
+    """Return the power that active torques take out at the current rates [W]."""
+    power = 0.0
+    for n in range(rotors):
+        power -= work[ACTIVE, n] * work[RATES, n]
     return power
 
 
@@ -315,14 +389,48 @@ def _add_dry_friction(work: Array, rows: Array, first: int) -> float:
     return power
 
 
+@inlined
+def _add_quadratic_damping(work: Array, rows: Array, first: int) -> float:
+    power = 0.0
+    for n in range(rows.shape[1]):
+        friction = rows[first, n] * work[RATES, n] * abs(work[RATES, n])
+        power += friction * work[RATES, n]
+        work[TORQUES, n] -= friction
+    return power
+
+
+@inlined
+def _add_on_site(work: Array, rows: Array, first: int) -> None:
+    for n in range(rows.shape[1]):
+        phase = rows[first + 1, n] * work[ANGLES, n] + rows[first + 2, n]
+        work[TORQUES, n] -= rows[first, n] * math.sin(phase)
+
+
+@inlined
+def _add_non_reciprocal(work: Array, rotors: int, rows: Array, first: int) -> None:
+    for n in range(rotors):
+        work[ACTIVE, n] = 0.0
+    for n in range(rotors):
+        right = n + 1 if n + 1 < rotors else 0
+        sigma = rows[first + 1, n]
+        difference = work[ANGLES, n] + sigma * work[ANGLES, right] - (1 + sigma) * (math.pi / 2)
+        difference -= 2 * math.pi * math.floor(difference / (2 * math.pi) + 0.5)
+        torque = rows[first, n] * difference
+        work[ACTIVE, n] += torque
+        work[ACTIVE, right] -= sigma * torque
+    for n in range(rotors):
+        work[TORQUES, n] += work[ACTIVE, n]
+
+
 @compiled(const_f8_1d, const_f8_1d, const_i8_2d, const_f8_2d, f8_1d)
 def torques_of(
     angles: Array, rates: Array, kinds: NDArray[np.int64], parameters: Array, torques: Array
 ) -> float:
     """Add the torques of terms [N m], shape (N,); return the power that they dissipate [W]."""
     rotors = angles.size
-    work = np.zeros((TORQUES_ON_RIGHT + 1, parameters.shape[1] + VECTOR))
+    work = np.zeros((ACTIVE + 1, parameters.shape[1] + VECTOR))
     for n in range(rotors):
+        work[ANGLES, n] = angles[n]
         work[RATES, n] = rates[n]
         work[COSINES, n] = math.cos(angles[n])
         work[SINES, n] = math.sin(angles[n])

@@ -56,6 +56,32 @@ class Chain:
     stiffness: float = quantity(50.0, 'stiffness of each spring', 'N/m', 1e-9, 1e12)
     damping: float = quantity(0.0, 'damping of each rotor about its pivot', 'N m s/rad', 0.0, 1e6)
     periodic: bool = quantity(False, 'whether the last rotor is joined to the first')
+    dry_friction: float = quantity(
+        0.0, 'torque of the dry friction of each bearing at high rates', 'N m', 0.0, 1e6
+    )
+    friction_rate: float = quantity(
+        0.01, 'rate below which dry friction is proportional to the rate', 'rad/s', 1e-9, 1e6
+    )
+    quadratic_damping: float = quantity(
+        0.0, 'torque on each rotor over the square of its rate', 'N m s^2/rad^2', 0.0, 1e6
+    )
+    non_reciprocity: float = quantity(
+        0.0,
+        'torque of each bond on both of its rotors, over the difference of their coordinates',
+        'N m/rad',
+        -1e6,
+        1e6,
+        adjustable=True,
+    )
+    on_site_torque: float = quantity(
+        0.0, 'largest torque of the on-site potential of each rotor', 'N m', -1e6, 1e6
+    )
+    on_site_order: int = quantity(
+        1, 'number of wells of the on-site potential per turn', '', 1, 100
+    )
+    on_site_phase: float = quantity(
+        0.0, 'coordinate of a well of the on-site potential', 'rad', -10.0, 10.0
+    )
     deviations: Deviations = NO_DEVIATIONS
 
     def __post_init__(self) -> None:
@@ -112,6 +138,30 @@ class Chain:
         return self._deviating(self.damping, self.deviations.damping, self.number_of_rotors)
 
     @cached_property
+    def dry_frictions(self) -> Array:
+        """Dry friction of each rotor [N m], shape (N,)."""
+        deviations = self.deviations.dry_friction
+        return self._deviating(self.dry_friction, deviations, self.number_of_rotors)
+
+    @cached_property
+    def quadratic_dampings(self) -> Array:
+        """Quadratic damping of each rotor [N m s^2/rad^2], shape (N,)."""
+        deviations = self.deviations.quadratic_damping
+        return self._deviating(self.quadratic_damping, deviations, self.number_of_rotors)
+
+    @cached_property
+    def non_reciprocities(self) -> Array:
+        """Non-reciprocity kappa of each bond [N m/rad], shape (springs,)."""
+        deviations = self.deviations.non_reciprocity
+        return self._deviating(self.non_reciprocity, deviations, self.number_of_springs)
+
+    @cached_property
+    def on_site_torques(self) -> Array:
+        """Largest torque of the on-site potential of each rotor [N m], shape (N,)."""
+        deviations = self.deviations.on_site_torque
+        return self._deviating(self.on_site_torque, deviations, self.number_of_rotors)
+
+    @cached_property
     def moments_of_inertia(self) -> Array:
         """Moment of inertia of each rotor about its pivot [kg m^2], M r^2, shape (N,)."""
         return np.asarray(self.masses * self.rotor_lengths**2)
@@ -160,6 +210,18 @@ class Chain:
         """
         lean = self.rotor_length * math.sin(self.rest_angle)
         return lean if self.motion is Motion.SPINNER else self.spacing**2 / (2 * lean)
+
+    @cached_property
+    def signs(self) -> Array:
+        """Sign of each angle in the coordinate of its rotor, shape (N,).
+
+        The coordinate q is the angle phi of a spinner and the staggered angle theta of a flipper,
+        which is pi - phi for odd rotors.
+        """
+        signs = np.ones(self.number_of_rotors)
+        if self.motion is not Motion.SPINNER:
+            signs[1::2] = -1.0
+        return signs
 
     def uniform_state(self, lean: int) -> Array:
         """Angles of the ground state that leans right (+1) or left (-1) [rad], shape (N,)."""

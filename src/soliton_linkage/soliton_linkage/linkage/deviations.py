@@ -19,6 +19,13 @@ from soliton_linkage.linkage.quantities import (
 
 _LARGEST_FRACTION = 1e3
 """Largest relative deviation of a rotor or spring [1]; larger ones would overflow products."""
+_LOWEST_FRACTIONS = {
+    'dry_friction': -1.0,
+    'quadratic_damping': -1.0,
+    'non_reciprocity': -_LARGEST_FRACTION,
+    'on_site_torque': -_LARGEST_FRACTION,
+}
+"""Lowest relative deviation where a single rotor or bond may have a value of 0 or below [1]."""
 
 
 @document_fields
@@ -27,7 +34,8 @@ class Deviations:
     """Relative deviations of rotors and springs from the parameters of the chain; empty for none.
 
     A rotor whose fraction of rotor_length is 0.02 is 1.02 times as long as the chain's
-    parameter. Raises ValueError for a fraction that leaves nothing (-1 or less).
+    parameter. Raises ValueError for a fraction of -1 or less, except that frictions may vanish
+    and that non-reciprocities and on-site torques may have either sign.
     """
 
     spacing: tuple[float, ...] = quantity(
@@ -46,15 +54,30 @@ class Deviations:
     damping: tuple[float, ...] = quantity(
         (), 'fractions of the damping of each rotor, one a rotor'
     )
+    dry_friction: tuple[float, ...] = quantity(
+        (), 'fractions of the dry friction of each rotor, one a rotor'
+    )
+    quadratic_damping: tuple[float, ...] = quantity(
+        (), 'fractions of the quadratic damping of each rotor, one a rotor'
+    )
+    non_reciprocity: tuple[float, ...] = quantity(
+        (), 'fractions of the non-reciprocity of each bond, one a spring'
+    )
+    on_site_torque: tuple[float, ...] = quantity(
+        (), 'fractions of the on-site torque of each rotor, one a rotor'
+    )
 
     def __post_init__(self) -> None:
         """Refuse fractions that are not finite or leave nothing."""
         for name in _NAMES:
             for place, fraction in enumerate(getattr(self, name)):
-                if not -1 < fraction <= _LARGEST_FRACTION:
+                lowest = _LOWEST_FRACTIONS.get(name, -1.0)
+                allowed = fraction > -1 or (name in _LOWEST_FRACTIONS and fraction >= lowest)
+                if not (allowed and fraction <= _LARGEST_FRACTION):
+                    bound = f'{lowest:g} or more' if name in _LOWEST_FRACTIONS else 'above -1'
                     raise ValueError(
                         f'deviation {place} of {name} = {fraction:g} must be a finite number '
-                        f'above -1, {_LARGEST_FRACTION:g} or less; give fractions of the '
+                        f'{bound}, {_LARGEST_FRACTION:g} or less; give fractions of the '
                         'parameter of the chain'
                     )
 
@@ -84,7 +107,7 @@ class Deviations:
 
 
 _NAMES = tuple(f.name for f in fields(Deviations))
-_OF_SPRINGS = ('spacing', 'stiffness', 'rest_length')
+_OF_SPRINGS = ('spacing', 'stiffness', 'rest_length', 'non_reciprocity')
 NO_DEVIATIONS = Deviations()
 _LARGEST_SPREAD = 0.5
 """Largest standard deviation [1]: one rotor in forty would have a negative value."""
@@ -109,6 +132,10 @@ class Disorder:
     stiffness: float = _spread('stiffnesses')
     rest_length: float = _spread('lengths at rest')
     damping: float = _spread('dampings')
+    dry_friction: float = _spread('dry frictions')
+    quadratic_damping: float = _spread('quadratic dampings')
+    non_reciprocity: float = _spread('non-reciprocities')
+    on_site_torque: float = _spread('on-site torques')
     seed: int = quantity(0, 'seed of the fractions that are drawn', '', 0, LARGEST_SEED)
 
     def __post_init__(self) -> None:

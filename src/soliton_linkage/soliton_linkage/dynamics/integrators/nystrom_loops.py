@@ -23,13 +23,14 @@ from soliton_linkage.dynamics.terms import (
     TORQUES,
     TORQUES_ON_RIGHT,
     VECTOR,
+    active_power,
     sum_terms,
 )
 from soliton_linkage.linkage.chain import Array
 
 Numbers = NDArray[np.int64]
 
-TURNS, RATES_BEFORE, MEAN_OF_TURN, MEAN, SAVED = range(6, 11)
+TURNS, RATES_BEFORE, MEAN_OF_TURN, MEAN, SAVED = range(7, 12)
 """Rows of `work`: turn in a drift [rad], three for drifts with nonlinear damping, and the first
 of four copies of ANGLES to SINES."""
 
@@ -55,10 +56,12 @@ class Forces(NamedTuple):
     inverse_inertias: Array
     """1 / (M r^2) of each rotor [1/(kg m^2)], 0 of fixed ones and padding, shape (P,)."""
     half_inertias: Array
-    """M r^2 / 2 of each rotor [kg m^2], shape (P,), or (0,) without damping."""
+    """M r^2 / 2 of each rotor [kg m^2], shape (P,), or (0,) without damping and active terms."""
+    active: bool
+    """Whether the last term that depends on the angles is active."""
 
 
-PlainForces = tuple[Numbers, Array, Numbers, Array, Array, Array]
+PlainForces = tuple[Numbers, Array, Numbers, Array, Array, Array, bool]
 """The fields of `Forces`: numba converts a plain tuple in a third of the time."""
 
 
@@ -180,8 +183,12 @@ def take_step(work: Array, rotors: int, forces: Forces, step: Step, length: int)
                 dissipated += damp(work, rotors, forces, time)
             turn(work, TURNS, 1.0)
         if stage < step.kicks.size:
-            sum_terms(work, rotors, forces.kinds, forces.parameters)
-            kick(work, forces, share * step.kicks[stage])
+            power = sum_terms(work, rotors, forces.kinds, forces.parameters)
+            time = share * step.kicks[stage]
+            kick(work, forces, time)
+            if forces.active:
+                # An impulse does the work of its mean rate.
+                dissipated += time * (power + active_power(work, rotors)) / 2
     return dissipated
 
 
@@ -314,7 +321,7 @@ def put_knot(
 ) -> None:
     """Set the angles, the dissipated energy, and their two derivatives in a unit of time [s]."""
     rotors, first = state.size // 2, 3 * knot
-    sum_terms(work, rotors, forces.kinds, forces.parameters)
+    active_before = sum_terms(work, rotors, forces.kinds, forces.parameters)
     for n in range(rotors):
         torque = work[TORQUES, n] + work[TORQUES_ON_RIGHT, n]
         knots[first, n] = state[n]
@@ -323,15 +330,19 @@ def put_knot(
     if forces.half_inertias.size:
         table = forces.damping_kinds, forces.damping_parameters
         knots[first, rotors] = state[2 * rotors]
-        knots[first + 1, rotors] = unit * sum_terms(work, rotors, *table)
+        knots[first + 1, rotors] = unit * (active_before + sum_terms(work, rotors, *table))
         for n in range(rotors):
             knots[first + 2, n] += unit**2 * forces.inverse_inertias[n] * work[TORQUES, n]
-        # The power of linear damping is a square of rates, whose central difference is exact.
+        # The powers of linear damping and active terms are of degree 2 in the rates and angles,
+        # and their central differences are exact.
         power = 0.0
         for sign in (-0.5, 0.5):
             for n in range(rotors):
                 work[RATES, n] = state[rotors + n] + sign / unit * knots[first + 2, n]
+                work[ANGLES, n] = state[n] + sign * knots[first + 1, n]
             power += 2 * sign * sum_terms(work, rotors, *table)
+            if forces.active:
+                power += 2 * sign * sum_terms(work, rotors, forces.kinds, forces.parameters)
         knots[first + 2, rotors] = unit * power
 
 

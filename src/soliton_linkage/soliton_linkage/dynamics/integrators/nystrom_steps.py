@@ -145,9 +145,10 @@ class NystromSteps:
             *motion.table([term for term in motion.terms if not term.dissipative]),
             *motion.table(damping),
             self._padded(1 / motion.inertias),
-            half_inertias if damping else np.empty(0),
+            half_inertias if motion.damped else np.empty(0),
+            motion.terms[-1].active,
         )
-        if self._linear and damping:
+        if self._linear and motion.damped:
             self._decay_rates = motion.table(damping).parameters.sum(axis=0)[: motion.rotors]
             self._decay_rates /= motion.inertias
         self._prepared = math.nan
