@@ -316,7 +316,8 @@ def test_nodes_describe_each_parameter_with_unit_range_and_whether_it_can_change
         expected = field.metadata['quantity']
         assert parameter.description.startswith(expected.description)
         assert parameter.description.endswith(f'[{expected.unit}]' if expected.unit else '')
-        assert parameter.read_only == (not expected.adjustable)
+        of_simulator = create is Simulator and parameter.name == 'chain.non_reciprocity'
+        assert parameter.read_only == (not (expected.adjustable or of_simulator))
         assert parameter.additional_constraints == ', '.join(expected.choices)
         ranges = [*parameter.floating_point_range, *parameter.integer_range]
         if expected.minimum is not None:

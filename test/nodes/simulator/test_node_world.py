@@ -128,6 +128,27 @@ def test_the_tilt_turns_by_topic_and_by_parameter_at_the_instant_of_a_frame(grap
     assert_shown(paused.taken(1), twin)
 
 
+def test_motors_change_at_the_instant_of_a_frame_and_the_chain_is_published_again(
+    graph: Graph,
+) -> None:
+    heard = graph.hear(interfaces.CHAIN)
+    paused = Paused(graph, {'chain.non_reciprocity': 1e-5})
+    active = dataclasses.replace(CHAIN, non_reciprocity=1e-5)
+    state = leaning(active, -1)
+    twin = ElasticSimulation(active, state.angles, state.rates, 1 / RATE)
+    paused.reset()
+    assert_shown(paused.taken(5), twin)
+    assert paused.change(chain__non_reciprocity=-2e-5).successful
+    (frame,) = paused.taken(1)
+    assert list(frame.position) == twin.angles.tolist()
+    twin.set_non_reciprocity(-2e-5)
+    twin.advance()
+    assert_shown(paused.taken(20), twin)
+    graph.until(lambda: heard and heard[-1].non_reciprocity == -2e-5, 'the chain')
+    assert not paused.change(chain__non_reciprocity=1e9).successful
+    assert not paused.change(chain__damping=1e-5).successful
+
+
 def test_a_tilt_that_is_no_angle_is_rejected(graph: Graph) -> None:
     paused = Paused(graph, {'gravity.acceleration': 9.81, 'gravity.tilt': 0.1})
     reports = graph.reports('simulator')

@@ -63,15 +63,15 @@ class Chain:
         0.01, 'rate below which dry friction is proportional to the rate', 'rad/s', 1e-9, 1e6
     )
     quadratic_damping: float = quantity(
-        0.0, 'torque on each rotor over the square of its rate', 'N m s^2/rad^2', 0.0, 1e6
+        0.0, 'torque on each rotor per square of its rate', 'N m s^2/rad^2', 0.0, 1e6
     )
     non_reciprocity: float = quantity(
         0.0,
-        'torque of each bond on both of its rotors, over the difference of their coordinates',
+        'torque of each bond on both of its rotors, per difference of their coordinates; the '
+        'simulator can change it at run time',
         'N m/rad',
         -1e6,
         1e6,
-        adjustable=True,
     )
     on_site_torque: float = quantity(
         0.0, 'largest torque of the on-site potential of each rotor', 'N m', -1e6, 1e6

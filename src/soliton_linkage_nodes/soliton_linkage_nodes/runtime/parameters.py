@@ -83,6 +83,13 @@ def current(node: Node, parameters: type[Parameters], prefix: str = '') -> Param
     return parameters(**{n: _field_value(_TYPES[types[n]], value) for n, value in values.items()})
 
 
+def make_adjustable(node: Node, name: str) -> None:
+    """Allow changes of a declared parameter at run time."""
+    descriptor = node.describe_parameter(name)
+    descriptor.read_only = False
+    node.set_descriptor(name, descriptor)
+
+
 def reject_unknown(node: Node) -> None:
     """Raise ValueError for a parameter that a node was given and has not declared.
 

@@ -77,6 +77,8 @@ class SimulationControl:
         """
         self._begin = begin
         self._gravity = gravity
+        self._simulation = begin(state, gravity)
+        self._non_reciprocity = self._simulation.chain.non_reciprocity
         self._publish, self._announce = publish, announce
         self._longest_trial = longest_trial
         self._lock = threading.Lock()
@@ -88,7 +90,6 @@ class SimulationControl:
         self._torques_expire: int | None = None
         self._frame = 0
         self._abandoned: Simulation | None = None
-        self._simulation = begin(state, gravity)
         self._timeout = 0
         if command_timeout:
             self._timeout = max(round(command_timeout / self._simulation.period), 1)
@@ -150,6 +151,11 @@ class SimulationControl:
         with self._lock:
             self._gravity = gravity
 
+    def set_non_reciprocity(self, value: float) -> None:
+        """Set the non-reciprocity [N m/rad], also after resets."""
+        with self._lock:
+            self._non_reciprocity = value
+
     def pause(self, paused: bool) -> str | None:
         """Pause at once or continue; return the reason of a rejection."""
         with self._lock:
@@ -180,6 +186,7 @@ class SimulationControl:
         can be computed from it.
         """
         simulation = self._begin(state, self._gravity)
+        simulation.set_non_reciprocity(self._non_reciprocity)
         _try(simulation, self._longest_trial)
         with self._lock:
             self._simulation = simulation
@@ -237,6 +244,7 @@ class SimulationControl:
         simulation = self._simulation
         commands, self._commands = self._commands, _Pending()
         simulation.set_gravity(self._gravity)
+        simulation.set_non_reciprocity(self._non_reciprocity)
         for impulses in commands.kicks:
             simulation.kick(impulses)
         if commands.kicks:

@@ -153,8 +153,15 @@ class FramePublisher:
         if self.epoch is not None:
             return
         self.epoch = Clock(clock_type=ClockType.SYSTEM_TIME).now().nanoseconds
-        self._chain.publish(chain_to_msg(self._named, time_to_msg(self.epoch)))
+        self.publish_chain(self._named)
         self._delivery = DeliveryPublisher(self._node, self._named.rotors, self.epoch)
+
+    def publish_chain(self, named: NamedChain) -> None:
+        """Publish the chain as it is from the next frame on."""
+        self._named = named
+        if self.epoch is not None:
+            stamp = max(self.epoch, self.stamp)
+            self._chain.publish(chain_to_msg(named, time_to_msg(stamp)))
 
     def flush(self) -> None:
         """Wait briefly until the last frames are acknowledged."""

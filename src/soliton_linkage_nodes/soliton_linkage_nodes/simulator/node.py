@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -22,7 +23,7 @@ from soliton_linkage_nodes.runtime import interfaces
 from soliton_linkage_nodes.runtime.diagnostics import Diagnostics, Report
 from soliton_linkage_nodes.runtime.managed import ManagedNode
 from soliton_linkage_nodes.runtime.pacing import PacedLoop
-from soliton_linkage_nodes.runtime.parameters import current
+from soliton_linkage_nodes.runtime.parameters import current, make_adjustable
 from soliton_linkage_nodes.runtime.process import run
 from soliton_linkage_nodes.runtime.stamps import SECOND
 from soliton_linkage_nodes.runtime.subscriptions import CountedSubscription
@@ -38,6 +39,7 @@ from soliton_linkage_nodes.simulator.services import SimulationServices, serve_s
 
 _SLOWEST = 1e-6
 """Smallest real-time factor [1]: a frame an hour at 300 Hz."""
+_NON_RECIPROCITY = 'chain.non_reciprocity'
 _POLL_INTERVAL = 0.02
 """Poll interval while waiting for subscribers [s]."""
 
@@ -63,6 +65,7 @@ class Simulator(ManagedNode):
         """Build the chain and its world, and open the topics."""
         settings = self.settings = current(self, SimulatorParameters)
         self.named = declare_chain(self)
+        make_adjustable(self, _NON_RECIPROCITY)
         chain, names = self.named.chain, self.named.joint_names
         gravity = current(self, Gravity, PARAMETERS[Gravity])
         errors = current(self, EncoderErrors, PARAMETERS[EncoderErrors])
@@ -181,7 +184,14 @@ class Simulator(ManagedNode):
             )
 
     def follow_parameters(self) -> None:
-        """Apply the parameters of gravity, encoders and pace."""
+        """Apply the parameters of gravity, motors, encoders and pace."""
+        motors = self.get_parameter(_NON_RECIPROCITY).value
+        if motors != self.named.chain.non_reciprocity:
+            self.named = replace(
+                self.named, chain=replace(self.named.chain, non_reciprocity=motors)
+            )
+            self.control.set_non_reciprocity(motors)
+            self.frames.publish_chain(self.named)
         self.control.set_gravity(current(self, Gravity, PARAMETERS[Gravity]))
         self._joints.change(current(self, EncoderErrors, PARAMETERS[EncoderErrors]))
         self.loop.rate = self._pace(self.get_parameter('real_time_factor').value)
