@@ -120,7 +120,7 @@ def test_losses_are_counted_reported_and_stored_in_the_bag(
     graph.until(lambda: reports, 'a report')
     assert reports[-1].message == 'recording'
     gate.clear()
-    assert entered.wait(10)
+    assert entered.wait(120)
     publish_frames(publisher, named, 6000)
     gate.set()
     graph.until(lambda: reports[-1].level == reports[-1].WARN, 'a warning')

@@ -31,8 +31,15 @@ def shown(
     capsys: pytest.CaptureFixture[str],
 ) -> Callable[[SolitonState, str], None]:
     """Publish a left-leaning chain and a state until the program displays them."""
+    text = ''
+
+    def seen(expected: str) -> bool:
+        nonlocal text
+        text += capsys.readouterr().err
+        return expected in text
+
     graph.start(WatchSoliton)
-    graph.until(lambda: 'no chain, joint_states, soliton_state' in capsys.readouterr().err, 'that')
+    graph.until(lambda: seen('no chain, joint_states, soliton_state'), 'a line', lambda: text)
     graph.speak(interfaces.CHAIN).publish(chain_to_msg(named, time_to_msg(0)))
     angles = named.chain.uniform_state(-1)
     joints = frame_to_msg(named, Frame(angles, None), np.zeros(named.rotors), time_to_msg(1))
@@ -40,16 +47,12 @@ def shown(
     states = graph.speak(interfaces.SOLITON_STATE)
 
     def show(state: SolitonState, expected: str) -> None:
-        text = ''
-
-        def seen() -> bool:
-            nonlocal text
+        def published() -> bool:
             frames.publish(joints)
             states.publish(state)
-            text += capsys.readouterr().err
-            return expected in text
+            return seen(expected)
 
-        graph.until(seen, expected)
+        graph.until(published, expected, lambda: text)
         assert text.count(LEGEND) == 1
 
     return show

@@ -74,7 +74,14 @@ def test_two_signals_are_as_good_as_one(graph: Graph, start: Callable[..., Progr
     reports = {node: graph.reports(node) for node in ('simulator', 'bag_recorder')}
     nodes = {0.0: 'bag_recorder', 0.03: 'simulator', 0.1: 'bag_recorder'}
     programs = {gap: start(node) for gap, node in nodes.items()}
-    graph.until(lambda: min(map(len, reports.values())) > 4, 'two reports of each')
+    graph.until(
+        lambda: min(map(len, reports.values())) > 4,
+        'reports of all programs',
+        lambda: [
+            {node: len(found) for node, found in reports.items()},
+            *(p.said for p in programs.values()),
+        ],
+    )
     for gap, program in programs.items():
         program.process.send_signal(signal.SIGINT)
         time.sleep(gap)

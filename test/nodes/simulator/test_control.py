@@ -308,14 +308,14 @@ def endless(monkeypatch: pytest.MonkeyPatch) -> threading.Event:
 
 def end(published: Published, tick: threading.Thread) -> None:
     published.control.stop()
-    tick.join(10)
+    tick.join(120)
     assert not tick.is_alive()
 
 
 def begin(published: Published, begun: threading.Event) -> threading.Thread:
     tick = threading.Thread(target=published.control.tick)
     tick.start()
-    assert begun.wait(10)
+    assert begun.wait(120)
     return tick
 
 
@@ -337,7 +337,7 @@ def test_a_reset_gives_up_the_frame_that_is_computed(
     published = Published()
     tick = begin(published, endless)
     published.control.reset(RIGHT)
-    tick.join(10)
+    tick.join(120)
     assert not tick.is_alive()
     monkeypatch.undo()
     published.tick(3)

@@ -113,13 +113,13 @@ def test_in_a_pause_one_message_passes_for_each_step() -> None:
         assert moved.play_next()
         # It answers when the message passes; the list grows a moment after.
         deadline = threading.Event()
-        for _ in range(200):
+        for _ in range(12_000):
             if passed == expected:
                 break
             deadline.wait(0.01)
         assert passed == expected
     moved.stop()
-    playing.join(10)
+    playing.join(120)
     assert passed == [0, 1, 2]
     assert not moved.play_next()
 

@@ -58,7 +58,7 @@ def served(domain: int, tmp_path_factory: pytest.TempPathFactory) -> Iterator[Se
     yield made
     made.process.send_signal(signal.SIGINT)
     try:
-        assert made.process.wait(60) == 0
+        assert made.process.wait(120) == 0
     finally:
         made.process.kill()
     assert 'Traceback' not in made.output
@@ -68,7 +68,7 @@ def request(address: str, **headers: str) -> tuple[int, str]:
     wanted = urllib.request.Request(address, headers=headers)
     opener = urllib.request.build_opener(urllib.request.HTTPCookieProcessor())
     try:
-        with opener.open(wanted, timeout=60) as answer:
+        with opener.open(wanted, timeout=120) as answer:
             return int(answer.status), answer.read().decode()
     except urllib.error.HTTPError as error:
         return error.code, error.read().decode()
