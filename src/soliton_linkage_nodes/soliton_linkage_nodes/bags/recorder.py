@@ -117,6 +117,11 @@ class BagRecorder(ManagedNode):
         return sum(self._receiving.losses.values())
 
     @property
+    def missed(self) -> int:
+        """Number of messages that publishers sent before they were matched."""
+        return sum(self._receiving.missed.values())
+
+    @property
     def messages(self) -> int:
         """Number of messages in the bag."""
         return self._bag.writer.messages
@@ -134,7 +139,10 @@ class BagRecorder(ManagedNode):
         self._inbox.destroy_node()
         path = self._bag.writer.path
         if self._bag.failure is None:
-            self.get_logger().info(f'closed {path}: {self.messages} messages, {self.lost} lost')
+            missed = f', {self.missed} missed before matching' if self.missed else ''
+            self.get_logger().info(
+                f'closed {path}: {self.messages} messages, {self.lost} lost{missed}'
+            )
         failure = self._receiving.failure or self._bag.failure
         if failure is not None:
             raise failure
@@ -197,6 +205,8 @@ class BagRecorder(ManagedNode):
         state = 'paused' if self._buffer.paused else 'recording'
         if lost:
             state = f'{state}, {lost} messages lost'
+        elif self.missed:
+            state = f'{state}, {self.missed} messages missed before their publisher was matched'
         elif rejected:
             state = f'{state}, but not {", ".join(rejected)}: {next(iter(rejected.values()))}'
         elif self._finder.awaited:
@@ -205,6 +215,7 @@ class BagRecorder(ManagedNode):
             'bag': self._bag.writer.path,
             'messages': self.messages,
             'lost messages': lost,
+            'missed messages': self.missed,
             'files': self._bag.writer.files,
             'bytes waiting for the disk': self._bag.waiting,
             'messages held back': self._buffer.held,
@@ -215,8 +226,9 @@ class BagRecorder(ManagedNode):
             {
                 **figures,
                 **{f'lost on {name}': n for name, n in self._receiving.losses.items() if n},
+                **{f'missed on {name}': n for name, n in self._receiving.missed.items()},
             },
-            warning=bool(lost or rejected or self._finder.awaited),
+            warning=bool(lost or self.missed or rejected or self._finder.awaited),
         )
 
 

@@ -38,11 +38,14 @@ class SequenceGaps:
         self.lost = 0
         self._last: list[int] = []
 
-    def take(self, number: int, publishers: int) -> None:
-        """Count the messages missing before this one, given the number of publishers."""
+    def take(self, number: int, publishers: int) -> bool:
+        """Count the messages missing before this one, given the number of publishers.
+
+        Returns whether this is the first message of a publisher.
+        """
         if self._last == [number - 1]:
             self._last[0] = number
-            return
+            return False
         behind = [last for last in self._last if last < number]
         new_publisher = not behind or (
             number - 1 not in behind and len(self._last) < max(publishers, 1)
@@ -53,6 +56,48 @@ class SequenceGaps:
         elif len(self._last) >= max(publishers, 1):
             del self._last[0]
         self._last.append(number)
+        return new_publisher
+
+
+@dataclass
+class _Newcomer:
+    """First message received of a publisher: number, source time [ns], time to subscribe [ns]."""
+
+    number: int
+    sent: int
+    elapsed: int
+    period: float = math.inf
+
+
+class MissedStarts:
+    """Counter of messages that publishers sent before they were matched with a subscription.
+
+    The number of the first message received is the number of missed messages plus one. They count
+    if the publisher began after the subscription. Its begin follows from the first periods.
+    """
+
+    def __init__(self) -> None:
+        self._newcomers: list[_Newcomer] = []
+
+    @property
+    def missed(self) -> int:
+        """Number of missed messages."""
+        return sum(
+            each.number - 1
+            for each in self._newcomers
+            if (each.number - 1) * each.period <= each.elapsed
+        )
+
+    def add(self, number: int, sent: int, elapsed: int) -> None:
+        """Add the first message of a publisher, `elapsed` [ns] after the subscription began."""
+        if number > 1:
+            self._newcomers.append(_Newcomer(number, sent, elapsed))
+
+    def take(self, number: int, sent: int) -> None:
+        """Use the number and source time [ns] of another message to estimate periods."""
+        for each in self._newcomers:
+            if each.number < number <= each.number + _MEMORY:
+                each.period = (sent - each.sent) / (number - each.number)
 
 
 @dataclass

@@ -44,10 +44,11 @@ class RecordingMetadata:
             if source.type_name == _CHAIN_TYPE:
                 self._chains[source.name] = _parameters_of(serialized)
 
-    def texts(self, losses: Mapping[str, int]) -> dict[str, str]:
-        """Return the custom data, with the number of lost messages of each topic."""
+    def texts(self, losses: Mapping[str, int], missed: Mapping[str, int]) -> dict[str, str]:
+        """Return the custom data, with the numbers of lost and missed messages of each topic."""
         return {
             'lost_messages': json.dumps(losses),
+            'missed_messages': json.dumps(missed),
             'chain': json.dumps(self._chains),
             'suite_version': suite_version(),
             'command_line': shlex.join([Path(sys.argv[0]).name, *sys.argv[1:]]),
@@ -169,6 +170,12 @@ class ReceivingThread:
         lost = {each.source.name: each.gaps.lost for each in self._subscriptions}
         return {name: count + dropped[name] for name, count in lost.items()}
 
+    @property
+    def missed(self) -> dict[str, int]:
+        """Number of messages that publishers sent before they were matched, by topic if any."""
+        missed = {each.source.name: each.starts.missed for each in self._subscriptions}
+        return {name: number for name, number in missed.items() if number}
+
     def pause(self) -> None:
         """Stop recording until `resume`."""
         with self._lock:
@@ -192,7 +199,7 @@ class ReceivingThread:
         """Take the remaining messages; return the custom data of the bag."""
         self._stopping.set()
         self._thread.join()
-        return self._metadata.texts(self.losses)
+        return self._metadata.texts(self.losses, self.missed)
 
     def _run(self) -> None:
         search_at = time.monotonic()
@@ -209,8 +216,12 @@ class ReceivingThread:
                     query = self._discovery is not None
                     for each in self._subscriptions:
                         batch += each.adapt(query)
+                    self._bag.set_custom_data(self._metadata.texts(self.losses, self.missed))
+                else:
+                    changed = [each for each in self._subscriptions if each.changed]
+                    batch += [message for each in changed for message in each.adapt(True)]
+                if searching or self._finder.appeared:
                     self._add(self._finder.find())
-                    self._bag.set_custom_data(self._metadata.texts(self.losses))
                 self._metadata.take(batch)
                 batch.sort(key=attrgetter('stamp'))
                 with self._lock:

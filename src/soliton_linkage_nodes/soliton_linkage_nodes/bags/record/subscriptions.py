@@ -16,9 +16,9 @@ from soliton_linkage_nodes.bags.reading import message_class, type_name
 from soliton_linkage_nodes.bags.record.writing_thread import ReceivedMessage, RecordedTopic
 from soliton_linkage_nodes.runtime.guarded import GuardedNode
 from soliton_linkage_nodes.runtime.interfaces import SUITE_TOPICS, Topic
-from soliton_linkage_nodes.runtime.sequences import SequenceGaps
+from soliton_linkage_nodes.runtime.sequences import MissedStarts, SequenceGaps
 from soliton_linkage_nodes.runtime.stamps import SECOND
-from soliton_linkage_nodes.runtime.subscriptions import AdaptiveSubscription, qos_for_all
+from soliton_linkage_nodes.runtime.subscriptions import AdaptiveSubscription, Info, qos_for_all
 
 _DEPTH = 5000
 """Queue depth of a subscription [messages]: five seconds of a topic at 1000 Hz."""
@@ -31,7 +31,8 @@ class RecordedSubscription:
         """Subscribe with a QoS profile that matches all profiles that are offered."""
         self.source = source
         self.gaps = SequenceGaps()
-        self._began = time.time_ns()
+        self.starts = MissedStarts()
+        self._began = self._created = time.time_ns()
         topic = Topic(source.name, message_type, qos_for_all(source.profiles, _DEPTH))
         self._subscription = AdaptiveSubscription(node, topic, raw=True)
         self.publishers = 0
@@ -48,12 +49,24 @@ class RecordedSubscription:
                 self.connected = self._subscription.connected
             number = info['publication_sequence_number']
             if number is not None:
-                self.gaps.take(number, self.connected)
+                self._count(number, info)
             if is_history:
                 taken.pop()
             taken.append(ReceivedMessage(self.source, info['received_timestamp'], serialized))
             is_history = self.source.latched and info['source_timestamp'] < self._began
         return taken
+
+    def _count(self, number: int, info: Info) -> None:
+        sent = info['source_timestamp']
+        if not self.gaps.take(number, self.connected):
+            self.starts.take(number, sent)
+        elif not self.source.latched:
+            self.starts.add(number, sent, info['received_timestamp'] - self._created)
+
+    @property
+    def changed(self) -> bool:
+        """Whether publishers appeared or disappeared since the last call."""
+        return self._subscription.changed
 
     def adapt(self, query: bool) -> list[ReceivedMessage]:
         """Subscribe again if publishers offer a lower QoS; return messages that waited until then.
@@ -98,6 +111,11 @@ class TopicFinder:
             for name, each in chosen.items()
         ]
         return [RecordedSubscription(self._node, source, kind) for source, kind in sources]
+
+    @property
+    def appeared(self) -> bool:
+        """Whether an awaited topic has a publisher; `find` takes a hundred times as long."""
+        return any(map(self._node.count_publishers, self.awaited))
 
     def find(self) -> list[RecordedSubscription]:
         """Subscribe to the topics that have appeared since the last call."""
