@@ -61,7 +61,7 @@ def test_without_a_command_there_is_help(capsys: pytest.CaptureFixture[str]) -> 
         command.main(['bogus'])
     said = capsys.readouterr().err
     assert said.startswith(
-        'soliton-linkage: there is no command bogus; there are fail, and a work'
+        'soliton-linkage: unknown command bogus; known commands are fail; source'
     )
     assert said.count('\n') == 1
 
@@ -73,7 +73,7 @@ def test_a_study_without_its_package_names_the_package_to_install(
     with pytest.raises(SystemExit, match='1'):
         command.main(['figures', '--quick'])
     assert capsys.readouterr().err == (
-        'soliton-linkage figures: the package soliton_linkage_studies is not installed; '
+        'soliton-linkage figures: the package soliton_linkage_studies is missing; '
         'pip install soliton_linkage_studies, or the rosdep key soliton_linkage_studies\n'
     )
 

@@ -17,6 +17,6 @@ WHITE = '#ffffff'
 
 
 def shares(colour: str) -> tuple[float, float, float]:
-    """Red, green and blue of a colour as '#d55e00' [1]."""
+    """Return red, green and blue of a colour such as '#d55e00', each from 0 to 1."""
     red, green, blue = (int(colour[place : place + 2], 16) / 255 for place in (1, 3, 5))
     return red, green, blue

@@ -1,10 +1,11 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The command `soliton-linkage` with sub-commands of the studies and of other packages.
+"""Command `soliton-linkage` with sub-commands of the studies and of other packages.
 
-A package adds one by an entry point of the group `soliton_linkage.commands`: its name, and a
-function that takes the remaining arguments and returns an exit code as `ros2` does: 0, 1 after an
-error, 2 after Ctrl-C or for an invalid command line. The first line of the module's docstring is
-its help; a module is imported when its sub-command runs.
+A package adds a sub-command by an entry point in the group `soliton_linkage.commands`. The entry
+point has the name of the sub-command and refers to a function. The function receives the remaining
+arguments and returns the exit code: 0, 1 after an error, 2 after Ctrl-C or for an invalid command
+line. The first line of the module's docstring is the help text. The module is imported only when
+its sub-command runs.
 """
 
 from __future__ import annotations
@@ -24,7 +25,7 @@ PROGRAM = 'soliton-linkage'
 _GROUP = 'soliton_linkage.commands'
 _STUDIES = ['accuracy', 'camera', 'collisions', 'driving', 'figures', 'films', 'moves', 'sweep']
 _INSTALL_STUDIES = (
-    'the package soliton_linkage_studies is not installed; pip install soliton_linkage_studies, '
+    'the package soliton_linkage_studies is missing; pip install soliton_linkage_studies, '
     'or the rosdep key soliton_linkage_studies'
 )
 _REQUIREMENTS = {
@@ -49,8 +50,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
         if given[0] in _STUDIES:
             parser.exit(1, f'{PROGRAM} {given[0]}: {_INSTALL_STUDIES}\n')
         known = ', '.join(commands) or 'none here'
-        more = 'a workspace has more once its setup.bash is sourced'
-        parser.error(f'there is no command {given[0]}; there are {known}, and {more}')
+        more = 'source the setup.bash of a workspace for further commands'
+        parser.error(f'unknown command {given[0]}; known commands are {known}; {more}')
     parser.parse_args(given)
     parser.print_help()
     return 0
@@ -64,7 +65,7 @@ def _run(command: EntryPoint, arguments: list[str]) -> int:
     except KeyboardInterrupt:
         return int(signal.SIGINT)
     except BrokenPipeError:
-        # Python would write to the closed pipe again at its exit.
+        # Otherwise Python would write to the closed pipe again when it exits.
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         return 0
     except ModuleNotFoundError as error:
@@ -80,7 +81,7 @@ def _remedy(command: EntryPoint, error: ModuleNotFoundError) -> str:
     missing = (error.name or '').partition('.')[0]
     if command.name in _STUDIES and missing in _REQUIREMENTS:
         return 'pip install {}, or the rosdep key {}'.format(*_REQUIREMENTS[missing])
-    return 'install it, or source the setup.bash of the workspace that has it'
+    return 'install it, or source the setup.bash of the workspace that contains it'
 
 
 def _parser(commands: Mapping[str, EntryPoint]) -> PlainParser:

@@ -1,10 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Compiles loops by numba.
+"""Compilation of loops by numba.
 
-Where types are given it does so when they are imported, so that nothing is compiled later, while
-frames wait. What an earlier process has compiled is taken from its folder. With
-NUMBA_DISABLE_JIT=1 loops run as the Python that they are, slowly, and give the same numbers but
-for rounding.
+If argument types are given, a loop is compiled at import, so that no compilation delays a frame.
+Later processes load the compiled code from the cache. With NUMBA_DISABLE_JIT=1 loops run as plain
+Python. They are then slow, and their results agree to rounding.
 """
 
 from __future__ import annotations
@@ -20,7 +19,7 @@ from numba.extending import intrinsic
 Kernel = TypeVar('Kernel', bound=Callable[..., Any])
 
 FASTMATH_FLAGS = frozenset({'contract', 'nsz'})
-"""Products and sums may contract, but no sum is reordered."""
+"""Compiler flags: fused multiply-add is allowed, reordering of sums is not."""
 
 f8, i8, b1 = types.float64, types.int64, types.boolean
 const_f8_1d = types.Array(types.float64, 1, 'C', readonly=True)
@@ -43,16 +42,16 @@ const_f4_2d = types.Array(types.float32, 2, 'C', readonly=True)
 
 
 unrolled = numba.literal_unroll
-"""Loop over names of fields; each iteration is compiled separately, as types may differ."""
+"""Loop over field names. Each iteration is compiled separately, because types may differ."""
 
 
 def records(dtype: np.dtype[np.void], writable: bool = False) -> Any:
-    """Return the type of a row of records of a structured type; loops read `row[n]['field']`."""
+    """Return the numba type of a 1-D structured array; loops read `row[n]['field']`."""
     return types.Array(numba.from_dtype(dtype), 1, 'C', readonly=not writable)
 
 
 def named_tuple(row: type[tuple[Any, ...]], *fields: Any) -> Any:
-    """Return the type of a named tuple with fields of these types, or all of one type."""
+    """Return the numba type of a named tuple from the types of its fields, or one common type."""
     untyped = cast(Any, types)
     if len(fields) == 1:
         fields *= len(cast(Any, row)._fields)
@@ -62,7 +61,7 @@ def named_tuple(row: type[tuple[Any, ...]], *fields: Any) -> Any:
 
 
 def compiled(*arguments: Any) -> Callable[[Kernel], Kernel]:
-    """Compile for arguments of these types."""
+    """Return a decorator that compiles a function for arguments of these types."""
 
     def compile_for(function: Kernel) -> Kernel:
         return compile_loop(function, arguments)
@@ -76,9 +75,9 @@ def compile_loop(
     fastmath: frozenset[str] = FASTMATH_FLAGS,
     inlined: bool = False,
 ) -> Kernel:
-    """Compile for arguments of these types, or for the types of the first call.
+    """Compile a function for arguments of these types, or for the types of its first call.
 
-    With `inlined`, it is compiled into the functions that call it.
+    With `inlined`, the function is compiled into its callers.
     """
 
     def compiler(cache: bool) -> Any:
@@ -98,7 +97,7 @@ def compile_loop(
 
 
 def inlined(function: Kernel) -> Kernel:
-    """Compile a function into the functions that call it."""
+    """Compile a function into its callers."""
     return compile_loop(function, inlined=True)
 
 
@@ -113,21 +112,21 @@ COMPILES = _compiled_or_not is not _nothing
 
 
 def _hint(intrinsic_function: Callable[[Any], Any]) -> Callable[[], None]:
-    """Make a compiler hint callable from loops."""
+    """Make a compiler hint callable from compiled loops."""
     if not COMPILES:
         return _nothing
     return cast(Callable[[], None], intrinsic(intrinsic_function))
 
 
 def _wide(_typing: Any) -> Any:
-    """Vectorise the calling function as wide as the processor can; LLVM would use half of that.
+    """Let the calling function use the full vector width; LLVM would use half of it.
 
-    Measured with AVX-512: without it `SymplecticNystrom` takes 0.74 ms in place of 0.56 ms for 5 s
-    of 40 rotors, and 3.5 ms in place of 2.3 ms for 1 s of 1000 rotors.
+    Sensitivity, with AVX-512: without this hint `SymplecticNystrom` takes 0.74 ms instead of
+    0.56 ms for 5 s of 40 rotors, and 3.5 ms instead of 2.3 ms for 1 s of 1000 rotors.
     """
 
     def generate(context: Any, builder: Any, _signature: Any, _arguments: Any) -> Any:
-        # The method `add` of these attributes refuses names that it does not know.
+        # The method `add` of these attributes rejects unknown names.
         set.add(builder.function.attributes, '"prefer-vector-width"="512"')
         return context.get_dummy_value()
 

@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Public names of a package, imported at their first use (Scientific Python, SPEC 1).
+"""Lazy import of the public names of a package (Scientific Python, SPEC 1).
 
-The stub beside its `__init__` lists them, also for type checkers. No program waits for unused
-modules.
+The stub file `__init__.pyi` of the package lists these names, also for type checkers. Programs
+start faster, because they do not import unused modules.
 """
 
 from __future__ import annotations

@@ -1,7 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """Progress of a long computation, as one line on stderr.
 
-tqdm writes carriage returns into log files and does not shorten the title in favour of a remark.
+tqdm is not used, because it writes carriage returns into log files and cannot shorten the title
+when a remark needs the space.
 """
 
 from __future__ import annotations
@@ -28,7 +29,7 @@ def line_width() -> int:
         columns = os.get_terminal_size(sys.stderr.fileno()).columns
     except (OSError, ValueError):
         columns = 0
-    # One column is left to the cursor. Some terminals report a width of 0.
+    # The cursor needs one column. Some terminals report a width of 0.
     return columns - 1 if columns > 1 else _DEFAULT_COLUMNS
 
 
@@ -49,7 +50,7 @@ class ProgressLine:
         return time.monotonic() - self._shown_at >= self._interval
 
     def show(self, done: float, remark: str = '') -> None:
-        """Show the progress if an update is due; a short line cuts the title, not the remark."""
+        """Show the progress if an update is due. If space is short, the title is cut."""
         if not self.total:
             self.show_text(f'{self._title}: {remark}' if remark else self._title)
             return

@@ -97,7 +97,7 @@ def test_the_edge_of_nudges_can_be_changed_and_not_to_nonsense(bench: Bench) -> 
     for edge, allowed in (('last', True), ('middle', False)):
         assert bench.set('nudge_edge', edge) == allowed
     bench.nudge(1.0)
-    assert bench.refusal().endswith('nearer the first edge than the last; name the first edge')
+    assert bench.refusal().endswith('nearer the first edge than the last; choose the first edge')
 
 
 @pytest.mark.parametrize('speed', [7.0, -2.0])

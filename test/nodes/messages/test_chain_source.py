@@ -154,14 +154,17 @@ def test_parameters_of_disorder_draw_the_chain_that_the_same_seed_draws(graph: G
     [
         (
             {'chain.disorder.mass': 0.1, 'chain.deviations.mass': [0.1] * 40},
-            'deviations of mass are both given and drawn',
+            'deviations of mass are given twice',
         ),
         ({'chain.deviations.mass': [0.1] * 3}, '3 deviations of mass do not fit a chain of 40'),
         ({'chain.disorder.mass': 0.6}, 'must lie in the range 0 to 0.5'),
         ({'chain.damping': -1.0}, 'must lie in the range 0 to 1e'),
         ({'chain.encoders.offsets': [0.1] * 3}, '3 offsets of encoders do not fit a chain of 40'),
         ({'chain.encoders.offsets': [float('nan')] * 40}, 'offset of rotor 0 = nan rad must lie'),
-        ({'chain.periodic': True, 'chain.number_of_rotors': 5}, 'must be even with periodic'),
+        (
+            {'chain.periodic': True, 'chain.number_of_rotors': 5},
+            'must be even if the ends are periodic',
+        ),
     ],
 )
 def test_parameters_that_describe_no_chain_stop_the_node(

@@ -36,7 +36,7 @@ def parser() -> PlainParser:
         (['1', '--times', '0'], "argument --times: '0' must be 1 or more"),
         (['1', '--bogus'], '--bogus: unknown'),
         (['1', '2'], '2: unknown'),
-        (['1', '-r', '__ns:=/a'], 'ROS arguments come after --ros-args, as --ros-args -r '),
+        (['1', '-r', '__ns:=/a'], 'put ROS arguments after --ros-args, e.g. --ros-args -r '),
         (
             ['1', '--ros-args', '-p'],
             "wrong ROS arguments: Failed to parse ROS arguments: Couldn't",

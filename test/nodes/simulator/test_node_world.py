@@ -215,7 +215,10 @@ def test_a_reset_to_a_soliton_and_to_angles_by_name(graph: Graph, velocity: floa
 @pytest.mark.parametrize(
     ('request_', 'complaint'),
     [
-        ({'state': Reset.Request.SOLITON, 'place': 7.0}, 'site = 7.0 must lie from 0.5 to'),
+        (
+            {'state': Reset.Request.SOLITON, 'place': 7.0},
+            'site = 7.0 must lie in the range 0.5 to',
+        ),
         (
             {'state': Reset.Request.SOLITON, 'place': 3.0, 'velocity': float('inf')},
             'velocity of the soliton = inf m/s must be a finite number',

@@ -62,7 +62,7 @@ def test_torques_and_fixed_rotors_act_on_their_own_rotor_alone() -> None:
 
 
 def test_arrays_of_another_shape_are_rejected() -> None:
-    with pytest.raises(ValueError, match='give one a rotor'):
+    with pytest.raises(ValueError, match='give one per rotor'):
         EquationOfMotion(Chain(6), np.zeros(5))
     with pytest.raises(ValueError, match='fixed rotor 6 must be one of 0 to 5'):
         EquationOfMotion(Chain(6), fixed=(6,))

@@ -199,7 +199,7 @@ def test_rigid_bars_take_forces_as_they_take_damping() -> None:
 
 def test_forces_without_compiled_steps_are_rejected() -> None:
     with pytest.raises(
-        ValueError, match=r"'symplectic' does not integrate the plain functions .*'DOP853'"
+        ValueError, match=r"'symplectic' does not integrate Python functions .*'DOP853'"
     ):
         by(chain_of(FLIPPER, 4), drag, integrator='symplectic')
     with pytest.raises(ValueError, match='regularisation = 0 rad/s'):

@@ -272,7 +272,7 @@ FITS = pytest.mark.parametrize('fit', [from_the_start, fit_anywhere])
 def test_angles_of_another_shape_are_rejected(
     fit: Callable[[UniformOrbit, Array], NearestPoint], shape: tuple[int, ...]
 ) -> None:
-    with pytest.raises(ValueError, match='do not fit a chain of 40 rotors; give one a rotor'):
+    with pytest.raises(ValueError, match='do not fit a chain of 40 rotors; give one per rotor'):
         fit(cycle_of(FLIPPER), np.zeros(shape))
 
 

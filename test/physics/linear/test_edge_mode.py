@@ -72,7 +72,7 @@ def test_an_edge_that_the_mode_is_far_from_is_rejected_unless_it_may_be_anywhere
     angles = wall_between(chain, 3)
     complaint = (
         r'the zero mode sits at rotor 3\.5 of 0 to 19, nearer the first edge than the last; '
-        'name the first edge'
+        'choose the first edge'
     )
     with pytest.raises(ValueError, match=complaint):
         edge_mode(chain, angles, Edge.LAST)

@@ -297,7 +297,7 @@ def test_a_motion_that_does_not_fit_the_modes_is_rejected(shape: tuple[int, ...]
 def test_a_density_of_no_frequencies_is_rejected(frequency: float) -> None:
     with pytest.raises(ValueError, match=rf'frequency = {frequency} rad/s must be'):
         mode_density([1.0, frequency], [0.0, 2.0])
-    with pytest.raises(ValueError, match='of 0 frequencies'):
+    with pytest.raises(ValueError, match='density of 0 modes'):
         mode_density([], [0.0, 2.0])
 
 

@@ -239,16 +239,14 @@ def test_a_spring_that_cannot_be_relaxed_is_named(rotors: int, fraction: float) 
 @pytest.mark.parametrize('angle', [0.0, np.pi / 2])
 def test_a_ring_with_a_state_of_self_stress_is_not_relaxed(angle: float) -> None:
     # Whether a singular matrix is found to be one is up to rounding.
-    complaint = (
-        r'stuck at \[.*\] rad, .* state of self-stress|spring \d stays .*: no configuration'
-    )
+    complaint = r'self-stress at \[.*\] rad|spring \d .* stays .*: no configuration'
     with pytest.raises(ValueError, match=complaint):
         unstretched(Chain(4, periodic=True), np.full(4, angle))
 
 
 def test_a_chain_with_a_motion_that_nothing_resists_has_no_balance() -> None:
     # Parallel rotors turn together to first order, and neither springs nor their tension mind.
-    with pytest.raises(ValueError, match=r'yields without end at \[0\. 0\. 0\. 0\.\] rad'):
+    with pytest.raises(ValueError, match=r'stiffness matrix is singular at \[0\. .*\] rad'):
         equilibrium(Chain(4), np.zeros(4))
 
 
@@ -268,7 +266,7 @@ def test_torques_are_in_balance_or_rejected_by_rotor() -> None:
             assert np.abs(chain.spring_torques(found)).max() <= 1e-12 * scale
     assert refusals
     for refusal in refusals:
-        assert re.match(r'rotor \d+ keeps a torque of .* N m: the springs have', refusal)
+        assert re.match(r'the torque on rotor \d+ stays .* N m: there is no equilibrium', refusal)
 
 
 @pytest.mark.parametrize('law', [unstretched, equilibrium])

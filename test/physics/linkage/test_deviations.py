@@ -93,13 +93,13 @@ def test_a_fraction_of_0_changes_nothing() -> None:
 
 @pytest.mark.parametrize('fraction', [-0.01, math.nan, math.inf])
 def test_a_fraction_that_no_spread_has_is_rejected(fraction: float) -> None:
-    with pytest.raises(ValueError, match=f'fraction of mass = {fraction} must be .* 0 or more'):
+    with pytest.raises(ValueError, match=f'deviation of mass = {fraction} must be .* >= 0'):
         drawn_deviations(5, 1, mass=fraction)
 
 
 def test_an_unknown_quantity_is_rejected_by_name() -> None:
     known = ', '.join(NAMES)
-    with pytest.raises(ValueError, match=f"deviation of 'rest_angle' must be of one of {known}"):
+    with pytest.raises(ValueError, match=f"unknown quantity 'rest_angle'; must be one of {known}"):
         drawn_deviations(5, 1, rest_angle=0.01)
 
 
@@ -136,14 +136,14 @@ def test_a_number_of_fractions_that_does_not_fit_is_rejected(name: str, count: i
 
 @pytest.mark.parametrize('seed', [-1, 1.5, '3', None, math.nan])
 def test_a_seed_that_is_no_whole_number_is_rejected(seed: Any) -> None:
-    complaint = re.escape(f'seed = {seed!r} must be a whole number; give one of 0 or more')
+    complaint = re.escape(f'seed = {seed!r} must be a whole number >= 0')
     with pytest.raises(ValueError, match=complaint):
         drawn_deviations(5, seed, mass=0.01)
 
 
 @pytest.mark.parametrize('rotors', [-1, 0, 1, 2.5])
 def test_a_number_of_rotors_that_no_chain_has_is_rejected(rotors: Any) -> None:
-    complaint = f'number_of_rotors = {rotors} must be a whole number; give one of 2 or more'
+    complaint = f'number_of_rotors = {rotors} must be a whole number >= 2'
     with pytest.raises(ValueError, match=complaint):
         drawn_deviations(rotors, 0, rest_length=0.01)
 
@@ -175,5 +175,5 @@ def test_disorder_out_of_its_range_is_rejected(name: str, value: float) -> None:
 def test_fractions_that_are_given_go_beside_those_that_are_drawn() -> None:
     given_ones, drawn = Deviations(mass=(0.1, 0.2)), Deviations(spacing=(0.3,))
     assert given_ones.joined(drawn) == Deviations(mass=(0.1, 0.2), spacing=(0.3,))
-    with pytest.raises(ValueError, match='deviations of mass are both given and drawn; give'):
+    with pytest.raises(ValueError, match='deviations of mass are given twice'):
         given_ones.joined(Deviations(mass=(0.0, 0.1)))

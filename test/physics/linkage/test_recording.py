@@ -47,7 +47,7 @@ def test_rates_that_do_not_fit_the_angles_are_rejected_with_both_shapes(
 
 @pytest.mark.parametrize(('late', 'frame'), [(0.0, 1), (-0.1, 1), (0.3, 2), (0.4, 2)])
 def test_times_that_do_not_increase_are_rejected_by_frame(late: float, frame: int) -> None:
-    with pytest.raises(ValueError, match=f'time of frame {frame} = .* does not come after'):
+    with pytest.raises(ValueError, match=f'time of frame {frame} = .* is not later than'):
         Recording(np.array([0.0, late, 0.3]), ANGLES, ANGLES)
 
 

@@ -86,7 +86,7 @@ def test_joints_have_the_names_and_limits_that_are_given() -> None:
 
 @pytest.mark.parametrize('names', [['one'], ['same'] * CHAIN.number_of_rotors])
 def test_names_that_do_not_fit_are_rejected(names: list[str]) -> None:
-    with pytest.raises(ValueError, match='give one a rotor'):
+    with pytest.raises(ValueError, match='give one per rotor'):
         robot_description(CHAIN, names)
 
 

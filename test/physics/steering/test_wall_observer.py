@@ -184,5 +184,5 @@ def test_late_and_repeated_frames_are_ignored_and_a_new_clock_restarts() -> None
 
 def test_a_wrong_number_of_angles_is_rejected() -> None:
     observer = WallObserver(orbit_of_example(FLIPPER, 12), BANDWIDTH)
-    with pytest.raises(ValueError, match='one a rotor'):
+    with pytest.raises(ValueError, match='one per rotor'):
         observer.update(0.0, np.zeros(11))

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Models of the actuators at the edges: their interface, and a registry by name.
+"""Models of the actuators at the edges, with their interface and a registry by name.
 
 To add a model, write a frozen dataclass with the methods of `Actuator` and register it in
 `ACTUATORS`. Each field is a `quantity` and becomes a parameter of the node `edge_actuator`, whose
@@ -24,8 +24,9 @@ from soliton_linkage.linkage.quantities import check_quantities, quantity
 class PneumaticActuator:
     """Soft actuator with first-order pressure dynamics; raises ValueError for invalid parameters.
 
-    The pressure p [Pa] relaxes to the commanded one with `filling_time` while it rises and with
-    `venting_time` while it falls. The torque is k p, limited to `saturation_torque`.
+    The pressure p [Pa] approaches the commanded pressure with the time constant `filling_time`
+    while it rises and `venting_time` while it falls. The torque is k p, limited to
+    `saturation_torque`.
     """
 
     filling_time: float = quantity(0.03, 'time constant of a rising pressure', 's', 1e-4, 1e3)
@@ -65,8 +66,8 @@ class PneumaticActuator:
 
             e(t) = e(0) E + slope tau (1 - E),    E = exp(-t / tau),
 
-        until e changes its sign at t = tau ln(1 - e(0) / (slope tau)), at most once. Then tau
-        changes between the filling and the venting time.
+        until e changes its sign at t = tau ln(1 - e(0) / (slope tau)). This happens at most once.
+        Then tau changes from the filling time to the venting time, or back.
         """
         lag = target - pressure
         if lag * slope < 0:
@@ -86,7 +87,7 @@ class PneumaticActuator:
     ) -> tuple[float, float]:
         """Return the pressure at `end` [Pa] and its integral from `start` to `end` [Pa s].
 
-        `pressure` [Pa] is the one at `start` [s]. The result is exact for any profile of
+        `pressure` is the pressure at `start` [Pa]. The result is exact for any profile of
         commanded pressures [Pa] and any interval.
         """
         integral = 0.0
@@ -119,9 +120,9 @@ class PneumaticActuator:
     def pulse_command(self, impulse: float, duration: float) -> float:
         """Return the pressure [Pa] whose pulse of a duration [s] gives an impulse [N m s].
 
-        A pulse u of duration T, vented afterwards, gives the impulse
-        k u [T + (tau_2 - tau_1) (1 - exp(-T / tau_1))]. The pressure tends to u with the time
-        constant tau_1 and back to 0 with tau_2.
+        A pulse u of duration T, followed by venting, gives the impulse k u [T + (tau_2 - tau_1) (1
+        - exp(-T / tau_1))]. The pressure approaches u with the time constant tau_1 and then 0 with
+        tau_2.
         """
         towards, back = self._time_constant(impulse), self._time_constant(-impulse)
         effective_duration = duration - (back - towards) * math.expm1(-duration / towards)
@@ -142,10 +143,11 @@ class PneumaticActuator:
 
 
 class Actuator(Protocol):
-    """Interface of an actuator at an edge: a command changes its level, the level gives a torque.
+    """Interface of an actuator at an edge.
 
-    Command and level have the same unit, for example the pressure in a chamber [Pa]. At rest both
-    are 0. The torque [N m] acts along the unit zero mode.
+    A command changes the level of the actuator, and the level determines the torque. Command and
+    level have the same unit, for example the pressure in a chamber [Pa]. At rest both are 0. The
+    torque [N m] acts along the unit zero mode.
     """
 
     def check_command(self, command: float) -> None:

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Driver of one chain: it accepts commands and returns the torques for each frame."""
+"""Driver that converts the commands to one chain into torques for each frame."""
 
 from __future__ import annotations
 

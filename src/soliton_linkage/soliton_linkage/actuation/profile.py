@@ -33,7 +33,7 @@ class Segment:
 
 @dataclass(frozen=True)
 class Profile:
-    """Piecewise linear function of time: 0 before the first point, held after the last one.
+    """Piecewise linear function of time, 0 before the first point and constant after the last.
 
     Two points with the same instant form a jump. Raises ValueError for unsorted instants, for
     numbers that are not finite, and for different numbers of instants and values.

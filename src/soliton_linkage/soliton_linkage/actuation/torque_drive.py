@@ -16,7 +16,7 @@ from soliton_linkage.linear.rigidity import Edge, mode_towards_last
 from soliton_linkage.linkage.chain import Array, Chain
 
 _REST_LEVEL = 1e-6
-"""Level over the largest one since the last command, below which an actuator is at rest [1].
+"""Level below which an actuator is at rest, as a fraction of the largest level since the command.
 
 An exponential decay never reaches 0. This threshold ends a drive 14 time constants after its
 command.
@@ -154,9 +154,9 @@ class _Command:
 class JointDrive:
     """Torques over time of the joint actuators.
 
-    A command replaces the torques of the rotors that it names; the other rotors keep theirs. Its
-    last torques are held for `timeout` [s]; 0 disables the timeout. Times are in seconds from any
-    origin.
+    A command replaces the torques of the rotors that it names; other rotors keep their torques.
+    The last torques of a command are held for `timeout` [s]; 0 disables the timeout. Times are in
+    seconds from any origin.
     """
 
     def __init__(self, number_of_rotors: int, timeout: float) -> None:

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Chains in motion: simulations of springs and of rigid bars, and their energy balance."""
+"""Simulations of chains of springs and of rigid bars, and their energy balance."""
 
 from soliton_linkage.exports import public_names
 

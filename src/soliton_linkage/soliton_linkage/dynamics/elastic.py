@@ -29,23 +29,25 @@ class ElasticSettings(SimulationSettings):
     """Tuning of `ElasticSimulation`."""
 
     longest_step: float = 5.0
-    """Longest step of scipy's solvers times the fastest rate; DOP853 is stable up to 6.
+    """Longest step of scipy's solvers, times the fastest rate [1]. DOP853 is stable up to 6.
 
-    At rest the tolerance does not limit the step, and a longer one would amplify rounding errors.
-    Sensitivity: at 0.5x, 1.6 times the work for a soliton and twice for a chain at rest. At 2x,
-    the same work for a soliton and half for a chain at rest.
+    The limit is needed for chains at rest, in which the tolerance does not limit the step and a
+    longer step would amplify rounding errors. Sensitivity: at 0.5x, the computing time is 1.6
+    times as long for a soliton and twice as long at rest. At 2x, it is the same for a soliton and
+    half as long at rest.
     """
     symplectic_fraction: float = 0.1
-    """Tolerance of `SymplecticNystrom` over the tolerance of the simulation.
+    """Tolerance of `SymplecticNystrom`, relative to the tolerance of the simulation [1].
 
-    A kicked chain of 12 rotors then has the same error as with DOP853, 7e-10 rad. At 1 the error
-    is 13 times as large and the steps are 1.4 times as long.
+    With this value a kicked chain of 12 rotors has the same error as with DOP853, 7e-10 rad.
+    Sensitivity: at 1, the error is 13 times as large and the steps are 1.4 times as long.
     """
     rotors_per_step: int = 400
-    """Rotors times method steps in one solver step, after which other callbacks may run.
+    """Number of rotors times number of method steps in one solver step [1].
 
-    One solver step takes 0.05 to 0.07 ms. Sensitivity: at 0.5x, frames of 40 rotors take 20 to
-    60 % longer; at 2x, 10 to 30 % less, with solver steps of 0.12 ms.
+    Other callbacks run between solver steps, each of which takes 0.05 to 0.07 ms. Sensitivity: at
+    0.5x, frames of 40 rotors take 20 to 60 % longer; at 2x, 10 to 30 % less, with solver steps of
+    0.12 ms.
     """
 
 
@@ -122,8 +124,8 @@ class ElasticSimulation(Simulation):
 
     def _tolerances(self) -> Array:
         """Return the absolute tolerance of each variable of the solver."""
-        # The solver averages over all variables. The division by sqrt(N) keeps the error of a
-        # wall in a long chain from being averaged away by the rotors at rest.
+        # The solver uses the mean error of all variables. Without the division by sqrt(N), the
+        # many rotors at rest in a long chain would hide the error of the wall.
         chain = self.chain
         rotors = chain.number_of_rotors
         angles = np.full(rotors, self.tolerance / math.sqrt(2 * rotors))
@@ -131,7 +133,7 @@ class ElasticSimulation(Simulation):
         return np.concatenate([angles, angles / chain.time_unit, energy])
 
     def _after_step(self) -> None:
-        """Take more method steps per solver step while no kick or torque restarts the solver."""
+        """Increase the method steps per solver step unless kicks or torques restart the solver."""
         if isinstance(self._solver, SymplecticNystrom):
             most = max(1, self._settings.rotors_per_step // self.chain.number_of_rotors)
             self._solver.together = min(2 * self._solver.together, most)

@@ -33,26 +33,26 @@ from soliton_linkage.linkage.gravity import NO_GRAVITY, Gravity
 
 @dataclass(frozen=True, eq=False)
 class EquationOfMotion:
-    """Right-hand side for `scipy.integrate.solve_ivp`, of state (angles, rates, dissipated).
+    """Right-hand side for `scipy.integrate.solve_ivp` with the state (angles, rates, W).
 
     M r^2 phi_ddot = sum of the torques of all terms,
-    W_dot = sum of the powers that they dissipate,
+    W_dot = sum of the powers that the terms dissipate,
 
-    where the dissipated energy W [J] belongs to the state only if a term is dissipative or
-    active. The terms are springs, held torques, gravity, those of `of_chain` and `forces`. Raises
+    The dissipated energy W [J] is part of the state only if a term is dissipative or active. The
+    terms are springs, commanded torques, gravity, the terms of `of_chain`, and `forces`. Raises
     ValueError for torques or fixed rotors that do not fit the chain.
     """
 
     chain: Chain
     torques: Array | None = None
-    """Torque held at each rotor [N m], shape (N,); None for none."""
+    """Constant torque on each rotor [N m], shape (N,), or None."""
     gravity: Gravity = NO_GRAVITY
     fixed: tuple[int, ...] = ()
     """Indices of the rotors that do not turn."""
     forces: tuple[Term | TorqueFunction, ...] = ()
     """Further terms."""
     start: float = 0.0
-    """Time that plain functions get at time 0 of the solver [s]."""
+    """Time argument of Python functions in `forces` when the solver time is 0 [s]."""
 
     def __post_init__(self) -> None:
         """Reject torques and fixed rotors that do not fit the chain."""
@@ -88,7 +88,7 @@ class EquationOfMotion:
         return (SpringTorques(self.chain), *self.loads)
 
     def table(self, terms: Sequence[Term]) -> TermTable:
-        """Return the kinds and parameters of the compiled ones among some terms."""
+        """Return the kinds and parameters of those terms that are compiled."""
         return term_table([t for t in terms if isinstance(t, CompiledTerm)], self.rotors)
 
     @cached_property
@@ -98,7 +98,7 @@ class EquationOfMotion:
 
     @cached_property
     def inertias(self) -> Array:
-        """Moment of inertia of each rotor [kg m^2], infinite for fixed ones, shape (N,)."""
+        """Moment of inertia of each rotor [kg m^2], infinite for fixed rotors, shape (N,)."""
         inertias = self.chain.moments_of_inertia.copy()
         inertias[list(self.fixed)] = np.inf
         return inertias
@@ -110,7 +110,7 @@ class EquationOfMotion:
 
     @cached_property
     def fastest_vibration(self) -> float:
-        """Bound of the angular frequencies of vibrations [1/s].
+        """Upper bound of the angular frequency of vibrations [rad/s].
 
         sqrt(4 k_e / M + g / r + (4 abs(kappa) + m abs(A)) / (M r^2)).
         """
@@ -130,7 +130,7 @@ class EquationOfMotion:
 
     @property
     def fastest_rate(self) -> float:
-        """Bound of vibrations and of the decay of energies, 2 c / (M r^2) [1/s]."""
+        """Upper bound of vibration frequencies and of energy decay rates, 2 c / (M r^2) [1/s]."""
         return max(self.fastest_vibration, 2 * self.fastest_decay)
 
     def external_energy(self, angles: Array) -> float:

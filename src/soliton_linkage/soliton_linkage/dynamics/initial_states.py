@@ -17,7 +17,7 @@ class State:
     """Angles and rates of the rotors."""
 
     angles: Array
-    """Actual angles [rad], shape (N,)."""
+    """Angles phi [rad], shape (N,)."""
     rates: Array
     """Angular rates [rad/s], shape (N,)."""
 
@@ -28,7 +28,7 @@ def leaning(chain: Chain, lean: int) -> State:
     If the deviations allow no such state, return an equilibrium of the springs. Raises ValueError
     if there is no equilibrium either.
     """
-    # Import scipy only here, because modules that only pass states on do not need it.
+    # Import scipy here, because modules that only use `State` do not need it.
     from soliton_linkage.linear.statics import equilibrium, rest_state
 
     try:
@@ -41,11 +41,12 @@ def leaning(chain: Chain, lean: int) -> State:
 def with_soliton(chain: Chain, place: float, velocity: float) -> State:
     """Return a wall of charge +1 at a site coordinate [rotor spacings] with a velocity [m/s].
 
-    The wall is the static one on leg 0, with relaxed springs. The rotors move along the zero mode
-    at |phi_dot| = Lambda |v| / a, which is exact for rigid bars. With springs the wall has the
-    kinetic energy M_eff v^2 / 2, and then loses speed because it contracts and radiates phonons.
-    In the examples of the three motions it loses 0.4 to 4 % at 0.2 of the speed of sound, and 3 to
-    42 % at 0.6. Raises ValueError for a velocity that is not finite and as `static_wall` does.
+    The angles are those of a static wall on leg 0, with relaxed springs. The rotors move along the
+    zero mode at |phi_dot| = Lambda |v| / a, which is exact for rigid bars. With springs the wall
+    has the kinetic energy M_eff v^2 / 2 at first. It then contracts and radiates phonons, which
+    reduces its speed. In the example chains the speed decreases by 0.4 to 4 % at 0.2 times the
+    speed of sound, and by 3 to 42 % at 0.6 times. Raises ValueError for a velocity that is not
+    finite, and the errors of `static_wall`.
     """
     from soliton_linkage.solitons.static_wall import site_arc, static_wall
 

@@ -5,9 +5,9 @@ The chain is a mechanism with one degree of freedom. It moves along the curve of
 whose bars have their rest length, in the direction of the zero mode t(phi). With t normalised in
 the metric of the inertia, sum_n I_n t_n^2 = 1, and the speed s [J^(1/2)],
 
-    dphi/dt = s t(phi),    ds/dt = t(phi) . torques,    T = s^2 / 2,
+    dphi/dt = s t(phi),    ds/dt = t(phi) . torques,    T = s^2 / 2.
 
-and the bars do no work.
+The bars do no work.
 """
 
 from __future__ import annotations
@@ -40,9 +40,9 @@ class RigidSettings(SimulationSettings):
     max_bar_error: float = 1e-6
     """Largest relative error of the length of a bar in the initial state [1]."""
     jammed: float = 1e-5
-    """Smallest singular value of R, over r, below which an error reports that the bars jam."""
+    """Smallest singular value of R in units of r [1] below which an error reports jammed bars."""
     longest_step: float = 100.0
-    """Longest step of the solver in periods, which is also the most frames computed at once.
+    """Longest solver step in frame periods, which is also the largest number of frames per step.
 
     Sensitivity: at 0.5x or 2x, the same run time and energy drift.
     """
@@ -56,10 +56,11 @@ DEFAULTS = RigidSettings()
 class RigidSimulation(Simulation):
     """Simulation of a chain whose springs are rigid bars of their rest length.
 
-    Rates and impulses are projected onto the zero mode, because the bars bear the rest. After
-    each step the simulation projects the state onto the curve and corrects its energy. The
-    arguments are as in `Simulation`, without fixed rotors and periodic ends. Raises ValueError
-    for angles that the bars do not allow, and ArithmeticError if the bars jam.
+    Rates and impulses are projected onto the zero mode, because the bars resist all other
+    components. After each step the simulation projects the state onto the curve and corrects its
+    energy. The arguments are those of `Simulation`. Fixed rotors and periodic ends are not
+    allowed. Raises ValueError for angles that the bars do not allow, and ArithmeticError if the
+    bars jam.
     """
 
     def __init__(
@@ -83,9 +84,9 @@ class RigidSimulation(Simulation):
     def link_torques(self) -> Array:
         """Torque of the bars on each rotor in the current frame [N m], R^T s, shape (N,).
 
-        The lengths are constant, R phi_ddot + l_ddot = 0, where l_ddot is the second derivative
-        at constant rates. With I phi_ddot = R^T s + torques this gives
-        R I^-1 R^T s = -(l_ddot + R I^-1 torques). Raises ValueError if the bars jam.
+        Constant lengths require R phi_ddot + l_ddot = 0, where l_ddot is the second derivative of
+        the lengths at constant rates. With I phi_ddot = R^T s + torques it follows that R I^-1 R^T
+        s = -(l_ddot + R I^-1 torques). Raises ValueError if the bars jam.
         """
         chain, angles, rates = self.chain, self.angles, self.rates
         first, second = rigidity_bands(chain, angles)
@@ -167,7 +168,7 @@ class RigidSimulation(Simulation):
         self._solver.f = self._solver.fun(self._solver.t, state)
 
     def _corrected(self, state: Array) -> tuple[Array, float, float]:
-        """Return angles with bars at their rest length, the corrected speed and the dissipation.
+        """Return angles with exact bar lengths, the corrected speed, and the dissipated energy.
 
         The energy is corrected by the smallest change of position and speed, along its gradient
         (-t . torques, s). This also works at turning points, where s is 0.
@@ -193,7 +194,7 @@ class RigidSimulation(Simulation):
         return angles, speed, dissipated
 
     def _motion_and_springs(self) -> float:
-        return float(self.chain.kinetic_energy(self.rates))  # bars hold no energy
+        return float(self.chain.kinetic_energy(self.rates))  # bars have no elastic energy
 
     def _excess_energy(self, angles: Array, speed: float, dissipated: float) -> float:
         potential = self.motion.external_energy(angles)
@@ -208,7 +209,7 @@ class RigidSimulation(Simulation):
         return super()._stuck(f'the bars jam ({complaint})' if jammed else complaint)
 
     def _energy_scale(self) -> float:
-        """Return the scale of energies [J]: kinetic, and the work of loads over one radian."""
+        """Return the energy scale [J]: kinetic energy plus the work of loads over one radian."""
         moving = float(self.chain.kinetic_energy(self.rates))
         return moving + self.motion.external_scale + float(np.abs(self.torques).sum())
 

@@ -30,7 +30,7 @@ class SimulationSettings:
     """Tuning of every simulation."""
 
     max_steps: int = 1000
-    """Largest number of solver steps per `Chain.time_unit`, beyond which the solver fails.
+    """Number of solver steps per `Chain.time_unit` above which the simulation reports a failure.
 
     Sensitivity: at 0.5x or 2x, the solver fails earlier or later in proportion.
     """
@@ -43,10 +43,10 @@ class Simulation(ABC):
     """Simulation of a chain with gravity, applied torques, kicks and the chain's own force terms.
 
     Frame k is the state at exactly k * period after the start, taken from the dense output of the
-    solver. Kicks, torques and changes of gravity act at the instant of the current frame. The
-    error per step, as a norm over all rotors, is at most `tolerance` [rad] in the angles and
-    `tolerance` per `chain.time_unit` in the rates. It does not depend on the number of rotors or
-    on the size of the angles. `kicks` counts kicks, and `kick_work` is their total work [J].
+    solver. Kicks, torques and changes of gravity act at the time of the current frame. The error
+    per step, as a norm over all rotors, is at most `tolerance` [rad] in the angles and `tolerance`
+    per `chain.time_unit` in the rates. This bound holds for any number of rotors and any angles.
+    `kicks` is the number of kicks, and `kick_work` their total work [J].
 
     The simulation starts from `angles` [rad] and `rates` [rad/s], shape (N,), or from rest;
     `period` is in [s]. Rotors with an index in `fixed` do not turn. `forces` are further terms of
@@ -129,9 +129,9 @@ class Simulation(ABC):
     def energy_drift(self) -> float:
         """Relative energy error of the solver since the start [1].
 
-        The error is the energy minus the initial energy and the work of kicks, torques and
-        damping. It is divided by the largest energy so far, which is at least sum_n M g r plus
-        the rounding error of k_e lbar^2.
+        The error is the energy minus the initial energy, minus the work of kicks and torques, plus
+        the dissipated energy. It is divided by the largest energy so far, or by sum_n M g r plus
+        the rounding error of k_e lbar^2 if that is larger.
         """
         change = self.motion.external_energy(self.angles) - self._external_at_start
         self._largest_energy = max(self._largest_energy, self._motion_and_springs(), abs(change))
@@ -161,7 +161,7 @@ class Simulation(ABC):
         self._restart()
 
     def hold(self, torques: Array) -> None:
-        """Apply constant torques [N m], shape (N,), from the current frame to the next call."""
+        """Apply constant torques [N m], shape (N,), from the current frame until the next call."""
         checked = self.chain.check_angles(torques, 'torque')
         if np.array_equal(checked, self.torques):
             return

@@ -1,15 +1,15 @@
 # SPDX-License-Identifier: Apache-2.0
 """Terms of the equation of motion: each adds a torque on every rotor.
 
-A compiled term has rows of parameters and a kernel that `sum_terms` calls by the term's `kind`.
-All integrators and rigid bars call the same kernels. To add one, write a subclass of
-`CompiledTerm`, its kernel, and its line in `sum_terms`. A plain function
-`f(time, angles, rates) -> torques` also acts as a term, in the solvers of scipy only.
+A compiled term has rows of parameters and a kernel, which `sum_terms` selects by the term's
+`kind`. All integrators and rigid bars call the same kernels. To add a compiled term, write a
+subclass of `CompiledTerm`, its kernel, and a line in `sum_terms`. A Python function `f(time,
+angles, rates) -> torques` is also a term, but only for the solvers of scipy.
 
 A kernel reads angles, rates, cosines and sines from rows of the array `work`, shape
-(rows, P + VECTOR), and adds torques [N m] to its row TORQUES. The N rotors are padded to P, a
-multiple of VECTOR, with zeros. A kernel indexes `work` instead of taking rows of it, because
-numba counts the references of each row taken, which takes longer than a loop over 20 rotors.
+(rows, P + VECTOR), and adds torques [N m] to its row TORQUES. The N rotors are padded with zeros
+to P, a multiple of VECTOR. A kernel uses indices of `work` instead of row views, because the
+reference count of each view would take numba longer than a loop over 20 rotors.
 """
 
 from __future__ import annotations
@@ -52,7 +52,7 @@ QUADRATIC_DAMPING, ON_SITE, NON_RECIPROCAL = range(5, 8)
 
 
 class Term(ABC):
-    """Torque on each rotor, as one summand of the equation of motion."""
+    """Torque on each rotor that is one summand in the equation of motion."""
 
     dissipative = False
     """Whether the power of the term counts as dissipated."""
@@ -76,8 +76,8 @@ class Term(ABC):
 class CompiledTerm(Term):
     """Term with a kernel that all integrators call.
 
-    The torques of a dissipative term depend on the rates alone, of a conservative one on the
-    angles alone.
+    The torques of a dissipative term depend only on the rates. The torques of a conservative term
+    depend only on the angles.
     """
 
     kind: int
@@ -153,8 +153,8 @@ class LinearDamping(CompiledTerm):
 class DryFriction(CompiledTerm):
     """Torques -tau tanh(phi_dot / omega) of bearings: Coulomb friction, regularised at rest.
 
-    `torque` tau [N m] is one number or one for each rotor, shape (N,). Below the rate omega,
-    `regularisation` [rad/s], the friction is proportional to the rate.
+    `torque` is tau [N m], one number or one per rotor, shape (N,). `regularisation` is omega
+    [rad/s]; at lower rates the friction is proportional to the rate.
     """
 
     kind, dissipative = DRY_FRICTION, True
@@ -308,23 +308,23 @@ def active_power(work: Array, rotors: int) -> float:
 
 
 def _estimating(function: Callable[[float], float]) -> Callable[[float], float]:
-    """Compile so that the processor may estimate roots and inverses."""
+    """Compile a function with approximate roots and inverses."""
     return compile_loop(function, fastmath=FASTMATH_FLAGS | {'arcp', 'afn'}, inlined=True)
 
 
 @_estimating
 def _inverse_root_estimate(w: float) -> float:
-    """1 / sqrt(w) in single precision: one instruction of the processor and a Newton step."""
+    """Return 1 / sqrt(w) in single precision, by one processor instruction and a Newton step."""
     return float(np.float32(1) / np.sqrt(np.float32(w)))
 
 
 @inlined
 def tension(w: float) -> float:
-    """Return 1 - 1 / sqrt(w): the force over k l of a spring of length l = lbar sqrt(w).
+    """Return 1 - 1 / sqrt(w), which is force / (k l) of a spring of length l = lbar sqrt(w).
 
-    With an estimate y of 1 / sqrt(w) and d = 1 - w y^2, 1 / sqrt(w) is y (1 + d / 2 + 3 d^2 / 8)
-    in double precision. This avoids a division and a root, which would take as long as the rest
-    of the kernel.
+    With an estimate y of 1 / sqrt(w) and d = 1 - w y^2, the series y (1 + d / 2 + 3 d^2 / 8)
+    equals 1 / sqrt(w) in double precision. A division and a root would take as long as the rest of
+    the kernel.
     """
     y = _inverse_root_estimate(w)
     d = 1 - w * y * y
@@ -333,9 +333,9 @@ def tension(w: float) -> float:
 
 @inlined
 def _set_springs(work: Array, rotors: int, rows: Array, first: int) -> None:
-    """Set the torques of springs between rotors of cosine c and sine s, and of c' and s'.
+    """Set the torques of springs between rotors with cosines c, c' and sines s, s'.
 
-    With the rows offset, slope', slope, product, lever, lever', cross of the parameters,
+    With the parameter rows offset, slope', slope, product, lever, lever' and cross,
 
     l^2 / lbar^2 = w = offset + slope' s' - slope s - product (s s' + c c'),
     torque on the left  = (1 - 1 / sqrt(w)) [lever c - cross (s c' - c s')],

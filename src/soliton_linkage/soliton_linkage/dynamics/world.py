@@ -23,7 +23,7 @@ _SOLITON = 'soliton'
 
 @dataclass(frozen=True)
 class WorldParameters:
-    """Parameters of the world besides the chain and gravity."""
+    """Parameters of the simulation besides the chain and gravity."""
 
     mechanics: str = quantity(
         'elastic', 'whether rotors are joined by springs or by rigid bars', choices=_MECHANICS

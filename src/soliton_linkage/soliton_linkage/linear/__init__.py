@@ -1,8 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Linear theory about one configuration of a chain.
+"""Linear theory of small motions about one configuration of a chain.
 
-`rigidity` has the rigidity matrix, its zero modes and the mode at an edge, `bands` the phonons of
-the uniform chain, `normal_modes` the phonons of any configuration, `statics` the equilibria.
+`rigidity` computes the rigidity matrix, the zero modes and the mode at an edge. `bands` computes
+the phonons of the uniform chain, `normal_modes` those of any configuration. `statics` computes
+equilibria.
 """
 
 from soliton_linkage.exports import public_names

@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Linear theory of the uniform chain: phonons, sound, zero mode, polarisation, tails of walls.
+"""Linear theory of the uniform chain: phonons, speed of sound, zero mode, tails of walls.
 
-Waves are waves of staggered angles, dtheta_n ~ e^(i k a n). Waves of the actual angles have
-wave numbers pi / a away, since dphi_n = (-1)^n dtheta_n. Quantities that tend to
-0 in a limit are computed without cancellation.
+Wave numbers k are those of the staggered angles, dtheta_n ~ e^(i k a n). The wave number of the
+angles phi differs by pi / a, because dphi_n = (-1)^n dtheta_n. Quantities that tend to 0 in a
+limit are computed without cancellation.
 """
 
 from __future__ import annotations
@@ -23,9 +23,9 @@ ComplexArray = NDArray[np.complex128]
 def couplings(chain: Chain, lean: int = 1) -> tuple[float, float]:
     """Return q+ and q- [m/rad] of the state that leans right (+1) or left (-1).
 
-    q+- = r cos(theta_bar) (2 r sin(theta_bar) +- a) / lbar, and in staggered angles
-    dl_n = -(q+ dtheta_n + q- dtheta_{n+1}) (paper, section 1, which leaves out the minus).
-    Leaning left exchanges q+ with -q-. Raises ValueError for any other lean.
+    q+- = r cos(theta_bar) (2 r sin(theta_bar) +- a) / lbar. In staggered angles dl_n = -(q+
+    dtheta_n + q- dtheta_{n+1}) (paper, section 1, without the minus sign). In the left-leaning
+    state q+ and -q- are exchanged. Raises ValueError for any other lean.
     """
     if lean not in (-1, 1):
         raise ValueError(f'lean = {lean!r} must be +1 (right) or -1 (left)')
@@ -36,13 +36,13 @@ def couplings(chain: Chain, lean: int = 1) -> tuple[float, float]:
 
 
 def bloch_matrix(chain: Chain, wave_numbers: ArrayLike, lean: int = 1) -> ComplexArray:
-    """Rigidity matrix R(k) of the cell of two rotors [m/rad], shape (..., 2, 2).
+    """Return the rigidity matrix R(k) of the cell of two rotors [m/rad], shape (..., 2, 2).
 
-    R(k) = -[[q+, q-], [q- e^(2 i k a), q+]], with det R(k) = q+^2 - q-^2 e^(2 i k a), leads
-    from the amplitudes of the staggered angles of rotors 0 and 1 of cell 0 to the extensions of
-    its two springs, at wave numbers [rad/m] real or complex. The paper (section 1) prints the
-    phase in the lower right corner, where the matrix would have the winding number of the other
-    lean. Raises ValueError for wave numbers that are not finite.
+    R(k) = -[[q+, q-], [q- e^(2 i k a), q+]], with det R(k) = q+^2 - q-^2 e^(2 i k a). It maps the
+    amplitudes of the two staggered angles in a cell to the extensions of its two springs. Wave
+    numbers [rad/m] may be complex. The paper (section 1) prints the phase in the lower right
+    corner; that matrix has the winding number of the other lean. Raises ValueError for wave
+    numbers that are not finite.
     """
     plus, minus = couplings(chain, lean)
     phases = _phases(chain, np.asarray(wave_numbers, dtype=np.complex128))
@@ -54,10 +54,10 @@ def bloch_matrix(chain: Chain, wave_numbers: ArrayLike, lean: int = 1) -> Comple
 
 
 def bloch_dynamical_matrix(chain: Chain, wave_numbers: ArrayLike, lean: int = 1) -> ComplexArray:
-    """Dynamical matrix D(k) = k_e R(k)^dagger R(k) / (M r^2) [rad^2/s^2], shape (..., 2, 2).
+    """Return the dynamical matrix D(k) = k_e R(k)^dagger R(k) / (M r^2) [rad^2/s^2], (..., 2, 2).
 
     Its eigenvalues are the squared frequencies of both branches at real wave numbers [rad/m].
-    Raises ValueError for those that are not finite.
+    Raises ValueError for wave numbers that are not finite.
     """
     matrix = bloch_matrix(chain, np.asarray(wave_numbers, dtype=np.float64), lean)
     matrix /= chain.rotor_length * chain.time_unit
@@ -65,14 +65,14 @@ def bloch_dynamical_matrix(chain: Chain, wave_numbers: ArrayLike, lean: int = 1)
 
 
 def dispersion(chain: Chain, wave_numbers: ArrayLike, branch: int = 1) -> Array:
-    """Angular frequencies [rad/s] of phonons with the given wave numbers [rad/m].
+    """Return the angular frequencies [rad/s] of phonons with given wave numbers [rad/m].
 
-    omega(k) = sqrt(k_e / M) |q+ +- q- e^(i k a)| / r, the upper sign for branch +1, the lower
-    for -1 (paper, section 1, with the factor 1/r that it leaves out). In staggered angles and
-    with k from -pi/a to pi/a one branch alone is the whole spectrum. It is computed from the
-    bottom of the band, omega^2 = gap^2 + (2 c / a)^2 sin(k a / 2)^2 for branch +1 and d < 1 or
-    branch -1 and d > 1, with a cosine otherwise. Raises ValueError for another branch and for
-    wave numbers that are not finite.
+    omega(k) = sqrt(k_e / M) |q+ +- q- e^(i k a)| / r, with the plus sign for branch +1 and the
+    minus sign for branch -1 (paper, section 1, without the factor 1/r). For k from -pi/a to pi/a
+    each branch contains the whole spectrum. The code avoids cancellation by omega^2 = gap^2 +
+    (2 c / a)^2 sin(k a / 2)^2 for branch +1 and d < 1 or branch -1 and d > 1, and the same with a
+    cosine otherwise. Raises ValueError for another branch and for wave numbers that are not
+    finite.
     """
     if branch not in (-1, 1):
         raise ValueError(f'branch = {branch!r} must be +1 or -1')
@@ -83,19 +83,20 @@ def dispersion(chain: Chain, wave_numbers: ArrayLike, branch: int = 1) -> Array:
 
 
 def gap(chain: Chain) -> float:
-    """Lowest angular frequency of any phonon [rad/s], sqrt(k_e / M) ||q+| - |q-|| / r.
+    """Return the lowest angular frequency of any phonon [rad/s], sqrt(k_e / M) ||q+| - |q-|| / r.
 
-    That is 2 r sin(2 theta_bar) / lbar for d < 1 and 2 a cos(theta_bar) / lbar for d > 1, in
-    units of sqrt(k_e / M). The paper (section 1) has r^2 sin(2 theta_bar) / lbar for any d.
+    In units of sqrt(k_e / M) the gap is 2 r sin(2 theta_bar) / lbar for d < 1 and
+    2 a cos(theta_bar) / lbar for d > 1. The paper (section 1) has r^2 sin(2 theta_bar) / lbar for
+    any d.
     """
     return band_edges(chain)[0]
 
 
 def band_edges(chain: Chain) -> tuple[float, float]:
-    """Lowest and highest angular frequency of the phonons [rad/s].
+    """Return the lowest and the highest angular frequency of the phonons [rad/s].
 
-    sqrt(k_e / M) ||q+| -+ |q-|| / r, which are 2 cos(theta_bar) / lbar times the smaller and
-    the larger of 2 r sin(theta_bar) and a. They meet where d = 1.
+    They are sqrt(k_e / M) ||q+| -+ |q-|| / r. In units of sqrt(k_e / M) they are 2 cos(theta_bar)
+    / lbar times the smaller and the larger of 2 r sin(theta_bar) and a. They are equal for d = 1.
     """
     scale = 2 * math.cos(chain.rest_angle) / (chain.rest_length * chain.time_unit)
     lean_across = 2 * chain.rotor_length * math.sin(chain.rest_angle)
@@ -104,32 +105,31 @@ def band_edges(chain: Chain) -> tuple[float, float]:
 
 
 def speed_of_sound(chain: Chain) -> float:
-    """Speed c [m/s] in omega^2 = gap^2 + c^2 k^2, with k counted from the bottom of the band.
+    """Return the speed c [m/s] in omega^2 = gap^2 + c^2 k^2, with k from the band minimum.
 
     c = a cos(theta_bar) sqrt(|4 r^2 sin(theta_bar)^2 - a^2|) / lbar sqrt(k_e / M)
-    = a sqrt(|q+ q-|) / r sqrt(k_e / M) (paper, section 1). The bottom lies at k = 0 for d < 1
-    and at pi/a for d > 1, where all actual angles move alike. No wave travels at c: see
-    `largest_group_velocity`.
+    = a sqrt(|q+ q-|) / r sqrt(k_e / M) (paper, section 1). The minimum is at k = 0 for d < 1 and
+    at pi/a for d > 1. All phonons are slower than c; see `largest_group_velocity`.
     """
     plus, minus = couplings(chain)
     return chain.spacing * math.sqrt(abs(plus * minus)) / (chain.rotor_length * chain.time_unit)
 
 
 def largest_group_velocity(chain: Chain) -> float:
-    """Largest d(omega)/dk of any phonon [m/s], a min(|q+|, |q-|) / r sqrt(k_e / M).
+    """Return the largest d(omega)/dk of any phonon [m/s], a min(|q+|, |q-|) / r sqrt(k_e / M).
 
-    It is reached where |cos(k a)| = min(|q+|, |q-|) / max(|q+|, |q-|), and is less than the
-    speed of sound.
+    The maximum is at |cos(k a)| = min(|q+|, |q-|) / max(|q+|, |q-|). It is smaller than the speed
+    of sound.
     """
     slower = min(map(abs, couplings(chain)))
     return chain.spacing * slower / (chain.rotor_length * chain.time_unit)
 
 
 def penetration_depth(chain: Chain) -> float:
-    """Decay length of the zero mode from its edge [m], ell = a / ln|q+ / q-|; 0 for d = 1.
+    """Return the decay length of the zero mode [m], ell = a / ln|q+ / q-|; 0 for d = 1.
 
     ln|q+ / q-| = ln|(d + 1) / (d - 1)| = 2 artanh(min(d, 1/d)). For small d the depth is
-    a / (2 d); the paper (section 1) has it proportional to 1 / sin(theta_bar).
+    a / (2 d). In the paper (section 1) it is proportional to 1 / sin(theta_bar).
 
     >>> wide = Chain(rest_angle=0.1)
     >>> round(penetration_depth(wide) / wide.spacing, 2), round(1 / (2 * wide.lean_ratio), 2)
@@ -140,9 +140,10 @@ def penetration_depth(chain: Chain) -> float:
 
 
 def tail_ratio(chain: Chain) -> float:
-    """Return the ratio of neighbouring deviations in the tail of a wall, outer over inner [1].
+    """Return the ratio of successive deviations in the tail of a wall, outer / inner [1].
 
-    q- / q+ = (d - 1) / (d + 1), in actual angles, of small turns of relaxed bars.
+    The ratio is q- / q+ = (d - 1) / (d + 1), for small deviations of the angles phi from a uniform
+    state in a chain of relaxed bars.
     """
     plus, minus = couplings(chain)
     return minus / plus
@@ -150,10 +151,10 @@ def tail_ratio(chain: Chain) -> float:
 
 @dataclass(frozen=True)
 class Tail:
-    """How the deviation from a uniform state dies out away from a wall.
+    """Decay of the deviation from a uniform state with the distance from a wall.
 
-    decay_length: distance over which it falls by e [m].
-    wave_number: of its oscillation [rad/m]; 0 where it does not change its sign.
+    decay_length: distance over which the deviation decreases by a factor of e [m].
+    wave_number: wave number of the oscillation [rad/m]; 0 without sign changes.
     """
 
     decay_length: float
@@ -161,10 +162,11 @@ class Tail:
 
 
 def exact_tail(chain: Chain) -> Tail:
-    """Tail of the discrete chain: du_n ~ (-(d - 1) / (d + 1))^n away from the wall.
+    """Return the tail of the discrete chain, du_n ~ (-(d - 1) / (d + 1))^n.
 
-    Its decay length is the penetration depth ell = a / ln((d + 1) / |d - 1|); from d = 1 on it
-    changes its sign at every rotor, wave number pi / a: the flipper wobbles.
+    The decay length is the penetration depth ell = a / ln((d + 1) / |d - 1|). For d > 1 the
+    deviation changes its sign at every rotor (wave number pi / a). This is the wobble of a
+    wobbling flipper.
     """
     wave_number = math.pi / chain.spacing if chain.lean_ratio > 1 else 0.0
     return Tail(penetration_depth(chain), wave_number)
@@ -173,9 +175,10 @@ def exact_tail(chain: Chain) -> Tail:
 def wobble_exponents(chain: Chain) -> tuple[complex, complex]:
     """Return lambda_+- = 1 / ub +- sqrt(1 / ub^2 - 8 / a^2) [1/m] of the tail e^(lambda x).
 
-    Roots of (a^2 / 8) du'' - (a^2 / (4 ub)) du' + du = 0 about u = ub = r sin(theta_bar), on
-    the side of rotor 0 of a wall: the bar's length expanded to second order (paper, supporting
-    information, eq. wobblingode with the sign of its middle term that the chain has).
+    They are the roots of (a^2 / 8) du'' - (a^2 / (4 ub)) du' + du = 0 about u = ub = r
+    sin(theta_bar), on the side of the wall towards rotor 0. The equation is the second-order
+    expansion of the bar length (paper, supporting information, eq. wobblingode with the opposite
+    sign of the middle term).
     """
     inverse = 1 / (chain.rotor_length * math.sin(chain.rest_angle))
     square = (inverse - math.sqrt(8) / chain.spacing) * (inverse + math.sqrt(8) / chain.spacing)
@@ -187,22 +190,23 @@ def wobble_exponents(chain: Chain) -> tuple[complex, complex]:
 
 
 def continuum_tail(chain: Chain) -> Tail:
-    """Return the tail of the more slowly decaying exponent of `wobble_exponents`.
+    """Return the tail with the more slowly decaying exponent of `wobble_exponents`.
 
-    For d > 1 / sqrt(2) it decays over ub and oscillates, with a wave number that tends to
+    For d > 1 / sqrt(2) this tail oscillates. Its decay length is ub, and its wave number tends to
     sqrt(8) / a. These are artefacts of the truncation, which `exact_tail` does not have. Both
-    agree on the decay length for d << 1, a^2 / (4 ub), and for d >> 1, ub.
+    functions give the same decay length for d << 1, a^2 / (4 ub), and for d >> 1, ub.
     """
     plus, minus = wobble_exponents(chain)
     return Tail(1 / minus.real, plus.imag)
 
 
 def zero_mode_wave_number(chain: Chain, lean: int = 1) -> complex:
-    """Complex wave number k [rad/m] of the zero mode, e^(i k a) = -q+ / q-.
+    """Return the complex wave number k of the zero mode [rad/m], e^(i k a) = -q+ / q-.
 
-    k = -i / ell leaning right (+1), where the mode grows towards the last edge, +i / ell
-    leaning left (-1), and pi / a more for d > 1, where its sign alternates in staggered angles.
-    The imaginary part is infinite at d = 1. The paper (section 1) has sqrt(-omega_0) / c for
+    The imaginary part is -1 / ell for the right-leaning state (+1), whose mode grows towards the
+    last edge, and 1 / ell for the left-leaning state (-1). The real part is 0 for d < 1 and
+    pi / a for d > 1, where the sign of the mode alternates in staggered angles. The imaginary part
+    is infinite for d = 1. The paper (section 1) prints sqrt(-omega_0) / c instead of
     i omega_0 / c, the limit of small d. Raises ValueError for any other lean.
     """
     plus, minus = couplings(chain, lean)
@@ -212,12 +216,11 @@ def zero_mode_wave_number(chain: Chain, lean: int = 1) -> complex:
 
 
 def density_of_states(chain: Chain, frequencies: ArrayLike) -> Array:
-    """Modes of an endless chain per rotor and angular frequency [s/rad], shape (...).
+    """Return the density of modes of an infinite chain [modes / rotor / (rad/s)], shape (...).
 
-    g(omega) = 2 omega / (pi sqrt((omega^2 - lowest^2) (highest^2 - omega^2))) between the edges
-    of the band, where it is infinite, and 0 outside; its integral is 1. For d = 1 all of it is
-    at the one frequency of the band. Raises ValueError for frequencies [rad/s] that are
-    negative or not finite.
+    g(omega) = 2 omega / (pi sqrt((omega^2 - lowest^2) (highest^2 - omega^2))) inside the band and
+    0 outside. At the band edges it is infinite. Its integral is 1. For d = 1 the band is a single
+    frequency. Raises ValueError for frequencies [rad/s] that are negative or not finite.
     """
     given = np.asarray(frequencies, dtype=np.float64)
     check_frequencies(given)
@@ -231,11 +234,12 @@ def density_of_states(chain: Chain, frequencies: ArrayLike) -> Array:
 
 
 def winding_number(chain: Chain, lean: int) -> int:
-    """Turns of det R(k) = q+^2 - q-^2 e^(2 i k a) about 0 across the zone of two-rotor cells.
+    """Return how often det R(k) = q+^2 - q-^2 e^(2 i k a) winds around 0 across the zone.
 
-    1 in the left-leaning state (-1), whose zero mode sits at the first edge; 0 in the
-    right-leaning one (+1), whose zero mode sits at the last (paper, section 1). The determinant
-    runs once along a circle about q+^2 of radius q-^2. Raises ValueError for any other lean.
+    The winding number is 1 in the left-leaning state (-1), whose zero mode is at the first edge,
+    and 0 in the right-leaning state (+1), whose zero mode is at the last edge (paper, section 1).
+    The determinant traverses once a circle about q+^2 with the radius q-^2. Raises ValueError for
+    any other lean.
 
     >>> [winding_number(Chain(), lean) for lean in (+1, -1)]
     [0, 1]
@@ -249,8 +253,8 @@ def check_frequencies(frequencies: Array) -> None:
     wrong = frequencies[~(np.isfinite(frequencies) & (frequencies >= 0))]
     if wrong.size:
         raise ValueError(
-            f'frequency = {wrong[0]} rad/s must be a finite number of 0 or more; a mode and its '
-            'reverse count as one'
+            f'frequency = {wrong[0]} rad/s must be a finite number of 0 or more; frequencies of '
+            'either sign belong to the same mode'
         )
 
 

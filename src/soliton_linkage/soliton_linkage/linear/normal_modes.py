@@ -1,10 +1,10 @@
 # SPDX-License-Identifier: Apache-2.0
 """Normal modes of small vibrations about any configuration with relaxed springs.
 
-With I = M r^2 and the rigidity matrix R of the configuration the modes are the right singular
-vectors of B = k_e^(1/2) R I^(-1/2), and their angular frequencies its singular values. Those are
-exact to rounding of the largest, while the eigenvalues of the dynamical matrix B^T B would leave
-every frequency below 1e-8 of the largest in its rounding errors.
+With I = M r^2 and the rigidity matrix R of the configuration, the modes are the right singular
+vectors of B = k_e^(1/2) R I^(-1/2), and the angular frequencies are its singular values. Singular
+values have rounding errors of 1e-16 of the largest. Frequencies from the eigenvalues of the
+dynamical matrix B^T B would have errors of 1e-8 of the largest.
 """
 
 from __future__ import annotations
@@ -29,9 +29,8 @@ class NormalModes:
     """Frequencies and shapes of the normal modes of a chain of N rotors, slowest first.
 
     frequencies: angular frequencies [rad/s], shape (N,), ascending.
-    shapes: change of the angles, one mode a column [rad / (kg^(1/2) m)], shape (N, N). shapes^T
-        diag(I) shapes = 1. The sign of a shape, and the choice among modes of the same frequency,
-        have no meaning.
+    shapes: changes of the angles, one mode per column [rad / (kg^(1/2) m)], shape (N, N). They
+        satisfy shapes^T diag(I) shapes = 1. The signs of the shapes are arbitrary.
     moments_of_inertia: I of each rotor about its pivot [kg m^2], shape (N,).
     """
 
@@ -41,10 +40,11 @@ class NormalModes:
 
 
 def normal_modes(chain: Chain, angles: ArrayLike) -> NormalModes:
-    """Normal modes about a configuration with relaxed springs, with their shapes.
+    """Return the normal modes about a configuration with relaxed springs, with their shapes.
 
-    With free ends the slowest is the zero mode, of frequency 0. Dense: time O(N^3), memory
-    O(N^2). Raises ValueError for angles [rad] at which a spring is stretched.
+    With free ends the slowest mode is the zero mode with frequency 0. The algorithm is dense, with
+    time O(N^3) and memory O(N^2). Raises ValueError for angles [rad] at which a spring is
+    stretched.
     """
     matrix = _weighted_rigidity_matrix(chain, _relaxed(chain, angles))
     _, singular, rows = svd(matrix)
@@ -55,11 +55,11 @@ def normal_modes(chain: Chain, angles: ArrayLike) -> NormalModes:
 
 
 def mode_frequencies(chain: Chain, angles: ArrayLike) -> Array:
-    """Angular frequencies [rad/s] of the normal modes alone, shape (N,), ascending.
+    """Return only the angular frequencies of the normal modes [rad/s], shape (N,), ascending.
 
-    With free ends they are the upper half of the eigenvalues of [[0, B^T], [B, 0]], which is
-    tridiagonal with rotors and springs in turn: time O(N^2). Dense and O(N^3) with periodic
-    ends. Raises ValueError for angles [rad] at which a spring is stretched.
+    With free ends they are the upper half of the eigenvalues of [[0, B^T], [B, 0]]. If rotors and
+    springs alternate, this matrix is tridiagonal, and the time is O(N^2). With periodic ends the
+    algorithm is dense, O(N^3). Raises ValueError for angles [rad] at which a spring is stretched.
     """
     relaxed = _relaxed(chain, angles)
     if chain.periodic:
@@ -75,16 +75,16 @@ def mode_frequencies(chain: Chain, angles: ArrayLike) -> Array:
 
 
 def mode_density(frequencies: ArrayLike, edges: ArrayLike) -> Array:
-    """Histogram of modes per rotor and angular frequency [s/rad], shape (bins,).
+    """Return a histogram of the modes [modes / rotor / (rad/s)], shape (bins,).
 
-    The share of the modes that lie between two edges [rad/s], over the distance of the edges;
-    of a long uniform chain it is the mean of `density_of_states` there. Raises ValueError for
-    frequencies that are negative or not finite, and for edges that do not ascend.
+    A bin contains the fraction of the modes between two edges [rad/s], divided by the width of the
+    bin. For a long uniform chain it is the mean of `density_of_states` over the bin. Raises
+    ValueError for frequencies that are negative or not finite, and for edges that do not ascend.
     """
     counted, bounds = np.atleast_1d(np.asarray(frequencies, float)), np.asarray(edges, float)
     check_frequencies(counted)
     if not counted.size:
-        raise ValueError('a density of modes of 0 frequencies has no meaning; give one or more')
+        raise ValueError('the density of 0 modes is undefined; give one frequency or more')
     ascending = bounds.ndim == 1 and len(bounds) > 1 and bool((np.diff(bounds) > 0).all())
     if not (ascending and np.isfinite(bounds).all()):
         raise ValueError(
@@ -95,11 +95,11 @@ def mode_density(frequencies: ArrayLike, edges: ArrayLike) -> Array:
 
 
 def mode_energies(modes: NormalModes, displacements: ArrayLike, rates: ArrayLike) -> Array:
-    """Energy in each mode [J], E_j = (eta_j_dot^2 + omega_j^2 eta_j^2) / 2, shape (..., N).
+    """Return the energy of each mode [J], E_j = (eta_j_dot^2 + omega_j^2 eta_j^2) / 2, (..., N).
 
-    eta = shapes^T diag(I) dphi are the coordinates of displacements from the configuration of
-    the modes [rad], and of rates [rad/s], each of shape (..., N). Raises ValueError where either
-    has another number of rotors.
+    The coordinates are eta = shapes^T diag(I) dphi. The displacements dphi from the configuration
+    of the modes [rad] and the rates [rad/s] have the shape (..., N). Raises ValueError if they
+    have another number of rotors.
     """
     coordinates = _coordinates(modes, displacements, 'displacements')
     speeds = _coordinates(modes, rates, 'rates')
@@ -109,11 +109,11 @@ def mode_energies(modes: NormalModes, displacements: ArrayLike, rates: ArrayLike
 def phonon_energies(chain: Chain, angles: ArrayLike, rates: ArrayLike) -> tuple[Array, Array]:
     """Return frequencies [rad/s] and energies [J] of the modes of a moving state, shape (N,) each.
 
-    The modes belong to the nearest configuration with relaxed springs, see `unstretched`. Their
-    energies add up to the total to third order in the distance from it. With free ends the first
-    energy belongs to the zero mode and is purely kinetic: the motion of a wall of rigid bars.
-    Raises ValueError for angles and rates that do not fit the chain, and if no such configuration
-    is near.
+    The modes are those of the nearest configuration with relaxed springs, see `unstretched`. The
+    sum of their energies equals the total energy up to third order in the distance from this
+    configuration. With free ends the first energy is that of the zero mode, the kinetic energy of
+    a wall in a chain of rigid bars. Raises ValueError for angles and rates that do not fit the
+    chain, and if no relaxed configuration is near.
     """
     relaxed, displacement = _departure(chain, angles)
     modes = normal_modes(chain, relaxed)
@@ -122,14 +122,15 @@ def phonon_energies(chain: Chain, angles: ArrayLike, rates: ArrayLike) -> tuple[
 
 
 def phonon_energy(chain: Chain, angles: ArrayLike, rates: ArrayLike) -> float:
-    """Energy of a moving state outside the zero mode [J]: the sum of `phonon_energies` but it.
+    """Return the energy of a moving state outside the zero mode [J].
 
-    E = sum_n (k_e / 2) (R dphi)_n^2 + T(phi_dot - t (t . I phi_dot) / (t . I t)), without modes
-    and so in O(N). It counts whatever is not the motion of rigid bars, not only waves: a moving
-    wall compresses its own springs, a share of its energy that grows as the square of its speed
-    and stays counted wherever the wall is. Of several walls only their motion together along
-    the one zero mode is left out. With periodic ends nothing is. Raises ValueError as
-    `phonon_energies` does.
+    E = sum_n (k_e / 2) (R dphi)_n^2 + T(phi_dot - t (t . I phi_dot) / (t . I t)) is the sum of
+    `phonon_energies` without the first. It is computed without modes, in O(N). It includes
+    everything except the motion of rigid bars, not only phonons. For example, it includes the
+    strain of the springs in a moving wall, which is a fraction of the energy of the wall that
+    grows as the square of its speed. For several walls it excludes only their common motion along
+    the zero mode. With periodic ends there is no zero mode, and it includes all energy. Raises
+    ValueError as `phonon_energies`.
     """
     relaxed, displacement = _departure(chain, angles)
     left = chain.check_angles(rates, 'rate')
@@ -142,7 +143,7 @@ def phonon_energy(chain: Chain, angles: ArrayLike, rates: ArrayLike) -> float:
 
 
 def _departure(chain: Chain, angles: ArrayLike) -> tuple[Array, Array]:
-    """Return the nearest configuration with relaxed springs and the way from it [rad]."""
+    """Return the nearest configuration with relaxed springs and the displacement from it [rad]."""
     given = chain.check_angles(angles)
     relaxed = unstretched(chain, given)
     return relaxed, given - relaxed
@@ -154,7 +155,7 @@ def _relaxed(chain: Chain, angles: ArrayLike) -> Array:
     spring = int(np.argmax(stretches))
     if stretches[spring] > _MOST_STRETCH:
         raise ValueError(
-            f'spring {spring} is stretched by {stretches[spring]:.3g} of its length at rest, more '
+            f'spring {spring} is stretched by {stretches[spring]:.3g} of its rest length, more '
             f'than {_MOST_STRETCH:g}; take the modes of a configuration with relaxed springs, as '
             'unstretched gives them'
         )
@@ -162,7 +163,7 @@ def _relaxed(chain: Chain, angles: ArrayLike) -> Array:
 
 
 def _weighted_rigidity_matrix(chain: Chain, angles: Array) -> Array:
-    """B = k_e^(1/2) R I^(-1/2) [rad/s], shape (springs, N)."""
+    """Return B = k_e^(1/2) R I^(-1/2) [rad/s], shape (springs, N)."""
     matrix = rigidity_matrix(chain, angles).toarray()
     weighted = np.sqrt(chain.stiffnesses)[:, None] * matrix
     return np.asarray(weighted / np.sqrt(chain.moments_of_inertia))
@@ -174,6 +175,6 @@ def _coordinates(modes: NormalModes, values: ArrayLike, what: str) -> Array:
     if given.shape[-1:] != (rotors,):
         raise ValueError(
             f'{what} of shape {given.shape} do not fit the modes of {rotors} rotors; give one '
-            'number a rotor on the last axis'
+            'number per rotor on the last axis'
         )
     return np.asarray((modes.moments_of_inertia * given) @ modes.shapes)

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The rigidity matrix of any configuration, its zero modes, and the mode at an edge."""
+"""Rigidity matrix of any configuration, its zero modes, and the mode at an edge."""
 
 from __future__ import annotations
 
@@ -11,27 +11,27 @@ from numpy.typing import NDArray
 
 from soliton_linkage.linkage.chain import Array, Chain, Motion, uprightness
 
-# Edges and zero modes alone, as actuators need them, import no scipy: it takes 1 s and 50 MB.
+# Actuators need only edges and zero modes, without scipy, whose import takes 1 s and 50 MB.
 if TYPE_CHECKING:
     from scipy.sparse import csr_array
 
 VANISHING = 1e-280
-"""Replacement of a vanishing lever [m^2/rad], far below the rounding error of any other."""
+"""Replacement of a vanishing lever [m^2/rad], far below the rounding error of other levers."""
 _BLOCK = 500
-"""Factors between 1/2 and 1 whose product stays in the range of doubles [1], 2^-1022."""
+"""Number of factors between 1/2 and 1 whose product does not underflow, 2^-1022 [1]."""
 _FAR_FROM_OVERFLOW = 1e100
-"""Squares of numbers between 1 over this and this cannot overflow or underflow [1]."""
+"""Largest number x for which the squares of x and 1 / x do not overflow or underflow [1]."""
 
 
 class Edge(enum.Enum):
-    """An end of the chain, or the one that the zero mode is nearer to."""
+    """End of the chain: the first, the last, or the end that is nearer to the zero mode."""
 
     NEAREST = 'nearest'
     FIRST = 'first'
     LAST = 'last'
 
     def resolved(self, chain: Chain, angles: Array) -> Edge:
-        """Return the end that is meant in a configuration."""
+        """Return FIRST or LAST; NEAREST is resolved for a configuration."""
         return self if self is not Edge.NEAREST else _nearest(zero_mode(chain, angles))
 
 
@@ -42,7 +42,7 @@ def rigidity_bands(chain: Chain, angles: Array) -> tuple[Array, Array]:
 
 
 def rigidity_matrix(chain: Chain, angles: Array) -> csr_array:
-    """Rigidity matrix R with dl = R dphi [m/rad], sparse, shape (springs, N)."""
+    """Return the rigidity matrix R with dl = R dphi [m/rad], sparse, shape (springs, N)."""
     from scipy.sparse import csr_array
 
     first, second = rigidity_bands(chain, chain.check_angles(angles))
@@ -54,10 +54,10 @@ def rigidity_matrix(chain: Chain, angles: Array) -> csr_array:
 
 
 def dynamical_matrix(chain: Chain, angles: Array) -> csr_array:
-    """Dynamical matrix D = I^(-1/2) R^T k_e R I^(-1/2) [rad^2/s^2], sparse, shape (N, N).
+    """Return the dynamical matrix D = I^(-1/2) R^T k_e R I^(-1/2) [rad^2/s^2], sparse, (N, N).
 
-    Its eigenvalues are the squared frequencies of small motions about a configuration with
-    relaxed springs, in the variables sqrt(I_n) dphi_n with I = M r^2.
+    It acts on the variables sqrt(I_n) dphi_n with I = M r^2. Its eigenvalues are the squared
+    frequencies of small motions about a configuration with relaxed springs.
     """
     matrix = rigidity_matrix(chain, angles)
     scaled = matrix.multiply(1 / np.sqrt(chain.moments_of_inertia)).tocsr()
@@ -68,8 +68,9 @@ def dynamical_matrix(chain: Chain, angles: Array) -> csr_array:
 def zero_modes(chain: Chain, angles: Array, tolerance: float = 1e-10) -> Array:
     """Return orthonormal motions [1] that stretch no spring to first order, R t = 0, (N, N_0).
 
-    The numbers of zero modes and states of self-stress obey N_0 - N_ss = N - springs (paper,
-    section 1). Singular values below the tolerance times the largest count as 0. Dense, O(N^3).
+    The numbers of zero modes and states of self-stress satisfy N_0 - N_ss = N - springs (paper,
+    section 1). A singular value counts as 0 below the tolerance times the largest one. The
+    algorithm is dense, O(N^3).
     """
     return _null_space(rigidity_matrix(chain, angles).toarray(), tolerance)
 
@@ -107,19 +108,19 @@ def zero_mode(chain: Chain, angles: Array) -> Array:
 
 
 def mode_centre(mode: Array) -> float:
-    """Where a mode sits [rotor spacings], sum_n n t_n^2 of a unit vector t."""
+    """Return the centre of a normalised mode [rotor spacings], sum_n n t_n^2."""
     return float(np.add.reduce(np.arange(len(mode)) * mode * mode))
 
 
 def mode_towards_last(chain: Chain, angles: Array) -> Array:
-    """Return the zero mode with the sign that moves the wall to the last rotor [1], shape (N,).
+    """Return the zero mode with the sign that moves the wall towards the last rotor [1], (N,).
 
-    An edge rotor can swing past the line from its pivot to its neighbour's mass. There its
-    coupling, A_0 or B_{N-2}, changes sign, and so does the direction of the wall along the zero
-    mode. The reference is the left-leaning state with d < 1, where all A_n and B_n have the sign
-    (-1)^(n+1) and the wall moves to the last rotor while all theta_n grow; upside down all three
-    signs are reversed. The edge rotor of a spinner passes no such line: its wall moves to the last
-    rotor while sum_n h_n grows.
+    When an edge rotor of a flipper swings past the line from its pivot to its neighbour's mass,
+    its lever A_0 or B_{N-2} changes sign. The direction in which the zero mode moves the wall is
+    then reversed. The reference is the left-leaning state with d < 1. In this state all A_n and
+    B_n have the sign (-1)^(n+1), and the wall moves towards the last rotor if all theta_n grow. In
+    an upside-down chain these signs are reversed. The edge rotor of a spinner does not pass such a
+    line; the wall of a spinner moves towards the last rotor if sum_n h_n grows.
     """
     first, second = _levers_of_free_chain(chain, angles)
     mode = _zero_mode_of(first, second)
@@ -131,9 +132,9 @@ def mode_towards_last(chain: Chain, angles: Array) -> Array:
 
 
 def edge_mode(chain: Chain, angles: Array, edge: Edge, anywhere: bool = False) -> Array:
-    """Unit zero mode of a configuration that moves the wall away from an edge [1], shape (N,).
+    """Return the normalised zero mode that moves the wall away from an edge [1], shape (N,).
 
-    Raises ValueError where the mode sits nearer the other edge, unless it may be anywhere.
+    Raises ValueError if the mode is nearer to the other edge, unless `anywhere` is true.
     """
     return resolved_edge_mode(chain, angles, edge, anywhere)[1]
 
@@ -141,7 +142,7 @@ def edge_mode(chain: Chain, angles: Array, edge: Edge, anywhere: bool = False) -
 def resolved_edge_mode(
     chain: Chain, angles: Array, edge: Edge, anywhere: bool = False
 ) -> tuple[Edge, Array]:
-    """Return the end that is meant, and the mode as `edge_mode` does."""
+    """Return the resolved edge, and the mode as `edge_mode`."""
     mode = mode_towards_last(chain, angles)
     nearest = _nearest(mode)
     end = nearest if edge is Edge.NEAREST else edge
@@ -149,7 +150,7 @@ def resolved_edge_mode(
         raise ValueError(
             f'the zero mode sits at rotor {mode_centre(mode):.1f} of 0 to '
             f'{chain.number_of_rotors - 1}, nearer the {nearest.value} edge than the '
-            f'{end.value}; name the {nearest.value} edge'
+            f'{end.value}; choose the {nearest.value} edge'
         )
     return end, mode if end is Edge.FIRST else -mode
 
@@ -158,8 +159,8 @@ def _levers_of_free_chain(chain: Chain, angles: Array) -> tuple[Array, Array]:
     """Return A_n l_n and B_n l_n [m^2/rad], see `Chain.springs`; l_n cancels in their ratio."""
     if chain.periodic:
         raise ValueError(
-            'a chain with periodic ends has as many springs as rotors and no zero mode of its '
-            'own; free its ends, or look for accidental ones with zero_modes'
+            'a chain with periodic ends has as many springs as rotors and in general no zero '
+            'mode; use free ends, or search for accidental modes with zero_modes'
         )
     horizontal, vertical = chain.positions(chain.check_angles(angles))
     h_left, h_right = horizontal[:-1], horizontal[1:]
@@ -179,7 +180,7 @@ def _zero_mode_of(first: Array, second: Array) -> Array:
         mantissas, exponents = _cumulative_product(-first / second)
         mode = np.ldexp(mantissas, np.maximum(exponents - exponents.max(), -1100))
     mirrored = np.add.reduce(second < 0) % 2
-    # In long chains BLAS, which norm calls, wakes threads that take longer than the sum.
+    # norm would call BLAS, which starts threads in long chains; this takes longer than the sum.
     length = np.sqrt(np.add.reduce(mode * mode))
     return np.asarray(mode / (-length if mirrored else length))
 
@@ -187,8 +188,8 @@ def _zero_mode_of(first: Array, second: Array) -> Array:
 def _cumulative_product(factors: Array) -> tuple[Array, NDArray[np.int64]]:
     """Return products of the first 0, 1, ... factors as mantissas and exponents of 2, (n + 1,).
 
-    The product of the mantissas of a block is at least 2^-500; each block is then scaled back into
-    the range of doubles.
+    The factors are multiplied in blocks whose product of mantissas is at least 2^-500. Each block
+    is then scaled back into the range of doubles.
     """
     mantissas, exponents = np.frexp(np.concatenate([[1.0], factors]))
     powers = np.cumsum(exponents, dtype=np.int64)

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Configurations at rest: with every spring relaxed, or with the springs in balance."""
+"""Configurations at rest, with relaxed springs or with balanced spring torques."""
 
 from __future__ import annotations
 
@@ -16,15 +16,15 @@ from soliton_linkage.linkage.chain import Array, Chain
 _ITERATIONS = 60
 """Largest number of Newton iterations [1]; a distant start needs many steps."""
 _LONGEST_STEP = 0.5
-"""Largest change of an angle in one iteration [rad], far below a change of the configuration."""
+"""Largest change of an angle in one iteration [rad], so that Newton's method stays local."""
 _ROUNDING = 1e-12
-"""Torque that is left in balance over k_e lbar r [1]: the rounding of sums of such terms."""
+"""Largest remaining torque of an equilibrium relative to k_e lbar r [1]: the rounding error."""
 
 
 def length_rounding(chain: Chain) -> float:
-    """Error that rounding makes in the extension of a spring [m], with room to spare.
+    """Return an upper bound of the rounding error of a spring extension [m].
 
-    Extensions are differences of terms as large as (a + 2 r)^2, divided by 2 lbar.
+    Extensions are differences of terms of the size (a + 2 r)^2, divided by 2 lbar.
     """
     reach = float(chain.spacings.max() + 2 * chain.rotor_lengths.max())
     return 4 * float(np.finfo(np.float64).eps) * reach**2 / float(chain.rest_lengths.min())
@@ -33,8 +33,8 @@ def length_rounding(chain: Chain) -> float:
 def unstretched(chain: Chain, angles: Array) -> Array:
     """Return the configuration near a given one in which every spring is relaxed, shape (N,).
 
-    Newton's method with the smallest correction that the linearised lengths allow,
-    dphi = -R^T (R R^T)^(-1) (l - lbar). Raises ValueError where it finds none.
+    Each step of Newton's method is the smallest correction of the linearised lengths, dphi = -R^T
+    (R R^T)^(-1) (l - lbar). Raises ValueError if the method does not converge.
     """
     state = chain.check_angles(angles).copy()
     enough = length_rounding(chain)
@@ -48,27 +48,27 @@ def unstretched(chain: Chain, angles: Array) -> Array:
         extensions = chain.spring_extensions(state)
     spring = int(np.argmax(np.abs(extensions)))
     raise ValueError(
-        f'spring {spring} stays {extensions[spring]:.3g} m beyond its length at rest of '
-        f'{chain.rest_lengths[spring]:.6g} m, between rotors {spring} and '
-        f'{(spring + 1) % chain.number_of_rotors}: no configuration near the given angles '
-        'relaxes every spring; start nearer to one, or lower the deviations of the chain'
+        f'the extension of spring {spring} between rotors {spring} and '
+        f'{(spring + 1) % chain.number_of_rotors} stays {extensions[spring]:.3g} m, with a rest '
+        f'length of {chain.rest_lengths[spring]:.6g} m: no configuration near the given angles '
+        'relaxes every spring; start from other angles, or lower the deviations of the chain'
     )
 
 
 def rest_state(chain: Chain, lean: int) -> Array:
-    """Angles near the uniform state of a lean in which every spring is relaxed [rad], (N,).
+    """Return the state with relaxed springs near a uniform state [rad], shape (N,).
 
-    Without deviations that is the uniform state itself. Raises ValueError where there is none.
+    Without deviations it is the uniform state itself. Raises ValueError if no such state exists.
     """
     return unstretched(chain, chain.uniform_state(lean))
 
 
 def toggled_angle(chain: Chain, angles: Array, edge: Edge) -> float:
-    """Angle of the edge rotor that is its reflection at the line to its neighbour's mass [rad].
+    """Return the second angle of an edge rotor with the same bar length [rad].
 
-    phi_t = 2 psi - phi, with psi the direction from the pivot of the edge rotor to the mass of
-    its neighbour. The bar between them has the same length, and a wall that is reflected leaves
-    the edge rotor there.
+    phi_t = 2 psi - phi is the reflection at the line from the pivot of the edge rotor to the mass
+    of its neighbour, whose direction is psi. The reflection of a wall at the edge leaves the edge
+    rotor at this angle.
     """
     checked = chain.check_angles(angles)
     last = edge.resolved(chain, checked) is Edge.LAST
@@ -80,11 +80,11 @@ def toggled_angle(chain: Chain, angles: Array, edge: Edge) -> float:
 
 
 def min_norm_change(chain: Chain, angles: Array, lengthening: Array) -> Array:
-    """Smallest change of the angles that lengthens the springs as given [m], shape (N,) [rad].
+    """Return the smallest change of the angles with given spring extensions [m], (N,) [rad].
 
-    dphi = R^T (R R^T)^(-1) dl, orthogonal to the zero mode. R R^T is tridiagonal and its
-    smallest eigenvalue is on the scale of the squared gap. Raises ValueError where the springs
-    cannot change so, in a configuration that has a state of self-stress.
+    dphi = R^T (R R^T)^(-1) dl is orthogonal to the zero mode. R R^T is tridiagonal, and its
+    smallest eigenvalue is of the size of the squared gap. Raises ValueError for a configuration
+    with a state of self-stress, in which the springs cannot have these extensions.
     """
     try:
         if chain.periodic:
@@ -94,16 +94,16 @@ def min_norm_change(chain: Chain, angles: Array, lengthening: Array) -> Array:
         solved = solveh_banded(gram_matrix_bands(first, second), lengthening)
     except (LinAlgError, RuntimeError):
         raise ValueError(
-            f'the chain is stuck at {_shown(angles)} rad, where its springs carry a state of '
-            'self-stress; move it away from there'
+            f'the chain has a state of self-stress at {_shown(angles)} rad, so that its lengths '
+            'are not independent; use other angles'
         ) from None
     return chain.gathered(first * solved, second * solved)
 
 
 def gram_matrix_bands(first: Array, second: Array) -> Array:
-    """R R^T of free ends in the upper form of LAPACK, its diagonal last [m^2], (2, springs).
+    """Return R R^T for free ends in LAPACK's upper band form [m^2], shape (2, springs).
 
-    A single spring has no neighbour: then the shape is (1, 1), without a band for one.
+    The last row is the diagonal. For a single spring the shape is (1, 1).
     """
     banded = np.zeros((2, len(first)))
     banded[0, 1:] = second[:-1] * first[1:]
@@ -112,11 +112,11 @@ def gram_matrix_bands(first: Array, second: Array) -> Array:
 
 
 def stiffness_matrix(chain: Chain, angles: Array) -> csc_array:
-    """Second derivatives of the elastic energy [N m/rad^2], sparse, shape (N, N).
+    """Return the second derivatives of the elastic energy [N m/rad^2], sparse, shape (N, N).
 
-    K = sum_n k_e (grad l grad l^T + (l - lbar) grad grad l) with, from e = l^2 - lbar^2,
-    grad grad l = grad grad e / (2 l) - grad l grad l^T / l. Where every spring is relaxed only
-    the first term is left, R^T k_e R.
+    K = sum_n k_e (grad l grad l^T + (l - lbar) grad grad l). With e = l^2 - lbar^2,
+    grad grad l = grad grad e / (2 l) - grad l grad l^T / l. If every spring is relaxed, only the
+    first term remains, R^T k_e R.
     """
     checked = chain.check_angles(angles)
     extensions, first, second = chain.springs(checked)
@@ -138,10 +138,10 @@ def stiffness_matrix(chain: Chain, angles: Array) -> csc_array:
 
 
 def equilibrium(chain: Chain, angles: Array) -> Array:
-    """Return the configuration near a given one in which the springs are in balance, (N,).
+    """Return the equilibrium near a given configuration [rad], shape (N,).
 
-    Newton's method on the torques; the equilibrium need not be stable. Raises ValueError where
-    it finds none.
+    Newton's method finds the zero of the torques. The equilibrium may be unstable. Raises
+    ValueError if the method does not converge.
     """
     state = chain.check_angles(angles).copy()
     scale = float((chain.stiffnesses * chain.rest_lengths).max() * chain.rotor_lengths.max())
@@ -153,19 +153,19 @@ def equilibrium(chain: Chain, angles: Array) -> Array:
         state += step * min(1.0, _LONGEST_STEP / max(float(np.abs(step).max()), 1e-300))
     rotor = int(np.argmax(np.abs(torques)))
     raise ValueError(
-        f'rotor {rotor} keeps a torque of {torques[rotor]:.3g} N m: the springs have no balance '
-        'near the given angles; start nearer to one'
+        f'the torque on rotor {rotor} stays {torques[rotor]:.3g} N m: there is no equilibrium '
+        'near the given angles; start from other angles'
     )
 
 
 def _yielding(chain: Chain, angles: Array, torques: Array) -> Array:
-    """Change of the angles under torques [rad], to first order, shape (N,)."""
+    """Return the change of the angles under torques to first order [rad], shape (N,)."""
     try:
         return np.asarray(splu(stiffness_matrix(chain, angles)).solve(torques))
     except RuntimeError:
         raise ValueError(
-            f'the chain yields without end at {_shown(angles)} rad, where its springs resist '
-            'some motion not at all; start from other angles'
+            f'the stiffness matrix is singular at {_shown(angles)} rad, because the springs do '
+            'not resist every motion; start from other angles'
         ) from None
 
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The chain itself: its parameters and deviations, gravity, encoders, and recorded motion."""
+"""Description of a chain: parameters, deviations, gravity, encoders, and recorded motion."""
 
 from soliton_linkage.exports import public_names
 

@@ -1,14 +1,14 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The chain of rotors: its geometry, energy and torques.
+"""Geometry, energy and torques of the chain of rotors.
 
-Neighbouring masses are joined by springs whose squared length differs from that at rest by
+Springs join neighbouring masses. The squared length of spring n minus its squared rest length is
 
     e_n = l_n^2 - lbar^2 = c + 2 a (h_{n+1} - h_n) - 2 (h_n h_{n+1} + v_n v_{n+1}),
     c = a^2 + 2 r^2 - lbar^2 = -2 r^2 cos(2 theta_bar),
 
-with h = r sin(phi), v = r cos(phi). Extensions are computed as e_n / (l_n + lbar), in which no
-length cancels: a relaxed spring has its length at rest to rounding. Where single rotors and
-springs deviate, a, r, lbar, M and k_e have an index of their own.
+with h = r sin(phi), v = r cos(phi). Extensions are computed as e_n / (l_n + lbar). This form
+avoids the cancellation of lengths, so that the extension of a relaxed spring is 0 to rounding. In
+chains with deviations, a, r, lbar, M and k_e depend on the rotor or spring.
 """
 
 from __future__ import annotations
@@ -29,7 +29,7 @@ Array = NDArray[np.float64]
 
 
 class Motion(enum.Enum):
-    """How a wall moves along a chain (paper, 'Topology of the unit cell')."""
+    """Class of motion of the rotors in a moving wall (paper, 'Topology of the unit cell')."""
 
     FLIPPER = 'flipper'
     WOBBLING_FLIPPER = 'wobbling flipper'
@@ -39,11 +39,11 @@ class Motion(enum.Enum):
 @document_fields
 @dataclass(frozen=True)
 class Chain:
-    """Parameters of a chain; raises ValueError if they are invalid.
+    """Parameters of a chain. Raises ValueError for invalid values.
 
-    Its ends are free or periodic. In a periodic chain one more spring joins the last rotor to the
-    image of the first. Lengths, masses and other values apply to every rotor and spring;
-    `deviations` are relative differences of single ones.
+    The ends are free or periodic. In a periodic chain one more spring joins the last rotor to an
+    image of the first rotor. The parameters apply to all rotors and springs; `deviations` contains
+    the relative differences of single rotors and springs from these parameters.
     """
 
     number_of_rotors: int = quantity(40, 'number of rotors', '', 2, 100_000)
@@ -55,7 +55,7 @@ class Chain:
     mass: float = quantity(0.02, 'mass at the end of each rotor', 'kg', 1e-9, 1e6)
     stiffness: float = quantity(50.0, 'stiffness of each spring', 'N/m', 1e-9, 1e12)
     damping: float = quantity(0.0, 'damping of each rotor about its pivot', 'N m s/rad', 0.0, 1e6)
-    periodic: bool = quantity(False, 'whether the last rotor is joined to the first')
+    periodic: bool = quantity(False, 'whether a spring joins the last rotor to the first')
     dry_friction: float = quantity(
         0.0, 'torque of the dry friction of each bearing at high rates', 'N m', 0.0, 1e6
     )
@@ -85,18 +85,18 @@ class Chain:
     deviations: Deviations = NO_DEVIATIONS
 
     def __post_init__(self) -> None:
-        """Refuse parameters out of their range."""
+        """Raise ValueError for parameters out of their range."""
         check_quantities(self)
         if self.periodic and self.number_of_rotors % 2:
             raise ValueError(
-                f'Chain.number_of_rotors = {self.number_of_rotors} must be even with periodic '
-                'ends, where up and down must alternate all the way round'
+                f'Chain.number_of_rotors = {self.number_of_rotors} must be even if the ends are '
+                'periodic, because rotors alternately point up and down'
             )
         self.deviations.check_fit(self.number_of_rotors, self.number_of_springs)
 
     @property
     def number_of_springs(self) -> int:
-        """N - 1 with free ends, N with periodic ones."""
+        """Number of springs: N - 1 with free ends, N with periodic ends."""
         return self.number_of_rotors - (not self.periodic)
 
     @cached_property
@@ -128,7 +128,7 @@ class Chain:
 
     @cached_property
     def rest_lengths(self) -> Array:
-        """Length of each spring when it is relaxed [m], shape (springs,)."""
+        """Rest length of each spring [m], shape (springs,)."""
         deviations = self.deviations.rest_length
         return self._deviating(self.rest_length, deviations, self.number_of_springs)
 
@@ -168,7 +168,7 @@ class Chain:
 
     @cached_property
     def rest_length(self) -> float:
-        """Length of a relaxed spring without deviation [m].
+        """Rest length of a spring without deviation [m].
 
         lbar = sqrt(a^2 + 4 r^2 cos(theta_bar)^2).
         """
@@ -196,7 +196,7 @@ class Chain:
 
     @cached_property
     def motion(self) -> Motion:
-        """How a wall moves along this chain, decided by d < 1, 1 < d < d_c or d > d_c."""
+        """Class of motion: flipper d < 1, wobbling flipper 1 < d < d_c, spinner d > d_c."""
         if self.lean_ratio > self.critical_lean_ratio:
             return Motion.SPINNER
         return Motion.WOBBLING_FLIPPER if self.lean_ratio > 1 else Motion.FLIPPER
@@ -224,15 +224,15 @@ class Chain:
         return signs
 
     def uniform_state(self, lean: int) -> Array:
-        """Angles of the ground state that leans right (+1) or left (-1) [rad], shape (N,)."""
+        """Return the angles of the right-leaning (+1) or left-leaning (-1) state [rad], (N,)."""
         if lean not in (-1, 1):
             raise ValueError(f'lean = {lean!r} must be +1 (right) or -1 (left)')
         return staggered(np.full(self.number_of_rotors, lean * self.rest_angle))
 
     def check_angles(self, angles: ArrayLike, what: str = 'angle') -> Array:
-        """Return one number a rotor as an array of shape (N,); raise ValueError if it is not.
+        """Return one finite number per rotor as an array of shape (N,), or raise ValueError.
 
-        `what` names the numbers in the error message.
+        `what` is the name of the quantity in the error message.
         """
         checked = np.asarray(angles, dtype=np.float64)
         check_shape(checked, self.number_of_rotors, what)
@@ -242,7 +242,7 @@ class Chain:
         return checked
 
     def positions(self, angles: Array) -> tuple[Array, Array]:
-        """Horizontal and vertical positions of the masses from their pivots [m], (..., N)."""
+        """Return h and v, the positions of the masses from their pivots [m], each (..., N)."""
         return self.rotor_lengths * np.sin(angles), self.rotor_lengths * np.cos(angles)
 
     def springs(self, angles: Array) -> tuple[Array, Array, Array]:
@@ -257,29 +257,29 @@ class Chain:
         return spring_between(h_left, v_left, h_right, v_right, *parameters)
 
     def spring_extensions(self, angles: Array) -> Array:
-        """Length of each spring beyond that at rest [m], shape (..., springs)."""
+        """Return the length of each spring minus its rest length [m], shape (..., springs)."""
         return self.springs(angles)[0]
 
     def elastic_energy(self, angles: Array) -> Array:
-        """Energy in the springs [J], V = sum_n (k_e / 2) (l_n - lbar)^2, shape (...)."""
+        """Return the energy of the springs [J], V = sum_n (k_e / 2) (l_n - lbar)^2, (...)."""
         extensions = self.spring_extensions(angles)
         return np.asarray(0.5 * np.sum(self.stiffnesses * extensions**2, axis=-1))
 
     def kinetic_energy(self, rates: Array) -> Array:
-        """Energy of the masses [J], T = sum_n (M r^2 / 2) phi_dot_n^2, shape (...)."""
+        """Return the kinetic energy [J], T = sum_n (M r^2 / 2) phi_dot_n^2, shape (...)."""
         return np.asarray(0.5 * np.sum(self.moments_of_inertia * np.square(rates), axis=-1))
 
     def spring_torques(self, angles: Array) -> Array:
-        """Torque of the springs on each rotor [N m], -dV/dphi, shape (..., N).
+        """Return the torque of the springs on each rotor [N m], -dV/dphi, shape (..., N).
 
-        Spring n turns rotor n by -k_e (l_n - lbar) A_n and rotor n+1 by -k_e (l_n - lbar) B_n.
+        Spring n exerts -k_e (l_n - lbar) A_n on rotor n and -k_e (l_n - lbar) B_n on rotor n + 1.
         """
         extensions, first, second = self.springs(angles)
         pull = -self.stiffnesses * extensions
         return self.gathered(pull * first, pull * second)
 
     def gathered(self, lefts: Array, rights: Array) -> Array:
-        """Sum over the springs of what each does to its left and its right rotor, (..., N)."""
+        """Add the contributions of all springs to their left and right rotors, (..., N)."""
         if self.periodic:
             return np.asarray(lefts + np.roll(rights, 1, axis=-1))
         sums = np.zeros((*np.shape(lefts)[:-1], self.number_of_rotors))
@@ -289,7 +289,7 @@ class Chain:
 
     @cached_property
     def offsets(self) -> Array:
-        """Return c of each spring [m^2]; without deviations none of its terms cancel."""
+        """Return c of each spring [m^2], without cancellation in chains without deviations."""
         uniform = -2 * self.rotor_length**2 * math.cos(2 * self.rest_angle)
         r_left, r_right = self._joined(self.rotor_lengths)
         deviating = (self.spacings**2 - self.spacing**2) + (r_left**2 - self.rotor_length**2)
@@ -298,9 +298,9 @@ class Chain:
 
     @cached_property
     def spring_parameters(self) -> Array:
-        """Rows r [m] of each rotor, a [m], c [m^2] and lbar [m] of each spring, shape (4, N).
+        """Return rows r of each rotor and a, c, lbar of each spring [m, m, m^2, m], shape (4, N).
 
-        Without periodic ends the last spring is missing: 0.
+        With free ends the entries of the missing last spring are 0.
         """
         rows = np.zeros((4, self.number_of_rotors))
         rows[0] = self.rotor_lengths
@@ -308,7 +308,7 @@ class Chain:
         return rows
 
     def _joined(self, values: Array) -> tuple[Array, Array]:
-        """Values of the left and right rotor of each spring, each (..., springs)."""
+        """Return the values of the left and the right rotor of each spring, (..., springs)."""
         if self.periodic:
             return values, np.roll(values, -1, axis=-1)
         return values[..., :-1], values[..., 1:]
@@ -320,7 +320,7 @@ class Chain:
 
 
 def staggered(angles: ArrayLike) -> Array:
-    """Staggered from actual angles, and back: theta_n = phi_n or pi - phi_n, shape (..., N)."""
+    """Convert angles to staggered angles or back: phi_n (n even), pi - phi_n (odd), (..., N)."""
     converted = np.array(angles, dtype=np.float64)
     converted[..., 1::2] = np.pi - converted[..., 1::2]
     return converted
@@ -332,25 +332,25 @@ def displacement(chain: Chain, angles: ArrayLike) -> Array:
 
 
 def uprightness(angles: ArrayLike) -> int:
-    """+1 if the even rotors between the edges point up on the whole, -1 if they hang down.
+    """Return +1 if the even inner rotors point up on average, -1 if they point down.
 
-    A flipper keeps to one side for ever: its inner rotors lean from right to left through the
-    top, or through the bottom where it was assembled upside down.
+    The sign of a flipper never changes, because its inner rotors pass only the top, or only the
+    bottom if it was assembled upside down.
     """
     vertical = np.cos(angles)
     return -1 if vertical[2:-1:2].sum() < vertical[1:-1:2].sum() else 1
 
 
 def check_shape(values: ArrayLike, rotors: int, what: str = 'angle') -> None:
-    """Raise ValueError for values that are not one a rotor, in a row."""
+    """Raise ValueError unless the values form one row with one value per rotor."""
     shape = values.shape if isinstance(values, np.ndarray) else np.shape(values)
     if shape != (rotors,):
         raise ValueError(
-            f'{what}s of shape {shape} do not fit a chain of {rotors} rotors; give one a rotor'
+            f'{what}s of shape {shape} do not fit a chain of {rotors} rotors; give one per rotor'
         )
 
 
 def wrapped(differences: ArrayLike) -> Array:
-    """Differences of angles, counted from -pi to pi [rad], shape (...)."""
+    """Wrap differences of angles to the range -pi to pi [rad], shape (...)."""
     given = np.asarray(differences, dtype=np.float64)
     return np.asarray(given - 2 * math.pi * np.rint(given * (0.5 / math.pi)))

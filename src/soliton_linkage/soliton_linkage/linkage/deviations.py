@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""How single rotors and springs differ from the parameters of their chain."""
+"""Relative deviations of single rotors and springs from the parameters of their chain."""
 
 from __future__ import annotations
 
@@ -18,57 +18,54 @@ from soliton_linkage.linkage.quantities import (
 )
 
 _LARGEST_FRACTION = 1e3
-"""Largest relative deviation of a rotor or spring [1]; larger ones would overflow products."""
+"""Largest relative deviation of a rotor or spring [1]; products of larger values overflow."""
 _LOWEST_FRACTIONS = {
     'dry_friction': -1.0,
     'quadratic_damping': -1.0,
     'non_reciprocity': -_LARGEST_FRACTION,
     'on_site_torque': -_LARGEST_FRACTION,
 }
-"""Lowest relative deviation where a single rotor or bond may have a value of 0 or below [1]."""
+"""Lowest relative deviation [1] of quantities that may be 0 or negative."""
 
 
 @document_fields
 @dataclass(frozen=True)
 class Deviations:
-    """Relative deviations of rotors and springs from the parameters of the chain; empty for none.
+    """Relative deviations of single rotors and springs from the parameters of the chain.
 
-    A rotor whose fraction of rotor_length is 0.02 is 1.02 times as long as the chain's
-    parameter. Raises ValueError for a fraction of -1 or less, except that frictions may vanish
-    and that non-reciprocities and on-site torques may have either sign.
+    For example, the length of a rotor with the fraction 0.02 is 1.02 times the parameter
+    rotor_length of the chain. An empty tuple means no deviations. Raises ValueError for fractions
+    of -1 or less. Frictions may be -1, and non-reciprocities and on-site torques may be any number.
     """
 
     spacing: tuple[float, ...] = quantity(
-        (), 'fractions of the distance from each rotor to the next, one a spring'
+        (), 'relative deviations of the distances between rotors, one per spring'
     )
     rotor_length: tuple[float, ...] = quantity(
-        (), 'fractions of the length of each rotor, one a rotor'
+        (), 'relative deviations of the rotor lengths, one per rotor'
     )
-    mass: tuple[float, ...] = quantity((), 'fractions of the mass of each rotor, one a rotor')
+    mass: tuple[float, ...] = quantity((), 'relative deviations of the masses, one per rotor')
     stiffness: tuple[float, ...] = quantity(
-        (), 'fractions of the stiffness of each spring, one a spring'
+        (), 'relative deviations of the stiffnesses, one per spring'
     )
     rest_length: tuple[float, ...] = quantity(
-        (), 'fractions of the length of each spring at rest, one a spring'
-    )
-    damping: tuple[float, ...] = quantity(
-        (), 'fractions of the damping of each rotor, one a rotor'
+        (), 'relative deviations of the rest lengths, one per spring'
     )
     dry_friction: tuple[float, ...] = quantity(
-        (), 'fractions of the dry friction of each rotor, one a rotor'
+        (), 'relative deviations of the dry frictions, one per rotor'
     )
     quadratic_damping: tuple[float, ...] = quantity(
-        (), 'fractions of the quadratic damping of each rotor, one a rotor'
+        (), 'relative deviations of the quadratic dampings, one per rotor'
     )
     non_reciprocity: tuple[float, ...] = quantity(
-        (), 'fractions of the non-reciprocity of each bond, one a spring'
+        (), 'relative deviations of the non-reciprocities, one per spring'
     )
     on_site_torque: tuple[float, ...] = quantity(
-        (), 'fractions of the on-site torque of each rotor, one a rotor'
+        (), 'relative deviations of the on-site torques, one per rotor'
     )
 
     def __post_init__(self) -> None:
-        """Refuse fractions that are not finite or leave nothing."""
+        """Raise ValueError for fractions that are not finite or out of range."""
         for name in _NAMES:
             for place, fraction in enumerate(getattr(self, name)):
                 lowest = _LOWEST_FRACTIONS.get(name, -1.0)
@@ -77,12 +74,12 @@ class Deviations:
                     bound = f'{lowest:g} or more' if name in _LOWEST_FRACTIONS else 'above -1'
                     raise ValueError(
                         f'deviation {place} of {name} = {fraction:g} must be a finite number '
-                        f'{bound}, {_LARGEST_FRACTION:g} or less; give fractions of the '
-                        'parameter of the chain'
+                        f'{bound}, {_LARGEST_FRACTION:g} or less; give the deviation as '
+                        'a fraction of the parameter'
                     )
 
     def check_fit(self, number_of_rotors: int, number_of_springs: int) -> None:
-        """Raise ValueError where there are fractions, but not one a rotor or spring."""
+        """Raise ValueError if a tuple is neither empty nor has one value per rotor or spring."""
         for name in _NAMES:
             of_springs = name in _OF_SPRINGS
             wanted = number_of_springs if of_springs else number_of_rotors
@@ -94,12 +91,12 @@ class Deviations:
                 )
 
     def joined(self, others: Deviations) -> Deviations:
-        """These and others; raises ValueError where both have fractions of one quantity."""
+        """Combine two sets of deviations; raise ValueError if both contain the same quantity."""
         for name in _NAMES:
             if getattr(self, name) and getattr(others, name):
                 raise ValueError(
-                    f'deviations of {name} are both given and drawn; give the fractions, or the '
-                    'standard deviation to draw them with'
+                    f'deviations of {name} are given twice, as values and as a standard deviation '
+                    'of random values; remove one of them'
                 )
         return Deviations(
             **{name: getattr(self, name) or getattr(others, name) for name in _NAMES}
@@ -110,18 +107,18 @@ _NAMES = tuple(f.name for f in fields(Deviations))
 _OF_SPRINGS = ('spacing', 'stiffness', 'rest_length', 'non_reciprocity')
 NO_DEVIATIONS = Deviations()
 _LARGEST_SPREAD = 0.5
-"""Largest standard deviation [1]: one rotor in forty would have a negative value."""
+"""Largest standard deviation [1]; with it one value in forty would be negative."""
 
 
 def _spread(of: str) -> Any:
-    description = f'standard deviation of the {of}, as a fraction'
+    description = f'relative standard deviation of the {of}'
     return quantity(0.0, description, '', 0.0, _LARGEST_SPREAD)
 
 
 @document_fields
 @dataclass(frozen=True)
 class Disorder:
-    """Standard deviations of the fractions by which rotors and springs differ, and their seed.
+    """Relative standard deviations of the parameters of rotors and springs, and a random seed.
 
     Raises ValueError for values out of range.
     """
@@ -136,14 +133,14 @@ class Disorder:
     quadratic_damping: float = _spread('quadratic dampings')
     non_reciprocity: float = _spread('non-reciprocities')
     on_site_torque: float = _spread('on-site torques')
-    seed: int = quantity(0, 'seed of the fractions that are drawn', '', 0, LARGEST_SEED)
+    seed: int = quantity(0, 'seed of the random deviations', '', 0, LARGEST_SEED)
 
     def __post_init__(self) -> None:
-        """Refuse values out of their range."""
+        """Raise ValueError for values out of their range."""
         check_quantities(self)
 
     def drawn(self, number_of_rotors: int, periodic: bool = False) -> Deviations:
-        """Draw the deviations of a chain; none of a quantity whose standard deviation is 0."""
+        """Draw random deviations; quantities with the standard deviation 0 get none."""
         fractions = {name: getattr(self, name) for name in _NAMES if getattr(self, name)}
         return drawn_deviations(number_of_rotors, self.seed, periodic, **fractions)
 
@@ -153,10 +150,10 @@ def drawn_deviations(
 ) -> Deviations:
     """Draw independent normal deviations, given the standard deviation of each by name.
 
-    The draw of one quantity does not depend on which others are drawn, and that for a given
-    seed scales with the fraction. Raises ValueError for fewer than 2 rotors, a seed that is not a
-    whole number of 0 or more, a name that is none of `Deviations`, and a fraction that is
-    negative or so large that something is left with nothing.
+    The values of one quantity do not depend on the other quantities. For a given seed they are
+    proportional to the standard deviation. Raises ValueError for fewer than 2 rotors, a seed that
+    is not a whole number >= 0, a name that is no field of `Deviations`, a negative standard
+    deviation, and a drawn deviation of -1 or less.
     """
     _check_whole('number_of_rotors', number_of_rotors, 2)
     _check_whole('seed', seed, 0)
@@ -164,10 +161,10 @@ def drawn_deviations(
     drawn = {}
     for name, fraction in fractions.items():
         if name not in _NAMES:
-            raise ValueError(f'deviation of {name!r} must be of one of {", ".join(_NAMES)}')
+            raise ValueError(f'unknown quantity {name!r}; must be one of {", ".join(_NAMES)}')
         if not (math.isfinite(fraction) and fraction >= 0):
             raise ValueError(
-                f'fraction of {name} = {fraction} must be a finite number of 0 or more'
+                f'standard deviation of {name} = {fraction} must be a finite number >= 0'
             )
         generator = np.random.Generator(np.random.PCG64([seed, _NAMES.index(name)]))
         count = springs if name in _OF_SPRINGS else number_of_rotors
@@ -177,4 +174,4 @@ def drawn_deviations(
 
 def _check_whole(name: str, value: object, least: int) -> None:
     if not isinstance(value, Integral) or value < least:
-        raise ValueError(f'{name} = {value!r} must be a whole number; give one of {least} or more')
+        raise ValueError(f'{name} = {value!r} must be a whole number >= {least}')

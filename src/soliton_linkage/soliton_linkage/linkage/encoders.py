@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Readings of encoders on the rotors: noise, resolution and offsets."""
+"""Encoder readings of the rotors, with noise, resolution and offsets."""
 
 from __future__ import annotations
 
@@ -21,16 +21,16 @@ from soliton_linkage.linkage.quantities import (
 @document_fields
 @dataclass(frozen=True)
 class EncoderErrors:
-    """How readings differ from angles; raises ValueError for values out of their range."""
+    """Errors of encoder readings. Raises ValueError for values out of their range."""
 
     noise: float = quantity(
         0.0, 'standard deviation of each reading', 'rad', 0.0, 10.0, adjustable=True
     )
     quantisation: float = quantity(
-        0.0, 'step between readings, 0 for none', 'rad', 0.0, 10.0, adjustable=True
+        0.0, 'resolution of the readings; 0 for none', 'rad', 0.0, 10.0, adjustable=True
     )
     offsets: tuple[float, ...] = quantity(
-        (), 'what readings are constantly too large by, one a rotor [rad]; empty for nothing'
+        (), 'constant offset of each reading, one per rotor [rad]; empty for none'
     )
     seed: int = quantity(0, 'seed of the noise', '', 0, LARGEST_SEED)
 
@@ -41,22 +41,21 @@ class EncoderErrors:
 
     @property
     def none(self) -> bool:
-        """Whether readings are the angles."""
+        """Whether the readings equal the angles."""
         return not (self.noise or self.quantisation or any(self.offsets))
 
 
 @document_fields
 @dataclass(frozen=True)
 class KnownEncoders:
-    """Known properties of the encoders of a chain; raises ValueError for values out of range.
+    """Known properties of the encoders of a chain. Raises ValueError for values out of range.
 
-    Subtract the offsets before readings are used as angles; recordings contain readings.
+    Subtract the offsets from readings to get angles. Recordings contain readings.
     """
 
     offsets: tuple[float, ...] = quantity(
         (),
-        'what positions in joint_states are known to be too large by, one a rotor [rad]; empty '
-        'for nothing',
+        'known offset of each encoder (position minus angle), one per rotor [rad]; empty for none',
     )
 
     def __post_init__(self) -> None:
@@ -65,19 +64,19 @@ class KnownEncoders:
 
 
 class Encoders:
-    """Reads the angles of a chain frame by frame.
+    """Simulated encoders, which convert the angles of a chain to readings frame by frame.
 
     With normal noise n of unit variance and the quantisation q,
 
         reading = q round((phi + offset + noise n) / q),
-        rate = (reading - reading of the frame before) / period,
+                rate = (reading - previous reading) / period.
 
-    as drivers of encoders have it, which measure no rates: without the frame before it is 0.
-    The noise of a frame depends on the seed and the number of the frame alone.
+    Real encoders measure no rates either. The rate of the first frame is 0. The noise depends only
+    on the seed and the frame number.
     """
 
     def __init__(self, number_of_rotors: int, period: float, errors: EncoderErrors) -> None:
-        """Read a chain of so many rotors once a period [s]."""
+        """Prepare readings of a number of rotors with the given frame period [s]."""
         check_one_each(errors.offsets, number_of_rotors)
         self.errors = errors
         self._rotors = number_of_rotors
@@ -85,11 +84,11 @@ class Encoders:
         self._before: tuple[int, Array] | None = None
 
     def forget(self) -> None:
-        """Take the next frame for the first, as after a jump of the angles."""
+        """Discard the previous frame, for example after a jump of the angles."""
         self._before = None
 
     def read(self, frame: int, angles: Array) -> tuple[Array, Array]:
-        """Readings [rad] and rates [rad/s] of a frame, given its angles [rad], shape (N,) each."""
+        """Return readings [rad] and rates [rad/s] for the angles [rad] of a frame, (N,) each."""
         errors = self.errors
         reading = angles + (errors.offsets or 0.0) + self._noise(frame, errors)
         step = errors.quantisation
@@ -111,11 +110,11 @@ class Encoders:
 
 
 def check_one_each(offsets: Sequence[float], number_of_rotors: int) -> None:
-    """Raise ValueError for offsets that are not one a rotor, unless there are none."""
+    """Raise ValueError unless there is one offset per rotor, or none."""
     if len(offsets) not in (0, number_of_rotors):
         raise ValueError(
             f'{len(offsets)} offsets of encoders do not fit a chain of {number_of_rotors} rotors; '
-            'give one for each, or none'
+            'give one per rotor, or none'
         )
 
 
@@ -124,5 +123,5 @@ def _check_offsets(offsets: Sequence[float]) -> None:
         if not abs(offset) <= LARGEST_ANGLE:
             raise ValueError(
                 f'offset of rotor {rotor} = {offset:g} rad must lie in the range '
-                f'{-LARGEST_ANGLE:g} to {LARGEST_ANGLE:g} rad; give what readings are off by'
+                f'{-LARGEST_ANGLE:g} to {LARGEST_ANGLE:g} rad; give reading minus angle'
             )

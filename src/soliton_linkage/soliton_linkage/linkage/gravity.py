@@ -14,7 +14,7 @@ from soliton_linkage.linkage.quantities import check_quantities, document_fields
 @document_fields
 @dataclass(frozen=True)
 class Gravity:
-    """A field of constant strength whose direction tilts from -z (tilt 0) towards +x (pi / 2).
+    """Uniform gravity along -z for tilt 0, rotated towards +x for positive tilt.
 
     Raises ValueError for values out of their range.
     """
@@ -24,7 +24,7 @@ class Gravity:
     )
     tilt: float = quantity(
         0.0,
-        'tilt of the chain from horizontal, above 0 where the last rotor is the lower end',
+        'tilt of the chain from horizontal; positive if the last rotor is lower',
         'rad',
         -1e6,
         1e6,
@@ -36,7 +36,7 @@ class Gravity:
         check_quantities(self)
 
     def energy(self, chain: Chain, angles: Array) -> Array:
-        """Potential energy of the masses, 0 at their pivots [J], shape (...).
+        """Return the potential energy relative to masses at their pivots [J], shape (...).
 
         U = -g sum_n M (h_n sin(tilt) - v_n cos(tilt)) = g sum_n M r cos(phi_n + tilt).
         """
@@ -44,11 +44,11 @@ class Gravity:
         return np.asarray(np.sum(self._weights(chain) * heights, axis=-1))
 
     def torques(self, chain: Chain, angles: Array) -> Array:
-        """Torque on each rotor [N m], -dU/dphi_n = g M r sin(phi_n + tilt), shape (..., N)."""
+        """Return the torques [N m], -dU/dphi_n = g M r sin(phi_n + tilt), shape (..., N)."""
         return np.asarray(self._weights(chain) * np.sin(angles + self.tilt))
 
     def scale(self, chain: Chain) -> float:
-        """Energy that lifting every mass by the length of its rotor takes [J]."""
+        """Return the energy scale g sum_n M r [J]."""
         return float(self._weights(chain).sum())
 
     def _weights(self, chain: Chain) -> Array:

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Dataclass fields that carry their unit, meaning and range, and the check that they hold."""
+"""Dataclass fields with unit, meaning and range, and checks of their values."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from dataclasses import dataclass, field, fields
 from typing import Any, TypeVar
 
 LARGEST_SEED = 10**9
-"""Largest seed of random numbers; it fits into a parameter of a node, an integer of 64 bits."""
+"""Largest random seed: the largest value of an integer node parameter (64 bits)."""
 
 LARGEST_ANGLE = 1e9
 """Largest unwrapped angle [rad]; a double resolves it to 1e-7 rad, finer than encoders."""
@@ -20,7 +20,7 @@ Described = TypeVar('Described')
 
 @dataclass(frozen=True)
 class Quantity:
-    """Meaning and range of a parameter; the bounds are inclusive."""
+    """Meaning and range of a parameter, including the bounds."""
 
     description: str
     unit: str = ''
@@ -67,7 +67,7 @@ def quantity(
 
 
 def document_fields(dataclass_type: type[Described]) -> type[Described]:
-    """Add to the docstring of a dataclass, which `help` shows, what its quantities mean."""
+    """Add the meaning of each quantity to the docstring of a dataclass, which `help` shows."""
     lines = [
         f'    {name}: {one.description}{f" [{one.unit}]" if one.unit else ""}'
         for name, one in described_fields(dataclass_type).items()
@@ -83,9 +83,10 @@ def described_fields(dataclass_type: Any) -> dict[str, Quantity]:
 
 
 def check_quantities(instance: Any) -> None:
-    """Raise ValueError for the first field whose value its quantity does not allow.
+    """Raise ValueError for the first field with an invalid value.
 
-    Where the default is a number the value must be one, and whole where the default is.
+    If the default is a number, the value must be a number; if the default is a whole number, the
+    value must be a whole number.
     """
     for name, described in described_fields(instance).items():
         value = getattr(instance, name)

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Angles over time, whatever they come from: a simulation, a bag or a live stream."""
+"""Angles over time, from a simulation, a bag or a live stream."""
 
 from __future__ import annotations
 
@@ -12,27 +12,27 @@ from soliton_linkage.linkage.chain import Array
 
 @dataclass(frozen=True)
 class Recording:
-    """Frames of a chain of N rotors at T instants; rates are empty where they are unknown."""
+    """T frames of a chain of N rotors. The array of rates is empty if they are unknown."""
 
     times: Array
-    """Instants of the frames [s], increasing, shape (T,)."""
+    """Times of the frames [s], increasing, shape (T,)."""
     angles: Array
-    """Actual angles phi [rad], shape (T, N)."""
+    """Angles phi [rad], shape (T, N)."""
     rates: Array
     """Angular velocities [rad/s], shape (T, N) or (0, N)."""
 
     def __post_init__(self) -> None:
-        """Refuse arrays that do not fit each other and times that do not increase."""
+        """Raise ValueError for inconsistent shapes and for times that do not increase."""
         frames = len(self.times)
         if self.angles.ndim != 2 or len(self.angles) != frames:
             raise ValueError(
                 f'angles of shape {self.angles.shape} do not fit {frames} times; '
-                'give one row a frame'
+                'give one row per frame'
             )
         if self.rates.shape not in (self.angles.shape, (0, self.angles.shape[1])):
             raise ValueError(
                 f'rates of shape {self.rates.shape} do not fit angles of shape '
-                f'{self.angles.shape}; give as many, or none'
+                f'{self.angles.shape}; give the same shape, or none'
             )
         if not np.isfinite(self.times).all():
             frame = int(np.flatnonzero(~np.isfinite(self.times))[0])
@@ -43,6 +43,6 @@ class Recording:
         if late.size:
             frame = int(late[0]) + 1
             raise ValueError(
-                f'time of frame {frame} = {self.times[frame]} s does not come after '
+                f'time of frame {frame} = {self.times[frame]} s is not later than '
                 f'{self.times[frame - 1]} s; sort the frames and drop repeated ones'
             )

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 TINY = float(np.finfo(np.float64).tiny)
-"""Length below which a spring has no direction [m]."""
+"""Length below which the direction of a spring is undefined [m]."""
 
 
 def spring_between(
@@ -22,13 +22,13 @@ def spring_between(
 ) -> tuple[Any, Any, Any]:
     """Return the extension [m] of a spring and its levers A and B [m/rad].
 
-    The spring joins masses at (h, v) [m] from their pivots, which are `spacing` [m] apart;
-    `offset` [m^2] is one of `Chain.offsets`. With (dh, dv) = (a + h_right - h_left,
-    v_right - v_left), its length l = hypot(dh, dv) changes by A = (h_left dv - v_left dh) / l for
-    each radian of the left rotor and by B = (v_right dh - h_right dv) / l for each of the right
-    one. Both are 0 where the masses meet.
+    The masses are at (h, v) [m] from their pivots. The distance of the pivots is `spacing` [m],
+    and `offset` [m^2] is an element of `Chain.offsets`. With (dh, dv) = (a + h_right - h_left,
+    v_right - v_left) the length is l = hypot(dh, dv). Its derivatives are A = (h_left dv - v_left
+    dh) / l by the angle of the left rotor and B = (v_right dh - h_right dv) / l by the angle of
+    the right rotor. Both are set to 0 if the masses coincide.
 
-    Arguments are numbers or arrays that broadcast. Compiled loops call it inlined:
+    Arguments are numbers or arrays that broadcast. Compiled loops inline this function:
 
         spring = compile_loop(spring_between, inlined=True)
     """

@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A chain in the Unified Robot Description Format (URDF) of ROS, Gazebo and MuJoCo.
+"""Chain in the Unified Robot Description Format (URDF) of ROS, Gazebo and MuJoCo.
 
-URDF describes a tree of rigid bodies, without springs. The joints turn by the plain angles phi, on
-even and odd rotors, as in `joint_states`.
+A URDF describes a tree of rigid bodies, without springs. The positions of the joints are the
+angles phi of `joint_states`, for even and odd rotors.
 """
 
 from __future__ import annotations
@@ -16,44 +16,44 @@ from soliton_linkage.linkage.chain import Chain
 from soliton_linkage.linkage.quantities import check_quantities, document_fields, quantity
 
 BASE = 'linkage'
-"""The link at rest: the frame in which the pivots stand along x."""
+"""Name of the fixed link, whose x axis contains the pivots."""
 _THICKNESS = 1 / 12
-"""Diameter of the rod of a rotor over the smaller of rotor length and spacing [1]."""
+"""Diameter of a rod, relative to the smaller of rotor length and spacing [1]."""
 _POINT = 1e-6
-"""Moment of inertia of a mass about its own centre, over that about the pivot [1]: the masses are
-points, and readers of URDF refuse a moment of 0."""
+"""Moment of inertia of a mass about its centre, relative to that about the pivot [1]. The masses
+are points, but many programs reject a moment of inertia of 0."""
 
 
 @document_fields
 @dataclass(frozen=True)
 class JointLimits:
-    """Limits of a rotor; its angle is unlimited."""
+    """Limits of torque and rate of a rotor. The angle is unlimited."""
 
     torque: float = quantity(0.1, 'largest torque on a rotor', 'N m', 0.0, 1e6)
     speed: float = quantity(100.0, 'largest rate of a rotor', 'rad/s', 0.0, 1e6)
 
     def __post_init__(self) -> None:
-        """Refuse limits below 0."""
+        """Raise ValueError for limits below 0."""
         check_quantities(self)
 
 
 def robot_description(
     chain: Chain, joint_names: Sequence[str] = (), limits: JointLimits | None = None
 ) -> str:
-    """URDF of a chain: one continuous joint about +y a rotor, named as given, or `rotor_n`.
+    """Return the URDF of a chain with one continuous joint about +y per rotor.
 
-    The mass of the link of joint J, `J_link`, is at its (0, 0, r). Raises ValueError unless there
-    is one name a rotor, each once.
+    Joints have the given names, by default `rotor_n`. Joint J moves the link `J_link`, whose mass
+    is at (0, 0, r). Raises ValueError unless there is one distinct name per rotor.
     """
     rotors = chain.number_of_rotors
     names = list(joint_names) or [f'rotor_{rotor}' for rotor in range(rotors)]
     if len(set(names)) != rotors:
         raise ValueError(
-            f'{len(set(names))} different names of joints do not fit a chain of {rotors} rotors; '
-            'give one a rotor'
+            f'{len(set(names))} distinct names of joints do not fit a chain of {rotors} rotors; '
+            'give one per rotor'
         )
     robot = Xml.Element('robot', name='soliton_linkage')
-    # MuJoCo would show nothing otherwise; others pass it over.
+    # MuJoCo shows visual elements only with this tag; other programs ignore it.
     Xml.SubElement(Xml.SubElement(robot, 'mujoco'), 'compiler', discardvisual='false')
     for name, colour in (('rod', DARK), ('odd_rod', GREY), ('mass', BLUE), ('base', PALE)):
         material = Xml.SubElement(robot, 'material', name=name)
@@ -121,5 +121,5 @@ def _row(*values: float) -> str:
 
 
 def _number(value: float) -> str:
-    """A number in as many digits as it takes to read it back exactly."""
+    """Return a number as text that converts back to the same number."""
     return repr(float(value))

@@ -7,8 +7,8 @@ rotors, `constraint_field`,
 
     grad V(phi) = p grad F(phi),    sum_n F_n(phi) = N - 1 - 2 x,
 
-with the Lagrange multiplier p, found by Newton's method along x. If the state of some x is
-unstable, there is no path: the anti-kink is pinned, and jumps from one site to another.
+with the Lagrange multiplier p. Newton's method follows the path along x. If a state on the path is
+unstable, the anti-kink is pinned and jumps from one site to another, so that no path exists.
 """
 
 from __future__ import annotations
@@ -39,9 +39,10 @@ _BUCKLING = 1e-6
 def anti_kink_path(chain: Chain, begin: float) -> tuple[Array, Array]:
     """Return sites of an anti-kink [rotor spacings], shape (K,), and its states [rad], (K, N).
 
-    The path leads from a site over two spacings, after which the states repeat two rotors
-    further. Sites are proportional to the arc of the path, like sites of kinks. The chain must be
-    so long that its ends are at rest. Raises ArithmeticError if the anti-kink is pinned.
+    The path begins at the given site and covers two spacings. Beyond this range the states repeat,
+    shifted by two rotors. Site coordinates are proportional to the arc of the path, as for kinks.
+    The chain must be so long that its ends are at rest. Raises ArithmeticError if the anti-kink is
+    pinned.
     """
     angles, multiplier = continuum_anti_kink(chain, begin), 0.0
     found = []
@@ -60,9 +61,9 @@ def anti_kink_path(chain: Chain, begin: float) -> tuple[Array, Array]:
 def resting_anti_kink(chain: Chain, near: float) -> tuple[float, Array]:
     """Return site [rotor spacings] and angles [rad], (N,), of an anti-kink in equilibrium.
 
-    It is close to a given site, with the ends of the chain fixed. The site follows from the sum of
-    the constraint field. Flippers have equilibria on a rotor and between two; the one with less
-    energy is returned.
+    The anti-kink is close to a given site, and the ends of the chain are fixed. Its site follows
+    from the sum of the constraint field. In flippers both a site on a rotor and a site between two
+    rotors are equilibria; this function returns the one with less energy.
     """
     starts = (near,) if chain.motion is Motion.SPINNER else (near, near + 0.5)
     found = [_minimum(chain, continuum_anti_kink(chain, start)) for start in starts]
@@ -85,9 +86,9 @@ def continuum_anti_kink(chain: Chain, site: float) -> Array:
 def constraint_field(chain: Chain, angles: Array) -> tuple[Array, Array, Array]:
     """Return the field F of each rotor [1] and its derivatives by its angle, (N,) each.
 
-    Flippers have (3 m - m^3) / 2 with the order field m = u / ub of `tanh_fit.order_field`. Like
-    the field of spinners it is stationary in the domains, so that the constraint exerts no force
-    there.
+    For flippers F = (3 m - m^3) / 2 with the order field m = u / ub of `tanh_fit.order_field`.
+    Both this field and the field of spinners are stationary in the domains. Therefore the
+    constraint exerts no force there.
     """
     theta, sense = staggered(angles), np.where(np.arange(len(angles)) % 2, -1.0, 1.0)
     if chain.motion is Motion.SPINNER:
@@ -142,10 +143,10 @@ def _constrained_minimum(
 
 
 def _is_stable(diagonal: Array, beside: Array, along: Array) -> bool:
-    """Whether a tridiagonal matrix H is positive definite across a direction b.
+    """Return whether a tridiagonal matrix H is positive definite orthogonally to a vector b.
 
-    The matrix bordered by b must then have one negative eigenvalue. By Haynsworth's
-    theorem it has as many as H and the number -b . H^-1 b together.
+    This is so if the matrix H bordered by b has exactly one negative eigenvalue. By Haynsworth's
+    theorem, the number of its negative eigenvalues is that of H, plus one if b . H^-1 b > 0.
     """
     limit = -_BUCKLING * float(np.abs(diagonal).max())
     negative = eigvalsh_tridiagonal(diagonal, beside, select='v', select_range=(-np.inf, limit))

@@ -8,8 +8,8 @@ energy 2 E_s. Both theories are invariant under Lorentz boosts with the speed of
     w = w_0 / gamma,    gamma = 1 / sqrt(1 - v^2 / c^2),
     E = (gamma - 1) M_eff c^2 + (1 - Q) E_s,    E_s = M_eff c^2.
 
-Signs and factors agree with the chain. Docstrings state where the paper has others (eqs.
-flip_discrete, width, lagrangian2, sg and related ones).
+Signs and factors agree with the chain. Some signs and factors in the paper are different (eqs.
+flip_discrete, width, lagrangian2, sg and related equations); the docstrings list them.
 """
 
 from __future__ import annotations
@@ -25,18 +25,17 @@ from soliton_linkage.linear.bands import speed_of_sound
 from soliton_linkage.linkage.chain import Array, Chain, Motion, staggered
 
 _HARDEST_KICK = 1e9
-"""Kick in units of Lambda c [1] above which the speed is c to a fraction of 2 / kick^4."""
+"""Kick in units of Lambda c [1] above which 1 - v / c is below 2 / kick^4."""
 
 
 @dataclass(frozen=True)
 class WallTheory(ABC):
     """A relativistic wall of a uniform chain.
 
-    By default c is the exact speed of sound, a sqrt|q+ q-| / r in units of sqrt(k_e / M).
-    Contraction, speed and energy of simulated walls agree better with it than with the limit of
-    the theory. In the limit the equations of the theory hold exactly, and E_s = M_eff c^2.
-    Speeds are in [m/s]. Methods raise ValueError unless speeds are finite and below c and charges
-    are +1 or -1.
+    By default c is the exact speed of sound, a sqrt|q+ q-| / r in units of sqrt(k_e / M), because
+    simulated walls agree better with it than with the speed in the limit of the theory. Only in
+    this limit are the equations exact, with E_s = M_eff c^2. Speeds are in [m/s]. Methods raise
+    ValueError unless speeds are finite and below c and charges are +1 or -1.
     """
 
     chain: Chain
@@ -66,7 +65,7 @@ class WallTheory(ABC):
 
     @property
     def arc_per_site(self) -> float:
-        """Path length Lambda of all masses per distance of the wall [1]: M_eff = M Lambda^2."""
+        """Path length of all masses per displacement of the wall [1]; M_eff = M Lambda^2."""
         return math.sqrt(self.effective_mass / self.chain.mass)
 
     def lorentz_factor(self, velocity: float) -> float:
@@ -85,7 +84,7 @@ class WallTheory(ABC):
     def elastic_energy(self, velocity: float, charge: int = 1) -> float:
         """Return the energy of the springs [J], (gamma - 1)^2 / (2 gamma) M_eff c^2 + (1 - Q) E_s.
 
-        For Q = +1 it is (gamma - 1) / (gamma + 1) of the kinetic energy.
+        For Q = +1 it is (gamma - 1) / (gamma + 1) times the kinetic energy.
         """
         gamma, excess = self.lorentz_factor(velocity), self._excess(velocity)
         moving = self.effective_mass * (self.speed_of_sound * excess) ** 2 / (2 * gamma)
@@ -112,7 +111,7 @@ class WallTheory(ABC):
             raise ValueError(f'kick = {kick} m/s must be a finite number')
         if not (math.isfinite(arc) and arc > 0):
             raise ValueError(f'arc per site = {arc} must be a finite number above 0')
-        # Here v is c to rounding. At d = 1, c is 0, and every kick leads here.
+        # In this branch v equals c to rounding. At d = 1 every kick leads here, because c is 0.
         if abs(kick) >= _HARDEST_KICK * arc * self.speed_of_sound:
             return math.copysign(self.speed_of_sound, kick)
         gained = (kick / (arc * self.speed_of_sound)) ** 2 / 2
@@ -155,9 +154,9 @@ class WallTheory(ABC):
 class FlipperTheory(WallTheory):
     """phi^4 theory of a flipper's wall in the displacement u = r sin(theta) [m], for d << 1.
 
-    L = (1 / a) integral dx {(M / 2) u_t^2 - (K / 2) [(ub^2 - u^2) + (a^2 / 2) u_x]^2} with
-    ub = r sin(theta_bar) and K = 4 k_e / lbar^2 (paper, eq. lagrangian2 with twice its cross
-    term and the 1 / a of a sum over sites). Raises ValueError for a spinner.
+    L = (1 / a) integral dx {(M / 2) u_t^2 - (K / 2) [(ub^2 - u^2) + (a^2 / 2) u_x]^2} with ub = r
+    sin(theta_bar) and K = 4 k_e / lbar^2. In the paper (eq. lagrangian2) the cross term is half as
+    large and the factor 1 / a is missing. Raises ValueError for a spinner.
     """
 
     def __post_init__(self) -> None:
@@ -194,7 +193,7 @@ class FlipperTheory(WallTheory):
     ) -> Array:
         """Return the field u = -Q ub tanh((x - X) / w) [m] at positions x [m], shape (...).
 
-        The paper (eqs. width and Kink2) has the sign of Q = -1.
+        The paper (eqs. width and Kink2) prints the field of Q = -1.
         """
         scaled = self._scaled(x, position, velocity)
         return np.asarray(-_checked_sign('charge', charge) * self.lean * np.tanh(scaled))
@@ -220,8 +219,8 @@ class FlipperTheory(WallTheory):
     ) -> Array:
         """Return the extensions of springs at x [m], -(2 / lbar) (Q gamma - 1) (ub^2 - u^2) [m].
 
-        A moving wall of charge +1 compresses them; a wall of charge -1 stretches them, even at
-        rest.
+        A moving wall of charge +1 compresses the springs. A wall of charge -1 stretches them, even
+        at rest.
         """
         squares = self.lean**2 * _sech_squared(self._scaled(x, position, velocity))
         factor = -2 / self.chain.rest_length * self._misfit(velocity, charge)
@@ -247,17 +246,17 @@ class FlipperTheory(WallTheory):
 class SpinnerTheory(WallTheory):
     """Sine-Gordon theory of a spinner's wall in the angle psi [rad] by which rotors turn.
 
-    Across a wall psi goes from 0 to pi, forwards in the actual angle (turn +1) or backwards (-1).
-    The staggered angles are theta_bar + turn psi on rotors 0, 2, ... (the paper's odd sites) and
-    theta_bar - turn psi on the others. With I = M r^2, ub = r
-    sin(theta_bar) and K = k_e r^4 a^2 sin(2 theta_bar)^2 / lbar^2,
+    Across a wall psi increases from 0 to pi. The angle phi increases (turn +1) or decreases (turn
+    -1). The staggered angles are theta_bar + turn psi on rotors 0, 2, ... (the odd sites of the
+    paper) and theta_bar - turn psi on the others. With I = M r^2, ub = r sin(theta_bar) and K =
+    k_e r^4 a^2 sin(2 theta_bar)^2 / lbar^2,
 
         L = (1 / a) integral dx {(I / 2) psi_t^2 - (K / 2) [psi_x - sin(psi) / ub]^2}
 
-    (paper, supporting information, without its factor a in the last term). A chain can be
-    assembled as a spinner in two ways. Rotors of the family +1 turn from theta_bar to the
-    left-leaning state pi + theta_bar. Rotors of the family -1 turn from -theta_bar - pi to
-    -theta_bar: psi - pi and -theta_bar replace psi and theta_bar. Raises ValueError for a flipper.
+    (paper, supporting information, without its factor a in the last term). A spinner can be
+    assembled in two ways. In the family +1 rotors turn from theta_bar to the left-leaning state pi
+    + theta_bar. In the family -1 rotors turn from -theta_bar - pi to -theta_bar, so that psi - pi
+    and -theta_bar replace psi and theta_bar. Raises ValueError for a flipper.
     """
 
     family: int = 1
@@ -312,9 +311,9 @@ class SpinnerTheory(WallTheory):
     ) -> Array:
         """Return theta [rad] of rotors 0, 2, ... (sublattice 0) or 1, 3, ... (1) at x [m].
 
-        On both sublattices cos(theta - theta_bar) = -Q tanh((x - X) / w), and at rest
-        theta' = Q sin(theta - theta_bar) / (r sin(theta_bar)) (paper, eq. sg with the opposite
-        sign, and eq. sgd). The family -1 has -theta_bar and the opposite sign.
+        On both sublattices cos(theta - theta_bar) = -Q tanh((x - X) / w). At rest theta' = Q
+        sin(theta - theta_bar) / (r sin(theta_bar)) (paper, eq. sgd, and eq. sg with the opposite
+        sign). For the family -1, replace theta_bar by -theta_bar and change the sign.
         """
         if sublattice not in (0, 1):
             raise ValueError(f'sublattice = {sublattice!r} must be 0 (even rotors) or 1 (odd)')
@@ -346,8 +345,8 @@ class SpinnerTheory(WallTheory):
     ) -> Array:
         """Return the extensions of the springs right of even rotors at x [m], shape (...) [m].
 
-        turn (r^2 a sin(2 theta_bar) / lbar) (Q gamma - 1) sin(psi) / ub. Springs right of odd
-        rotors, and the family -1, have the opposite sign.
+        The extension is turn (r^2 a sin(2 theta_bar) / lbar) (Q gamma - 1) sin(psi) / ub. It has
+        the opposite sign for springs right of odd rotors, and for the family -1.
         """
         sign = _checked_sign('turn', turn) * self.family
         factor = sign * self._lever * self._misfit(velocity, charge)

@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Bonds that stop a wall in a chain whose rotors and springs deviate.
+"""Bonds that stop a wall in a chain with deviations of rotors and springs.
 
-Two neighbouring rotors, the line between their pivots and their spring make a four-bar linkage. If
-all bonds are of one class, the wall passes whatever the deviations. At a bond of another class the
-rotors reach an end of their travel before the wall is through.
+Two neighbouring rotors, the line between their pivots and their spring form a four-bar linkage. If
+all bonds belong to one class of linkages, a wall passes. At a bond of another class the rotors
+reach the end of their range of motion before the wall has passed.
 """
 
 from __future__ import annotations
@@ -25,14 +25,14 @@ class Obstacle(NamedTuple):
     rotor_lengths: tuple[float, float]
     rest_length: float
     reason: str
-    """The condition that is not met, with its limit."""
+    """Violated condition, with its limit."""
 
 
 def length_excesses(chain: Chain) -> Array:
     """Return r_n + r_{n+1} - lbar_n of each bond [m], shape (springs,).
 
-    Without deviations it is below 0 for d < 1, where flippers do not wobble, and above a for
-    d > d_c, where the rotors spin: 4 r^2 - lbar^2 = a^2 (d^2 - 1).
+    Without deviations it is negative for flippers (d < 1) and larger than a for spinners (d >
+    d_c), because 4 r^2 - lbar^2 = a^2 (d^2 - 1).
     """
     first, second = _rotor_lengths(chain)
     return np.asarray(first + second - chain.rest_lengths)
@@ -41,10 +41,11 @@ def length_excesses(chain: Chain) -> Array:
 def blocked_bonds(chain: Chain) -> NDArray[np.bool_]:
     """Return which bonds may stop a wall, shape (springs,).
 
-    A wall passes, and returns, if on every bond lbar_n > a_n + |r_n - r_{n+1}| and if
-    r_n + r_{n+1} - a_n - lbar_n has the same sign on all of them: below 0 each is a triple
-    rocker, as in flippers, and above 0 a double crank, as in spinners (Grashof). The required sign
-    is the one of most bonds. The conditions are sufficient, not necessary.
+    A wall passes in both directions if two conditions hold. On every bond lbar_n > a_n + |r_n -
+    r_{n+1}|, and r_n + r_{n+1} - a_n - lbar_n has the same sign on all bonds. If it is negative,
+    each bond is a triple rocker, as in flippers. If it is positive, each bond is a double crank,
+    as in spinners (Grashof). The required sign is the sign of most bonds. The conditions are
+    sufficient, not necessary.
     """
     excess = length_excesses(chain) - chain.spacings
     other_class = ~(excess > 0) if _spinning(chain) else ~(excess < 0)
@@ -78,8 +79,8 @@ def find_obstacles(chain: Chain) -> tuple[Obstacle, ...]:
 def motion_of_bonds(chain: Chain) -> Motion | None:
     """Return the class of motion of a chain with its deviations, None if a bond may stop a wall.
 
-    Otherwise it is a spinner if r_n + r_{n+1} - lbar_n is above a_n on every bond, a flipper if it
-    is below 0 on every bond, and else a wobbling flipper.
+    The chain is a spinner if r_n + r_{n+1} - lbar_n > a_n on every bond. It is a flipper if this
+    difference is negative on every bond, and otherwise a wobbling flipper.
     """
     if blocked_bonds(chain).any():
         return None
@@ -95,7 +96,7 @@ def _rotor_lengths(chain: Chain) -> tuple[Array, Array]:
 
 
 def _shortest(chain: Chain) -> Array:
-    """Return the length above which a spring reaches around both rotors [m]."""
+    """Return the lower limit a_n + |r_n - r_{n+1}| of the rest length of each spring [m]."""
     first, second = _rotor_lengths(chain)
     return np.asarray(chain.spacings + np.abs(first - second))
 

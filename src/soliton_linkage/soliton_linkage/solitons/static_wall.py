@@ -1,11 +1,11 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Walls at rest, assembled bar by bar, and the arc of the orbit from one rotor to the next.
+"""Walls at rest, and the arc of the orbit per rotor spacing of the wall.
 
-Given the angle of one rotor, a bar of fixed length allows its neighbour one of two positions, the
-branches. The branch is the sign of the lever of the neighbour: B_n to the right and A_n to the
-left. If the chain is assembled outwards from a wall, errors decay as the zero mode does, because
-|A_n| < |B_n| on the right of the wall and |A_n| > |B_n| on its left. A recurrence from an end of
-the chain would amplify them.
+The angles of a wall at rest are computed rotor by rotor. Given the angle of one rotor, a bar of
+fixed length allows two angles of the next rotor, called branches. The sign of the lever of the
+next rotor selects the branch: B_n to the right and A_n to the left. The computation starts at the
+wall and proceeds outwards. Errors then decay as the zero mode does, because |A_n| < |B_n| on the
+right of the wall and |A_n| > |B_n| on its left. From an end of the chain, errors would grow.
 """
 
 from __future__ import annotations
@@ -25,32 +25,34 @@ from soliton_linkage.linkage.chain import Array, Chain, Motion, staggered
 from soliton_linkage.linkage.deviations import NO_DEVIATIONS
 
 _DEPTHS_BESIDE = 19
-"""Rotors beside a wall in penetration depths [1]: e^-19 squared is the rounding of a norm."""
+"""Distance from a wall in penetration depths [1] beyond which rotors do not change its norm: the
+square of e^-19 is the rounding error."""
 _MOST_BESIDE = 49_000
-"""Largest number of rotors beside a wall [1], given by the longest `Chain`."""
+"""Largest number of rotors on each side of a wall [1], limited by the longest `Chain`."""
 _MOST_STEPS = 100_000
 """Largest number of steps along an orbit [1]: near d_c it takes one or two thousand."""
 _TRANSITION = 1e-9
-"""Relative distance of d from d_c [1] below which rounding decides how rotors turn."""
+"""Relative distance of d from d_c [1] below which rounding determines the sense of rotation."""
 _TOLERANCE = 1e-13
-"""Tolerance of a step, relative and [rad]: arcs then agree with 22-digit arithmetic to 1e-11."""
+"""Relative and absolute [rad] tolerance of a step; the arcs then have an error of 1e-11."""
 _ARRIVED = 1e-4
-"""Distance between equal configurations [rad]; different ones are far apart."""
+"""Largest distance between configurations that count as equal [rad]."""
 
 
 def static_wall(chain: Chain, site: float, leg: int = 0, inverted: bool = False) -> Array:
     """Return the angles of a chain at rest with its wall at a site coordinate [rad], shape (N,).
 
     The site coordinate [rotor spacings] is proportional to the arc of the zero-energy orbit. It is
-    n + 1/2 if the wall is symmetric about the middle between rotors n and n + 1. Legs are defined
-    by `Orbit`. Legs 0 to 3 of flippers differ by the edge rotors that have toggled: none, the
-    last, both, the first. Legs 0 and 1 of spinners differ by the side on which the rotors in the
-    wall turn over. Inverted is the image phi -> pi - phi, a chain that was assembled upside down.
-    In a chain with deviations the rotor nearest to the wall is as without, and all others follow
-    from their own bars.
+    n + 1/2 if the wall is symmetric about the middle between rotors n and n + 1. `Orbit` defines
+    the legs. The toggled edge rotors of flippers are: none on leg 0, the last on leg 1, both on
+    leg 2, the first on leg 3. Legs 0 and 1 of spinners differ by the side on which the rotors in
+    the wall turn over. `inverted` selects the image phi -> pi - phi, a chain that was assembled
+    upside down. In a chain with deviations, the rotor nearest to the wall has its angle without
+    deviations, and the other angles follow from the lengths of the bars.
 
     Raises ValueError for a chain of two rotors or with periodic ends, a site within half a spacing
-    of an end, an unknown leg, bars that are too short or too long to reach, and as `site_arc`.
+    of an end, an unknown leg, and bars that are too short or too long. It also raises the errors
+    of `site_arc`.
 
     >>> import soliton_linkage as sl
     >>> chain = sl.Chain(number_of_rotors=20)
@@ -69,9 +71,7 @@ def static_wall(chain: Chain, site: float, leg: int = 0, inverted: bool = False)
             'ends'
         )
     if not 0.5 <= site <= rotors - 1.5:
-        raise ValueError(
-            f'site = {site} must lie from 0.5 to the number of rotors less 1.5 = {rotors - 1.5}'
-        )
+        raise ValueError(f'site = {site} must lie in the range 0.5 to N - 1.5 = {rotors - 1.5}')
     if leg not in range(legs):
         raise ValueError(f'leg = {leg} must be one of 0 to {legs - 1} for a {chain.motion.value}')
     seed = min(max(round(site), 1), rotors - 2)
@@ -80,12 +80,13 @@ def static_wall(chain: Chain, site: float, leg: int = 0, inverted: bool = False)
 
 
 def site_arc(chain: Chain) -> float:
-    """Return the arc length Lambda of the zero-energy orbit from one rotor to the next [rad].
+    """Return the arc length Lambda of the zero-energy orbit per rotor spacing of the wall [rad].
 
-    sqrt(sum_n dphi_n^2) while a wall moves by one spacing, without deviations. A slow wall has the
-    speed v = a |phi_dot| / Lambda and the mass M_eff = M r^2 Lambda^2 / a^2. Raises ValueError for
-    d within 1e-9 d_c of d_c, where the orbits of flippers and spinners meet, and for d below 2e-4,
-    where a wall is too wide to follow.
+    It is the integral of sqrt(sum_n dphi_n^2) while a wall moves by one spacing, without
+    deviations. A slow wall has the speed v = a |phi_dot| / Lambda and the mass M_eff = M r^2
+    Lambda^2 / a^2. Raises ValueError if d differs from d_c by less than 1e-9 d_c, because the
+    orbits of flippers and spinners meet at d_c. Also raises ValueError for d below 2e-4, because
+    the wall is then too wide.
 
     >>> chain = Chain(rest_angle=0.97)
     >>> round(site_arc(chain) * chain.rotor_length / chain.spacing, 6)
@@ -114,8 +115,9 @@ def angles_from_seed(
 ) -> Array:
     """Return the angles of the chain in which one rotor has a given angle [rad], shape (N,).
 
-    Rotors on its left have sign(A_n) = left_branches[n], those on its right have sign(B_n) =
-    right_branches[n], each of shape (springs,). Raises ValueError if a bar cannot reach.
+    sign(A_n) = left_branches[n] for rotors on the left of this rotor, and sign(B_n) =
+    right_branches[n] for rotors on its right. Both arrays have the shape (springs,). Raises
+    ValueError if a bar is too short or too long.
     """
     if seed not in range(chain.number_of_rotors):
         raise ValueError(f'seed = {seed} must be a rotor from 0 to {chain.number_of_rotors - 1}')
@@ -137,9 +139,10 @@ def neighbour_angle(
 ) -> float:
     """Return the angle of a rotor [rad] on a bar to a rotor of known angle [rad].
 
-    The offset [m] leads from the pivot of the rotor to the pivot of the known one. With D the
-    distance of the known rotor's mass from this pivot and beta the angle between the two, lbar^2 =
-    D^2 + r^2 - 2 D r cos(beta); tan(beta / 2) follows from differences of lengths.
+    The offset [m] leads from the pivot of the rotor to the pivot of the known rotor. D is the
+    distance from the pivot of the rotor to the mass of the known rotor, and beta the angle between
+    this direction and the rotor. Then lbar^2 = D^2 + r^2 - 2 D r cos(beta). tan(beta / 2) is
+    computed from differences of lengths, without cancellation.
     """
     known = bar if rotor > bar else bar + 1
     r, length = float(chain.rotor_lengths[rotor]), float(chain.rest_lengths[bar])
@@ -160,9 +163,9 @@ def neighbour_angle(
 def bar_branches(chain: Chain, leg: int, inverted: bool) -> tuple[Array, Array]:
     """Return the signs of A_n left of a wall and of B_n right of it, (springs,) each.
 
-    They are taken from the right-leaning and from the left-leaning state, with the opposite sign
-    for an edge rotor that has toggled. A flipper's first rotor has not toggled if A_0 has the sign
-    of the left-leaning state.
+    They are the signs in the right-leaning state and in the left-leaning state. The sign is
+    opposite for an edge rotor that has toggled. The first rotor of a flipper has not toggled if
+    A_0 has the sign of the left-leaning state.
     """
     first, _ = rigidity_bands(chain, _uniform_state(chain, 1, inverted))
     _, second = rigidity_bands(chain, _uniform_state(chain, -1, inverted))
@@ -181,11 +184,11 @@ def follow_zero_mode(
     goal: Array,
     tolerances: tuple[float, float],
 ) -> Iterator[tuple[float, float, DenseOutput]]:
-    """Yield the steps along an orbit from one configuration to another: begin, end, angles.
+    """Yield the steps along an orbit from one configuration to another, as (begin, end, angles).
 
-    Begin and end are arc lengths [rad]; configurations are shapes (N,) [rad]. The tangent of an
-    orbit is its zero mode; tolerances of a step are relative and [rad]. Raises ArithmeticError if
-    the orbit does not arrive.
+    `begin` and `end` are arc lengths [rad]. Configurations have the shape (N,) [rad]. The tangent
+    of an orbit is its zero mode. A step has a relative and an absolute tolerance [rad].
+    Raises ArithmeticError if the orbit does not reach the second configuration.
     """
     relative, absolute = tolerances
     solver = DOP853(
@@ -208,7 +211,7 @@ def follow_zero_mode(
 
 
 def _arrival(dense: DenseOutput, goal: Array, tangent: Array) -> float | None:
-    """Return the arc [rad] in a step at which the goal is reached, up to whole turns, or None."""
+    """Return the arc [rad] at which a step reaches the goal up to whole turns, or None."""
 
     def to_go(arc: float) -> float:
         return float(np.sin(goal - dense(arc)) @ tangent)
@@ -229,9 +232,10 @@ def _uniform_state(chain: Chain, lean: int, inverted: bool) -> Array:
 
 
 def _seed_angle(chain: Chain, seed: int, beyond: float, leg: int, inverted: bool) -> float:
-    """Return the angle of the rotor nearest to a wall [rad], which is `beyond` spacings past it.
+    """Return the angle of the rotor nearest to a wall that is `beyond` spacings past it [rad].
 
-    The image phi -> pi - phi of a flipper is on the same leg, the image of a spinner on the other.
+    The image phi -> pi - phi of a flipper is on the same leg. The image of a spinner is on the
+    other leg.
     """
     if chain.motion is not Motion.SPINNER:
         leg = 0
@@ -244,9 +248,10 @@ def _seed_angle(chain: Chain, seed: int, beyond: float, leg: int, inverted: bool
 def _symmetric_wall(chain: Chain, rotor: int, leg: int) -> Array:
     """Return the angles of a wall in the middle between a rotor and the next [rad], shape (N,).
 
-    The chain is its own image n -> 2 rotor + 1 - n. With phi -> phi + pi for flippers, h = r^2
-    sin(theta_bar)^2 / a. With phi -> -phi for spinners, h = (a + lbar) / 2 if the masses have
-    crossed, h = (a - lbar) / 2 if not, alternately.
+    The wall is its own image under n -> 2 rotor + 1 - n, with phi -> phi + pi for flippers and phi
+    -> -phi for spinners. Therefore h = r^2 sin(theta_bar)^2 / a for flippers. For spinners h = (a
+    + lbar) / 2 if the masses have crossed, and h = (a - lbar) / 2 if not; the two cases alternate
+    from rotor to rotor.
     """
     spinner, crossed = chain.motion is Motion.SPINNER, False
     if spinner:
@@ -277,9 +282,9 @@ def _rotors_beside(chain: Chain) -> int:
 
 
 class _SitePassage:
-    """The motion of a wall past one rotor, from half a spacing before it to half a spacing past.
+    """Motion of a wall past one rotor, from half a spacing before it to half a spacing past it.
 
-    Attributes: the arc length of that motion [rad].
+    Attribute: the arc length of this motion [rad].
     """
 
     def __init__(self, chain: Chain, leg: int, odd: bool) -> None:
@@ -309,4 +314,4 @@ class _SitePassage:
 
 
 _passage = lru_cache(maxsize=16)(_SitePassage)
-"""Recently computed passages [1]: a chain has four, by leg and by parity."""
+"""Number of cached passages [1]; one chain has four, for both legs and parities."""

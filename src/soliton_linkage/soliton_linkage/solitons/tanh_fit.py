@@ -1,13 +1,13 @@
 # SPDX-License-Identifier: Apache-2.0
 """Solitons in one frame of angles: their positions, velocities, widths and charges.
 
-The topology shows that there is a wall, and a fit estimates its position. Each bond has a
-polarisation, the side on which the chain's zero mode grows across it; at a wall the polarisation
-changes sign. The order field m is +1 where the chain leans right and -1 where it leans left.
-Around the wall m = -Q tanh((n - X) / w) is fitted to it, by least squares over X at the width of a
-slow wall. The bias of the fit varies with the site between two rotors: below 0.002 rotor spacings
-for d < 0.9 and d > 2.5 d_c, below 0.1 for d < 2 and d > 1.4 d_c, and up to two spacings between,
-where the profile of a wall is not a tanh.
+A wall is detected by topology: the polarisation of the bonds changes its sign. The polarisation of
+a bond is the direction in which the zero mode grows across the bond. The position of the wall is
+then estimated by a fit of m = -Q tanh((n - X) / w), with the width w of a slow wall. The order
+field m is +1 where the chain leans right and -1 where it leans left. The bias of the fit depends
+on the position between two rotors. It is below 0.002 rotor spacings for d < 0.9 and d > 2.5 d_c,
+and below 0.1 for d < 2 and d > 1.4 d_c. Between these ranges it is up to two spacings, because the
+profile of a wall is not a tanh there.
 """
 
 from __future__ import annotations
@@ -27,11 +27,11 @@ from soliton_linkage.linkage.chain import Array, Chain, Motion, staggered
 DOMAIN = 0.5
 """Polarisation above which a bond belongs to a domain [1]; a uniform state has 1."""
 _FIT_ITERATIONS = 12
-"""Newton steps of a fit [1]; half of them are needed."""
+"""Number of Newton steps of a fit [1]; usually half of them suffice."""
 _FIT_REACH = 4.0
-"""Half width of the fit in widths of the wall [1]: beyond, 1 - tanh is below 7e-4."""
+"""Half width of the fit in units of the wall width [1]; beyond it, 1 - tanh is below 7e-4."""
 _WIDEST_LEAN_RATIO_WITH_A_WIDTH = 2.0
-"""d of a flipper from which its walls have no tanh profile [1]."""
+"""Value of d above which the walls of a flipper have no tanh profile [1]."""
 
 
 @dataclass(frozen=True)
@@ -61,8 +61,9 @@ class Soliton:
 def polarisation(chain: Chain, angles: Array) -> Array:
     """Return the side on which the zero mode grows across each bond, shape (..., springs).
 
-    (A^2 - B^2) / (A^2 + B^2) in units of its value in the uniform right-leaning state: +1 there,
-    -1 in the left-leaning state, independent of whole turns of the rotors.
+    It is (A^2 - B^2) / (A^2 + B^2), divided by its value in the uniform right-leaning state. It is
+    +1 in this state and -1 in the left-leaning state, and does not depend on whole turns of the
+    rotors.
     """
     first, second = rigidity_bands(chain, angles)
     plus, minus = couplings(chain)
@@ -74,9 +75,9 @@ def polarisation(chain: Chain, angles: Array) -> Array:
 def order_field(chain: Chain, angles: Array) -> tuple[Array, Array]:
     """Return the order field m [1] and its slope dm/dphi [1/rad], each of shape (N,).
 
-    m = sin(theta) / sin(theta_bar) for flippers. The rotors of a spinner turn by pi, from
+    For flippers m = sin(theta) / sin(theta_bar). The rotors of a spinner turn by pi, from
     +theta_bar to theta_bar +- pi or from -theta_bar to -theta_bar +- pi, depending on its
-    assembly: m = +-cos(theta -+ theta_bar).
+    assembly. For spinners m = +-cos(theta -+ theta_bar).
     """
     theta = staggered(angles)
     turn = np.where(np.arange(theta.shape[-1]) % 2, -1.0, 1.0)
@@ -127,7 +128,7 @@ def _walls_of_ring(
     slope: Array,
     rates: Array | None,
 ) -> tuple[Soliton, ...]:
-    """Return the walls of a ring, which is cut at a spring in the middle of a domain, if any."""
+    """Return the walls of a ring, after cutting it at a spring in the middle of a domain."""
     rotors = chain.number_of_rotors
     reach = math.ceil(_FIT_REACH * chain.wall_width / chain.spacing) + 2
     clear = minimum_filter1d(np.abs(polarised), min(2 * reach + 1, rotors), mode='wrap')
@@ -159,7 +160,7 @@ class _TanhFit:
         reach = _FIT_REACH * self._width + 1
         first, last = 0, chain.number_of_rotors - 1
         if chain.motion is not Motion.SPINNER:
-            # A flipper's edge rotors rest at one of two angles, and one of them has |m| != 1.
+            # An edge rotor of a flipper has two rest angles, and |m| is not 1 at one of them.
             first, last = first + 1, last - 1
         first = max(first, math.ceil(crossing - reach))
         last = min(last, math.floor(crossing + reach))
@@ -272,8 +273,9 @@ def _deviation(residual: Array, parameters: int, information: float) -> float:
 def _spinner_lean(chain: Chain, angles: Array) -> int:
     """Return a spinner's family of states: +1 around theta_bar, -1 around -theta_bar.
 
-    They are the two ways to assemble it. (-1)^n A_n and (-1)^n B_n never vanish while the wall
-    moves: they are negative and positive in the first family, positive and negative in the second.
+    The families are the two ways to assemble a spinner. (-1)^n A_n and (-1)^n B_n never change
+    their signs while the wall moves. They are negative and positive in the family +1, positive and
+    negative in the family -1.
     """
     first, second = rigidity_bands(chain, angles)
     levers = second - first
@@ -305,9 +307,9 @@ def charge_of_field(displacements: ArrayLike, lean: float) -> float:
 
 
 def topological_charge(chain: Chain, angles: ArrayLike) -> int:
-    """Return the number of walls of charge +1 less the number of charge -1: 1, 0 or -1.
+    """Return the number of walls of charge +1 minus the number of charge -1: 1, 0 or -1.
 
-    It is half the difference of the polarisations of the first and the last domain, and 0 for a
+    It is half of the polarisation of the first domain minus that of the last domain. It is 0 for a
     chain with periodic ends.
     """
     if chain.periodic:
@@ -319,11 +321,11 @@ def topological_charge(chain: Chain, angles: ArrayLike) -> int:
 
 
 def half_turns(chain: Chain, angles: ArrayLike) -> int:
-    """Return the half turns by which a spinner's last rotor is ahead of its first.
+    """Return the half turns by which the last rotor of a spinner is ahead of the first rotor.
 
-    A wall of charge Q counts Q if it turns its rotors forwards, and -Q if backwards. Whole turns
-    between neighbours are ignored, because their difference stays within half a turn of that in
-    a uniform state. Raises ValueError for a flipper.
+    A wall of charge Q contributes Q if it turns its rotors forwards, and -Q if backwards. Whole
+    turns between neighbours are ignored, because the difference of neighbours stays within half a
+    turn of its value in a uniform state. Raises ValueError for a flipper.
     """
     if chain.motion is not Motion.SPINNER:
         raise ValueError(f'a {chain.motion.value} does not turn; count the turns of a spinner')

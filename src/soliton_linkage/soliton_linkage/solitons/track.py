@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The path of a soliton along the chain, with the number and speed of its crossings."""
+"""Path of a soliton along the chain, with the number and speed of its crossings."""
 
 from __future__ import annotations
 
@@ -15,7 +15,8 @@ from soliton_linkage.linkage.recording import Recording
 from soliton_linkage.solitons.tanh_fit import find_solitons
 
 _EDGE_PART = 0.2
-"""Part of the chain at each end [1] where a wall is reflected; it is not part of a crossing."""
+"""Fraction of the chain at each end [1] that is not part of a crossing, because walls are
+reflected there."""
 
 
 @dataclass(frozen=True)
@@ -39,13 +40,13 @@ class Crossing:
     """One passage of a soliton between the outer fifths of the chain."""
 
     start: float
-    """Time at which it left the first fifth [s]."""
+    """Time at which the soliton left the first fifth [s]."""
     end: float
-    """Time at which it reached the opposite fifth [s]."""
+    """Time at which the soliton reached the opposite fifth [s]."""
     direction: int
     """+1 towards the last rotor, -1 towards rotor 0."""
     site_rate: float
-    """Slope of a straight line through the passage [rotor spacings / s], positive."""
+    """Absolute slope of a straight line through the passage [rotor spacings / s]."""
 
 
 class MeasuredWall(Protocol):

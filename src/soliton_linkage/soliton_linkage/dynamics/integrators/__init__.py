@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Solvers for springs in motion, by name: `symplectic` and the solvers of scipy.
+"""Registry of solvers for chains of springs: `symplectic` and the solvers of scipy.
 
-An entry of INTEGRATORS registers another one.
+To register another solver, add an entry to INTEGRATORS.
 """
 
 from __future__ import annotations

@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Compiled loops of `nystrom_steps`, which states the equations.
+"""Compiled loops of `nystrom_steps`; the docstring of that module contains the equations.
 
-A rotor is stored as its angle, cosine and sine. A drift turns it by a small angle with
-polynomials, so that no loop calls a function and all of them are vectorised. The rows of `work`
-are the rows of `terms`, then TURNS and the ones below.
+The state of a rotor includes the angle, its cosine and its sine. A drift rotates by a small angle,
+whose cosine and sine are polynomials. Therefore no loop calls a function, and all loops are
+vectorised. The first rows of `work` are the rows of `terms`. TURNS and the rows below follow.
 """
 
 from __future__ import annotations
@@ -31,14 +31,14 @@ from soliton_linkage.linkage.chain import Array
 Numbers = NDArray[np.int64]
 
 TURNS, RATES_BEFORE, MEAN_OF_TURN, MEAN, SAVED = range(7, 12)
-"""Rows of `work`: turn in a drift [rad], three for drifts with nonlinear damping, and the first
-of four copies of ANGLES to SINES."""
+"""Rows of `work`: the rotation in a drift [rad], three rows for drifts with nonlinear damping, and
+the first row of a copy of the four rows ANGLES to SINES."""
 
 WORK_ROWS = SAVED + 4
 """Number of rows of `work`."""
 
 LARGEST_TURN = 0.5
-"""Largest angle of a drift [rad]: up to it the series of `turned` are exact to rounding."""
+"""Largest angle of a drift [rad], up to which the series of `turned` are exact to rounding."""
 
 HALF, WHOLE = range(2)
 """Lengths of steps."""
@@ -54,7 +54,7 @@ class Forces(NamedTuple):
     """Terms that depend on the rates."""
     damping_parameters: Array
     inverse_inertias: Array
-    """1 / (M r^2) of each rotor [1/(kg m^2)], 0 of fixed ones and padding, shape (P,)."""
+    """1 / (M r^2) of each rotor [1/(kg m^2)], 0 for fixed rotors and padding, shape (P,)."""
     half_inertias: Array
     """M r^2 / 2 of each rotor [kg m^2], shape (P,), or (0,) without damping and active terms."""
     active: bool
@@ -62,7 +62,7 @@ class Forces(NamedTuple):
 
 
 PlainForces = tuple[Numbers, Array, Numbers, Array, Array, Array, bool]
-"""The fields of `Forces`: numba converts a plain tuple in a third of the time."""
+"""Plain tuple of the fields of `Forces`, because numba converts it three times as fast."""
 
 
 class Step(NamedTuple):
@@ -73,8 +73,8 @@ class Step(NamedTuple):
     kicks: Array
     """Times of the kicks [s], shape (14,)."""
     decays: Array
-    """Factor of the rates and angle per rate [s] of each drift, for a half step and a whole one.
-    Shape (2, 2, 15, P), or (2, 2, 15, 0) unless all damping is linear."""
+    """Factor of the rates, and angle per rate [s], of each drift in a half step and a whole step.
+    Shape (2, 2, 15, P), or (2, 2, 15, 0) if a damping is not linear."""
 
 
 PlainStep = tuple[Array, Array, Array]
@@ -84,15 +84,15 @@ PlainStep = tuple[Array, Array, Array]
 class Checks(NamedTuple):
     """Selection of steps whose error is measured, and the tolerances.
 
-    An error is the root mean square over the state of the error of a variable y over
-    absolute + relative abs(y), as in scipy's solvers.
+    The error of each variable y is divided by absolute + relative abs(y). The error of a step is
+    the root mean square of these quotients, as in scipy's solvers.
     """
 
     absolute: Array
     """Shape (len(state),)."""
     relative: float
     measured: Numbers
-    """Numbers of the steps, 1 for the next one."""
+    """Numbers of the measured steps, counted from 1."""
 
 
 PlainChecks = tuple[Array, float, Numbers]
@@ -114,7 +114,7 @@ def turned(c: float, s: float, x: float) -> tuple[float, float]:
 
 @inlined
 def turn(work: Array, rates: int, time: float) -> None:
-    """Turn all rotors by a time multiplied by a row of rates."""
+    """Rotate all rotors by a time multiplied by a row of rates."""
     prefer_wide_vectors()
     for n in range(work.shape[1] - VECTOR):
         x = time * work[rates, n]
@@ -124,7 +124,7 @@ def turn(work: Array, rates: int, time: float) -> None:
 
 @inlined
 def kick(work: Array, forces: Forces, time: float) -> None:
-    """Change the rates by the torques during a time."""
+    """Change the rates by torques that act for a time."""
     for n in range(forces.inverse_inertias.size):
         torque = work[TORQUES, n] + work[TORQUES_ON_RIGHT, n]
         work[RATES, n] += time * forces.inverse_inertias[n] * torque
@@ -144,7 +144,7 @@ def decay(work: Array, forces: Forces, decays: Array, stage: int) -> float:
 
 @inlined
 def damp(work: Array, rotors: int, forces: Forces, time: float) -> float:
-    """Damp the rates in a drift by any law, as `decay` does, with a classical Runge-Kutta step."""
+    """Damp the rates in a drift by any law, with a classical Runge-Kutta step; see `decay`."""
     size = forces.half_inertias.size
     for n in range(size):
         work[RATES_BEFORE, n] = work[RATES, n]
@@ -211,7 +211,7 @@ def copy(work: Array, start: int, end: int) -> None:
 
 @inlined
 def scaled_difference(before: Array, whole: Array, halves: Array, checks: Checks) -> float:
-    """Return the root mean square of the difference of two states over the tolerances."""
+    """Return the root mean square of the difference of two states, divided by the tolerances."""
     squares = 0.0
     for n in range(whole.size):
         size = max(abs(before[n]), abs(halves[n]))
@@ -237,9 +237,9 @@ def advance(
     plain_checks: PlainChecks,
     states: Array,
 ) -> tuple[int, float]:
-    """Fill states[1:] with the state after each step; return their number and largest error.
+    """Fill states[1:] with the state after each step; return step count and largest error.
 
-    Stop before a step that turns a rotor too far or whose error exceeds 1.
+    Stop before a step that rotates a rotor too far or whose error exceeds 1.
     """
     forces, step, checks = Forces(*plain_forces), Step(*plain_step), Checks(*plain_checks)
     rotors = states.shape[1] // 2
@@ -279,8 +279,9 @@ def interpolate(
 ) -> None:
     """Fill `output` with states at times, counted in steps from the first state.
 
-    In each step polynomials of degree 8 have the angles, rates and accelerations of its ends and
-    its middle. `circular` has the cosines and sines of the states, shape (2, steps, N).
+    In each step a polynomial of degree 8 interpolates the angles, rates and accelerations at both
+    ends and in the middle. `circular` contains the cosines and sines of the states, shape
+    (2, steps, N).
     """
     forces, step = Forces(*plain_forces), Step(*plain_step)
     rotors = states.shape[1] // 2
@@ -319,7 +320,7 @@ def load(work: Array, state: Array, circular: Array) -> None:
 def put_knot(
     work: Array, forces: Forces, state: Array, unit: float, knots: Array, knot: int
 ) -> None:
-    """Set the angles, the dissipated energy, and their two derivatives in a unit of time [s]."""
+    """Set angles, dissipated energy, and their first two derivatives by time in a unit [s]."""
     rotors, first = state.size // 2, 3 * knot
     active_before = sum_terms(work, rotors, forces.kinds, forces.parameters)
     for n in range(rotors):

@@ -1,20 +1,20 @@
 # SPDX-License-Identifier: Apache-2.0
 """Steps of a symplectic Runge-Kutta-Nystrom method along the motion of a chain of springs.
 
-A step of length h is a palindrome of drifts and kicks,
+A step of length h is a symmetric sequence of drifts and kicks,
 
     drift(a_15 h) kick(b_14 h) drift(a_14 h) ... kick(b_1 h) drift(a_1 h).
 
-A kick changes the rates by the accelerations of the terms that depend on the angles. A drift
-turns the rotors at their rates, which decay by the terms that depend on the rates. Both are exact
-flows for linear damping gamma = c / (M r^2),
+A kick applies the terms that depend on the angles, and changes the rates. A drift applies the
+terms that depend on the rates, and changes rates and angles. For linear damping gamma = c / (M
+r^2) both are exact flows,
 
     phi_dot(t) = phi_dot e^(-gamma t),    phi(t) = phi + phi_dot (1 - e^(-gamma t)) / gamma,
 
-and the dissipated energy is the kinetic energy that a drift takes. Without damping the map is
-symplectic, and a step of -h reverses each step. With linear damping areas in phase space shrink
-by e^(-h sum gamma), as in the motion itself, and energy plus dissipated energy stays near its
-value. Drifts with another damping law take a Runge-Kutta step of order 4.
+and the dissipated energy is the decrease of the kinetic energy in the drifts. Without damping the
+map is symplectic, and a step of -h reverses a step of h. With linear damping volumes in phase
+space shrink by e^(-h sum gamma), as in the exact motion. The sum of energy and dissipated energy
+then has no drift. A drift with another damping law is a Runge-Kutta step of order 4.
 
 The coefficients are those of SRKN_14^a, order 6, of S. Blanes and P. C. Moan, J. Comput. Appl.
 Math. 142 (2002) 313, for a kinetic energy that is quadratic.
@@ -52,7 +52,7 @@ ORDER = 6
 STABLE_STEP = 3.14
 """Longest step in units of 1 / omega for which vibrations of frequency omega stay bounded.
 
-Near pi they grow, by less than a thousandth a step, and from 6.15 on without bound.
+Near pi vibrations grow by less than a thousandth per step. Above 6.15 they grow without bound.
 """
 
 _HALF_OF_DRIFTS = (
@@ -88,43 +88,43 @@ class SolverSettings:
     """Tuning of `SymplecticNystrom`."""
 
     rotors_per_call: int = 16_000
-    """Rotors times steps in one compiled call. Sensitivity: 0.5x or 2x change the time by 10 %."""
+    """Rotors times steps per compiled call [1]. Sensitivity: 0.5x, 2x change times by 10 %."""
     safety: float = 0.8
-    """Turn of the fastest rotor in the longest step, over LARGEST_TURN.
+    """Largest rotation of the fastest rotor in one step, as a fraction of LARGEST_TURN.
 
-    Sensitivity: at 0.5x, 60 % more force evaluations where a rotor spins fast. At 1, an
-    accelerating rotor stops the integration.
+    Sensitivity: at 0.5x, 60 % more force evaluations if a rotor spins fast. At 1, an accelerating
+    rotor stops the integration.
     """
     aim: float = 0.3
-    """Error over tolerance for which a new step is chosen.
+    """Expected error of a new step length, as a fraction of the tolerance.
 
-    Sensitivity: at 0.5x or 2x, 10 % more or fewer evaluations and half or twice the error.
+    Sensitivity: at 0.5x, 10 % more evaluations and half the error; at 2x, 10 % fewer and twice.
     """
     min_growth: float = 1.25
-    """Smallest factor by which a step is lengthened. 1.13 and 1.5 change evaluations by 6 %."""
+    """Smallest factor by which steps are lengthened. 1.13 and 1.5 change evaluations by 6 %."""
     max_shrinkage: float = 0.95
-    """Factor below which the first step is shortened. 0.9 and 0.975 make no difference."""
+    """Factor below which the first step length is shortened. 0.9 and 0.975 have no effect."""
     measured_every: int = 32
-    """Interval of steps between error measurements. 16: 6 % more evaluations; 64: 3 % fewer."""
+    """Number of steps between error measurements. 16: 6 % more evaluations; 64: 3 % fewer."""
     steps_until_exact: int = 1000
-    """Steps after which cosines and sines are recomputed, because each step adds a rounding."""
+    """Number of steps after which cosines and sines are recomputed, to limit rounding errors."""
     shortest: float = 1e-6
-    """Step over the longest stable one below which the solver fails."""
+    """Smallest step length before the solver fails, as a fraction of the longest stable step."""
     trials: int = 60
-    """Step lengths tried before the solver fails. One to three are usual."""
+    """Number of step lengths that are tried before the solver fails. One to three are usual."""
 
 
 DEFAULTS = SolverSettings()
 
 _NONE: Numbers = np.empty(0, dtype=np.int64)
-"""Selection of no step for `Checks`."""
+"""Empty selection of steps for `Checks`."""
 
 
 def steps_to_measure(taken: int, count: int, every: int) -> Numbers:
-    """Return which of the next steps have their error measured, 1 for the next one.
+    """Return which of the next steps have their error measured, counted from 1.
 
-    After a change of the length these are the steps 1, 4 and 16, then one in every so many.
-    `taken` steps of this length were taken before.
+    After a change of the length these are the steps 1, 4 and 16, and then every `every`-th step.
+    `taken` is the number of earlier steps of this length.
     """
     regular = np.arange(every - taken % every, count + 1, every)
     early = [step for step in (1, 4, 16) if taken < step <= taken + count]
@@ -135,7 +135,7 @@ class NystromSteps:
     """Steps along one motion."""
 
     def __init__(self, motion: EquationOfMotion, settings: SolverSettings = DEFAULTS) -> None:
-        """Prepare steps along a motion without plain functions."""
+        """Prepare steps along a motion whose terms are all compiled."""
         self._motion = motion
         self._until_exact = settings.steps_until_exact
         damping = [term for term in motion.loads if term.dissipative]
@@ -220,8 +220,8 @@ class NystromSteps:
 def zeros_in_line(rows: int, columns: int) -> Array:
     """Return zeros of shape (rows, columns) that begin at a cache line.
 
-    Vectors that cross two lines take longer. The pages are written at once, so that no later loop
-    has to wait for them.
+    Access to vectors that cross two cache lines takes longer. All pages are written immediately,
+    so that the system allocates them before the first loop.
     """
     size, line = rows * columns, 64
     room = np.full(size + VECTOR, 0.0)

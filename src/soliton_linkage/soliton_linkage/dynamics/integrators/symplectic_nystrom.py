@@ -29,30 +29,30 @@ from soliton_linkage.dynamics.integrators.nystrom_steps import (
 from soliton_linkage.linkage.chain import Array, Chain
 
 _LONGEST_DRIFT = float(np.abs(DRIFTS).max())
-"""Longest drift over the length of a step [1]."""
+"""Longest drift, as a fraction of the step [1]."""
 
 
 class SymplecticNystrom(OdeSolver):
     """Symplectic Runge-Kutta-Nystrom method of order 6 for `EquationOfMotion`.
 
-    The solver chooses a step whose error, in the norm of scipy's solvers, is below atol + rtol
-    abs(y), and keeps it, because the energy error is bounded only while the step is constant. It
-    measures the error in the first, fourth, sixteenth and every 32nd step of a length, against
-    two steps of half the length. If the error is too large, the solver repeats the steps since
-    the last measurement with a shorter length. If it is several times too small, the step is
-    lengthened, up to the limit of stability of the fastest vibration.
+    The solver chooses a step length whose error, in the norm of scipy's solvers, is below atol +
+    rtol abs(y). It keeps this length, because the energy error is bounded only while the step is
+    constant. The error is the difference from two steps of half the length. It is measured in the
+    first, fourth, sixteenth and every 32nd step of a length. If the error is too large, the solver
+    repeats the steps since the last measurement with a shorter length. If it is several times too
+    small, the solver increases the length, up to the stability limit of the fastest vibration.
 
-    Dense output interpolates each step with angles, rates and accelerations at its ends and its
-    middle, degree 8 in the angles.
+    The dense output of each step is a polynomial of degree 8 in the angles. It interpolates
+    angles, rates and accelerations at both ends and in the middle.
 
-    `length` is the length of a step of the method [s], and `together` the largest number of them
-    in one step of the solver. Raises TypeError for a right-hand side that is not an
-    `EquationOfMotion`, and ValueError for plain functions in its `forces`, an unsuitable state or
+    `length` is the length of a step of the method [s]. `together` is the largest number of method
+    steps in one step of the solver. Raises TypeError for a right-hand side that is not an
+    `EquationOfMotion`. Raises ValueError for Python functions in `forces`, an unsuitable state, or
     options out of range.
     """
 
     _tried = 4
-    """Steps of the first length after which it is no longer on trial; the fourth is measured."""
+    """Number of steps after which the first step length is accepted; the fourth is measured."""
 
     n: int
     t: float
@@ -107,15 +107,15 @@ class SymplecticNystrom(OdeSolver):
         """Raise ValueError for a motion with terms that are not compiled."""
         if motion.plain_terms:
             raise ValueError(
-                f"integrator 'symplectic' does not integrate the plain functions in forces = "
+                f"integrator 'symplectic' does not integrate Python functions in forces = "
                 f"{motion.forces}; choose 'DOP853', or write a CompiledTerm"
             )
 
     @classmethod
     def load(cls) -> None:
-        """Compile or load all loops now, so that no step has to wait for that.
+        """Compile or load all loops by two steps of a chain of two rotors.
 
-        Take two steps of a chain of two rotors.
+        Otherwise the first steps would wait for the compiler.
         """
         motion = EquationOfMotion(Chain(number_of_rotors=2))
         few_rows = SolverSettings(rotors_per_call=1)
@@ -131,14 +131,14 @@ class SymplecticNystrom(OdeSolver):
                 break
             if self._advance():
                 return True, None
-        return False, 'no step is short enough for the tolerances'
+        return False, 'no step length satisfies the tolerances'
 
     def _check_state(self) -> None:
         expected = 2 * self._motion.rotors + self._motion.damped
         if self.n != expected:
             raise ValueError(
                 f'a state of {self.n} numbers does not fit the motion of {self._motion.rotors} '
-                f'rotors, which has {expected}; call EquationOfMotion.state'
+                f'rotors, which needs {expected}; call EquationOfMotion.state'
             )
 
     def _advance(self) -> bool:
@@ -188,7 +188,7 @@ class SymplecticNystrom(OdeSolver):
             self._change_to(better)
 
     def _better(self, error: float) -> float:
-        """Return the length of step for a measured error [s]."""
+        """Return the step length that corresponds to a measured error [s]."""
         if not math.isfinite(error):
             return self.length / 4
         factor = min(4.0, (self._settings.aim / error) ** (1 / (ORDER + 1))) if error else 4.0
@@ -206,7 +206,7 @@ class SymplecticNystrom(OdeSolver):
         self._even_from, self._even_steps = float(self.t), 0
 
     def _longest_from(self, state: Array) -> float:
-        """Return the longest step that is stable and turns no rotor too far in a drift [s]."""
+        """Return the longest step that is stable and rotates no rotor too far in a drift [s]."""
         rotors = self._motion.rotors
         fastest = float(np.abs(state[rotors : 2 * rotors]).max())
         turning = _LONGEST_DRIFT * fastest / (self._settings.safety * LARGEST_TURN)
@@ -237,7 +237,7 @@ def _checked_tolerances(rtol: float, atol: ArrayLike, size: int) -> tuple[float,
         raise ValueError(f'rtol = {rtol} and atol = {absolute} must be 0 or more')
     if rtol == 0 and not (absolute > 0).all():
         raise ValueError(f'rtol = {rtol} and atol = {absolute} must not both be 0')
-    # numba would compile the loops once more for an integer.
+    # For an integer numba would compile the loops again.
     return float(rtol), np.full(size, absolute) if absolute.ndim == 0 else absolute
 
 
