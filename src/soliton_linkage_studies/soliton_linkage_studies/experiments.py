@@ -30,9 +30,10 @@ Nearer to 1, arctanh amplifies rounding errors and the wake of the wall.
 _FRAMES = 600
 """Number of frames in a recording of a crossing."""
 _SLACK = 1.1
-"""Recording time over the theoretical crossing time of a slow wall; it includes a margin [1]."""
+"""Recording time relative to the theoretical crossing time of a slow wall; it includes a margin
+[1]."""
 _TRANSIENT = 1.5
-"""Shortest recording time over the time that sound needs from edge to edge [1].
+"""Shortest recording time relative to the time that sound needs from edge to edge [1].
 
 The fastest walls have crossed by then.
 """

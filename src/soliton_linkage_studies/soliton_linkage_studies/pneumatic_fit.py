@@ -14,7 +14,7 @@ from soliton_linkage.linkage.chain import Array
 _FEWEST_READINGS = 4
 """Fewest readings [1]: one more than the unknowns (two time constants, first pressure)."""
 _SHORTEST_STEP = 0.05
-"""Smallest pressure error, over the largest one, of readings used for the initial guess [1].
+"""Smallest pressure error relative to the largest one, of readings used for the initial guess [1].
 
 The fit itself uses all readings.
 """

@@ -60,7 +60,7 @@ BAD = {
     'zero far off': (changed(6, lambda angles: angles + 1.3), 'rotor_6 does not lean over'),
     'neighbours swapped': (ordered(0, 1, 2, 4, 3, 5, 6, 7, 8, 9), 'not in the order'),
     'next but one swapped': (ordered(0, 1, 2, 5, 4, 3, 6, 7, 8, 9), 'reaches rotor_3 .* rotor_5'),
-    'seen from behind': (READINGS[:, ::-1], 'seen from behind'),
+    'seen from behind': (READINGS[:, ::-1], 'viewed from behind'),
     'half missing': (half_missing(), '5 of 10 rotors are missing .* rotor_0, rotor_2'),
     'slipping': (slipping(), 'the encoder of rotor_3 slips by about 0.29 rad at 1.6 s'),
     'nothing passes': (resting(), 'no soliton passes'),

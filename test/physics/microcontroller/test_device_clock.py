@@ -101,7 +101,7 @@ def test_a_stopped_clock_and_one_in_milliseconds_are_restarted() -> None:
 def test_a_repeated_time_is_rejected() -> None:
     clock = DeviceClock()
     clock.stamp(10, BOOT)
-    with pytest.raises(ValueError, match='time = 10 us repeats the frame before'):
+    with pytest.raises(ValueError, match='time = 10 us repeats the last frame'):
         clock.stamp(10, BOOT + SECOND)
 
 

@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
 """Estimation of the lengths of all bonds, such that the bonds of all frames close.
 
-An estimate of a bond near a limit of `solitons.passage` may lie beyond it, although no bond
-stopped the wall of the recording. `passable` corrects such lengths by conditions of least squares:
-with the violations s, their slopes G, and the covariance C of the lengths,
+The estimated lengths of a bond may exceed a limit of `solitons.passage`, although no bond stopped
+the wall in the recording. `passable` corrects such lengths by constrained least squares. With the
+violations s, their derivatives G, and the covariance C of the lengths,
 
     dp = C G^T (G C G^T)^-1 s.
 """
@@ -35,9 +35,9 @@ _RESTARTS = 3
 _HALVINGS = 8
 """Number of fractions 1, 1/2, 1/4, ... of a step that are tried [1]."""
 _NOISE_OF_COST = 1.0
-"""Increase of -2 log likelihood that is accepted [1], because slopes are of first order."""
+"""Largest accepted increase of -2 log likelihood [1], because derivatives are first-order."""
 _CONVERGED = 0.05
-"""Length of the last step over the standard deviation of all unknowns together [1]."""
+"""Length of the last step, relative to the standard deviation of all unknowns together [1]."""
 _TOLERANCE_CHANGE = 0.05
 """Relative change of the tolerances below which they have converged [1]."""
 
@@ -53,11 +53,11 @@ class Adjustment:
     """Information of the angles without the prior, shape (P, P)."""
     tolerances: Tolerances
     noise: float
-    """Standard deviation of a reading by the misclosures [rad]."""
+    """Standard deviation of a reading, from all misclosures [rad]."""
     bond_noise: Array
-    """Standard deviation of a reading by the misclosures of each bond [rad], shape (N - 1,)."""
+    """Standard deviation of a reading, from the misclosures of each bond [rad], (N - 1,)."""
     residuals: Array
-    """Readings less offsets and angles [rad], shape (T, N)."""
+    """Readings minus offsets and angles [rad], shape (T, N)."""
     converged: bool
 
     @property
@@ -75,11 +75,11 @@ def adjust(
     """Estimate lengths and offsets from readings of frames [rad], NaN if missing, shape (T, N).
 
     The tolerance of lengths [1] is estimated unless it is given. Relative deviations, (T, N), are
-    standard deviations of readings in units of the usual one [1].
+    standard deviations of readings, divided by the usual standard deviation [1].
 
-    If a bond is in line with a rotor, the angles of a frame may have closed on the wrong side of
-    it while the lengths were wrong. After convergence all frames are therefore closed again,
-    starting from the readings. If that changes the result, the steps start again from it.
+    If a bond is collinear with a rotor, the closure of a frame has two nearby solutions. With the
+    initial lengths the wrong one may be found. After convergence all frames are therefore closed
+    again, starting from the readings. If this changes the result, the iteration is repeated.
     """
     for _ in range(_RESTARTS):
         found = _adjust_once(readings, start, tolerance, relative_deviations)
@@ -169,8 +169,8 @@ def cramer_rao_bound(
 ) -> Array:
     """Return the Cramer-Rao bound of the covariance of the unknowns, shape (P, P).
 
-    It holds for true angles of frames [rad], shape (T, N), and a noise of readings [rad]. With
-    tolerances it is the mean over all chains that are made to them.
+    Arguments are the true angles of frames [rad], shape (T, N), and the noise of readings [rad].
+    With tolerances, the bound is for random chains with these tolerances.
     """
     bundle = Bundle(chain_lengths(chain), angles)
     information = bundle.normal_equations().matrix / noise**2
@@ -188,7 +188,7 @@ def _covariance(bundle: Bundle, basis: Array, tolerances: Tolerances) -> tuple[f
 
 
 _CHANCE = 3.0
-"""Distance beyond a limit that noise can explain, in standard deviations [1]."""
+"""Largest violation of a limit that noise can explain, in standard deviations [1]."""
 _MARGIN = 1e-3
 """Distance to its limit of a corrected bond, relative to its spacing [1]."""
 _ROUNDS = 5
@@ -199,7 +199,7 @@ limit."""
 def passable(lengths: Lengths, covariance: Array) -> Lengths:
     """Return the nearest lengths with which no bond stops a wall, given the covariance (P, P).
 
-    Bonds that are further beyond their limit than noise can explain are not corrected.
+    Violations that noise cannot explain are not corrected.
     """
     for _ in range(_ROUNDS):
         room, slopes = _room(lengths)
@@ -217,10 +217,11 @@ def passable(lengths: Lengths, covariance: Array) -> Lengths:
 
 
 def near_limit_bonds(lengths: Lengths, covariance: Array) -> dict[int, float]:
-    """Return the bonds that are within their limits but close to them, compared with the noise.
+    """Return the probability that a bond exceeds its limit, for each bond close to a limit [1].
 
-    The values are probabilities [1], to first order and for a covariance (P, P), that the bond is
-    beyond the nearer one of its limits; the keys are its numbers.
+    The keys are the numbers of the bonds. The probability is computed to first order from the
+    covariance (P, P). Bonds whose distance from the limit is large compared with the noise are
+    omitted.
     """
     room, slopes = _room(lengths)
     distances = (room / _deviations(slopes, covariance)).reshape(2, -1).min(axis=0)
@@ -229,14 +230,15 @@ def near_limit_bonds(lengths: Lengths, covariance: Array) -> dict[int, float]:
 
 
 def _deviations(slopes: Array, covariance: Array) -> Array:
-    """Return the standard deviations of quantities with slopes by the unknowns, shape (.,)."""
+    """Return the standard deviations of quantities from their derivatives, shape (.,)."""
     return np.asarray(np.sqrt(np.einsum('cp,pq,cq->c', slopes, covariance, slopes)))
 
 
 def _room(lengths: Lengths) -> tuple[Array, Array]:
-    """Return the distances of bonds to both limits [m], and their slopes by the unknowns, (., P).
+    """Return the distances of bonds to both limits [m], and their derivatives, (., P).
 
-    l - a - |r_n - r_(n+1)|, then a + l - r_n - r_(n+1) of flippers, its negative of spinners.
+    The distances are l - a - |r_n - r_(n+1)|, and a + l - r_n - r_(n+1) for flippers or its
+    negative for spinners.
     """
     r, a, rest = lengths.rotor_lengths, lengths.spacings, lengths.rest_lengths
     left, right = r[:-1], r[1:]

@@ -1,21 +1,21 @@
 # SPDX-License-Identifier: Apache-2.0
 """Estimation of the mass ratios of rotors on rigid bars, from the free motion of the wall.
 
-Rigid bars leave one degree of freedom, the arc s of the orbit. With phi(s) and its tangent t,
+A chain of rigid bars has one degree of freedom, the arc s along the orbit phi(s) with tangent t:
 
     sqrt(I) ds/dt = u,    I = sum_n m_n r_n^2 t_n^2,
     sqrt(I) du/dt = sum_n m_n r_n g sin(phi_n + tilt) t_n - c ds/dt
                     - b tanh(ds/dt / w) sum_n |t_n|.
 
-Without gravity and drag u is constant: a wall is slow at heavy rotors. Least squares between
-the arcs of the motion and of the frames gives the masses relative to their mean. Errors of
-lengths and offsets move the arcs of all frames. Independent combinations of these errors, each of
-unit variance, are therefore unknowns too. If lengths and offsets have errors dp, the point of the
-true orbit nearest to the configuration of the assumed chain at an arc differs by
+Without gravity and drag u is constant, so that a wall is slow at heavy rotors. A least-squares fit
+of s(t) to the arcs of the frames gives the masses relative to their mean. Errors dp of lengths and
+offsets change the orbit. At a given arc, the true configuration differs from that of the assumed
+chain by
 
-    dphi = -R^T (R R^T)^-1 (df/dp) dp,
+    dphi = -R^T (R R^T)^-1 (df/dp) dp.
 
-and the arcs of frames appear to be larger by t . do.
+Offset errors do shift the measured arcs of frames by t . do. Independent combinations of these
+errors, each of unit variance, are therefore unknowns of the fit too.
 """
 
 from __future__ import annotations
@@ -53,17 +53,19 @@ _ROUNDS = 2
 _KNOWN = 1e-6
 """Standard deviation of the logarithm of known gravity [1]."""
 _LARGEST_EXCESS = 1.5
-"""Residual noise of arcs over the noise of readings [1] above which the motion is not free."""
+"""Residual noise of arcs, relative to the reading noise, above which the motion is not free
+[1]."""
 _MOST_STEPS = 15
 """Largest number of evaluations of a fit [1]; 4 to 6 are usual."""
 _CONVERGED = 1e-4
-"""Relative decrease of the squares that ends a fit [1], a tenth of the noise of 1000 frames."""
+"""Relative decrease of the squares below which a fit ends [1], 0.1 times the noise of 1000
+frames."""
 _RATE_FRAMES = 8
-"""Frames from which the initial rate is estimated [1]."""
+"""Number of frames from which the initial rate is estimated [1]."""
 _STEP = 1e-4
 """Step of the unknowns for finite differences [1]."""
 _INFORMED = 1e-9
-"""Smallest variance of a combination over the largest [1]; smaller ones are rounding."""
+"""Smallest variance of a combination relative to the largest [1]; smaller ones are rounding."""
 
 
 def _acceleration(
@@ -150,10 +152,10 @@ class _Sums(NamedTuple):
 
 
 class _OrbitTable:
-    """Configurations at equidistant arcs of an orbit, and sums over the rotors there."""
+    """Configurations at equidistant arcs of an orbit, and sums over the rotors at these arcs."""
 
     def __init__(self, orbit: Orbit, lengths: Lengths, arcs: Array) -> None:
-        """Cover some arcs [rad], and one site more on each side."""
+        """Prepare a table that covers given arcs [rad], plus one rotor spacing on each side."""
         self._lengths = lengths
         self.begin = float(np.nanmin(arcs)) - orbit.site_arc
         count = math.ceil((float(np.nanmax(arcs)) + orbit.site_arc - self.begin) / _GRID)
@@ -233,7 +235,7 @@ class BarMotion(NamedTuple):
 def bar_motion(
     readings: Readings, lengths: Lengths, covariance: Array, noise: float, gravity_known: bool
 ) -> BarMotion | None:
-    """Estimate masses and forces from free motions of bars; None if other forces act.
+    """Estimate masses and forces from free motions of bars; return None if other forces act.
 
     Lengths in units of the mean spacing have a covariance (P, P); gravity is in the same units.
     The noise of a reading is in [rad].

@@ -1,24 +1,24 @@
 # SPDX-License-Identifier: Apache-2.0
 """Bundle adjustment of lengths and offsets: least squares with errors in all readings.
 
-Each frame has N unknown angles and N - 1 conditions: every bond closes. The angles are eliminated
-frame by frame. With the slopes J of the misclosures w by the unknowns p,
+Each frame has N unknown angles and N - 1 conditions, because every bond closes. The angles are
+eliminated frame by frame. With the derivatives J of the misclosures w by the unknowns p,
 
     sum over frames of (w + J dp)^T M^-1 (w + J dp) = minimum,    v = S R^T M^-1 (w + J dp)
 
 gives the change dp of the unknowns and the errors v of the readings (Gauss-Helmert model). At the
-true angles and lengths sum J^T M^-1 J is the Fisher information on p without any assumption on the
-motion. Its inverse is the Cramer-Rao bound.
+true angles and lengths, sum J^T M^-1 J is the Fisher information on p. It requires no assumption
+about the motion. Its inverse is the Cramer-Rao bound.
 
-The misclosure of a bond is the distance of its masses less the length of its spring or bar. With
-h = r sin(phi), v = r cos(phi) and phi = y - o of a reading y,
+The misclosure of a bond is the distance of its masses minus the length of its spring or bar. With
+h = r sin(phi), v = r cos(phi) and phi = y - o for a reading y,
 
     f_n = |(a_n + h_{n+1} - h_n, v_{n+1} - v_n)| - l_n.
 
-Let the readings y have independent errors of variance S, and let all f_n = 0 for the true values.
-To first order about configurations x the misclosures are w = f(x) + R (y - o - x), with the
-covariance M = R S R^T. M is tridiagonal over the bonds of a frame. Its Cholesky factor, with two
-diagonals, whitens the misclosures: it transforms them to independent numbers of unit variance.
+The readings y have independent errors of variance S. To first order at a configuration x, the
+misclosures are w = f(x) + R (y - o - x), with the covariance M = R S R^T. M is tridiagonal in each
+frame, so that its Cholesky factor has two diagonals. This factor whitens the misclosures, that is,
+it transforms them to independent numbers of unit variance.
 """
 
 from __future__ import annotations
@@ -42,8 +42,8 @@ _CLOSINGS = 8
 _CLOSED = 1e-4
 """Change of an angle below which bonds are closed [rad], far below the noise."""
 _LARGEST_ERROR = 0.3
-"""Limit of the difference of angles and readings [rad], because Newton's method diverges if
-lengths are wrong and bonds are nearly in line with rotors."""
+"""Largest difference between angles and readings [rad]. Without this limit Newton's method
+diverges if lengths are wrong and bonds are nearly collinear with rotors."""
 
 
 class Misclosures(NamedTuple):
@@ -144,10 +144,11 @@ class Bundle:
         relative_deviations: Array | None = None,
         repeat_counts: Array | None = None,
     ) -> None:
-        """Start with first lengths and readings [rad], NaN if missing, shape (T, N).
+        """Start with initial lengths and readings [rad], NaN if missing, shape (T, N).
 
-        Relative deviations, (T, N), are standard deviations of readings in units of the usual one
-        [1]. A reading that is repeated, (T, N) times [1], has the weight of one reading in total.
+        Relative deviations, (T, N), are standard deviations of readings, divided by the usual
+        standard deviation [1]. A run of equal readings has the weight of one reading;
+        `repeat_counts`, (T, N), are the lengths of the runs [1].
         """
         self._readings = np.ascontiguousarray(readings.T)
         self._seen = np.isfinite(self._readings)
@@ -180,7 +181,7 @@ class Bundle:
     def conditions(self) -> float:
         """Number of independent conditions on the readings [1].
 
-        The best reading of each frame determines its configuration and is no condition.
+        One reading per frame determines the configuration and adds no condition.
         """
         return float(np.sum(self._weights.sum(axis=0) - self._weights.max(axis=0)))
 
@@ -203,7 +204,7 @@ class Bundle:
         return NormalEquations(matrix, vector, squares)
 
     def close(self) -> float:
-        """Move the angles to the nearest at which all bonds close; return the change [rad]."""
+        """Move the angles to the nearest closed configuration; return the change [rad]."""
         largest = 0.0
         for frames in self._batches():
             linearised, factors, whitened = self._linearised(frames)
@@ -216,7 +217,7 @@ class Bundle:
         return largest
 
     def residuals(self) -> Array:
-        """Return readings less offsets and angles [rad], 0 if missing, shape (T, N)."""
+        """Return readings minus offsets and angles [rad], 0 if missing, shape (T, N)."""
         residuals = self._readings - self.lengths.offsets[:, None] - self.angles
         return np.asarray(np.where(self._seen, residuals, 0.0).T)
 
@@ -230,7 +231,7 @@ class Bundle:
         return linearised, factors, factors.whitened(values)
 
     def _corrected(self, frames: slice) -> Array:
-        """Return readings less offsets [rad], (N, T), or the angles if readings are missing."""
+        """Return readings minus offsets [rad], (N, T), or the angles if readings are missing."""
         read = self._readings[:, frames] - self.lengths.offsets[:, None]
         return np.where(self._seen[:, frames], read, self.angles[:, frames])
 

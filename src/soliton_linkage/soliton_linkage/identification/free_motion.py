@@ -4,9 +4,10 @@
     m_n r_n^2 phi_n'' = -sum over both springs of k f df/dphi_n + g m_n r_n sin(phi_n + tilt)
                         - c phi_n' - b tanh(phi_n' / w),
 
-with the extension f of a spring, and dry friction b, which is nearly constant at rates above w.
-The unknowns q are the unknowns of `Lengths`, then log k of each spring, log m of each rotor, c, b,
-log g, the initial angles and the initial rates. The sensitivities X = dphi/dq and V = X' solve
+where f is the extension of a spring and b the dry friction, which is nearly constant at rates
+above w. The unknowns q are the unknowns of `Lengths`, log k of each spring, log m of each rotor,
+c, b, log g, the initial angles and the initial rates. The sensitivities X = dphi/dq and V = X'
+satisfy
 
     X' = V,    V' = (dphi''/dphi) X + (dphi''/dphi') V + dphi''/dq,
 
@@ -52,8 +53,8 @@ M = INERTIA
 BELOW, MAIN, ABOVE, PULL, FIRST, SECOND, BY_R, BY_NEXT_R = range(8)
 BY_A, NEXT_BY_R, NEXT_BY_NEXT_R, NEXT_BY_A, FRICTION_PART, DRAG, FALL, ACCELERATION = range(8, 16)
 """Rows of the workspace, (16, N): diagonals of the stiffness matrix, tension, levers, derivatives
-of the torques by lengths; then the fraction of the dry friction that acts, the derivative of all
-drag by the rate, and the accelerations by gravity and by all torques."""
+of the torques by lengths, acting fraction of the dry friction, derivative of the total drag by the
+rate, acceleration by gravity, and acceleration by all torques."""
 DAMPING, FRICTION, SLIDING, ALONG, DOWN = range(5)
 """Indices of the forces."""
 Columns = NDArray[np.int64]
@@ -223,8 +224,8 @@ def advance(
 
 
 _LONGEST_STEP = 0.4
-"""Longest step over the shortest vibration time [1]. Errors of a crossing of 40 rotors are at most
-2e-5 rad; with 0.2 they are 2e-6 rad in twice the time."""
+"""Longest step, relative to the shortest vibration time [1]. Errors in a crossing of 40 rotors are
+at most 2e-5 rad. Sensitivity: at 0.5x, they are 2e-6 rad in twice the time."""
 _SLIDING = 0.1
 """Rate w above which dry friction is nearly constant [rad/s], small compared with walls.
 Sensitivity: at 0.5x, friction takes more steps."""
@@ -259,21 +260,21 @@ class FreeMotion:
 
     lengths: Lengths
     stiffnesses: Array
-    """k over the mean mass [1/s^2], shape (N - 1,)."""
+    """k divided by the mean mass [1/s^2], shape (N - 1,)."""
     masses: Array
-    """m over the mean mass [1], shape (N,)."""
+    """m relative to the mean mass [1], shape (N,)."""
     damping: float
-    """c over the mean mass [length^2/s]."""
+    """c divided by the mean mass [length^2/s]."""
     angles: Array
     """Initial angles [rad], shape (N,)."""
     rates: Array
     """Initial rates [rad/s], shape (N,)."""
     friction: float = 0.0
-    """Dry friction b of each rotor over the mean mass [length^2/s^2]."""
+    """Dry friction b of each rotor divided by the mean mass [length^2/s^2]."""
     gravity: float = 0.0
     """g, in the plane of the chain [length/s^2], 0 for none."""
     tilt: float = 0.0
-    """Tilt of the chain, above 0 if the last rotor is the lower end [rad]."""
+    """Tilt of the chain, positive if the last rotor is lower [rad]."""
 
     @property
     def slices(self) -> UnknownSlices:
@@ -287,7 +288,7 @@ class FreeMotion:
 
     @property
     def inertias(self) -> Array:
-        """Moments of inertia over the mean mass [length^2], shape (N,)."""
+        """Moments of inertia divided by the mean mass [length^2], shape (N,)."""
         return np.asarray(self.masses * self.lengths.rotor_lengths**2)
 
     @property
@@ -327,7 +328,7 @@ class FreeMotion:
 
 
 def split_chain(unknowns: Array) -> dict[str, Array]:
-    """Return the parts of the unknowns of a chain, named as in `Deviations` if they are there."""
+    """Return the parts of the unknowns of a chain, with the names of `Deviations` if possible."""
     at = unknown_slices((len(unknowns) + 3 - FORCE_UNKNOWNS) // (UNKNOWNS_PER_ROTOR + 2))
     damping, friction, gravity = np.split(unknowns[at.forces], FORCE_UNKNOWNS)
     return {

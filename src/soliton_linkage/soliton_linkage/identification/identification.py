@@ -34,20 +34,21 @@ from soliton_linkage.linkage.chain import Array, Chain
 from soliton_linkage.solitons.passage import find_obstacles
 
 _NOT_CLOSED = (
-    'no lengths close the bonds of this recording; check the order of the joints, their signs and '
-    'their zeros, and that no rotor was held'
+    'no lengths close the bonds of this recording; check the order, the signs and the zeros of '
+    'the joints, and that no rotor was held'
 )
 _MOST_FITTED = 3000
-"""Largest number of frames to which a motion is fitted [1]: 40 rotors take a minute or two."""
+"""Largest number of frames in the fit of a motion [1]; 40 rotors then take one or two minutes."""
 _STRAINED = 1.1
-"""Noise by misclosures over the noise of readings above which bonds do not close [1]."""
+"""Noise from misclosures, relative to the noise of readings, above which bonds do not close
+[1]."""
 _WORSE = 1.25
-"""Noise of a bond over the median above which it is reported [1]: chance makes 1.1."""
+"""Noise of a bond, relative to the median, above which it is reported [1]; 1.1 is chance."""
 _SCALE_PARTS = {'rotor_length', 'spacing', 'rest_length'}
 _MOST_NAMED = 4
 """Largest number of weakly observable combinations that are named [1]."""
 _NOT_OBSERVABLE = 1e-4
-"""Information below which a combination is not observable [1]: a standard deviation of 100."""
+"""Information of an unobservable combination [1]; its standard deviation is 100."""
 _WEAK = 0.1
 """Standard deviation of a combination by the angles alone above which it is weakly observable
 [1]."""
@@ -60,9 +61,9 @@ class Identification:
     chain: Chain
     """Chain with the given mean spacing, mass, stiffness and damping unless they are estimated."""
     deviations: dict[str, Array]
-    """Standard deviation of each length over that length [1], by the names of `Deviations`."""
+    """Relative standard deviation of each length [1], by the names of `Deviations`."""
     offsets: Array
-    """Readings less angles of each encoder [rad], shape (N,)."""
+    """Offset of each encoder, reading minus angle [rad], shape (N,)."""
     offset_deviations: Array
     """Standard deviations of the offsets [rad], shape (N,)."""
     noise: float
@@ -74,11 +75,12 @@ class Identification:
     tolerance: float
     """Standard deviation of the relative differences of lengths of one kind [1]."""
     rigid: bool
-    """Whether all bonds close within the noise, as rigid bars do; then stiffnesses are unknown."""
+    """Whether all bonds close within the noise, as for rigid bars; then stiffnesses are
+    unknown."""
     unused_frames: int
     """Frames of a long recording that were not used for masses, stiffnesses and drag [1]."""
     weakly_observable: tuple[str, ...]
-    """Combinations that the angles alone hardly determine."""
+    """Weakly observable combinations of lengths."""
     warnings: tuple[str, ...]
     """Warnings for the user, one line each."""
     damping_deviation: float = math.nan
@@ -106,11 +108,12 @@ def identify(
 ) -> Identification:
     """Identify a chain from a recording.
 
-    Angles do not determine the mean spacing, the scale of masses and stiffnesses, and sometimes
-    the damping. These are taken from the given chain, whose number of rotors and other lengths are
-    ignored. The mean spacing is estimated from gravity if it is not known, and the mean mass from
-    known impulses. The tolerance of lengths [1] is estimated unless it is given. Raises
-    ValueError, with a message in one line, if the recording does not determine a chain.
+    Angles alone do not determine the mean spacing and the scale of masses and stiffnesses, and
+    sometimes not the damping. The given chain supplies these values; its number of rotors and its
+    other lengths are ignored. If the mean spacing is unknown, it is estimated from gravity. The
+    mean mass is estimated from known impulses. The tolerance of lengths [1] is estimated unless it
+    is given. Raises ValueError, with a one-line message, if the recording does not determine a
+    chain.
     """
     times = readings.times
     _check_passage(readings.recordings)
@@ -171,7 +174,7 @@ def _fit_springs(
     tolerance: float | None,
     spacing_known: bool,
 ) -> MotionFit | None:
-    """Fit the free motion of springs; None if bars explain the readings as well."""
+    """Fit the free motion of springs; return None if bars fit the readings equally well."""
     rotors = found.lengths.rotors
     angles = some.filled - found.lengths.offsets - residuals
     stiffness = given.stiffness / given.mass
@@ -198,7 +201,7 @@ def _fit_springs(
 def _fit_bars(
     some: Readings, found: Adjustment, given: Chain, spacing_known: bool
 ) -> BarMotion | None:
-    """Fit the free motion of bars; None if they do not move freely."""
+    """Fit the free motion of bars; return None if the bars do not move freely."""
     acceleration = some.gravity.acceleration / given.spacing
     some = replace(some, gravity=replace(some.gravity, acceleration=acceleration))
     noise = max(found.noise, LEAST_NOISE)
@@ -279,7 +282,7 @@ def _by_bonds(
     moved: BarMotion | None,
     unused_frames: int,
 ) -> Identification:
-    """Return the chain by its bonds, with masses and drag if bars move freely."""
+    """Return the chain from the closure of its bonds, with masses and drag if bars move freely."""
     deviations = split_lengths(found.deviations)
     offsets = deviations.pop('offset')
     chain = found.lengths.scaled(given.spacing).chain(given)
@@ -334,7 +337,7 @@ def _by_bonds(
 
 
 def _obstacle_warnings(chain: Chain, lengths: Lengths, covariance: Array) -> list[str]:
-    """Return warnings about bonds that stop walls or are close to doing so."""
+    """Return warnings about bonds that stop walls or may stop walls."""
     warnings = [
         f'bond {each.bond} may stop a wall: its spring of {each.rest_length:.4g} m {each.reason}'
         for each in find_obstacles(chain)
@@ -353,10 +356,10 @@ def _obstacle_warnings(chain: Chain, lengths: Lengths, covariance: Array) -> lis
 def _weakly_observable(
     information: Array, basis: Array, split: Callable[[Array], dict[str, Array]]
 ) -> tuple[str, ...]:
-    """Return descriptions of the combinations that the readings hardly determine.
+    """Return descriptions of the weakly observable combinations, the least observable first.
 
-    The information of the readings on all unknowns, (P, P), and an orthonormal basis of observable
-    changes are given. `split` names the parts of the unknowns. The least observable come first.
+    Arguments are the information of the readings on all unknowns, (P, P), and an orthonormal basis
+    of observable changes. `split` returns the named parts of the unknowns.
     """
     values, vectors = np.linalg.eigh(basis.T @ information @ basis)
     weak = [

@@ -1,12 +1,12 @@
 # SPDX-License-Identifier: Apache-2.0
 """Lengths of a chain and offsets of its encoders: the unknowns, their prior and initial values.
 
-The order of the unknowns is r_0, o_0, a_0, l_0, r_1, o_1, a_1, l_1, ..., r_{N-1}, o_{N-1}, so that
-a bond has six consecutive ones: r_n, o_n, a_n, l_n, r_{n+1}, o_{n+1}. A change of a length is the
-change of its logarithm [1]; a change of an offset is in [rad].
+The order of the unknowns is r_0, o_0, a_0, l_0, r_1, o_1, a_1, l_1, ..., r_{N-1}, o_{N-1}. The six
+unknowns of a bond are then consecutive: r_n, o_n, a_n, l_n, r_{n+1}, o_{n+1}. A change of a length
+means the change of its logarithm [1]. A change of an offset is in [rad].
 
-A priori, logarithms of lengths of one kind have a normal distribution about their common mean, and
-offsets about 0. Its standard deviations, the tolerances, are estimated.
+In the prior, logarithms of lengths of one kind have a normal distribution about their common mean,
+and offsets about 0. The standard deviations of this prior, called tolerances, are estimated.
 """
 
 from __future__ import annotations
@@ -37,7 +37,7 @@ class Lengths:
     rest_lengths: Array
     """Lengths l of the springs at rest or of the bars [m], shape (N - 1,)."""
     offsets: Array
-    """Readings less angles, o [rad], shape (N,)."""
+    """Offsets o, readings minus angles [rad], shape (N,)."""
 
     @property
     def rotors(self) -> int:
@@ -108,7 +108,8 @@ def split_lengths(unknowns: Array) -> dict[str, Array]:
 
 
 _PASSING = 0.2
-"""Difference of the sines of neighbours near a wall, over the largest of most bonds [1]."""
+"""Smallest difference of the sines of neighbours near a wall, relative to the usual maximum
+[1]."""
 
 
 def initial_lengths(angles: Array) -> Lengths:
@@ -134,8 +135,8 @@ def initial_lengths(angles: Array) -> Lengths:
     constant = float(np.median(constants))
     if ratio < 0:
         raise ValueError(
-            'the angles belong to a chain that is seen from behind: name the joints from the '
-            'first rotor to the last, and measure angles from upright towards the last'
+            'the angles are those of a chain viewed from behind; name the joints from the '
+            'first rotor to the last, and measure angles from upright towards the last rotor'
         )
     squared = ratio**2 + 2 * (1 - constant)
     if not squared > ratio**2 > 0:
@@ -151,9 +152,9 @@ def initial_lengths(angles: Array) -> Lengths:
 
 
 _INITIAL = 0.04
-"""Initial tolerances [1], [rad]: with larger ones single lengths diverge at first."""
+"""Initial tolerances [1], [rad]; with larger values single lengths diverge at first."""
 _SMALLEST, _LARGEST = 1e-4, 0.3
-"""Limits of the tolerances [1], [rad]; the smallest is a tenth of what workshops achieve."""
+"""Limits of the tolerances [1], [rad]; workshops achieve ten times the lower limit."""
 
 
 @dataclass(frozen=True)
@@ -178,7 +179,7 @@ class Tolerances:
         return information
 
     def is_close(self, other: Tolerances, fraction: float) -> bool:
-        """Whether both tolerances differ from others by at most a fraction [1]."""
+        """Return whether both tolerances differ from others by at most a fraction [1]."""
         return (
             abs(self.lengths - other.lengths) <= fraction * other.lengths
             and abs(self.offsets - other.offsets) <= fraction * other.offsets

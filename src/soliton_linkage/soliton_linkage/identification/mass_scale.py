@@ -2,11 +2,11 @@
 """Estimation of the mean mass from known impulses and the changes of rates that they cause.
 
 Free motion determines masses and stiffnesses except for a common factor. An angular impulse J_n
-changes the rate of rotor n by J_n / (M m_n r_n^2), with the mean mass M. Least squares with the
-readings near a sequence of impulses estimates the state before it, the delay of the impulses and
-M. A lasting torque is one impulse per frame. It moves the chain far from its free motion, so that
-the changes of rates give no initial value of M. The work of the impulses does, because nearly all
-of it becomes kinetic energy.
+changes the rate of rotor n by J_n / (M m_n r_n^2), with the mean mass M. A least-squares fit to
+the readings near a sequence of impulses estimates M, the state before the impulses, and their
+delay. A torque is treated as one impulse per frame. For long torques, the initial value of M comes
+from the work of the impulses, because nearly all work becomes kinetic energy. The changes of the
+rates would give a wrong initial value, because the chain moves far from its free motion.
 """
 
 from __future__ import annotations
@@ -31,14 +31,14 @@ from soliton_linkage.identification.windows import FreeWindow
 from soliton_linkage.linkage.chain import Array
 
 _BEFORE = 50
-"""Frames before the impulses that are used [1]: with 2x, rates are three times as certain."""
+"""Number of frames before the impulses in the fit [1]; at 2x, rates are 3 times as precise."""
 _AFTER = 25
-"""Frames after them that are used [1], which show most of their effect."""
+"""Number of frames after the impulses in the fit [1]; they show most of the effect."""
 _MOST = 5
-"""Largest number of sequences of impulses [1]: each takes a second."""
+"""Largest number of sequences of impulses in the fit [1]; each takes a second."""
 _LONGEST = 500
-"""Largest number of frames between free motions [1]: after more, the motion before the impulses
-does not determine the motion after them."""
+"""Largest number of frames between free motions [1]. For longer gaps, the motion before the
+impulses does not determine the motion after them."""
 
 
 def mass_scale(
@@ -46,8 +46,8 @@ def mass_scale(
 ) -> tuple[float, float] | None:
     """Estimate the mean mass [kg] and the standard deviation of its logarithm [1].
 
-    The result is None without known impulses between two free motions. The mean spacing of pivots
-    [m] sets the unit of lengths. The motion was fitted to the readings.
+    Return None if no known impulses act between two free motions. `motion` is a fit to the
+    readings; the mean spacing of pivots [m] defines its unit of length.
     """
     found: list[tuple[float, float, float]] = []
     for before, after in pairwise(fitted.windows):
@@ -66,7 +66,10 @@ def mass_scale(
 def _impulses_between(
     readings: Readings, before: FreeWindow, after: FreeWindow
 ) -> list[tuple[float, Array]]:
-    """Return times and values between windows, none if one is unknown or they last too long."""
+    """Return times and values of the impulses between windows.
+
+    Return none if an impulse is unknown or if they last too long.
+    """
     first, last = before.frames.stop, after.frames.start
     begin, end = readings.times[first - 1], readings.times[last]
     some = sorted(
@@ -85,9 +88,9 @@ def _by_impulses(
     impulses: Sequence[tuple[float, Array]],
     spacing: float,
 ) -> tuple[float, float, float] | None:
-    """Return log(1 / M), its variance by the readings, and its variance by the chain.
+    """Return log(1 / M), its variance from the readings, and its variance from the chain.
 
-    None if rates and energy change in the opposite sense.
+    Return None if rates and energy change in the opposite sense.
     """
     times = readings.times
     first, last = before.frames.stop, after.frames.start

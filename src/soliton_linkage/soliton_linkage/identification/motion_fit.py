@@ -2,13 +2,14 @@
 """Estimation of a chain and its forces from the free motion of springs in all frames.
 
 Springs near a moving wall are strained in proportion to the square of its speed, so that bonds do
-not close. The motion follows from its initial state. With normal noise, least squares between its
-angles and the readings gives the most likely chain. Frames are divided into windows, each with its
-own initial state, so that angles are nearly linear in all unknowns (multiple shooting, after
-Bock). Windows grow as the estimate improves, and end at impulses.
+not close. The equation of motion gives all angles from the initial state. The most likely chain
+minimises the squared differences between these angles and the readings. Frames are divided into
+windows with separate initial states, so that angles are nearly linear in all unknowns (multiple
+shooting, after Bock). Windows grow as the estimate improves, and end at impulses.
 
-Initial states are eliminated before the chain is solved for. `scipy.optimize.least_squares` takes
-the Jacobian of all unknowns instead, which has 10 GB for 3000 frames of 40 rotors.
+The initial states are eliminated from the normal equations of the chain.
+`scipy.optimize.least_squares` is not used, because it needs the Jacobian of all unknowns, 10 GB
+for 3000 frames of 40 rotors.
 """
 
 from __future__ import annotations
@@ -35,43 +36,43 @@ from soliton_linkage.identification.windows import (
 from soliton_linkage.linkage.chain import Array
 
 _GROWTH_MASS_DEVIATION = 0.03
-"""Standard deviation of masses and stiffnesses while windows grow [1]: with 0.1 two of ten fits of
-wobbling flippers converged to a local minimum with stiffnesses wrong by 8 to 10 %."""
+"""Prior standard deviation of masses and stiffnesses while windows grow [1]. Sensitivity: at 0.1,
+two of ten fits of wobbling flippers converged to a local minimum, with stiffness errors of 8 to 10
+%."""
 _STEPS = 6
 """Largest number of steps with windows of one length [1]; 2 or 3 are usual."""
 _LAST_STEPS = 40
-"""Largest number of steps with the longest windows for given tolerances [1]. 2 to 6 are usual, 20
-if lengths and stiffnesses compensate each other along curved valleys."""
+"""Largest number of steps with the longest windows for given tolerances [1]. 2 to 6 steps are
+usual; 20 are needed if lengths and stiffnesses compensate each other along curved valleys."""
 _ROUNDS = 4
 """Largest number of estimates of the tolerances [1]."""
 _CONVERGED = 0.1
-"""Expected gain of -2 log likelihood that ends the last steps [1], a third of the standard
-deviation of all unknowns together. In curved valleys the actual gain may be much smaller than
-expected."""
+"""Expected decrease of -2 log likelihood below which the last steps end [1]. It corresponds to a
+third of a standard deviation. In curved valleys the actual decrease may be much smaller."""
 _COARSE = 3.0
-"""Expected gain that ends the steps with shorter windows [1]."""
+"""Expected decrease below which the steps with shorter windows end [1]."""
 _STIFFNESS_FACTORS = (1, 1 / 5, 5)
-"""Initial stiffnesses over the given one [1]; steps can correct a factor of 2 or 3. Springs
-whose vibrations are faster than the frames are not tried."""
+"""Initial stiffnesses that are tried, relative to the given one [1]. The fit can correct a factor
+of 2 or 3. Stiffnesses with vibrations faster than the frames are omitted."""
 _TOLERANCE_CHANGE = 0.05
 """Relative change of the tolerances below which they have converged [1]."""
 _SAMPLES = 4
-"""Samples of the posterior [1]. Sensitivity: at 0.5x, standard deviations are 1.4 times as
-uncertain in half the time."""
+"""Number of samples of the posterior [1]. Sensitivity: at 0.5x, the time is half as long, and the
+uncertainty of standard deviations is 1.4 times as large."""
 _SAMPLED_STEPS = 20
 """Largest number of steps for a sample [1]; 3 to 10 are usual."""
 _FITTING = 0.5
-"""Root mean square distance of motion and readings of a window that can be merged [rad], a third
-of the rotation of a rotor by a wall; least squares converges from there."""
+"""Largest rms difference between motion and readings of a window that can be merged [rad]. It is a
+third of the rotation of a rotor by a wall, from which least squares still converges."""
 _UNEXPLAINED = 3.0
-"""Residual noise over reading noise from which springs are no model of the readings [1]; then the
-posterior is not sampled, which takes most of the time."""
+"""Ratio of residual noise to reading noise above which the model does not explain the readings
+[1]. The posterior is then not sampled, because this would take most of the time."""
 _SIGNIFICANT = 3.0
-"""Excess of the residuals of bars over springs that is significant, in standard deviations [1]."""
+"""Significant difference of the residuals of bars and springs, in standard deviations [1]."""
 _DAMPINGS = 12
-"""Dampings that are tried for one step [1], the last 100."""
+"""Damping factors that are tried for one step [1]; the last is 100."""
 _DAMPED = 1e-3
-"""Damping above which a small expected gain is due to a short step [1]."""
+"""Damping factor above which a small expected gain may be due to a short step [1]."""
 
 
 @dataclass(frozen=True)
@@ -88,7 +89,7 @@ class MotionFit:
     noise: float
     """Standard deviation of a reading by the residuals [rad]."""
     residuals: Array
-    """Residuals over relative deviations of readings [rad], 0 if missing, (T, N)."""
+    """Residuals divided by the relative deviations of the readings [rad], 0 if missing, (T, N)."""
     prior: MotionPrior
 
     @property
@@ -110,11 +111,11 @@ class MotionFitter:
         tolerance: float | None,
         gravity_known: bool = True,
     ) -> None:
-        """Start with motions, for readings [rad], NaN if missing, (T, N), at times [s], (T,).
+        """Start with motions that approximate the readings.
 
+        Readings [rad] have the shape (T, N), with NaN if missing, and times [s] the shape (T,).
         The standard deviation of a reading is its relative deviation [1], (T, N), times the noise
-        [rad]. The tolerance of lengths [1] is estimated unless it is given. Gravity in units of
-        the mean spacing is estimated unless it is known.
+        [rad]. The tolerance of lengths [1] and gravity are estimated unless they are given.
         """
         self._times, self._readings = times, readings
         self._repeats = repeat_counts(readings)
@@ -164,9 +165,9 @@ class MotionFitter:
     def _samples(self) -> Array:
         """Return changes to chains that are samples of the posterior, (S, Q - 2 N).
 
-        Each sample minimises the cost with readings and a prior mean that are drawn about their
-        own. This samples the posterior exactly if motions are linear in all unknowns
-        (randomized maximum likelihood: Oliver, He and Reynolds 1996).
+        For each sample, random errors are added to the readings and to the prior mean, and the
+        cost is minimised again. If motions are linear in all unknowns, these are exact samples of
+        the posterior (randomized maximum likelihood: Oliver, He and Reynolds 1996).
         """
         found, readings, prior = self._windows, self._readings, self._prior
         random, values = np.random.default_rng(0), prior.evaluate(self._motion)[1]
@@ -215,13 +216,13 @@ class MotionFitter:
         return sum(float(np.maximum(each - 2, 0).sum()) for each in counts)
 
     def _counts(self, window: FreeWindow) -> Array:
-        """Return the number of independent readings that each reading is worth [1], (T, N)."""
+        """Return the weight of each reading in independent readings [1], (T, N)."""
         return np.asarray(self._seen(window) / self._repeats[window.frames])
 
     def _scatter(self) -> float:
-        """Return the relative standard deviation of the variance of bars over springs [1].
+        """Return the standard deviation of the ratio of the variances of bars and springs [1].
 
-        The two models differ in one independent number of a frame.
+        Per frame the two models differ in one independent number.
         """
         count = sum(float(self._counts(window).sum()) for window in self._windows)
         return math.sqrt(2 / (count * self._rotors))
@@ -231,7 +232,7 @@ class MotionFitter:
         return self._windows[0].motion
 
     def _residuals(self, window: FreeWindow) -> Array:
-        """Return the residuals of a window over deviations [rad], NaN if missing."""
+        """Return residuals of a window divided by relative deviations [rad], NaN if missing."""
         angles = angles_at(window.motion, self._times[window.frames])
         residuals = self._readings[window.frames] - window.motion.lengths.offsets - angles
         return np.asarray(residuals / self._deviations[window.frames])
@@ -261,7 +262,7 @@ class MotionFitter:
         return [window_equations(window, *given) for window in self._windows]
 
     def _improve(self, steps: int, converged: float) -> None:
-        """Take Levenberg-Marquardt steps until one has an expected gain below `converged`."""
+        """Take Levenberg-Marquardt steps until the expected gain is below `converged`."""
         damping, before = 0.0, self._cost(self._windows)
         for _ in range(steps):
             step = self._linearised()
@@ -316,9 +317,9 @@ class MotionFitter:
 def inflated_covariance(covariance: Array, samples: Array, at: UnknownSlices) -> Array:
     """Return the covariance of a chain, (P, P), inflated to the spread of samples, (S, P).
 
-    Lengths, stiffnesses and masses compensate each other along curved valleys, and samples spread
-    further than to first order. Because samples are few, there is one factor for lengths and
-    offsets, one for stiffnesses and one for masses. None is below 1, the limit of first order.
+    Lengths, stiffnesses and masses compensate each other along curved valleys, so that samples
+    scatter more than the first-order covariance. Because there are few samples, only three factors
+    are estimated: for lengths and offsets, for stiffnesses, and for masses. Each is at least 1.
     """
     variances, factors = np.diag(covariance), np.ones(len(covariance))
     for part in (at.lengths, at.stiffnesses, at.masses):

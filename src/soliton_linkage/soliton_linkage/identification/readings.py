@@ -1,10 +1,10 @@
 # SPDX-License-Identifier: Apache-2.0
 """Readings of a recording: angles with standard deviations, impulses and tilts.
 
-Readings that are rounded to a step q have uniform errors of variance q^2 / 12. If angles cross
-steps from frame to frame, these errors are independent, like noise (B. Widrow, I. Kollar,
-Quantization Noise, Cambridge, 2008). While a rotor is at rest all its readings have the same
-error.
+Readings that are rounded to multiples of q have uniform errors of variance q^2 / 12. If an angle
+changes by more than q from frame to frame, these errors are independent, like noise (B. Widrow, I.
+Kollar, Quantization Noise, Cambridge, 2008). While a rotor is at rest, all its readings have the
+same error.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ _FEWEST_ROTORS = 4
 _LEAST_PRESENT = 0.5
 """Smallest fraction of frames with a reading of a rotor [1]."""
 MOST_NAMED = 4
-"""Largest number of rotors that an error message names [1]."""
+"""Largest number of rotors in an error message [1]."""
 _PAUSE = 1.0
 """Time between joined recordings [s]."""
 _LARGEST_RELATIVE_DEVIATION = 100.0
@@ -49,7 +49,7 @@ class RecordedTilt(NamedTuple):
     time: float
     """Time of the change [s]."""
     tilt: float
-    """Tilt after it, above 0 if the last rotor is the lower end [rad]."""
+    """Tilt after the change, positive if the last rotor is lower [rad]."""
 
 
 @dataclass(frozen=True)
@@ -104,7 +104,7 @@ class Readings:
 
     @cached_property
     def relative_deviations(self) -> Array:
-        """Standard deviation of each reading over the usual one [1], 1 if unknown, (T, N)."""
+        """Ratio of each standard deviation to the usual one [1], 1 if unknown, shape (T, N)."""
         deviations = self.deviations
         if deviations is None:
             return np.ones_like(self.angles)
@@ -144,7 +144,7 @@ class Readings:
 
 
 def join_recordings(recordings: Sequence[Readings]) -> Readings:
-    """Join recordings of one chain with the same encoders, with a pause between each two.
+    """Join recordings of one chain with the same encoders, with pauses between them.
 
     Raises ValueError if they have different joints.
     """
@@ -198,9 +198,10 @@ def rounding_noise(readings: Array) -> float:
 
 
 def repeat_counts(readings: Array) -> Array:
-    """Return the length of the run of equal readings of each [1], (T, N); gaps are ignored.
+    """Return the length of the run of equal readings for each reading [1], (T, N).
 
-    A run contains as much information as one reading, so that variances are multiplied by it.
+    Gaps are ignored. A run contains as much information as one reading, so that the variances are
+    multiplied by its length.
     """
     counts = np.ones_like(readings)
     for column, values in zip(counts.T, readings.T, strict=True):
@@ -221,8 +222,8 @@ _TURNING = 0.05
 """Change between averages of a turning rotor [rad]. With a noise of 0.03 rad one of 40 rotors at
 rest exceeds it in one of thirty recordings."""
 _AT_REST = 0.1
-"""Density of kept frames without a turning rotor relative to others [1]. They determine offsets
-and bonds, for which a tenth of them suffices."""
+"""Density of kept frames without a turning rotor, relative to others [1]. A tenth of these frames
+suffices to determine offsets and bonds."""
 _FILLINGS = 5
 """Redistributions of densities that exceed one frame [1]."""
 

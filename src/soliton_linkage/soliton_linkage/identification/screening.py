@@ -1,10 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Checks of a recording before a chain is identified, and by the residuals afterwards.
+"""Checks of a recording before identification, and of the residuals afterwards.
 
-All rotors on one side of a wall lean to the same side. The staggered angles of the two sides are
-symmetric about 0, or about pi for all rotors, for any lengths. A wall reaches the rotors in their
-order: wherever it begins, the first times at which the rotors of one parity lean over have no
-local maximum.
+All rotors on one side of a wall lean to the same side. For any lengths, the staggered angles on
+both sides are symmetric about 0, or about pi for all rotors. A wall reaches the rotors in their
+order. Therefore the times at which the rotors of one parity first lean over have no local maximum.
 """
 
 from __future__ import annotations
@@ -25,18 +24,18 @@ from soliton_linkage.identification.readings import (
 from soliton_linkage.linkage.chain import Array, staggered
 
 _LEANING = 0.5
-"""sin(phi) of a rotor that clearly leans to one side, over its median [1]."""
+"""|sin(phi)| above which a rotor clearly leans to one side, relative to its median [1]."""
 _LARGEST_ZERO_ERROR = 0.5
-"""Zero error of an encoder with which least squares converges [rad]. Deviations of 5 % in every
-length and offsets of 0.05 rad look like 0.3 rad of it."""
+"""Largest zero error of an encoder with which least squares converges [rad]. Deviations of 5 % in
+every length and offsets of 0.05 rad appear as zero errors of 0.3 rad."""
 _TRIMMINGS = 6
 """Iterations of the robust mean angle at rest [1]."""
 _SHARPNESS = 20.0
-"""Sharpness of its weights, 1 / (0.22 rad)^2 [1/rad^2]."""
+"""Exponent of the weights of this mean, 1 / (0.22 rad)^2 [1/rad^2]."""
 _FRAMES = 5
-"""Frames at the start and at the end whose median is used [1]."""
+"""Number of frames in the medians at the start and at the end [1]."""
 _LATE = 0.5
-"""Delay of a rotor that is out of order, over the time from one rotor to the next but one [1]."""
+"""Smallest delay of a rotor out of order, relative to the time of a wall per two rotors [1]."""
 
 
 def check_motion(times: Array, readings: Array, names: Sequence[str]) -> None:
@@ -177,15 +176,15 @@ _SLIP_RANGE = 3.0
 """Largest sum of n independent numbers over sqrt(n) [1]; among 40 rotors noise exceeds it in one
 of a million recordings."""
 _SMALLEST_SLIP = 2.0
-"""Smallest slip that is reported, over the noise of a reading [1]."""
+"""Smallest reported slip, relative to the noise of a reading [1]."""
 _JUMP_FRAMES = 15
 """Frames that are averaged before and after a jump [1]."""
 _JUMP_OVER_NOISE = 12.0
-"""Second difference of a jump over the noise of a reading [1]; noise has 2.2."""
+"""Second difference of a jump, relative to the noise of a reading [1]; noise alone gives 2.2."""
 _SMALLEST_JUMP = 0.1
 """Second difference that no motion reaches from frame to frame [rad]."""
 _JUMP_OVER_NEIGHBOURS = 3.0
-"""Jump over the larger one of both neighbours [1]; near a wall rotors move more similarly."""
+"""Jump, relative to the larger jump of both neighbours [1]; a wall moves neighbours similarly."""
 
 
 def noise_of(readings: Array, relative_deviations: Array) -> float:

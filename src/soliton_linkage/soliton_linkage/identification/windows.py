@@ -27,18 +27,18 @@ from soliton_linkage.identification.lengths import UNKNOWNS_PER_ROTOR, Tolerance
 from soliton_linkage.linkage.chain import Array
 
 _INITIAL_FRAMES = 25
-"""Frames of an initial window [1]. Sensitivity: at 0.5x, initial rates are uncertain; at 2x, a
-motion with lengths that are wrong by 5 % may lose the wall."""
+"""Number of frames of an initial window [1]. Sensitivity: at 0.5x, initial rates are uncertain; at
+2x, a simulated wall may depart from the readings if lengths have errors of 5 %."""
 _RATE_FRAMES = 8
-"""Frames from which the initial rates of a window are estimated [1]."""
+"""Number of frames from which the initial rates of a window are estimated [1]."""
 _FEWEST_FRAMES = 100
-"""Smallest number of frames between impulses [1], in which a wall passes some rotors."""
+"""Smallest number of frames between impulses [1]; in this time a wall passes some rotors."""
 _ARRIVAL = 0.05
 """Delay of an impulse after its command [s]."""
 _MERGED = 4
-"""Windows that are merged to one [1]: 2 take more rounds, 8 may lose a wall."""
+"""Number of windows that are merged to one [1]. 2 need more rounds; 8 may lose the wall."""
 _DENSE_FRAMES = 0.05
-"""Smallest fraction of the frames that are consecutive in the recording [1]."""
+"""Smallest fraction of frames of a window that are consecutive in the recording [1]."""
 
 
 class FreeWindow(NamedTuple):
@@ -50,7 +50,7 @@ class FreeWindow(NamedTuple):
 
 
 def free_intervals(times: Array, interruptions: Sequence[float]) -> list[slice]:
-    """Return the frames between interruptions [s], without intervals that are too short."""
+    """Return the intervals of frames between interruptions [s]; omit short intervals."""
     begins = [-math.inf, *(time + _ARRIVAL for time in sorted(interruptions))]
     ends = [*sorted(interruptions), math.inf]
     intervals = [
@@ -102,8 +102,8 @@ def merge_windows(
 ) -> tuple[FreeWindow, ...]:
     """Merge some adjacent windows.
 
-    Two windows are merged if the motion of the first, in a window with the frames of both, fits
-    the frames of the second.
+    Two windows are merged if the continued motion of the first window fits the frames of the
+    second.
     """
     merged: list[FreeWindow] = []
     count = 0
@@ -121,14 +121,14 @@ def merge_windows(
 
 
 INITIAL_MASS_DEVIATION = 0.1
-"""Initial standard deviation of masses and stiffnesses [1]: with 0.3 some diverge."""
+"""Initial prior standard deviation of masses and stiffnesses [1]; with 0.3 some fits diverge."""
 _SMALLEST, _LARGEST = 1e-3, 0.3
 """Limits of the estimated standard deviation [1]."""
 _DAMPING_RATE = 1.0
-"""Prior standard deviation of damping over a rotor's moment of inertia [1/s]."""
+"""Prior standard deviation of damping divided by a rotor's moment of inertia [1/s]."""
 _FRICTION_DECELERATION = 10.0
-"""Prior standard deviation of dry friction over a rotor's moment of inertia [rad/s^2], with which
-the rotors of a wall stop in a second."""
+"""Prior standard deviation of dry friction divided by a rotor's moment of inertia [rad/s^2]; it
+stops the rotors of a wall in a second."""
 _LOG_GRAVITY = 1.0
 """Prior standard deviation of the logarithm of gravity, in units of the mean spacing [1]."""
 _INFORMED = 1e-12
@@ -156,7 +156,7 @@ class MotionPrior:
     mass_deviation: float = INITIAL_MASS_DEVIATION
     """Standard deviation of logarithms of masses and stiffnesses [1]."""
     shift: Array | float = 0.0
-    """Shift of its mean, in the order of the unknowns, (Q - 2 N,)."""
+    """Shift of the mean, in the order of the unknowns, (Q - 2 N,)."""
 
     def evaluate(self, motion: FreeMotion) -> tuple[Array, Array]:
         """Return the information, (Q - 2 N, Q - 2 N), and the unknowns less the mean."""
@@ -177,10 +177,10 @@ class MotionPrior:
         return information, values - self.shift
 
     def sampled(self, motion: FreeMotion, random: np.random.Generator) -> MotionPrior:
-        """Return the prior about a mean that is drawn from it, without uninformed combinations.
+        """Return the prior with a random mean that is drawn from the prior itself.
 
-        The symmetric root of the covariance makes the sample independent of the choice of
-        eigenvectors for equal eigenvalues.
+        Combinations without information are not drawn. With the symmetric root of the covariance,
+        the sample does not depend on the choice of eigenvectors for equal eigenvalues.
         """
         values, vectors = np.linalg.eigh(self.evaluate(motion)[0])
         informed = values > _INFORMED * values[-1]
@@ -228,9 +228,11 @@ _STATE_DEVIATION = 10.0
 
 
 class Eliminated(NamedTuple):
-    """Matrix and vector of the equations of the chain, A_ss^-1 (b_s, A_sq), and b_s A_ss^-1 b_s.
+    """Reduced normal equations of the chain, and the solution for the initial state.
 
-    The gain, b_s A_ss^-1 b_s, is the decrease of the squares by the initial state alone [1].
+    `matrix` and `vector` are the equations of the chain, and the other arrays are A_ss^-1 (b_s,
+    A_sq). The gain, b_s A_ss^-1 b_s, is the decrease of the squares by the initial state alone
+    [1].
     """
 
     matrix: Array

@@ -1,15 +1,16 @@
 # SPDX-License-Identifier: Apache-2.0
 """Offset and drift of a microcontroller's clock, by the arrival times of its messages.
 
-A message that was sent at x by the clock of the sender arrives with the delay
+A message is sent at the time x of the sender's clock. The difference of the receiver's clock at
+arrival and x is
 
-    y = a + b x + d,    d >= 0,
+    y = a + b x + d,    d >= 0.
 
-by the clock of the receiver: a is the difference of the clocks plus the least delay, b the drift
-and d the waiting time. Of all lines below the points, the one with the least mean distance passes
-through the edge of their lower convex hull above the mean of x (S. Moon, P. Skelly and D. Towsley,
-INFOCOM 1999, doi:10.1109/INFCOM.1999.749287). The points are the earliest messages of equal
-intervals.
+Here a is the difference of the clocks plus the smallest delay, b the drift, and d the waiting
+time. The estimate of a + b x is the line below all points (x, y) with the least mean distance from
+them. It contains the edge of the lower convex hull at the mean of x (S. Moon, P. Skelly and D.
+Towsley, INFOCOM 1999, doi:10.1109/INFCOM.1999.749287). The points are the messages with the
+smallest delay in successive intervals.
 """
 
 from __future__ import annotations
@@ -26,21 +27,21 @@ _MICROSECOND = 1000
 _SECOND = 10**9
 """In nanoseconds."""
 _INTERVALS = 64
-"""Intervals whose earliest messages are kept [1]. Sensitivity: at 0.5x, the line is known half as
-well; at 2x, a fit takes four times as long."""
+"""Number of intervals in the fit [1]. Sensitivity: at 0.5x, the error of the line is twice as
+large; at 2x, a fit takes four times as long."""
 _FIRST_INTERVAL = 1 / 16
-"""Duration of the first intervals [s]: the drift is known from the second one on."""
+"""Duration of the first intervals [s]; after two intervals the drift is known."""
 _LONGEST_INTERVAL = 2.0
-"""Duration of the last intervals [s], together two minutes. Sensitivity: at 0.5x, the line follows
-a clock that warms up more closely; at 2x, a steady clock is known better."""
+"""Duration of the later intervals [s]; together they cover two minutes. Sensitivity: at 0.5x, the
+line follows the drift of a warming clock faster; at 2x, a steady clock is known more precisely."""
 LARGEST_DRIFT = 0.01
 """Largest drift of a clock [1], twice the drift of an Arduino Uno's ceramic resonator."""
 _FROM_THE_FUTURE = 0.25
-"""Largest time by which a measurement may be later than now [s]: a drift of 1 % in 25 s without a
-frame. If it is later, the clock has restarted."""
+"""Largest time by which a measurement may appear to be in the future [s]: a drift of 1 % in 25 s
+without a frame. A larger time means that the clock has restarted."""
 _FROM_THE_PAST = 10.0
-"""Largest delay [s]: the system's buffer holds four seconds of a line of 9600 baud. If it is
-larger, the clock has stopped or does not count microseconds."""
+"""Largest delay [s]; the system's buffer holds four seconds of a line at 9600 baud. A larger delay
+means that the clock has stopped or does not count microseconds."""
 
 
 class DelayEnvelope:
@@ -54,9 +55,9 @@ class DelayEnvelope:
         self.scatter = math.nan
         """Mean height of the earliest messages above the line [s], NaN if unknown.
 
-        It is the median over ln 2, which is the mean of exponential times, because a machine that
-        stalls has a few very late messages. With exponential delays the error of the line is this
-        number divided by the number of intervals.
+        It is computed as median / ln 2, the mean of an exponential distribution, because a
+        stalling machine causes a few very large delays. For exponential delays, the error of the
+        line is this number divided by the number of intervals.
         """
         self._points: list[tuple[float, float]] = []
         self._interval = _FIRST_INTERVAL
@@ -64,7 +65,7 @@ class DelayEnvelope:
         self._best = (0.0, math.inf)
 
     def add(self, x: float, y: float) -> None:
-        """Add a message that was sent at x [s], after the one before, with a delay y [s]."""
+        """Add a message, later than the previous one, with sending time x and delay y [s]."""
         if x >= self._end:
             if self._points or math.isfinite(self._best[1]):
                 self._fit()
@@ -110,10 +111,10 @@ def _slope_under(xs: Array, ys: Array) -> float:
 
 
 class DeviceClock:
-    """Time stamps of measurements by the host's clock, from times of the controller's clock.
+    """Conversion of times of the controller's clock to time stamps of the host's clock.
 
-    Offset and drift follow from the arrival times, because no message arrives before it was sent.
-    The least delay is part of the offset, because nothing at this end can measure it. Stamps
+    Offset and drift are estimated from the arrival times, because no message arrives before it was
+    sent. The offset includes the smallest delay, because the receiver cannot measure it. Stamps
     increase from measurement to measurement.
     """
 
@@ -121,7 +122,7 @@ class DeviceClock:
         self.restarts = 0
         """Number of restarts of the controller's clock."""
         self.delay = 0.0
-        """Delay of the last measurement beyond the least delay [s]."""
+        """Delay of the last measurement minus the smallest delay [s]."""
         self._last: int | None = None
         self._stamp = -1
         self.reset()
@@ -133,11 +134,11 @@ class DeviceClock:
 
     @property
     def scatter(self) -> float:
-        """Uncertainty of stamps apart from the least delay [s], NaN while it is unknown."""
+        """Uncertainty of stamps without the smallest delay [s], NaN if unknown."""
         return self._envelope.scatter
 
     def reset(self) -> None:
-        """Forget the clock, because the controller has restarted or is another."""
+        """Discard the estimate, because the controller has restarted or was exchanged."""
         if self._last is not None:
             self.restarts += 1
         self._last = None
@@ -168,11 +169,11 @@ class DeviceClock:
         return self._stamp
 
     def _advance(self, time: int, arrival: int) -> None:
-        """Advance to a time, or restart if that would be in the future or too late."""
+        """Advance to a time; restart if it is in the future or its delay is too large."""
         assert self._last is not None
         passed = (time - self._last) % CLOCK_RANGE
         if not passed:
-            raise ValueError(f'time = {time} us repeats the frame before; measure each frame once')
+            raise ValueError(f'time = {time} us repeats the last frame; measure each frame once')
         here = (arrival - self._begun) // _MICROSECOND
         latest = round((here / 1e6 + _FROM_THE_FUTURE - self._envelope.offset) * 1e6)
         latest = round(latest / (1 + self._envelope.drift))

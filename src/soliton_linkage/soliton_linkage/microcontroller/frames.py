@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Frames of a serial line to a microcontroller, as lines of text or as bytes (docs/serial.md).
+"""Text and binary frames of a serial line to a microcontroller (docs/serial.md).
 
 A binary frame is a header, the values and the CRC-32 of zlib (CRC-32/ISO-HDLC). Consistent
-overhead byte stuffing removes the zeros, so that a zero ends the frame: S. Cheshire and M. Baker,
-IEEE/ACM Transactions on Networking 7, 159 (1999), doi:10.1109/90.769765.
+overhead byte stuffing removes the zeros from the frame, so that a zero can mark its end: S.
+Cheshire and M. Baker, IEEE/ACM Transactions on Networking 7, 159 (1999), doi:10.1109/90.769765.
 """
 
 from __future__ import annotations
@@ -21,13 +21,13 @@ import numpy as np
 from soliton_linkage.linkage.chain import Array
 
 SEQUENCES = 2**16
-"""Period of frame numbers [1]: they are uint16_t."""
+"""Period of frame numbers, which are uint16_t [1]."""
 CLOCK_RANGE = 2**32
 """Period of a controller's clock [us], 71.6 minutes: micros() of Arduino."""
 VERSION = 1
 """Version of the binary layout [1]; other versions are rejected."""
 LONGEST_FRAME = 2**16
-"""Longest frame [bytes]: 2500 rotors in text. Longer input without an end is noise."""
+"""Longest frame [bytes], 2500 rotors in text. Longer input without an end is noise."""
 _LINE_END, _FRAME_END = b'\n', b'\0'
 _HEADER = struct.Struct('<cBHI')
 """Letter of the kind, version, frame number, time [us]; the values after it are aligned."""
@@ -38,7 +38,7 @@ _TEXT_CHECKSUM = re.compile(rb'\*([0-9A-Fa-f]{8})')
 """CRC-32 of all characters before it."""
 _REAL = re.compile(r'[-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d{1,3})?')
 _WHOLE = re.compile(r'[-+]?\d{1,15}')
-"""Number that a double holds exactly."""
+"""Integer that a double represents exactly."""
 _COUNTER = re.compile(r'\d{1,20}')
 """Number of at most 64 bits."""
 _MISSING = '-'
@@ -91,8 +91,8 @@ class SerialFrame:
     sequence: int | None = None
     """Frame number modulo `SEQUENCES`, None if it is not sent."""
     time: int | None = None
-    """Reading: time of measurement by the controller's clock modulo `CLOCK_RANGE` [us], None if it
-    is not sent. Command: time for which it holds [us]."""
+    """For a reading: time of measurement by the controller's clock modulo `CLOCK_RANGE` [us], None
+    if it is not sent. For a command: duration for which the command is valid [us]."""
     values: Array = field(default_factory=lambda: np.zeros(0))
     """One value per rotor, NaN for a missing one."""
 
@@ -116,7 +116,7 @@ def encode_text(frame: SerialFrame) -> bytes:
 
 
 def decode_text(line: bytes) -> tuple[SerialFrame, bool]:
-    """Return the frame of a line and whether it has a checksum; ValueError if it is invalid."""
+    """Return the frame of a line and whether it has a checksum; raise ValueError if invalid."""
     content = line = line.removesuffix(b'\r')
     checksum = _TEXT_CHECKSUM.fullmatch(line, len(line) - 9) if len(line) > 9 else None
     if checksum:
@@ -178,7 +178,7 @@ def _packed(values: Array, type_: np.dtype[Any]) -> bytes | None:
 
 
 def decode_binary(piece: bytes) -> SerialFrame:
-    """Return the frame of the bytes before an end; ValueError if they are invalid."""
+    """Return the frame of the bytes before an end; raise ValueError if they are invalid."""
     whole = unstuff(piece)
     if len(whole) < _HEADER.size + _CHECKSUM.size:
         least = _HEADER.size + _CHECKSUM.size
@@ -219,7 +219,7 @@ def stuff(data: bytes) -> bytes:
 
 
 def unstuff(stuffed: bytes) -> bytes:
-    """Return the bytes that stuffed ones encode; ValueError if they are invalid."""
+    """Return the decoded bytes of a stuffed frame; raise ValueError if they are invalid."""
     data = bytearray()
     at, size = 0, len(stuffed)
     while at < size:
@@ -235,11 +235,11 @@ def unstuff(stuffed: bytes) -> bytes:
 
 
 class FrameDecoder:
-    """Decoder of a stream of either protocol, cut into chunks anywhere.
+    """Decoder of a stream of text or binary frames that arrives in arbitrary chunks.
 
-    The last valid frame determines the protocol. Input before the first one is ignored, because it
-    is the rest of a frame or comes from another program. After a line of text with a checksum,
-    lines without one are rejected.
+    The last valid frame determines the protocol. Input before the first valid frame is ignored,
+    because it may be part of a frame or come from another program. After the first line of text
+    with a checksum, lines without a checksum are rejected.
     """
 
     def __init__(self) -> None:
@@ -254,7 +254,7 @@ class FrameDecoder:
         self.reset()
 
     def reset(self) -> None:
-        """Expect another controller; the counts continue."""
+        """Prepare for another controller, without a reset of the counts."""
         self.protocol = None
         self._checked = False
         self._lines, self._pieces = _Splitter(_LINE_END), _Splitter(_FRAME_END)
@@ -307,9 +307,9 @@ class _Splitter:
         self._too_long = False
 
     def feed(self, chunk: bytes) -> list[tuple[int, bytes | None]]:
-        """Return the pieces that end in a chunk with the offsets of their ends.
+        """Return the pieces that end in a chunk, with the offsets of their ends.
 
-        A piece that is too long is None, once, as soon as it is.
+        A piece that becomes too long is returned once as None.
         """
         found: list[tuple[int, bytes | None]] = []
         *whole, rest = (self._rest + chunk).split(self._end)

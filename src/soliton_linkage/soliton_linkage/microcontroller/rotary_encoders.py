@@ -17,9 +17,9 @@ from soliton_linkage.microcontroller.frames import READINGS, SEQUENCES, FrameKin
 
 @dataclass(frozen=True)
 class RotaryEncoders:
-    """Mounting of encoders on rotors; raises ValueError for values out of their range.
+    """Mounting of encoders on rotors. Raises ValueError for values out of their range.
 
-    With the reading q, in turns, the angle is
+    For a reading q in turns, the angle is
 
         phi = 2 pi sign q - offset.
     """
@@ -65,15 +65,15 @@ class RotaryEncoders:
                 )
 
     def per_radian(self) -> Array:
-        """Return the counts that one radian adds to a reading [1/rad], shape (1,) or (N,)."""
+        """Return the counts per radian of each encoder [1/rad], shape (1,) or (N,)."""
         return np.asarray(np.asarray(self.signs or 1.0) * self.counts_per_turn / math.tau)
 
 
 class AngleReader:
-    """Conversion of readings into angles that count the turns of the rotors."""
+    """Conversion of readings to unwrapped angles."""
 
     def __init__(self, encoders: RotaryEncoders, rotors: int) -> None:
-        """Raise ValueError if the encoders do not fit a chain of so many rotors."""
+        """Prepare a number of rotors; raise ValueError if the encoders do not match it."""
         encoders.check_fit(rotors)
         self.rotors = rotors
         self._wrapped = encoders.wrapped
@@ -87,8 +87,8 @@ class AngleReader:
     def read(self, frame: SerialFrame) -> Array:
         """Return the angle of each rotor [rad], shape (N,), NaN if it is missing.
 
-        Readings that wrap change by less than half a turn from the last frame with the rotor.
-        Raises ValueError unless there is a reading for each rotor.
+        Wrapped readings are assumed to change by less than half a turn since the last valid
+        reading of the rotor. Raises ValueError unless there is a reading for each rotor.
         """
         if len(frame.values) != self.rotors:
             raise ValueError(
@@ -123,14 +123,14 @@ class AngleStream:
         self._last: int | None = None
 
     def reset(self) -> None:
-        """Expect a controller that has restarted."""
+        """Prepare for a controller that has restarted."""
         self.clock.reset()
         self._last = None
 
     def take(self, frame: SerialFrame, arrival: int) -> StampedAngles | None:
-        """Return the angles of a frame that arrives at [ns]; None if it is a greeting.
+        """Return the angles of a frame with its arrival time [ns]; None for a `hello` frame.
 
-        Raises ValueError for a frame that is no reading, does not fit the chain, or is a repeat.
+        Raises ValueError for a frame that is no reading, does not match the chain, or repeats one.
         """
         if frame.kind is FrameKind.HELLO:
             self.reset()

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Simulated microcontroller, which sends encoder readings and executes commands to valves."""
+"""Simulated microcontroller that sends encoder readings and executes valve commands."""
 
 from __future__ import annotations
 
@@ -43,7 +43,7 @@ class ControllerSettings:
 
 
 class SimulatedController:
-    """Controller of a chain; each command to its valves holds for the time that it states."""
+    """Simulated controller of a chain. A valve command is valid for the duration it contains."""
 
     def __init__(
         self,
@@ -51,7 +51,7 @@ class SimulatedController:
         encoders: RotaryEncoders | None = None,
         settings: ControllerSettings | None = None,
     ) -> None:
-        """Raise ValueError if the encoders do not fit so many rotors."""
+        """Prepare a number of rotors; raise ValueError if the encoders do not match it."""
         self._encoders = encoders or RotaryEncoders()
         self._encoders.check_fit(rotors)
         self._settings = settings or ControllerSettings()
@@ -63,13 +63,13 @@ class SimulatedController:
         self.start(0.0)
 
     def start(self, now: float) -> bytes:
-        """Start or restart at a time [s]; return the bytes that it sends."""
+        """Start or restart at a time [s]; return the sent bytes."""
         self._begun, self._sequence = now, 0
         self._torques, self._hold_until = np.zeros(self._rotors), now
         return encode(SerialFrame(FrameKind.HELLO), self._protocol)
 
     def measure(self, now: float, angles: Array) -> bytes:
-        """Return the bytes that it sends for angles [rad], shape (N,), at a time [s]."""
+        """Return the sent bytes for angles [rad], shape (N,), at a time [s]."""
         readings = (angles + (self._encoders.offsets or 0.0)) * self._encoders.per_radian()
         if self._encoders.wrapped:
             readings %= self._encoders.counts_per_turn

@@ -136,7 +136,7 @@ class WallTheory(ABC):
         return (gamma * self._ratio(velocity)) ** 2 / (gamma + 1)
 
     def _misfit(self, velocity: float, charge: int) -> float:
-        """Return Q gamma - 1, the relative excess of the slope over that at rest [1]."""
+        """Return Q gamma - 1, the relative excess of the slope above the slope at rest [1]."""
         excess = self._excess(velocity)
         return excess if _checked_sign('charge', charge) > 0 else -2 - excess
 

@@ -1,8 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Estimate of the phonon energy beside a wall from the rates, valid for unmodelled deviations.
+"""Estimate of the phonon energy from the rates, valid in chains with unmodelled deviations.
 
-The elastic energy is unknown if the spring lengths are. The rates orthogonal to the tangent t of
-the orbit come from phonons alone. On average half of the energy of phonons is kinetic, so that
+Without exact spring lengths the elastic energy is unknown. The component of the rates orthogonal
+to the tangent t of the orbit comes only from phonons. On average half of the phonon energy is
+kinetic, so that
 
     E = < I |phi_dot - t (t . phi_dot)|^2 > - I (N - 1) sigma^2.
 

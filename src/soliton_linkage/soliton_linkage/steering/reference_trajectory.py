@@ -22,10 +22,9 @@ from soliton_linkage.steering.settings import DEFAULTS, SteeringSettings
 _SAMPLES = 2048
 """Samples of the passage of a wall [1]. The spectrum must extend far beyond its cut-off."""
 _PEAK = 15 / 8
-"""Largest rate over the mean rate of the polynomial from rest to rest [1]."""
+"""Ratio of the largest rate to the mean rate of the polynomial from rest to rest [1]."""
 _EXTENSION = 1.1
-"""Factor by which the duration grows until the trajectory is slow enough [1]. It bounds the excess
-duration."""
+"""Factor by which the duration is increased until the trajectory is slow enough [1]."""
 
 
 @dataclass(frozen=True)

@@ -38,14 +38,14 @@ class SteeringSettings:
     28 % less and leave 2000 times the phonon energy, still 1e-6 of the energy of the wall."""
 
     adiabatic_fraction: float = quantity(
-        0.5, 'adiabatic rate over the rate that radiates radiated_share', '', 1e-3, 1.0
+        0.5, 'ratio of the adiabatic rate to the rate that radiates radiated_share', '', 1e-3, 1.0
     )
     """Sensitivity: at 0.5x, moves take up to twice as long; at 2x, down to half as long. At 2x the
     phonon energy rises from 3e-11 to 5e-8 of the energy of a flipper, and from 3e-10 to 2e-4 for
     a wobbling flipper."""
 
     bandwidth_share: float = quantity(
-        0.125, 'bandwidth of the feedback over the gap of the phonons', '', 1e-3, 1.0
+        0.125, 'ratio of the bandwidth of the feedback to the phonon gap', '', 1e-3, 1.0
     )
     """Sensitivity: at 0.5x, errors in disordered chains are four times larger and some walls are
     lost. At 2x, noise causes six times the torques and 15 to 170 times the phonon energy."""
@@ -53,32 +53,32 @@ class SteeringSettings:
     bandwidth_step: float = quantity(
         0.1, 'largest bandwidth of the feedback times the frame period', '', 1e-3, 1.0
     )
-    """Stability margin: torques may be 3 frames late. Sensitivity in frames of 50 ms: at 0.5x,
-    moves take twice as long; at 2x, such a delay destabilises a flipper. Faster frames do not
-    depend on it."""
+    """Stability margin: the loop is stable if torques are 3 frames late. Sensitivity for a frame
+    period of 50 ms: at 0.5x, moves take twice as long; at 2x, a delay of 3 frames destabilises a
+    flipper. For shorter periods the parameter has no effect."""
 
     observer_ratio: float = quantity(
-        3.0, 'bandwidth of the observer over the bandwidth of the feedback', '', 0.1, 100.0
+        3.0, 'ratio of the bandwidths of observer and feedback', '', 0.1, 100.0
     )
-    """Sensitivity: at 0.5x, torques from noise are a third, and errors in disordered chains four
-    times larger. At 2x, noise causes four times the torques and 10 to 50 times the phonon
-    energy."""
+    """Sensitivity: at 0.5x, torques from noise are a third as large, and errors in disordered
+    chains four times as large. At 2x, noise causes four times the torques and 10 to 50 times the
+    phonon energy."""
 
     period_memory: float = quantity(
         50.0, 'number of frames over which the frame period is averaged', 'frames', 1.0
     )
-    """Sensitivity: at 0.5x or 2x, no effect in regular frames. In frames of 50 ms that jitter by a
-    third, the duration of a move changes by 2 %."""
+    """Sensitivity: at 0.5x or 2x, no effect for regular frames. If the frame period is 50 ms with
+    a jitter of a third, the duration of a move changes by 2 %."""
 
     min_duration: float = quantity(
         10.0, 'shortest duration of a reference trajectory times the bandwidth', '', 1.0
     )
-    """Sensitivity: at 0.5x, short moves take 0.6 of the time with the same errors; at 2x, up to
-    1.8 times. Long moves at the adiabatic rate do not depend on it. For smaller values torques
-    grow as the inverse square, and goals get out of reach."""
+    """Sensitivity: at 0.5x, short moves take 0.6 times as long with the same errors; at 2x, up to
+    1.8 times. Long moves at the adiabatic rate do not change. Smaller values increase the torques
+    as the inverse square, so that goals become unreachable."""
 
     force_reserve: float = quantity(
-        2.0, 'available force over the force that the trajectory needs', '', 1.0
+        2.0, 'ratio of the available force to the force of the trajectory', '', 1.0
     )
     """Margin for noise and disturbances. Sensitivity: at 0.5x or 2x, the reported reach of
     actuators at an edge is ln(2) penetration depths longer or shorter. Feasible moves do not
@@ -90,8 +90,9 @@ class SteeringSettings:
         '',
         0.0,
     )
-    """Errors have then decayed to (1 + 3) e^-3 = 0.2. Sensitivity: at 0.5x, arrivals are reported
-    1.5 / b earlier with up to six times the error; at 2x, 3 / b later with the same error."""
+    """During this time errors decay to (1 + 3) e^-3 = 0.2 of their value. Sensitivity: at 0.5x,
+    arrivals are reported 1.5 / b earlier with up to six times the error; at 2x, 3 / b later with
+    the same error."""
 
     settling_timeout: float = quantity(
         30.0, 'longest time to settle after the trajectory, times the bandwidth', '', 0.0
@@ -105,14 +106,14 @@ class SteeringSettings:
         'rotor spacings',
         1e-3,
     )
-    """Sensitivity: at 0.5x, the reference restarts for a wall in a disordered chain that lags by
-    0.9, or after an impulse that causes 0.8. At 2x, torques are larger before a restart."""
+    """Sensitivity: at 0.5x, the reference restarts if the wall in a disordered chain lags by 0.9
+    spacings, or if an impulse displaces it by 0.8. At 2x, torques before a restart are larger."""
 
     max_restarts: int = quantity(
         20, 'number of restarts after which a wall that does not settle is lost', '', 0
     )
-    """A wall needs one to three after missing frames. Sensitivity: a wall whose load exceeds the
-    actuators is released 15 rotor spacings earlier at 0.5x, and 30 later at 2x."""
+    """After missing frames one to three restarts suffice. Sensitivity: if the load exceeds the
+    actuators, a wall is released 15 rotor spacings earlier at 0.5x, and 30 later at 2x."""
 
     max_gap: float = quantity(
         5.0, 'time without frames after which the wall may have moved', 'frame periods', 1.0
@@ -129,9 +130,9 @@ class SteeringSettings:
     min_noise: float = quantity(
         3e-3, 'lower limit of the noise of an angle in the observer', 'rad', 1e-9
     )
-    """In exact frames the filter would otherwise treat the start of an impulse as noise. Then an
-    impulse of 6 to 10 rad/s displaces a wall 1.4 times as far. Sensitivity: none at 0.5x and
-    2x."""
+    """Without this limit, the filter would treat the start of an impulse as noise if frames are
+    exact. An impulse of 6 to 10 rad/s would then displace a wall 1.4 times as far. Sensitivity: no
+    effect at 0.5x and 2x."""
 
     phonon_periods: float = quantity(
         4.0, 'memory of the phonon energy over the longest phonon period', 'periods', 0.1

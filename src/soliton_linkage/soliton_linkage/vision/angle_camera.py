@@ -1,10 +1,11 @@
 # SPDX-License-Identifier: Apache-2.0
 """Measurement of angles in pictures of a chain with markers.
 
-The angle of a rotor is the direction from its pivot, a mean over all pictures, to the dot on its
-mass. The fitted centre of a moving dot is its mean over the exposure of its row. The frame has the
-time t, the middle of the exposure T of the mean row of the pivots. With the rate omega and the
-acceleration alpha from the last measurements, the angle at t is
+The angle of a rotor is the direction from its pivot to the dot on its mass. The position of the
+pivot is a mean over all pictures. The fitted centre of a moving dot is its mean position during
+the exposure time T of its row. The time t of the frame is the middle of the exposure of the mean
+row of the pivots. With the rate omega and the acceleration alpha from the last measurements, the
+angle at t is
 
     phi(t) = phi_measured - alpha T^2 / 24 + omega (t - t_row) + alpha (t - t_row)^2 / 2.
 """
@@ -40,7 +41,7 @@ class AngleFrame:
     delay: float
     """Time from the start of the picture to the angles [s]."""
     angles: Array
-    """Actual angles, unwrapped [rad], shape (N,)."""
+    """Angles phi, unwrapped [rad], shape (N,)."""
     deviations: Array
     """Standard deviations of the angles [rad], shape (N,)."""
     masses: Array
@@ -177,7 +178,7 @@ class AngleCamera:
         noise: Array,
         arms: Array,
     ) -> tuple[Array, Array]:
-        """Return the errors of lengths [m] and angles [rad] of visible rotors by pixel noise."""
+        """Return errors of lengths [m] and angles [rad] of visible rotors from pixel noise."""
         steps = plane.metres_per_pixel(pixels, self._layout.heights[seen])
         noise = noise + self.frame_markers.deviation**2 * np.eye(2)
         covariances = steps @ noise @ np.swapaxes(steps, 1, 2)

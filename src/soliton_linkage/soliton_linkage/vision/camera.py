@@ -32,7 +32,8 @@ _MIN_PICTURES, _MAX_PICTURES = 3, 60
 """Numbers of calibration pictures [1]: fewer do not separate focal lengths from distortion, and
 more increase the computing time but not the accuracy."""
 _MIN_MOVE = 0.02
-"""Smallest mean displacement of the corners between two used pictures, over the width [1]."""
+"""Smallest mean displacement of the corners between two used pictures relative to the width
+[1]."""
 
 
 @dataclass(frozen=True)

@@ -5,9 +5,9 @@ The second moments of the darkness of a rotor define its middle and length, and 
 defines its axis. The ends that lie on one line are the pivots; the other ends are the masses. The
 camera faces the chain with rotor 0 on the left, and bonds are thinner than rotors.
 
-The stated deviation is the deviation by pixel noise, times the observed changes of rotor lengths
-over the changes by pixel noise. The reason is that bonds along a rotor, pixels and compression
-turn a rotor as much as they lengthen it.
+Bonds along a rotor, pixels and compression cause errors of the angle that are as large as those of
+the length. Therefore the stated standard deviation from pixel noise is scaled by a factor: the
+observed changes of rotor lengths divided by the changes that pixel noise explains.
 """
 
 from __future__ import annotations
@@ -26,12 +26,12 @@ from soliton_linkage.vision.opencv import Picture, opencv
 from soliton_linkage.vision.rotor_tracks import RotorTracks
 
 _AREA_RANGE = (0.4, 1.8)
-"""Range of the area of a rotor over the median [1]: hidden parts are smaller, and two touching
-rotors are larger."""
+"""Range of the area of a rotor, relative to the median [1]: hidden parts are smaller, and two
+touching rotors are larger."""
 _MIN_ASPECT = 2.0
-"""Smallest length of a rotor over its width [1], so that its axis is defined."""
+"""Smallest length of a rotor relative to its width [1], so that its axis is defined."""
 _MAX_PIVOT_SHIFT = 0.35
-"""Largest shift of a pivot since the first picture, over the spacing [1]."""
+"""Largest shift of a pivot since the first picture relative to the spacing [1]."""
 _ITERATIONS = 3
 """Iterations of directions [1]; each one reduces the change tenfold or more."""
 _RANK_TOLERANCE = 1e-3

@@ -1,29 +1,28 @@
 # SPDX-License-Identifier: Apache-2.0
 """Errors of dots beyond pixel noise: compression, repeated blocks and the dead zone of a video.
 
-Compression removes noise from similar pixels and adds errors that many pixels share. A mass stays
-on a circle around its pivot, so a change of its distance from the pivot is an error, and the
-error along the circle is equally large. In compressed pictures, moving dots have larger errors
-than resting ones.
+Compression removes noise from similar pixels and adds errors that are correlated between pixels. A
+mass stays on a circle around its pivot, so that a change of its distance from the pivot is an
+error. The error along the circle is assumed to be equally large. In compressed pictures, moving
+dots have larger errors than resting dots.
 
 A video codec stores only changes of a picture that exceed a threshold. Elsewhere it repeats the
-pixels of the picture before exactly, which the noise of a camera never does. A repeated dot is
-not a new measurement: it keeps its earlier error and has moved by up to the threshold. When it is
-updated, it jumps along its circle by that error. If some dots repeat while others move, the video
-has a dead zone: dots move slowly while the video shows them at rest. For dots that move beyond
-the dead zone in each picture:
+pixels of the previous picture exactly; with camera noise this never happens by itself. A repeated
+dot is not a new measurement. The mass may have moved by up to the threshold since the last update.
+At the next update the dot jumps along its circle by this error. If some dots are repeated while
+others move, the video has a dead zone, in which slow motion is invisible. The errors of dots that
+move beyond the dead zone in each picture are estimated as follows:
 
-* Along the path, the sixth divided difference of seven pictures contains the errors from picture
-  to picture, because slow motions and the usual waves do not contribute to it.
-* Correlated errors are reduced in this difference by the same factor as the errors across the
-  path.
+* Along the path, the sixth divided difference of seven pictures contains only errors, because slow
+  motions and the usual waves do not contribute to it. * This difference reduces correlated errors.
+  The factor is assumed to be that of the errors across the path, which are also known directly.
 
-Let s^2 be the variance of resting dots, e^2 that of moving dots, and t the usual number of
+Let s^2 be the variance of resting dots, e^2 the variance of moving dots, and t the usual number of
 repeats. A dot that was repeated in n pictures has the variance
 
-    s^2 + (e^2 - s^2) / (1 + n / t),
+    s^2 + (e^2 - s^2) / (1 + n / t).
 
-because a dot moves the less, the longer it stays in its dead zone.
+It decreases with n, because a dot that stays long in its dead zone probably moves slowly.
 """
 
 from __future__ import annotations
@@ -44,13 +43,13 @@ _PRIOR_WEIGHT = 30.0
 _MAX_VALUE = 5.0
 """Largest value that counts, in root mean squares [1]; larger ones belong to another dot."""
 _MOVING = 0.1
-"""Displacement since the picture before beyond which a dot moves [pixels], ten times the noise."""
+"""Displacement between two pictures above which a dot moves [pixels], ten times the noise."""
 _ORDER = 6
 """Order of the divided difference [1]. It reduces waves of a tenth of the picture rate to a
 thousandth, and errors that last for two pictures to a half."""
 _RECORDED_STEP = 0.4
-"""Displacement from picture to picture that every usable video records [pixels]: several times
-the errors of good videos, and less than a block of pixels needs to change."""
+"""Displacement between two pictures above which every usable video updates a dot [pixels]. It is
+several times the errors of good videos."""
 
 
 def _faded(total: float) -> float:
@@ -118,7 +117,7 @@ class DotMeasurements:
     noise: Array
     """Standard deviations of the angles by pixel noise [rad]."""
     length_errors: Array
-    """Errors of the distances from the pivots, over the errors by pixel noise [1]."""
+    """Errors of the distances from the pivots relative to the errors by pixel noise [1]."""
     pixels_per_radian: Array
     """Derivatives of the centres by the angles [pixels/rad]."""
     displacements: Array
@@ -136,7 +135,7 @@ class ErrorScale:
         self._repeats, self._before = np.zeros(rotors), np.full(rotors, np.nan)
 
     def update(self, dots: DotMeasurements) -> Array:
-        """Return the standard deviations over the deviations by pixel noise, shape (N,)."""
+        """Return the ratios of the standard deviations to those by pixel noise, shape (N,)."""
         moving = dots.displacements > _MOVING
         self._resting.add(dots.length_errors[~dots.repeated & ~moving])
         self._moving.add(dots.length_errors[~dots.repeated & moving])
@@ -201,7 +200,7 @@ class DeadZone:
         self._across.add(self._length_errors[_ORDER // 2, always])
 
     def variances(self, resting: float, jumps: float) -> Array:
-        """Return the variances of errors over the variances by pixel noise [1], shape (N,)."""
+        """Return the ratios of error variances to variances by pixel noise [1], shape (N,)."""
         along = self._along.value(jumps)
         along *= max(1.0, self._across.value() / self._across_difference.value())
         usual = math.exp(self._log_repeats / max(self._ended, 1.0))

@@ -15,12 +15,12 @@ _MEMORY = 3
 _MAX_GAP = 0.25
 """Longest time between measurements that define a rate [s]."""
 _ACCELERATION = 300.0
-"""Acceleration of a rotor at rest after a kick [rad/s^2]. The acceleration of a turning rotor is
-about the square of its rate in any chain."""
+"""Typical acceleration of a rotor at rest after a kick [rad/s^2]. In any chain, the acceleration
+of a turning rotor is about the square of its rate."""
 _INITIAL_RATE = 10.0
 """Standard deviation of the rate of a rotor before its second measurement [rad/s]."""
 _MIN_DEVIATION = 0.03
-"""Standard deviation of a prediction over no time [rad]."""
+"""Standard deviation of a prediction for the time of the last measurement [rad]."""
 _MAX_DEVIATION = 1.5
 """Largest standard deviation of a prediction that defines the turns of a rotor [rad]."""
 _UNMEASURED = 0.07
@@ -32,9 +32,9 @@ _MAX_LENGTH_ERROR = 0.2
 _MIN_MEASUREMENTS, _MAX_MEASUREMENTS = 5, 300
 """Numbers of pictures before the mean of a length is used, and in that mean [1]."""
 _PIVOT_TOLERANCE = 0.25
-"""Largest distance of a pivot from its configured line, over the spacing [1]."""
+"""Largest distance of a pivot from its configured line relative to the spacing [1]."""
 _SPACING_TOLERANCE = 0.4
-"""Largest deviation of a pivot distance from a multiple of the spacing, over the spacing [1]."""
+"""Largest deviation of a pivot distance from a multiple of the spacing, in spacings [1]."""
 _MIN_VISIBLE = 0.8
 """Fraction of the pivots that must be visible before they are numbered [1]."""
 _MAX_PIVOT_PICTURES = 1000

@@ -24,7 +24,7 @@ _TICKS = 90_000
 _SILENT = 0
 """Log level of OpenCV for no output [1]."""
 _GAP = 1.6
-"""Interval over the usual one beyond which pictures are missing [1]."""
+"""Interval above which pictures are missing, relative to the usual interval [1]."""
 _MEMORY = 31
 """Number of intervals that define the usual one [1]."""
 _PERCENTILE = 75

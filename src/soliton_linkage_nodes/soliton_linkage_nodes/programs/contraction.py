@@ -46,7 +46,7 @@ _RATE = 250.0
 _SECONDS = 6.0
 """Duration of a recording [s]."""
 _WAY = 0.8
-"""Duration over that of the simulation, so that recordings end before the far edge [1]."""
+"""Duration relative to that of the simulation, so that recordings end before the far edge [1]."""
 _POLL_INTERVAL = 0.1
 """Poll interval while the nudge is sent [s]."""
 _UNLIMITED = 1e6

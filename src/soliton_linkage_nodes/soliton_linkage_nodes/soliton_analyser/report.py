@@ -14,7 +14,7 @@ from soliton_linkage.linear.bands import gap
 from soliton_linkage_nodes.messages.joint_state_analysis import JointStateAnalysis
 
 _MISFIT_OVER_NOISE = 3.0
-"""Largest misfit over the noise of the angles that needs no warning [1]."""
+"""Largest misfit without a warning, relative to the noise of the angles [1]."""
 _CONTRADICTION_CONFIDENCE = 0.999
 """Confidence in another class of motion above which the node warns [1]."""
 

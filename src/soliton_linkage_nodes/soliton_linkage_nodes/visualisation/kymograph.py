@@ -27,7 +27,8 @@ _BLANK, _TRACK, _BORDER = 217, 0, 255
 _HALF_BORDER, _HALF_TRACK = 2, 1
 """Half widths of the border and of the track [rows]."""
 _JUMP = 0.25
-"""Longest step of a wall that is drawn as a line, over the chain [1]. A longer one is a reset."""
+"""Longest step of a wall that is drawn, as a fraction of the chain [1]; a longer one is a
+reset."""
 
 
 class Kymograph:

@@ -193,7 +193,7 @@ state.
 _SHOWN = 40.0
 """Width of a panel in reaches [1]."""
 _AFTERWARDS = 35.0
-"""Time shown after the walls meet, in reaches over the speed of sound [1]."""
+"""Time shown after the walls meet, in reaches in units of the speed of sound [1]."""
 _LARGEST = 1.6
 """Order field at the ends of the colour scale [1], just above its largest value."""
 _SPACETIME_COLUMNS = 3

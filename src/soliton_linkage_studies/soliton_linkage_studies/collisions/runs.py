@@ -51,7 +51,7 @@ class Collision:
 
     ring: Chain
     speed: float
-    """Speed of each wall over the speed of sound [1]."""
+    """Speed of each wall in units of the speed of sound [1]."""
     onwards: bool = False
     """Whether a spinner's rotors continue to turn in the second wall instead of turning back."""
     step: float = 1.0
@@ -60,8 +60,8 @@ class Collision:
     shift: float = 0.0
     """Shift of both walls along the ring [rotor spacings]."""
     patience: float = 120.0
-    """Time limit for an escape, in reaches over the speed of sound [1], added to the time that
-    the walls need at half of their speed."""
+    """Time limit for an escape, in reaches in units of the speed of sound [1], added to the time
+    that the walls need at half of their speed."""
 
     def __call__(self) -> CollisionRun:
         """Simulate the collision."""

@@ -32,7 +32,7 @@ _QUICK_HALVINGS = 2
 _HALVINGS = 13
 """Number of bisections in a full study [1], from a range of 0.6 c to 1e-4 c."""
 _FASTEST = 2.0
-"""Largest speed over the speed of sound [1]; flippers with d near 1 are supersonic."""
+"""Largest speed in units of the speed of sound [1]; flippers with d near 1 are supersonic."""
 
 
 @dataclass(frozen=True)
@@ -42,9 +42,9 @@ class WindowEdge:
     collision: Collision
     collisions: int
     inside: float
-    """Speed inside the window, over the speed of sound [1]."""
+    """Speed inside the window in units of the speed of sound [1]."""
     outside: float
-    """Speed outside the window, over the speed of sound [1]."""
+    """Speed outside the window in units of the speed of sound [1]."""
     halvings: int
 
     def __call__(self) -> tuple[float, CollisionRun]:
@@ -142,7 +142,7 @@ class Row:
     series: str
     name: str
     speed: float
-    """Speed of each wall or of an edge, over the speed of sound [1]."""
+    """Speed of each wall or of an edge in units of the speed of sound [1]."""
     run: CollisionRun | None
     """Outcome, or None if the simulation failed."""
     failure: str

@@ -26,7 +26,8 @@ from soliton_linkage_studies.palette import (
 )
 
 IMBALANCE_LIMIT = 1e-9
-"""Limit of the energy imbalance over the largest energy, from the integration tolerance [1]."""
+"""Limit of the energy imbalance relative to the largest energy, from the integration tolerance
+[1]."""
 
 _CAPTION = """
 Validation of driven chains on one page.
@@ -62,7 +63,7 @@ _LEAST = 1e-17
 """Plotted value of a zero imbalance, below any rounding error [1]."""
 _TIME = 'time [s]'
 _ROOM = 0.25
-"""Vertical space for the legend above the moves, over the height of the data [1]."""
+"""Vertical space for the legend above the moves relative to the height of the data [1]."""
 
 
 def blank_page() -> tuple[FigureReport, dict[str, Axes]]:

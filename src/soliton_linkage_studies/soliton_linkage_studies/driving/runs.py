@@ -197,7 +197,7 @@ class BalancedRun:
     times: Array
     """Instants of the frames [s], shape (T,)."""
     imbalances: Array
-    """Absolute energy imbalance over the largest energy so far [1], shape (T,)."""
+    """Absolute energy imbalance relative to the largest energy so far [1], shape (T,)."""
     kicks: Array
     """Times of the impulses [s], shape (kicks,)."""
     turns: Array
@@ -221,9 +221,9 @@ class BalanceTask:
     tilt: float
     """The largest [rad]."""
     kick: float
-    """Standard deviation of an impulse over the moment of inertia [rad/s]."""
+    """Standard deviation of an impulse divided by the moment of inertia [rad/s]."""
     torque: float
-    """Standard deviation of a torque over the moment of inertia [rad/s^2]."""
+    """Standard deviation of a torque divided by the moment of inertia [rad/s^2]."""
     duration: float
     """[s]."""
     seed: int
@@ -393,7 +393,7 @@ class EnergyBalance:
 
     @property
     def imbalance(self) -> float:
-        """Absolute energy imbalance over the largest energy of any frame so far [1]."""
+        """Absolute energy imbalance relative to the largest energy of any frame so far [1]."""
         energy = self.simulation.energy
         taken = self.simulation.dissipated - self._dissipated_before
         missing = self._start + self._given - taken - energy

@@ -264,7 +264,7 @@ def test_unsupported_forces_are_rejected() -> None:
     with pytest.raises(TypeError, match='choose DOP853'):
         SymplecticNystrom(lambda t, y: y, 0.0, state, 1.0)
     damped = EquationOfMotion(dataclasses.replace(chain, damping=1.0))
-    with pytest.raises(ValueError, match='which has 9'):
+    with pytest.raises(ValueError, match='which needs 9'):
         SymplecticNystrom(damped, 0.0, state, 1.0)
     with pytest.raises(ValueError, match='not both be 0'):
         SymplecticNystrom(motion, 0.0, state, 1.0, rtol=0.0, atol=0.0)
