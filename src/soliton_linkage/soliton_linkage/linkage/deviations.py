@@ -35,7 +35,8 @@ class Deviations:
 
     For example, the length of a rotor with the fraction 0.02 is 1.02 times the parameter
     rotor_length of the chain. An empty tuple means no deviations. Raises ValueError for fractions
-    of -1 or less. Frictions may be -1, and non-reciprocities and on-site torques may be any number.
+    of -1 or less. Frictions may be -1, and non-reciprocities and on-site torques may be any
+    number.
     """
 
     spacing: tuple[float, ...] = quantity(
@@ -51,6 +52,7 @@ class Deviations:
     rest_length: tuple[float, ...] = quantity(
         (), 'relative deviations of the rest lengths, one per spring'
     )
+    damping: tuple[float, ...] = quantity((), 'relative deviations of the dampings, one per rotor')
     dry_friction: tuple[float, ...] = quantity(
         (), 'relative deviations of the dry frictions, one per rotor'
     )
