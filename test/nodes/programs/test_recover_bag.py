@@ -3,30 +3,103 @@
 
 from __future__ import annotations
 
+import json
 import re
 from collections.abc import Callable
 from pathlib import Path
 
 import pytest
 from programs import Program
-from recordings import run_of, write_bag
+from rclpy.serialization import serialize_message
+from recordings import START, run_of, write_bag
+from std_msgs.msg import Float64
 
 from soliton_linkage_nodes.bags.reading import open_bag
+from soliton_linkage_nodes.bags.record.bag_writer import BagWriter
 from soliton_linkage_nodes.messages.conversions import NamedChain
+from soliton_linkage_nodes.runtime.interfaces import NUDGE
+from soliton_linkage_nodes.runtime.stamps import SECOND
 
 
-def test_a_whole_bag_is_reported_as_whole(
+def test_a_whole_bag_is_reported_in_the_layout_of_rosbag2(
     start: Callable[..., Program], named: NamedChain, tmp_path: Path
 ) -> None:
     bag = write_bag(tmp_path / 'run', run_of(named, 50))
     program = start('check_bag', str(bag))
     assert program.wait() == 0
-    said = program.said
-    assert said[0] == f'{bag}: mcap, run_0_0.mcap'
-    assert said[1] == '52 messages in 0.050 s'
-    assert '  /joint_states  sensor_msgs/msg/JointState  50' in said
-    assert 'lost when recorded: unknown' in said
-    assert said[-1] == 'complete'
+    labels = [line[:19].strip() for line in program.said if line[0] != ' ']
+    assert labels == [
+        'Files:',
+        'Bag size:',
+        'Storage id:',
+        'ROS Distro:',
+        'Duration:',
+        'Start:',
+        'End:',
+        'Messages:',
+        'Topic information:',
+        'Service:',
+        'Service information',
+        'Lost:',
+        'Result:',
+    ]
+    texts = [line[19:] for line in program.said]
+    assert (texts[0], texts[4], texts[7]) == ('run_0_0.mcap', '0.050000000s', '52')
+    assert texts[5].endswith(f' ({START / SECOND:.9f})')
+    states = 'Topic: /joint_states | Type: sensor_msgs/msg/JointState | Count: 50'
+    assert f'{states} | Serialization Format: cdr' in texts
+    assert program.said[-2:] == [
+        'Lost:              unknown when recorded',
+        'Result:            complete',
+    ]
+
+
+def test_a_report_as_json_has_the_same_numbers(
+    start: Callable[..., Program], named: NamedChain, tmp_path: Path
+) -> None:
+    bag = write_bag(tmp_path / 'run', run_of(named, 50))
+    program = start('check_bag', str(bag), '--json')
+    assert program.wait() == 0
+    report = json.loads('\n'.join(program.said))
+    assert (report['messages'], report['sound'], report['damage']) == (52, True, [])
+    assert sum(topic['count'] for topic in report['topics']) == 52
+    assert report['size'] == (bag / 'run_0_0.mcap').stat().st_size
+    assert report['start'] == START
+
+
+@pytest.mark.parametrize(
+    ('name', 'line'),
+    [
+        ('run.bag', 'is a bag of ROS 1; convert it with: rosbags-convert --src'),
+        ('empty', 'has no .mcap or .db3 file, the directory is empty; give a bag directory'),
+    ],
+)
+def test_what_is_no_bag_of_ros_2_is_reported_with_the_remedy(
+    start: Callable[..., Program], tmp_path: Path, name: str, line: str
+) -> None:
+    (tmp_path / 'run.bag').write_bytes(b'#ROSBAG V2.0\n')
+    (tmp_path / 'empty').mkdir()
+    for program in ('check_bag', 'recover_bag'):
+        started = start(program, str(tmp_path / name))
+        assert started.wait() == 1
+        assert line in started.said[-1]
+
+
+def test_recovery_of_no_message_exits_with_1_and_leaves_no_bag(
+    start: Callable[..., Program], tmp_path: Path
+) -> None:
+    writer = BagWriter(tmp_path / 'run')
+    topic = writer.add_topic('/n', 'std_msgs/msg/Float64', NUDGE.qos)
+    writer.write(topic, START, serialize_message(Float64(data=1.5)))
+    writer.close()
+    (data,) = writer.path.glob('*.mcap')
+    content = data.read_bytes()
+    stamp = content.index(serialize_message(Float64(data=1.5)))
+    data.write_bytes(content[:stamp] + b'x' + content[stamp + 1 :])
+    program = start('recover_bag', str(writer.path))
+    assert program.wait() == 1
+    assert 'nothing can be recovered' in program.said[-1]
+    assert not list(tmp_path.glob('run_0_recovered*'))
 
 
 @pytest.mark.parametrize('storage', ['mcap', 'sqlite3'])
@@ -38,7 +111,7 @@ def test_a_cut_bag_is_recovered_beside_it(
     data.write_bytes(data.read_bytes()[:100_000])
     checked = start('check_bag', str(bag))
     assert checked.wait() == 1
-    assert checked.said[-1].startswith(f'damaged; recover_bag {bag} writes')
+    assert checked.said[-1][19:].startswith(f'damaged; recover_bag {bag} writes')
     program = start('recover_bag', str(bag))
     assert program.wait() == 0
     with open_bag(tmp_path / 'run_0_recovered_0') as reader:
@@ -49,10 +122,11 @@ def test_a_cut_bag_is_recovered_beside_it(
     lost = re.search(r', (\d+) lost into', program.said[-1])
     again = start('check_bag', str(tmp_path / 'run_0_recovered_0'))
     assert again.wait() == 1
-    assert again.said[-1] == 'complete'
-    told = f'lost by damage before recovery: {lost[1] if lost else "an unknown number"} ('
-    assert again.said[-2].startswith(told)
-    assert again.said[-2].endswith('; when recorded: unknown')
+    assert again.said[-1] == 'Result:            complete'
+    told = f'{lost[1] if lost else "an unknown number"} by damage before recovery ('
+    (line,) = (line for line in again.said if line.startswith('Lost:'))
+    assert line[19:].startswith(told)
+    assert line.endswith('; unknown when recorded')
 
 
 @pytest.mark.parametrize('program', ['recover_bag', 'check_bag'])

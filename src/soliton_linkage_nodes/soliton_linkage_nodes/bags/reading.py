@@ -135,9 +135,9 @@ def types_of_topic(reader: Reader, name: str, remedy: str = _RECORD) -> list[Con
     return found
 
 
-def read_topic(reader: Reader, name: str) -> Iterator[tuple[int, Any]]:
-    """Yield receive time [ns] and message of a topic."""
-    connection = find_topic(reader, name)
+def read_topic(reader: Reader, name: str, remedy: str = _RECORD) -> Iterator[tuple[int, Any]]:
+    """Yield receive time [ns] and message of a topic, found as by `find_topic`."""
+    connection = find_topic(reader, name, remedy)
     decode = decoder(connection)
     for _, stamp, serialized in read_messages(reader, [connection]):
         yield stamp, decode(serialized)

@@ -41,7 +41,8 @@ from soliton_linkage_nodes.bags.stored_topic import StoredTopic, completed
 _SHOW_EVERY = 1000
 """Messages between two calls of `show` [1], each of which takes as long as reading a few."""
 
-Show = Callable[[int], None]
+Show = Callable[[int, int], None]
+"""Function that shows the number of messages so far, and the expected number, 0 for unknown."""
 
 
 def recovered_file(path: Path, storage: str, doubtful: bool, limits: BagLimits) -> RecoveredFile:
@@ -55,8 +56,9 @@ class BagReport:
     """Content and damage of a bag.
 
     `counts` holds the number of messages of each topic, `start` and `end` the first and last
-    stamp [ns], `damage` a line for each damaged part. `lost` counts recorded messages that are
-    known to be unreadable, `unverified` those read without a checksum.
+    stamp [ns], `damage` a line for each damaged part, `notes` a line for each thing that is
+    unusual but no damage. `lost` counts recorded messages that are known to be unreadable,
+    `unverified` those read without a checksum.
     """
 
     path: Path
@@ -66,6 +68,8 @@ class BagReport:
     start: int | None = None
     end: int = 0
     damage: list[str] = field(default_factory=list)
+    notes: list[str] = field(default_factory=list)
+    distribution: str = ''
     lost: int = 0
     unverified: int = 0
     custom_data: dict[str, str] = field(default_factory=dict)
@@ -77,7 +81,7 @@ class BagReport:
 
 
 def check_bag(
-    path: Path, show: Show = lambda done: None, limits: BagLimits = DEFAULT_LIMITS
+    path: Path, show: Show = lambda done, expected: None, limits: BagLimits = DEFAULT_LIMITS
 ) -> BagReport:
     """Read a bag completely and report its content and damage; ValueError if it is not a bag."""
     return _BagScan(path, None, False, show, limits).report
@@ -87,7 +91,7 @@ def recover_bag(
     path: Path,
     output: Path,
     doubtful: bool = False,
-    show: Show = lambda done: None,
+    show: Show = lambda done, expected: None,
     limits: BagLimits = DEFAULT_LIMITS,
 ) -> tuple[BagReport, Path]:
     """Write the intact messages of a bag into a new one; return report and path of the new bag.
@@ -132,9 +136,11 @@ class _BagScan:
         self._taken = 0
         information, error = _metadata_of(path)
         types = _types_in(information)
+        self._expected = parse_count((information or {}).get('message_count'))
         for file in files:
             with _opened(file, doubtful, limits) as recovered:
                 found = recovered.topics.values()
+                self._expected = max(self._expected, self._taken + recovered.stated)
                 if output is not None:
                     for opcode, body in recovered.records:
                         self._new_bag(output).copy_record(opcode, body)
@@ -183,7 +189,7 @@ class _BagScan:
             report.end = max(report.end, stamp)
             self._taken += 1
             if not self._taken % _SHOW_EVERY:
-                self._show(self._taken)
+                self._show(self._taken, self._expected)
         if nameless:
             recovered.report_damage(
                 f'{nameless} messages have topics whose types are lost', nameless
@@ -209,16 +215,31 @@ def _compare(report: BagReport, information: Mapping[str, Any] | None) -> None:
     if information is None:
         return
     report.custom_data.update(custom_data_in(information))
+    report.distribution = str(information.get('ros_distro') or '')
     stated = parse_count(information.get('message_count'))
-    if stated > report.messages + report.lost:
-        missing = stated - report.messages - report.lost
-        report.damage.append(f'{METADATA_FILE} lists {missing} more messages than the files')
-        report.lost += missing
+    missing = stated - report.messages - report.lost
     listed = information.get('relative_file_paths')
     held = {file.name for file in report.files}
-    for name in listed if isinstance(listed, list) else []:
-        if isinstance(name, str) and Path(name).name not in held:
-            report.damage.append(f'file {name} is missing')
+    names = [name for name in listed if isinstance(name, str)] if isinstance(listed, list) else []
+    absent = [f'file {name} is missing' for name in names if Path(name).name not in held]
+    if missing > 0 and not absent and _deleted_older(report, information):
+        report.notes.append(f'older splits with {missing} messages were deleted when recording')
+    elif missing > 0:
+        report.damage.append(f'{METADATA_FILE} lists {missing} more messages than the files')
+        report.lost += missing
+    report.damage += absent
+
+
+def _deleted_older(report: BagReport, information: Mapping[str, Any]) -> bool:
+    """Return whether the first splits are gone and metadata.yaml describes the others exactly.
+
+    rosbag2's circular recording deletes the oldest splits and keeps them in the total counts.
+    """
+    entries = information.get('files')
+    described = [each for each in entries if isinstance(each, dict)] if entries else []
+    counts = sum(parse_count(each.get('message_count')) for each in described)
+    first = min((_position(file)[0] for file in report.files), default=0)
+    return first > 0 and counts == report.messages and len(described) == len(report.files)
 
 
 def _typed(topic: StoredTopic, types: Mapping[str, str]) -> StoredTopic:

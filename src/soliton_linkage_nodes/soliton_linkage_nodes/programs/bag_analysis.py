@@ -32,6 +32,7 @@ from soliton_linkage_nodes.messages.frame_assembler import FrameAssembler
 from soliton_linkage_nodes.messages.joint_state_analysis import JointStateAnalysis
 from soliton_linkage_nodes.runtime import interfaces
 
+_NO_CHAIN = 'specify the chain with --chain, or record its topic with bag_recorder'
 _MAX_LINES = 3
 """Largest number of lines about rejected messages of a topic."""
 
@@ -52,7 +53,7 @@ def analyse_frames(
     joints = find_topic(reader, interfaces.JOINT_STATES.name)
     connections = [joints]
     if given is None:
-        first = next((message for _, message in read_topic(reader, 'chain')), None)
+        first = next((message for _, message in read_topic(reader, 'chain', _NO_CHAIN)), None)
         analysis.set_chain(read_chain(reader) if first is None else chain_from_msg(first))
         connections.append(find_topic(reader, 'chain'))
     else:
@@ -106,9 +107,11 @@ def _decoder(connection: Connection) -> Callable[[bytes], JointStates]:
 
 def read_chain(reader: Reader) -> NamedChain:
     """Return the last chain in a bag."""
-    chains = [message for _, message in read_topic(reader, 'chain')]
+    chains = [message for _, message in read_topic(reader, 'chain', _NO_CHAIN)]
     if not chains:
-        raise ValueError(f'bag {str(reader.path)!r} has no message on the topic chain')
+        raise ValueError(
+            f'bag {str(reader.path)!r} has no message on the topic chain; {_NO_CHAIN}'
+        )
     return chain_from_msg(chains[-1])
 
 

@@ -1,24 +1,38 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Report whether a bag is complete, its content, and the losses during recording."""
+"""Report whether a bag is complete, its content, and the losses during recording.
+
+The first lines have the layout of `ros2 bag info`, but they describe the messages that were read.
+"""
 
 from __future__ import annotations
 
+import json
 import sys
+import time
+from collections import Counter
 from collections.abc import Iterator
 from pathlib import Path
+from typing import Any
 
 from soliton_linkage.command_line import PlainParser
-from soliton_linkage.progress import ProgressLine
 from soliton_linkage_nodes.bags.guards import load_json, parse_count
 from soliton_linkage_nodes.bags.recovery import BagReport, check_bag
 from soliton_linkage_nodes.programs.command_line import (
     add_limits,
     exit_on_failure,
     limits_of,
+    message_progress,
 )
+from soliton_linkage_nodes.runtime.stamps import SECOND
 
 _DAMAGE = 'damage'
 """Key of the custom data of a recovered bag that describes the damage of the original."""
+_LABEL_WIDTH = 19
+"""Width of the labels [characters], as in `ros2 bag info`."""
+_EVENTS = 'soliton_linkage_msgs/msg/SolitonEvent'
+_SERVICE_EVENT, _SERVICE_SUFFIX = '_Event', '/_service_event'
+_TopicRow = tuple[tuple[str, str, str], int, int]
+"""Name, type and encoding of a topic, number of messages, and messages lost when recorded."""
 
 
 def main() -> None:
@@ -28,54 +42,156 @@ def main() -> None:
         description=f'{__doc__} The exit code is 1 if it is damaged or messages were lost.',
     )
     parser.add_argument('bag', type=Path, help='directory of the bag, or one file of it')
+    parser.add_argument('--json', action='store_true', help='print the report as JSON')
     add_limits(parser)
     options = parser.parse()
-    bag = options.bag
-    progress = ProgressLine(f'checking {bag}', 0)
+    progress, show = message_progress(f'checking {options.bag}')
     with exit_on_failure('check_bag'):
-        report = check_bag(
-            bag, lambda done: progress.show(0, f'{done} messages'), limits_of(options)
-        )
+        report = check_bag(options.bag, show, limits_of(options))
     progress.clear()
-    print('\n'.join(_lines(report)))
-    lost = _lost_when_recorded(report)
-    sys.exit(bool(report.damage or _DAMAGE in report.custom_data or sum(lost.values())))
-
-
-def _lines(report: BagReport) -> Iterator[str]:
-    seconds = (report.end - report.start) * 1e-9 if report.start is not None else 0.0
-    files = ', '.join(file.name for file in report.files)
-    yield f'{report.path}: {report.storage}, {files}'
-    yield f'{report.messages} messages in {seconds:.3f} s'
-    lost = _lost_when_recorded(report)
-    for topic, count in sorted(report.counts.items(), key=lambda item: item[0].name):
-        missing = f', {lost[topic.name]} lost when recorded' if lost.get(topic.name) else ''
-        yield f'  {topic.name}  {topic.type_name}  {count}{missing}'
-    for key in ('suite_version', 'command_line', 'chain', 'ended_by', 'recovered_from'):
-        if key in report.custom_data:
-            yield f'{key.replace("_", " ")}: {report.custom_data[key]}'
-    if report.unverified:
-        yield f'{report.unverified} messages have no checksum: changes are not detected'
-    yield _losses(report, sum(lost.values()))
-    yield from report.damage
-    if report.damage:
-        yield f'damaged; recover_bag {report.path} writes the intact messages to a new bag'
+    if options.json:
+        print(json.dumps(_as_json(report), indent=2))
     else:
-        yield 'complete'
+        for label, texts in _lines(report):
+            indent = ' ' * max(_LABEL_WIDTH, len(label) + 1)
+            print(f'{label:{len(indent)}}{f"{chr(10)}{indent}".join(texts)}'.rstrip())
+    sys.exit(not _is_sound(report))
 
 
-def _losses(report: BagReport, when_recorded: int) -> str:
+def _is_sound(report: BagReport) -> bool:
+    lost = sum(_lost_when_recorded(report).values())
+    return not (report.damage or _DAMAGE in report.custom_data or lost)
+
+
+def _lines(report: BagReport) -> Iterator[tuple[str, list[str]]]:
+    """Yield labels with lines: first the labels of `ros2 bag info`, then others."""
+    start = report.start or 0
+    topics, services = _topics(report)
+    yield 'Files:', [file.name for file in report.files]
+    yield 'Bag size:', [_size(sum(file.stat().st_size for file in report.files))]
+    yield 'Storage id:', [report.storage]
+    yield 'ROS Distro:', [report.distribution or 'unknown']
+    yield 'Duration:', [f'{_seconds(report.end - start if report.messages else 0)}s']
+    yield 'Start:', [_moment(start)]
+    yield 'End:', [_moment(report.end)]
+    yield 'Messages:', [str(sum(count for _, count, _ in topics))]
+    yield 'Topic information:', [_row('Topic', 'Count', each) for each in topics]
+    yield 'Service:', [str(len(services))]
+    yield 'Service information:', [_row('Service', 'Event Count', each) for each in services]
+    yield 'Lost:', [_losses(report)]
+    if 'chain' in report.custom_data:
+        yield 'Chain:', _chains(report.custom_data['chain'])
+    events = [f'{count} on {name}' for (name, kind, _), count, _ in topics if kind == _EVENTS]
+    if events:
+        yield 'Soliton events:', events
+    for key in ('suite_version', 'command_line', 'ended_by', 'recovered_from'):
+        if key in report.custom_data:
+            yield f'{key.replace("_", " ").capitalize()}:', [report.custom_data[key]]
+    if report.unverified:
+        yield 'Checksums:', [f'{report.unverified} messages have none: changes are not detected']
+    if report.damage:
+        yield 'Damage:', report.damage
+        remedy = f'recover_bag {report.path} writes the intact messages to a new bag'
+        yield 'Result:', [f'damaged; {remedy}']
+    else:
+        yield 'Result:', ['; '.join(['complete', *report.notes])]
+
+
+def _row(kind: str, count: str, topic: _TopicRow) -> str:
+    (name, type_name, encoding), messages, lost = topic
+    missing = f' | Lost: {lost}' if lost else ''
+    return (
+        f'{kind}: {name} | Type: {type_name} | {count}: {messages} | '
+        f'Serialization Format: {encoding}{missing}'
+    )
+
+
+def _topics(report: BagReport) -> tuple[list[_TopicRow], list[_TopicRow]]:
+    """Return the topics and the services of a bag; the channels of a topic are one topic."""
+    counts: Counter[tuple[str, str, str]] = Counter()
+    for topic, count in report.counts.items():
+        counts[topic.name, topic.type_name, topic.serialization] += count
+    lost = _lost_when_recorded(report)
+    topics: list[_TopicRow] = []
+    services: list[_TopicRow] = []
+    for (name, kind, encoding), count in sorted(counts.items()):
+        if name.endswith(_SERVICE_SUFFIX) and kind.endswith(_SERVICE_EVENT):
+            own = name.removesuffix(_SERVICE_SUFFIX), kind.removesuffix(_SERVICE_EVENT), encoding
+            services.append((own, count, lost.get(name, 0)))
+        else:
+            topics.append(((name, kind, encoding), count, lost.get(name, 0)))
+    return topics, services
+
+
+def _as_json(report: BagReport) -> dict[str, Any]:
+    """Return the report as JSON values; times in nanoseconds, sizes in bytes."""
+    topics, services = _topics(report)
+    keys = ('name', 'type', 'serialization_format', 'count', 'lost_when_recorded')
+    known = 'lost_messages' in report.custom_data
+    return {
+        'path': str(report.path),
+        'storage': report.storage,
+        'ros_distro': report.distribution,
+        'files': [file.name for file in report.files],
+        'size': sum(file.stat().st_size for file in report.files),
+        'start': report.start,
+        'end': report.end if report.messages else None,
+        'messages': report.messages,
+        'topics': [dict(zip(keys, (*own, *counts), strict=True)) for own, *counts in topics],
+        'services': [dict(zip(keys, (*own, *counts), strict=True)) for own, *counts in services],
+        'lost_when_recorded': sum(_lost_when_recorded(report).values()) if known else None,
+        'lost_by_damage': report.lost,
+        'unverified': report.unverified,
+        'damage': report.damage,
+        'notes': report.notes,
+        'custom_data': report.custom_data,
+        'sound': _is_sound(report),
+    }
+
+
+def _seconds(nanoseconds: int) -> str:
+    return f'{nanoseconds // SECOND}.{nanoseconds % SECOND:09d}'
+
+
+def _moment(stamp: int) -> str:
+    """Return a stamp [ns] in local time and in seconds."""
+    moment = time.localtime(stamp // SECOND)
+    date = time.strftime('%b %e %Y %H:%M:%S', moment)
+    return f'{date}.{stamp % SECOND:09d} ({_seconds(stamp)})'
+
+
+def _size(number: float) -> str:
+    """Return a size [B] in the units of `ros2 bag info`."""
+    units = ['B', 'KiB', 'MiB', 'GiB', 'TiB']
+    power = 0
+    while number >= 1024 and power < len(units) - 1:
+        number, power = number / 1024, power + 1
+    return f'{number:.{1 if power else 0}f} {units[power]}'
+
+
+def _chains(text: str) -> list[str]:
+    """Describe the chain of each topic, from the custom data."""
+    try:
+        chains = load_json(text)
+        return [
+            f'{topic}: {chain["number_of_rotors"]} rotors, spacing {chain["spacing"]:g} m, '
+            f'rotor length {chain["rotor_length"]:g} m, rest angle {chain["rest_angle"]:g} rad'
+            for topic, chain in chains.items()
+        ]
+    except (ValueError, TypeError, KeyError, AttributeError):
+        return [text]
+
+
+def _losses(report: BagReport) -> str:
     """Describe the messages that were lost during recording or by damage."""
     known = 'lost_messages' in report.custom_data
-    recorded = f'{when_recorded or "nothing"}' if known else 'unknown'
+    count = sum(_lost_when_recorded(report).values())
+    recorded = f'{count or "nothing"} when recorded' if known else 'unknown when recorded'
     if _DAMAGE not in report.custom_data:
-        return f'lost when recorded: {recorded}'
-    count = parse_count(report.custom_data.get('lost_in_damage'))
+        return recorded
+    damaged = parse_count(report.custom_data.get('lost_in_damage'))
     damage = report.custom_data[_DAMAGE]
-    return (
-        f'lost by damage before recovery: {count or "an unknown number"} ({damage}); '
-        f'when recorded: {recorded}'
-    )
+    return f'{damaged or "an unknown number"} by damage before recovery ({damage}); {recorded}'
 
 
 def _lost_when_recorded(report: BagReport) -> dict[str, int]:

@@ -8,6 +8,7 @@ import dataclasses
 import math
 import re
 import sys
+import time
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 
@@ -15,6 +16,7 @@ from rclpy.utilities import remove_ros_args
 
 from soliton_linkage.command_line import PlainParser
 from soliton_linkage.linkage.quantities import Quantity, described_fields
+from soliton_linkage.progress import ProgressLine
 from soliton_linkage_nodes.bags.guards import BagLimits
 from soliton_linkage_nodes.runtime.parameter_files import check_files
 from soliton_linkage_nodes.start import INTERRUPTED
@@ -71,6 +73,19 @@ def exit_on_failure(program: str) -> Iterator[None]:
         # A terminal may still show a progress line.
         line = '\r\x1b[K' if sys.stderr.isatty() else ''
         sys.exit(f'{line}{program}: {reason(error)}')
+
+
+def message_progress(title: str) -> tuple[ProgressLine, Callable[[int, int], None]]:
+    """Return a progress line, and a function that shows how many messages of how many are done."""
+    progress, begun = ProgressLine(title, 0), time.monotonic()
+
+    def show(done: int, expected: int) -> None:
+        if progress.due:
+            progress.total = expected
+            rate = done / max(time.monotonic() - begun, 1e-3)
+            progress.show(done, f'{done} messages, {rate:.0f} per second')
+
+    return progress, show
 
 
 def add_limits(parser: argparse.ArgumentParser) -> None:

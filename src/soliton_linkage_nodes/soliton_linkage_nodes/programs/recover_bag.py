@@ -7,12 +7,12 @@ import sys
 from pathlib import Path
 
 from soliton_linkage.command_line import PlainParser
-from soliton_linkage.progress import ProgressLine
 from soliton_linkage_nodes.bags.recovery import recover_bag
 from soliton_linkage_nodes.programs.command_line import (
     add_limits,
     exit_on_failure,
     limits_of,
+    message_progress,
 )
 from soliton_linkage_nodes.runtime.process import interrupt_on_signals
 
@@ -34,7 +34,7 @@ def main() -> None:
     bag: Path = options.bag
     name = bag.resolve()
     output = options.output or name.parent / f'{name.name.partition(".")[0]}_recovered'
-    progress = ProgressLine(f'recovering {bag}', 0)
+    progress, show = message_progress(f'recovering {bag}')
     interrupt_on_signals()
     with exit_on_failure('recover_bag'):
         try:
@@ -42,7 +42,7 @@ def main() -> None:
                 bag,
                 output,
                 options.doubtful,
-                lambda done: progress.show(0, f'{done} messages'),
+                show,
                 limits_of(options),
             )
         except KeyboardInterrupt:

@@ -59,7 +59,6 @@ class RecoveredMcap(RecoveredFile):
         self._channels: dict[int, Channel] = {}
         self._unverified_schemas: dict[int, Schema] = {}
         self._unverified_channels: dict[int, Channel] = {}
-        self._stated: int | None = None
         self._footer = False
         self._after_damage = False
         self._sizes: dict[int, int] = {}
@@ -88,7 +87,7 @@ class RecoveredMcap(RecoveredFile):
             self.report_damage(f'{count} messages at byte {part.begin} are left out', count)
 
     def _conclude(self) -> None:
-        missing = (self._stated or 0) - self._read - self.lost
+        missing = self.stated - self._read - self.lost
         if missing > 0:
             self.report_damage(f'the index lists {missing} more messages than the file', missing)
 
@@ -129,6 +128,8 @@ class RecoveredMcap(RecoveredFile):
             offset = after
         if not self._footer:
             self.report_damage('it was not finished: there is no index')
+        elif bytes(self._data[offset:]) != mcap.MAGIC:
+            self.report_damage('it does not end like an MCAP file')
 
     def _take(self, offset: int) -> int | None:
         """Process the record at an offset; return the offset after it, None for no record."""
@@ -275,7 +276,7 @@ class RecoveredMcap(RecoveredFile):
             if intact or self._doubtful:
                 self.records.append((opcode, body))
         elif opcode == Opcode.STATISTICS:
-            self._stated = mcap.Fields(body).number(8)
+            self.stated = mcap.Fields(body).number(8)
         elif opcode == Opcode.FOOTER:
             fields = mcap.Fields(body)
             start, _, checksum = fields.number(8), fields.number(8), fields.number(4)
@@ -283,7 +284,7 @@ class RecoveredMcap(RecoveredFile):
             # Without a summary, the checksum covers the footer alone.
             covered = self._data[start or offset : offset + mcap.RECORD_HEADER.size + 16]
             if checksum and crc32(covered) != checksum:
-                self._stated = None
+                self.stated = 0
                 self.report_damage('its index has a wrong checksum')
 
 
@@ -304,11 +305,10 @@ def _may_follow(data: Bytes, offset: int) -> bool:
     """Return whether a record, the magic at the end or nothing more may be at an offset."""
     rest = data[offset : offset + mcap.RECORD_HEADER.size]
     if len(rest) < mcap.RECORD_HEADER.size:
-        return not rest or rest == mcap.MAGIC or rest[0] in KINDS
+        return not rest or bool(rest[0])
     opcode, size = mcap.RECORD_HEADER.unpack(rest)
-    if opcode in KINDS:
-        return _SHORTEST <= int(size) < _LONGEST
-    return bool(opcode) and offset + len(rest) + int(size) <= len(data)
+    shortest = _SHORTEST if opcode in KINDS else 0
+    return bool(opcode) and shortest <= int(size) < _LONGEST
 
 
 def next_record(data: memoryview, begin: int) -> int:

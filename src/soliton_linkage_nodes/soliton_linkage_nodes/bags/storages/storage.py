@@ -109,6 +109,7 @@ class RecoveredFile(ABC):
     `topics` are keyed by their number in the file. `damage` describes each damaged part in a
     line. `lost` counts messages that are known to be in the file and cannot be read,
     `unverified` those read without a checksum. All are complete after the last message.
+    `stated` is the number of messages that the file states, 0 if it states none.
     `records` holds opcodes and contents of MCAP records that are copied uninterpreted.
     """
 
@@ -124,6 +125,7 @@ class RecoveredFile(ABC):
         self.damage: list[str] = []
         self.lost = 0
         self.unverified = 0
+        self.stated = 0
         self.records: list[tuple[int, bytes | bytearray | memoryview]] = []
         self._doubtful = doubtful
         self._limits = limits
