@@ -20,7 +20,7 @@ from std_srvs.srv import Trigger
 from soliton_linkage_nodes.bags import services
 from soliton_linkage_nodes.runtime import interfaces
 
-LONGEST_WAIT = 120.0
+LONGEST_WAIT = 240.0
 _QUEUED = 20
 
 

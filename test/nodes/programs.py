@@ -12,7 +12,7 @@ from pathlib import Path
 
 from ament_index_python.packages import get_package_prefix
 
-LONGEST_WAIT = 120.0
+LONGEST_WAIT = 240.0
 PACKAGE = 'soliton_linkage_nodes'
 
 _SIGNALLED = """

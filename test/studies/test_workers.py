@@ -31,7 +31,7 @@ from soliton_linkage_studies.workers import (
 )
 
 THREADS = ('OMP_NUM_THREADS', 'OPENBLAS_NUM_THREADS', 'MKL_NUM_THREADS')
-LONGEST_WAIT = 120.0
+LONGEST_WAIT = 240.0
 ORPHANING = """
 import os, sys
 from soliton_linkage_studies.workers import local_processes

@@ -17,7 +17,7 @@ from graphs import Graph
 
 from soliton_linkage_nodes.runtime.child_processes import ChildProcesses
 
-LONGEST_WAIT = 120.0
+LONGEST_WAIT = 240.0
 
 
 @pytest.fixture

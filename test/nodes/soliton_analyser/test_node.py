@@ -246,56 +246,6 @@ def test_parameters_of_the_chain_replace_the_topic(graph: Graph, named: NamedCha
         assert same(state, expected)
 
 
-@pytest.mark.parametrize(
-    ('spoil', 'complaint'),
-    [
-        ({'position': [0.0]}, 'joint_states.position has 1 values for 8 names'),
-        ({'velocity': [0.0] * 9}, 'joint_states.velocity has 9 values for 8 names'),
-        (
-            {'name': [f'wheel_{n}' for n in range(8)]},
-            "has none of the 8 rotors, such as 'rotor_0'; set the parameter joint_names",
-        ),
-        ({'name': ['rotor_0'] * 8}, "'rotor_0' twice"),
-        ({'name': [], 'position': [], 'velocity': []}, 'has none of the 8 rotors'),
-    ],
-)
-def test_wrong_joint_states_are_rejected_and_valid_ones_analysed_as_before(
-    graph: Graph, named: NamedChain, spoil: dict[str, Any], complaint: str
-) -> None:
-    states = graph.hear(interfaces.SOLITON_STATE)
-    reports = graph.reports('soliton_analyser')
-    tell_chain(graph, named)
-    graph.start(SolitonAnalyser, EVERY_FRAME)
-    joints = graph.speak(interfaces.JOINT_STATES)
-    right = frames_of(named, 10.0)[60]
-    wrong = frames_of(named, 10.0)[60]
-    for field, value in spoil.items():
-        setattr(wrong, field, value)
-    joints.publish(wrong)
-    joints.publish(right)
-    graph.until(lambda: states, 'a state')
-    graph.until(lambda: reports and values(reports[-1])['rejected'] == '1', 'the refusal')
-    assert complaint in values(reports[-1])['last rejection']
-    assert len(states) == 1
-    assert same(states[0], expected_of(named, [right])[0])
-
-
-def test_bytes_that_are_no_joint_states_are_rejected(graph: Graph, named: NamedChain) -> None:
-    states = graph.hear(interfaces.SOLITON_STATE)
-    reports = graph.reports('soliton_analyser')
-    tell_chain(graph, named)
-    graph.start(SolitonAnalyser, EVERY_FRAME)
-    joints = graph.speak(interfaces.JOINT_STATES)
-    right = frames_of(named, 10.0)[60]
-    joints.publish(serialize_message(right)[:200])
-    joints.publish(right)
-    graph.until(lambda: states, 'a state')
-    graph.until(lambda: reports and values(reports[-1])['rejected'] == '1', 'the refusal')
-    said = 'joint_states of 200 bytes is no valid sensor_msgs/JointState'
-    assert said in values(reports[-1])['last rejection']
-    assert same(states[0], expected_of(named, [right])[0])
-
-
 def test_a_frame_of_any_numbers_is_analysed(graph: Graph) -> None:
     chance = np.random.default_rng(3)
     named = named_chain(Chain(number_of_rotors=5))
@@ -416,21 +366,6 @@ def test_missing_rotors_are_reported(graph: Graph, spoiled: int, said: str) -> N
     assert report.level == (report.WARN if spoiled else report.OK)
 
 
-def test_angles_of_another_class_than_the_parameters_are_reported(graph: Graph) -> None:
-    chain, speed = CHAINS['spinner']
-    reports = graph.reports('soliton_analyser')
-    tell_chain(graph, named_chain(CHAINS['flipper'][0]))
-    graph.start(SolitonAnalyser, EVERY_FRAME)
-    publisher = graph.speak(interfaces.JOINT_STATES)
-    for frame in frames_of(named_chain(chain), speed):
-        publisher.publish(frame)
-    said = 'the angles show a spinner'
-    graph.until(lambda: any(said in r.message for r in reports), 'a warning')
-    report = next(r for r in reports if said in r.message)
-    assert report.level == report.WARN
-    assert 'the parameters specify a flipper' in report.message
-
-
 def test_a_second_chain_is_ignored_until_the_first_publisher_ends(
     graph: Graph, said: Callable[[], str]
 ) -> None:
@@ -449,21 +384,6 @@ def test_a_second_chain_is_ignored_until_the_first_publisher_ends(
     graph.user.destroy_publisher(first)
     graph.until(lambda: 'the chain has changed' in said(), 'the other chain')
     assert 'describes a chain of 16 rotors (spinner' in said()
-
-
-def test_angles_that_do_not_fit_the_chain_are_reported(graph: Graph) -> None:
-    chain, speed = CHAINS['flipper']
-    reports = graph.reports('soliton_analyser')
-    tell_chain(graph, named_chain(dataclasses.replace(chain, rest_angle=0.6)))
-    graph.start(SolitonAnalyser, EVERY_FRAME)
-    publisher = graph.speak(interfaces.JOINT_STATES)
-    for frame in frames_of(named_chain(chain), speed):
-        publisher.publish(frame)
-    said = 'the misfit of the angles is'
-    graph.until(lambda: any(said in r.message for r in reports), 'a warning')
-    report = next(r for r in reports if said in r.message)
-    assert report.level == report.WARN
-    assert 'check the parameters in chain' in report.message
 
 
 def test_offsets_of_encoders_are_reported(graph: Graph) -> None:
@@ -486,3 +406,65 @@ def test_an_unknown_source_of_the_chain_is_rejected(graph: Graph) -> None:
     said = "chain_from of soliton_analyser = 'telepathy' must be one of 'topic', 'parameters'"
     with pytest.raises(ValueError, match=said):
         graph.start(SolitonAnalyser, {'chain_from': 'telepathy'})
+
+
+@pytest.mark.parametrize(
+    ('spoil', 'complaint'),
+    [
+        ({'position': [0.0]}, 'joint_states.position has 1 values for 8 names'),
+        ({'velocity': [0.0] * 9}, 'joint_states.velocity has 9 values for 8 names'),
+        (
+            {'name': [f'wheel_{n}' for n in range(8)]},
+            "has none of the 8 rotors, such as 'rotor_0'; set the parameter joint_names",
+        ),
+        ({'name': ['rotor_0'] * 8}, "'rotor_0' twice"),
+        ({'name': [], 'position': [], 'velocity': []}, 'has none of the 8 rotors'),
+        (None, 'joint_states of 200 bytes is no valid sensor_msgs/JointState'),
+    ],
+)
+def test_wrong_joint_states_are_rejected_and_valid_ones_analysed_as_before(
+    graph: Graph, named: NamedChain, spoil: dict[str, Any] | None, complaint: str
+) -> None:
+    states = graph.hear(interfaces.SOLITON_STATE)
+    reports = graph.reports('soliton_analyser')
+    tell_chain(graph, named)
+    graph.start(SolitonAnalyser, EVERY_FRAME)
+    joints = graph.speak(interfaces.JOINT_STATES)
+    right, wrong = frames_of(named, 10.0)[60], frames_of(named, 10.0)[60]
+    for field, value in (spoil or {}).items():
+        setattr(wrong, field, value)
+    joints.publish(wrong if spoil else serialize_message(wrong)[:200])
+    joints.publish(right)
+    graph.until(lambda: states, 'a state')
+    graph.until(lambda: reports and values(reports[-1])['rejected'] == '1', 'the rejection')
+    assert complaint in values(reports[-1])['last rejection']
+    assert len(states) == 1
+    assert same(states[0], expected_of(named, [right])[0])
+
+
+@pytest.mark.parametrize(
+    ('name', 'changes', 'warning', 'remedy'),
+    [
+        ('spinner', None, 'the angles show a spinner', 'the parameters specify a flipper'),
+        (
+            'flipper',
+            {'rest_angle': 0.6},
+            'the misfit of the angles is',
+            'check the parameters in chain',
+        ),
+    ],
+)
+def test_angles_that_do_not_fit_the_chain_are_reported(
+    graph: Graph, name: str, changes: dict[str, float] | None, warning: str, remedy: str
+) -> None:
+    chain, speed = CHAINS[name]
+    reports = graph.reports('soliton_analyser')
+    tell_chain(graph, named_chain(dataclasses.replace(CHAINS['flipper'][0], **(changes or {}))))
+    graph.start(SolitonAnalyser, EVERY_FRAME)
+    publisher = graph.speak(interfaces.JOINT_STATES)
+    for frame in frames_of(named_chain(chain), speed):
+        publisher.publish(frame)
+    graph.until(lambda: any(warning in r.message for r in reports), 'a warning')
+    report = next(r for r in reports if warning in r.message)
+    assert report.level == report.WARN
+    assert remedy in report.message

@@ -84,20 +84,6 @@ def test_the_damping_takes_the_integral_of_its_power(example: tuple[float, float
     )
 
 
-def test_energy_dissipated_before_a_command_stays_in_the_balance() -> None:
-    simulation = shaken(FLIPPER, damping=0.05)
-    dissipated = [0.0]
-    for torque in (1e-4, 0.0, -2e-4):
-        for _ in range(5):
-            simulation.advance()
-        dissipated.append(simulation.dissipated)
-        simulation.kick(np.full(8, 1e-6))
-        simulation.hold(np.full(8, torque))
-        assert simulation.dissipated == dissipated[-1]
-        assert abs(simulation.energy_drift) <= largest_drift(simulation)
-    assert np.all(np.diff(dissipated) > 0)
-
-
 @pytest.mark.parametrize('periodic', [False, True])
 @pytest.mark.parametrize('damping', [0.02, 0.3])
 @pytest.mark.parametrize('example', CLASSES)

@@ -26,7 +26,7 @@ from soliton_linkage_nodes.runtime import interfaces
 from soliton_linkage_nodes.runtime.stamps import time_to_msg
 
 PICTURES = Path(__file__).parents[4] / 'out' / 'live'
-LONGEST_WAIT = 120.0
+LONGEST_WAIT = 240.0
 ROTORS, PLACE = 12, 5.5
 SIMULATED = {
     'chain.number_of_rotors': ROTORS,
