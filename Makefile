@@ -5,16 +5,16 @@ scenarios := $(filter-out linkage,$(basename $(notdir $(wildcard config/*.yaml))
 enter := . setup/environment.sh && exec
 
 .NOTPARALLEL:
-.PHONY: help demo live test test-interfaces check shell figures films sweep collisions accuracy contraction moves camera driving benchmark format build develop clean scenario soak audit release
+.PHONY: help demo live test test-interfaces check shell figures films sweep collisions accuracy contraction moves camera driving benchmark format build build-demo develop clean scenario soak audit release
 
 help:  ## list the targets
 	@echo 'make demo [SCENARIO=flipper]  run an experiment ($(scenarios))'
 	@sed -n 's/^\([a-z-]*\):.*## /make \1\t/p' Makefile | expand -t 30
 
-demo: scenario build $(if $(filter filmed%,$(SCENARIO)),develop)
+demo: scenario $(if $(filter filmed%,$(SCENARIO)),build develop,build-demo)
 	@$(enter) experiment config/$(SCENARIO).yaml --output out/demo --page
 
-live: scenario build  ## a chain in the browser to push, carry and record, until Ctrl-C; SCENARIO=spinner
+live: scenario build-demo  ## a chain in the browser to push, carry and record, until Ctrl-C; SCENARIO=spinner
 	@$(enter) live config/$(SCENARIO).yaml --output out/live $(ARGS)
 
 # More at a time than there are cores: tests of nodes mostly wait.
@@ -83,6 +83,9 @@ format: build develop  ## put the code in its form
 
 build:  ## install and build, as every target above does first
 	@setup/install.sh && setup/build.sh
+
+build-demo:  # without the loops that only identification, vision and studies use
+	@setup/install.sh && setup/build.sh demo
 
 develop:  # what tests and checks need
 	@setup/install.sh development

@@ -1,6 +1,7 @@
 #!/usr/bin/env bash
 # SPDX-License-Identifier: Apache-2.0
 # Builds the workspace into install/, unless nothing in src/ has changed since it was built.
+# `build.sh demo` compiles only the loops of the simulation and of the analyser.
 set -eo pipefail
 cd "$(dirname "${BASH_SOURCE[0]}")/.."
 . setup/home.sh
@@ -9,6 +10,29 @@ cd "$(dirname "${BASH_SOURCE[0]}")/.."
 # One at a time: whoever comes second finds it done.
 exec 9<src
 flock 9
+
+others=(src/soliton_linkage/soliton_linkage/{identification,vision}
+    src/soliton_linkage_studies/soliton_linkage_studies)
+
+# Numba compiles a loop as its module is imported: now, once, rather than when a node starts.
+compile_loops() {
+    local modules
+    modules=$(grep -rl --include='*.py' 'soliton_linkage.compiling import' "$@" |
+        sed 's,^src/[^/]*/,,; s/\.py$//; s,/,.,g')
+    (. setup/environment.sh && python3 -c '
+import importlib, sys
+for name in sys.argv[1:]:
+    importlib.import_module(name)
+if "soliton_linkage.dynamics.terms" in sys.argv:
+    from soliton_linkage.dynamics.integrators import SymplecticNystrom
+    SymplecticNystrom.load()' $modules)
+}
+
+compile_other_loops() {
+    echo 'Compiling the other loops.'
+    compile_loops "${others[@]}"
+    touch install/loops
+}
 
 if ! cmp -s "$soliton_home/installed" install/built; then
     rm -rf build install
@@ -19,6 +43,7 @@ else
         # Settings need no build.
         cp config/*.yaml config/*.xml install/share/soliton_linkage_nodes/config
         cp config/studies/*.yaml install/share/soliton_linkage_studies/settings
+        [ "$1" = demo ] || [ -e install/loops ] || run compile_other_loops
         exit 0
     fi
 fi
@@ -36,31 +61,30 @@ build() {
         --event-handlers console_stderr- summary- "$@"
 }
 
-# Loops are compiled as they are imported: now, once, rather than when the first node starts.
-compile_loops() {
-    . setup/environment.sh
-    echo 'Compiling loops.'
-    grep -rl --include='*.py' 'soliton_linkage.compiling import' \
-        src/soliton_linkage/soliton_linkage src/soliton_linkage_studies/soliton_linkage_studies |
-        sed 's,^src/[^/]*/,,; s/\.py$//; s,/,.,g' | python3 -c '
-import importlib, sys
-from soliton_linkage.dynamics.integrators import SymplecticNystrom
-for name in sys.stdin.read().split():
-    importlib.import_module(name)
-SymplecticNystrom.load()'
-}
-
-# The physics first: its loops are compiled beside the messages.
+# The rest is installed while the messages compile, and loops are compiled beside them.
 build_all() {
-    local loops status=0
-    build --packages-select soliton_linkage soliton_linkage_studies || return
-    (compile_loops) & loops=$!
-    build --packages-skip soliton_linkage soliton_linkage_studies "${cmake_arguments[@]}" || status=$?
-    wait "$loops" || status=$?
+    local rest messages dynamics status=0
+    setup/install.sh run & rest=$!
+    build --packages-select soliton_linkage soliton_linkage_studies || { kill "$rest"; return 1; }
+    build --packages-skip soliton_linkage soliton_linkage_studies "${cmake_arguments[@]}" & messages=$!
+    if wait "$rest"; then
+        echo 'Compiling loops.'
+        compile_loops src/soliton_linkage/soliton_linkage/dynamics & dynamics=$!
+        compile_loops src/soliton_linkage/soliton_linkage/{orbit,estimation} || status=$?
+        wait "$dynamics" || status=$?
+        [ "$demo" ] || compile_other_loops || status=$?
+    else
+        status=3
+    fi
+    wait "$messages" || status=$?
     return "$status"
 }
 
-if ! run build_all; then
+[ "$1" != demo ] || demo=yes
+status=0
+run build_all || status=$?
+[ "$status" != 3 ] || exit 1  # the installation has reported why
+if [ "$status" != 0 ]; then
     for result in $(grep -Lx 0 build/*/colcon_build.rc); do
         tail -n 25 "log/latest_build/$(basename "$(dirname "$result")")/stderr.log" >&2
     done

@@ -16,7 +16,19 @@ import numpy as np
 from numba import types
 from numba.extending import intrinsic
 
+from soliton_linkage.loop_cache import LoopCache, report_once
+
 Kernel = TypeVar('Kernel', bound=Callable[..., Any])
+
+def _nothing() -> None:
+    pass
+
+
+_compiled_or_not: object = numba.njit(_nothing)
+
+COMPILES = _compiled_or_not is not _nothing
+"""Whether numba compiles functions."""
+
 
 FASTMATH_FLAGS = frozenset({'contract', 'nsz'})
 """Compiler flags: fused multiply-add is allowed, reordering of sums is not."""
@@ -80,35 +92,31 @@ def compile_loop(
     With `inlined`, the function is compiled into its callers.
     """
 
-    def compiler(cache: bool) -> Any:
-        return numba.njit(
-            arguments,
-            cache=cache,
-            fastmath=set(fastmath),
-            error_model='numpy',
-            forceinline=inlined,
-            nogil=True,
-        )
-
+    options: dict[str, Any] = {
+        'fastmath': set(fastmath),
+        'error_model': 'numpy',
+        'forceinline': inlined,
+        'nogil': True,
+    }
+    loop: Any = numba.njit(**options)(function)
+    if not COMPILES:
+        return cast(Kernel, loop)
     try:
-        return cast(Kernel, compiler(cache=True)(function))
-    except RuntimeError:  # no folder to cache in can be written
-        return cast(Kernel, compiler(cache=False)(function))
+        loop._cache = LoopCache(function, sorted(fastmath) + [inlined])
+    except RuntimeError:
+        report_once(
+            'no folder for compiled loops can be written; set NUMBA_CACHE_DIR to one, or every '
+            'start compiles the loops again'
+        )
+    if arguments is not None:
+        loop.compile(arguments)
+        loop.disable_compile()
+    return cast(Kernel, loop)
 
 
 def inlined(function: Kernel) -> Kernel:
     """Compile a function into its callers."""
     return compile_loop(function, inlined=True)
-
-
-def _nothing() -> None:
-    pass
-
-
-_compiled_or_not: object = numba.njit(_nothing)
-
-COMPILES = _compiled_or_not is not _nothing
-"""Whether numba compiles functions."""
 
 
 def _hint(intrinsic_function: Callable[[Any], Any]) -> Callable[[], None]:

@@ -108,7 +108,8 @@ class ChildProcesses:
 
     def stop(self, nodes: Sequence[str] | None = None) -> dict[str, int]:
         """Terminate some processes, or all, and return their exit codes; kill them after 10 s."""
-        chosen = {node: self._running.pop(node) for node in nodes or tuple(self._running)}
+        named = nodes or tuple(self._running)
+        chosen = {node: self._running.pop(node) for node in named if node in self._running}
         for process in chosen.values():
             process.terminate()
         deadline = time.monotonic() + _STOP_LIMIT

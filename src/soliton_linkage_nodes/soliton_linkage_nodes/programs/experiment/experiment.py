@@ -106,17 +106,17 @@ class Experiment:
         return self._summary(recorded, replayed, pacing)
 
     def _start_nodes(self) -> None:
-        self._page = self._page and self._serve_page()
         _say(f'Starting {", ".join(_NODES)} in a private domain of this machine.')
+        if self._page:
+            page = ['-p', 'port:=0', '-p', 'read_only:=true']
+            self._processes.start(_PAGE, page, dict(os.environ))
         name = self.bag.with_name(self._settings.scenario)
+        self._start('bag_recorder', ['-p', f'output:={name}'])
+        self._start('soliton_analyser', _ALL_FRAMES)
+        self._start('edge_actuator', [])
+        self._page = self._page and self._serve_page()
         # The simulator waits for all of them: replay and live analysis start at the same frame.
-        own = {
-            'bag_recorder': ['-p', f'output:={name}'],
-            'soliton_analyser': _ALL_FRAMES,
-            'simulator': ['-p', f'subscribers:={len(_NODES) - 1 + self._page}'],
-        }
-        for node in _NODES:
-            self._start(node, own.get(node, []))
+        self._start('simulator', ['-p', f'subscribers:={len(_NODES) - 1 + self._page}'])
         # The import takes seconds; meanwhile the nodes start, and signals are handled.
         importing = threading.Thread(target=import_module, args=(_REPORT,), daemon=True)
         importing.start()
@@ -126,9 +126,7 @@ class Experiment:
         self._report = import_module(_REPORT)
 
     def _serve_page(self) -> bool:
-        """Serve the page and print its address; without a page the experiment continues."""
-        page = ['-p', 'port:=0', '-p', 'read_only:=true']
-        self._processes.start(_PAGE, page, dict(os.environ))
+        """Print the address of the page; without a page the experiment continues."""
         deadline = time.monotonic() + START_LIMIT
         try:
             while not self._processes.wait(_PAGE, _QUIET) and time.monotonic() < deadline:
@@ -143,7 +141,7 @@ class Experiment:
             pass
         output = self._processes.output(_PAGE).splitlines()
         _say(f'The page is not available: {output[-1] if output else "it did not start"}')
-        self._processes.stop()
+        self._processes.stop([_PAGE])
         return False
 
     def _start(self, node: str, arguments: list[str]) -> None:

@@ -1,0 +1,152 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Cache of compiled loops: one checked file for each loop, signature and processor.
+
+Numba keeps an index beside its files. An index that is empty or truncated raises at import, two
+processes can write two loops to one file, and a change of a called function in another module
+leaves the old code in use. Private members of numba are used because it has no public way to
+replace its cache. With 150 loops, importing the suite takes the same time with both caches.
+"""
+
+from __future__ import annotations
+
+import functools
+import hashlib
+import logging
+import os
+import pickle
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from types import CodeType, FunctionType
+from typing import Any
+from uuid import uuid4
+
+import llvmlite
+import numba
+import numpy as np
+from numba.core.caching import FunctionCache
+from numba.core.serialize import dumps
+
+_CHECKSUM = hashlib.sha256().digest_size
+"""Number of bytes of a checksum."""
+_CONSTANTS = (bool, int, float, str, tuple, frozenset)
+"""Types of global values that are compiled into a loop."""
+
+
+class LoopCache(FunctionCache):  # type: ignore[misc]
+    """Cache of one loop. A file that cannot be used is ignored, and written again."""
+
+    def __init__(self, function: Callable[..., Any], options: object) -> None:
+        """Choose a folder; raises RuntimeError if none can be written."""
+        super().__init__(function)
+        self._options = repr(options)
+        self._cache_file = _LoopFiles(Path(self.cache_path), self._impl.filename_base)
+
+    def _index_key(self, sig: Any, codegen: Any) -> tuple[str, str]:
+        """Return the name of a loop's file, and all that its content depends on."""
+        target = repr((sig, codegen.magic_tuple()))
+        versions = f'numba {numba.__version__} llvmlite {llvmlite.__version__}'
+        enclosed = super()._index_key(sig, codegen)[2:]
+        digest = sources_digest(self._py_func)
+        return target, f'{target} {versions} {self._options} {enclosed} {digest}'
+
+    def save_overload(self, sig: Any, data: Any) -> None:
+        """Save a compiled loop; if the folder cannot be written, log this once."""
+        try:
+            super().save_overload(sig, data)
+        except OSError as error:
+            report_once(f'compiled loops are not kept for the next start: {error}')
+
+
+class _LoopFiles:
+    """Files of a loop: a checksum, a checksum of the key, and numba's data."""
+
+    def __init__(self, folder: Path, name: str) -> None:
+        self._folder = folder
+        self._name = name
+
+    def load(self, key: tuple[str, str]) -> Any:
+        path = self._path(key)
+        try:
+            content = path.read_bytes()
+        except OSError:
+            return None
+        if _checksum(content[_CHECKSUM:]) != content[:_CHECKSUM]:
+            report_once(f'{path} is damaged; its loop is compiled again')
+            return None
+        stored = content[_CHECKSUM:]
+        if stored[:_CHECKSUM] != _checksum(key[1].encode()):
+            return None
+        return pickle.loads(stored[_CHECKSUM:])  # noqa: S301 (compiled code is trusted as well)
+
+    def save(self, key: tuple[str, str], data: Any) -> None:
+        stored = _checksum(key[1].encode()) + dumps(data)
+        path = self._path(key)
+        unfinished = path.with_suffix(f'.{uuid4().hex}')
+        try:
+            unfinished.write_bytes(_checksum(stored) + stored)
+            os.replace(unfinished, path)
+        finally:
+            unfinished.unlink(missing_ok=True)
+
+    def flush(self) -> None:
+        for path in self._folder.glob(f'{self._name}.*.nbc'):
+            path.unlink(missing_ok=True)
+
+    def _path(self, key: tuple[str, str]) -> Path:
+        return self._folder / f'{self._name}.{_checksum(key[0].encode()).hex()[:12]}.nbc'
+
+
+@functools.cache
+def report_once(text: str) -> None:
+    """Log a warning, unless this process has logged one about the cache."""
+    if report_once.cache_info().currsize == 0:
+        logging.getLogger(__name__).warning(text)
+
+
+def sources_digest(function: Any) -> str:
+    """Return a digest of the code and constants of a loop and of all loops that it calls."""
+    found: dict[str, None] = {}
+    waiting, seen = [function], set()
+    while waiting:
+        loop = waiting.pop()
+        if loop in seen:
+            continue
+        seen.add(loop)
+        found[_file_digest(loop.__code__.co_filename)] = None
+        for name, value in _used(loop):
+            if isinstance(value, _CONSTANTS):
+                found[f'{name} = {value!r}'] = None
+            elif isinstance(value, np.ndarray):
+                found[f'{name} = {value.dtype} {value.shape} {value.tobytes().hex()}'] = None
+            elif isinstance(plain := getattr(value, 'py_func', None), FunctionType):
+                waiting.append(plain)
+    return _checksum('\n'.join(sorted(found)).encode()).hex()
+
+
+def _used(function: Any) -> Iterator[tuple[str, Any]]:
+    """Yield the global and enclosed variables that a function may read."""
+    for code in _codes(function.__code__):
+        for name in code.co_names:
+            if name in function.__globals__:
+                yield name, function.__globals__[name]
+    for name, cell in zip(function.__code__.co_freevars, function.__closure__ or (), strict=True):
+        yield name, cell.cell_contents
+
+
+def _codes(code: CodeType) -> Iterator[CodeType]:
+    yield code
+    for constant in code.co_consts:
+        if isinstance(constant, CodeType):
+            yield from _codes(constant)
+
+
+@functools.cache
+def _file_digest(path: str) -> str:
+    try:
+        return _checksum(Path(path).read_bytes()).hex()
+    except OSError:  # an archive, or input of an interpreter
+        return path
+
+
+def _checksum(data: bytes) -> bytes:
+    return hashlib.sha256(data).digest()
