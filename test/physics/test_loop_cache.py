@@ -152,7 +152,11 @@ def test_without_a_folder_that_can_be_written_loops_are_compiled_at_each_start(
     loops: Loops,
 ) -> None:
     (loops.folder / '__pycache__').write_text('a file, so that no folder can be made')
-    nowhere = {'NUMBA_CACHE_DIR': '/proc/none', 'HOME': '/proc/none', 'XDG_CACHE_HOME': '/proc/none'}
+    nowhere = {
+        'NUMBA_CACHE_DIR': '/proc/none',
+        'HOME': '/proc/none',
+        'XDG_CACHE_HOME': '/proc/none',
+    }
     result, warnings = loops.run(PYTHONDONTWRITEBYTECODE='1', **nowhere)
     assert result == RIGHT
     assert len(warnings) == 1

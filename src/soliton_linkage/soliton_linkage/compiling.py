@@ -20,6 +20,7 @@ from soliton_linkage.loop_cache import LoopCache, report_once
 
 Kernel = TypeVar('Kernel', bound=Callable[..., Any])
 
+
 def _nothing() -> None:
     pass
 
