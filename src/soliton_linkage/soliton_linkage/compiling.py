@@ -92,7 +92,6 @@ def compile_loop(
 
     With `inlined`, the function is compiled into its callers.
     """
-
     options: dict[str, Any] = {
         'fastmath': set(fastmath),
         'error_model': 'numpy',
@@ -103,7 +102,7 @@ def compile_loop(
     if not COMPILES:
         return cast(Kernel, loop)
     try:
-        loop._cache = LoopCache(function, sorted(fastmath) + [inlined])
+        loop._cache = LoopCache(function, [*sorted(fastmath), inlined])
     except RuntimeError:
         report_once(
             'no folder for compiled loops can be written; set NUMBA_CACHE_DIR to one, or every '

@@ -12,7 +12,6 @@ from __future__ import annotations
 import functools
 import hashlib
 import logging
-import os
 import pickle
 from collections.abc import Callable, Iterator
 from pathlib import Path
@@ -76,7 +75,7 @@ class _LoopFiles:
         stored = content[_CHECKSUM:]
         if stored[:_CHECKSUM] != _checksum(key[1].encode()):
             return None
-        return pickle.loads(stored[_CHECKSUM:])  # noqa: S301 (compiled code is trusted as well)
+        return pickle.loads(stored[_CHECKSUM:])
 
     def save(self, key: tuple[str, str], data: Any) -> None:
         stored = _checksum(key[1].encode()) + dumps(data)
@@ -84,7 +83,7 @@ class _LoopFiles:
         unfinished = path.with_suffix(f'.{uuid4().hex}')
         try:
             unfinished.write_bytes(_checksum(stored) + stored)
-            os.replace(unfinished, path)
+            unfinished.replace(path)
         finally:
             unfinished.unlink(missing_ok=True)
 
