@@ -19,7 +19,10 @@ from soliton_linkage_nodes.runtime.process import interrupt_on_signals
 
 def main() -> None:
     """Recover a bag; exit with 1 if no message could be recovered."""
-    parser = PlainParser(prog='recover_bag', description=__doc__)
+    parser = PlainParser(
+        prog='recover_bag',
+        description=f'{__doc__} The exit code is 1 if no message could be recovered.',
+    )
     parser.add_argument('bag', type=Path, help='directory of the bag, or one file of it')
     parser.add_argument(
         '--output',
