@@ -295,5 +295,5 @@ def test_at_d_c_itself_a_curve_is_still_closed() -> None:
 
 
 def test_a_curve_that_does_not_close_is_rejected() -> None:
-    with pytest.raises(ValueError, match=r'curve ends 0\.159155 and 0 turns from where'):
+    with pytest.raises(ValueError, match=r'differ by 0\.159155 and 0 turns'):
         windings([[0, 0], [1, 0]])

@@ -10,15 +10,15 @@ LINKAGE = (
     'Where rotors overlap their neighbours, every other rotor is grey. r is the rotor length, a '
     'the rotor spacing, θ̄ the rest angle, and d = 2 r sin θ̄ / a.'
 )
-"""Symbols of pictures of a chain."""
+"""Description of a drawn chain."""
 MODE = 'green arrows are the velocities of the masses in this mode, all drawn to the same scale'
-"""Symbols of a zero mode; a caption continues with this clause."""
+"""Description of the zero-mode arrows, a clause that is inserted into captions."""
 PROJECTIONS = (
-    'Arrows beneath the pivots are the horizontal displacements u = r sin φ of the masses. They '
-    'use several rows where they would overlap. Purple arrows lean right, orange arrows left; '
-    'paler arrows lean less.'
+    'Arrows beneath the pivots are the horizontal displacements u = r sin φ of the masses, in '
+    'several rows if they would overlap. Arrows to the right are purple, arrows to the left are '
+    'orange, and short arrows are paler.'
 )
-"""Symbols of horizontal displacements."""
+"""Description of the displacement arrows."""
 
 
 def parameters(chain: Chain) -> str:

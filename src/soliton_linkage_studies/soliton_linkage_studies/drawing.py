@@ -76,9 +76,9 @@ def mass_points(chain: Chain, angles: Array) -> Array:
 
 
 def mode_arrows(chain: Chain, angles: Array, mode: Array) -> Array:
-    """Return the mass velocities r t_n (cos(phi_n), -sin(phi_n)) in a mode t, shape (N, 2).
+    """Return the mass velocities r t_n (cos(phi_n), -sin(phi_n)) in a mode t [m], shape (N, 2).
 
-    They are perpendicular to the rotors, and in [m] for a mode in [rad].
+    They are perpendicular to the rotors. The mode is in [rad].
     """
     horizontal, vertical = chain.positions(angles)
     return np.column_stack([mode * vertical, -mode * horizontal])
@@ -105,7 +105,7 @@ def lean_norm(chain: Chain) -> FuncNorm:
 
 
 class ChainPicture:
-    """Artists of one chain on axes, which `update` moves; the axis limits fit the chain."""
+    """Artists of one chain, which `update` moves. The axis limits are set to fit the chain."""
 
     def __init__(
         self,
@@ -121,7 +121,7 @@ class ChainPicture:
     ) -> None:
         """Draw a chain at angles [rad] with an optional mode [1], each of shape (N,).
 
-        A mode component 1 is an arrow of `arrow_length` [m], for all rotors and times.
+        A mode component of 1 is drawn as an arrow of `arrow_length` [m].
         Odd rotors are drawn `lowered` [m] below the others, so that rotors do not overlap.
         """
         self.chain = chain

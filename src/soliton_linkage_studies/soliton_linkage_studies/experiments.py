@@ -18,14 +18,15 @@ from soliton_linkage.solitons.tanh_fit import order_field
 MIDDLE = 0.3
 """Central fraction of a chain in which a wall is measured, far from both edges [1]."""
 SNAPSHOTS = 10
-"""Frames that make the profile of a wall: ten positions per rotor spacing, as in the paper."""
+"""Number of frames in the profile of a wall, at ten positions per rotor spacing as in the
+paper."""
 DISTANCE_LABEL = 'n - X [rotor spacings]'
 """Axis label of the distance of a rotor from a wall."""
 
 _ARCTANH_REACH = 0.9
 """Largest order field whose arctanh is fitted [1].
 
-Nearer to 1, arctanh amplifies rounding errors and the wake of the wall.
+Closer to 1, arctanh would amplify rounding errors and phonons behind the wall.
 """
 _FRAMES = 600
 """Number of frames in a recording of a crossing."""
@@ -44,8 +45,8 @@ def kick_rates(
 ) -> Array:
     """Return the rates that drive the wall away from an edge [rad/s], shape (N,).
 
-    phi_dot = (a / r) sqrt(k_e / M) v0 e with e the unit zero mode. The kick v0 is the speed of
-    the masses, r |phi_dot|, in units of a sqrt(k_e / M). Raises ValueError if the wall is
+    phi_dot = (a / r) sqrt(k_e / M) v0 e, where e is the unit zero mode. The kick v0 is the norm r
+    |phi_dot| of the mass velocities, in units of a sqrt(k_e / M). Raises ValueError if the wall is
     nearer to the other edge, unless `anywhere` is true.
     """
     speed = kick * chain.spacing / (chain.rotor_length * chain.time_unit)
@@ -53,7 +54,7 @@ def kick_rates(
 
 
 def record_kick(chain: Chain, kick: float, duration: float, frames: int) -> Recording:
-    """Record the right-leaning elastic chain after a kick at its last rotor.
+    """Record the motion of the right-leaning elastic chain after a kick at its last rotor.
 
     The duration [time units sqrt(M / k_e)] is divided into `frames` equal periods.
     """
@@ -76,7 +77,7 @@ def crossing_duration(chain: Chain, kick: float) -> float:
 
 
 def slow_crossing_time(chain: Chain, kick: float) -> float:
-    """Return the crossing time of a wall whose springs do not stretch [time units].
+    """Return the crossing time of a wall in a chain of rigid bars [time units].
 
     The time is (N - 1) Lambda / v0, where Lambda is the path of a mass per rotor spacing, in
     units of the spacing.

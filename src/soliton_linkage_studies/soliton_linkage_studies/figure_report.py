@@ -24,7 +24,7 @@ _DIGITS = 5
 _LINE = 95
 """Largest number of characters in a line of a caption."""
 _ROUNDING = 1e-11
-"""Error that a table shows as 0: the rounding error of a sum of some thousand terms [1]."""
+"""Relative error below which a table shows 0: the rounding error of a sum of 1000 terms [1]."""
 
 
 @dataclass(frozen=True)
@@ -40,7 +40,7 @@ class Comparison:
     measured: float
     """Value measured on the simulated chain."""
     stated: float = math.nan
-    """Number of a theory that is given as text; NaN if it has none."""
+    """Theoretical value if the theory is given as text; NaN if it has none."""
 
     @property
     def expected(self) -> float:

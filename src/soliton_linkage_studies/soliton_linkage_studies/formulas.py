@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Formulas that are printed and evaluated from the same text, so that both always agree.
+"""Formulas that are printed and evaluated from the same text.
 
-They use mathematical notation: `√(1 − v²/c²)`, `4 r² sin² θ̄`, `||q₊| − |q₋|| / r`. Adjacent
-factors are multiplied, and this multiplication precedes division.
+The text is in mathematical notation, such as `√(1 − v²/c²)`, `4 r² sin² θ̄` or `||q₊| − |q₋|| / r`.
+Adjacent factors are multiplied before any division.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ _CHOICES: dict[str, Callable[[float, float], float]] = {'min': min, 'max': max}
 _POWERS = {'²': 2, '³': 3, '⁴': 4}
 """Exponents by their printed character [1]."""
 _ALIKE = str.maketrans('∣-', '|−')
-"""Characters that are replaced by the vertical bar and the minus sign of formulas."""
+"""Replacements for other forms of the vertical bar and the minus sign."""
 _VALUE = re.compile(r'(?P<text>.*?) = (?P<value>\S+)(?: for (?P<values>[^()]*))?(?: \(.*\))?')
 
 

@@ -22,8 +22,8 @@ Top: relative deviations of each rotor length (blue), pivot spacing (green) and 
 length (red) from their means, with error bars of one standard deviation. Middle: offset of each
 encoder with its standard deviation. Bottom: noise of a reading, estimated from the residual of
 each bond. The black line is the noise estimated from differences between frames, without a model
-of the chain. Bonds far above this line fit worst; the three worst are numbered. Springs and bars
-are drawn between the two rotors that they join.
+of the chain. Bonds far above this line have the largest residuals; the three worst bonds are
+numbered. Springs and bars are drawn between the two rotors that they join.
 """
 
 

@@ -25,14 +25,15 @@ BLOCKED = 'blocked'
 MECHANICS = ('elastic', 'rigid')
 OUTCOMES = ('returns', 'crosses', 'lost')
 _PIECE = 20
-"""Duration recorded between two checks for the return of the wall [time units]."""
+"""Interval between checks whether the wall has returned [time units]."""
 _WALL_REACH = 4
 """Half-width of the wall region, in wall widths or penetration depths [1].
 
 At most 2 % of the wall energy is outside.
 """
 _JUMP = 5
-"""Displacement between frames that indicates another wall [rotors]; the fastest walls move 2."""
+"""Displacement between two frames above which the track has changed to another wall [rotors]. The
+fastest walls move by 2."""
 
 Value = float | int | str
 
@@ -49,7 +50,7 @@ class SweepTrial:
     )
     mechanics: str = quantity('elastic', 'connection between rotors', choices=MECHANICS)
     time_limit: float = quantity(
-        2000.0, 'time after which a wall counts as lost', 'sqrt(M / k_e)', 1.0, 1e6
+        2000.0, 'time limit for the return of the wall', 'sqrt(M / k_e)', 1.0, 1e6
     )
     tolerance: float = quantity(1e-7, 'tolerance of the angles in a time unit', 'rad', 1e-13, 1e-2)
 
@@ -73,7 +74,7 @@ class Measure:
 
 
 def measure_motion(chain: Chain, _trial: SweepTrial) -> dict[str, Value]:
-    """Return the motion class by the bonds, and the number of bonds that may stop a wall."""
+    """Return the motion class from the bonds, and the number of bonds that may stop a wall."""
     motion = motion_of_bonds(chain)
     return {
         'motion': motion.value if motion else BLOCKED,
@@ -82,7 +83,7 @@ def measure_motion(chain: Chain, _trial: SweepTrial) -> dict[str, Value]:
 
 
 def measure_speed(chain: Chain, trial: SweepTrial) -> dict[str, Value]:
-    """Measure the outcome, speed and phonon share of a wall kicked from the right edge.
+    """Measure outcome, speed and phonon energy fraction of a wall kicked from the right edge.
 
     The speed [a sqrt(k_e / M)] is the slope of the wall's path between the outer fifths of the
     chain. `phonons` is the result of `phonon_share`. Both are NaN without a crossing.
@@ -107,9 +108,9 @@ def measure_survival(chain: Chain, trial: SweepTrial) -> dict[str, Value]:
 def send_wall(chain: Chain, trial: SweepTrial) -> tuple[Recording, Track, tuple[Crossing, ...]]:
     """Kick the wall of an elastic chain off its right edge; simulate until it returns.
 
-    The frame period is one time unit, in which a wall moves by at most two spacings. A larger
-    jump means that the track changed to another wall, so that this crossing is discarded. If
-    the wall does not return, the simulation ends at the time limit.
+    The frame period is one time unit, in which a wall moves by at most two spacings. After a
+    larger jump the track belongs to another wall, and the crossing is discarded. If the wall does
+    not return, the simulation ends at the time limit.
     """
     angles = rest_state(chain, 1)
     rates = kick_rates(chain, angles, trial.kick, anywhere=True)
@@ -131,9 +132,8 @@ def send_wall(chain: Chain, trial: SweepTrial) -> tuple[Recording, Track, tuple[
 def phonon_share(chain: Chain, recording: Recording, track: Track, crossing: Crossing) -> float:
     """Return the fraction of the energy outside the wall at the middle of a crossing [1].
 
-    Rotors and springs are outside if they are more than four times the wall width or the
-    penetration depth away, whichever is larger. Returns NaN if these are less than half of
-    the rotors.
+    Rotors and springs are outside the wall if their distance exceeds four times the wall width and
+    four times the penetration depth. Returns NaN if less than half of the rotors are outside.
     """
     under_way = (track.times >= crossing.start) & (track.times <= crossing.end)
     half_way = np.abs(track.sites - (chain.number_of_rotors - 1) / 2)

@@ -36,7 +36,7 @@ MoveKey = tuple[str, str]
 """Names of a chain and of a condition."""
 
 _TOLERANCE = 1e-8
-"""Tolerance of the angles in a time unit [rad], far below the noise and the move errors."""
+"""Integration error of an angle per time unit [rad], far below the noise and the move errors."""
 _OBSERVATION_TIME = 0.2
 """Duration for which the steering observes a wall at rest before it receives a goal [s]."""
 _TIME_LIMIT = 120.0
@@ -106,7 +106,7 @@ class MoveRun:
 
 
 def simulate_move(task: MoveTask) -> MoveRun:
-    """Simulate a move; the torques computed from a frame act one frame later."""
+    """Simulate a move, in which the torques computed from a frame act one frame later."""
     orbit = UniformOrbit(task.chain)
     chain, start = _started(task, orbit)
     simulation = ElasticSimulation(chain, start, period=1 / task.frame_rate, tolerance=_TOLERANCE)
@@ -248,7 +248,7 @@ def table_lines(runs: Mapping[MoveKey, Sequence[MoveRun]]) -> list[str]:
     """Return the lines of the Markdown table."""
     lines = [
         '| chain | condition | reached | largest error [spacings] | phonons at the end [J] '
-        '| over the peak energy of the wall | time [s] |',
+        '| phonons / peak energy of the wall | time [s] |',
         '| --- | --- | --- | --- | --- | --- | --- |',
     ]
     for (name, title), moves in runs.items():
@@ -281,15 +281,16 @@ _CAPTION = """
 Walls that move to goals in simulated chains. Each column is a chain, each colour a condition and
 each line a move. (a) Position of the wall. (b) Absolute distance from the goal, at least
 {least:g}. The dashed grey line marks {required:g} rotor spacings, the required holding accuracy.
-(c) Phonon energy, which is the energy outside the wall motion, over the peak energy of the wall
-during a move. If conditions give equal results, their lines coincide and the last one is on top.
+(c) Phonon energy, divided by the peak energy of the wall during a move. Phonon energy is all
+energy outside the motion of the wall. If two conditions give equal results, only the line of the
+last condition is visible.
 """
 _REQUIRED_ACCURACY = 0.1
 """Required holding accuracy: largest distance from the goal [rotor spacings]."""
 _LEAST_ERROR = 1e-6
 """Lower limit of the drawn distance on its logarithmic axis [rotor spacings]."""
 _LEAST_SHARE = 1e-16
-"""Lower limit of the drawn energy ratio, which is its rounding error [1]."""
+"""Lower limit of the drawn energy ratio [1], equal to its rounding error."""
 
 
 def draw_moves(

@@ -59,9 +59,9 @@ _REST = 0.30
 Larger displacements are darker.
 """
 _NEAR_REST = ((0.95, 0.24), (1.0, _REST), (1.02, 0.36), (1.05, 0.41), (1.2, 0.46))
-"""Pairs (displacement over rest displacement, distance from the middle of the map) [1].
+"""Pairs (displacement / rest displacement, distance from the middle of the map) [1].
 
-The map is stretched here, so that oscillations of a few per cent about rest are visible.
+They stretch the map near rest, so that oscillations of a few per cent are visible.
 """
 LEANS_RIGHT, LEANS_LEFT = (to_hex(colormaps[LEAN_COLOURS](0.5 + side * _REST)) for side in (1, -1))
 """Colours of the uniform states that lean right and left."""
@@ -103,8 +103,8 @@ def tint(colour: str, share: float) -> str:
 def lean_colour_scale(chain: Chain) -> tuple[Array, Array]:
     """Return the nodes of the linear colour scale: displacements u [m] and map positions [1].
 
-    Both have shape (K,). A uniform state has the same colour in all chains. The scale is
-    stretched about it and reaches the largest rotor length without clipping.
+    Both have shape (K,). A uniform state has the same colour in all chains. The scale is stretched
+    near the uniform states and extends to the largest rotor length.
     """
     rest, largest = float(lean_ticks(chain)[3]), float(lean_ticks(chain)[4])
     near = [

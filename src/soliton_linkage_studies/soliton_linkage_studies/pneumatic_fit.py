@@ -12,7 +12,8 @@ from soliton_linkage.actuation.actuators import PneumaticActuator
 from soliton_linkage.linkage.chain import Array
 
 _FEWEST_READINGS = 4
-"""Fewest readings [1]: one more than the unknowns (two time constants, first pressure)."""
+"""Smallest number of readings [1]: one more than the three unknowns (two time constants, first
+pressure)."""
 _SHORTEST_STEP = 0.05
 """Smallest pressure error relative to the largest one, of readings used for the initial guess [1].
 
@@ -104,10 +105,10 @@ def fit_step_response(response: StepResponse) -> PneumaticFit:
 def fit_torque(pressures: Array, torques: Array) -> tuple[float, float]:
     """Estimate the torque per pressure [N m/Pa] and the saturation torque [N m].
 
-    Both arrays hold steady readings of shape (readings,). The model is clip(k p, -limit, limit),
-    fitted by least squares. The limit is infinite unless it halves the residual of a straight
-    line; then a larger pressure is needed to determine it. Raises ValueError for fewer than two
-    readings or without a pressure other than 0.
+    Both arrays contain steady readings of shape (readings,). The model clip(k p, -limit, limit) is
+    fitted by least squares. The returned limit is infinite unless it halves the residual of a
+    straight line; larger pressures are then needed to determine the limit. Raises ValueError for
+    fewer than two readings or without a pressure other than 0.
     """
     order = np.argsort(np.abs(pressures))
     pressed, twisted = np.abs(pressures[order]), np.sign(pressures[order]) * torques[order]
@@ -115,7 +116,7 @@ def fit_torque(pressures: Array, torques: Array) -> tuple[float, float]:
         raise ValueError(
             'torques must be read at two pressures or more, one of them not 0; add readings'
         )
-    # For a given number of saturated readings, the largest pressures, the fit is linear.
+    # The fit is linear for a given number of saturated readings (those at the largest pressures).
     fits = [_split_fit(pressed, twisted, count) for count in range(1, len(pressed) + 1)]
     straight = fits[-1]
     best = min((fit for fit in fits if fit is not None), default=None)

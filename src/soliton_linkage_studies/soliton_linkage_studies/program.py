@@ -87,8 +87,8 @@ def run_study(
 ) -> int:
     """Run a study and print the text that it returns; return the exit status.
 
-    The status is 1 if the study fails, and 130 after Ctrl-C or SIGTERM. In the latter case the
-    program prints `left`, which describes the files that remain.
+    The status is 1 if the study fails, and 130 after Ctrl-C or SIGTERM. After an interruption the
+    program prints the text `left`, which describes the files that remain.
     """
     complete(parser)
     options = parser.parse_args(arguments)

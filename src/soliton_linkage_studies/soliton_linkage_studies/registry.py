@@ -46,7 +46,7 @@ class Registry(Mapping[str, Entry]):
     def _all(self) -> dict[str, Entry]:
         if not self._complete:
             for module in pkgutil.iter_modules(importlib.import_module(self._package).__path__):
-                # The program module uses the registry, and may be running as __main__.
+                # The program module uses the registry and may run as __main__, so it is skipped.
                 if module.name != 'program':
                     importlib.import_module(f'{self._package}.{module.name}')
             self._complete = True

@@ -17,9 +17,9 @@ from soliton_linkage.solitons.passage import find_obstacles
 _TOLERANCE = 1e-8
 """Tolerance of an angle in a step [rad]."""
 _FRAMES_A_SPACING = 4.0
-"""Frames while a wall moves by a rotor spacing, or by its width [1]."""
+"""Number of frames while a wall moves by a rotor spacing, or by its width [1]."""
 _FRAMES_A_SWING = 40.0
-"""Frames while an edge rotor swings by a / r, or a radian [1]."""
+"""Number of frames while an edge rotor swings by a / r, or by a radian [1]."""
 _DEPARTED = 1.5
 """Distance from a spinner's edge at which its wall has left it [rotor spacings]."""
 
@@ -41,9 +41,9 @@ class Leg:
 def follow_wall(chain: Chain, edge: Edge = Edge.FIRST, legs: int = 2) -> tuple[Leg, ...]:
     """Simulate the chain with rigid bars until its wall has crossed it `legs` times.
 
-    From the first edge the simulation starts in the left-leaning rest state, from the last edge
-    in the right-leaning one. It ends early after a leg that does not reach the other edge: the
-    wall has turned back, or the arc length exceeds 4 pi [rad] per rotor.
+    From the first edge the simulation starts in the left-leaning rest state, from the last edge in
+    the right-leaning rest state. It ends early if the wall turns back, or if the arc length
+    exceeds 4 pi [rad] per rotor.
 
     The wall position is the centre of the zero mode. The wall of a flipper reaches an edge when
     the edge rotor passes the line from its pivot to the mass of its neighbour. At this instant the

@@ -1,20 +1,20 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The unit cell: two rotors and the bar between them, a four-bar linkage of mobility 1.
+"""Unit cell of two rotors and the bar between them, a four-bar linkage with one degree of freedom.
 
-In staggered angles the bar keeps its length where
+In staggered angles the bar has its rest length if
 
     cos(theta_1 + theta_2) - cos(2 theta_bar) + (a / r) (sin(theta_2) - sin(theta_1)) = 0
 
-(paper, eq. flip_discrete with the sign of a / r that the geometry gives). With the mean
-s = (theta_1 + theta_2) / 2 and the half difference delta = (theta_2 - theta_1) / 2 it separates,
+(paper, eq. flip_discrete with the opposite sign of a / r). With the mean s = (theta_1 + theta_2) /
+2 and the half difference delta = (theta_2 - theta_1) / 2 it becomes
 
     sin(delta) = (r / a) (cos(theta_bar)^2 / cos(s) - cos(s)),
 
-so that the configurations are mapped to others by s -> -s, that is (theta_1, theta_2) ->
-(-theta_2, -theta_1), and by delta -> pi - delta, that is (theta_2 - pi, theta_1 + pi). If lbar < 2
-r - a, which is equivalent to r sin(theta_bar)^2 > a and to d > d_c, s = 0 is impossible. Then the
-two signs of s are two components: the spinner (paper, 'Phase diagram', fig. 4). Deviations of
-single rotors and springs are ignored.
+Two symmetries map configurations to configurations: s -> -s, which is (theta_1, theta_2) ->
+(-theta_2, -theta_1), and delta -> pi - delta, which is (theta_2 - pi, theta_1 + pi). For d > d_c,
+which is equivalent to lbar < 2 r - a and to r sin(theta_bar)^2 > a, s = 0 is impossible. The
+configurations with s > 0 and s < 0 are then two separate components, and the cell is a spinner
+(paper, 'Phase diagram', fig. 4). Deviations of single rotors and springs are ignored.
 """
 
 from __future__ import annotations
@@ -56,11 +56,12 @@ def partner_angles(chain: Chain, theta_1: ArrayLike) -> Array:
 def configuration_curves(chain: Chain, points: int = 400) -> tuple[Array, ...]:
     """Return the components of the cell's configuration space as closed curves on the torus.
 
-    Each has shape (points + 1, 2): continuous staggered angles (theta_1, theta_2) [rad] in equal
-    steps of arc length. The last configuration equals the first. A flipper has one curve, which
-    bounds a disc; it runs from s = 0 through the right-leaning, then the left-leaning states.
-    A spinner has two curves, the first with sin(theta_1 + theta_2) > 0. Along each, theta_1
-    grows and theta_2 falls by a turn, so that both actual angles grow by a turn.
+    Each curve has shape (points + 1, 2). It contains continuous staggered angles (theta_1,
+    theta_2) [rad] in equal steps of arc length, and its last configuration equals the first. A
+    flipper has one contractible curve, which begins at s = 0 and passes through the right-leaning
+    states and then the left-leaning states. A spinner has two curves, the first with sin(theta_1 +
+    theta_2) > 0. Along each of them, theta_1 increases and theta_2 decreases by a turn, so that
+    both angles phi increase by a turn.
     """
     arc = _Arc(chain)
     pieces = 2 if chain.motion is Motion.SPINNER else 4
@@ -86,7 +87,7 @@ def windings(curve: ArrayLike) -> tuple[int, int]:
     counts = np.round(turns)
     if np.abs(turns - counts).max() > _CLOSED:
         raise ValueError(
-            f'curve ends {turns[0]:.6g} and {turns[1]:.6g} turns from where it starts; give a '
+            f'the ends of the curve differ by {turns[0]:.6g} and {turns[1]:.6g} turns; give a '
             'closed curve whose last configuration equals the first'
         )
     return int(counts[0]), int(counts[1])

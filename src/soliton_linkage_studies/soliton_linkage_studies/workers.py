@@ -25,14 +25,14 @@ from typing import Any, Protocol, cast
 
 _ONE_THREAD = dict.fromkeys(('OMP_NUM_THREADS', 'OPENBLAS_NUM_THREADS', 'MKL_NUM_THREADS'), '1')
 _MAXIMUM_COUNT = 1000
-"""Largest number of processes; a larger one is a typing error [1]."""
+"""Largest number of processes; a larger number is a typing error [1]."""
 _INTERRUPTS = (signal.SIGINT, signal.SIGTERM)
 _CHUNK_DURATION = 1.0
-"""Duration of a chunk of rows [s]: an interrupt loses at most this much work of each worker."""
+"""Duration of a chunk of rows [s], which is the work that a worker loses at an interruption."""
 _CHUNK_GROWTH = 4
 """Largest ratio of successive chunk sizes [1], because the first rows may be untypically fast."""
 _CHUNKS_PER_WORKER = 2
-"""Chunks queued for each worker [1]: one is measured while the next one waits."""
+"""Number of chunks queued for each worker [1]: one is measured while the next one waits."""
 
 Chunk = tuple[list[list[str]], list[int], float]
 
@@ -62,9 +62,9 @@ class Processes:
     """Processes on this machine; use `local_processes` to create them.
 
     Each process has its own pipe. No thread or lock is shared with the parent, so that the parent
-    can be interrupted and a process can be killed at any time. Alternatives were tried with
-    results of 200 kB: after Ctrl-C, `ProcessPoolExecutor` and loky 3.7 had not ended in 60 s;
-    `distributed.LocalCluster` 2026.8 ended after 13 s with 5 tracebacks, and starts in 3.2 s
+    can be interrupted and a process can be killed at any time. Alternatives were tested with
+    results of 200 kB. After Ctrl-C, `ProcessPoolExecutor` and loky 3.7 did not end within 60 s.
+    `distributed.LocalCluster` 2026.8 ended after 13 s with 5 tracebacks, and its start took 3.2 s
     instead of 0.25 s.
     """
 
@@ -89,7 +89,7 @@ class Processes:
     ) -> None:
         """Start single-threaded processes, which first call `prepare` if it is given."""
         context = multiprocessing.get_context('spawn')
-        # If it started together with the first process, that process would receive Ctrl-C.
+        # Otherwise it would start together with the first process, which would receive Ctrl-C.
         resource_tracker.ensure_running()
         with defer_interrupts(), _environment(_ONE_THREAD):
             for _ in range(count):
@@ -277,7 +277,7 @@ def measure_chunk(table: Rows, rows: list[int]) -> Chunk:
 def defer_interrupts() -> Iterator[None]:
     """Defer SIGINT and SIGTERM; block SIGINT permanently in processes started meanwhile."""
     received: list[int] = []
-    # Blocking alone does not suffice, because another thread can receive the signal.
+    # A blocked signal alone does not suffice, because another thread can receive it.
     handlers = [
         signal.signal(number, lambda *call: received.append(call[0])) for number in _INTERRUPTS
     ]

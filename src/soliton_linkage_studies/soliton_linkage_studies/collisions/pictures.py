@@ -52,10 +52,11 @@ collision.
 """
 _WINDOWS = """
 (a) Bounce windows of a flipper: speed v′ of each wall after the collision against its speed v
-before, both over the speed of sound c; v′ is half of the relative speed. The walls separate after
-one collision (blue), two (orange), three (green) or more (black), or form a captured pair (grey
-ticks at the bottom). Dashed line: v′ = v. (b) The same collisions with one changed setting in each
-row. The colour of each tick is the outcome; white marks a captured pair. (c) Critical speed, above
+before, both relative to the speed of sound c; v′ is half of the relative speed of the walls. The
+walls separate after one collision (blue), two (orange), three (green) or more (black), or form a
+captured pair (grey ticks at the bottom). Dashed line: v′ = v. (b) The same collisions with one
+changed setting per row. The colour of each tick is the outcome; white marks a captured pair.
+(c) Critical speed, above
 which the walls separate after one collision, against d = 2 r sin θ̄ / a for two rotor lengths r.
 Dashed line: critical speed of phi⁴ theory, {phi4:g} c, the limit of small d.
 """
@@ -193,7 +194,7 @@ state.
 _SHOWN = 40.0
 """Width of a panel in reaches [1]."""
 _AFTERWARDS = 35.0
-"""Time shown after the walls meet, in reaches in units of the speed of sound [1]."""
+"""Drawn time after the walls meet, in units of reach / speed of sound [1]."""
 _LARGEST = 1.6
 """Order field at the ends of the colour scale [1], just above its largest value."""
 _SPACETIME_COLUMNS = 3

@@ -2,10 +2,10 @@
 """Collision of a kink and an anti-kink on a ring, and its outcome.
 
 The kink (charge +1, zero energy at rest) comes from the left, and the anti-kink (charge -1,
-positive rest energy) from the right, at the same speed. The ring leans left between them and right
-elsewhere. The walls overlap while the whole field has the sign of the right-leaning state; each
-overlap counts as a collision. Charges alternate along a ring, so the kink stays on the left. Only
-the turns of the rotors between the walls show whether the walls passed through each other.
+positive rest energy) from the right, at the same speed. The ring leans left between the walls and
+right elsewhere. The walls overlap while no rotor leans left; each overlap counts as a collision.
+Charges alternate along a ring, so that the kink stays on the left. Only the turns of the rotors
+between the walls show whether the walls have passed through each other.
 """
 
 from __future__ import annotations
@@ -34,7 +34,7 @@ _NEAR = 7.0
 _LEAVING = 5.0
 """Smallest distance for the speed after a collision, in reaches [1]."""
 _FRAMES = 10
-"""Number of frames while sound crosses a reach [1]; walls overlap for ten or more."""
+"""Number of frames while sound crosses a reach [1]; walls overlap for ten frames or more."""
 _CORE = 4.0
 """Half width of a wall in reaches [1]; only e^(-16) of its energy is outside."""
 _LUMP = 8.0
@@ -42,7 +42,7 @@ _LUMP = 8.0
 _FEWEST = 5
 """Smallest number of frames for a speed estimate [1]; escaped walls have 30 or more."""
 _TOLERANCE = 1e-10
-"""Angle tolerance of adaptive integrators [rad], which conserves the energy to 1e-9."""
+"""Angle tolerance of adaptive integrators [rad]; the relative energy error is then 1e-9."""
 
 
 @dataclass(frozen=True)
@@ -60,8 +60,8 @@ class Collision:
     shift: float = 0.0
     """Shift of both walls along the ring [rotor spacings]."""
     patience: float = 120.0
-    """Time limit for an escape, in reaches in units of the speed of sound [1], added to the time
-    that the walls need at half of their speed."""
+    """Time limit for an escape, in units of reach / speed of sound [1]. The time that the walls
+    need at half of their speed is added."""
 
     def __call__(self) -> CollisionRun:
         """Simulate the collision."""
@@ -101,7 +101,7 @@ class CollisionRun:
     anti_kink_speed: float
     """Speed of the anti-kink afterwards, away from the kink; 0 if captured."""
     between: float
-    """Time between the first two collisions in reaches over c, NaN if there are fewer."""
+    """Time between the first two collisions in units of reach / c, NaN if there are fewer."""
     closest: float
     """Smallest distance of the walls, 0 if they overlapped."""
     turns: int
@@ -109,7 +109,7 @@ class CollisionRun:
     broken: bool
     """Whether the anti-kink was destroyed, see `_broken`."""
     radiated: float
-    """Share of the final energy outside the walls or the captured pair."""
+    """Fraction of the final energy outside the walls or the captured pair [1]."""
     drift: float
     """Largest relative error of the energy."""
 
@@ -140,7 +140,7 @@ class WallPaths:
         return WallPaths(self.times[which], self.kinks[which], self.anti_kinks[which])
 
     def joined(self, later: WallPaths) -> WallPaths:
-        """Return these paths followed by later ones."""
+        """Return these paths, continued by later paths."""
         return WallPaths(
             np.append(self.times, later.times),
             np.append(self.kinks, later.kinks),
@@ -298,7 +298,7 @@ def _outcome(task: Collision, path: WallPaths, state: State, drift: float) -> Co
 
 
 def _turns(ring: Chain, path: WallPaths, state: State) -> int:
-    """Return the turns of the middle rotor between spinner walls, less half a turn."""
+    """Return the turns of the middle rotor between spinner walls, minus half a turn."""
     if ring.motion is not Motion.SPINNER:
         return 0
     rotor = round((path.kinks[-1] + path.anti_kinks[-1]) / 2)
@@ -320,7 +320,7 @@ def _broken(task: Collision, path: WallPaths, state: State, escaped: bool) -> bo
 
 
 def _radiated(task: Collision, path: WallPaths, state: State, escaped: bool) -> float:
-    """Return the share of the energy outside the walls, or outside a captured pair."""
+    """Return the fraction of the energy outside the walls, or outside a captured pair [1]."""
     rotors, energies = np.arange(task.ring.number_of_rotors), _energies(task.ring, state)
     places, reach = [path.kinks[-1], path.anti_kinks[-1]], _CORE
     if not escaped:

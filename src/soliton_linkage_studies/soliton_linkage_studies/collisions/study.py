@@ -50,7 +50,7 @@ class WindowEdge:
     def __call__(self) -> tuple[float, CollisionRun]:
         """Return the edge and the collision next to it, on the inside.
 
-        Raises ValueError if the speed inside has another outcome or the speed outside the same.
+        Raises ValueError unless the walls escape at the speed inside and not at the speed outside.
         """
         inside, outside = self.inside, self.outside
         run = self._made(inside)
@@ -287,11 +287,11 @@ def series_of(rows: Sequence[Row], part: str) -> dict[str, list[Row]]:
 
 
 PHI4_SPEED = 0.2598
-"""Critical speed of phi^4 theory over c [1] (Campbell, Schonfeld and Wingate 1983)."""
+"""Critical speed of phi^4 theory in units of c [1] (Campbell, Schonfeld and Wingate 1983)."""
 CRITICAL_SPEED = 'critical speed / c [1]'
 """Label of the speed above which walls separate after one collision."""
 _SHAPE_MODE = math.sqrt(3)
-"""Frequency of the shape mode of a phi^4 wall over c / w [1]; w is a reach for d << 1."""
+"""Frequency of the shape mode of a phi^4 wall in units of c / w [1]; w is a reach for d << 1."""
 _FEWEST = 2
 """Smallest number of adjacent speeds with the same outcome in a window [1]."""
 
@@ -353,8 +353,8 @@ def finding_lines(rows: Sequence[Row]) -> list[str]:
 
 def _sweep_lines(series: dict[str, list[Row]]) -> list[str]:
     lines = [
-        '| ring | collisions made | captured | anti-kink broken | largest share radiated '
-        '| speed after over before | largest drift of the energy |',
+        '| ring | collisions | captured | anti-kink broken | largest radiated fraction '
+        '| speed after / speed before | largest energy drift |',
         '| --- | --- | --- | --- | --- | --- | --- |',
     ]
     for name, rows in series.items():
@@ -390,11 +390,11 @@ def _window_lines(found: Sequence[BounceWindow]) -> list[str]:
 
 
 def _variation_lines(series: dict[str, list[Row]]) -> list[str]:
-    """Return the share of equal outcomes, the largest change of v', and the edges."""
+    """Return the table of changed settings: equal outcomes, largest change of v', and edges."""
     base = next(iter(series.values()), [])
     edges = [row.name for row in base if row.name]
     lines = [
-        f'| changed | same outcome | largest change of v′ / c, of those | {" | ".join(edges)} |',
+        f'| changed | same outcome | their largest change of v′ / c | {" | ".join(edges)} |',
         f'| --- | --- | --- |{" --- |" * len(edges)}',
     ]
     for name, rows in series.items():

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Travelling walls of the discrete chain that keep their shape as well as possible.
+"""Travelling walls of the discrete chain with minimal change of shape.
 
 A rotor of parity p (0 even, 1 odd) at a distance x from the wall has the angle f_p(x). A wall of
 velocity v that keeps its shape, phi_n(t) = f_p(n a - v t), balances
@@ -8,8 +8,9 @@ velocity v that keeps its shape, phi_n(t) = f_p(n a - v t), balances
 
 On a grid of m points per spacing these are 2 m shifted chains, coupled by the derivatives. The
 solver minimises the residual of this equation, with the tails constrained to rest. An exact
-solution does not exist, because a wall of a few rotors resonates with some phonon at any speed and
-radiates it. A contracted continuum wall would oscillate about this shape and disturb a collision.
+solution does not exist, because at any speed a wall of a few rotors resonates with a phonon and
+radiates it. A contracted wall of the continuum theory is less suitable, because it oscillates
+about the shape computed here and disturbs a collision.
 """
 
 from __future__ import annotations
@@ -29,11 +30,12 @@ from soliton_linkage.linkage.chain import Array, Chain, Motion
 from soliton_linkage.solitons.continuum import FlipperTheory, SpinnerTheory
 
 _REACH = 11.0
-"""Half length of the grid in 2 l, l the penetration depth [1]; tails e^(-x / l) are cut."""
+"""Half length of the grid in units of 2 l, where l is the penetration depth [1]."""
 _QUIET_FROM = 4.0
-"""Distance in 2 l where the rest penalty of the tails starts [1]; it is full at 1.5 times."""
+"""Distance at which the rest penalty of the tails starts, in units of 2 l [1]; it is full at 1.5
+times this distance."""
 _QUIETNESS = 0.05
-"""Rest penalty of the tails over I gap^2 [1]. Sensitivity: 0.01 or 0.2 change v' by 1e-4."""
+"""Rest penalty of the tails in units of I gap^2 [1]. Sensitivity: 0.01, 0.2 change v' by 1e-4."""
 _POINTS_A_WIDTH = 12
 """Grid points per wall width [1]. Sensitivity: at 2x, v' changes by less than 1e-5."""
 _ITERATIONS = 20
@@ -57,7 +59,7 @@ class TravellingWall:
     points: int
     """Number of grid points per rotor spacing."""
     angles: Array
-    """Actual angles of even and of odd rotors [rad], shape (2, J), the centre at J // 2."""
+    """Angles phi of even and odd rotors [rad], shape (2, J); the centre is at J // 2."""
     slopes: Array
     """Derivatives of the angles along the chain [rad per spacing], shape (2, J)."""
 

@@ -26,14 +26,13 @@ from soliton_linkage_studies.palette import (
 )
 
 IMBALANCE_LIMIT = 1e-9
-"""Limit of the energy imbalance relative to the largest energy, from the integration tolerance
-[1]."""
+"""Limit of |imbalance| / largest energy, which follows from the integration tolerance [1]."""
 
 _CAPTION = """
 Validation of driven chains on one page.
 
 (a) Soft actuator: pressure after a step command (dashed grey), in closed form (blue line) and by
-numerical integration (black dots). (b) Energy imbalance of driven chains over their largest
+numerical integration (black dots). (b) Energy imbalance of driven chains, divided by their largest
 energy, for springs (blue) and rigid bars (red). An imbalance of 0 is drawn as {least:g}. Grey
 marks show kicks (triangles), changes of gravity (squares) and torques (pale bars). The dashed line
 is the limit, which follows from the integration tolerance. (c) Largest angle deviation of chains
@@ -53,7 +52,7 @@ _LAYOUT = 3 * 'ab;' + 'ct;' + 2 * 'cd;' + 2 * 'ef;' + 'ef'
 """Panels row by row; t is the tilt above d."""
 _TITLES = {
     'a': 'a  Soft actuator: a step up and down',
-    'b': 'b  Energy balance of chains that are driven',
+    'b': 'b  Energy balance of driven chains',
     'c': 'c  Convergence of stiff springs to bars',
     't': 'd  Wall in a chain that is tilted back and forth',
     'e': 'e  Wall positions (wide) and reference trajectories (thin)',

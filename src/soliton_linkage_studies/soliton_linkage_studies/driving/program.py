@@ -69,7 +69,7 @@ def page(study: DrivingStudy, results: Results) -> tuple[FigureReport, list[Find
     findings = [
         Finding(
             'a',
-            'deviation of the closed form from numerical integration, over the pressure',
+            'deviation of the closed form from numerical integration / pressure',
             0,
             1e-6,
             response.distance / highest,
@@ -97,7 +97,7 @@ def finding_lines(findings: Sequence[Finding]) -> list[str]:
 
 
 def _balance_findings(results: Results) -> list[Finding]:
-    title = 'largest error of the energy balance over the largest energy'
+    title = 'largest error of the energy balance / largest energy'
     return [
         Finding('b', f'{title}, {name}', 0, IMBALANCE_LIMIT, float(run.imbalances.max()))
         for name, run in results.balances.items()
@@ -113,7 +113,7 @@ def _tilt_findings(study: DrivingStudy, results: Results) -> list[Finding]:
         lower = [last if tilt > 0 else 0 for tilt in task.tilts]
         left = run.places.reshape(len(task.tilts), -1)[:, -1]
         farthest = float(np.abs(left - lower).max())
-        title = f'wall from the lower end after each tilt [rotor spacings], {name}'
+        title = f'distance of the wall from the lower end [rotor spacings], {name}'
         findings.append(Finding('d', title, 0, 2, farthest))
     return findings
 
@@ -124,13 +124,13 @@ def _move_findings(results: Results) -> list[Finding]:
     for (name, title), runs in results.moves.items():
         reached = all(run.outcome is Outcome.REACHED for run in runs)
         error = max(run.error for run in runs) if reached else np.nan
-        quantity = f'wall from its goal after its arrival [rotor spacings], {name}, {title}'
+        quantity = f'distance of the wall from its goal [rotor spacings], {name}, {title}'
         findings.append(Finding('e', quantity, 0, 0.1, float(error)))
     return findings
 
 
 def _work_findings(results: Results) -> list[Finding]:
-    title = 'difference of work and energy gained, over the energy'
+    title = '(work − energy gain) / energy gain'
     return [
         Finding('f', f'{title}, {name}', 0, 1e-9, abs(float(run.works[-1] / run.energies[-1] - 1)))
         for name, run in results.works.items()

@@ -180,9 +180,10 @@ _BALANCE_TOLERANCE = 1e-12
 _TILT_TOLERANCE = 1e-8
 """Integration error per time unit [rad], far below the resolution of wall positions."""
 _EVENT_FRAMES = 30
-"""Frames between kicks and between gravity changes [1]; torques act in every other span."""
+"""Number of frames between kicks and between gravity changes, a span [1]. Torques act in every
+second span."""
 _KICK_FRAME = 10
-"""Frame of the kick in a span [1], apart from torque onsets and gravity changes."""
+"""Frame of the kick in a span [1], away from the onset of torques and gravity changes."""
 _TURN_FRAME = 20
 """Frame of the gravity change in a span [1], far from the kicks on both sides."""
 _CROSSING_FRAMES = 200
@@ -379,8 +380,8 @@ class EnergyBalance:
 
     E(t) = E(0) + sum of W - D,    E = kinetic + elastic + gravitational energy,
 
-    where D is the dissipation by damping. An instant change of gravity does work equal to the
-    change of the gravitational energy. Rigid bars store no energy.
+    where D is the energy dissipated by damping. The work of an instantaneous change of gravity is
+    the change of the gravitational energy. Rigid bars store no energy.
     """
 
     def __init__(self, simulation: Simulation) -> None:

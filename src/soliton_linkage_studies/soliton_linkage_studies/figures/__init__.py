@@ -14,6 +14,6 @@ from soliton_linkage_studies.registry import Registry
 from soliton_linkage_studies.settings import Section
 
 DrawFigure = Callable[[Section, bool], FigureReport]
-"""Function from the settings of a figure, and whether to draw fewer points, to its report."""
+"""Function that receives the settings and `quick` (fewer points), and returns the report."""
 
 FIGURES: Registry[DrawFigure] = Registry('soliton_linkage_studies.figures')

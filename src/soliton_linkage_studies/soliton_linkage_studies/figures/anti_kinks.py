@@ -43,7 +43,7 @@ def anti_kink_figure(section: Section, quick: bool) -> FigureReport:
     )
     axes.set(
         xlabel='d = 2 r sin θ̄ / a [1]',
-        ylabel='energy of an anti-kink over continuum [1]',
+        ylabel='energy of an anti-kink / continuum [1]',
         ylim=(0.6, 1.05),
     )
     axes.legend()

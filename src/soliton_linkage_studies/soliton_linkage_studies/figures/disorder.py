@@ -21,10 +21,10 @@ from soliton_linkage_studies.settings import Section, chain_from
 
 
 def score_interval(share: Array, count: int, deviations: float = 1.0) -> tuple[Array, Array]:
-    """Return both ends of the Wilson score interval for shares of `count` draws, of any shape.
+    """Return both ends of the Wilson score interval for fractions of `count` draws, any shape.
 
-    The ends are the probabilities p at which |s - p| = deviations sqrt(p (1 - p) / count) for a
-    share s. The interval has a positive width even if all draws agree.
+    For a fraction s the ends are the probabilities p with |s - p| = deviations sqrt(p (1 - p) /
+    count). The width of the interval is positive even if all draws agree.
     """
     pull = deviations**2 / count
     middle = share + pull / 2
@@ -34,25 +34,25 @@ def score_interval(share: Array, count: int, deviations: float = 1.0) -> tuple[A
 
 
 _CAPTION = """
-Share of chains whose wall crosses and returns, against the disorder of the chain. Rotor lengths,
-spacings and stiffnesses have the same relative standard deviation. (a) Chains of rigid bars.
-(b) Chains of springs. Each class of chain has its own marker and colour. Each point is the share
-of {count} random chains; its bar is the 95 % Wilson score interval. Points at the same deviation
-are shifted sideways so that their bars do not overlap. In chains of rigid bars, no wall passes a
-bond that is too short for the adjacent rotors.
+Fraction of chains in which the wall crosses and returns, against the disorder of the chain. Rotor
+lengths, spacings and stiffnesses have the same relative standard deviation. (a) Chains of rigid
+bars. (b) Chains of springs. Each class of chain has its own marker and colour. Each point is a
+fraction of {count} random chains; its bar is the 95 % Wilson score interval. Points at the same
+deviation are shifted sideways so that their bars do not overlap. In chains of rigid bars, no wall
+passes a bond that is too short for the adjacent rotors.
 """
 _TITLES = {'rigid': 'a  rigid bars', 'elastic': 'b  springs'}
 _QUICK_SEEDS = 3
 """Largest number of chains per class and deviation in a quick figure."""
 _NORMAL = 1.959964
-"""Standard deviations of a normal distribution that hold 95 % of it [1]."""
+"""Half width of the central 95 % of a normal distribution in standard deviations [1]."""
 _ASIDE = 0.4
 """Horizontal offset between the points of different chains, so that bars do not overlap [%]."""
 
 
 @FIGURES.add('disorder_against_passage')
 def disorder_figure(section: Section, quick: bool) -> FigureReport:
-    """Draw the share of chains whose wall crosses and returns, against their disorder."""
+    """Draw the fraction of chains whose wall crosses and returns, against their disorder."""
     section.check_keys('chains', 'fractions', 'seeds')
     fractions = section.numbers('fractions', 0.0, 0.5)
     seeds = section.whole_number('seeds', 1, 10_000)

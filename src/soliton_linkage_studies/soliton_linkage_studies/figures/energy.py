@@ -23,20 +23,21 @@ from soliton_linkage_studies.settings import Section, chain_from
 _CAPTION = """
 Energy of walls in chains of springs against their relative speed v / c, where c is the speed of
 sound. Each chain has its own marker and colour. Values are means over the frames with the wall in
-the middle of the chain. (a) Total energy over E_s = M_eff c², half the continuum energy of an
-anti-kink at rest. Dashed: theory (γ − 1) M_eff c² for the first chain, γ = 1 / √(1 − v²/c²).
-(b) Elastic over kinetic energy; dashed: theory (γ − 1)/(γ + 1). (c) Share of the total energy in
-the wake, at least eight penetration depths and three rotors behind the wall. Hollow markers are
-upper bounds, because reflected phonons of the kick may have reached the wake.
+the middle of the chain. (a) Total energy in units of E_s = M_eff c², half the continuum energy of
+an anti-kink at rest. Dashed: theory (γ − 1) M_eff c² for the first chain, γ = 1 / √(1 − v²/c²).
+(b) Ratio of elastic to kinetic energy; dashed: theory (γ − 1)/(γ + 1). (c) Fraction of the total
+energy in the wake, which begins eight penetration depths and at least three rotors behind the
+wall. Hollow markers are upper bounds, because reflected phonons of the kick may have reached the
+wake.
 """
 _REACH = 8
-"""Distance from a wall in penetration depths [1]; its tail has decayed to e^-8 there."""
+"""Distance of the wake from the wall in penetration depths [1]; tails have decayed to e^-8."""
 _CONTINUUM = 0.3
 """Largest lean ratio d for comparison with continuum theory, whose error is of order d^2."""
 _ENERGIES = {
-    'a': 'total energy over E_s [1]',
-    'b': 'elastic over kinetic energy [1]',
-    'c': 'energy behind the wall over total energy [1]',
+    'a': 'total energy / E_s [1]',
+    'b': 'elastic / kinetic energy [1]',
+    'c': 'energy behind the wall / total energy [1]',
 }
 _SLOW = 0.87
 """Relative speed v / c up to which theory predicts the energy to a few per cent."""
@@ -79,7 +80,7 @@ def energy_figure(section: Section, quick: bool) -> FigureReport:
             theories.append(wall_theory(chain))
     for theory in theories[:1]:
         _draw_theory(panels, theory)
-    titles = ('total energy of the wall', 'elastic over kinetic energy', 'energy in the wake')
+    titles = ('total energy of the wall', 'elastic / kinetic energy', 'energy in the wake')
     for axes, (letter, label), title in zip(panels, _ENERGIES.items(), titles, strict=True):
         axes.set_title(f'{letter}  {title}', loc='left')
         axes.set(xlabel='speed v / c [1]', ylabel=label.replace('E_s', '$E_s$'), yscale='log')
@@ -153,7 +154,7 @@ def _compare_energies(
             float(energy),
         )
         report.add_comparison(
-            f'elastic over kinetic energy at v = {v:.3f} c, {parameters(chain)}',
+            f'elastic / kinetic energy at v = {v:.3f} c, {parameters(chain)}',
             'not given',
             Formula('(γ − 1) / (γ + 1)', gamma),
             float(ratio),

@@ -42,7 +42,7 @@ frequency below the gap, which is the lowest point of each line. The thin grey l
 frequency of the zero mode.
 """
 _LONG = 400
-"""Number of rotors at which the lowest modes agree with the infinite chain to 1e-4."""
+"""Number of rotors for which the lowest modes agree with the infinite chain to 1e-4 [1]."""
 
 
 @FIGURES.add('figure_1')
@@ -182,6 +182,6 @@ def _extrapolated_gap(frequencies: Array) -> float:
 
 
 def _curvature(frequencies: Array) -> float:
-    """Return the speed of sound [spacings], from the two lowest modes, k a = pi j / N."""
+    """Return the speed of sound [spacings/s] from the two lowest modes, k a = pi j / N."""
     squares = np.sort(frequencies)[:2] ** 2
     return math.sqrt((squares[1] - squares[0]) / 3) * (len(frequencies) + 1) / math.pi

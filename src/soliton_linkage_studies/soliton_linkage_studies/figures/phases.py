@@ -38,7 +38,7 @@ from soliton_linkage_studies.unit_cell import (
 _FINE = 40_000
 """Number of steps of the measured curves, which gives their slope to 1e-7."""
 _SHAPE = 1.9
-"""Aspect ratio of a panel of the unit cells, width over height [1]."""
+"""Aspect ratio of a panel of the unit cells, width / height [1]."""
 _REGIONS = {
     Motion.FLIPPER: (0.22, 0.85),
     Motion.WOBBLING_FLIPPER: (1.75, 0.55),
@@ -48,19 +48,19 @@ _REGIONS = {
 _TINT = 0.2
 """Saturation of the background of a phase [1], pale so that lines and labels are readable."""
 _RADIUS = 2.2
-"""Major radius over minor radius of the torus in space [1]."""
+"""Ratio of the major to the minor radius of the torus in space [1]."""
 _ELEVATION, _AZIMUTH = math.radians(50), math.radians(-60)
 """View angles of the torus [rad]."""
 _CAPTION = """
 The phases of motion and the configuration spaces of the unit cell (paper, Fig. 4).
 
-(a) Phase diagram of the wall motion over the rotor length r/a and the rest angle θ̄. Flippers
-(pale blue) have d = 2 r sin θ̄ / a < 1 (solid line). Spinners (pale green) have
-d > d_c = 2 / sin θ̄ (dashed line). Wobbling flippers (pale orange) lie between. Dots mark the unit
-cells of (b), (c) and (d), one column for each. (b) The four uniform states of a unit cell: two
-rotors (black; the second is grey if they overlap), their pivots (crosses) and a rigid bar (red).
-Masses are purple in right-leaning cells and orange in left-leaning cells. The lower row shows the
-states of the upper row upside down.
+(a) Phase diagram of the wall motion against the rotor length r/a and the rest angle θ̄. Flippers
+(pale blue) have d = 2 r sin θ̄ / a < 1 (solid line). Spinners (pale green) have d > d_c = 2 / sin
+θ̄ (dashed line). Wobbling flippers (pale orange) lie between. Dots mark the unit cells of (b), (c)
+and (d), one column for each. (b) The four uniform states of a unit cell: two rotors (black; the
+second is grey if they overlap), their pivots (crosses) and a rigid bar (red). Masses are purple in
+right-leaning cells and orange in left-leaning cells. The lower row shows the states of the upper
+row upside down.
 
 (c) Configuration space of the unit cell over its staggered angles θ₁ and θ₂. Both angles are
 periodic, so opposite sides of the square are identical. The first component is blue, the second

@@ -61,8 +61,8 @@ the oscillation next to the wall. Red: decay length r sin θ̄ of the paper. Das
 penetration depth ℓ of the zero mode. For this chain both agree to a few per cent.
 """
 _ANGLE_INSET = """
-Actual angles φ of the rotors in one snapshot of the slowest wall. Far from the wall, even rotors
-(filled blue) and odd rotors (hollow blue) differ by the constant π − 2 θ̄.
+Angles φ of the rotors in one snapshot of the slowest wall. Far from the wall, even rotors (filled
+blue) and odd rotors (hollow blue) differ by the constant π − 2 θ̄.
 """
 _FAR = 5
 """Number of rotors at the far edge of a chain that a wall in the middle does not affect."""

@@ -41,7 +41,7 @@ def draw_convergence(axes: Axes, stiffnesses: ArrayLike, distances: ArrayLike, l
 
 _CAPTION = """
 Chains of stiff springs converge to the chain of rigid bars after the same kick. (a) Path of the
-wall for multiples of the stiffness k_e (solid lines, stiffer is lighter) and for rigid bars
+wall for multiples of the stiffness k_e (solid lines, paler for stiffer chains) and for rigid bars
 (dashed red). The unit of time is √(M/k_e) of the softest chain. (b) Largest deviation of an angle
 from the chain of rigid bars, over all rotors and times, against the stiffness (dots). The dashed
 line has slope −1 and passes through the last dot.
@@ -91,7 +91,7 @@ def rigid_limit_figure(section: Section, quick: bool) -> FigureReport:
 
 def _draw_order(report: FigureReport, axes: Axes, factors: Array, apart: Array) -> None:
     draw_convergence(axes, factors, apart, 'springs from bars')
-    axes.set(xlabel='stiffness over that of the chain [1]')
+    axes.set(xlabel='stiffness / stiffness of the chain [1]')
     axes.set_title('b  deviation from rigid bars', loc='left')
     names = ('stiffness, times that of the chain [1]', 'largest distance of an angle [rad]')
     report.add_points('b', 'springs from bars', names, factors, apart)

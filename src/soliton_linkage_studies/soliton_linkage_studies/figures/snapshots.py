@@ -102,7 +102,7 @@ def draw_snapshot(axes: Axes, chain: Chain, angles: Array, lowered: float) -> Ch
 def _turning_points(
     chain: Chain, recording: Recording, track: Track, crossings: tuple[Crossing, ...]
 ) -> list[int]:
-    """Return the frames with the wall halfway through its first crossing, and back at the end."""
+    """Return the frames with the wall halfway through its first crossing and after its return."""
     halfway = (crossings[0].start + crossings[0].end) / 2
     back = recording.times >= crossings[1].end
     back &= recording.times <= 2 * crossings[1].end - crossings[1].start

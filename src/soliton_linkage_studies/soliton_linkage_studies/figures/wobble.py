@@ -29,19 +29,19 @@ from soliton_linkage_studies.palette import GREY, MARKERS, MEASURED, PAPER, THEO
 from soliton_linkage_studies.settings import Section, chain_from
 
 _PROFILES = """
-Wall profiles of wobbling flippers (paper, Fig. S1). Displacements u = r sin φ of the rotors, over
-ū = r sin θ̄ at rest, against the distance from the wall. Each chain of rigid bars has its own
-marker and shade. Its {count} snapshots cover a slow motion of the wall by one rotor spacing. Grey
-lines: uniform states ±ū. The rotors overshoot them on both sides of the wall, and the overshoot
-increases with d = 2 r sin θ̄ / a.
+Wall profiles of wobbling flippers (paper, Fig. S1): displacements u = r sin φ of the rotors in
+units of the rest value ū = r sin θ̄, against the distance from the wall. Each chain of rigid bars
+has its own marker and shade. Its {count} snapshots cover a slow motion of the wall by one rotor
+spacing. Grey lines: uniform states ±ū. The rotors overshoot these states on both sides of the
+wall, and the overshoot increases with d = 2 r sin θ̄ / a.
 """
 _TAILS = """
 Oscillations next to walls of wobbling flippers, one row for each chain (paper, Fig. S2). Dots:
 {count} snapshots of a slow motion of rigid bars. (a) Deviation of u from the tanh profile of
-flippers, over the rotor spacing a. (b) Deviation of u from the uniform state ū = r sin θ̄, on a
-logarithmic scale. Lines: decaying oscillation that changes sign from rotor to rotor, fitted to the
-dots beyond 1.5 rotor spacings; (b) shows its envelope. Decay length: exact penetration depth ℓ of
-the zero mode (black), or r sin θ̄ of the paper (dashed red).
+flippers, in units of the rotor spacing a. (b) Deviation of u from the uniform state ū = r sin θ̄,
+on a logarithmic scale. Lines: decaying oscillation that changes sign from rotor to rotor, fitted
+to the dots beyond 1.5 rotor spacings; (b) shows its envelope. Decay length: exact penetration
+depth ℓ of the zero mode (black), or r sin θ̄ of the paper (dashed red).
 """
 _BEYOND = 'rotors from the wall [rotor spacings]'
 _QUICK_SNAPSHOTS = 4

@@ -24,7 +24,7 @@ from soliton_linkage_studies.settings import Section, chain_from
 from soliton_linkage_studies.unit_cell import configuration_curves
 
 _SMOOTH = 800
-"""Number of steps of a drawn curve; no step is longer than a pixel."""
+"""Number of steps of a drawn curve, so that no step is longer than a pixel [1]."""
 
 
 @dataclass(frozen=True)

@@ -82,9 +82,9 @@ class InsulatorScene(Scene):
         ]
         below, above = (f'{drive:g} of the gap frequency' for drive in motion.drives)
         texts = (
-            'the zero mode, at the right edge, stretches no spring and needs no force: '
-            'arrows show where it moves the masses',
-            f'first rotor driven at {below}: no wave has this frequency, the motion dies out',
+            'the zero mode at the right edge stretches no spring and needs no force '
+            '(arrows: velocities of the masses)',
+            f'first rotor driven at {below}: no wave has this frequency, the motion decays',
             f'first rotor driven at {above}: a wave carries the motion along the chain',
         )
         self._pictures = self._add_chains(chain, mode, texts)

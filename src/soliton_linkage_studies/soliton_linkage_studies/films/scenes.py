@@ -183,7 +183,7 @@ class ProfilePanel:
         ]
         most = 110 * chain.rotor_length
         axes.axhline(0, color=PALE, zorder=0)
-        title = 'u = r sin φ of each rotor, and in theory for a wall at rest'
+        title = 'u = r sin φ of each rotor, and theory of a wall at rest'
         axes.set(ylim=(-most, most), ylabel='u [cm]', title=title)
         axes.tick_params(labelbottom=False)
         axes.legend(
@@ -263,7 +263,7 @@ FILM_KINDS: Registry[FilmKind] = Registry('soliton_linkage_studies.films')
 
 
 def film_kind(name: str, read: Callable[[Section], Any]) -> Callable[[AnyScene], AnyScene]:
-    """Return a decorator that registers a scene and its settings reader as a kind of film."""
+    """Return a decorator that registers a scene and the reader of its settings."""
 
     def added(scene: AnyScene) -> AnyScene:
         FILM_KINDS.add(name)(FilmKind(read, scene))

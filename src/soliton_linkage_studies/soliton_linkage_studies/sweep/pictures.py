@@ -56,7 +56,7 @@ _ASIDE = 0.16
 It prevents overlap of the error bars.
 """
 _NAMES = {
-    'rotor_length_ratio': ('$r/a$', 'rotor length over spacing, $r/a$ [1]'),
+    'rotor_length_ratio': ('$r/a$', 'rotor length / spacing, $r/a$ [1]'),
     'rotor_length': ('$r$ [m]', 'rotor length $r$ [m]'),
     'spacing': ('$a$ [m]', 'spacing $a$ [m]'),
     'rest_angle': (r'$\bar\theta$ [rad]', r'rest angle $\bar\theta$ [rad]'),
@@ -72,8 +72,8 @@ _NAMES = {
 }
 """Short and long name of a parameter, with its unit."""
 _LIMITS = (
-    ' For chains without deviations, flippers wobble beyond the solid line '
-    'd = 2 r sin θ̄ / a = 1, and walls spin beyond the dashed line d = d_c = 2 / sin θ̄.'
+    ' For chains without deviations, flippers wobble above the solid line '
+    'd = 2 r sin θ̄ / a = 1, and rotors spin above the dashed line d = d_c = 2 / sin θ̄.'
 )
 _SIGNS = ((r'\sqrt{k_e/M}', '√(k_e/M)'), (r'\bar\theta', 'θ̄'), (r'\dot\phi', 'φ̇'), ('$', ''))
 """Replacements of TeX notation by plain text."""
@@ -130,7 +130,7 @@ def curve_axes(axes: Sequence[Axis]) -> tuple[Axis, list[Axis]]:
 
 
 def shows_limits(axes: Sequence[Axis]) -> bool:
-    """Return whether the class limits can be drawn over a map."""
+    """Return whether the class limits can be drawn on a map."""
     return {axis.name for axis in axes} == {'rotor_length_ratio', 'rest_angle'}
 
 
@@ -181,7 +181,7 @@ def _draw_limits(axes: Axes, across: Axis, up: Axis) -> None:
 
 
 def _draw_curves(axes: Axes, study: SweepStudy, rows: Sequence[dict[str, str]]) -> None:
-    """Draw class fractions, or medians of numbers with all seeds, over the longest axis."""
+    """Draw class fractions, or medians and all seeds of numbers, against the longest axis."""
     along, families = curve_axes(study.axes)
     of_classes = bool(study.measure.classes)
     values = shares(study, rows) if of_classes else numbers(study, rows)
