@@ -1,12 +1,12 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What analysing frames costs: the analyser node against a tanh fitted by curve_fit.
+"""Cost of analysing frames, for the analyser node and for a tanh fitted by curve_fit.
 
-Both take the bytes of joint states, in which a wall goes through the middle of a flipper chain,
-with velocities and 0.01 rad of noise, and publish a SolitonState for each. In rounds, each in
-turn takes the same frames in one process; what was published is counted, and its places are
-compared with the truth. Then the analyser, a process of its own as in use, is sent frames at
-1000 Hz: how many it analyses, and the share of a core that it needs. Last comes what the frames of
-records cost that are easy and hard to analyse.
+Both receive the bytes of joint states with velocities and 0.01 rad of noise, in which a wall moves
+through the middle of a flipper chain. Both publish a SolitonState per frame. In each round, both
+process the same frames in turn in one process. The published states are counted, and their
+positions are compared with the true positions. Then the analyser runs in a separate process and
+receives frames at 1000 Hz; the number of analysed frames and the processor load are measured.
+Finally, the time per frame is measured for recordings that are easy or hard to analyse.
 """
 
 from __future__ import annotations
@@ -55,7 +55,7 @@ MOST_A_ROUND, LEAST_A_ROUND = 500, 50
 
 @dataclass(frozen=True)
 class Run:
-    """What some frames took of time [s], and how far off the places [rotors] were."""
+    """Times [s] and position errors [rotor spacings] of a number of frames."""
 
     frames: int
     wall: float
@@ -64,10 +64,10 @@ class Run:
 
 
 class Frames:
-    """Joint states of a flipper chain whose wall goes evenly through its middle half."""
+    """Joint states of a flipper chain with a wall at constant velocity in the middle half."""
 
     def __init__(self, rotors: int, count: int) -> None:
-        """Prepare so many frames."""
+        """Prepare a number of frames."""
         self.chain = Chain(number_of_rotors=rotors)
         self._orbit = UniformOrbit(self.chain)
         self._buffer = JointStateBuffer(NamedChain(self.chain, default_joint_names(rotors)))
@@ -79,7 +79,7 @@ class Frames:
         self._count = count
 
     def __iter__(self) -> Iterator[tuple[bytes, float]]:
-        """Each frame and the place of its wall [rotors]."""
+        """Yield each frame and the position of its wall [rotor spacings]."""
         rotors = self.chain.number_of_rotors
         effort = np.zeros(rotors)
         before = self._orbit.configuration(self._arc)
@@ -95,7 +95,7 @@ class Frames:
 
 
 class TanhFit:
-    """What one would write: u = -ub tanh((n - place) / width), fitted from where the last was."""
+    """Simple estimator: fit of u = -ub tanh((n - X) / w), starting from the last result."""
 
     def __init__(self, node: Node, chain: Chain) -> None:
         """Publish through a node."""
@@ -107,7 +107,7 @@ class TanhFit:
         self._last: Array | None = None
 
     def take(self, serialized: bytes) -> None:
-        """Fit a frame and publish."""
+        """Fit a frame and publish the result."""
         message = deserialize_message(serialized, JointState)
         sines = np.sin(message.position)
         start = self._last
@@ -132,16 +132,16 @@ class TanhFit:
 
 
 class Heard:
-    """What comes on a topic of soliton states, for whoever drains it."""
+    """Queue of the messages on a topic of soliton states."""
 
     def __init__(self, node: Node, topic: str) -> None:
-        """Subscribe, as deep as the suite's own streams."""
+        """Subscribe with the queue depth of the suite's own streams."""
         qos = interfaces.SOLITON_STATE.qos
         self.subscription: Subscription = node.create_subscription(
             SolitonState, topic, lambda _: None, qos, raw=True
         )
         self.last = math.nan
-        """When something was last drained [s]."""
+        """Time at which a message was last taken from the queue [s]."""
 
     def matched(self) -> bool:
         """Whether somebody publishes."""
@@ -158,7 +158,7 @@ class Heard:
         return taken
 
     def wait_for(self, count: int) -> list[bytes]:
-        """As many as are to come, or less where no more do."""
+        """Return the expected number of messages, or fewer if no more arrive."""
         taken, deadline = self.drain(), time.monotonic() + PATIENCE
         while len(taken) < count and time.monotonic() < deadline:
             time.sleep(POLL)
@@ -184,8 +184,8 @@ def main() -> None:
 def parse_arguments() -> argparse.Namespace:
     made = parser(__doc__)
     made.add_argument('--rotors', type=int, nargs='+', help='lengths of the chains')
-    made.add_argument('--seconds', type=float, help='of frames that the node is sent')
-    made.add_argument('--frames', type=int, help='of each record, easy or hard')
+    made.add_argument('--seconds', type=float, help='duration of the frames sent to the node [s]')
+    made.add_argument('--frames', type=int, help='number of frames in each record')
     arguments = made.parse_args()
     arguments.rounds = arguments.rounds or (2 if arguments.quick else 7)
     arguments.rotors = arguments.rotors or (
@@ -197,7 +197,7 @@ def parse_arguments() -> argparse.Namespace:
 
 
 def compared(node: Node, rotors: int, arguments: argparse.Namespace) -> dict[str, list[Run]]:
-    """Rounds of both on chains of a length, without the first, in which they find the wall."""
+    """Return the rounds of both estimators for a number of rotors, without the first round."""
     size = min(max(ROTORS_A_ROUND // rotors, LEAST_A_ROUND), MOST_A_ROUND)
     size = LEAST_A_ROUND if arguments.quick else size
     frames = Frames(rotors, size * (arguments.rounds + 1))
@@ -230,7 +230,7 @@ def compared(node: Node, rotors: int, arguments: argparse.Namespace) -> dict[str
 
 
 def run(take: Callable[[bytes], None], heard: Heard, given: list[tuple[bytes, float]]) -> Run:
-    """Let a side take frames; what it published is looked at afterwards."""
+    """Let an estimator process frames, then check the published states."""
     wall, cpu = time.perf_counter(), time.process_time()
     for serialized, _ in given:
         take(serialized)
@@ -242,7 +242,7 @@ def run(take: Callable[[bytes], None], heard: Heard, given: list[tuple[bytes, fl
 
 
 def in_use(node: Node, seconds: float) -> dict[str, float]:
-    """Send frames to the node as a process, first for a second that does not count."""
+    """Send frames to the node in a process; ignore the first second."""
     settings = {'chain_from': 'parameters', 'chain.number_of_rotors': IN_USE}
     heard = Heard(node, interfaces.SOLITON_STATE.name)
     topic = interfaces.JOINT_STATES
@@ -268,7 +268,7 @@ def send(
     count: int,
     title: str,
 ) -> int:
-    """Publish so many frames at their rate; return how many were analysed."""
+    """Publish a number of frames at their rate; return the number of analysed frames."""
     progress, analysed = ProgressLine(title, count), 0
     start = time.perf_counter()
     for number, (frame, _) in enumerate(itertools.islice(coming, count)):
@@ -284,7 +284,7 @@ def send(
 def part(
     runs: dict[int, dict[str, list[Run]]], used: dict[str, float], times: dict[str, list[float]]
 ) -> Part:
-    """Frames a second, processor time and errors of the place; the node in use; each record."""
+    """Return frame rates, times and position errors, the load of the node, and all records."""
     comparisons = []
     for rotors, sides in runs.items():
         rates = {name: [r.frames / r.wall for r in side] for name, side in sides.items()}
@@ -292,15 +292,15 @@ def part(
         errors = {name: [r.error for r in side] for name, side in sides.items()}
         work = f'N = {rotors}:'
         comparisons += [
-            Comparison(PEER, f'{work} frames a second', '1/s', **rates, more_is_better=True),
-            Comparison(PEER, f'{work} processor time a frame', 's', **costs),
-            Comparison(PEER, f'{work} error of the place', 'rotors', **errors),
+            Comparison(PEER, f'{work} frames per second', '1/s', **rates, more_is_better=True),
+            Comparison(PEER, f'{work} processor time per frame', 's', **costs),
+            Comparison(PEER, f'{work} position error', 'rotor spacings', **errors),
         ]
     work = f'of {IN_USE} rotors at {RATE:g} Hz'
     share = 100 * used['analysed'] / used['sent']
     figures = [
         Figure(f'frames {work} that the node analyses', '%', [share], '100 %'),
-        Figure(f'its share of a core, {work}', '', [used['cpu'] / used['seconds']], '0.5'),
+        Figure(f'processor load [cores], {work}', '', [used['cpu'] / used['seconds']], '0.5'),
         *(figure for name, seen in times.items() for figure in figures_of(name, seen)),
     ]
     kept = {

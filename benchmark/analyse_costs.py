@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Records easy and hard, and what each of their frames costs to analyse."""
+"""Time to analyse the frames of records that are easy or hard to analyse."""
 
 from __future__ import annotations
 
@@ -19,23 +19,23 @@ from soliton_linkage.orbit.uniform_orbit import UniformOrbit
 from soliton_linkage.progress import ProgressLine
 
 WALLS = (2, 4, 8)
-"""On a ring they are even."""
+"""Numbers of walls on a ring, which are even."""
 RING, FLIPPER = 200, 40
-"""Rotors of the rings, and of the flippers of hard records."""
+"""Number of rotors of the rings, and of the flippers in hard records."""
 SPEED = 0.02
-"""Of the walls [rotors a frame]."""
+"""Speed of the walls [rotor spacings / frame]."""
 NOISE = 0.01
 KICK = 3.0
-"""Of the edge that breaks up [rad sqrt(k / M)]."""
+"""Kick of an edge whose wall is destroyed [rad sqrt(k / M)]."""
 PERIOD = 4_000_000
-"""From frame to frame [ns]."""
+"""Frame period [ns]."""
 WARM = 50
-"""Frames that do not count: filters begin, shapes are made."""
+"""Number of ignored frames, in which filters start and wall shapes are computed."""
 
 
 @dataclass(frozen=True)
 class Record:
-    """Angles of a chain [rad], shape (frames, N), of whose walls so many are to be found."""
+    """Angles of a chain [rad], shape (frames, N), and the number of walls in it."""
 
     name: str
     chain: Chain
@@ -44,7 +44,7 @@ class Record:
 
 
 def records(lengths: Iterable[int], frames: int) -> list[Record]:
-    """One wall in chains of these lengths, several in rings, and what is hard to make out."""
+    """Return records of one wall in chains, of several walls in rings, and of hard cases."""
     made = [_one_wall(Chain(number_of_rotors=rotors), frames) for rotors in lengths]
     made += [_several_walls(count, frames) for count in WALLS]
     flipper, random = Chain(number_of_rotors=FLIPPER), np.random.default_rng(2)
@@ -60,7 +60,7 @@ def records(lengths: Iterable[int], frames: int) -> list[Record]:
 
 
 def times_of(record: Record) -> list[float]:
-    """Processor time of each frame [s] but the first."""
+    """Return the processor time of each frame [s] without the first frames."""
     analyser, times = Analyser(record.chain), []
     progress = ProgressLine(record.name, len(record.angles))
     rates = np.gradient(record.angles, 1e-9 * PERIOD, axis=0)
@@ -70,15 +70,15 @@ def times_of(record: Record) -> list[float]:
         times.append(time.thread_time() - begin)
         counted = len(found.solitons) if found else 0
         if record.walls is not None and counted != record.walls:
-            raise RuntimeError(f'{record.name}: {counted} were found in frame {number}')
+            raise RuntimeError(f'{record.name}: {counted} walls were found in frame {number}')
         progress.show(number)
     progress.end(f'{record.name}: {len(times)} frames')
     return times[WARM:]
 
 
 def figures_of(name: str, times: list[float]) -> list[Figure]:
-    """Median, 99.9th percentile and largest of the times of a record."""
-    work = f'{name}: processor time a frame'
+    """Return median, 99.9th percentile and maximum of the times of a record."""
+    work = f'{name}: processor time per frame'
     return [
         Figure(f'{work}, median', 's', [float(np.median(times))]),
         Figure(f'{work}, p99.9', 's', [float(np.quantile(times, 0.999))], 'three medians'),
@@ -108,7 +108,7 @@ def _several_walls(count: int, frames: int) -> Record:
 
 
 def _ring_with_walls(chain: Chain, count: int, shift: float) -> Array:
-    """Angles of a ring with so many walls at equal distances [rad]."""
+    """Return the angles of a ring with a number of walls at equal distances [rad]."""
     rotors = np.arange(chain.number_of_rotors)
     width, apart = chain.wall_width / chain.spacing, chain.number_of_rotors / count
     order = np.ones(len(rotors))
@@ -122,7 +122,7 @@ def _ring_with_walls(chain: Chain, count: int, shift: float) -> Array:
 
 
 def _break_up(chain: Chain, frames: int) -> Array:
-    """What a kick of the edge leaves that no soliton survives [rad], shape (frames, N)."""
+    """Return the motion after a kick that destroys the soliton [rad], shape (frames, N)."""
     angles, period = chain.uniform_state(-1), 1e-9 * PERIOD
     rates = KICK / chain.time_unit * mode_towards_last(chain, angles)
     duration = (frames + WARM - 1) * period

@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What every part of the benchmark writes: comparisons, figures, one JSON and one table.
+"""Results of the parts of the benchmark: comparisons and figures, written as JSON and a table.
 
-A part runs ours and a peer in turn, on the same work, in rounds, and hands over what each round
-took. Ratios are taken within a round, as what else a machine does changes between them.
+A part runs our program and a peer in turn, on the same work, in rounds. Ratios are computed within
+a round, because the load of the machine changes between rounds.
 """
 
 from __future__ import annotations
@@ -27,21 +27,21 @@ PARTS = (
     'live',
     'identification',
 )
-"""In the order in which they run and stand in the table."""
+"""Names of the parts, in the order of execution and in the table."""
 
 _COMPARISON_HEAD = (
     '| peer | work | theirs | ours | ratio (spread) |\n| --- | --- | --- | --- | --- |'
 )
-_FIGURE_HEAD = '| what | measured (spread) | goal |\n| --- | --- | --- |'
+_FIGURE_HEAD = '| quantity | measured (spread) | goal |\n| --- | --- | --- |'
 _PREFIXES = ((1.0, ''), (1e-3, 'm'), (1e-6, 'µ'), (1e-9, 'n'))
 
 
 @dataclass(frozen=True)
 class Comparison:
-    """The same work done by a peer and by us, a number a round of each.
+    """The same work done by a peer and by us, with one number per round for each.
 
-    In seconds and other costs the ratio is theirs over ours; of what there is to be much of, such
-    as messages a second, ours over theirs. It is above 1 where ours is better.
+    The ratio is above 1 if ours is better. For times and other costs it is theirs / ours. For
+    quantities that should be large, such as messages per second, it is ours / theirs.
     """
 
     peer: str
@@ -52,12 +52,12 @@ class Comparison:
     more_is_better: bool = False
 
     def ratios(self) -> list[float]:
-        """How many times better ours is, a number a round, sorted."""
+        """Return the ratio of each round, sorted."""
         pairs = zip(self.theirs, self.ours, strict=True)
         return sorted(o / t if self.more_is_better else t / o for t, o in pairs)
 
     def row(self) -> str:
-        """Of the table; where one of the two could not do the work, it says so."""
+        """Return the row of the table; `not reached` marks a side that could not do the work."""
         sides = [_shown(side, self.unit) for side in (self.theirs, self.ours)]
         ratio = _spread(self.ratios()) if self.theirs and self.ours else ''
         return f'| {self.peer} | {self.work} | {sides[0]} | {sides[1]} | {ratio} |'
@@ -65,7 +65,7 @@ class Comparison:
 
 @dataclass(frozen=True)
 class Figure:
-    """A quantity of ours that has a goal rather than a peer, a number a round."""
+    """Quantity without a peer but with a goal, one number per round."""
 
     what: str
     unit: str
@@ -83,16 +83,16 @@ class Figure:
 
 @dataclass(frozen=True)
 class Part:
-    """What a part of the benchmark found."""
+    """Results of a part of the benchmark."""
 
     name: str
     comparisons: Sequence[Comparison] = ()
     figures: Sequence[Figure] = ()
     details: dict[str, Any] = field(default_factory=dict)
-    """Whatever else the JSON is to keep."""
+    """Further content of the JSON file."""
 
     def table(self) -> str:
-        """The comparisons, then the figures."""
+        """Return the comparisons followed by the figures, as Markdown."""
         parts = []
         if self.comparisons:
             parts.append('\n'.join([_COMPARISON_HEAD, *(each.row() for each in self.comparisons)]))
@@ -102,16 +102,16 @@ class Part:
 
 
 def parser(description: str | None) -> argparse.ArgumentParser:
-    """Options that all parts have."""
+    """Return a parser with the options of all parts."""
     made = argparse.ArgumentParser(description=(description or '').partition('\n')[0])
-    made.add_argument('--quick', action='store_true', help='small and short, to try it out')
-    made.add_argument('--rounds', type=int, help='of ours and the peer in turn')
+    made.add_argument('--quick', action='store_true', help='small and short, for a first test')
+    made.add_argument('--rounds', type=int, help='rounds, in which ours and the peer run in turn')
     made.add_argument('--output', type=Path, default=Path('out/benchmark.json'))
     return made
 
 
 def write(part: Part, output: Path) -> None:
-    """Put a part into the JSON beside the others, make the table anew, and show this part's."""
+    """Add a part to the JSON file, rewrite the table, and print the table of this part."""
     stored = json.loads(output.read_text(encoding='utf-8')) if output.exists() else {}
     stored[part.name] = {**asdict(part), 'table': part.table()}
     output.parent.mkdir(parents=True, exist_ok=True)

@@ -1,10 +1,10 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What each node takes of a processor for one frame of joint states.
+"""Processor time of each node per frame of joint states.
 
-This process publishes the frames of a kicked chain at a fixed rate, to one node after the other,
-each a process of its own; the simulator publishes by itself, to so many listeners. Told are the
-processor time a frame of the whole process and of the thread that runs the callbacks, and how
-often a frame its threads waited.
+This process publishes the frames of a kicked chain at a fixed rate to one node after the other,
+each in a separate process. The simulator publishes by itself to a number of subscribers. The table
+contains the processor time per frame of the whole process and of the thread that runs the
+callbacks, and the number of waits of its threads per frame.
 """
 
 from __future__ import annotations
@@ -49,7 +49,7 @@ SHORT_POLL = 0.002
 
 @dataclass(frozen=True)
 class Spent:
-    """What a process has spent so far: processor time [s], that of its first thread, and waits."""
+    """Processor time of a process and of its first thread so far [s], and number of waits."""
 
     processor: float
     first: float
@@ -62,10 +62,10 @@ class Spent:
 
 
 def spent(process: int) -> Spent:
-    """Of all threads of a process."""
+    """Return the totals of all threads of a process."""
     times, waits = {}, 0
     for task in Path(f'/proc/{process}/task').iterdir():
-        # Time on the processor and in its queue [ns], and how often it came to run.
+        # Time on the processor [ns], time in its queue [ns], number of times that it ran.
         times[task.name] = int((task / 'schedstat').read_text(encoding='ascii').split()[0])
         status = (task / 'status').read_text(encoding='ascii')
         waits += int(status.partition('\nvoluntary_ctxt_switches:')[2].split()[0])
@@ -75,7 +75,7 @@ def spent(process: int) -> Spent:
 
 @contextmanager
 def node_process(which: str) -> Iterator[int]:
-    """A node that listens to the chain."""
+    """Start a node that subscribes to the chain; yield its process number."""
     with tempfile.TemporaryDirectory() as folder:
         settings: Mapping[str, Any] = {
             'bag_recorder': {'output': Path(folder, 'bag')},
@@ -89,14 +89,14 @@ def node_process(which: str) -> Iterator[int]:
 
 
 def of_node(which: str, named: NamedChain, moved: Recording, arguments: Any) -> tuple[Spent, int]:
-    """What a node spends on a number of frames."""
+    """Return the cost of a number of frames for a node."""
     node = rclpy.create_node('cost')
     chains = Chains(node, named, moved, round(SECOND / arguments.rate), 1)
     with node_process(which) as process:
         deadline = time.monotonic() + START_LIMIT
         while not chains.listened:
             if time.monotonic() > deadline:
-                raise RuntimeError(f'{which} did not listen within {START_LIMIT:g} s')
+                raise RuntimeError(f'{which} did not subscribe within {START_LIMIT:g} s')
             time.sleep(POLL)
         chains.publish(SETTLING)
         before = spent(process)
@@ -107,7 +107,7 @@ def of_node(which: str, named: NamedChain, moved: Recording, arguments: Any) -> 
 
 
 def of_simulator(listeners: int, arguments: Any) -> tuple[Spent, int]:
-    """What a simulator spends on a number of frames that so many hear."""
+    """Return the cost of a number of frames for a simulator with a number of subscribers."""
     settings = {
         'chain.number_of_rotors': arguments.rotors,
         'publish_rate': float(arguments.rate),
@@ -131,7 +131,7 @@ def of_simulator(listeners: int, arguments: Any) -> tuple[Spent, int]:
 
 
 def frame() -> int:
-    """Number of a frame that is published just now."""
+    """Return the number of the frame that is published now."""
     node = rclpy.create_node('cost')
     topic = interfaces.JOINT_STATES
     inbox = node.create_subscription(topic.type, topic.name, print, topic.qos, raw=True)
@@ -168,7 +168,7 @@ def main() -> None:
     named = NamedChain(chain, default_joint_names(arguments.rotors))
     duration = math.ceil(arguments.seconds + SETTLING)
     moved = simulate(chain, rest, rates, duration, 1 / arguments.rate)
-    print('| node | processor a frame [µs] | of the first thread [µs] | waits a frame |')
+    print('| node | processor time per frame [µs] | first thread [µs] | waits per frame |')
     print('| --- | --- | --- | --- |')
     with own_domain():
         for _ in range(arguments.rounds):

@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
-"""How cost grows with the number of rotors, and memory with that and with the length of a bag.
+"""Growth of time and memory with the number of rotors, and of memory with the length of a bag.
 
-Times are processor times of the thread that does the work, the mean of many calls in each round;
-the exponent p of time ~ N^p is fitted to sizes from 1000 on. Memory is the largest that a
-process ever had resident, of a simulator as in use and of `analyse_bag` on short and long bags.
+Times are processor times of the working thread, averaged over many calls in each round. The
+exponent p of time ~ N^p is fitted to sizes of 1000 and more. Memory is the peak resident memory of
+a simulator process, and of `analyse_bag` on short and long bags.
 """
 
 from __future__ import annotations
@@ -41,7 +41,7 @@ def main() -> None:
     plt.switch_backend('agg')
     options = parser(__doc__)
     options.add_argument('--rotors', type=int, nargs='*', help=f'sizes {ROTORS}')
-    options.add_argument('--frames', type=int, nargs='*', help=f'of the bags {BAG_FRAMES}')
+    options.add_argument('--frames', type=int, nargs='*', help=f'lengths of the bags {BAG_FRAMES}')
     options.add_argument('--no-memory', dest='memory', action='store_false')
     arguments = options.parse_args()
     quick = arguments.quick
@@ -58,7 +58,7 @@ def main() -> None:
 
 
 def measured(sizes: Sequence[int], rounds: int, seconds: float) -> Times:
-    """Processor time of one call of each work [s], by size, a number a round."""
+    """Return the processor time per call of each task [s], by size, one number per round."""
     times: Times = {name: {size: [] for size in sizes} for name in WORKS}
     progress = ProgressLine('growing', len(sizes))
     with own_domain():
@@ -68,12 +68,12 @@ def measured(sizes: Sequence[int], rounds: int, seconds: float) -> Times:
                 with make(size) as work:
                     for _ in range(rounds):
                         times[name][size].append(time_of(work, seconds))
-    progress.end(f'{len(WORKS)} works of {len(sizes)} sizes measured')
+    progress.end(f'{len(WORKS)} tasks of {len(sizes)} sizes measured')
     return times
 
 
 def time_of(work: Work, seconds: float) -> float:
-    """Processor time of a unit of work [s]: the mean of calls that take so long together."""
+    """Return the processor time of a unit of work [s], averaged over calls of a total duration."""
     spent, calls, units = 0.0, 0, 0
     while not units or (spent < seconds and calls < MOST_CALLS):
         work.prepare()
@@ -85,7 +85,7 @@ def time_of(work: Work, seconds: float) -> float:
 
 
 def exponents(times: Times) -> list[Figure]:
-    """Exponent of each work's growth, a number a round."""
+    """Return the growth exponent of each task, one number per round."""
     figures = []
     for name, by_size in times.items():
         sizes = [size for size in by_size if size >= FITTED_FROM] or list(by_size)
@@ -98,7 +98,7 @@ def exponents(times: Times) -> list[Figure]:
 
 
 def figures_of(times: Times) -> list[Figure]:
-    """Time of each work at each size."""
+    """Return the time of each task at each size."""
     return [
         Figure(f'{name}, N = {size}', 's', rounds)
         for name, by_size in times.items()
@@ -107,7 +107,7 @@ def figures_of(times: Times) -> list[Figure]:
 
 
 def memory(rotors: int, frames: Sequence[int], folder: Path) -> list[Figure]:
-    """Resident memory of a simulator of many rotors, and of the analysis of bags of lengths."""
+    """Return the peak memory of a large simulator and of the analysis of bags of some lengths."""
     goal = 'under 500 MB' if rotors == max(ROTORS) else ''
     with own_domain():
         resident = simulator_memory(rotors) / MEGABYTE
@@ -120,7 +120,7 @@ def memory(rotors: int, frames: Sequence[int], folder: Path) -> list[Figure]:
 
 
 def draw(times: Times, path: Path) -> None:
-    """Plot time against N."""
+    """Draw time against N."""
     figure, axes = plt.subplots(figsize=(7, 5))
     for name, by_size in times.items():
         medians = [1e6 * statistics.median(rounds) for rounds in by_size.values()]

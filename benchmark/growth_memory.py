@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The largest memory that processes of the suite ever had resident."""
+"""Peak resident memory of processes of the suite."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ print(Path('/proc/self/status').read_text())
 
 
 def simulator_memory(rotors: int) -> float:
-    """Of a simulator with a soliton on its way, that somebody has had some frames from [B]."""
+    """Return the peak memory of a simulator with a moving soliton and a subscriber [B]."""
     node = rclpy.create_node('watcher')
     topic = interfaces.JOINT_STATES
     subscription = node.create_subscription(
@@ -57,7 +57,7 @@ def simulator_memory(rotors: int) -> float:
 
 
 def analyser_memory(rotors: int, frames: int, folder: Path) -> float:
-    """Of `analyse_bag` on a bag of so many frames, which is removed in the end [B]."""
+    """Return the peak memory of `analyse_bag` on a bag with a number of frames [B]."""
     with tempfile.TemporaryDirectory(dir=folder) as name:
         bag = write_wall_bag(Path(name, 'wall'), rotors, frames, 'zstd')
         command = [sys.executable, '-c', ANALYSE, str(bag), '--output', name]
@@ -66,7 +66,7 @@ def analyser_memory(rotors: int, frames: int, folder: Path) -> float:
 
 
 def largest_resident(status: str) -> float:
-    """Largest memory that the status of a process tells [B]."""
+    """Return the peak memory in the status text of a process [B]."""
     found = re.search(r'VmHWM:\s+(\d+) kB', status)
     if found is None:
         raise ValueError(f'no VmHWM in {status[:100]!r}')

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The works whose cost is followed as chains grow, each prepared for a number of rotors."""
+"""Tasks whose time is measured for chains of different lengths."""
 
 from __future__ import annotations
 
@@ -38,22 +38,22 @@ BATCH = 5
 
 @dataclass(frozen=True)
 class Work:
-    """What is timed, and what must be done before each time."""
+    """Timed function, and the preparation before each call."""
 
     do: Callable[[], int]
-    """Returns how many units of work it did."""
+    """Timed function, which returns the number of units of work."""
     prepare: Callable[[], object] = lambda: None
 
 
 def wall_state(rotors: int) -> tuple[np.ndarray, np.ndarray]:
-    """Angles and rates of a chain whose wall is on its way, without noise."""
+    """Return angles and rates of a chain with a moving wall, without noise."""
     wall = NoisyWall(rotors, 0.0)
     return wall.frame(FIRST_FRAMES)
 
 
 @contextmanager
 def right_hand_side(rotors: int) -> Iterator[Work]:
-    """One call of the equations of motion."""
+    """Yield one evaluation of the equation of motion."""
     motion = EquationOfMotion(Chain(number_of_rotors=rotors))
     state = motion.state(*wall_state(rotors))
     yield Work(lambda: len(motion(0.0, state)) // len(state))
@@ -61,7 +61,7 @@ def right_hand_side(rotors: int) -> Iterator[Work]:
 
 @contextmanager
 def compiled_force(rotors: int) -> Iterator[Work]:
-    """One force of the compiled integrator, with all that stands about it in a step."""
+    """Yield one force evaluation of the compiled integrator, with its share of a step."""
     motion = EquationOfMotion(Chain(number_of_rotors=rotors))
     state = motion.state(*wall_state(rotors))
     solver = SymplecticNystrom(motion, 0.0, state, 1e9, first_step=0.01, atol=1e-3, rtol=0.0)
@@ -77,7 +77,7 @@ def compiled_force(rotors: int) -> Iterator[Work]:
 
 @contextmanager
 def one_zero_mode(rotors: int) -> Iterator[Work]:
-    """The zero mode of a chain with a wall in it."""
+    """Yield the zero mode of a chain with a wall."""
     chain = Chain(number_of_rotors=rotors)
     angles, _ = wall_state(rotors)
     yield Work(lambda: zero_mode(chain, angles).size // rotors)
@@ -85,7 +85,7 @@ def one_zero_mode(rotors: int) -> Iterator[Work]:
 
 @contextmanager
 def analysis(rotors: int) -> Iterator[Work]:
-    """One frame, noisy and with rates, in the steady state of the analyser."""
+    """Yield the analysis of one noisy frame with rates, in the steady state of the analyser."""
     wall, analyser = NoisyWall(rotors), Analyser(Chain(number_of_rotors=rotors), NOISE)
     numbers = itertools.count(FIRST_FRAMES)
     frame = [0, *wall.frame(0)]
@@ -105,7 +105,7 @@ def analysis(rotors: int) -> Iterator[Work]:
 
 @contextmanager
 def published(rotors: int) -> Iterator[Work]:
-    """Joint states from arrays to the middleware, with a subscriber in another process."""
+    """Yield the publication of joint states, with a subscriber in another process."""
     buffer, still = JointStateBuffer(named_chain(rotors)), np.zeros(rotors)
     topic = f'growing_{rotors}'
     node = rclpy.create_node('speaker')
@@ -127,7 +127,7 @@ def published(rotors: int) -> Iterator[Work]:
 
 @contextmanager
 def recorded(rotors: int) -> Iterator[Work]:
-    """A message from the middleware into a file, as the recorder's threads do it."""
+    """Yield the recording of one message, as in the threads of the recorder."""
     buffer, still = JointStateBuffer(named_chain(rotors)), np.zeros(rotors)
     message = buffer.write(0, still, still, still)
     kind, qos = interfaces.JOINT_STATES.type, QoSProfile(depth=2 * BATCH)

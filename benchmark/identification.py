@@ -1,11 +1,11 @@
 # SPDX-License-Identifier: Apache-2.0
-"""How near identified chains come to the Cramer-Rao bound, and what is stated of them.
+"""Errors of identified chains, compared with the Cramer-Rao bound and the stated deviations.
 
-Chains of 40 rotors with 5 % in every length, one passage of rigid bars at 250 Hz, noise of
-0.01 rad and offsets of 0.05 rad. Chains that were identified are kept in files, so that a run
-that was stopped goes on where it was. Errors to first order, whose mean is 0 and whose variance
-is the bound, are taken off where means and variances are formed: what chance makes of a few
-chains is the same in both.
+Chains have 40 rotors with 5 % deviation in every length. Each is identified from one passage of a
+wall through rigid bars, at 250 Hz, with a noise of 0.01 rad and offsets of 0.05 rad. Identified
+chains are stored in files, so that an interrupted run continues. The first-order error of each
+chain is known; its mean is 0 and its variance is the bound. It is subtracted from means and
+variances (control variate), so that few chains are enough.
 """
 
 from __future__ import annotations
@@ -24,15 +24,15 @@ from soliton_linkage.linkage.chain import Array
 from soliton_linkage.progress import ProgressLine
 
 KINDS = ('rotor_length', 'offset', 'spacing', 'rest_length')
-"""In the order of the unknowns."""
+"""Names of the unknowns, in their order."""
 DRAWS = 20
-"""Chains of each class [1]: a minute of processor."""
+"""Number of chains of each class [1]; they take a minute of processor time."""
 QUICK = 2
-"""The same, to try it out [1]."""
+"""Number of chains of each class with --quick [1]."""
 
 
 def figures_of_lengths(name: str, draws: list[Draw]) -> list[Figure]:
-    """Errors over the bound and over what was stated, and bias; print them kind by kind."""
+    """Return errors relative to bound and stated deviation, and bias; print them by kind."""
     errors, linear, stated, alone = (
         np.array([getattr(draw, part) / draw.bound for draw in draws])
         for part in ('errors', 'linear', 'stated', 'alone')
@@ -43,8 +43,8 @@ def figures_of_lengths(name: str, draws: list[Draw]) -> list[Figure]:
     bias = beside.mean(axis=0)
     chance = beside.std(axis=0) / math.sqrt(len(draws))
     print(
-        f'{name}, {len(draws)} chains: rms error over the bound, the same less chance, over the '
-        'bound of the angles alone, over what was stated less chance; rms bias over the bound'
+        f'{name}, {len(draws)} chains: rms error / bound, the same without chance, rms error / '
+        'bound of the angles, rms error / stated deviation without chance; rms bias / bound'
     )
     for number, kind in enumerate(KINDS):
         part = [split(each)[number] for each in (errors, over, errors / alone, over_stated)]
@@ -60,28 +60,26 @@ def figures_of_lengths(name: str, draws: list[Draw]) -> list[Figure]:
     worst = int(np.argmax(over))
     places = [draw.place for draw in draws]
     return [
-        Figure(f'{name}: error over its bound', '', [math.sqrt(over.mean())], '1.1'),
+        Figure(f'{name}: error / bound', '', [math.sqrt(over.mean())], '1.1'),
         Figure(f'{name}: the same of the worst unknown', '', [math.sqrt(over[worst])], '1.1'),
-        Figure(
-            f'{name}: bias over the bound, rms', '', [_root(np.mean(bias**2 - chance**2))], '0.1'
-        ),
+        Figure(f'{name}: rms bias / bound', '', [_root(np.mean(bias**2 - chance**2))], '0.1'),
         Figure(f'{name}: the same of the worst unknown', '', [float(np.abs(bias).max())], '0.1'),
         Figure(
-            f'{name}: error over what was stated', '', [_root(over_stated.mean())], '0.95 to 1.05'
+            f'{name}: error / stated deviation', '', [_root(over_stated.mean())], '0.95 to 1.05'
         ),
-        Figure(f'{name}: error of the place over its bound', '', [_rms(np.array(places))], '1.05'),
+        Figure(f'{name}: position error / bound', '', [_rms(np.array(places))], '1.05'),
     ]
 
 
 def main() -> None:
-    """Measure the chains that are asked for."""
+    """Measure the requested chains."""
     options = parser(__doc__)
     # Python 3.11 rejects an empty list of names if `choices` are given.
     options.add_argument('names', nargs='*', help=f'of {", ".join(CHAINS)} (all)')
     for name, meaning in (
-        ('--draws', f'of each class, 0 for none ({DRAWS}, {QUICK} of --quick)'),
-        ('--springs', 'of springs, too (0)'),
-        ('--use', 'analysed and moved (0)'),
+        ('--draws', f'number of chains of each class ({DRAWS}; {QUICK} with --quick)'),
+        ('--springs', 'number of spring chains of each class (0)'),
+        ('--use', 'number of chains of each class to analyse and steer (0)'),
     ):
         options.add_argument(name, type=_count, metavar='CHAINS', help=meaning)
     chosen = options.parse_args()
@@ -99,7 +97,7 @@ def main() -> None:
 
 
 def _count(text: str) -> int:
-    """Read how many chains are asked for."""
+    """Parse a number of chains."""
     if not text.isdecimal():
         raise argparse.ArgumentTypeError(f'{text!r} must be a whole number of 0 or more')
     return int(text)
@@ -120,7 +118,7 @@ def _rms(values: Array) -> float:
 
 
 def _root(square: float) -> float:
-    """Root of a square from which chance was taken off, which may have made it negative."""
+    """Return the root of a square, 0 if the subtraction of chance made it negative."""
     return math.copysign(math.sqrt(abs(square)), square)
 
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Chains of the benchmark of the identification: made, recorded, identified, kept in files."""
+"""Random chains of the identification benchmark: simulated, recorded, identified and stored."""
 
 from __future__ import annotations
 
@@ -33,38 +33,38 @@ CHAINS = {
 RATE = 250.0
 """Of frames [Hz]."""
 NOISE = 0.01
-"""Of a reading [rad]."""
+"""Noise of a reading [rad]."""
 OFFSET = 0.05
-"""Standard deviation of an encoder's zero [rad]."""
+"""Standard deviation of the encoder offsets [rad]."""
 SPREAD = 0.05
-"""Of lengths of one kind [1]."""
+"""Relative standard deviation of lengths of one kind [1]."""
 PLACES = 200
-"""Frames on which the place is measured [1]."""
+"""Number of frames with a measured position [1]."""
 _SEEDS = 1000
-"""Between the seeds of two chains [1], of which the first that lets walls pass is taken."""
+"""Number of seeds per chain [1]; the first seed whose chain lets walls pass is used."""
 
 
 @dataclass(frozen=True)
 class Draw:
-    """A chain that was identified; arrays have the shape (P,) of the unknowns."""
+    """Result for one identified chain; arrays have the shape (P,) of the unknowns."""
 
     errors: Array
-    """Of the identified chain: of logarithms of lengths [1] and of offsets [rad]."""
+    """Errors of the logarithms of lengths [1] and of offsets [rad]."""
     linear: Array
-    """The same of one step of least squares from the truth, with the tolerances known: to first
-    order the best that can be, without bias, of the variance of the bound."""
+    """First-order errors: one least-squares step from the true values with known tolerances. Their
+    mean is 0 and their variance is the bound."""
     bound: Array
-    """Cramer-Rao bound with the tolerances known, as standard deviations."""
+    """Cramer-Rao bound with known tolerances, as standard deviations."""
     alone: Array
-    """The same by the angles alone."""
+    """Cramer-Rao bound from the angles alone."""
     stated: Array
-    """Standard deviations that were stated."""
+    """Stated standard deviations."""
     place: float
-    """Root mean square error of the place by the nearest point, over its bound [1]."""
+    """Root mean square error of the nearest-point position, divided by its bound [1]."""
 
 
 def draw_of(name: str, number: int, folder: Path) -> Draw:
-    """A chain of a class, from its file where it has one."""
+    """Return a chain of a class, from its file if the file exists."""
     path = folder / f'{name}_{number:04}.npz'
     if not path.exists():
         folder.mkdir(parents=True, exist_ok=True)
@@ -77,7 +77,7 @@ def draw_of(name: str, number: int, folder: Path) -> Draw:
 
 
 def chain_of(nominal: Chain, number: int) -> Chain:
-    """Chain with lengths of its own that lets walls pass."""
+    """Return a chain with random lengths that lets walls pass."""
     for seed in range(_SEEDS * number, _SEEDS * (number + 1)):
         spreads = dict.fromkeys(('spacing', 'rotor_length', 'rest_length'), SPREAD)
         drawn = drawn_deviations(nominal.number_of_rotors, seed, **spreads)
@@ -87,20 +87,20 @@ def chain_of(nominal: Chain, number: int) -> Chain:
 
 
 def passage(orbit: Orbit, speed: float) -> Array:
-    """Angles of rigid bars along which a wall passes once [rad], shape (T, N)."""
+    """Return the angles of rigid bars during one passage of a wall [rad], shape (T, N)."""
     begin, end = orbit.leg_arcs(0)
     frames = round((end - begin) / orbit.site_arc / speed * RATE)
     return np.array([orbit.configuration(arc) for arc in np.linspace(begin, end, frames)])
 
 
 def read(angles: Array, random: np.random.Generator) -> tuple[Array, Array]:
-    """Offsets of encoders [rad], shape (N,), and what they read with noise, shape (T, N)."""
+    """Return random encoder offsets [rad], (N,), and noisy readings [rad], (T, N)."""
     offsets = OFFSET * random.standard_normal(angles.shape[1])
     return offsets, angles + offsets + NOISE * random.standard_normal(angles.shape)
 
 
 def made(name: str, number: int) -> Draw:
-    """Make a chain, record a passage, and identify it."""
+    """Draw a chain, record a passage, and identify the chain."""
     nominal, speed = CHAINS[name]
     chain = chain_of(nominal, number)
     random = np.random.default_rng([number, 7])
@@ -127,9 +127,9 @@ def made(name: str, number: int) -> Draw:
 
 
 def place_error(true: Orbit, used: Orbit, offsets: Array, random: np.random.Generator) -> float:
-    """Root mean square error of the place over its bound, on a chain used for the true one.
+    """Return the rms position error on an identified chain, divided by its bound [1].
 
-    Offsets are what is left of the encoders' zeros [rad], shape (N,).
+    `offsets` are the remaining encoder offsets [rad], shape (N,).
     """
     rotors = true.chain.number_of_rotors
     squares = []

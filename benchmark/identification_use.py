@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What springs show beside lengths, and what analyser and steering make of identified chains."""
+"""Masses and stiffnesses of spring chains, and analyser and steering on identified chains."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ from soliton_linkage.steering.steering import Steering
 from soliton_linkage.steering.torque_allocation import TorqueAllocation
 
 KICKS = {'flipper': 10.0, 'wobbler': 4.0, 'spinner': 12.5}
-"""Of springs [rad/s], those of config/*.yaml."""
+"""Kicks of spring chains [rad/s], as in config/*.yaml."""
 PLURALS = {
     'rotor_length': 'rotor_lengths',
     'spacing': 'spacings',
@@ -37,19 +37,19 @@ PLURALS = {
     'mass': 'masses',
 }
 ROTORS = 20
-"""Of chains of springs [1]: more take minutes."""
+"""Number of rotors of spring chains [1]; more rotors take minutes."""
 WAY = (12.3, 24.7)
-"""From where to where walls are moved [rotor spacings]."""
+"""Start and goal of moved walls [rotor spacings]."""
 SEEN = 50
-"""Frames before a move [1]."""
+"""Number of frames before a move [1]."""
 HELD = 250
-"""Frames after its end [1]."""
+"""Number of frames after a move [1]."""
 LONGEST = 15_000
-"""Frames of a move [1]: a minute."""
+"""Largest number of frames of a move [1], a minute."""
 
 
 def figures_of_springs(name: str, count: int) -> list[Figure]:
-    """Errors of what the motion of kicked springs shows, with 5 % in masses and stiffnesses."""
+    """Return the errors from the motion of kicked spring chains with 5 % disorder."""
     errors: dict[str, list[Array]] = {part: [] for part in PLURALS}
     stated: dict[str, list[Array]] = {part: [] for part in PLURALS}
     for number in range(count):
@@ -66,18 +66,18 @@ def figures_of_springs(name: str, count: int) -> list[Figure]:
         for part in PLURALS
         for figure in (
             Figure(f'{name}, springs: error of {part}', '%', [100 * _rms(errors[part])]),
-            Figure(f'{name}, springs: the same over what was stated', '', [_rms(stated[part])]),
+            Figure(f'{name}, springs: the same / stated deviation', '', [_rms(stated[part])]),
         )
     ]
 
 
 def figures_of_use(name: str, count: int) -> list[Figure]:
-    """Errors of the analyser's place, and of where a wall is moved to, on identified chains."""
+    """Return the position errors of analyser and steering on identified chains."""
     found, true, moved, moved_true = zip(*_uses(name, count), strict=True)
     return [
-        Figure(f"{name}: error of the analyser's place over the bound of one frame", '', found),
+        Figure(f'{name}: position error of the analyser / bound of one frame', '', found),
         Figure(f'{name}: the same on the true chain', '', true),
-        Figure(f'{name}: a moved wall ends off by [spacings]', '', moved, '0.05'),
+        Figure(f'{name}: final error of a moved wall [spacings]', '', moved, '0.05'),
         Figure(f'{name}: the same on the true chain', '', moved_true),
     ]
 
@@ -103,7 +103,7 @@ def _uses(name: str, count: int) -> Iterator[tuple[float, float, float, float]]:
 
 
 def _place_error(used: Chain, orbit: Orbit, readings: Array) -> float:
-    """Root mean square error of the analyser's place over the bound of single frames."""
+    """Return the rms position error of the analyser, divided by the bound of one frame."""
     analyser = Analyser(used)
     over = []
     for frame, arc in enumerate(np.linspace(*orbit.leg_arcs(0), len(readings))):
@@ -115,9 +115,9 @@ def _place_error(used: Chain, orbit: Orbit, readings: Array) -> float:
 
 
 def _move_error(used: Orbit, orbit: Orbit, left: Array, random: np.random.Generator) -> float:
-    """How far from its goal a wall of springs ends that is steered by an orbit [spacings].
+    """Return the final distance from the goal of a wall that is steered by an orbit [spacings].
 
-    Offsets are left of the encoders' zeros [rad], (N,).
+    `left` are the remaining encoder offsets [rad], shape (N,).
     """
     steering = Steering(used, TorqueAllocation(used))
     start = orbit.configuration(orbit.arc_at(WAY[0], 0))
@@ -139,7 +139,7 @@ def _move_error(used: Orbit, orbit: Orbit, left: Array, random: np.random.Genera
 
 
 def _springs(name: str, number: int) -> tuple[Chain, Identification]:
-    """A chain that was kicked, and what its readings show."""
+    """Return a kicked chain and its identification."""
     nominal, speed = CHAINS[name]
     made = chain_of(replace(nominal, number_of_rotors=ROTORS), number)
     random = np.random.default_rng([number, 8])
@@ -153,7 +153,7 @@ def _springs(name: str, number: int) -> tuple[Chain, Identification]:
 
 
 def _scale(chain: Chain, part: str) -> float:
-    """What angles do not tell: that of all lengths, or of all masses."""
+    """Return the scale that angles do not determine, of all lengths or of all masses."""
     whole = chain.masses if part in ('stiffness', 'mass') else chain.spacings
     return float(whole.mean())
 

@@ -1,14 +1,15 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What integrating a chain costs at equal error: ours against what a user would take instead.
+"""Time to integrate a chain at equal error, for our integrator and for other tools.
 
 Flippers (r/a = 0.5, theta_bar = 0.97, edge kick of 0.1) of 20 to 10,000 rotors and a spinner
-(r/a = 2, 1.18, 0.3) move for 200 units of time. A method's error is the largest in an angle at the
-end, against heyoka at a tolerance of 1e-16; its time at 1e-5 and at 1e-8 lies, in double
-logarithm, between those of the two settings whose errors are around it. All are run in turn, and
-ratios are taken within a round. Set-up and compilation are listed beside.
+(r/a = 2, 1.18, 0.3) move for 200 units of time. The error of a method is the largest error of an
+angle at the end, compared with heyoka at a tolerance of 1e-16. The times at errors of 1e-5 and
+1e-8 are interpolated, in double logarithmic scale, between the two nearest settings. All methods
+run in turn, and ratios are computed within a round. Set-up and compilation are listed separately.
 
-MuJoCo, whose step is constant, is timed over a part of the duration where the whole takes long,
-and in chains of more than 150 rotors its errors are those in 150: the wall comes no further.
+MuJoCo has a constant step, so that a part of the duration suffices for its time in long runs. In
+chains of more than 150 rotors its errors are taken from 150 rotors, because the wall does not move
+further.
 """
 
 from __future__ import annotations
@@ -54,7 +55,7 @@ class Setting:
     times: list[float] = field(default_factory=list)
 
     def run(self) -> Array:
-        """Run for a while, as often as fits, and keep the median time."""
+        """Run repeatedly for a given time and store the median time."""
         times: list[float] = []
         while not times or sum(times) < SHORTEST_ROUND:
             run = self.ready()
@@ -94,7 +95,7 @@ def parse_arguments() -> argparse.Namespace:
 
 
 def problems_of(options: argparse.Namespace) -> list[Problem]:
-    """A tenth of the duration if it has to be quick."""
+    """Return the problems, with a tenth of the duration for --quick."""
     sizes = options.rotors or ([20] if options.quick else [20, 150, 1000, 10000])
     problems = [flipper(rotors) for rotors in sizes]
     if options.spinner and not options.quick:
@@ -111,7 +112,7 @@ def flipper(rotors: int) -> Problem:
 
 
 def measure(problem: Problem, rounds: int) -> dict[str, Any]:
-    """Work-precision curves of all, and comparisons at equal error."""
+    """Return work-precision curves of all methods, and comparisons at equal error."""
     progress = ProgressLine(name_of(problem), len(PEERS) + 1 + rounds)
     reference = heyoka_taylor(problem, 1e-16)()()
     curves = {}
@@ -156,7 +157,7 @@ def comparisons_of(
 
 
 def curve_of(peer: Peer, problem: Problem, reference: Array) -> list[Setting]:
-    """Settings from coarse on until the error is below the finest that is asked for."""
+    """Return settings from coarse to fine until the error is below the smallest target."""
     if peer.constant_step and problem.rotors > ERRORS_FROM:
         return scaled_curve_of(peer, problem)
     curve: list[Setting] = []
@@ -191,7 +192,7 @@ def prepared(peer: Peer, problem: Problem, value: float) -> Setting:
 
 
 def around(curve: list[Setting], target: float) -> Settings:
-    """The setting just above and just below an error; one if the first is below, or none."""
+    """Return the settings with errors just above and below a target; one or none if missing."""
     for coarse, fine in itertools.pairwise(curve):
         if coarse.error >= target >= fine.error:
             return coarse, fine
@@ -199,7 +200,7 @@ def around(curve: list[Setting], target: float) -> Settings:
 
 
 def times_at(pair: Settings, target: float) -> list[float]:
-    """Time at an error in each round [s]; empty where the error was not reached."""
+    """Return the time at an error in each round [s]; empty if the error was not reached."""
     if len(pair) < 2:
         return [t for setting in pair for t in setting.times]
     coarse, fine = pair
@@ -213,7 +214,7 @@ def times_at(pair: Settings, target: float) -> list[float]:
 def figures_of(accounts: dict[str, dict[str, list[float]]]) -> list[Figure]:
     return [
         Figure(
-            f'{what}, a rotor and force, N = {size}',
+            f'{what}, per rotor and force, N = {size}',
             'ns',
             values,
             'under 4 ns' if what == WHOLE else '',
@@ -224,7 +225,7 @@ def figures_of(accounts: dict[str, dict[str, list[float]]]) -> list[Figure]:
 
 
 def growth_of(measured: dict[str, dict[str, Any]], problems: list[Problem]) -> list[Figure]:
-    """Time a rotor of the longest chain over that of the shortest, at an error of 1e-8."""
+    """Return the ratio of the times per rotor of the longest and the shortest chain at 1e-8."""
     flippers = sorted((each for each in problems if each.name == 'flipper'), key=size_of)
     short, long = flippers[0], flippers[-1]
     times = [
@@ -237,7 +238,7 @@ def growth_of(measured: dict[str, dict[str, Any]], problems: list[Problem]) -> l
         (t_long / long.rotors) / (t_short / short.rotors)
         for t_short, t_long in zip(*times, strict=True)
     ]
-    what = f'time a rotor, {long.rotors} over {short.rotors} rotors'
+    what = f'time per rotor, {long.rotors} / {short.rotors} rotors'
     return [Figure(what, '', per_rotor, 'linear in N: 1')] if short != long else []
 
 
@@ -246,7 +247,7 @@ def size_of(problem: Problem) -> int:
 
 
 def compilation() -> list[Figure]:
-    """Set-up and a first run of ours in new processes, whose cache is empty and then is not."""
+    """Return the times of set-up and first run in new processes, with and without a cache."""
     command = (
         'import time, integrate as i; start = time.perf_counter(); '
         'i.OURS.prepare(i.flipper(20), 1e-8); print(time.perf_counter() - start)'

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Where the nanoseconds of our integrator go, a rotor and force."""
+"""Time per rotor and force of our integrator and of its loops."""
 
 from __future__ import annotations
 
@@ -24,14 +24,14 @@ from soliton_linkage.linkage.chain import Array
 
 REPEATS = 7
 BUDGET = 2e6
-"""Rotors and forces in a timed call: some milliseconds."""
+"""Number of rotors times forces in a timed call, which takes some milliseconds."""
 
 WHOLE = 'integrating'
 STEP = 0.1
 
 
 def account(sizes: list[int]) -> dict[str, dict[str, list[float]]]:
-    """Nanoseconds of a rotor and force in long runs, and of its loops called on their own."""
+    """Return the time per rotor and force [ns] in long runs, and of single loops."""
     return {str(size): {WHOLE: symplectic(size), **loops(size)} for size in sizes}
 
 
@@ -48,7 +48,7 @@ def moving(size: int) -> tuple[EquationOfMotion, Array]:
 
 
 def loops(size: int) -> dict[str, list[float]]:
-    """Over rows long enough to drown the call, as many times as there is a budget."""
+    """Return the times of single loops, on rows so long that calls take negligible time."""
     longer = max(size, 8000)
     motion, _ = moving(longer)
     work = zeros_in_line(nystrom_loops.WORK_ROWS, padded_size(longer) + VECTOR)
@@ -71,7 +71,7 @@ def repeated(call: Callable[[], object], times: int) -> None:
 
 
 def nanoseconds(call: Callable[[], object], parts: int) -> list[float]:
-    """Of each of the equal parts of a call, a number a repetition."""
+    """Return the time of each of the equal parts of a call [ns], one number per repetition."""
     call()
     times = []
     for _ in range(REPEATS):

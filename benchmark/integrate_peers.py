@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Ways to integrate a chain of springs: ours, and what a user would take instead.
+"""Methods to integrate a chain of springs: ours and those of other tools.
 
-Each is prepared for a problem and a setting, a tolerance or a step, which is set-up. Then it is
-made ready and run as often as one likes; a run returns the angles at the end, and its wall time
-is what counts.
+The set-up prepares a method for a problem and a setting, which is a tolerance or a step. The
+method is then made ready and run repeatedly. A run returns the final angles; its wall time is
+measured.
 """
 
 from __future__ import annotations
@@ -29,7 +29,7 @@ Ready = Callable[[], Run]
 
 @dataclass(frozen=True)
 class Problem:
-    """A chain at rest, kicked at its first edge, in units of a = M = k_e = 1."""
+    """Chain at rest that is kicked at its first edge, in units of a = M = k_e = 1."""
 
     name: str
     rotors: int
@@ -40,29 +40,29 @@ class Problem:
 
     @cached_property
     def chain(self) -> Chain:
-        """The chain, at rest and leaning left at the start."""
+        """Chain, which initially leans left."""
         return Chain(self.rotors, 1.0, self.rotor_length, self.rest_angle, 1.0, 1.0)
 
     @cached_property
     def angles(self) -> Array:
-        """At the start, shape (N,)."""
+        """Initial angles [rad], shape (N,)."""
         return self.chain.uniform_state(-1)
 
     @cached_property
     def rates(self) -> Array:
-        """At the start, those of the kick, shape (N,)."""
+        """Initial rates after the kick [rad / time unit], shape (N,)."""
         return self.speed * edge_mode(self.chain, self.angles, Edge.FIRST)
 
 
 @dataclass(frozen=True)
 class Peer:
-    """A way to integrate, with settings from coarse to fine."""
+    """Method of integration, with settings from coarse to fine."""
 
     name: str
     prepare: Callable[[Problem, float], Ready]
     settings: tuple[float, ...]
     constant_step: bool = False
-    """Whether a part of the duration takes that part of the time."""
+    """Whether the time is proportional to the duration."""
 
 
 def symplectic(problem: Problem, tolerance: float) -> Ready:
@@ -85,7 +85,7 @@ def symplectic(problem: Problem, tolerance: float) -> Ready:
 
 
 def plain_scipy(problem: Problem, tolerance: float) -> Ready:
-    """What one writes on the first day."""
+    """Prepare scipy's DOP853 with a right-hand side in numpy."""
     number, a, r = problem.rotors, problem.chain.spacing, problem.chain.rotor_length
     rest_length = problem.chain.rest_length
 
@@ -116,7 +116,7 @@ def plain_scipy(problem: Problem, tolerance: float) -> Ready:
 
 
 def heyoka_taylor(problem: Problem, tolerance: float) -> Ready:
-    """Compact mode for all but short chains, whose unrolled code takes minutes to compile."""
+    """Prepare heyoka, in compact mode except for short chains, to limit compilation time."""
     number, chain = problem.rotors, problem.chain
     a, r, rest_length = chain.spacing, chain.rotor_length, chain.rest_length
     angles = [heyoka.make_vars(f'angle_{n}') for n in range(number)]

@@ -1,10 +1,10 @@
 # SPDX-License-Identifier: Apache-2.0
-"""How much a recorder that is killed loses, at random instants after it has said that it records.
+"""Losses of a recorder that is killed at random instants after the line `recording to`.
 
-A recorder runs as a process of its own, beside as many busy processes as are asked for; this one
-publishes joint states at 1000 Hz all the time, kills the recorder with SIGKILL, recovers the bag
-and compares what came back with what was sent. The busy ones rest while the recorder's program is
-imported, which is not what is measured. With --real-time the recorder asks for a real-time
+A recorder runs in a separate process, together with a given number of busy processes. This process
+publishes joint states at 1000 Hz, kills the recorder with SIGKILL, recovers the bag, and compares
+the recovered messages with the published ones. The busy processes pause while the recorder imports
+its modules, because the start is not measured. With --real-time the recorder requests real-time
 priority.
 """
 
@@ -48,18 +48,18 @@ MOST_LOST = 1.0
 
 @dataclass(frozen=True)
 class Kill:
-    """What one recorder left behind, in seconds."""
+    """Losses of one recorder [s]."""
 
     after: float
-    """After it had said that it records."""
+    """Time from the line `recording to` to the kill."""
     lost: float
-    """Before the kill, of which nothing came back."""
+    """Time before the kill without recovered messages."""
     begun: float
-    """After it had said so, of which nothing came back."""
+    """Time after the line `recording to` without recovered messages."""
     received: float
-    """That the last message which came back had been on its way to the recorder."""
+    """Transport time of the last recovered message."""
     empty: bool
-    """Whether nothing came back at all."""
+    """Whether no message was recovered."""
 
 
 def main() -> None:
@@ -90,7 +90,7 @@ def parse_arguments() -> argparse.Namespace:
     parser.add_argument(
         '--real-time',
         action='store_true',
-        help='have the recorder ask for a real-time priority',
+        help='request real-time priority for the recorder',
     )
     parser.add_argument('--seed', type=int, default=1, help='(%(default)s)')
     parser.add_argument('--output', type=Path, default=Path('out/benchmark/killing'))
@@ -109,18 +109,18 @@ def summary(kills: Sequence[Kill], load: int) -> str:
     empty = sum(kill.empty for kill in kills)
     begun = sum(kill.begun > 0 for kill in kills)
     return (
-        f'{len(kills)} kills beside {load} busy processes: lost {statistics.median(lost):.3f} s '
-        f'at the median, {lost[int(0.9 * (len(lost) - 1))]:.3f} s of nine in ten, '
-        f'{lost[-1]:.3f} s at most; {empty} left nothing at all, {begun} '
-        f'lacked the first that was sent after "recording to"'
+        f'{len(kills)} kills with {load} busy processes: loss {statistics.median(lost):.3f} s '
+        f'(median), {lost[int(0.9 * (len(lost) - 1))]:.3f} s (90th percentile), '
+        f'{lost[-1]:.3f} s (largest); {empty} empty bags, {begun} '
+        f'without the first message after "recording to"'
     )
 
 
 class Load:
-    """Processes that take all the processor, except while they rest."""
+    """Processes that use all processors, except while they pause."""
 
     def __init__(self, number: int) -> None:
-        """Start so many, at rest."""
+        """Start a number of processes, paused."""
         self._processes = [
             subprocess.Popen([sys.executable, '-c', 'while True: pass']) for _ in range(number)
         ]
@@ -139,7 +139,7 @@ class Load:
         self._signal(signal.SIGSTOP)
 
     def work(self) -> None:
-        """Take all there is."""
+        """Use all processors."""
         self._signal(signal.SIGCONT)
 
     def _signal(self, number: signal.Signals) -> None:
@@ -149,11 +149,11 @@ class Load:
 
 @dataclass
 class Stream:
-    """Joint states that a thread publishes at the rate until it is told to stop."""
+    """Thread that publishes joint states at a rate until it is stopped."""
 
     publisher: Publisher
     stamps: list[int] = field(default_factory=list)
-    """Of what was sent [ns]."""
+    """Stamps of the published messages [ns]."""
     _stopping: threading.Event = field(default_factory=threading.Event)
 
     def __enter__(self) -> Stream:
@@ -182,7 +182,7 @@ class Stream:
 
 @contextmanager
 def lone_publisher() -> Iterator[Publisher]:
-    """A publisher on a domain where no recorder was killed before: the dead are long missed."""
+    """Yield a publisher on a new domain, because DDS keeps killed subscribers for a while."""
     with private_domain():
         context = rclpy.Context()
         rclpy.init(context=context)
@@ -196,7 +196,7 @@ def lone_publisher() -> Iterator[Publisher]:
 
 
 def killed(command: Sequence[str], folder: Path, after: float, load: Load) -> Kill:
-    """Kill a recorder so long after its first line [s] and look at what it left."""
+    """Kill a recorder at a time after its first line [s], and return its losses."""
     load.rest()
     bag = folder / 'run_0'
     with (
@@ -214,7 +214,7 @@ def killed(command: Sequence[str], folder: Path, after: float, load: Load) -> Ki
         stream.stop()
         load.rest()
     if not line:
-        raise RuntimeError('the recorder has not begun')
+        raise RuntimeError('the recorder did not start')
     return judged(bag, folder / 'recovered', [s for s in stream.stamps if s < at], said, at)
 
 
@@ -227,13 +227,13 @@ def wait_for(path: Path, recorder: subprocess.Popen[str]) -> None:
 
 
 def judged(bag: Path, recovered: Path, sent: Sequence[int], said: int, at: int) -> Kill:
-    """What came back of what was sent, given when the recorder spoke and was killed [ns]."""
+    """Return the losses, given the times of the line `recording to` and of the kill [ns]."""
     held = recovered_stamps(bag, recovered)
     stamps = [stamp for stamp, _ in held]
     place = sent.index(stamps[0]) if stamps else 0
     if stamps != sent[place : place + len(stamps)]:
-        raise AssertionError(f'{bag} is not what was sent, from some instant to another')
-    # What had been sent before the recorder spoke does not count.
+        raise AssertionError(f'{bag} is not a contiguous part of the published messages')
+    # Messages published before the line `recording to` do not count.
     last = max(stamps[-1], said) if stamps else said
     first = next((stamp for stamp in sent if stamp >= said), at)
     return Kill(
@@ -246,7 +246,7 @@ def judged(bag: Path, recovered: Path, sent: Sequence[int], said: int, at: int) 
 
 
 def recovered_stamps(bag: Path, recovered: Path) -> list[tuple[int, int]]:
-    """When each message that came back was sent and was received [ns]."""
+    """Return the times of publication and receipt of each recovered message [ns]."""
     try:
         _, new = recover_bag(bag, recovered)
     except ValueError as error:

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A process that subscribes to topics of joint states and does nothing with them."""
+"""Process that subscribes to topics of joint states and ignores the messages."""
 
 from __future__ import annotations
 

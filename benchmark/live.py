@@ -1,12 +1,11 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What the live page costs: its server, the browser, the simulator that it looks at, memory.
+"""Cost of the live page: processor time and memory of server, browser and simulator.
 
-A simulator, the other nodes and live_view run as processes, and Chromium, which draws without a
-screen, has the page open. Shares of a core are processor time over time. The delay of a nudge is
-from the click on its button to the first picture in which a rotor has moved. Of the many browsers
-at once only the streams are there: what they draw is drawn on other machines; with --pages they
-are pages in Chromium, which draws all of them here. A browser that stops reading is a socket that
-nobody reads from.
+A simulator, the other nodes and live_view run as processes, and Chromium without a screen shows
+the page. The processor load is processor time divided by time. The delay of a nudge is the time
+from the click on its button to the first picture in which a rotor has moved. Many browsers are
+simulated by their streams only, as if they ran on other machines. With --pages they are pages in
+Chromium on this machine. A browser that stops reading is simulated by a socket without a reader.
 """
 
 from __future__ import annotations
@@ -56,8 +55,12 @@ LATENCY = """async ([id, moved]) => {
 def main() -> None:
     options = parser(__doc__)
     options.add_argument('--seconds', type=float, default=20.0, help='of each measurement')
-    options.add_argument('--minutes', type=float, default=5.0, help='that the page stays open')
-    options.add_argument('--pages', action='store_true', help='many browsers are whole pages')
+    options.add_argument(
+        '--minutes', type=float, default=5.0, help='time for which the page stays open'
+    )
+    options.add_argument(
+        '--pages', action='store_true', help='simulate many browsers by whole pages'
+    )
     options.add_argument('--only', choices=PARTS, nargs='+', default=PARTS, help='measure these')
     arguments = options.parse_args()
     seconds = 3.0 if arguments.quick else arguments.seconds
@@ -87,7 +90,7 @@ def main() -> None:
 
 @contextmanager
 def chromium() -> Iterator[Any]:
-    """A browser without a screen."""
+    """Yield a browser without a screen."""
     path = next(filter(None, map(shutil.which, BROWSERS)), None)
     try:
         from playwright.sync_api import sync_playwright
@@ -103,7 +106,7 @@ def chromium() -> Iterator[Any]:
 
 
 class Scene:
-    """A simulator with all nodes and the page, on a domain of their own."""
+    """Simulator with all nodes and the page, on a separate domain."""
 
     def __init__(
         self,
@@ -112,7 +115,7 @@ class Scene:
         rate: float,
         nodes: Sequence[str],
     ) -> None:
-        """Start them and wait for the page."""
+        """Start all processes and wait for the page."""
         stack.enter_context(own_domain())
         self.node = Node('benchmark')
         stack.callback(self.node.destroy_node)
@@ -127,13 +130,13 @@ class Scene:
         self.spin(lambda: {'simulator', 'live_view', *nodes} <= set(self.reports))
 
     def spin(self, condition: Any, seconds: float = LONGEST_WAIT) -> None:
-        """Hear what nodes report until a condition holds."""
+        """Receive diagnostics until a condition holds."""
         deadline = time.monotonic() + seconds
         while not condition() and time.monotonic() < deadline:
             rclpy.spin_once(self.node, timeout_sec=0.05)
 
     def fresh(self, name: str, figure: str) -> float:
-        """Figure of the next report of a node."""
+        """Return a figure from the next report of a node."""
         self.reports.pop(name, None)
         self.spin(lambda: name in self.reports)
         return float(self.reports[name][figure])
@@ -156,7 +159,7 @@ class Scene:
 def scene(
     rotors: int = 40, hertz: float = 500.0, rate: float = 60.0, nodes: Sequence[str] = NODES
 ) -> Iterator[Scene]:
-    """A chain with a soliton at rest in its middle, and the page."""
+    """Yield a chain with a soliton at rest in the middle, and the page."""
     settings = {
         'chain.number_of_rotors': rotors,
         'publish_rate': hertz,
@@ -176,7 +179,7 @@ def visit(browser: Any) -> Any:
 
 
 def pictures(browser: Any, rotors: int, rate: float, seconds: float, rounds: int) -> list[Figure]:
-    """Share of a core of the server, pictures a second, and the page's time for one."""
+    """Return the load of the server, pictures per second, and the page's time per picture."""
     shares, drawn, costs = [], [], []
     work = f'{rotors} rotors'
     with scene(rotors, 100.0 if rotors > 100 else 500.0, rate) as stage:
@@ -196,18 +199,18 @@ def pictures(browser: Any, rotors: int, rate: float, seconds: float, rounds: int
     most = '15' if rotors == 40 else '30'
     return [
         Figure(f'server, {work} at {rate:g} pictures/s', '% of a core', shares, f'under {most} %'),
-        Figure(f'pictures a second, {work}', '1/s', drawn, f'{rate:g}'),
+        Figure(f'pictures per second, {work}', '1/s', drawn, f'{rate:g}'),
         Figure(f'time of the page for a picture, {work}', 's', costs, 'under 8 ms'),
     ]
 
 
 def now(stage: Scene, page: Any) -> tuple[float, float, float]:
-    """Processor time of the server, pictures that were drawn, and the time [s]."""
+    """Return the processor time of the server [s], the number of pictures, and the time [s]."""
     return processor_time(stage.server), float(page.evaluate('live.drawn')), time.monotonic()
 
 
 def delay(browser: Any, nudges: int) -> list[Figure]:
-    """From a click on nudge to the first picture in which a rotor has moved."""
+    """Return the times from a click on nudge to the first picture with a moved rotor."""
     delays = []
     with scene() as stage:
         page = visit(browser)
@@ -231,10 +234,10 @@ def delay(browser: Any, nudges: int) -> list[Figure]:
 
 
 def crowd(browsers: int, seconds: float, rounds: int, drawing: Any) -> list[Figure]:
-    """What many browsers change for a simulator at 1000 Hz and a recorder of it.
+    """Return the effect of many browsers on a simulator at 1000 Hz and its recorder.
 
-    They are pages of a browser that is `drawing`, or with None streams alone. With none and with
-    all of them by turns, because what else a machine does comes and goes.
+    The browsers are pages of the browser `drawing`, or only streams if it is None. Runs with and
+    without browsers alternate, because the load of the machine changes.
     """
     crowds = (0, browsers)
     missed: dict[int, list[float]] = {visitors: [] for visitors in crowds}
@@ -276,7 +279,7 @@ def crowd(browsers: int, seconds: float, rounds: int, drawing: Any) -> list[Figu
 
 @contextmanager
 def watching(visitors: int, drawing: Any) -> Iterator[None]:
-    """So many pages of a browser, or with None their streams."""
+    """Open a number of pages of a browser, or only their streams if it is None."""
     if drawing is None:
         watchers = Path(__file__).with_name('live_watchers.py')
         with running(program_command(watchers, PORT, visitors)):
@@ -302,7 +305,7 @@ COUNTED = (('simulator', 'missed deadlines'), ('bag_recorder', 'lost messages'))
 
 @contextmanager
 def temporary() -> Iterator[Path]:
-    """A folder that is gone afterwards."""
+    """Yield a temporary folder."""
     import tempfile
 
     with tempfile.TemporaryDirectory() as name:
@@ -310,7 +313,7 @@ def temporary() -> Iterator[Path]:
 
 
 def silent_reader(seconds: float) -> list[Figure]:
-    """Memory that a browser which stops reading costs the server."""
+    """Return the memory growth of the server for a browser that stops reading."""
     with scene(nodes=()) as stage:
         time.sleep(SETTLING)
         with socket.create_connection(('127.0.0.1', PORT)) as reader:
@@ -334,10 +337,10 @@ def silent_reader(seconds: float) -> list[Figure]:
 
 
 def open_long(browser: Any, seconds: float) -> list[Figure]:
-    """Memory of server and page before and after the page was open for long."""
+    """Return the memory growth of server and page while the page is open."""
     with scene() as stage:
         page = visit(browser)
-        # What is built once is built by then: the history of the plots is 20 s long.
+        # The history of the plots is complete after 20 s.
         time.sleep(min(25.0, seconds))
         before = memory(stage.server), heap(page)
         progress = ProgressLine('open', seconds)
@@ -356,13 +359,13 @@ def open_long(browser: Any, seconds: float) -> list[Figure]:
 
 
 def memory(process: int) -> float:
-    """That a process holds [MB]."""
+    """Return the memory of a process [MB]."""
     pages = int(Path(f'/proc/{process}/statm').read_text(encoding='ascii').split()[1])
     return pages * os.sysconf('SC_PAGE_SIZE') / 1e6
 
 
 def heap(page: Any) -> float:
-    """That the script of a page holds, after its garbage is gone [MB]."""
+    """Return the memory of the script of a page after garbage collection [MB]."""
     session = page.context.new_cdp_session(page)
     session.send('HeapProfiler.collectGarbage')
     return float(page.evaluate('performance.memory.usedJSHeapSize')) / 1e6

@@ -1,7 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Browsers as the server of the live page sees them: they take pictures and say they drew them.
+"""Simulated browsers that receive pictures of the live page and acknowledge them.
 
-They stand for others' machines and take little of this one: no library reads their frames.
+They represent browsers on other machines. They need little processor time, because no library
+decodes their frames.
 """
 
 from __future__ import annotations
@@ -21,23 +22,23 @@ FRAME = bytes(8)
 
 
 class Watcher(asyncio.Protocol):
-    """Takes the pictures of one stream."""
+    """Receiver of the pictures of one stream."""
 
     def __init__(self, port: int) -> None:
-        """Watch the first chain."""
+        """Prepare a stream of the first chain."""
         self._port = port
         self._waiting = b''
         self._upgraded = False
         self.drawn = 0
 
     def connection_made(self, transport: asyncio.BaseTransport) -> None:
-        """Ask for the stream."""
+        """Request the stream."""
         assert isinstance(transport, asyncio.Transport)
         self._transport = transport
         transport.write(ASK.format(port=self._port).encode())
 
     def data_received(self, data: bytes) -> None:
-        """Take what is whole (RFC 6455, section 5.2)."""
+        """Process complete frames (RFC 6455, section 5.2)."""
         data = self._waiting + data
         begin = 0
         if not self._upgraded:
@@ -67,7 +68,7 @@ class Watcher(asyncio.Protocol):
 
 
 async def crowd(port: int, browsers: int) -> None:
-    """Watch so many streams until it is told to stop, and tell what each drew."""
+    """Receive a number of streams until stopped, and print the rate of each."""
     loop = asyncio.get_running_loop()
     made = [
         await loop.create_connection(lambda: Watcher(port), '127.0.0.1', port)

@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What analysers of many chains take: a process for each chain, and one for all of them.
+"""Cost of analysers of many chains, in one process per chain and in a common process.
 
-This process publishes the same kicked chain under as many names, and takes every answer; the
-analysers are processes of their own, or the nodes of one. Told are the processor time that they
-take, their memory, resident and without what they share, and the states that did not come.
+This process publishes the same kicked chain in several namespaces and receives all states. The
+table contains the processor time of the analysers, their resident and unshared memory, and the
+number of missing states.
 """
 
 from __future__ import annotations
@@ -41,7 +41,7 @@ MEBIBYTE = 2**20
 
 
 class Chains:
-    """Chains that move alike, each under a name of its own, and what is answered of them."""
+    """Chains with the same motion in different namespaces, and their received states."""
 
     def __init__(
         self, node: Node, named: NamedChain, moved: Recording, period: int, chains: int
@@ -66,7 +66,7 @@ class Chains:
             publisher.publish(chain_to_msg(named, time_to_msg(0)))
 
     def publish(self, seconds: float) -> tuple[int, int]:
-        """Publish frames for a time [s]; return how many went and how many answers came."""
+        """Publish frames for a time [s]; return the numbers of frames and received states."""
         begin, sent, answered = time.monotonic(), 0, 0
         for frame in range(round(seconds * SECOND / self._period)):
             time.sleep(max(0.0, begin + frame * self._period / SECOND - time.monotonic()))
@@ -84,12 +84,12 @@ class Chains:
 
     @property
     def heard(self) -> bool:
-        """Whether every chain has an analyser that learned it."""
+        """Whether every chain has an analyser that has received its parameters."""
         return self.listened and all(answer.get_publisher_count() for answer in self._answers)
 
     @property
     def listened(self) -> bool:
-        """Whether somebody listens to the joints of every chain."""
+        """Whether the joint states of every chain have a subscriber."""
         return all(publisher.get_subscription_count() for publisher in self._joints)
 
     def _taken(self) -> int:
@@ -107,7 +107,7 @@ def name(number: int) -> str:
 
 @contextmanager
 def analysers(chains: int, together: bool) -> Iterator[list[subprocess.Popen[bytes]]]:
-    """Processes that analyse so many chains."""
+    """Start the processes that analyse a number of chains."""
     names = [f'{name(n)}/soliton_analyser' for n in range(chains)]
     one = [[node_command('suite', {})[0], *names]]
     each = [
@@ -118,7 +118,7 @@ def analysers(chains: int, together: bool) -> Iterator[list[subprocess.Popen[byt
 
 
 def memory(process: int) -> tuple[float, float]:
-    """Of a process [MB], resident and with its share of what others have too."""
+    """Return the resident and the proportional memory of a process [MB]."""
     text = Path(f'/proc/{process}/smaps_rollup').read_text(encoding='ascii')
     told = dict(line.split(':') for line in text.splitlines()[1:])
     resident, shared = (int(told[key].split()[0]) * 1024 / MEBIBYTE for key in ('Rss', 'Pss'))
@@ -128,14 +128,14 @@ def memory(process: int) -> tuple[float, float]:
 def measure(
     node: Node, named: NamedChain, moved: Recording, arguments: Any, together: bool
 ) -> Sequence[float]:
-    """Processor [cores], memory [MB], twice, and states that did not come."""
+    """Return processor load [cores], resident and unshared memory [MB], and missing states."""
     period = round(SECOND / arguments.rate)
     chains = Chains(node, named, moved, period, arguments.chains)
     with analysers(arguments.chains, together) as processes:
         deadline = time.monotonic() + START_LIMIT
         while not chains.heard:
             if time.monotonic() > deadline:
-                raise RuntimeError(f'not all analysers were there in {START_LIMIT:g} s')
+                raise RuntimeError(f'not all analysers started within {START_LIMIT:g} s')
             time.sleep(0.1)
         chains.publish(SETTLING)
         before = [processor_time(process.pid) for process in processes]
@@ -161,7 +161,7 @@ def main() -> None:
     named = NamedChain(chain, default_joint_names(arguments.rotors))
     duration = math.ceil(arguments.seconds + 2 * SETTLING)
     moved = simulate(chain, rest, rates, duration, 1 / arguments.rate)
-    print('| processes | cores | resident [MB] | without what they share [MB] | states lost |')
+    print('| processes | cores | resident [MB] | unshared [MB] | states lost |')
     print('| --- | --- | --- | --- | --- |')
     with own_domain():
         for _ in range(arguments.rounds):

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Nodes as processes, on a domain of their own, and the processor time that they take."""
+"""Nodes in processes on a separate domain, and their processor time."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ _LONGEST_STOP = 60.0
 
 @contextmanager
 def own_domain() -> Iterator[None]:
-    """A domain that nobody else is on, for this process and those that it starts."""
+    """Use a private domain for this process and its child processes."""
     with private_domain():
         rclpy.init()
         try:
@@ -33,7 +33,7 @@ def own_domain() -> Iterator[None]:
 
 @contextmanager
 def running(command: Sequence[str | Path]) -> Iterator[subprocess.Popen[bytes]]:
-    """A process until the end of the block."""
+    """Run a process until the end of the block."""
     process = subprocess.Popen([str(part) for part in command])
     try:
         yield process
@@ -47,18 +47,18 @@ def running(command: Sequence[str | Path]) -> Iterator[subprocess.Popen[bytes]]:
 
 
 def node_command(name: str, settings: Mapping[str, Any]) -> list[str | Path]:
-    """Of a node of the suite with parameters."""
+    """Return the command of a node of the suite with parameters."""
     package = 'soliton_linkage_nodes'
     arguments = [part for pair in settings.items() for part in ('-p', '{}:={}'.format(*pair))]
     return [Path(get_package_prefix(package), 'lib', package, name), '--ros-args', *arguments]
 
 
 def program_command(program: Path, *arguments: object) -> list[str | Path]:
-    """Of another program in Python."""
+    """Return the command of another Python program."""
     return [sys.executable, program, *map(str, arguments)]
 
 
 def processor_time(process: int) -> float:
-    """That a process has taken so far [s]."""
+    """Return the processor time of a process so far [s]."""
     fields = Path(f'/proc/{process}/stat').read_text(encoding='ascii').rpartition(')')[2].split()
     return (int(fields[11]) + int(fields[12])) / os.sysconf('SC_CLK_TCK')

@@ -1,12 +1,11 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What publishing one frame of joint states costs: ours, the idiomatic way, and the floor.
+"""Time to publish one frame of joint states in three ways.
 
-Ours is what the simulator does: a serialized message of which the stamp and the arrays are
-overwritten, published as it is. The idiomatic way fills the fields of a JointState from lists and
-publishes that. The floor publishes the bytes of one message over and over. All have the same
-publisher, with nobody listening and with a subscriber in another process, in turn, in an order
-that is drawn each time: a few messages each, and a pause in which they arrive. The time of a round
-is the median of its turns.
+The simulator overwrites the stamp and the arrays of a serialised message and publishes the bytes.
+The usual way fills the fields of a JointState from lists and publishes this message. The lower
+limit is to publish constant bytes. All ways use the same publisher, without a subscriber and with
+a subscriber in another process. They run in turn, in random order; each turn publishes a few
+messages and waits for their arrival. The time of a round is the median of its turns.
 """
 
 from __future__ import annotations
@@ -67,7 +66,7 @@ def main() -> None:
                 goal = f'{GOAL:g} at most'
                 figures += [
                     Figure(f'publishing constant bytes, {work}', 's', floor),
-                    Figure(f'ours over constant bytes, {work}', '', ratios, goal),
+                    Figure(f'ours / constant bytes, {work}', '', ratios, goal),
                 ]
         node.destroy_node()
     details = {'seconds': seconds, 'messages_a_turn': MESSAGES_A_TURN, 'turns': turns}
@@ -77,7 +76,7 @@ def main() -> None:
 def measured(
     node: Node, rotors: int, listened: bool, rounds: int, turns: int, work: str
 ) -> dict[str, list[float]]:
-    """Time of each way to publish a message [s], one a round."""
+    """Return the time of each way to publish a message [s], one number per round."""
     name = f'joint_states_{rotors}_{listened:d}'
     publisher = node.create_publisher(JointState, name, qos_of(rotors))
     times: dict[str, list[float]] = {}
@@ -97,7 +96,7 @@ def measured(
 
 
 def round_of(ways: Ways, publisher: Publisher, turns: int) -> dict[str, float]:
-    """Median time of each way to publish a message [s], over so many turns."""
+    """Return the median time of each way to publish a message [s] over a number of turns."""
     times: dict[str, list[float]] = {way: [] for way in ways}
     chance = random.Random(turns)
     for _ in range(turns):
@@ -113,7 +112,7 @@ def round_of(ways: Ways, publisher: Publisher, turns: int) -> dict[str, float]:
 
 
 def ways_to_publish(publisher: Publisher, rotors: int) -> Ways:
-    """Publish the same frame in each way."""
+    """Return functions that publish the same frame in each way."""
     chain = Chain(number_of_rotors=rotors)
     names = default_joint_names(rotors)
     angles, rates, torques = np.random.default_rng(rotors).normal(size=(3, rotors))
@@ -142,7 +141,7 @@ def ways_to_publish(publisher: Publisher, rotors: int) -> Ways:
 
 
 def qos_of(rotors: int) -> QoSProfile:
-    """As the simulator has it."""
+    """Return the quality of service of the simulator."""
     chain = NamedChain(Chain(number_of_rotors=rotors), default_joint_names(rotors))
     return stream_qos(len(JointStateBuffer(chain)))
 

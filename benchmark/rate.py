@@ -1,14 +1,15 @@
 # SPDX-License-Identifier: Apache-2.0
-"""How many rotors and how high a rate a simulator holds: ours, and a node with an rclpy timer.
+"""Largest number of rotors and highest rate in real time, for our simulator and an rclpy timer.
 
-A simulator with a soliton on its way runs as a process; this one takes every joint_states and
-notes when it was published and its number in the sequence. It holds where the real-time factor is
-1 to a thousandth and no deadline is missed, an interval of more than two periods, beyond those
-that a loop misses which does nothing but sleep, in a third process at the same time; n of those
-may as well have been n + 2 sqrt(n). The largest number of rotors at 1000 Hz and the largest rate
-of 40 rotors are searched for in runs of a few seconds, in which three deadlines may be missed,
-with a second try where the first fails, and confirmed by a long one, in strides down until one
-holds.
+A simulator with a moving soliton runs in a separate process. This process records the publication
+time and the sequence number of every joint_states. A deadline is missed if an interval exceeds two
+periods. A run is in real time if two conditions hold. The real-time factor is 1 to a thousandth,
+and the simulator misses at most n + 2 sqrt(n) deadlines, where n is the number that a loop misses
+which only sleeps, in a third process at the same time.
+
+The largest number of rotors at 1000 Hz and the highest rate of 40 rotors are searched in runs of a
+few seconds. In these runs three missed deadlines are allowed, and a failed run is repeated once.
+The result is confirmed by a long run. If this run fails, smaller values are tried.
 """
 
 from __future__ import annotations
@@ -53,7 +54,7 @@ FOLDER = Path(__file__).parent
 
 @dataclass(frozen=True)
 class Run:
-    """How a simulator kept its deadlines."""
+    """Deadlines of a simulator in one run."""
 
     rotors: int
     rate: float
@@ -62,23 +63,23 @@ class Run:
     missed: int
     missed_by_sleeping: int
     jitter: tuple[float, float, float]
-    """Median, 99th percentile and largest distance of an interval from the period [s]."""
+    """Median, 99th percentile and maximum of |interval - period| [s]."""
     share_of_a_core: float
 
     @property
     def holds(self) -> bool:
-        """Whether it kept pace, as well as this machine can, but for chance."""
+        """Whether the run was in real time, apart from chance."""
         return self.holds_but_for(0)
 
     def holds_but_for(self, deadlines: int) -> bool:
-        """Whether it would hold if it had missed so many deadlines less."""
+        """Return whether the run would be in real time with fewer missed deadlines."""
         in_pace = abs(self.real_time_factor - 1) < PACE
         chance = CHANCE * math.sqrt(self.missed_by_sleeping)
         return in_pace and self.missed - deadlines <= self.missed_by_sleeping + chance
 
 
 class Bench:
-    """Runs simulators one after the other."""
+    """Bench that runs simulators one after the other."""
 
     def __init__(self, node: Node, seconds: float, confirming: float) -> None:
         self._node = node
@@ -87,17 +88,17 @@ class Bench:
         self.runs: dict[str, list[Run]] = {}
 
     def most_rotors(self, name: str, command: Command) -> list[float]:
-        """Largest number of rotors that is held; empty where none is."""
+        """Return the largest number of rotors in real time; empty if there is none."""
         return self._largest(
             name, command, lambda value: (round(value), RATE), FEWEST_ROTORS, MOST_ROTORS
         )
 
     def highest_rate(self, name: str, command: Command) -> list[float]:
-        """Largest rate that is held [Hz]; empty where none is."""
+        """Return the highest rate in real time [Hz]; empty if there is none."""
         return self._largest(name, command, lambda value: (ROTORS, round(value)), 10, MOST_RATE)
 
     def run(self, name: str, command: Command, rotors: int, rate: float, seconds: float) -> Run:
-        """Run for so many seconds after settling."""
+        """Run for a number of seconds after the start."""
         topic = interfaces.JOINT_STATES
         chain = NamedChain(Chain(number_of_rotors=rotors), default_joint_names(rotors))
         qos = interfaces.stream_qos(len(JointStateBuffer(chain)))
@@ -133,7 +134,7 @@ class Bench:
         least: float,
         most: float,
     ) -> list[float]:
-        """Bisect between one that holds and one that does not, and confirm in longer strides."""
+        """Bisect between a value in real time and one that is not, and confirm by long runs."""
 
         def run(value: float, seconds: float) -> Run:
             return self.run(name, command, *sizes(value), seconds)
@@ -222,7 +223,7 @@ def wait_for_frames(subscription: Subscription, process: subprocess.Popen[bytes]
 def drain(
     subscription: Subscription, seconds: float, progress: ProgressLine | None = None
 ) -> Array:
-    """Number in the sequence and instant of publishing [ns] of each frame, shape (frames, 2)."""
+    """Return sequence number and publication time [ns] of each frame, shape (frames, 2)."""
     frames = []
     start = time.monotonic()
     handle, kind = subscription.handle, subscription.msg_type
@@ -238,7 +239,7 @@ def drain(
 
 
 def judged(rotors: int, rate: float, frames: Array, slept: Array, share: float) -> Run:
-    """How well frames kept to a rate [Hz], beside a loop that slept until such instants [ns]."""
+    """Return how well frames kept a rate [Hz], compared with a loop that only slept [ns]."""
     if len(frames) < 2:
         return Run(rotors, rate, 0.0, len(frames), 0, 0, (math.inf,) * 3, share)
     numbers, instants = frames.T
@@ -258,7 +259,7 @@ def judged(rotors: int, rate: float, frames: Array, slept: Array, share: float) 
 
 
 def missed(deviations: Array, rate: float) -> int:
-    """How many intervals are longer than two periods, given how much longer than one [s]."""
+    """Return the number of intervals above two periods, given interval - period [s]."""
     return int(np.count_nonzero(deviations > 1 / rate))
 
 
@@ -272,14 +273,14 @@ def largest(found: dict[str, dict[str, list[float]]]) -> list[Comparison]:
 
 
 def compared(kept: dict[str, list[Run]]) -> list[Comparison]:
-    """What a simulator of the common size does."""
+    """Return the comparison of both simulators at the common size."""
     work = f'{ROTORS} rotors at {RATE:g} Hz'
     quantities: tuple[tuple[str, str, Callable[[Run], float], bool], ...] = (
         ('real-time factor', '', lambda run: run.real_time_factor, True),
         ('jitter p50', 's', lambda run: run.jitter[0], False),
         ('jitter p99', 's', lambda run: run.jitter[1], False),
         ('largest jitter', 's', lambda run: run.jitter[2], False),
-        ('share of a core', '', lambda run: run.share_of_a_core, False),
+        ('processor load [cores]', '', lambda run: run.share_of_a_core, False),
     )
     return [
         Comparison(

@@ -1,15 +1,15 @@
 # SPDX-License-Identifier: Apache-2.0
-"""How long it takes from a nudge on the topic to the first messages that show it.
+"""Time from a nudge on the topic to the first messages that show its effect.
 
-A simulator of 40 rotors at 1000 Hz, an edge actuator and an analyser run as a process each, as in
-use; this one nudges to and fro at random instants. While the wall moves freely, rates in
-joint_states hardly change from frame to frame, and a nudge changes them by its speed (norm over
-rotors): the first frame whose rates are farther than half the speed from those of the frame before
-shows the nudge. The first soliton_state that shows it is that of this frame.
-The nodes ask for real-time priority, which they have where the system allows it.
-Messages count as come when they reach this process, by the time that the middleware notes. So as
-not to measure itself, this process goes before ordinary ones, where the system allows it, and
-sleeps from well before a nudge until what follows has long come.
+A simulator of 40 rotors at 1000 Hz, an edge actuator and an analyser run in separate processes.
+This process nudges in alternating directions at random instants. While the wall moves freely, the
+rates in joint_states hardly change between frames. A nudge changes them by its speed (norm over
+the rotors). The first frame whose rates differ from the previous frame by more than half of this
+speed shows the nudge. The first soliton_state that shows it has the stamp of this frame.
+
+The nodes request real-time priority. The arrival time of a message is the time that the middleware
+records. To influence the result as little as possible, this process also requests a higher
+priority, and it sleeps from before each nudge until all messages have arrived.
 """
 
 from __future__ import annotations
@@ -54,7 +54,7 @@ Result = TypeVar('Result')
 
 @dataclass(frozen=True)
 class Come:
-    """A message and when it was sent and came [ns]."""
+    """Message with its times of publication and arrival [ns]."""
 
     message: Any
     sent: int
@@ -62,7 +62,7 @@ class Come:
 
 
 class Inbox:
-    """The messages of a topic in the order in which they came, undecoded."""
+    """Undecoded messages of a topic, in the order of their arrival."""
 
     def __init__(self, node: Node, topic: interfaces.Topic) -> None:
         self._type = topic.type
@@ -72,7 +72,7 @@ class Inbox:
         self._come: list[Come] = []
 
     def look(self) -> list[Come]:
-        """What has come since it was emptied."""
+        """Return the messages since the last call of `empty`."""
         handle = self._subscription.handle
         with handle:
             while (message := handle.take_message(self._type, True)) is not None:
@@ -82,7 +82,7 @@ class Inbox:
         return self._come
 
     def empty(self) -> None:
-        """Forget what has come."""
+        """Discard all messages."""
         self.look().clear()
 
 
@@ -113,7 +113,7 @@ def main() -> None:
 
 
 class Reactions:
-    """Nudges the chain and watches the topics."""
+    """Nudges of the chain, and the messages that they cause."""
 
     def __init__(self, node: Node) -> None:
         """Wait for the nodes."""
@@ -123,7 +123,7 @@ class Reactions:
         self._states = Inbox(node, interfaces.SOLITON_STATE)
         until(self._nudge.get_subscription_count, 'edge_actuator')
         until(self._states.look, 'soliton_state')
-        until(self._obeyed, 'a nudge that the edge actuator obeys')
+        until(self._obeyed, 'a nudge that the edge actuator accepts')
         time.sleep(SETTLING)
 
     def _obeyed(self) -> bool:
@@ -132,7 +132,7 @@ class Reactions:
         return bool(self._impulses.look())
 
     def measure(self, nudges: int, turn: int, rounds: int) -> dict[str, list[float]]:
-        """Time from each of so many nudges to what follows [s]."""
+        """Return the times from each of a number of nudges to its effects [s]."""
         chance = random.Random(turn)
         progress = ProgressLine(f'round {turn + 1} of {rounds}, nudges', nudges)
         seconds: dict[str, list[float]] = {}
@@ -147,7 +147,7 @@ class Reactions:
         return seconds
 
     def _nudged(self, direction: int) -> dict[str, int]:
-        """Time from a nudge to what follows [ns]."""
+        """Return the times from a nudge to its effects [ns]."""
         published = time.time_ns()
         self._nudge.publish(Float64(data=direction * SPEED))
         time.sleep(WATCHING)
@@ -162,7 +162,7 @@ class Reactions:
         }
 
     def _jump_since(self, instant: int) -> Come | None:
-        """The first frame since an instant [ns] whose rates jump."""
+        """Return the first frame since an instant [ns] with a jump of the rates."""
         frames = self._joints.look()
         rates = [deserialize_message(come.message, JointState).velocity for come in frames]
         jumps = np.linalg.norm(np.diff(rates, axis=0), axis=1) > SPEED / 2
@@ -170,12 +170,12 @@ class Reactions:
         return next((come for come in since if come.received > instant), None)
 
     def _state_of(self, stamp: int) -> Come | None:
-        """The first soliton_state of a frame with this stamp [ns] or a later one."""
+        """Return the first soliton_state with this stamp [ns] or a later one."""
         return next((come for come in self._states.look() if read_stamp(come) >= stamp), None)
 
 
 def figures_of(measured: list[dict[str, list[float]]]) -> list[Figure]:
-    """Percentiles of each round."""
+    """Return the percentiles of each round."""
     goal = f'{1e3 * (2 / RATE + 1e-3):g} ms at most'
     return [
         Figure(
@@ -190,7 +190,7 @@ def figures_of(measured: list[dict[str, list[float]]]) -> list[Figure]:
 
 
 def until(condition: Callable[[], Result], what: str) -> Result:
-    """Poll until something is there, and return it."""
+    """Poll until a condition returns a result, and return the result."""
     deadline = time.monotonic() + LONGEST_WAIT
     while not (found := condition()):
         if time.monotonic() > deadline:

@@ -1,10 +1,10 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What recording joint states takes, and what analysing a recording takes.
+"""Cost of recording joint states, and of reading and analysing a recording.
 
-Recorders run as processes, ours and plain ones in turn, and this one publishes: first at 1000 Hz,
-for the processor time that they need, then faster and faster. A rate counts as taken where no
-message of it, or of a lower one, is missing in the recording, and is reckoned until the recorder
-is idle again. Offline, ours and `AnyReader` read the same bags.
+Recorders run in separate processes, ours and plain ones in turn. This process publishes at 1000 Hz
+to measure their processor time, and then at increasing rates. A recorder sustains a rate if no
+message at this rate or a lower one is missing in the recording. The rate includes the time until
+the recorder is idle again. Offline, our reader and `AnyReader` read the same bags.
 """
 
 from __future__ import annotations
@@ -53,45 +53,45 @@ STAMP = struct.Struct('<4xiI')
 
 @dataclass(frozen=True)
 class Burst:
-    """Messages that were published at one rate."""
+    """Messages published at one rate."""
 
     asked: float
-    """Rate that was asked for [1/s]; the stamps of its messages have its whole seconds."""
+    """Requested rate [1/s]. The whole seconds of the stamps are the number of the burst."""
     sent: int
     sending: float
-    """Time that publishing took [s]."""
+    """Duration of publishing [s]."""
     working: float
     """Time until the recorder was idle again [s]."""
     processor: float
-    """Processor time that the recorder took [s]."""
+    """Processor time of the recorder [s]."""
 
     @property
     def was_sent(self) -> bool:
-        """Whether about as much was sent as was asked for."""
+        """Whether the requested rate was approximately reached."""
         return self.sent > REACHED * self.asked * self.sending
 
 
 @dataclass
 class Trial:
-    """What one recorder did."""
+    """Result of one recorder."""
 
     bursts: list[Burst] = field(default_factory=list)
     stored: Counter[int] = field(default_factory=Counter)
-    """Messages in the recording, by the burst's number."""
+    """Number of recorded messages by the number of the burst."""
 
     def lost(self, number: int) -> int:
-        """Messages of a burst that are missing."""
+        """Return the number of missing messages of a burst."""
         return self.bursts[number].sent - self.stored[number]
 
     @property
     def share(self) -> float:
-        """Share of a core needed at 1000 Hz [%]."""
+        """Processor load at 1000 Hz [% of a core]."""
         first = self.bursts[0]
         return 100 * first.processor / first.working
 
     @property
     def taken(self) -> float:
-        """Largest rate up to which nothing was lost [1/s]; 0 where some was at the lowest."""
+        """Highest rate without a loss at this or a lower rate [1/s]; 0 if there is none."""
         whole = itertools.takewhile(lambda n: not self.lost(n), range(len(self.bursts)))
         return max((self.bursts[n].sent / self.bursts[n].working for n in whole), default=0.0)
 
@@ -130,24 +130,26 @@ def recording(folder: Path, sizes: Sequence[int], rounds: int, quick: bool) -> P
             taken = [rates_taken(side) for side in (by_kind[kind], ours)]
             comparisons += [
                 Comparison(name, f'record at {RATE} Hz, {work}', '% of a core', *shares),
-                Comparison(name, f'record, none lost, {work}', '/s', *taken, more_is_better=True),
+                Comparison(
+                    name, f'record without loss, {work}', '/s', *taken, more_is_better=True
+                ),
             ]
         size = len(JointStateBuffer(named_chain(rotors))) / 1e6
         bytes_taken = [size * rate for rate in rates_taken(ours)]
-        figures.append(Figure(f'recorded, none lost, {work}', 'MB/s', bytes_taken))
+        figures.append(Figure(f'recorded without loss, {work}', 'MB/s', bytes_taken))
         for kind, side in by_kind.items():
             details[f'{work}, {kind}'] = [told(each) for each in side]
     return Part('record', comparisons, figures, details)
 
 
 def rates_taken(trials: Sequence[Trial]) -> list[float]:
-    """Rates taken in each round [1/s]; none where a recorder lost messages at the lowest."""
+    """Return the sustained rates of all rounds [1/s], without rounds that sustained none."""
     rates = [each.taken for each in trials]
     return rates if all(rates) else []
 
 
 def trial(kind: str, rotors: int, folder: Path, quick: bool) -> Trial:
-    """Have a recorder record bursts, faster and faster until one cannot be sent."""
+    """Let a recorder record bursts of increasing rate, until a rate cannot be published."""
     seconds, factor = (0.5, 4.0) if quick else (1.0, 2**0.5)
     done = Trial()
     with tempfile.TemporaryDirectory(dir=folder) as name:
@@ -168,7 +170,7 @@ def trial(kind: str, rotors: int, folder: Path, quick: bool) -> Trial:
 
 
 class Sender:
-    """Publishes joint states whose stamps say, in whole seconds, which burst they belong to."""
+    """Publisher of joint states; the seconds of a stamp are the number of the burst."""
 
     def __init__(self, rotors: int) -> None:
         """Wait for the recorder."""
@@ -184,7 +186,7 @@ class Sender:
         time.sleep(SETTLING)
 
     def burst(self, number: int, rate: float, seconds: float, recorder: int) -> Burst:
-        """Publish at a rate, as far as that is possible, and wait until all is recorded."""
+        """Publish at a rate if possible, and wait until all messages are recorded."""
         still, sent = self._still, 0
         processor, start = processor_time(recorder), time.monotonic()
         while (now := time.monotonic() - start) < seconds:
@@ -198,7 +200,7 @@ class Sender:
         return Burst(rate, sent, sending, working, processor_time(recorder) - processor)
 
     def _drained(self, recorder: int) -> float:
-        """Wait until a recorder takes little processor time; return when it began to [s]."""
+        """Wait until a recorder is idle; return the time at which it became idle [s]."""
         start = time.monotonic()
         while time.monotonic() - start < LONGEST_DRAIN:
             before, begin = processor_time(recorder), time.monotonic()
@@ -210,7 +212,7 @@ class Sender:
 
 
 def stamped_bursts(path: Path) -> Iterator[int]:
-    """Burst of each message in a recording."""
+    """Yield the number of the burst of each message in a recording."""
     with Reader(path) as reader:
         connections = [c for c in reader.connections if c.topic == '/joint_states']
         for _, _, data in reader.messages(connections):
@@ -218,12 +220,12 @@ def stamped_bursts(path: Path) -> Iterator[int]:
 
 
 def told(done: Trial) -> list[dict[str, Any]]:
-    """A trial as the JSON keeps it."""
+    """Return a trial for the JSON file."""
     return [{**vars(burst), 'lost': done.lost(number)} for number, burst in enumerate(done.bursts)]
 
 
 def reading(folder: Path, sizes: Sequence[int], rounds: int, quick: bool) -> Part:
-    """Compare what can be done with a bag, in frames a second of processor time."""
+    """Compare reading and analysing a bag, in frames per second of processor time."""
     comparisons, details = [], {}
     for rotors in sizes:
         frames = 200 if quick else FRAMES.get(rotors, 1500)
@@ -242,7 +244,7 @@ def reading(folder: Path, sizes: Sequence[int], rounds: int, quick: bool) -> Par
                 done = way(bag)
                 rates[name].append(done / (time.thread_time() - start))
                 if done != frames:
-                    raise AssertionError(f'{name} saw {done} of {frames} frames')
+                    raise AssertionError(f'{name} read {done} of {frames} frames')
         progress.end(f'bags of {rotors} rotors read')
         theirs = rates.pop('AnyReader')
         peer = 'rosbags AnyReader, read and deserialize'
@@ -255,7 +257,7 @@ def reading(folder: Path, sizes: Sequence[int], rounds: int, quick: bool) -> Par
 
 
 def read_by_any_reader(bag: Path) -> int:
-    """Deserialize every frame of a bag by rosbags; return how many there are."""
+    """Deserialise every frame of a bag by rosbags; return the number of frames."""
     frames = 0
     with AnyReader([bag]) as reader:
         connections = [c for c in reader.connections if c.topic == '/joint_states']
@@ -266,7 +268,7 @@ def read_by_any_reader(bag: Path) -> int:
 
 
 def read_by_ours(bag: Path) -> int:
-    """Decode every frame of a bag as the suite does."""
+    """Decode every frame of a bag by the suite; return the number of frames."""
     frames = 0
     decoder = JointStateDecoder()
     with open_bag(bag) as reader:
@@ -278,7 +280,7 @@ def read_by_ours(bag: Path) -> int:
 
 
 def analyse(bag: Path) -> int:
-    """Analyse every frame of a bag."""
+    """Analyse every frame of a bag; return the number of frames."""
     with open_bag(bag) as reader:
         return sum(1 for _ in analyse_frames(reader))
 

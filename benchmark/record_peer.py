@@ -1,9 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What one would write to record a topic: a node whose callback hands each message to a file.
+"""Simple recorder: a node whose callback writes each message to a file.
 
-A raw subscription is what a careful user takes; a typed one, with `serialize_message` in its
-callback, is what the tutorials of ROS 2 show. It is as generous as it can be: a deep queue, no
-compression, and a commit a second.
+It has a raw subscription, or a typed one with `serialize_message` in its callback, as in the
+tutorials of ROS 2. A deep queue, no compression and one commit per second make it fast.
 """
 
 from __future__ import annotations
@@ -26,20 +25,20 @@ SUBSCRIPTIONS = ('raw', 'typed')
 
 
 class Store(Protocol):
-    """A file of messages."""
+    """Interface of a file of messages."""
 
     def add(self, stamp: int, serialized: bytes) -> None:
-        """Store a message that was received at a time [ns]."""
+        """Store a message received at a time [ns]."""
 
     def commit(self) -> None:
-        """Hand what was stored to the system."""
+        """Write all stored messages to the file."""
 
     def close(self) -> None:
         """End the file."""
 
 
 class McapStore:
-    """A file by the mcap package."""
+    """File of the mcap package."""
 
     def __init__(self, path: Path) -> None:
         """Create it."""
@@ -55,7 +54,7 @@ class McapStore:
         self._writer.add_message(self._channel, stamp, serialized, stamp)
 
     def commit(self) -> None:
-        """Hand on what is in whole chunks."""
+        """Write all complete chunks to the file."""
         self._file.flush()
 
     def close(self) -> None:

@@ -1,13 +1,12 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A long day: the whole suite for an hour, with nudges, moves, splits and a kill each minute.
+"""Soak test: the whole suite for an hour, with nudges, moves, splits and a kill every minute.
 
-A chain of 100 rotors at 1000 Hz with all nodes as processes of their own, and the live page in a
-browser where there is one. Every minute another of the nodes is killed with SIGKILL and started
-again, in the first half of the day some of them, in the second the others. What was recorded is
-read file by file, and removed. Everything is noted as it happens, in OUTPUT/ledger.jsonl; the page
-OUTPUT/soak.html is drawn every few minutes and at the end. A day that was interrupted, in whatever
-way, is gone on with by the same command and --resume.
-The exit code is 0 where nothing was lost but what kills explain and nothing grew.
+A chain of 100 rotors runs at 1000 Hz with all nodes in separate processes, and the live page in a
+browser if one is installed. Every minute one node is killed with SIGKILL and restarted. Some nodes
+are killed only in the first half of the test, the others only in the second half. Recorded files
+are read and removed one by one. Events are appended to OUTPUT/ledger.jsonl at once. The page
+OUTPUT/soak.html is drawn every few minutes and at the end. An interrupted test continues with the
+same command and --resume. The exit code is 0 if kills explain all losses and no memory grew.
 """
 
 from __future__ import annotations
@@ -77,7 +76,7 @@ FIGURES = {
 
 
 class Suite:
-    """The nodes as processes, and what they say of themselves."""
+    """Nodes in processes, and their diagnostics."""
 
     def __init__(self, output: Path, ledger: Ledger) -> None:
         self._output = output
@@ -90,7 +89,7 @@ class Suite:
         self._began = 0
 
     def start(self, name: str) -> None:
-        """Begin another life of a node."""
+        """Start or restart a node."""
         life = next(self._lives)
         settings = dict(NODES[name])
         if name == 'bag_recorder':
@@ -107,7 +106,7 @@ class Suite:
         self._ledger.note('start', node=name, life=life)
 
     def revive(self) -> None:
-        """Start the nodes that have ended by themselves, which they should not, after a rest."""
+        """Restart nodes that ended unexpectedly, after a pause."""
         for name, process in list(self._running.items()):
             if process.poll() is not None and name not in self._dead:
                 self._ended(name, 'died', code=process.returncode)
@@ -126,7 +125,7 @@ class Suite:
         self.start(name)
 
     def sample(self) -> None:
-        """Note what each process takes."""
+        """Record the resources of each process."""
         for name, process in self._running.items():
             told = Path(f'/proc/{process.pid}')
             try:
@@ -142,12 +141,12 @@ class Suite:
             self._ledger.note('sample', node=name, life=self._life[name], **sample)
 
     def audit(self) -> None:
-        """Read what the recorder has finished."""
+        """Read the finished files of the recorder."""
         if self._audit:
             self._audit.read(ended=False)
 
     def stop(self) -> None:
-        """End all, as their user would."""
+        """Stop all nodes with SIGINT."""
         for process in self._running.values():
             process.send_signal(signal.SIGINT)
         for name, process in self._running.items():
@@ -171,7 +170,7 @@ class Suite:
 
 
 class User:
-    """Who nudges, moves and splits, and hears what nodes report."""
+    """Client that nudges, moves and splits, and receives diagnostics."""
 
     def __init__(self, ledger: Ledger) -> None:
         self._ledger = ledger
@@ -188,12 +187,12 @@ class User:
         self._reports: dict[str, dict[str, str]] = {}
 
     def nudge(self) -> None:
-        """Nudge to and fro."""
+        """Nudge in alternating directions."""
         self._nudges.publish(Float64(data=NUDGE * next(self._signs)))
         self._ledger.note('nudge')
 
     def move(self) -> None:
-        """Ask for a move, and note how it ends."""
+        """Request a move, and record its result."""
         rotor = next(self._places)
         asked = self._ledger.note('move', rotor=rotor)
         if not self._moves.server_is_ready():
@@ -204,13 +203,13 @@ class User:
         )
 
     def split(self) -> None:
-        """Ask for a new file."""
+        """Request a new file."""
         if self._splits.service_is_ready():
             self._splits.call_async(self._splits.srv_type.Request())
             self._ledger.note('split')
 
     def tell(self) -> None:
-        """Note the last reports of the nodes."""
+        """Record the last diagnostics of the nodes."""
         for name, figures in FIGURES.items():
             report = self._reports.pop(name, {})
             told = {figure: float(report[figure]) for figure in figures if figure in report}
@@ -235,7 +234,7 @@ class User:
 
 
 class Visitor:
-    """A browser that has the live page open, where there is one."""
+    """Browser with the live page, if a browser is installed."""
 
     def __init__(self, stack: ExitStack, ledger: Ledger) -> None:
         self._ledger = ledger
@@ -248,7 +247,7 @@ class Visitor:
                 ledger.note('no browser', why=str(error))
 
     def look(self) -> None:
-        """Open the page, or note what its script holds."""
+        """Open the page, or record the memory of its script."""
         if self._browser is None:
             return
         try:
@@ -289,7 +288,7 @@ def parse_arguments() -> argparse.Namespace:
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )
     parser.add_argument('--minutes', type=float, default=60.0, help='(%(default)s)')
-    parser.add_argument('--resume', action='store_true', help='go on where it was interrupted')
+    parser.add_argument('--resume', action='store_true', help='continue an interrupted test')
     parser.add_argument('--output', type=Path, default=Path('out/soak'), help='(%(default)s)')
     return parser.parse_args()
 
@@ -297,7 +296,7 @@ def parse_arguments() -> argparse.Namespace:
 def run(
     output: Path, ledger: Ledger, seconds: float, stopping: threading.Event, stack: ExitStack
 ) -> None:
-    """Run until the day is so long [s], or it is told to stop."""
+    """Run for a duration [s], or until stopped."""
     suite, user = Suite(output, ledger), User(ledger)
     stack.callback(user.node.destroy_node)
     stack.callback(suite.stop)
@@ -306,7 +305,7 @@ def run(
     visitor = Visitor(stack, ledger)
 
     def kill() -> None:
-        # In each half of the day some nodes live on, so that it shows whether they grow.
+        # In each half of the test some nodes are not killed, so that their growth is measured.
         names = list(NODES)
         half = names[: len(names) // 2] if ledger.now < seconds / 2 else names[len(names) // 2 :]
         suite.kill(half[len(ledger.of('kill')) % len(half)])

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Reads the files of a recorder that goes on, one after the other, and what is missing in them."""
+"""Audit of the files of a running recorder: missing frames and lost messages."""
 
 from __future__ import annotations
 
@@ -17,34 +17,34 @@ FRAMES = '/joint_states'
 
 
 class BagAudit:
-    """Counts what a recorder has written, and removes each file that it has read.
+    """Counter of the recorded messages, which removes each file after reading it.
 
-    Frames are a period apart by their stamps; where they are not, some are missing. Stamps of a
-    simulator that cannot keep pace fall behind the clock: what is told are times of receipt.
+    A frame is missing if two stamps differ by more than a period. Times are those of receipt,
+    because the stamps of a simulator below real time fall behind the clock.
     """
 
     def __init__(self, folder: Path, rate: float) -> None:
         self.folder = folder
         self.messages: Counter[str] = Counter()
         self.gaps: list[tuple[int, int]] = []
-        """When the frames before and behind each place came where some are missing [ns]."""
+        """Times of receipt of the frames before and after each gap [ns]."""
         self.damage: list[str] = []
         self.lost = 0
-        """Messages that the recorder says that it has lost."""
+        """Number of lost messages that the recorder reported."""
         self.last = 0
-        """When the last frame came [ns]."""
+        """Time of receipt of the last frame [ns]."""
         self._stamp = 0
         self._period = round(1e9 / rate)
 
     def read(self, ended: bool) -> None:
-        """Read the files that are finished, or all of a recorder that has ended."""
+        """Read the finished files, or all files of a recorder that has ended."""
         files = sorted(self.folder.glob('*.mcap'), key=lambda path: int(path.stem.split('_')[-1]))
         for path in files if ended else files[:-1]:
             self._read_file(path)
             path.unlink()
 
     def told(self) -> dict[str, Any]:
-        """What was found, for the ledger."""
+        """Return the result for the ledger."""
         return {
             'messages': dict(self.messages),
             'gaps': self.gaps,

@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What a long day of the suite leaves behind: lines of JSON that are there as soon as they happen.
+"""Ledger of the soak test: JSON lines that are written immediately.
 
-Every entry has its `time` [s] since the day began, over all its parts where it was gone on with,
-its `kind` and what belongs to that.
+Every entry has its `time` [s] since the start of the test (without interruptions), its `kind`, and
+further values that depend on the kind.
 """
 
 from __future__ import annotations
@@ -16,10 +16,10 @@ Entry = dict[str, Any]
 
 
 class Ledger:
-    """The entries of a day, in a file that outlives who writes it."""
+    """Entries of a soak test, in a file that survives a kill of this process."""
 
     def __init__(self, path: Path) -> None:
-        """Go on with what a file holds; a line that was cut by a kill is left out."""
+        """Read the entries of a file, without a line that a kill has truncated."""
         self.entries: list[Entry] = []
         if path.exists():
             for line in path.read_text(encoding='utf-8').splitlines():
@@ -33,15 +33,15 @@ class Ledger:
 
     @property
     def now(self) -> float:
-        """Time since the day began [s]."""
+        """Time since the start of the test [s]."""
         return time.time() - self._begun
 
     def since(self, stamp: int) -> float:
-        """A stamp [ns] as time of this day [s]."""
+        """Convert a stamp [ns] to the time since the start of the test [s]."""
         return stamp * 1e-9 - self._begun
 
     def note(self, kind: str, **what: Any) -> Entry:
-        """Add an entry of this moment."""
+        """Add an entry with the current time."""
         entry = {'time': round(self.now, 3), 'kind': kind, **what}
         self.entries.append(entry)
         self._file.write(json.dumps(entry) + '\n')
@@ -49,5 +49,5 @@ class Ledger:
         return entry
 
     def of(self, kind: str) -> list[Entry]:
-        """All entries of a kind."""
+        """Return all entries of a kind."""
         return [entry for entry in self.entries if entry['kind'] == kind]

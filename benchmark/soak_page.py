@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What a long day has shown: verdicts, slopes with their errors, and a page with curves."""
+"""Report of the soak test: verdicts, slopes with their errors, and a page with curves."""
 
 from __future__ import annotations
 
@@ -47,30 +47,31 @@ STYLE = (
     'img{max-width:100%}.bad{color:#b00}</style>'
 )
 CAPTION = (
-    'Against the time since the beginning, from top to bottom: resident memory, threads and open '
-    'files of each node; simulated time over that of the clock, with deadlines that the simulator '
-    'missed between two looks (orange, right scale); energy of the chain, with its drift (orange, '
-    'right scale), which is what the books of work and dissipation leave over; what the script of '
-    'the live page holds in the browser. Grey lines are kills, one of each node in turn.'
+    'Curves against the time since the start, from top to bottom. Resident memory, threads and '
+    'open files of each node. Real-time factor, with the missed deadlines of the simulator per '
+    'sample (orange, right scale). Energy of the chain, with the residual of its energy balance '
+    '(orange, right scale). Memory of the script of the live page in the browser. Grey lines are '
+    'kills.'
 )
 
 
 class Slope(NamedTuple):
-    """Growth in an hour, and its standard error."""
+    """Growth per hour and its standard error."""
 
     value: float
     error: float
 
     @property
     def is_flat(self) -> bool:
-        """Whether it may as well be none."""
+        """Return whether the growth is insignificant."""
         return not self.value > SIGNIFICANT * self.error
 
 
 def slope(lives: Sequence[tuple[Array, Array]]) -> Slope:
-    """Of one line through the values of several lives, each of its own height, over times [s].
+    """Return the common slope of values against times [s] in several lives of a process.
 
-    What follows each other is alike: the error is that of as many values as are independent.
+    Each life has its own offset. Successive values are correlated; the error takes the number of
+    independent values into account.
     """
     times = np.concatenate([t - t.mean() for t, _ in lives] or [np.zeros(0)])
     values = np.concatenate([v - v.mean() for _, v in lives] or [np.zeros(0)])
@@ -87,7 +88,7 @@ def slope(lives: Sequence[tuple[Array, Array]]) -> Slope:
 
 
 def slope_of(ledger: Ledger, node: str, what: str) -> Slope:
-    """Of what the processes of a node took, once each had warmed up."""
+    """Return the slope of a resource of a node, without the first minutes of each process."""
     begun = {entry['life']: entry['time'] for entry in ledger.of('start')}
     lives: dict[int, list[tuple[float, float]]] = {}
     for entry in ledger.of('sample'):
@@ -98,12 +99,12 @@ def slope_of(ledger: Ledger, node: str, what: str) -> Slope:
 
 
 def nodes_of(ledger: Ledger) -> list[str]:
-    """Nodes in the order in which they were started first."""
+    """Return the nodes in the order of their first start."""
     return list(dict.fromkeys(entry['node'] for entry in ledger.of('start')))
 
 
 def verdicts(ledger: Ledger) -> list[tuple[str, bool]]:
-    """Sentences on the day, each with whether it is as it should be."""
+    """Return sentences about the test, each with whether the result is as expected."""
     kills, bags = ledger.of('kill'), ledger.of('bag')
     died = ledger.of('died')
     drift = max((abs(e.get('energy drift', 0.0)) for e in ledger.of('report')), default=0.0)
@@ -123,13 +124,13 @@ def verdicts(ledger: Ledger) -> list[tuple[str, bool]]:
         (f'{ledger_length(ledger) / 60:.1f} minutes, {len(kills)} kills', True),
         (f'{len(died)} nodes ended by themselves {said}'.rstrip(), not died),
         (f'{frames} frames recorded, {len(gaps)} gaps that no kill explains', not gaps),
-        (f'{lost} messages that recorders say they lost', not lost),
+        (f'{lost} lost messages reported by recorders', not lost),
         (
             f'killed recorders lost {max(tails, default=0):.3f} s at most of {len(tails)} times',
             max(tails, default=0) < MOST_LOST,
         ),
         (
-            f'{len(damage)} wounds of bags that no kill explains {"; ".join(damage[:MOST_TOLD])}',
+            f'{len(damage)} damages of bags that no kill explains {"; ".join(damage[:MOST_TOLD])}',
             not damage,
         ),
         (
@@ -149,12 +150,12 @@ def verdicts(ledger: Ledger) -> list[tuple[str, bool]]:
 
 
 def ledger_length(ledger: Ledger) -> float:
-    """Time of the last entry [s]."""
+    """Return the time of the last entry [s]."""
     return float(ledger.entries[-1]['time']) if ledger.entries else 0.0
 
 
 def tail_of(bag: Entry, kills: Sequence[Entry]) -> float:
-    """Time between the last frame of a recorder and its kill [s], 0 where none was sent then."""
+    """Return the time from the last frame of a recorder to its kill [s], 0 without frames."""
     at = next(k['time'] for k in kills if k['life'] == bag['life'])
     away = any(
         k['node'] == 'simulator' and k['time'] - MOST_LOST < bag['last'] < k['time'] + MEETING
@@ -164,7 +165,7 @@ def tail_of(bag: Entry, kills: Sequence[Entry]) -> float:
 
 
 def unexplained_gaps(bags: Sequence[Entry], kills: Sequence[Entry]) -> list[list[float]]:
-    """Gaps between frames in which no simulator was killed."""
+    """Return the gaps between frames during which no simulator was killed."""
     killed = [kill['time'] for kill in kills if kill['node'] == 'simulator']
     return [
         gap
@@ -175,7 +176,7 @@ def unexplained_gaps(bags: Sequence[Entry], kills: Sequence[Entry]) -> list[list
 
 
 def nudges_of(ledger: Ledger) -> tuple[int, int, int]:
-    """Nudges that were sent, that were recorded, and that no recorder could have."""
+    """Return the numbers of nudges: sent, recorded, and sent while no recorder was running."""
     sent = [entry['time'] for entry in ledger.of('nudge')]
     recorded = sum(bag['messages'].get('/nudge', 0) for bag in ledger.of('bag'))
     begun = [e['time'] for e in ledger.of('start') if e['node'] == 'bag_recorder']
@@ -184,14 +185,14 @@ def nudges_of(ledger: Ledger) -> tuple[int, int, int]:
 
 
 def moves_of(ledger: Ledger) -> str:
-    """How the moves ended."""
+    """Return a sentence about the results of the moves."""
     ended = [OUTCOMES[entry['outcome']] for entry in ledger.of('moved')]
     told = ', '.join(f'{ended.count(name)} {name}' for name in dict.fromkeys(ended))
-    return f'{len(ledger.of("move"))} moves asked for: {told or "none ended"}'
+    return f'{len(ledger.of("move"))} moves requested: {told or "none ended"}'
 
 
 def write_page(folder: Path, ledger: Ledger) -> Path:
-    """Write the page of the day so far."""
+    """Write the report page."""
     picture = io.BytesIO()
     drawn(ledger).savefig(picture, format='png', dpi=110)
     data = base64.b64encode(picture.getvalue()).decode()

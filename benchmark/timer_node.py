@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A simulator as the tutorials of ROS 2 have their nodes, and scipy its examples.
+"""Simple simulator in the style of the tutorials of ROS 2 and scipy.
 
-A class with a timer, whose callback integrates the chain of springs over a period by `solve_ivp`
-with a right-hand side in numpy, fills a JointState and publishes it.
+A timer callback integrates the chain of springs over a period by `solve_ivp` with a right-hand
+side in numpy, fills a JointState and publishes it.
 """
 
 from __future__ import annotations
@@ -22,10 +22,10 @@ from soliton_linkage.linkage.chain import Array, Chain
 
 
 class TimerNode(Node):
-    """Publishes joint_states from a timer."""
+    """Node that publishes joint_states from a timer."""
 
     def __init__(self, rotors: int, rate: float, place: float, velocity: float) -> None:
-        """Start with a soliton at a place [rotor spacings] with a velocity [m/s]."""
+        """Start with a soliton at a position [rotor spacings] with a velocity [m/s]."""
         super().__init__('timer_node')
         self.chain = Chain(number_of_rotors=rotors)
         start = with_soliton(self.chain, place, velocity)
@@ -36,7 +36,7 @@ class TimerNode(Node):
         self.timer = self.create_timer(self.period, self.on_timer)
 
     def on_timer(self) -> None:
-        """Advance the chain and publish it."""
+        """Advance the chain by a period and publish its state."""
         solution = solve_ivp(self.derivative, (0.0, self.period), self.state, rtol=1e-6, atol=1e-9)
         self.state = solution.y[:, -1]
         rotors = self.chain.number_of_rotors
@@ -48,7 +48,7 @@ class TimerNode(Node):
         self.publisher.publish(message)
 
     def derivative(self, _time: float, state: Array) -> Array:
-        """Rates and accelerations of springs in the plane."""
+        """Return the rates and accelerations of a chain of springs."""
         chain = self.chain
         number, r = chain.number_of_rotors, chain.rotor_length
         angles, rates = state[:number], state[number:]
@@ -67,7 +67,7 @@ class TimerNode(Node):
 
 
 def main() -> None:
-    # What a handler of rclpy shuts down under a running callback raises many things.
+    # If a signal handler of rclpy shuts down during a callback, various exceptions occur.
     rclpy.init(signal_handler_options=SignalHandlerOptions.NO)
     signal.signal(signal.SIGTERM, signal.default_int_handler)
     rotors, rate, place, velocity = sys.argv[1:]

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Bags of any length, of a chain with a wall on its way in noisy frames."""
+"""Bags of any length with noisy frames of a chain with a moving wall."""
 
 from __future__ import annotations
 
@@ -33,21 +33,21 @@ _SHOW_EVERY = 1000
 
 
 def named_chain(rotors: int) -> NamedChain:
-    """A flipper chain with the names that joints have."""
+    """Return a flipper chain with its joint names."""
     return NamedChain(Chain(number_of_rotors=rotors), default_joint_names(rotors))
 
 
 class NoisyWall:
-    """Frames of a wall that goes round the cycle, at 1000 Hz, with noisy angles and rates."""
+    """Frames of a wall that traverses the cycle, at 1000 Hz, with noisy angles and rates."""
 
     def __init__(self, rotors: int, deviation: float = NOISE) -> None:
-        """Work out the cycle, and draw the noise, which repeats after a million numbers."""
+        """Compute the cycle and draw the noise, which repeats after a million numbers."""
         self._rotors = rotors
         self._orbit = UniformOrbit(Chain(number_of_rotors=rotors))
         self._noise = deviation * np.random.default_rng(1).standard_normal(_DRAWS + 2 * rotors)
 
     def frame(self, number: int) -> tuple[np.ndarray, np.ndarray]:
-        """Angles [rad] and rates [rad/s] of a frame, each of shape (N,)."""
+        """Return angles [rad] and rates [rad/s] of a frame, each of shape (N,)."""
         arc = _ARC_PER_FRAME * number
         about = self._orbit.segment(arc)
         begin = number * 2 * self._rotors % _DRAWS
@@ -59,7 +59,7 @@ class NoisyWall:
 
 
 def write_wall_bag(name: Path, rotors: int, frames: int, compression: str = 'none') -> Path:
-    """Write so many frames at 1000 Hz as fast as can be; return the bag's path."""
+    """Write a number of frames with a period of 1 ms; return the path of the bag."""
     named, wall = named_chain(rotors), NoisyWall(rotors)
     buffer, still = JointStateBuffer(named), np.zeros(rotors)
     writer = BagWriter(name, compression)

@@ -15,5 +15,5 @@ def test_every_class_is_near_its_bound_and_chains_are_kept(run_part: Callable[..
     figures = json.loads(output.read_text())['identification']['figures']
     measured = {each['what']: each['values'][0] for each in figures}
     for name in ('flipper', 'wobbler', 'spinner'):
-        assert 0.7 < measured[f'{name}: error over its bound'] < 1.3
-        assert measured[f'{name}: error of the place over its bound'] < 1.3
+        assert 0.7 < measured[f'{name}: error / bound'] < 1.3
+        assert measured[f'{name}: position error / bound'] < 1.3

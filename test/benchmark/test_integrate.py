@@ -78,7 +78,7 @@ def test_the_account_lists_its_loops_and_compilation_is_slower_than_loading(
     figures = {figure['what']: figure['values'] for figure in part['figures']}
     compiling, loading = (v for what, v in figures.items() if what.startswith('numba'))
     assert compiling[0] > loading[0] > 0
-    assert len(figures['time a rotor, 30 over 20 rotors']) == 2
+    assert len(figures['time per rotor, 30 / 20 rotors']) == 2
 
 
 def test_the_picture_is_drawn(output: Path) -> None:

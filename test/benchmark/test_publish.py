@@ -48,7 +48,7 @@ def test_the_table_is_made_of_these_times(part: dict[str, Any], output: Path) ->
         against = statistics.median(t / o for t, o in zip(theirs, ours, strict=True))
         assert f'| {against:.3g} (' in row_of(table, f'| JointState of lists | {work} |')
         over = statistics.median(o / f for o, f in zip(ours, floor, strict=True))
-        assert f'| {over:.4g} (' in row_of(table, f'| ours over constant bytes, {work} |')
+        assert f'| {over:.4g} (' in row_of(table, f'| ours / constant bytes, {work} |')
 
 
 def row_of(table: str, beginning: str) -> str:

@@ -38,7 +38,7 @@ def test_both_are_run_and_their_outputs_are_compared(part: dict[str, Any]) -> No
         assert sorted(run['jitter']) == run['jitter']
         assert rows['real-time factor'][side] == [run['real_time_factor']]
         assert rows['jitter p99'][side] == [run['jitter'][1]]
-        assert rows['share of a core'][side] == [run['share_of_a_core']]
+        assert rows['processor load [cores]'][side] == [run['share_of_a_core']]
 
 
 def frames(instants: np.ndarray) -> np.ndarray:

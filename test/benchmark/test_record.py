@@ -52,7 +52,7 @@ def test_every_recorder_was_sent_more_and_more(part: dict[str, Any]) -> None:
 
 def test_rates_and_shares_are_those_of_the_bursts(part: dict[str, Any]) -> None:
     trials = {kind: part['details'][f'N = 100, {kind}'][0] for kind in KINDS}
-    for kind, each in zip(KINDS[1:], comparisons(part, 'none lost'), strict=True):
+    for kind, each in zip(KINDS[1:], comparisons(part, 'without loss'), strict=True):
         for side, name in ((each['theirs'], kind), (each['ours'], 'ours')):
             rate = taken(trials[name])
             assert side == ([rate] if rate else [])
