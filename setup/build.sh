@@ -1,20 +1,20 @@
 #!/usr/bin/env bash
 # SPDX-License-Identifier: Apache-2.0
-# Builds the workspace into install/, unless nothing in src/ has changed since it was built.
+# Builds the workspace into install/, unless src/ is unchanged since the last build.
 # `build.sh demo` compiles only the loops of the simulation and of the analyser.
 set -eo pipefail
 cd "$(dirname "${BASH_SOURCE[0]}")/.."
 . setup/home.sh
 . setup/run.sh
 
-# One at a time: whoever comes second finds it done.
+# One process builds at a time. A second one waits, and finds the workspace built.
 exec 9<src
 flock 9
 
 others=(src/soliton_linkage/soliton_linkage/{identification,vision}
     src/soliton_linkage_studies/soliton_linkage_studies)
 
-# Numba compiles a loop as its module is imported: now, once, rather than when a node starts.
+# Numba compiles a loop when its module is imported. Nodes must not wait for this.
 compile_loops() {
     local modules
     modules=$(grep -rl --include='*.py' 'soliton_linkage.compiling import' "$@" |
@@ -48,7 +48,7 @@ else
     fi
 fi
 
-# What setup.py once installed it never removes. The compiled messages are kept in build/.
+# setup.py does not remove files of earlier versions. Compiled messages remain in build/.
 rm -rf install build/soliton_linkage build/soliton_linkage_studies build/soliton_linkage_nodes
 mkdir -p install
 cp "$soliton_home/installed" install/building
@@ -61,12 +61,12 @@ build() {
         --event-handlers console_stderr- summary- "$@"
 }
 
-# The rest is installed while the messages compile, and loops are compiled beside them.
+# All other requirements are installed while the messages compile. Then loops are compiled.
 build_all() {
-    local rest messages dynamics status=0
+    local rest messages dynamics status=0 physics=(soliton_linkage soliton_linkage_studies)
     setup/install.sh run & rest=$!
-    build --packages-select soliton_linkage soliton_linkage_studies || { kill "$rest"; return 1; }
-    build --packages-skip soliton_linkage soliton_linkage_studies "${cmake_arguments[@]}" & messages=$!
+    build --packages-select "${physics[@]}" || { kill "$rest"; return 1; }
+    build --packages-skip "${physics[@]}" "${cmake_arguments[@]}" & messages=$!
     if wait "$rest"; then
         echo 'Compiling loops.'
         compile_loops src/soliton_linkage/soliton_linkage/dynamics & dynamics=$!

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Say why this Python cannot carry the suite; say nothing if it can."""
+"""Exit with the reason if the suite cannot run on this Python."""
 
 import importlib.util
 import sys

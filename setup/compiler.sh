@@ -1,10 +1,10 @@
 # SPDX-License-Identifier: Apache-2.0
 # shellcheck shell=bash
-# To be sourced in bash after home.sh: how colcon has messages compiled.
+# To be sourced in bash after home.sh: CMake and make options for the messages.
 
 # shellcheck disable=SC2034
 cmake_arguments=(--cmake-args)
-# Among the wheels is no rclcpp.
+# The wheels contain no rclcpp.
 [ "$ROS_DISTRO" = jazzy ] || cmake_arguments+=(-DPYTHON_ALONE=ON)
 headers=("$soliton_home"/headers/usr/include/python3*)
 if [ -d "${headers[0]}" ]; then
@@ -13,6 +13,6 @@ if [ -d "${headers[0]}" ]; then
 fi
 
 unset MAKELEVEL MFLAGS
-# Without it colcon has make start one job at a time while the machine does anything else.
+# Without this variable make runs one job at a time on a machine with other load.
 MAKEFLAGS=-j$(nproc)
 export MAKEFLAGS

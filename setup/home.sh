@@ -1,14 +1,14 @@
 # SPDX-License-Identifier: Apache-2.0
 # shellcheck shell=bash
-# To be sourced in bash: puts ROS 2 and Python on the path, of a full ROS 2 install where one is
-# sourced, else of the wheels in .venv.
+# To be sourced in bash: puts ROS 2 and Python on the path. A sourced full ROS 2 is used, otherwise
+# the wheels in .venv.
 
-# Every program would parse all that it imports again, numba for 1.3 s.
+# Without bytecode, each program would parse its imports again. For numba this takes 1.3 s.
 unset PYTHONDONTWRITEBYTECODE
 
 soliton_root=$(cd "$(dirname "${BASH_SOURCE[0]}")/.." && pwd)
 
-# Logs of ROS, and the caches of others, need a home.
+# ROS logs and caches of other packages need a home that can be written.
 if [ ! -w "${HOME:-/nowhere}" ]; then
     export HOME=$soliton_root/out/home
     mkdir -p "$HOME"
@@ -30,7 +30,7 @@ elif [ -n "$ROS_DISTRO" ]; then
     return 1
 else
     soliton_home=$soliton_root/.venv
-    # What the wheels of another environment have set keeps ours from finding their libraries.
+    # The value of another environment would keep our wheels from finding their libraries.
     unset _ROS_WHEELS_BOOTSTRAP_COMPLETE
     if [ -f "$soliton_home/bin/activate" ]; then
         . "$soliton_home/bin/activate"

