@@ -16,16 +16,7 @@ others=(src/soliton_linkage/soliton_linkage/{identification,vision}
 
 # Numba compiles a loop when its module is imported. Nodes must not wait for this.
 compile_loops() {
-    local modules
-    modules=$(grep -rl --include='*.py' 'soliton_linkage.compiling import' "$@" |
-        sed 's,^src/[^/]*/,,; s/\.py$//; s,/,.,g')
-    (. setup/environment.sh && python3 -c '
-import importlib, sys
-for name in sys.argv[1:]:
-    importlib.import_module(name)
-if "soliton_linkage.dynamics.terms" in sys.argv:
-    from soliton_linkage.dynamics.integrators import SymplecticNystrom
-    SymplecticNystrom.load()' $modules)
+    (. setup/environment.sh && python3 setup/compile_loops.py "$@")
 }
 
 compile_other_loops() {
@@ -63,15 +54,13 @@ build() {
 
 # All other requirements are installed while the messages compile. Then loops are compiled.
 build_all() {
-    local rest messages dynamics status=0 physics=(soliton_linkage soliton_linkage_studies)
+    local rest messages status=0 physics=(soliton_linkage soliton_linkage_studies)
     setup/install.sh run & rest=$!
     build --packages-select "${physics[@]}" || { kill "$rest"; return 1; }
     build --packages-skip "${physics[@]}" "${cmake_arguments[@]}" & messages=$!
     if wait "$rest"; then
         echo 'Compiling loops.'
-        compile_loops src/soliton_linkage/soliton_linkage/dynamics & dynamics=$!
-        compile_loops src/soliton_linkage/soliton_linkage/{orbit,estimation} || status=$?
-        wait "$dynamics" || status=$?
+        compile_loops src/soliton_linkage/soliton_linkage/{dynamics,estimation,orbit} || status=$?
         [ "$demo" ] || compile_other_loops || status=$?
     else
         status=3
