@@ -134,6 +134,8 @@ install_wheels() {
 # Beside ROS everything is installed at once.
 install_also() {
     local done=$soliton_home/$1
+    exec 8<"setup/requirements-$1.txt"  # a lock of its own, so that another command can build
+    flock 8
     if [ "$ROS_DISTRO" = jazzy ] || cmp -s "$soliton_home/installed" "$done"; then
         return
     fi
@@ -233,9 +235,6 @@ if ! installed; then
 fi
 flock --unlock 9
 [ -n "$1" ] || exit 0
-# This lock is separate, so that another command can build meanwhile.
-exec 8<setup/constraints.txt
-flock 8
 install_also run
 if [ "$1" = development ]; then
     install_also development
