@@ -54,9 +54,10 @@ SENDING = """
 from soliton_linkage_studies.workers import local_processes
 if __name__ == '__main__':
     with local_processes(2) as processes:
-        for _ in range(100000):
+        for _ in range(20):
             processes.submit(bytes, 200000)
         for number, _ in enumerate(processes.finished()):
+            processes.submit(bytes, 200000)
             if number == 10:
                 print('sending', flush=True)
 """
