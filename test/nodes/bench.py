@@ -64,8 +64,11 @@ class Bench:
 
     def raw_joints(self, message: JointState) -> None:
         before = self.node.frames.taken
-        self._joints.publish(message)
+        self.publish_joints(message)
         self.graph.until(lambda: self.node.frames.taken > before, 'the joint states')
+
+    def publish_joints(self, message: JointState) -> None:
+        self._joints.publish(message)
 
     def nudge(self, speed: float) -> None:
         self._nudges.publish(Float64(data=speed))

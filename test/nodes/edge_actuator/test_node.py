@@ -14,6 +14,7 @@ import pytest
 from bench import Bench
 from graphs import Graph, values
 from numpy.typing import ArrayLike
+from sensor_msgs.msg import JointState
 from std_msgs.msg import Float64, Header
 
 from soliton_linkage.actuation.actuators import ACTUATORS, PneumaticActuator
@@ -437,3 +438,24 @@ def test_an_unknown_actuator_is_rejected(graph: Graph) -> None:
     known = "parameter actuator = 'steam' must be one of 'pneumatic', 'twin_bellows'"
     with pytest.raises(ValueError, match=known):
         graph.start(EdgeActuator, {'actuator': 'steam'})
+
+
+def test_frames_in_halves_are_whole_for_a_kick(bench: Bench, named: NamedChain) -> None:
+    rest = named.chain.uniform_state(LEFT)
+    for number in (1, 2):
+        message = frame_to_msg(named, Frame(rest, None), 0 * rest, time_to_msg(number * 10**7))
+        first, second = some_joints(message, slice(0, 4)), some_joints(message, slice(4, 8))
+        bench.publish_joints(first)
+        bench.raw_joints(second)
+    bench.nudge(1.0)
+    expected = edge_mode(named.chain, rest, Edge.NEAREST)
+    np.testing.assert_array_equal(
+        bench.next_impulses(), named.chain.moment_of_inertia * 1.0 * expected
+    )
+
+
+def some_joints(message: JointState, kept: slice) -> JointState:
+    """Return some joints of a message."""
+    return JointState(
+        header=message.header, name=message.name[kept], position=message.position[kept]
+    )

@@ -10,9 +10,11 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from rclpy.serialization import deserialize_message, serialize_message
+from sensor_msgs.msg import JointState
 
 from soliton_linkage_nodes.messages.conversions import JointStates, default_joint_names
-from soliton_linkage_nodes.messages.frame_assembler import FrameAssembler
+from soliton_linkage_nodes.messages.frame_assembler import FrameAssembler, SerializedFrames
 
 NAMES = default_joint_names(6)
 
@@ -119,3 +121,25 @@ def test_a_part_whose_angles_and_names_differ_in_number_is_rejected_alone() -> N
         assembler.add(part(1, [3, 4])._replace(position=np.zeros(1)))
     (frame,) = assembler.add(part(1, [3, 4, 5]))
     assert read(frame) == whole(1)
+
+
+def serialized(frame: int, joints: Sequence[int]) -> bytes:
+    message = JointState(name=[NAMES[n] for n in joints], position=list(map(float, joints)))
+    message.header.stamp.sec = frame
+    return serialize_message(message)
+
+
+def test_serialized_frames_are_passed_on_or_assembled() -> None:
+    frames = SerializedFrames()
+    frames.set_joints(NAMES)
+    for stamp in (1, 2):
+        whole_frame = serialized(stamp, range(6))
+        assert frames.add(whole_frame) == [whole_frame]
+    assert frames.add(serialized(3, [0, 1, 2])) == []
+    (joined,) = frames.add(serialized(3, [3, 4, 5]))
+    assert deserialize_message(joined, JointState) == deserialize_message(
+        serialized(3, range(6)), JointState
+    )
+    assert frames.add(b'nothing') == [b'nothing']
+    assert frames.parts(serialized(4, [2])) == (NAMES[2],)
+    assert frames.parts(b'nothing') == ()

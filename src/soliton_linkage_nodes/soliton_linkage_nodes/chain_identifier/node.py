@@ -29,6 +29,7 @@ from soliton_linkage_nodes.messages.conversions import (
     check_names,
     joint_states_from_msg,
 )
+from soliton_linkage_nodes.messages.frame_assembler import SerializedFrames
 from soliton_linkage_nodes.messages.frame_reader import EncoderMonitor
 from soliton_linkage_nodes.runtime import interfaces
 from soliton_linkage_nodes.runtime.diagnostics import Diagnostics, Report
@@ -117,7 +118,14 @@ class ChainIdentifier(ManagedNode):
         self.diagnostics = Diagnostics(self, 'identification', self.reporting(self._report))
         self._publisher = interfaces.IDENTIFIED_CHAIN.publisher(self)
         take = self.diagnostics.guarded('joint_states', self.while_active(self._on_joint_states))
-        StreamSubscription(self, interfaces.JOINT_STATES, take, self.diagnostics, raw=True)
+        StreamSubscription(
+            self,
+            interfaces.JOINT_STATES,
+            take,
+            self.diagnostics,
+            raw=True,
+            parts=SerializedFrames().parts,
+        )
         deviations = self.diagnostics.guarded('joint_state_deviations', self._on_deviations)
         for topic, take in (
             (interfaces.JOINT_STATE_DEVIATIONS, deviations),

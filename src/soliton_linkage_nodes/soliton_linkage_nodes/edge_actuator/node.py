@@ -27,6 +27,7 @@ from soliton_linkage_nodes.edge_actuator.topics import ActuatorPublishers, Lates
 from soliton_linkage_nodes.messages.chain_source import ChainSource, declare_chain_source
 from soliton_linkage_nodes.messages.command_conversions import delivery_from_msg, joint_actuators
 from soliton_linkage_nodes.messages.conversions import NamedChain
+from soliton_linkage_nodes.messages.frame_assembler import SerializedFrames
 from soliton_linkage_nodes.messages.frame_reader import EncoderMonitor
 from soliton_linkage_nodes.runtime import interfaces
 from soliton_linkage_nodes.runtime.diagnostics import Diagnostics, Report
@@ -68,6 +69,7 @@ class EdgeActuator(ManagedNode):
     def configure(self) -> None:
         """Connect the topics."""
         settings = current(self, EdgeActuatorParameters)
+        self._assembler = SerializedFrames()
         encoders = EncoderMonitor(self.get_logger().warning)
         self.frames = LatestFrames(settings.state_timeout, encoders.check)
         self.output = ActuatorPublishers(self)
@@ -117,6 +119,8 @@ class EdgeActuator(ManagedNode):
             self.diagnostics,
             raw=True,
             on_takeover=self.source.resubscribe,
+            parts=self._assembler.parts,
+            assemble=self._assembler.add,
         )
         self._busy_until = -math.inf
         steady = Clock(clock_type=ClockType.STEADY_TIME)
@@ -139,6 +143,7 @@ class EdgeActuator(ManagedNode):
         if before is not None:
             before.driver.abandon()
         self.commands.chain = None
+        self._assembler.set_joints(named.joint_names)
         try:
             joints = joint_actuators(
                 named,

@@ -116,6 +116,10 @@ class JointStateDecoder:
         self._layout = Layout(joints.frame_id, joints.name)
         return joints
 
+    def same_joints(self, serialized: bytes) -> bool:
+        """Return whether joint states have the frame id and names of those decoded before."""
+        return self._layout is not None and self._layout.fits(serialized)
+
     def stamp(self, serialized: bytes) -> int:
         """Return only the stamp of joint states [ns]; ValueError if damaged."""
         layout = self._layout

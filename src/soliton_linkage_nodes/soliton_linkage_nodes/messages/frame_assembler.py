@@ -4,10 +4,16 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Sequence
+from contextlib import suppress
 
 import numpy as np
+from builtin_interfaces.msg import Time
+from rclpy.serialization import serialize_message
+from sensor_msgs.msg import JointState
+from std_msgs.msg import Header
 
 from soliton_linkage.linkage.chain import Array
+from soliton_linkage_nodes.messages.cdr import JointStateDecoder
 from soliton_linkage_nodes.messages.conversions import JointStates, check_length, check_names
 
 _SHORT_FRAMES = 10
@@ -20,8 +26,8 @@ class FrameAssembler:
     """Assembler of joint states with equal stamps and disjoint joints into frames.
 
     A frame is complete when it has all joints of the chain, or all joints of the frames before it.
-    Otherwise it is complete when a message with another stamp arrives. After the first stamp that
-    had a single message, messages are frames until two of them share a stamp.
+    Otherwise it is complete when a message with another stamp arrives. After a stamp that had a
+    single message of some joints, messages are frames until two of them share a stamp.
     """
 
     def __init__(self, joint_names: Sequence[str] = ()) -> None:
@@ -32,7 +38,8 @@ class FrameAssembler:
         self._expected: frozenset[str] | None = None
         self._short = 0
         self._last: tuple[int, frozenset[str]] | None = None
-        self._whole: tuple[str, ...] | None = None
+        self.whole: tuple[str, ...] | None = None
+        """Names of the last message with all joints of the chain, None before."""
 
     @property
     def waiting_since(self) -> int | None:
@@ -45,7 +52,7 @@ class FrameAssembler:
         A message without a joint of the chain is returned as it is. Raises ValueError if a joint
         is named twice, or an array and the names of a part of a frame differ in length.
         """
-        if not self._parts and joints.name is self._whole:
+        if not self._parts and joints.name is self.whole:
             self._last = joints.stamp, self._rotors
             return [joints]
         check_names('joint_states.name', joints.name)
@@ -91,14 +98,17 @@ class FrameAssembler:
             return []
         self._short = 0
         if whole and len(self._parts) == 1:
-            self._whole = self._parts[0].name
+            self.whole = self._parts[0].name
         return [self._take()]
 
     def _take(self) -> JointStates:
         parts, self._parts = self._parts, []
         self._last = parts[0].stamp, self._joints
         expected = self._expected or frozenset()
-        self._expected = expected if len(parts) == 1 else expected | self._joints
+        if len(parts) > 1:
+            self._expected = expected | self._joints
+        elif self._joints != self._rotors:
+            self._expected = expected
         return parts[0] if len(parts) == 1 else self._merged(parts)
 
     def _merged(self, parts: Sequence[JointStates]) -> JointStates:
@@ -116,6 +126,53 @@ class FrameAssembler:
             if rates
             else parts[0].velocity,
         )
+
+
+class SerializedFrames:
+    """Assembler of joint states that are serialized, for nodes that decode few of their frames."""
+
+    def __init__(self) -> None:
+        self._decoder = JointStateDecoder()
+        self._assembler: FrameAssembler | None = None
+        self._all_alike = False
+
+    def set_joints(self, joint_names: Sequence[str]) -> None:
+        """Assemble frames of these joints from now on."""
+        self._assembler, self._all_alike = FrameAssembler(joint_names), False
+
+    def parts(self, serialized: bytes) -> tuple[str, ...]:
+        """Return the joints in a message, none if it is damaged."""
+        with suppress(ValueError):
+            return self._decoder.decode(serialized).name
+        return ()
+
+    def add(self, serialized: bytes) -> list[bytes]:
+        """Add a message and return the frames that are complete.
+
+        Messages are returned as they are if they are invalid, or before the joints are set.
+        """
+        if self._assembler is None:
+            return [serialized]
+        if self._all_alike and self._decoder.same_joints(serialized):
+            return [serialized]
+        try:
+            joints = self._decoder.decode(serialized)
+            frames = self._assembler.add(joints)
+        except ValueError:
+            return [serialized]
+        self._all_alike = self._assembler.whole is joints.name
+        return [serialized if frame is joints else _serialized(frame) for frame in frames]
+
+
+def _serialized(frame: JointStates) -> bytes:
+    stamp = Time(sec=frame.seconds, nanosec=frame.nanoseconds)
+    message = JointState(
+        header=Header(stamp=stamp, frame_id=frame.frame_id),
+        name=list(frame.name),
+        position=frame.position.tolist(),
+        velocity=frame.velocity.tolist(),
+    )
+    return bytes(serialize_message(message))
 
 
 def _check_lengths(joints: JointStates) -> None:

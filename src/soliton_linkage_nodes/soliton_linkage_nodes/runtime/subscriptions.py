@@ -224,12 +224,14 @@ class StreamSubscription:
         *,
         latest: bool = False,
         parts: Callable[[Any], Collection[str]] | None = None,
+        assemble: Callable[[Any], list[Any]] = lambda message: [message],
     ) -> None:
         """Pass each message of a topic, or its CDR bytes if `raw`, to `take`.
 
         With `latest` only the newest waiting message is taken, without a report of the others.
         `on_takeover` is called when another publisher replaces the first. `parts` returns the
         parts of the stream in a message, such as joints, if publishers may share the stream.
+        `assemble` takes each message and returns those that are complete, to be taken.
         """
         self.skipped = 0
         """Number of messages that were skipped."""
@@ -240,6 +242,7 @@ class StreamSubscription:
         self._node = node
         self._topic = topic
         self._parts = parts
+        self._assemble = assemble
         self._full_name = node.resolve_topic_name(topic.name)
         self._take = take
         self._on_takeover = on_takeover
@@ -268,17 +271,20 @@ class StreamSubscription:
 
     def take_waiting(self) -> list[Any]:
         """Take and return the messages that wait, the oldest first."""
-        return [each for each, info in self._adaptive.waiting() if self._keeps(each, info)]
+        kept = [each for each, info in self._adaptive.waiting() if self._keeps(each, info)]
+        return [whole for each in kept for whole in self._assemble(each)]
 
     def _take_with_info(self, message: Any, info: Info) -> None:
         if not self._keeps(message, info):
             return
+        messages = self._assemble(message)
         late = not self._topic.latched and self._lag.too_long(info['source_timestamp'])
         if late or self._latest:
-            waiting = self.take_waiting()
-            self.skipped += len(waiting)
-            message = waiting[-1] if waiting else message
-        self._take(message)
+            messages = [*messages, *self.take_waiting()]
+            self.skipped += max(len(messages) - 1, 0)
+            messages = messages[-1:]
+        for each in messages:
+            self._take(each)
 
     def _keeps(self, message: Any, info: Info) -> bool:
         number, arbitration = info['publication_sequence_number'], self._arbitration

@@ -20,6 +20,7 @@ from soliton_linkage_nodes.messages.chain_source import (
     OptionalChainSourceParameters,
 )
 from soliton_linkage_nodes.messages.conversions import JointStates, NamedChain
+from soliton_linkage_nodes.messages.frame_assembler import SerializedFrames
 from soliton_linkage_nodes.messages.frame_reader import EncoderMonitor
 from soliton_linkage_nodes.messages.joint_state_analysis import JointStateAnalysis
 from soliton_linkage_nodes.messages.state_conversions import events_to_msgs, state_to_msg
@@ -139,7 +140,7 @@ class SolitonAnalyser(ManagedNode):
             raw=True,
             longest_lag=settings.longest_lag,
             on_takeover=self._source.resubscribe,
-            parts=lambda serialized: self._decoder.decode(serialized).name,
+            parts=SerializedFrames().parts,
         )
         steady = Clock(clock_type=ClockType.STEADY_TIME)
         self._waiting_since: int | None = None

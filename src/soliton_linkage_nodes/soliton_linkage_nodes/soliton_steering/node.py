@@ -23,6 +23,7 @@ from soliton_linkage_nodes.messages.conversions import (
     NamedChain,
     frame_from_msg,
 )
+from soliton_linkage_nodes.messages.frame_assembler import SerializedFrames
 from soliton_linkage_nodes.messages.frame_reader import EncoderMonitor
 from soliton_linkage_nodes.runtime import interfaces
 from soliton_linkage_nodes.runtime.diagnostics import Diagnostics, Report
@@ -65,7 +66,7 @@ class SolitonSteering(ManagedNode):
         self.settings = current(self, SolitonSteeringParameters)
         self.chain: SteeredChain | None = None
         self.freshness = Freshness(self.settings.state_timeout)
-        self._decoder = JointStateDecoder()
+        self._decoder, self._assembler = JointStateDecoder(), SerializedFrames()
         diagnostics = self.diagnostics = Diagnostics(
             self, 'steering', self.reporting(self._report)
         )
@@ -89,6 +90,8 @@ class SolitonSteering(ManagedNode):
             on_takeover=source.resubscribe,
             # Messages that waited in a queue are too old for feedback control.
             latest=True,
+            parts=self._assembler.parts,
+            assemble=self._assembler.add,
         )
         self._joint_states.dispatch(False)
         self.create_service(Trigger, '~/release', self._on_release)
@@ -120,6 +123,7 @@ class SolitonSteering(ManagedNode):
             self._recent.clear()
             self.chain = None
             self.chain = SteeredChain(named, self.settings)
+            self._assembler.set_joints(named.joint_names)
             self._buffer = TorqueBuffer(named)
 
     @property
