@@ -149,7 +149,7 @@ class SerializedFrames:
     def add(self, serialized: bytes) -> list[bytes]:
         """Add a message and return the frames that are complete.
 
-        Messages are returned as they are if they are invalid, or before the joints are set.
+        Invalid messages, and messages before the joints are set, are returned unchanged.
         """
         if self._assembler is None:
             return [serialized]
