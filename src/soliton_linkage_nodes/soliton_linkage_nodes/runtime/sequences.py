@@ -228,7 +228,7 @@ _ABSENCE = 5.0
 
 
 class StreamArbitration:
-    """Arbitration of publishers, each of which may publish a part of a stream, such as some joints.
+    """Arbitration of publishers that may each publish a part of a stream, such as some joints.
 
     Messages that have a part in common compete in one `PublisherArbitration`. Messages without a
     common part are kept beside each other.
