@@ -48,6 +48,34 @@ def test_the_orbit_contains_the_walls_at_rest(example: Example, site: float, leg
     assert distance(orbit.configuration(orbit.arc_at(site, leg)), wall) < ACCURACY_UNIFORM
 
 
+EDGES = [
+    (chain_of((0.1277, 0.9), 40), 1e-6),
+    (chain_of((2.463, 1.1), 30), 3e-6),
+    *(
+        (chain_of(each, rotors), 1e-5)
+        for each in (FLIPPER, WOBBLER, SPINNER)
+        for rotors in (3, 4, 5)
+    ),
+]
+
+
+@pytest.mark.parametrize(('chain', 'accuracy'), EDGES)
+def test_the_site_is_the_argument_of_static_wall_up_to_the_edges(
+    chain: Chain, accuracy: float
+) -> None:
+    orbit = UniformOrbit(chain)
+    last = chain.number_of_rotors - 1
+    for leg in range(orbit.number_of_legs):
+        for site in np.linspace(0.05, last - 0.05, 40).tolist():
+            arc = orbit.arc_at(site, leg)
+            wall = static_wall(chain, site, leg)
+            assert distance(orbit.configuration(arc), wall) < accuracy
+            assert orbit.site(arc) == pytest.approx(site, abs=1e-9)
+            step = 1e-4 * orbit.site_arc
+            slope = abs(orbit.site(arc + step) - orbit.site(arc - step)) / (2 * step)
+            assert orbit.site_arc_at(arc) * slope == pytest.approx(1, abs=1e-3)
+
+
 @pytest.mark.parametrize(
     ('example', 'expected'),
     [

@@ -351,8 +351,8 @@ RING = dataclasses.replace(chain_of(FLIPPER, 8), periodic=True)
     ('chain', 'site', 'leg', 'message'),
     [
         *(
-            (chain_of(FLIPPER, 9), site, 0, r'site = .* must lie in the range 0.5 to .* = 7.5')
-            for site in (0.49, 7.51, -3.0, math.nan, math.inf)
+            (chain_of(FLIPPER, 9), site, 0, r'site = .* must lie in the range 0 to .* = 8')
+            for site in (-0.01, 8.01, -3.0, math.nan, math.inf)
         ),
         (chain_of(FLIPPER, 9), 4.0, 4, 'leg = 4 must be one of 0 to'),
         (chain_of(WOBBLER, 9), 4.0, -1, 'leg = -1 must be one of 0 to'),

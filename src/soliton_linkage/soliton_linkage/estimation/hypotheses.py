@@ -20,6 +20,8 @@ from soliton_linkage.orbit.orbit import Orbit
 
 _LEAD = 3.0
 """Log odds at which another hypothesis leads [1]: 95 %, so that the reported leg is stable."""
+_STEP = 1e-3
+"""Step for the derivative of the site arc [rotor spacings]."""
 _NEAR = 0.5
 """Distance below which two hypotheses are the same [rotor spacings]."""
 
@@ -123,16 +125,19 @@ class Hypotheses:
         self, each: Hypothesis, arc_variance: float, rate_variance: float
     ) -> tuple[float, float, float, float]:
         orbit = self._orbit
-        arc, rate, of_arc, _, of_rate = each.motion.summary
-        site, scale = orbit.site(arc), orbit.site_arc_at(arc)
+        arc, rate, of_arc, both, of_rate = each.motion.summary
+        site, slope = orbit.site(arc), 1 / orbit.site_arc_at(arc)
         inside = 0 < site < orbit.chain.number_of_rotors - 1
         direction = (1 - 2 * (orbit.leg(arc) % 2)) if inside else 0
-        squared = scale * scale
+        # Near an edge the rate of the site also depends on the arc.
+        step = _STEP * orbit.site_arc
+        change = rate * (1 / orbit.site_arc_at(arc + step) - slope) / step
+        by_arc = change * (change * (of_arc + arc_variance) + 2 * slope * both)
         return (
             site,
-            (of_arc + arc_variance) / squared,
-            direction * rate / scale,
-            (of_rate + rate_variance) / squared,
+            (of_arc + arc_variance) * slope * slope,
+            direction * rate * slope,
+            max((of_rate + rate_variance) * slope * slope + by_arc, 0.0),
         )
 
     def _same(self, one: Hypothesis, other: Hypothesis) -> bool:

@@ -19,7 +19,7 @@ from scipy.optimize import brentq
 from soliton_linkage.linear.rigidity import zero_mode
 from soliton_linkage.linkage.chain import Array, Chain, Motion
 from soliton_linkage.linkage.deviations import NO_DEVIATIONS
-from soliton_linkage.orbit.orbit import Orbit, OrbitSegment
+from soliton_linkage.orbit.orbit import Orbit, OrbitSegment, PiecewiseCubic
 from soliton_linkage.orbit.orbit_pieces import OrbitPiece, orbit_pieces
 from soliton_linkage.orbit.seed_path import blocked_wall_error
 from soliton_linkage.orbit.uniform_orbit import UniformOrbit
@@ -61,9 +61,12 @@ class DeviatingOrbit(Orbit):
         self._backgrounds = [self._relaxed(leg) for leg in legs]
         self._check()
         self._uniform_arc = _ArcMap(self, self._uniform)
-        inner = chain.number_of_rotors - 2
-        spans = [self.arc_at(inner + 0.5, leg) - self.arc_at(0.5, leg) for leg in legs]
-        self.site_arc = sum(map(abs, spans)) / (inner * len(spans))
+        ends = 0.5, chain.number_of_rotors - 1.5
+        own, uniform = (
+            sum(abs(orbit.arc_at(ends[1], leg) - orbit.arc_at(ends[0], leg)) for leg in legs)
+            for orbit in (self, self._uniform)
+        )
+        self.site_arc = self._uniform.site_arc * own / uniform
 
     @property
     def wall_extent(self) -> float:
@@ -72,7 +75,7 @@ class DeviatingOrbit(Orbit):
 
     def site(self, arc: float) -> float:
         """Return the site coordinate of the wall [rotor spacings], clipped to 0 ... N - 1."""
-        return self._uniform.site(self._uniform_arc.value(arc % self.length))
+        return self._uniform.site(self._uniform_arc.at(arc % self.length)[0])
 
     def arc_at(self, site: float, leg: int) -> float:
         """Return the arc length at which the wall is at a site coordinate in a leg [rad].
@@ -86,7 +89,8 @@ class DeviatingOrbit(Orbit):
 
     def site_arc_at(self, arc: float) -> float:
         """Return the local arc length per rotor spacing [rad], ds / dsite."""
-        return self._uniform.site_arc / self._uniform_arc.slope(arc % self.length)
+        uniform_arc, slope = self._uniform_arc.at(arc % self.length)
+        return self._uniform.site_arc_at(uniform_arc) / slope
 
     def segment(self, arc: float) -> OrbitSegment:
         """Return the rotors near the wall; `background` has the angles of all others."""
@@ -224,34 +228,22 @@ class _ArcMap:
             [knots[-2] - knots[-1], *knots, knots[-1] + knots[1]]
             for knots in (self._arcs, self._uniform_arcs)
         ]
-        self._cubics: list[list[float]] = PchipInterpolator(*periodic).c.T[1:-1].tolist()
+        self._cubic = PiecewiseCubic(PchipInterpolator(*periodic))
 
-    def value(self, arc: float) -> float:
-        """Return the arc of the uniform orbit [rad]."""
-        number = _interval(self._arcs, arc)
-        a, b, c, d = self._cubics[number]
-        x = arc - self._arcs[number]
-        return float(((a * x + b) * x + c) * x + d)
-
-    def slope(self, arc: float) -> float:
-        """Return the derivative of `value` [1]."""
-        number = _interval(self._arcs, arc)
-        a, b, c, _ = self._cubics[number]
-        x = arc - self._arcs[number]
-        return float((3 * a * x + 2 * b) * x + c)
+    def at(self, arc: float) -> tuple[float, float]:
+        """Return the arc of the uniform orbit [rad] and its derivative [1]."""
+        return self._cubic.at(arc)
 
     def inverse(self, uniform_arc: float) -> float:
         """Return the arc at which `value` is a given arc of the uniform orbit [rad]."""
-        number = _interval(self._uniform_arcs, uniform_arc)
+        number = min(
+            max(bisect_right(self._uniform_arcs, uniform_arc) - 1, 0), len(self._arcs) - 2
+        )
         begin, end = self._arcs[number : number + 2]
         low, high = self._uniform_arcs[number : number + 2]
         if uniform_arc <= low or uniform_arc >= high:
             return begin if uniform_arc <= low else end
-        return float(brentq(lambda arc: self.value(arc) - uniform_arc, begin, end, xtol=1e-13))
-
-
-def _interval(knots: list[float], at: float) -> int:
-    return min(max(bisect_right(knots, at) - 1, 0), len(knots) - 2)
+        return float(brentq(lambda arc: self.at(arc)[0] - uniform_arc, begin, end, xtol=1e-13))
 
 
 def _arcs_at_bonds(orbit: Orbit, leg: int) -> Array:

@@ -9,6 +9,7 @@ from bisect import bisect_right
 from typing import NamedTuple
 
 import numpy as np
+from scipy.interpolate import PPoly
 
 from soliton_linkage.linkage.chain import Array, Chain
 
@@ -25,6 +26,27 @@ class OrbitSegment(NamedTuple):
     """Actual angles [rad], shape (n,)."""
     tangent: Array
     """Derivative of the angles by the arc length [1], shape (n,); below 1e-6 on other rotors."""
+
+
+class PiecewiseCubic:
+    """Piecewise cubic polynomial, linear beyond its knots; fast at single positions."""
+
+    def __init__(self, polynomial: PPoly) -> None:
+        self.knots: list[float] = polynomial.x.tolist()
+        self._coefficients: list[list[float]] = polynomial.c.T.tolist()
+
+    def interval(self, at: float) -> int:
+        """Return the number of the interval of a position, the first or the last beyond them."""
+        return min(max(bisect_right(self.knots, at) - 1, 0), len(self.knots) - 2)
+
+    def at(self, at: float) -> tuple[float, float]:
+        """Return the value at a position and the derivative."""
+        within = min(max(at, self.knots[0]), self.knots[-1])
+        number = self.interval(within)
+        a, b, c, d = self._coefficients[number]
+        x = within - self.knots[number]
+        slope = (3 * a * x + 2 * b) * x + c
+        return ((a * x + b) * x + c) * x + d + slope * (at - within), slope
 
 
 class Orbit(ABC):

@@ -8,6 +8,10 @@ repeated, shifted by an even number of rotors. Time and memory to compute it do 
 
 The wall is known exactly in the middle of each leg. The orbit is followed from one middle to the
 next, and only through the reflection at the last rotor: the other one is its mirror image.
+
+The site coordinate is the argument x of `static_wall`, at the arc at which that configuration lies
+on the orbit. It is proportional to the arc, except near an edge, where the part of the motion that
+belongs to absent rotors does not count in the arc.
 """
 
 from __future__ import annotations
@@ -15,18 +19,18 @@ from __future__ import annotations
 import math
 from dataclasses import replace
 from functools import lru_cache
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
-from scipy.interpolate import BSpline, make_interp_spline
+from scipy.interpolate import BSpline, CubicSpline, make_interp_spline
 from scipy.optimize import brentq
 
 from soliton_linkage.compiling import compiled, const_f8_1d, const_f8_2d, f8, f8_1d, i8
 from soliton_linkage.linear.bands import couplings, penetration_depth
 from soliton_linkage.linear.rigidity import mode_towards_last, rigidity_bands
-from soliton_linkage.linkage.chain import Array, Chain, Motion
+from soliton_linkage.linkage.chain import Array, Chain, Motion, wrapped
 from soliton_linkage.linkage.deviations import NO_DEVIATIONS
-from soliton_linkage.orbit.orbit import Orbit, OrbitSegment
+from soliton_linkage.orbit.orbit import Orbit, OrbitSegment, PiecewiseCubic
 from soliton_linkage.solitons.static_wall import follow_zero_mode, site_arc, static_wall
 
 _DEPTHS_BESIDE = 15
@@ -37,6 +41,17 @@ _TOLERANCE = 1e-9
 """Tolerance of a step for the whole chain [rad]: the sum of all errors stays below 1e-6 rad."""
 _SAMPLES_A_STEP = 3
 """Points of the spline in a step of the solver [1]: interpolation errors are below step errors."""
+_DEPTHS_OF_EDGE = 8.0
+"""Range of an edge beyond its two rotors [penetration depths]: arc and site are then
+proportional to a relative error of e^-16."""
+_SAMPLES_A_SITE = 16
+"""Samples of the site near an edge per spacing or penetration depth [1]: errors are 1e-6."""
+_ON_ORBIT = 1e-4
+"""Largest distance of a wall at rest from the orbit [rad]; walls that an edge reflects differ."""
+_EXACT = 1e-12
+"""Step below which the search of an arc has converged [rad, rotor spacings]."""
+_STEPS = 20
+"""Largest number of Newton steps from a site to its arc [1]; three suffice from a near start."""
 _DEGREE = 7
 """Degree of the spline [1], one less than the order of the solver."""
 
@@ -72,6 +87,7 @@ class UniformOrbit(Orbit):
         half = self._repeats * self.site_arc
         self._halfway: list[float] = (self._starts[:-1] + before + half).tolist()
         self._legs = np.array([self._starts[:-1], begins, before])
+        self._last = chain.number_of_rotors - 1.0
 
     @property
     def wall_extent(self) -> float:
@@ -81,19 +97,38 @@ class UniformOrbit(Orbit):
 
     def site(self, arc: float) -> float:
         """Return the site coordinate of the wall [rotor spacings], clipped to 0 ... N - 1."""
-        leg, last = self.leg(arc), self.chain.number_of_rotors - 1.0
-        beyond = (arc % self._starts[-1] - self._halfway[leg]) / self.site_arc
-        site = last / 2 - beyond if leg % 2 else last / 2 + beyond
-        return 0.0 if site < 0 else min(site, last)
+        site = self._site(arc % self._starts[-1], self.leg(arc))[0]
+        return 0.0 if site < 0 else min(site, self._last)
 
     def arc_at(self, site: float, leg: int) -> float:
-        """Return the arc length at which the wall is at a site coordinate in a leg [rad]."""
-        beyond = site - self.middle if leg % 2 == 0 else self.middle - site
-        return self._halfway[leg] + beyond * self.site_arc
+        """Return the arc length at which the wall is at a site coordinate in a leg [rad].
+
+        It is linear in the site outside 0 ... N - 1.
+        """
+        way = 1 if leg % 2 == 0 else -1
+        arc = self._halfway[leg] + way * (site - self.middle) * self.site_arc
+        for _ in range(_STEPS):
+            found, slope = self._site(arc, leg)
+            step = (site - found) / slope
+            arc += step
+            if abs(step) < _EXACT:
+                break
+        return arc
 
     def site_arc_at(self, arc: float) -> float:
-        """Return the arc length per rotor spacing [rad], which is the same everywhere."""
-        return self.site_arc
+        """Return the local arc length per rotor spacing [rad], ds / dsite."""
+        return abs(1 / self._site(arc % self._starts[-1], self.leg(arc))[1])
+
+    def _site(self, arc: float, leg: int) -> tuple[float, float]:
+        """Return the site coordinate in a leg, also outside 0 ... N - 1, and its slope [1/rad]."""
+        forward = leg % 2 == 0
+        way = (1 if forward else -1) / self.site_arc
+        site = self.middle + way * (arc - self._halfway[leg])
+        at_first = bool(site < self.middle)
+        distance, slope = self._orbit.edges[leg][at_first].at(
+            site if at_first else self._last - site
+        )
+        return distance if at_first else self._last - distance, way * slope
 
     def segment(self, arc: float) -> OrbitSegment:
         """Return the rotors near the wall; `background` has the angles of all others."""
@@ -157,7 +192,7 @@ class _ShortOrbit:
 
     Attributes: the walls in the middles of the legs [rad]; the arcs of these middles, followed by
     the length of the orbit; the length; knots and coefficients of the spline; the arcs at which
-    the legs end [rad].
+    the legs end [rad]; and the sites near the edges.
     """
 
     def __init__(self, chain: Chain, legs: int) -> None:
@@ -181,6 +216,50 @@ class _ShortOrbit:
             float(brentq(self._rate, *self.middles[leg : leg + 2], args=(leg,), xtol=1e-12))
             for leg in range(legs)
         ]
+        self.edges = [[self._edge(leg, first) for first in (False, True)] for leg in range(legs)]
+        """Distance of the wall from the last and from the first rotor in each leg [spacings], over
+        the same distance without an edge, from the arc alone."""
+
+    def _edge(self, leg: int, at_first: bool) -> PiecewiseCubic:
+        chain, last = self._chain, self._chain.number_of_rotors - 1
+        depth = penetration_depth(chain) / chain.spacing
+        scale = site_arc(chain)
+        reach = min(last / 2, 2 + _DEPTHS_OF_EDGE * depth)
+        count = math.ceil(_SAMPLES_A_SITE * reach / max(depth, 1.0)) + 3
+        begin = self.reflections[leg - 1] - (self.length if leg == 0 else 0.0)
+        way = 1 if leg % 2 == 0 else -1
+        distances, without, ahead = [], [], 0.0
+        for distance in np.linspace(reach, 0.0, count).tolist():
+            site = distance if at_first else last - distance
+            arc = self.middles[leg] + way * scale * (
+                site + (ahead if at_first else -ahead) - last / 2
+            )
+            found = self._arc_of(static_wall(chain, site, leg), arc)
+            if found is None or not begin <= found <= self.reflections[leg]:
+                break
+            site = last / 2 + way * (found - self.middles[leg]) / scale
+            reached = site if at_first else last - site
+            # Some walls of flippers are reflected before they reach the edge rotor.
+            if without and reached >= without[-1]:
+                break
+            distances.append(distance)
+            without.append(reached)
+            ahead = without[-1] - distance
+        ends: list[Any] = ['not-a-knot', 'not-a-knot']
+        if reach < last / 2:
+            without[0], ends[1] = reach, (1, 1.0)
+        return PiecewiseCubic(CubicSpline(without[::-1], distances[::-1], bc_type=tuple(ends)))
+
+    def _arc_of(self, wall: Array, arc: float) -> float | None:
+        """Return the arc of a wall [rad], shape (N,), near another arc; None if it is not there."""
+        for _ in range(_STEPS):
+            angles, tangent = np.split(np.asarray(self._spline(arc % self.length)), 2)
+            apart = wrapped(wall - angles)
+            step = float(apart @ tangent)
+            arc += step
+            if abs(step) < _EXACT:
+                return arc if np.abs(apart).max() < _ON_ORBIT else None
+        return None
 
     def _tangent(self, angles: Array) -> Array:
         """Return the unit zero mode in the direction of the orbit [1], (N,).

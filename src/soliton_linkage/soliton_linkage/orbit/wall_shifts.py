@@ -13,7 +13,7 @@ through the angles and the lengths, dQ = Q_phi . dphi + Q_p . p. The arc error d
 Q_phi . t ds_b = -dQ. The relative change of the time that a wall in free motion takes from bond to
 bond is
 
-    (ds_{b+1} - ds_b) / Lambda - Phi'' . dphi + sum_n t_n^2 (p_n + m_n / 2),
+    (ds_{b+1} - ds_b) / (s_{b+1} - s_b) - Phi'' . dphi + sum_n t_n^2 (p_n + m_n / 2),
 
 with the relative deviations p_n of rotor lengths and m_n of masses: the change of the arc between
 the nearest points, of the arc element, and of inertia. R^+ E need not be computed: for any q,
@@ -83,10 +83,11 @@ class WallShifts:
             middle = _BarsNearWall(orbit.chain, orbit.segment(orbit.arc_at(orbit.middle, 0)))
             self._far = float(np.linalg.norm(middle.far_rotor_effect(tail_ratio(orbit.chain))))
         here, there = self._arc_effects(bond, leg), self._arc_effects(bond + 1, leg)
-        time = (there - here) / orbit.site_arc * (-1) ** leg
+        begin, end = (orbit.arc_at(each + 0.5, leg) for each in (bond, bond + 1))
+        time = (there - here) / (end - begin)
         masses = np.zeros(orbit.chain.number_of_rotors)
         for sample in range(_SAMPLES):
-            arc = orbit.arc_at(bond + 0.5 + (sample + 0.5) / _SAMPLES, leg)
+            arc = begin + (end - begin) * (sample + 0.5) / _SAMPLES
             segment = orbit.segment(arc)
             within = slice(segment.first, segment.first + len(segment.tangent))
             bars = _BarsNearWall(orbit.chain, segment)

@@ -42,17 +42,19 @@ _ARRIVED = 1e-4
 def static_wall(chain: Chain, site: float, leg: int = 0, inverted: bool = False) -> Array:
     """Return the angles of a chain at rest with its wall at a site coordinate [rad], shape (N,).
 
-    The site coordinate [rotor spacings] is proportional to the arc of the zero-energy orbit. It is
-    n + 1/2 if the wall is symmetric about the middle between rotors n and n + 1. `Orbit` defines
-    the legs. The toggled edge rotors of flippers are: none on leg 0, the last on leg 1, both on
+    The site coordinate [rotor spacings] defines the position of a wall in the whole suite. In an
+    infinite chain it is proportional to the arc of the zero-energy orbit, and it is n + 1/2 if the
+    wall is symmetric about the middle between rotors n and n + 1. A finite chain has the angles of
+    its rotors in the infinite one, except for edge rotors that have toggled. `Orbit` defines the
+    legs. The toggled edge rotors of flippers are: none on leg 0, the last on leg 1, both on
     leg 2, the first on leg 3. Legs 0 and 1 of spinners differ by the side on which the rotors in
     the wall turn over. `inverted` selects the image phi -> pi - phi, a chain that was assembled
     upside down. In a chain with deviations, the rotor nearest to the wall has its angle without
     deviations, and the other angles follow from the lengths of the bars.
 
-    Raises ValueError for a chain of two rotors or with periodic ends, a site within half a spacing
-    of an end, an unknown leg, and bars that are too short or too long. It also raises the errors
-    of `site_arc`.
+    Raises ValueError for a chain of two rotors or with periodic ends, a site outside 0 ... N - 1,
+    an unknown leg, and bars that are too short or too long. It also raises the errors of
+    `site_arc`.
 
     >>> import soliton_linkage as sl
     >>> chain = sl.Chain(number_of_rotors=20)
@@ -70,11 +72,12 @@ def static_wall(chain: Chain, site: float, leg: int = 0, inverted: bool = False)
             f'{"periodic" if chain.periodic else "free"} ends; give it 3 rotors or more and free '
             'ends'
         )
-    if not 0.5 <= site <= rotors - 1.5:
-        raise ValueError(f'site = {site} must lie in the range 0.5 to N - 1.5 = {rotors - 1.5}')
+    if not 0 <= site <= rotors - 1:
+        raise ValueError(f'site = {site} must lie in the range 0 to N - 1 = {rotors - 1}')
     if leg not in range(legs):
         raise ValueError(f'leg = {leg} must be one of 0 to {legs - 1} for a {chain.motion.value}')
-    seed = min(max(round(site), 1), rotors - 2)
+    first, last = toggled_edges(chain, leg)
+    seed = min(max(round(site), int(first)), rotors - 1 - last)
     angle = _seed_angle(chain, seed, site - seed, leg, inverted)
     return angles_from_seed(chain, seed, angle, *bar_branches(chain, leg, inverted))
 
@@ -164,17 +167,22 @@ def bar_branches(chain: Chain, leg: int, inverted: bool) -> tuple[Array, Array]:
     """Return the signs of A_n left of a wall and of B_n right of it, (springs,) each.
 
     They are the signs in the right-leaning state and in the left-leaning state. The sign is
-    opposite for an edge rotor that has toggled. The first rotor of a flipper has not toggled if
-    A_0 has the sign of the left-leaning state.
+    opposite for the edge rotors in `toggled_edges`.
     """
     first, _ = rigidity_bands(chain, _uniform_state(chain, 1, inverted))
     _, second = rigidity_bands(chain, _uniform_state(chain, -1, inverted))
     left, right = np.sign(first), np.sign(second)
-    if chain.motion is not Motion.SPINNER:
-        left_leaning = 1 if chain.lean_ratio <= 1 else -1
-        left[0] *= left_leaning * (-1 if leg in (2, 3) else 1)
-        right[-1] *= -1 if leg in (1, 2) else 1
+    first_toggled, last_toggled = toggled_edges(chain, leg)
+    left[0] *= -1 if first_toggled else 1
+    right[-1] *= -1 if last_toggled else 1
     return left, right
+
+
+def toggled_edges(chain: Chain, leg: int) -> tuple[bool, bool]:
+    """Return whether the first and the last rotor differ from those of an infinite chain."""
+    if chain.motion is Motion.SPINNER:
+        return False, False
+    return (leg in (2, 3)) == (chain.lean_ratio <= 1), leg in (1, 2)
 
 
 def follow_zero_mode(
@@ -232,7 +240,7 @@ def _uniform_state(chain: Chain, lean: int, inverted: bool) -> Array:
 
 
 def _seed_angle(chain: Chain, seed: int, beyond: float, leg: int, inverted: bool) -> float:
-    """Return the angle of the rotor nearest to a wall that is `beyond` spacings past it [rad].
+    """Return the angle of a rotor near a wall that is `beyond` spacings past it [rad].
 
     The image phi -> pi - phi of a flipper is on the same leg. The image of a spinner is on the
     other leg.
@@ -241,7 +249,9 @@ def _seed_angle(chain: Chain, seed: int, beyond: float, leg: int, inverted: bool
         leg = 0
     elif inverted:
         leg = 1 - leg
-    angle = _passage(_without_deviations(chain), leg, seed % 2 == 1).angle(beyond)
+    ahead = round(beyond)
+    passage = _passage(_without_deviations(chain), leg, (seed + ahead) % 2 == 1)
+    angle = passage.angle(beyond - ahead, -ahead)
     return math.pi - angle if inverted else angle
 
 
@@ -308,9 +318,12 @@ class _SitePassage:
         self.arc = float(ends[-1])
         self._solution = OdeSolution([0.0, *ends], list(pieces))
 
-    def angle(self, beyond: float) -> float:
-        """Return the angle of the rotor [rad] if the wall is -0.5 to 0.5 spacings past it."""
-        return float(self._solution((beyond + 0.5) * self.arc)[self._rotor])
+    def angle(self, beyond: float, other: int = 0) -> float:
+        """Return the angle of the rotor [rad] if the wall is -0.5 to 0.5 spacings past it.
+
+        Another rotor is given by its number relative to this one.
+        """
+        return float(self._solution((beyond + 0.5) * self.arc)[self._rotor + other])
 
 
 _passage = lru_cache(maxsize=16)(_SitePassage)

@@ -85,6 +85,20 @@ class AccuracyCell:
     """Whether angles are uniformly random."""
     degrees: bool = False
     """Whether the analyser receives degrees in place of radians."""
+    start: float = math.nan
+    """Position at the start [rotor spacings]; NaN for a random one."""
+    jitter: float = 0.0
+    """Standard deviation of the stamps over the frame period [1]."""
+    offsets: float = 0.0
+    """Offset of the encoders of every tenth rotor [rad]."""
+    damping: float = 0.0
+    """Decay rate of the rotor rates [1 / time unit]."""
+    damping_known: bool = False
+    """Whether the analyser is configured with the damping."""
+    length_error: float = 0.0
+    """Relative error of the configured rotor length [1]."""
+    largest_impulse: float = 0.5
+    """Largest change of the speed by an impulse, over the speed [1]."""
     configured_chain: Chain | None = None
     """Wrong chain with which the analyser is configured, if not None.
 
@@ -95,6 +109,19 @@ class AccuracyCell:
     def invalid_input(self) -> bool:
         """Whether the readings do not match the configured chain, so that any wall is false."""
         return self.noise_only or self.degrees or self.configured_chain is not None
+
+    @property
+    def analysed_chain(self) -> Chain:
+        """Chain with which the analyser is configured."""
+        if self.configured_chain is not None:
+            return self.configured_chain
+        chain = self.chain
+        decay = self.damping / chain.time_unit if self.damping_known else 0.0
+        return replace(
+            chain,
+            rotor_length=chain.rotor_length * (1 + self.length_error),
+            damping=decay * chain.moment_of_inertia,
+        )
 
 
 def random_cells(seed: int, count: int) -> list[AccuracyCell]:
@@ -160,7 +187,58 @@ def hard_cells() -> list[AccuracyCell]:
     """Return the hard cells, whose names describe the difficulty."""
     chains = {name: chain_of(*lean) for name, lean in _LEANS.items()}
     each = [cell for name, chain in chains.items() for cell in _of_class(name, chain)]
-    return each + _of_few()
+    return each + _of_few() + _of_model(chains)
+
+
+def _of_model(chains: dict[str, Chain]) -> list[AccuracyCell]:
+    """Return cells in which one part of the generative model determines the stated deviations."""
+    edge, narrow = chain_of(40, 0.9, 0.2), chain_of(30, 1.1, 4.39)
+    slow, wide = chain_of(40, 1.1, 1.25 * 2 / math.sin(1.1)), chain_of(30, 0.8, 1.6)
+    cells = [
+        *(
+            AccuracyCell(f'edge_{start:g}', edge, 0.01, 0.0, 0.2, 150, start=start)
+            for start in (35.0, 37.0)
+        ),
+        AccuracyCell('edge_spinner', narrow, 0.01, 0.0, 0.2, 150, start=27.0),
+        *(
+            AccuracyCell(
+                f'edge_{name}_{rotors}',
+                replace(chain, number_of_rotors=rotors),
+                0.01,
+                0.0,
+                0.2,
+                150,
+                start=1.0,
+            )
+            for name, chain in chains.items()
+            for rotors in (3, 4, 5)
+        ),
+        AccuracyCell('slow_spinner', slow, 0.01, 0.03, 4.0, 150),
+        AccuracyCell('slow_spinner_outliers', slow, 0.01, 0.03, 4.0, 150, outliers=0.01),
+        AccuracyCell('slow_wobbler_30', wide, 0.05, 0.04, 0.3, 400),
+    ]
+    cases: dict[str, dict[str, Any]] = {
+        'offsets': {'offsets': 0.1},
+        'jitter': {'jitter': 0.2, 'noise': 0.003, 'speed': 0.6, 'period': 0.5},
+        'friction': {'damping': 0.01},
+        'friction_known': {'damping': 0.01, 'damping_known': True},
+        'shorter': {'length_error': -0.01},
+        'longer': {'length_error': 0.01},
+        'pushed_10': {'impulses': 50, 'largest_impulse': 0.1, 'run': 600},
+    }
+    cells += [
+        replace(AccuracyCell(f'{case}_{name}', chain, 0.01, 0.15, 0.2, 400), **given)
+        for name, chain in chains.items()
+        for case, given in cases.items()
+    ]
+    spinner = replace(chains['spinner'], number_of_rotors=60)
+    cells.append(AccuracyCell('pair_spinner', spinner, 0.01, 0.1, 0.2, 150, walls=2))
+    for share in (0.77, 0.92):
+        chain = chain_of(30, 0.9, share * 2 / math.sin(0.9))
+        cells.append(
+            AccuracyCell(f'broken_wobbler_{share:g}', chain, 0.01, 0.3, 0.2, 400, kick=4.0)
+        )
+    return cells
 
 
 def _of_class(name: str, chain: Chain) -> list[AccuracyCell]:

@@ -25,6 +25,7 @@ from soliton_linkage.linkage.chain import Array, Chain, Motion
 from soliton_linkage.linkage.deviations import drawn_deviations
 from soliton_linkage.orbit.deviating_orbit import orbit_of
 from soliton_linkage.orbit.orbit import Orbit
+from soliton_linkage.solitons.static_wall import static_wall
 from soliton_linkage_studies.accuracy.cells import AccuracyCell
 from soliton_linkage_studies.accuracy.springs import Springs
 from soliton_linkage_studies.accuracy.walls import (
@@ -59,8 +60,6 @@ _CHAINS = 200
 """Largest number of disorder draws until a wall can pass through the chain [1]."""
 _IMPULSE_REACH = 1.5
 """Reach of an impulse beside the wall [rotor spacings]."""
-_LARGEST_IMPULSE = 0.5
-"""Largest change of the speed by an impulse, over the speed [1]."""
 # Scenes with several walls:
 _FEWEST = 20
 """Fewest frames of a scene [1]."""
@@ -194,13 +193,14 @@ def _single_wall(
     kinetic: list[float] = []
     raw: list[float] = []
     impulses: list[Array] = []
+    damping = np.full(last + 1, cell.damping / chain.time_unit) if cell.damping else None
     for frame in range(total):
         if frame:
-            springs.advance()
+            springs.advance(damping)
         guess = 2 * raw[-1] - raw[-2] if frame > 1 else raw[0] if frame else start.arc
         arc = nearest_arc(orbit, springs.angles, guess)
         if frame in at:
-            impulses.append(_apply_impulse(start, arc, random))
+            impulses.append(_apply_impulse(start, arc, cell.largest_impulse, random))
         angles.append(springs.angles.copy())
         kinetic.append(float(springs.chain.kinetic_energy(springs.rates)))
         raw.append(arc)
@@ -212,8 +212,9 @@ def _single_wall(
     instants = np.array([orbit.site(arc) for arc in raw[kept]])
     legs = np.array([orbit.leg(arc) for arc in arcs])
     spacing = np.array([orbit.site_arc_at(arc) for arc in arcs])
-    inner = np.minimum(places, instants) > _FROM_EDGE
-    inner &= np.maximum(places, instants) < last - _FROM_EDGE
+    outer = 0.0 if start.speed == 0 else _FROM_EDGE
+    inner = np.minimum(places, instants) > outer
+    inner &= np.maximum(places, instants) < last - outer
     in_scene = [
         (frame - margin, impulse)
         for frame, impulse in zip(at, impulses, strict=True)
@@ -239,7 +240,11 @@ def _started(cell: AccuracyCell, random: np.random.Generator) -> _Start:
     last = chain.number_of_rotors - 1
     leg = int(random.integers(orbit.number_of_legs))
     sense = 1 if random.integers(2) else -1
-    place = float(random.uniform(_BEGIN, last - _BEGIN))
+    place = float(random.uniform(_BEGIN, max(last - _BEGIN, _BEGIN)))
+    if not math.isnan(cell.start):
+        arc = orbit.arc_at(cell.start, leg)
+        wall_at_rest = static_wall(chain, cell.start, leg)
+        return _Start(Springs(chain, wall_at_rest, np.zeros(last + 1), period), orbit, arc, 0.0)
     if cell.nudged:
         return _nudged(cell, orbit, random)
     if cell.disorder:
@@ -273,11 +278,13 @@ def _nudged(cell: AccuracyCell, orbit: Orbit, random: np.random.Generator) -> _S
     return _Start(springs, orbit, arcs[1], speed)
 
 
-def _apply_impulse(start: _Start, arc: float, random: np.random.Generator) -> Array:
+def _apply_impulse(
+    start: _Start, arc: float, largest: float, random: np.random.Generator
+) -> Array:
     """Apply a random impulse to the rotors near the wall; return the angular impulses [N m s]."""
     orbit = start.orbit
     near = np.abs(np.arange(orbit.chain.number_of_rotors) - orbit.site(arc)) < _IMPULSE_REACH
-    change = start.speed * random.uniform(-_LARGEST_IMPULSE, _LARGEST_IMPULSE)
+    change = start.speed * random.uniform(-largest, largest)
     rates = near * orbit.tangent(arc) * orbit.site_arc * change
     start.springs.rates += rates
     return np.asarray(orbit.chain.moments_of_inertia * rates)
