@@ -34,24 +34,27 @@ class Twin:
     """Naive Kalman filter in matrices."""
 
     def __init__(
-        self, arc: float, variance: float, share: float, error: float, disturbance: float
+        self, variance: float, share: float, error: float, disturbance: float, damping: float
     ) -> None:
-        self.state = np.array([arc, 0.0, 0.0, 0.0])
-        self.spread = np.diag([variance, 2500.0, error**2, disturbance**2])
-        self.share, self.error = share, error
+        self.state = np.zeros(4)
+        self.spread = np.diag([variance, 2500.0, error**2, disturbance**2 + damping**2])
+        self.share, self.error, self.is_damping = share, error, disturbance == 0
 
     def predict(self, elapsed: float, speed: float, acceleration: float, wander: Array) -> None:
         kept = math.exp(-speed * elapsed / (0.5 * SITE_ARC))
         gained = np.array([elapsed**2 / 2, elapsed, 0, 0])
         step = np.array([[1, elapsed, 0, 0], [0, 1, 0, 0], [0, 0, kept, 0], [0, 0, 0, 1]])
-        step[:, 3] += gained
+        lever = self.state[1] if self.is_damping else 1.0
+        state = step @ self.state + (acceleration + lever * self.state[3]) * gained
+        step[:, 3] += lever * gained
+        step[1, 1] += elapsed * self.state[3] * self.is_damping
         of_rate = self.share**2 * speed**3 / SITE_ARC
         added = np.zeros((4, 4))
         added[:2, :2] = of_rate * np.array(
             [[elapsed**3 / 3, elapsed**2 / 2], [elapsed**2 / 2, elapsed]]
         )
         added[2, 2] = self.error**2 * (1 - kept**2)
-        self.state = step @ self.state + acceleration * gained
+        self.state = state
         self.spread = step @ (self.spread + np.diag(wander)) @ step.T + added
 
     def correct(self, arc: float, variance: float) -> None:
@@ -82,8 +85,8 @@ def test_filters_agree_with_a_naive_kalman_filter(at_edge: bool, disturbance: fl
     motion = MultipleModelFilter(0.0, 4e-4, 50.0, SITE_ARC, settings)
     changed, error = 0.02 + 0.03 * at_edge, 0.01 * SITE_ARC
     twins = [
-        Twin(0.0, 4e-4, 0.0, 0.0, disturbance),
-        Twin(0.0, 4e-4, changed, error, disturbance),
+        Twin(4e-4, 0.0, 0.0, disturbance, 0.0),
+        Twin(4e-4, changed, error, disturbance, 0.02 * 50.0 * (disturbance == 0)),
     ]
     for arc in arcs[1:].tolist():
         speed = abs(motion.rate)

@@ -156,7 +156,9 @@ def test_the_uncertainty_grows_in_a_gap_with_that_of_the_rate() -> None:
     for time in (before.time + 0.05 * np.arange(1, 21)).tolist():
         estimate = tracker.update(time, empty)
         assert estimate.status is TrackingStatus.COASTING
-    assert estimate.arc - before.arc == pytest.approx(before.rate * 1.0)
+    # An unmodelled damping may slow the wall by a small part of its uncertainty.
+    allowed = 0.05 * estimate.arc_deviation
+    assert estimate.arc - before.arc == pytest.approx(before.rate * 1.0, abs=allowed)
     expected = before.arc_deviation**2 + 2 * before.covariance + before.rate_deviation**2
     # An unsteady wall may have changed its rate meanwhile.
     assert math.sqrt(expected) < estimate.arc_deviation < 3 * math.sqrt(expected)

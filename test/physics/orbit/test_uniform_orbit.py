@@ -48,6 +48,14 @@ def test_the_orbit_contains_the_walls_at_rest(example: Example, site: float, leg
     assert distance(orbit.configuration(orbit.arc_at(site, leg)), wall) < ACCURACY_UNIFORM
 
 
+def test_springs_are_relaxed_if_the_last_step_to_a_middle_is_very_short() -> None:
+    chain = Chain(10, 1.0015709382109532, 0.5134515980453058, 1.009888303195124)
+    orbit = UniformOrbit(chain)
+    for arc in np.linspace(0, orbit.length, 400).tolist():
+        lengths = chain.springs(orbit.configuration(arc))[0]
+        assert np.abs(lengths / chain.spacing).max() < 1e-6
+
+
 EDGES = [
     (chain_of((0.1277, 0.9), 40), 1e-6),
     (chain_of((2.463, 1.1), 30), 3e-6),

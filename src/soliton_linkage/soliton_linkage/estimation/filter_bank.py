@@ -38,7 +38,7 @@ FILTER = np.dtype(
             (name, np.float64)
             for name in (
                 *('bias_variance', 'rate_noise', 'edge_rate_noise'),
-                *('weight', 'probability', 'likelihood', 'odds'),
+                *('weight', 'prior', 'probability', 'likelihood', 'odds'),
             )
         ),
     ]
@@ -129,16 +129,19 @@ def predict(
     unknown = (bandwidth * elapsed) ** 2 * status[0]['variance']
     transition, product = np.zeros((4, 4)), np.empty((4, 4))
     transition[ARC, ARC], transition[ARC, RATE] = 1.0, elapsed
-    transition[ARC, DISTURBANCE] = elapsed * elapsed / 2
-    transition[RATE, RATE], transition[RATE, DISTURBANCE] = ratio, ratio * elapsed
     transition[BIAS, BIAS], transition[DISTURBANCE, DISTURBANCE] = kept, 1.0
+    damping = settings[0]['disturbance'] == 0
     for n in range(filters.size):
         each = filters[n]
         state, covariance = each['state'], each['covariance']
         covariance[ARC, ARC] += 3 * unknown
         covariance[RATE, RATE] += 3 * bandwidth**2 * unknown
         covariance[DISTURBANCE, DISTURBANCE] += bandwidth**4 * unknown
-        gained = elapsed * (acceleration + state[DISTURBANCE])
+        lever = state[RATE] if damping else 1.0
+        transition[ARC, DISTURBANCE] = lever * elapsed * elapsed / 2
+        transition[RATE, DISTURBANCE] = ratio * lever * elapsed
+        gained = elapsed * (acceleration + lever * state[DISTURBANCE])
+        transition[RATE, RATE] = ratio * (1 + elapsed * state[DISTURBANCE] * damping)
         state[ARC] += elapsed * (state[RATE] + gained / 2)
         state[RATE] = ratio * (state[RATE] + gained)
         state[BIAS] *= kept
@@ -215,7 +218,7 @@ def update(
         top = max(top, filters[n]['likelihood'])
     for n in range(1, base):
         filters[n]['likelihood'] -= top
-        filters[n]['probability'] = math.exp(filters[n]['likelihood'])
+        filters[n]['probability'] = filters[n]['prior'] * math.exp(filters[n]['likelihood'])
         whole += filters[n]['probability']
     for n in range(1, base):
         filters[n]['probability'] /= whole

@@ -53,6 +53,8 @@ from soliton_linkage.estimation.filter_bank import (
 from soliton_linkage.estimation.settings import DEFAULTS, FilterSettings
 
 _Summary = tuple[float, float, float, float, float]
+_FIRST_ODDS = 4.5
+"""Prior log odds for a steady wall without unmodelled damping [1]."""
 _LEAST_IMPULSE = 0.1
 """Least standard deviation of the change of rate by an impulse, over the scale of rates [1]."""
 
@@ -82,9 +84,14 @@ class MultipleModelFilter:
         covariances[:, ARC, ARC] = variance
         covariances[:, RATE, RATE] = scale**2
         covariances[:, BIAS, BIAS] = self.filters['bias_variance']
-        covariances[:, DISTURBANCE, DISTURBANCE] = (settings.disturbance * scale**2) ** 2
+        if settings.disturbance:
+            covariances[:, DISTURBANCE, DISTURBANCE] = (settings.disturbance * scale**2) ** 2
+        else:
+            # The unmodelled damping belongs to the models with the steadiest rate.
+            damped = slice(1, 1 + len(settings.biases))
+            covariances[damped, DISTURBANCE, DISTURBANCE] = (settings.damping * scale) ** 2
         self._status = np.zeros(1, STATUS)
-        odds, least_impulse = -settings.restart_odds, (_LEAST_IMPULSE * scale) ** 2
+        odds, least_impulse = -_FIRST_ODDS, (_LEAST_IMPULSE * scale) ** 2
         self._status[0] = self._base, site_arc, least_impulse, variance, 0, 0, 0, odds, 0, 0
         self._known: _Summary | None = None
         set_weights(self.filters, settings.record, self._base, odds)
@@ -103,7 +110,9 @@ class MultipleModelFilter:
             # After an impulse the rate changes as in the middle model.
             middle = settings.rate_changes[len(settings.rate_changes) // 2]
             models['rate_noise'][base:] = models['edge_rate_noise'][base:] = middle**2
-        models['probability'][1:base] = 1 / max(base - 1, 1)
+        models['prior'][1:base] = 0.5 / max(base - 2, 1)
+        models['prior'][1:2] = 0.5 if base > 2 else 1.0
+        models['probability'][1:base] = models['prior'][1:base]
         models['odds'][base:] = -np.inf
         return models
 

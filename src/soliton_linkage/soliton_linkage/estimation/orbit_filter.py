@@ -313,7 +313,20 @@ class OrbitFilter:
         ratio = self._compliance.rate_ratio(ahead, rate, arc)
         if self._deviates:
             ratio *= self.orbit.free_rate(ahead) / self.orbit.free_rate(arc)
+        acceleration -= rate * self._damping(arc)
         motion.predict(elapsed, self._variance.at_edge, ratio, acceleration, self.bandwidth)
+
+    def _damping(self, arc: float) -> float:
+        """Return the decay rate by the known damping of the rotors, c . t^2 / I . t^2 [1/s]."""
+        chain = self.orbit.chain
+        if not chain.damping:
+            return 0.0
+        about = self.orbit.segment(arc)
+        within = slice(about.first, about.first + len(about.tangent))
+        squares = about.tangent**2
+        return float(
+            chain.dampings[within] @ squares / (chain.moments_of_inertia[within] @ squares)
+        )
 
     def _at_edge(self) -> bool:
         last = self.orbit.chain.number_of_rotors - 1

@@ -94,6 +94,9 @@ class FilterSettings(_Part):
     impulse_ages: int = quantity(8, 'number of impulse hypotheses, at ages of 1, 2, 4, ... frames')
     impulse_rarity: float = quantity(8.0, 'prior log odds against an impulse in a frame')
     impulse_odds: float = quantity(15.0, 'log odds at which all filters follow an impulse')
+    damping: float = quantity(
+        0.02, 'prior deviation of an unmodelled damping of the rate, over rates of the chain'
+    )
     disturbance: float = quantity(
         0.0, 'deviation of a constant acceleration, over squared rates of the chain'
     )

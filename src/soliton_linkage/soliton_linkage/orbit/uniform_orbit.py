@@ -19,9 +19,11 @@ from __future__ import annotations
 import math
 from dataclasses import replace
 from functools import lru_cache
+from itertools import pairwise
 from typing import Any, NamedTuple
 
 import numpy as np
+from scipy.integrate import OdeSolution
 from scipy.interpolate import BSpline, CubicSpline, make_interp_spline
 from scipy.optimize import brentq
 
@@ -48,6 +50,8 @@ _SAMPLES_A_SITE = 16
 """Samples of the site near an edge per spacing or penetration depth [1]: errors are 1e-6."""
 _ON_ORBIT = 1e-4
 """Largest distance of a wall at rest from the orbit [rad]; walls that an edge reflects differ."""
+_SHORT = 0.3
+"""Last step over the step before below which both are sampled as one [1]."""
 _EXACT = 1e-12
 """Step below which the search of an arc has converged [rad, rotor spacings]."""
 _STEPS = 20
@@ -252,14 +256,15 @@ class _ShortOrbit:
 
     def _arc_of(self, wall: Array, arc: float) -> float | None:
         """Return the arc of a wall [rad], shape (N,), near another arc; None if it is not there."""
+        apart = np.empty_like(wall)
         for _ in range(_STEPS):
             angles, tangent = np.split(np.asarray(self._spline(arc % self.length)), 2)
             apart = wrapped(wall - angles)
             step = float(apart @ tangent)
             arc += step
             if abs(step) < _EXACT:
-                return arc if np.abs(apart).max() < _ON_ORBIT else None
-        return None
+                break
+        return arc if np.abs(apart).max() < _ON_ORBIT else None
 
     def _tangent(self, angles: Array) -> Array:
         """Return the unit zero mode in the direction of the orbit [1], (N,).
@@ -306,15 +311,19 @@ class _ShortOrbit:
         """Follow the zero mode from the middle of one leg to the middle of the next."""
         start, goal = self.walls[leg], self.walls[(leg + 1) % len(self.walls)]
         tolerances = _TOLERANCE / 1e3, _TOLERANCE / math.sqrt(len(start))
-        arcs, angles = [np.zeros(1)], [start[None]]
-        for begin, end, dense in follow_zero_mode(
-            self._chain, self._tangent, start, goal, tolerances
-        ):
-            arcs.append(np.linspace(begin, end, _SAMPLES_A_STEP + 1)[1:])
-            angles.append(dense(arcs[-1]).T)
-        joined = np.concatenate(angles)
-        tangents = np.array([self._tangent(each) for each in joined])
-        return _HalfLegs(np.concatenate(arcs), joined, tangents)
+        begins, ends, pieces = zip(
+            *follow_zero_mode(self._chain, self._tangent, start, goal, tolerances), strict=True
+        )
+        solution = OdeSolution([0.0, *ends], list(pieces))
+        # A last step that is much shorter than the others would let the spline oscillate.
+        bounds = [*begins, ends[-1]]
+        if len(bounds) > 2 and bounds[-1] - bounds[-2] < _SHORT * (bounds[-2] - bounds[-3]):
+            del bounds[-2]
+        steps = [np.linspace(*each, _SAMPLES_A_STEP + 1)[1:] for each in pairwise(bounds)]
+        arcs = np.concatenate([np.zeros(1), *steps])
+        angles = solution(arcs).T
+        angles[0] = start
+        return _HalfLegs(arcs, angles, np.array([self._tangent(each) for each in angles]))
 
     def _rate(self, arc: float, leg: int) -> float:
         """Return a quantity that changes sign where the wall is reflected at the end of a leg.
