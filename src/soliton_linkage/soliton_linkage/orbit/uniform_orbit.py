@@ -232,7 +232,9 @@ class _ShortOrbit:
         count = math.ceil(_SAMPLES_A_SITE * reach / max(depth, 1.0)) + 3
         begin = self.reflections[leg - 1] - (self.length if leg == 0 else 0.0)
         way = 1 if leg % 2 == 0 else -1
-        distances, without, ahead = [], [], 0.0
+        distances: list[float] = []
+        without: list[float] = []
+        ahead = 0.0
         for distance in np.linspace(reach, 0.0, count).tolist():
             site = distance if at_first else last - distance
             arc = self.middles[leg] + way * scale * (
