@@ -121,7 +121,7 @@ def test_it_waits_for_a_steering_that_does_not_know_the_chain_yet(
     graph: Graph, start: Callable[..., Program]
 ) -> None:
     reports = graph.reports('soliton_steering')
-    graph.start(SolitonSteering, {'state_timeout': 5.0})
+    graph.start(SolitonSteering, {'state_timeout': 60.0})
     program = start('move_soliton', '2.5', '--wait', '60')
     graph.until(
         lambda: 'move_soliton' in graph.user.get_node_names() and len(reports) > 5, 'the program'

@@ -223,7 +223,7 @@ def test_a_wall_that_jumps_is_lost(graph: Graph) -> None:
 
 def test_without_a_chain_or_a_wall_there_is_nothing_to_move(graph: Graph) -> None:
     client = ActionClient(graph.user, MoveSoliton, interfaces.MOVE_SOLITON)
-    node = graph.start(SolitonSteering)
+    node = graph.start(SolitonSteering, {'state_timeout': 60.0})
 
     def move() -> Any:
         graph.until(client.server_is_ready, 'the action server')
