@@ -5,6 +5,7 @@ from __future__ import annotations
 
 import struct
 from collections.abc import Sequence
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from pathlib import Path
 from zlib import crc32
@@ -192,11 +193,29 @@ def test_at_every_length_each_whole_message_of_a_cut_file_comes_back(path: Path)
         assert file.damage
 
 
-def test_a_message_whose_type_has_a_flipped_bit_is_no_private_record(tmp_path: Path) -> None:
+@pytest.mark.parametrize('case', ['no summary', 'private and future records'])
+def test_no_flipped_bit_loses_a_message_silently(tmp_path: Path, case: str) -> None:
+    path = tmp_path / 'case.mcap'
+    whole = bytearray(CASES[case].content)
+    position = whole.index(DATA_END)
+    whole[position + 9 : position + 13] = struct.pack('<I', crc32(whole[:position]))
+    path.write_bytes(whole)
+    count = len(held(path))
+    assert check_bag(path).damage == []
+    for byte in range(len(mcap.MAGIC), position):
+        damaged = bytearray(whole)
+        damaged[byte] ^= 1 << byte % 8
+        path.write_bytes(damaged)
+        report = check_bag(path)
+        assert report.messages == count or report.damage
+        with suppress(ValueError), reading.open_bag(path) as reader:
+            assert len(list(reading.read_messages(reader, reader.connections))) == count
+
+
+def test_without_a_checksum_a_flipped_type_is_no_private_record(tmp_path: Path) -> None:
     path = tmp_path / 'case.mcap'
     content = bytearray(CASES['no summary'].content)
-    position = content.index(THREE[1])
-    content[position] ^= 0x80
+    content[content.index(THREE[1])] ^= 0x80
     path.write_bytes(content)
     report = check_bag(path)
     assert report.messages == 2

@@ -182,6 +182,10 @@ class IndexedMcap(LimitedReader):
                 part = _Stretch(min(stamps), max(stamps), offset, end - offset)
                 self._add_part(part, opcode == Opcode.MESSAGE)
             offset = end
+        # An index lists its chunks, whose checksums protect them.
+        at_end = self._data[offset : offset + 1] == bytes([Opcode.DATA_END])
+        if not self._after and not (at_end and mcap.data_is_intact(self._data, offset)):
+            raise ValueError(f'its data ends at byte {offset}, or has a wrong checksum')
         return counts
 
     def _add_part(self, part: _Stretch, in_run: bool) -> None:

@@ -174,6 +174,16 @@ def attachment_index_record(body: Bytes, offset: int, length: int) -> bytes:
     return record(Opcode.ATTACHMENT_INDEX, position, times, size, names)
 
 
+def data_is_intact(data: Bytes, end: int) -> bool:
+    """Return whether the checksum of the data section is right or missing; it ends at an offset.
+
+    There the record `DATA_END` holds the checksum of all bytes before it.
+    """
+    begin = end + RECORD_HEADER.size
+    checksum = int.from_bytes(data[begin : begin + 4], 'little')
+    return not checksum or crc32(data[:end]) == checksum
+
+
 def attachment_is_intact(body: Bytes) -> bool:
     """Return whether the checksum of an attachment is right or missing."""
     size = len(body) - extra_bytes(Opcode.ATTACHMENT, body) - 4

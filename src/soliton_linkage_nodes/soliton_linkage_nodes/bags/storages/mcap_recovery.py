@@ -269,6 +269,9 @@ class RecoveredMcap(RecoveredFile):
                 self.custom_data.update(custom_data_of(texts.get('serialized_metadata', '')))
             else:
                 self.records.append((opcode, body))
+        elif opcode == Opcode.DATA_END:
+            if not (self.damage or mcap.data_is_intact(self._data, offset)):
+                self.report_damage('its data section has a wrong checksum')
         elif opcode == Opcode.ATTACHMENT:
             intact = mcap.attachment_is_intact(body)
             if not intact:
