@@ -139,13 +139,13 @@ class _BagScan:
         self._expected = parse_count((information or {}).get('message_count'))
         for file in files:
             with _opened(file, doubtful, limits) as recovered:
-                found = recovered.topics.values()
+                found = recovered.topics.items()
                 self._expected = max(self._expected, self._taken + recovered.stated)
                 if output is not None:
                     for opcode, body in recovered.records:
                         self._new_bag(output).copy_record(opcode, body)
                 self._take(
-                    recovered, {topic: self._known(_typed(topic, types)) for topic in found}
+                    recovered, {key: self._known(_typed(topic, types)) for key, topic in found}
                 )
                 self.report.custom_data.update(recovered.custom_data)
                 self.report.damage += [f'{file.name}: {damage}' for damage in recovered.damage]
@@ -168,12 +168,11 @@ class _BagScan:
                 self._new_bag(self._output).add_stored_topic(self._topics[key])
         return self._topics.get(key)
 
-    def _take(
-        self, recovered: RecoveredFile, topics: Mapping[StoredTopic, StoredTopic | None]
-    ) -> None:
+    def _take(self, recovered: RecoveredFile, topics: Mapping[int, StoredTopic | None]) -> None:
         report, nameless, damaged = self.report, 0, 0
-        for topic, (_, sequence, stamp, published, data) in recovered.messages():
-            known = topics[topic]
+        counts: Counter[int] = Counter()
+        for _, (number, sequence, stamp, published, data) in recovered.messages():
+            known = topics[number]
             if known is None:
                 nameless += 1
                 continue
@@ -184,12 +183,15 @@ class _BagScan:
                 continue
             if self.writer is not None:
                 self.writer.write(known, stamp, plain, published, sequence)
-            report.counts[known] += 1
+            counts[number] += 1
             report.start = stamp if report.start is None else min(report.start, stamp)
             report.end = max(report.end, stamp)
             self._taken += 1
             if not self._taken % _SHOW_EVERY:
                 self._show(self._taken, self._expected)
+        for number, known in topics.items():
+            if known is not None:
+                report.counts[known] += counts[number]
         if nameless:
             recovered.report_damage(
                 f'{nameless} messages have topics whose types are lost', nameless
