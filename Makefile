@@ -5,7 +5,7 @@ scenarios := $(filter-out linkage,$(basename $(notdir $(wildcard config/*.yaml))
 enter := . setup/environment.sh && exec
 
 .NOTPARALLEL:
-.PHONY: help demo live test test-interfaces check shell figures films sweep collisions accuracy contraction moves camera driving benchmark format build build-demo develop clean scenario soak audit release
+.PHONY: help demo live test test-interfaces check shell figures films sweep collisions accuracy active waves contraction moves camera driving benchmark format build build-demo develop clean scenario soak audit release
 
 help:  ## list the targets
 	@echo 'make demo [SCENARIO=flipper]  run an experiment ($(scenarios))'
@@ -65,6 +65,12 @@ moves: build  ## carry solitons to places on simulated chains; ARGS='--quick'
 
 camera: build develop  ## see the angles of rendered films again, by a camera, against the truth; ARGS='--quick'
 	@$(enter) soliton-linkage camera --output out/camera $(ARGS)
+
+active: build  ## show walls that motors move by non-reciprocal coupling, with their theory
+	@$(enter) soliton-linkage active --output out/active $(ARGS)
+
+waves: build  ## show wave packets that move and create walls
+	@$(enter) soliton-linkage waves --output out/waves $(ARGS)
 
 driving: build  ## show on one page what drives a chain: actuator, energy balance, bars, tilt, moves
 	@$(enter) soliton-linkage driving --output out/driving $(ARGS)

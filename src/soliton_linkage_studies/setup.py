@@ -8,7 +8,17 @@ from setuptools import find_packages, setup
 
 HOME = Path(__file__).resolve().parent
 PACKAGE = 'soliton_linkage_studies'
-STUDIES = ['accuracy', 'camera', 'collisions', 'driving', 'figures', 'films', 'sweep']
+STUDIES = [
+    'accuracy',
+    'active',
+    'camera',
+    'collisions',
+    'driving',
+    'figures',
+    'films',
+    'sweep',
+    'waves',
+]
 SETTINGS = [str(path.relative_to(HOME)) for path in sorted(HOME.glob('settings/*.yaml'))]
 
 setup(

@@ -23,7 +23,18 @@ from soliton_linkage.command_line import PlainParser, complete, skip_word, words
 
 PROGRAM = 'soliton-linkage'
 _GROUP = 'soliton_linkage.commands'
-_STUDIES = ['accuracy', 'camera', 'collisions', 'driving', 'figures', 'films', 'moves', 'sweep']
+_STUDIES = [
+    'accuracy',
+    'active',
+    'camera',
+    'collisions',
+    'driving',
+    'figures',
+    'films',
+    'moves',
+    'sweep',
+    'waves',
+]
 _INSTALL_STUDIES = (
     'the package soliton_linkage_studies is missing; pip install soliton_linkage_studies, '
     'or the rosdep key soliton_linkage_studies'

@@ -1,0 +1,336 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Move walls by motors that break reciprocity, and compare them with their theory on one page.
+
+Write the page as PNG and PDF, its data as CSV, and a table as Markdown.
+"""
+
+from __future__ import annotations
+
+import argparse
+import sys
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+
+from soliton_linkage.linkage.chain import Array, Chain, displacement
+from soliton_linkage_studies.active.runs import (
+    ActiveRun,
+    ActiveTask,
+    WallDrive,
+    motorised,
+    moving,
+    outcome,
+    pair,
+    stability_limit,
+    terminal_velocity,
+    wall_drive,
+)
+from soliton_linkage_studies.drawing import lean_norm
+from soliton_linkage_studies.figure_report import FigureReport, write_table
+from soliton_linkage_studies.palette import (
+    BLACK,
+    BLUE,
+    COLOURS,
+    DARK,
+    GREEN,
+    LEAN_COLOURS,
+    RED,
+    SKY,
+)
+from soliton_linkage_studies.program import run_parallel, run_study, study_parser
+from soliton_linkage_studies.settings import Section, chain_from, load_settings
+
+_CAPTION = """
+Walls in chains whose motors put a torque κ (q_n − q_(n+1)) on both rotors of each bond.
+
+(a) Terminal velocity of kinks (filled marks) and anti-kinks (open marks) against κ / c, where c
+is the linear damping. Lines are the theory: κ / c times a ratio of two sums along the orbit of
+the wall. Error bars show standard errors and are smaller than most marks. Fast walls are slower
+than the theory, because they radiate phonons. Slow anti-kinks of the wobbler are pinned. (b)
+Displacement of each rotor over time, for a kink ahead of an anti-kink. Both run towards the
+last rotor. Colours as in the kymographs; the black line is the track of the kink. (c) The same
+for a kink behind an anti-kink. They meet and annihilate.
+
+(d) What becomes of an anti-kink of the first chain with fixed ends, against κ / c and the decay
+rate c / (M r²): it runs (sky blue dots), is pinned (crosses), breaks up (red triangles) or
+vanishes (black squares). Below the solid line a resting anti-kink is pinned. To the right of
+the dashed line, waves grow in a uniform chain without ends. (e) Power of the motors (blue) and
+of the damping (red), for a kink that starts at rest. The dashed green line is the theory at the
+terminal velocity. (f) Site of a kink that is sent against the motors. It turns round.
+"""
+_TITLES = {
+    'a': 'a  Terminal velocity',
+    'b': 'b  Kink ahead of an anti-kink',
+    'c': 'c  Kink behind an anti-kink',
+    'd': 'd  Anti-kink',
+    'e': 'e  Power balance of a kink from rest',
+    'f': 'f  Kink sent against the motors',
+}
+_OUTCOME_MARKS = {
+    'runs': ('o', SKY),
+    'is pinned': ('x', DARK),
+    'breaks up': ('^', RED),
+    'vanishes': ('s', BLACK),
+}
+_RATIO = 'κ / c [1/s]'
+_VELOCITY = 'velocity [rotors/s]'
+_TIME = 'time [s]'
+_SITE = 'site [rotor spacings]'
+_FRAMES = 600
+"""Frames of each run [1]."""
+_LONGEST = 60.0
+"""Longest duration of a run [s], for walls that are pinned."""
+
+
+@dataclass(frozen=True)
+class ActiveStudy:
+    """Chains and values of a settings file."""
+
+    chains: dict[str, Chain]
+    ratios: tuple[float, ...]
+    """κ / c of the velocities [1/s]."""
+    decay: float
+    """Decay rate c / (M r^2) [1/s]."""
+    diagram_ratios: tuple[float, ...]
+    diagram_decays: tuple[float, ...]
+    pair_ratio: float
+    """κ / c of pairs, powers and the kink against the motors [1/s]."""
+
+    @staticmethod
+    def read(settings: Section, quick: bool) -> ActiveStudy:
+        """Read settings; raise ValueError for invalid ones."""
+        settings.check_keys('chains', 'ratios', 'decay', 'diagram', 'pair_ratio')
+        chains = {
+            name: chain_from(one) for name, one in settings.section('chains').sections().items()
+        }
+        diagram = settings.section('diagram')
+        diagram.check_keys('ratios', 'decays')
+        every = 3 if quick else 1
+        return ActiveStudy(
+            chains,
+            settings.numbers('ratios', 0.01, 1e3)[::every],
+            settings.number('decay', 1e-3, 1e3),
+            diagram.numbers('ratios', 0.01, 1e3)[::every],
+            diagram.numbers('decays', 1e-3, 1e3)[::every],
+            settings.number('pair_ratio', 0.01, 1e3),
+        )
+
+    @property
+    def drives(self) -> dict[tuple[str, int], WallDrive]:
+        """Drive of each wall by chain and charge, without anti-kinks that have no path."""
+        found = {}
+        for name, chain in self.chains.items():
+            for charge in (1, -1):
+                try:
+                    found[name, charge] = wall_drive(chain, charge)
+                except ArithmeticError:
+                    continue
+        return found
+
+    def tasks(
+        self, drives: Mapping[tuple[str, int], WallDrive]
+    ) -> dict[tuple[Any, ...], ActiveTask]:
+        """Return all tasks by panel and values."""
+        tasks: dict[tuple[Any, ...], ActiveTask] = {}
+        for (name, charge), drive in drives.items():
+            for ratio in self.ratios:
+                task = self._sent(self.chains[name], self.decay, ratio, charge, drive.ratio)
+                tasks['a', name, charge, ratio] = task
+        first = next(iter(self.chains))
+        chain = self.chains[first]
+        for ratio in self.diagram_ratios:
+            for decay in self.diagram_decays:
+                expected = drives[first, -1].ratio
+                tasks['d', ratio, decay] = self._sent(chain, decay, ratio, -1, expected)
+        active = motorised(chain, self.decay, self.pair_ratio)
+        velocity = self.pair_ratio * drives[first, 1].ratio
+        rotors = chain.number_of_rotors
+        rest = np.zeros(rotors)
+        duration = 0.75 * rotors / velocity
+        for panel, kink, anti_kink in (('b', 24.0, 12.5), ('c', 12.0, 16.5)):
+            angles = pair(chain, kink, anti_kink)
+            tasks[panel,] = ActiveTask(active, angles, rest, duration, duration / _FRAMES, 1)
+        angles, _ = moving(chain, 10.0, 1, 0.0)
+        tasks['e',] = ActiveTask(active, angles, rest, duration, duration / _FRAMES, 1)
+        angles, rates = moving(chain, 0.75 * rotors, 1, -4 * velocity)
+        tasks['f',] = ActiveTask(active, angles, rates, duration, duration / _FRAMES, 1)
+        return tasks
+
+    @staticmethod
+    def _sent(chain: Chain, decay: float, ratio: float, charge: int, drive: float) -> ActiveTask:
+        active, velocity = motorised(chain, decay, ratio), ratio * drive
+        angles, rates = moving(chain, 10.5, charge, velocity)
+        duration = min(_LONGEST, 0.8 * chain.number_of_rotors / velocity)
+        period = duration / _FRAMES
+        return ActiveTask(active, angles, rates, duration, period, charge, fixed=charge < 0)
+
+
+def page(
+    study: ActiveStudy,
+    drives: Mapping[tuple[str, int], WallDrive],
+    tasks: Mapping[tuple[Any, ...], ActiveTask],
+    runs: Mapping[tuple[Any, ...], ActiveRun],
+) -> FigureReport:
+    """Return the page with its data and comparisons."""
+    report = FigureReport(Figure(figsize=(11.0, 10.5), layout='constrained'), _CAPTION)
+    panels = report.figure.subplot_mosaic('ad;bc;ef')
+    _draw_velocities(report, panels['a'], drives, tasks, runs)
+    for panel in 'bc':
+        _draw_pair(report, panel, panels[panel], tasks[panel,].chain, runs[panel,])
+    _draw_diagram(report, panels['d'], study, drives, tasks, runs)
+    first = next(iter(study.chains))
+    _draw_power(report, panels['e'], drives[first, 1], tasks['e',], runs['e',])
+    run = runs['f',]
+    panels['f'].plot(run.recording.times, run.sites, color=BLUE)
+    report.add_points('f', 'kink', (_TIME, _SITE), run.recording.times, run.sites)
+    panels['f'].set(xlabel=_TIME, ylabel=_SITE)
+    largest = max(each.imbalance for key, each in runs.items() if key[0] != 'd')
+    report.add_comparison(
+        'largest imbalance of energy and work, without panel d', '', 'closed balance', largest, 0.0
+    )
+    for name, axes in panels.items():
+        axes.set_title(_TITLES[name], loc='left', fontsize='medium')
+    return report
+
+
+def _draw_velocities(
+    report: FigureReport,
+    axes: Axes,
+    drives: Mapping[tuple[str, int], WallDrive],
+    tasks: Mapping[tuple[Any, ...], ActiveTask],
+    runs: Mapping[tuple[Any, ...], ActiveRun],
+) -> None:
+    names = list(dict.fromkeys(name for name, _ in drives))
+    for (name, charge), drive in drives.items():
+        kind = 'kink' if charge > 0 else 'anti-kink'
+        colour = COLOURS[names.index(name)]
+        keys = [key for key in tasks if key[:3] == ('a', name, charge)]
+        ratios = np.array([key[3] for key in keys])
+        measured = np.array([terminal_velocity(tasks[key], runs[key]) for key in keys])
+        face = colour if charge > 0 else 'none'
+        series = f'{name}, {kind}'
+        axes.errorbar(
+            ratios,
+            measured[:, 0],
+            measured[:, 1],
+            fmt='o',
+            color=colour,
+            markerfacecolor=face,
+            markersize=5,
+            label=series,
+        )
+        axes.plot(ratios, ratios * drive.ratio, '-' if charge > 0 else '--', color=colour)
+        names_of_axes = (_RATIO, _VELOCITY)
+        report.add_points('a', f'{series}: measured', names_of_axes, ratios, measured[:, 0])
+        report.add_points('a', f'{series}: standard error', names_of_axes, ratios, measured[:, 1])
+        report.add_points('a', f'{series}: theory', names_of_axes, ratios, ratios * drive.ratio)
+        for ratio, (velocity, _) in zip(ratios, measured, strict=True):
+            report.add_comparison(
+                f'{_VELOCITY}, {series}, κ / c = {ratio:g} / s',
+                f'2 κ / c = {2 * ratio:g} (wide walls)',
+                'κ <g> / (c Σ t²)',
+                float(velocity),
+                float(ratio * drive.ratio),
+            )
+    axes.set(xlabel=_RATIO, ylabel=_VELOCITY)
+    axes.legend(fontsize='x-small')
+
+
+def _draw_pair(report: FigureReport, panel: str, axes: Axes, chain: Chain, run: ActiveRun) -> None:
+    times = run.recording.times
+    axes.imshow(
+        displacement(chain, run.recording.angles).T,
+        origin='lower',
+        aspect='auto',
+        interpolation='nearest',
+        cmap=LEAN_COLOURS,
+        norm=lean_norm(chain),
+        extent=(0.0, float(times[-1]), -0.5, chain.number_of_rotors - 0.5),
+    )
+    axes.plot(times, run.sites, color=BLACK, linewidth=0.8)
+    report.add_points(panel, 'kink', (_TIME, _SITE), times, run.sites)
+    axes.set(xlabel=_TIME, ylabel='rotor n [1]')
+
+
+def _draw_diagram(
+    report: FigureReport,
+    axes: Axes,
+    study: ActiveStudy,
+    drives: Mapping[tuple[str, int], WallDrive],
+    tasks: Mapping[tuple[Any, ...], ActiveTask],
+    runs: Mapping[tuple[Any, ...], ActiveRun],
+) -> None:
+    keys = [key for key in tasks if key[0] == 'd']
+    outcomes = [outcome(tasks[key], runs[key]) for key in keys]
+    for name, (marker, colour) in _OUTCOME_MARKS.items():
+        points = np.array(
+            [key[1:] for key, found in zip(keys, outcomes, strict=True) if found == name]
+        )
+        if len(points):
+            axes.plot(*points.T, marker, color=colour, linestyle='', label=name)
+            report.add_points('d', name, (_RATIO, 'decay rate [1/s]'), *points.T)
+    first, chain = next(iter(study.chains.items()))
+    decays = np.geomspace(min(study.diagram_decays), max(study.diagram_decays), 50)
+    pinned = drives[first, -1].pinning / (decays * chain.moment_of_inertia)
+    axes.plot(pinned, decays, color=BLACK, linewidth=1)
+    axes.axvline(stability_limit(chain), color=BLACK, linestyle='--', linewidth=1)
+    axes.set(xscale='log', yscale='log', xlabel=_RATIO, ylabel='decay rate c / (M r²) [1/s]')
+    spread = 1.3
+    axes.set_xlim(min(study.diagram_ratios) / spread, spread * max(study.diagram_ratios))
+    axes.legend(fontsize='x-small', ncols=4, loc='lower right', bbox_to_anchor=(1.0, 1.0))
+
+
+def _draw_power(
+    report: FigureReport, axes: Axes, drive: WallDrive, task: ActiveTask, run: ActiveRun
+) -> None:
+    chain, times = task.chain, run.recording.times
+    velocity = chain.non_reciprocity / chain.damping * drive.ratio
+    start, end = 10, len(times) * 3 // 4
+    powers: list[tuple[str, str, Array]] = [
+        ('motors', BLUE, run.injected),
+        ('damping', RED, run.dissipated),
+    ]
+    for name, colour, power in powers:
+        axes.plot(times, 1e6 * power, color=colour, label=name)
+        report.add_points('e', name, (_TIME, 'power [W]'), times, power)
+    squares = float((run.recording.rates[start:end] ** 2).sum(axis=1)[-1])
+    measured = run.sites[end] - run.sites[end - 20]
+    measured /= times[end] - times[end - 20]
+    expected = chain.damping * squares * (velocity / measured) ** 2
+    axes.axhline(1e6 * expected, color=GREEN, linestyle='--', linewidth=1)
+    axes.set(xlabel=_TIME, ylabel='power [µW]')
+    axes.legend(fontsize='x-small')
+    report.add_comparison(
+        'power of the motors over that of the damping, at the end',
+        '',
+        'balance',
+        float(run.injected[end] / run.dissipated[end]),
+        1.0,
+    )
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Draw the page of a settings file; return 1 on failure, 130 on Ctrl-C."""
+    parser = study_parser('active', __doc__, 'fewer runs')
+    return run_study(parser, arguments, _active, 'no new files are written')
+
+
+def _active(options: argparse.Namespace) -> str:
+    study = ActiveStudy.read(load_settings(options.config), options.quick)
+    options.output.mkdir(parents=True, exist_ok=True)
+    drives = study.drives
+    tasks = study.tasks(drives)
+    runs = run_parallel('active', tasks, options.workers)
+    report = page(study, drives, tasks, runs)
+    report.save(options.output, 'active')
+    write_table({'active': report.comparisons}, options.output / 'table.md', ['active'])
+    table = (options.output / 'table.md').read_text(encoding='utf-8')
+    return f'{table}\npage and table are in {options.output}'
+
+
+if __name__ == '__main__':
+    sys.exit(main())

@@ -1,0 +1,251 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Move and create walls by wave packets from the edge, and show the results on one page.
+
+Write the page as PNG and PDF, its data as CSV, and a table as Markdown.
+"""
+
+from __future__ import annotations
+
+import argparse
+import sys
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.colors import LogNorm
+from matplotlib.figure import Figure
+
+from soliton_linkage.linear.bands import band_edges
+from soliton_linkage.linkage.chain import Chain
+from soliton_linkage_studies.figure_report import FigureReport, write_table
+from soliton_linkage_studies.palette import BLACK, BLUE, GREY, PALE, RED, WHITE
+from soliton_linkage_studies.program import run_parallel, run_study, study_parser
+from soliton_linkage_studies.settings import Section, chain_from, load_settings
+from soliton_linkage_studies.waves.runs import (
+    Burst,
+    Spectrum,
+    WaveRun,
+    WaveTask,
+    energy_per_rotor,
+    group_velocity,
+    packet_velocity,
+    spectrum,
+)
+
+_CAPTION = """
+Wave packets that a torque on rotor 0 sends into a chain with a resting kink, and into a uniform
+chain. (a) Energy of each rotor over time, logarithmic, dark where it is large. The dashed lines
+have the group velocity of linear theory and start at the begin and at the end of the burst. The
+red line is the zero of the displacement u, the position of the kink. (b) Displacement of the
+kink against the angular frequency of the burst, for each amplitude. The grey band is the phonon
+band. (c) The same against the number of cycles. (d) Number of walls in a uniform chain after a
+burst, against amplitude and angular frequency. (e) Angular frequencies of small vibrations
+about a kink (dots) against its site, red where a vibration involves few rotors. The grey band
+is the phonon band. (f) Energy of the springs along the orbit, over k_e lbar²: no barrier beyond
+rounding.
+"""
+_TITLES = {
+    'a': 'a  Wave packet and kink',
+    'b': 'b  Displacement against frequency',
+    'c': 'c  Displacement against cycles',
+    'd': 'd  Walls created in a uniform chain',
+    'e': 'e  Vibrations about a kink',
+    'f': 'f  Energy of a resting kink',
+}
+_FREQUENCY = 'angular frequency [rad/s]'
+_MOVED = 'displacement of the kink [rotor spacings]'
+_SITE = 'site [rotor spacings]'
+_TIME = 'time [s]'
+_FEW = 10.0
+"""Rotors in a vibration below which it counts as localised [1]; waves involve two thirds."""
+_PACKET = (10.0, 0.01)
+"""Cycles [1] and amplitude [rad] of the packet whose velocity is measured: a linear wave."""
+_SITES = 33
+"""Sites of the spectrum over two rotors [1]."""
+
+
+@dataclass(frozen=True)
+class WaveStudy:
+    """Chain and bursts of a settings file."""
+
+    chain: Chain
+    site: float
+    """Site of the resting kink [rotor spacings]."""
+    burst: Burst
+    """Burst of the kymograph."""
+    duration: float
+    """Duration of each run [s]."""
+    frequencies: tuple[float, ...]
+    amplitudes: tuple[float, ...]
+    cycles: tuple[float, ...]
+    created_frequencies: tuple[float, ...]
+    created_amplitudes: tuple[float, ...]
+
+    @staticmethod
+    def read(settings: Section, quick: bool) -> WaveStudy:
+        """Read settings; raise ValueError for invalid ones."""
+        settings.check_keys('chain', 'site', 'burst', 'duration', 'kink', 'uniform')
+        chain, every = chain_from(settings.section('chain')), 4 if quick else 1
+        burst, kink, uniform = (settings.section(key) for key in ('burst', 'kink', 'uniform'))
+        burst.check_keys('frequency', 'cycles', 'amplitude')
+        kink.check_keys('frequencies', 'amplitudes', 'cycles')
+        uniform.check_keys('frequencies', 'amplitudes')
+        return WaveStudy(
+            chain,
+            settings.number('site', 0.5, chain.number_of_rotors - 1.5),
+            Burst(
+                burst.number('frequency', 1e-3, 1e6),
+                burst.number('cycles', 0.5, 1e4),
+                burst.number('amplitude', 0.0, 10.0),
+            ),
+            settings.number('duration', 0.01, 1e3),
+            kink.numbers('frequencies', 1e-3, 1e6)[::every],
+            kink.numbers('amplitudes', 0.0, 10.0),
+            kink.numbers('cycles', 0.5, 1e4)[::every],
+            uniform.numbers('frequencies', 1e-3, 1e6)[::every],
+            uniform.numbers('amplitudes', 0.0, 10.0)[::every],
+        )
+
+    @property
+    def tasks(self) -> dict[tuple[Any, ...], WaveTask]:
+        """All tasks by panel and values."""
+
+        def sent(
+            frequency: float, cycles: float, amplitude: float, site: float | None
+        ) -> WaveTask:
+            return WaveTask(self.chain, Burst(frequency, cycles, amplitude), self.duration, site)
+
+        usual = self.burst
+        tasks: dict[tuple[Any, ...], WaveTask] = {
+            ('a',): WaveTask(self.chain, usual, self.duration, self.site),
+            ('packet',): sent(usual.frequency, _PACKET[0], _PACKET[1], None),
+        }
+        for amplitude in self.amplitudes:
+            for frequency in self.frequencies:
+                task = sent(frequency, usual.cycles, amplitude, self.site)
+                tasks['b', amplitude, frequency] = task
+            for cycles in self.cycles:
+                tasks['c', amplitude, cycles] = sent(usual.frequency, cycles, amplitude, self.site)
+        for amplitude in self.created_amplitudes:
+            for frequency in self.created_frequencies:
+                tasks['d', amplitude, frequency] = sent(frequency, usual.cycles, amplitude, None)
+        return tasks
+
+
+def page(study: WaveStudy, runs: Mapping[tuple[Any, ...], WaveRun]) -> FigureReport:
+    """Return the page with its data and comparisons."""
+    report = FigureReport(Figure(figsize=(11.0, 10.5), layout='constrained'), _CAPTION)
+    panels = report.figure.subplot_mosaic('ab;cd;ef')
+    low, high = band_edges(study.chain)
+    _draw_packet(report, panels['a'], study, runs['a',])
+    frequency, last = study.burst.frequency, study.chain.number_of_rotors // 2
+    report.add_comparison(
+        f'velocity of a small packet [rotors/s] at {frequency:g} rad/s',
+        '',
+        'dω/dk',
+        packet_velocity(study.chain, runs['packet',].recording, last),
+        group_velocity(study.chain, frequency),
+    )
+    for panel, axis in (('b', _FREQUENCY), ('c', 'cycles [1]')):
+        for amplitude, colour in zip(study.amplitudes, (BLUE, RED, BLACK, GREY), strict=False):
+            keys = [key for key in runs if key[:2] == (panel, amplitude)]
+            x, moved = [key[2] for key in keys], [runs[key].displacement for key in keys]
+            panels[panel].plot(
+                x, moved, 'o-', color=colour, markersize=4, label=f'{amplitude:g} rad'
+            )
+            report.add_points(panel, f'{amplitude:g} rad', (axis, _MOVED), x, moved)
+        panels[panel].set(xlabel=axis, ylabel=_MOVED)
+        panels[panel].legend(fontsize='x-small')
+    panels['b'].axvspan(low, high, color=PALE, zorder=0)
+    _draw_created(report, panels['d'], study, runs)
+    sites = study.chain.number_of_rotors / 2 + np.linspace(-1, 1, _SITES)
+    _draw_spectra(report, panels, study.chain, sites)
+    gap = [runs[key].displacement for key in runs if key[0] == 'b' and not low < key[2] < high]
+    if gap:
+        largest = float(np.abs(gap).max())
+        report.add_comparison(
+            'largest displacement by bursts in the gap', '', 'none', largest, 0.0
+        )
+    for name, axes in panels.items():
+        axes.set_title(_TITLES[name], loc='left', fontsize='medium')
+    return report
+
+
+def _draw_packet(report: FigureReport, axes: Axes, study: WaveStudy, run: WaveRun) -> None:
+    chain, times, burst = study.chain, run.recording.times, study.burst
+    energies = energy_per_rotor(chain, run.recording)
+    largest = float(energies.max())
+    axes.imshow(
+        np.maximum(energies, 1e-6 * largest).T,
+        origin='lower',
+        aspect='auto',
+        cmap='Greys',
+        norm=LogNorm(1e-6 * largest, largest),
+        extent=(0.0, float(times[-1]), -0.5, chain.number_of_rotors - 0.5),
+    )
+    speed = group_velocity(chain, burst.frequency)
+    for start in (0.0, burst.duration):
+        axes.plot(times, speed * (times - start), '--', color=BLUE, linewidth=1)
+    axes.plot(times, run.sites, color=RED, linewidth=1.5)
+    axes.set(xlabel=_TIME, ylabel='rotor n [1]', ylim=(-0.5, chain.number_of_rotors - 0.5))
+    report.add_points('a', 'kink', (_TIME, 'zero of u [rotor spacings]'), times, run.sites)
+
+
+def _draw_created(
+    report: FigureReport, axes: Axes, study: WaveStudy, runs: Mapping[tuple[Any, ...], WaveRun]
+) -> None:
+    frequencies, amplitudes = study.created_frequencies, study.created_amplitudes
+    counts = np.array([[runs['d', a, f].walls for f in frequencies] for a in amplitudes])
+    image = axes.pcolormesh(frequencies, amplitudes, counts, cmap='Blues', shading='nearest')
+    axes.figure.colorbar(image, ax=axes, label='walls [1]')
+    for edge in band_edges(study.chain):
+        axes.axvline(edge, color=WHITE, linewidth=2.5)
+        axes.axvline(edge, color=BLACK, linestyle='--', linewidth=1)
+    axes.set(xlabel=_FREQUENCY, ylabel='amplitude [rad]')
+    for amplitude, row in zip(amplitudes, counts, strict=True):
+        report.add_points('d', f'{amplitude:g} rad', (_FREQUENCY, 'walls [1]'), frequencies, row)
+
+
+def _draw_spectra(
+    report: FigureReport, panels: Mapping[str, Axes], chain: Chain, sites: np.ndarray[Any, Any]
+) -> None:
+    found: list[Spectrum] = [spectrum(chain, float(site)) for site in sites]
+    axes = panels['e']
+    axes.axhspan(*band_edges(chain), color=PALE, zorder=0)
+    for site, one in zip(sites, found, strict=True):
+        few = one.participations < _FEW
+        x = np.full(len(few), site)
+        axes.plot(x[~few], one.frequencies[~few], '.', color=GREY, markersize=2)
+        axes.plot(x[few], one.frequencies[few], '.', color=RED, markersize=4)
+        report.add_points('e', 'localised', (_SITE, _FREQUENCY), x[few], one.frequencies[few])
+    axes.set(xlabel=_SITE, ylabel=_FREQUENCY)
+    energies = np.array([one.energy for one in found])
+    energies /= chain.stiffness * chain.rest_length**2
+    panels['f'].plot(sites, energies, '.-', color=BLUE)
+    panels['f'].set(xlabel=_SITE, ylabel='V / (k_e lbar²) [1]')
+    report.add_points('f', 'energy', (_SITE, 'V / (k_e lbar^2) [1]'), sites, energies)
+    barrier = float(np.ptp(energies))
+    report.add_comparison('Peierls-Nabarro barrier over k_e lbar²', '', 'none', barrier, 0.0)
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Draw the page of a settings file; return 1 on failure, 130 on Ctrl-C."""
+    parser = study_parser('waves', __doc__, 'fewer runs')
+    return run_study(parser, arguments, _waves, 'no new files are written')
+
+
+def _waves(options: argparse.Namespace) -> str:
+    study = WaveStudy.read(load_settings(options.config), options.quick)
+    options.output.mkdir(parents=True, exist_ok=True)
+    runs = run_parallel('waves', study.tasks, options.workers)
+    report = page(study, runs)
+    report.save(options.output, 'waves')
+    write_table({'waves': report.comparisons}, options.output / 'table.md', ['waves'])
+    table = (options.output / 'table.md').read_text(encoding='utf-8')
+    return f'{table}\npage and table are in {options.output}'
+
+
+if __name__ == '__main__':
+    sys.exit(main())
