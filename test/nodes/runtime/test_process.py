@@ -4,6 +4,8 @@
 from __future__ import annotations
 
 import signal
+import subprocess
+import sys
 import time
 from collections.abc import Callable
 from itertools import cycle
@@ -155,3 +157,29 @@ def test_an_unwritable_output_is_logged_in_one_line(
     said = rf"bag '{tmp_path / output}_0' cannot be written: .*; choose another output$"
     with pytest.raises(OSError, match=said):
         graph.start(BagRecorder, {'output': str(tmp_path / output)})
+
+
+COMPUTING = """
+import atexit, threading
+from soliton_linkage_nodes.runtime.process import end_process
+
+lock, taken = threading.Lock(), threading.Event()
+
+def compute():
+    with lock:
+        taken.set()
+        threading.Event().wait()
+
+atexit.register(lock.acquire)
+threading.Thread(target=compute, daemon=True).start()
+taken.wait()
+print('ended', end='')
+end_process(3)
+"""
+
+
+def test_a_long_computation_does_not_delay_the_end_of_a_process() -> None:
+    ended = subprocess.run(
+        [sys.executable, '-c', COMPUTING], capture_output=True, text=True, timeout=120, check=False
+    )
+    assert (ended.returncode, ended.stdout) == (3, 'ended')

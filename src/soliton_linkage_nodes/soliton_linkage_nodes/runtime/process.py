@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 import gc
+import os
 import signal
 import sys
 import threading
@@ -175,6 +176,18 @@ def run_together(components: Sequence[Component], arguments: list[str]) -> None:
         code = 1
     finally:
         rclpy.try_shutdown()
+    end_process(code)
+
+
+def end_process(code: int) -> None:
+    """Exit at once, even if a thread of a long computation is running.
+
+    The exit handlers of Python and of libraries can wait forever for a lock of such a thread.
+    """
+    if any(thread.daemon for thread in threading.enumerate() if thread.is_alive()):
+        sys.stdout.flush()
+        sys.stderr.flush()
+        os._exit(code)
     sys.exit(code)
 
 
