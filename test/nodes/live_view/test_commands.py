@@ -10,7 +10,8 @@ import pytest
 from graphs import Graph
 
 from soliton_linkage_nodes.live_view.chain_topics import ChainFinder
-from soliton_linkage_nodes.live_view.commands import ChainCommands, Move
+from soliton_linkage_nodes.live_view.commands import ChainCommands
+from soliton_linkage_nodes.live_view.moves import Move
 
 ACTIONS: dict[str, Callable[[ChainCommands], Any]] = {
     'nudge': lambda commands: commands.nudge(1.0),

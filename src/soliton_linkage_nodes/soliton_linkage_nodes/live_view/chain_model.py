@@ -53,11 +53,12 @@ class ChainModel:
         """Stamp of the latest joint_states [s]."""
         self.angles = np.zeros(0)
         """Latest angles [rad], shape (N,), NaN for missing joints."""
+        self.rates: Array | None = None
+        """Latest angular velocities [rad/s], shape (N,), None if they are not published."""
         self.numbers: dict[str, float] = {}
         """Quantities of the latest soliton_state."""
         self._clock = clock
         self._reader: FrameReader | None = None
-        self._rates: Array | None = None
         self._solitons: list[float] = []
         self._received_at = self._state_received_at = self._column_at = -math.inf
         self._overview: Floats = np.zeros(0, dtype=np.float32)
@@ -97,7 +98,7 @@ class ChainModel:
                 self._reset(FrameReader(known or joints.name))
             if self._reader is not None:
                 frame = self._reader.read(joints)
-                self.angles, self._rates = frame.angles, frame.rates
+                self.angles, self.rates = frame.angles, frame.rates
         except ValueError as error:
             self._set_error(str(error))
             return
@@ -193,8 +194,8 @@ class ChainModel:
             if self.state_age > _STATE_TIMEOUT:
                 self._solitons = []
                 self.numbers = {'elastic': float(chain.elastic_energy(angles))}
-                if self._rates is not None:
-                    self.numbers['kinetic'] = float(chain.kinetic_energy(self._rates))
+                if self.rates is not None:
+                    self.numbers['kinetic'] = float(chain.kinetic_energy(self.rates))
         now = self._clock()
         if now - self._column_at >= _HISTORY_PERIOD:
             self._column_at = now

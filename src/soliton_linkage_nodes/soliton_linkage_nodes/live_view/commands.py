@@ -6,12 +6,11 @@ from __future__ import annotations
 import asyncio
 import math
 import time
-from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field
+from collections.abc import Awaitable, Callable, Mapping
 from typing import Any
 
 from action_msgs.srv import CancelGoal
-from rcl_interfaces.msg import Parameter
+from rcl_interfaces.msg import Parameter, ParameterType
 from rcl_interfaces.srv import DescribeParameters, GetParameters, ListParameters, SetParameters
 from rclpy.action import ActionClient
 from rclpy.client import Client
@@ -22,6 +21,8 @@ from soliton_linkage_msgs.action import MoveSoliton
 from soliton_linkage_msgs.msg import LastKick
 from soliton_linkage_msgs.srv import Reset, Step
 from soliton_linkage_nodes.live_view.chain_topics import ChainFinder
+from soliton_linkage_nodes.live_view.moves import UNDER_WAY, Move, await_end
+from soliton_linkage_nodes.live_view.pulling import Pull
 from soliton_linkage_nodes.messages import view_conversions as views
 from soliton_linkage_nodes.messages.view_conversions import AdjustableParameter, NodeReport
 from soliton_linkage_nodes.runtime import interfaces
@@ -41,9 +42,10 @@ _CARRIED_OUT = 'commands carried out'
 """Figure of the reports of edge_actuator."""
 READ_ONLY = 'this page is read-only; start live_view with read_only:=false to send commands'
 """Reason of a rejection."""
-UNDER_WAY = 'under way'
-"""State of a move that has not ended."""
-
+_PUBLISHED = (
+    *(interfaces.NUDGE, interfaces.EDGE_COMMAND, interfaces.TILT),
+    interfaces.JOINT_COMMANDS,
+)
 _SERVICES = {
     'simulator/pause': SetBool,
     'simulator/step': Step,
@@ -59,46 +61,6 @@ _PARAMETER_SERVICES = {
     GetParameters: 'get_parameters',
     SetParameters: 'set_parameters',
 }
-_HELD = (MoveSoliton.Result.REACHED, MoveSoliton.Result.CANCELLED)
-"""Outcomes after which the soliton is held."""
-
-
-@dataclass
-class Move:
-    """The last move of the soliton, requested by this page or by another client."""
-
-    state: str = ''
-    """Empty before the first move, then UNDER_WAY, or the outcome."""
-    goal: float = math.nan
-    """Goal [rotor spacings]."""
-    start: float = math.nan
-    """Initial site coordinate of the soliton [rotor spacings]."""
-    rotor: float = math.nan
-    """Present site coordinate of the soliton [rotor spacings]."""
-    message: str = ''
-    foreign: bool = False
-    """Whether another client requested the move."""
-    ended_at: float = math.inf
-    """Time of the outcome [s], of the monotonic clock."""
-    handle: Any = field(default=None, repr=False)
-
-    @property
-    def under_way(self) -> bool:
-        """Whether the move has not ended."""
-        return self.state == UNDER_WAY
-
-    @property
-    def held(self) -> bool:
-        """Whether the soliton is held where the move ended."""
-        return self.state in (views.OUTCOMES[code] for code in _HELD)
-
-    @property
-    def progress(self) -> float:
-        """Completed fraction of the distance, 0 to 1."""
-        distance = self.goal - self.start
-        if not (math.isfinite(distance) and math.isfinite(self.rotor) and distance):
-            return 0.0
-        return min(max((self.rotor - self.start) / distance, 0.0), 1.0)
 
 
 class ChainCommands:
@@ -125,7 +87,7 @@ class ChainCommands:
         self._publishers: dict[str, Any] = {}
         self._mover: ActionClient | None = None
         if not read_only:
-            for topic in (interfaces.NUDGE, interfaces.EDGE_COMMAND, interfaces.TILT):
+            for topic in _PUBLISHED:
                 self._publishers[topic.name] = node.create_publisher(
                     topic.type, f'{namespace}{topic.name}', topic.qos
                 )
@@ -154,15 +116,54 @@ class ChainCommands:
 
     async def nudge(self, speed: float) -> str:
         """Nudge the edge [rad/s]."""
-        return await self._actuate('nudge', views.number_to_msg(speed))
+        message = views.number_to_msg(speed)
+        return await self._actuate('nudge', lambda: self._publish_edge('nudge', message))
 
     async def drive(
         self, kind: str, edge: str, value: float, times: tuple[float, float, float]
     ) -> str:
         """Send an edge_command; the times are duration, ramp up and ramp down [s]."""
+        message = views.edge_command_of(kind, edge, value, *times)
         return await self._actuate(
-            'edge_command', views.edge_command_of(kind, edge, value, *times), bool(any(times))
+            'edge_command', lambda: self._publish_edge('edge_command', message), any(times)
         )
+
+    async def pull(self, pull: Pull, updated: Callable[[], Awaitable[None]]) -> str:
+        """Pull a rotor until the button is released, at each update of the chain."""
+        self.check_writable()
+        chain = self._finder.chains.get(self.namespace)
+        named = chain.model.named if chain else None
+        if chain is None or named is None:
+            raise ValueError('the chain is unknown: no node publishes the topic chain')
+        if not 0 <= pull.rotor < named.rotors:
+            raise ValueError(f'rotor {pull.rotor} must lie in the range 0 to {named.rotors - 1}')
+        if self.holding:
+            raise ValueError('soliton_steering holds the soliton; release it first')
+        joint = named.joint_names[pull.rotor]
+        limit = await self._torque_limit(joint)
+        topic = interfaces.JOINT_COMMANDS.name
+
+        async def act() -> None:
+            try:
+                while pull.held:
+                    model = chain.model
+                    torque = pull.torque(named.chain, model.angles, model.rates, limit)
+                    self._publish(topic, views.torque_to_msg(joint, torque), 'edge_actuator')
+                    await updated()
+            finally:
+                self._publishers[topic].publish(views.torque_to_msg(joint, 0.0))
+
+        return await self._actuate(topic, act)
+
+    async def _torque_limit(self, joint: str) -> float:
+        """Return the largest torque of the actuator of a joint [N m]."""
+        for name in (f'torque_limits.{joint}', 'torque_limit'):
+            request = GetParameters.Request(names=[name])
+            node = f'{self.namespace}edge_actuator'
+            values = (await self._call_parameters(node, GetParameters, request)).values
+            if values and values[0].type == ParameterType.PARAMETER_DOUBLE:
+                return float(values[0].double_value)
+        raise ValueError(f'edge_actuator has no torque limit for {joint}')
 
     async def tilt(self, angle: float) -> str:
         """Tilt the chain [rad]; empty if a newer tilt replaces it before its answer."""
@@ -233,7 +234,7 @@ class ChainCommands:
         def send() -> Any:
             sent = mover.send_goal_async(goal, feedback_callback=on_feedback)
             # Added on the executor's thread, so that no answer can precede the callback.
-            sent.add_done_callback(lambda accepted: _await_end(move, accepted.result()))
+            sent.add_done_callback(lambda accepted: await_end(move, accepted.result()))
             return sent
 
         def answer() -> str | None:
@@ -326,12 +327,17 @@ class ChainCommands:
         chain = self._finder.chains.get(self.namespace)
         return (chain.kicks, chain.kick) if chain else (0, None)
 
-    async def _actuate(self, topic: str, message: Any, lasting: bool = False) -> str:
-        """Publish a command to the edge actuator and return its answer."""
+    async def _publish_edge(self, topic: str, message: Any) -> None:
+        self._publish(topic, message, 'edge_actuator')
+
+    async def _actuate(
+        self, topic: str, act: Callable[[], Awaitable[None]], lasting: bool = False
+    ) -> str:
+        """Publish on a topic of the edge actuator by `act`, and return the answer."""
         # One at a time, so that each answer belongs to its command.
         async with self._edge:
             before, kicks = self._report('edge_actuator'), self._kicks()[0]
-            self._publish(topic, message, 'edge_actuator')
+            await act()
             sent_at = time.monotonic()
 
             def answer() -> str | None:
@@ -424,18 +430,6 @@ def _new_rejection(before: NodeReport | None, report: NodeReport | None, topic: 
     source, _, reason = report.figures.get('last rejection', '').partition(': ')
     new = before is not None and rejected > views.figure(before.figures, 'rejected')
     return reason if new and source.rpartition('/')[2] == topic else ''
-
-
-def _await_end(move: Move, handle: Any) -> None:
-    if handle is not None and handle.accepted:
-        move.handle = handle
-        handle.get_result_async().add_done_callback(lambda done: _conclude(move, done.result()))
-
-
-def _conclude(move: Move, ended: Any) -> None:
-    result = ended.result
-    move.message, move.rotor, move.ended_at = result.message, result.rotor, time.monotonic()
-    move.state = views.OUTCOMES.get(result.outcome, f'outcome {result.outcome}')
 
 
 def _set_result(result: asyncio.Future[Any], future: Any) -> None:

@@ -21,6 +21,7 @@ from soliton_linkage_nodes.live_view.frame_layout import (
     KINDS,
     pack_history,
 )
+from soliton_linkage_nodes.live_view.pulling import Pull
 from soliton_linkage_nodes.live_view.view import ALL, View
 
 if TYPE_CHECKING:
@@ -35,7 +36,7 @@ _MOST_TILE_ANGLES = 200
 
 
 async def carry_out(view: View, name: str, arguments: Mapping[str, Any]) -> str:
-    """Carry out an action on a canvas (move, nudge, seek, pause) and return its result.
+    """Carry out an action on a canvas (move, nudge, pull, seek, pause) and return its result.
 
     Raises ValueError for a rejected action.
     """
@@ -51,6 +52,8 @@ async def carry_out(view: View, name: str, arguments: Mapping[str, Any]) -> str:
     if name == 'nudge':
         edge = str(arguments.get('edge', 'nearest'))
         return await commands.drive('kick', edge, arguments['speed'], (0.0, 0.0, 0.0))
+    if name == 'pull':
+        return await commands.pull(arguments['pull'], view.wait)
     if name == 'seek':
         return await view.replay.seek(commands, float(arguments['at']))
     if name == 'pause':
@@ -85,6 +88,7 @@ class BrowserStream:
         self._camera_latest = 0
         self._sent_status: tuple[str, list[int]] = ('', [])
         self._history_wanted = True
+        self._pull = Pull(0, 0.0, 0.0, held=False)
         self._actions: set[asyncio.Task[None]] = set()
 
     async def run(self) -> None:
@@ -176,6 +180,11 @@ class BrowserStream:
             first, last = message['window']
             self._window = (int(first), int(last))
             self._latest.clear()
+        if 'pull' in message:
+            if message['pull'] is None:
+                self._pull.held = False
+            else:
+                self._pull.point_to(*map(float, message['pull']))
         if 'act' in message:
             task = asyncio.ensure_future(self._act(message))
             self._actions.add(task)
@@ -185,6 +194,11 @@ class BrowserStream:
         name, number = str(message['act']), message.get('id')
         arguments = {k: v for k, v in message.items() if k not in ('act', 'id')}
         try:
+            if name == 'pull':
+                self._pull.held = False
+                place = float(arguments['x']), float(arguments['z'])
+                self._pull = arguments['pull'] = Pull(int(arguments['rotor']), 0.0, 0.0)
+                self._pull.point_to(*place)
             text, good = await carry_out(self._source, name, arguments), True
         except KeyError as error:
             text, good = f'action {name!r} needs {error}', False

@@ -10,6 +10,7 @@ from typing import Any
 
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from rcl_interfaces.msg import ParameterDescriptor, ParameterType, ParameterValue
+from sensor_msgs.msg import JointState
 from std_msgs.msg import Float64
 
 from soliton_linkage.linkage.quantities import Quantity
@@ -142,6 +143,11 @@ def number_to_msg(value: float) -> Float64:
     return Float64(data=_finite('value', value))
 
 
+def torque_to_msg(joint: str, torque: float) -> JointState:
+    """Return the command of a torque on a joint [N m]."""
+    return JointState(name=[joint], effort=[torque])
+
+
 def edge_command_of(
     kind: str, edge: str, value: float, duration: float, ramp_up: float, ramp_down: float
 ) -> msg.EdgeCommand:
@@ -189,8 +195,11 @@ def describe_kick(kick: msg.LastKick) -> str:
     kind = next((k for k, code in _KINDS.items() if code == command.kind), 'kick')
     lasting = f' for {kick.duration:.3g} s' if kick.duration else ''
     peak = f', up to {kick.peak_torque:.3g} N m' if kick.peak_torque else ''
+    what = f'a {kind} of {command.value:g} {KICK_UNITS[kind]}{lasting} at the {edge} edge{peak}'
+    if not command.value:
+        what = f'torques on {", ".join(kick.name) or "no joint"}{lasting}{peak}'
     parts = [
-        f'a {kind} of {command.value:g} {KICK_UNITS[kind]}{lasting} at the {edge} edge{peak}',
+        what,
         f'an impulse of {math.hypot(*kick.impulse):.3g} N m s and a work of {kick.work:.3g} J, '
         + ('measured by the simulator' if kick.measured else 'estimated, without a measurement'),
     ]

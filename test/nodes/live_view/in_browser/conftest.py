@@ -100,7 +100,7 @@ def live_view(stage: Stage) -> LiveView:
     stage.start(SolitonAnalyser)
     for node in (EdgeActuator, SolitonSteering):
         stage.start(node, {'state_timeout': 60.0})
-    for topic in (*COMMANDS, interfaces.LAST_KICK):
+    for topic in (*COMMANDS, interfaces.LAST_KICK, interfaces.ROTOR_TORQUES):
         stage.subscribe(topic)
     folders = [str(stage.folder / 'bags'), str(BAGS)]
     made: LiveView = stage.start(LiveView, {'port': 0, 'bag_folders': folders, 'frame_rate': 10.0})

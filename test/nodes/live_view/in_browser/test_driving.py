@@ -12,7 +12,7 @@ from soliton_linkage_nodes.live_view.view import View
 from soliton_linkage_nodes.runtime import interfaces
 
 
-def test_a_nudge_is_sent_by_button_drag_and_key(at_rest: Visit, stage: Stage) -> None:
+def test_a_nudge_is_sent_by_button_and_key(at_rest: Visit, stage: Stage) -> None:
     visit = at_rest
     nudges, commands = stage.record(interfaces.NUDGE), stage.record(interfaces.EDGE_COMMAND)
     kicks = stage.record(interfaces.LAST_KICK)
@@ -21,23 +21,41 @@ def test_a_nudge_is_sent_by_button_drag_and_key(at_rest: Visit, stage: Stage) ->
     until(lambda: nudges, 'the nudge')
     assert nudges[0].data == 3.0
     until(lambda: kicks, 'the kick of the actuator')
-
-    def drag() -> None:
-        x, y = visit.mass(0)
-        visit.page.mouse.move(x, y)
-        visit.page.mouse.down()
-        visit.page.mouse.move(x + 30, y - 25, steps=4)
-        visit.page.mouse.up()
-
-    # The mass or the page may move meanwhile.
-    until(lambda: drag() or commands, 'the drag')
-    assert commands[0].kind == EdgeCommand.KICK
-    assert commands[0].edge == EdgeCommand.FIRST
-    assert 0 < abs(commands[0].value) <= 15
     visit.page.focus('#live-chain')
     visit.page.keyboard.press('n')
-    until(lambda: commands[-1].edge == EdgeCommand.NEAREST, 'the key')
+    until(lambda: commands, 'the key')
+    assert (commands[-1].kind, commands[-1].edge) == (EdgeCommand.KICK, EdgeCommand.NEAREST)
     assert commands[-1].value == 3.0
+
+
+@pytest.mark.parametrize('by', ['pointer', 'key'])
+def test_a_rotor_follows_the_pull_until_it_is_released(
+    at_rest: Visit, view: View, stage: Stage, by: str
+) -> None:
+    visit, model = at_rest, view.chains['/'].model
+    kicks = stage.record(interfaces.LAST_KICK)
+    torques = stage.record(interfaces.ROTOR_TORQUES)
+    rotor = 5
+    before = float(model.angles[rotor])
+    if by == 'pointer':
+        x, y = visit.mass(rotor)
+        visit.page.mouse.move(x, y)
+        visit.page.mouse.down()
+        visit.page.mouse.move(x + 30, y - 10, steps=3)
+    else:
+        visit.js(f'live.view.mark = {rotor}')
+        visit.page.focus('#live-chain')
+        visit.page.keyboard.down('ArrowDown')
+    until(lambda: model.angles[rotor] > before + 0.05, 'the rotor to follow')
+    assert max(abs(torque) for message in torques for torque in message.effort) < 0.02
+    if by == 'pointer':
+        visit.page.mouse.up()
+    else:
+        visit.page.keyboard.up('ArrowDown')
+    visit.answers('torques on rotor_5 for ')
+    until(lambda: kicks, 'the report of the torques')
+    assert kicks[-1].source.endswith('joint_commands')
+    until(lambda: not any(torques[-1].effort), 'the end of the torques')
 
 
 def test_a_rejected_nudge_is_shown_with_the_reason_of_the_actuator(

@@ -5,7 +5,7 @@ import { setText } from './drawing.js';
 
 const PATIENCE = 2; // seconds after which a missing answer is reported
 const SHOWN = { true: 6, false: 20 }; // seconds that a success and a rejection are shown
-const NAMES = { move: 'Move', nudge: 'Nudge', seek: 'Seek', pause: 'Pause' };
+const NAMES = { move: 'Move', nudge: 'Nudge', pull: 'Pull', seek: 'Seek', pause: 'Pause' };
 
 export class Answers {
   constructor() {

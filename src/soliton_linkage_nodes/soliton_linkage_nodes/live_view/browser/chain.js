@@ -4,18 +4,19 @@
 import { Canvas, finite, leanColour, scaled, theme, ticks } from './drawing.js';
 import { solitonsOf } from './frames.js';
 
-const NEAR = 22; // distance [pixels] within which an edge rotor is grabbed
+const NEAR = 22; // distance [pixels] within which a rotor is grabbed
 const STILL = 5; // distance [pixels] that a click may move
 
 export class ChainView {
   // act(name, arguments) sends an action; window(first, last) requests a range of rotors.
-  constructor(element, { act, window: requestWindow, nudgeSpeed }) {
+  // send(message) sends the position of the pointer.
+  constructor(element, { act, send, window: requestWindow, nudgeSpeed }) {
     this.canvas = new Canvas(element);
-    Object.assign(this, { act, requestWindow, nudgeSpeed });
+    Object.assign(this, { act, send, requestWindow, nudgeSpeed });
     this.first = 0;
     this.last = NaN;
     this.mark = NaN; // rotor that the keys selected
-    this.pull = null; // drag of an edge rotor
+    this.pull = null; // rotor that the pointer or a key pulls
     this.stretch = 1e-9; // extension at the ends of the colours [m]
     this.pointers = new Map();
     this.listen(element);
@@ -91,6 +92,7 @@ export class ChainView {
     if (frame.angles.length) this.drawRotors(c, look, this.masses());
     else this.drawGroups(c, look);
     this.drawEdges(c, look);
+    this.drawPull(c, look);
     this.drawScale(c, look);
   }
 
@@ -216,7 +218,7 @@ export class ChainView {
     c.setLineDash([]);
   }
 
-  // Draws the edges, green where the actuator acts, and the pull on an edge rotor.
+  // Draws the edges, green where the actuator acts.
   drawEdges(c, look) {
     const { canvas, frame, middle } = this;
     const able = this.chain.able !== false;
@@ -234,15 +236,24 @@ export class ChainView {
       c.lineTo(foot, middle + 26);
       c.stroke();
     });
-    if (this.pull) {
-      const { x, y, toX, toY, speed } = this.pull;
-      c.strokeStyle = look.purple;
-      c.fillStyle = look.purple;
-      c.lineWidth = 4;
-      arrow(c, x, y, toX, toY);
-      c.font = 'bold 16px system-ui, sans-serif';
-      c.fillText(`${finite(speed, 1)} rad/s`, clampText(toX + 12, canvas, 100), toY - 14);
-    }
+  }
+
+  // Draws the spring from the pulled mass to the pointer.
+  drawPull(c, look) {
+    const { pull, frame } = this;
+    const point = pull && pull.sent && this.masses()[pull.rotor - frame.first];
+    if (!point) return;
+    c.strokeStyle = look.purple;
+    c.lineWidth = 3;
+    c.setLineDash([5, 4]);
+    c.beginPath();
+    c.moveTo(point[1], point[2]);
+    c.lineTo(pull.x, pull.y);
+    c.stroke();
+    c.setLineDash([]);
+    c.beginPath();
+    c.arc(point[1], point[2], 9, 0, 7);
+    c.stroke();
   }
 
   drawScale(c, look) {
@@ -291,6 +302,7 @@ export class ChainView {
       this.pointers.set(event.pointerId, x);
       this.began = { x, first: this.first, last: this.last, moved: 0 };
       if (this.pointers.size === 1) this.pull = this.grab(x, y);
+      else this.release();
     });
     element.addEventListener('pointermove', (event) => {
       if (!this.pointers.has(event.pointerId)) return;
@@ -303,17 +315,18 @@ export class ChainView {
     const end = (event) => {
       const alone = this.pointers.size === 1;
       if (!this.pointers.delete(event.pointerId)) return;
-      const { pull } = this;
-      this.pull = null;
-      if (event.type === 'pointercancel' || !alone) return;
-      if (pull && pull.far > STILL) {
-        if (pull.speed) this.act('nudge', { speed: pull.speed, edge: pull.edge });
-      } else if (this.began.moved <= STILL) this.moveSoliton(this.rotorAt(at(event)[0]));
+      const pulled = this.pull && this.pull.sent;
+      this.release();
+      if (event.type === 'pointercancel' || !alone || pulled) return;
+      if (this.began.moved <= STILL) this.moveSoliton(this.rotorAt(at(event)[0]));
     };
     element.addEventListener('pointerup', end);
     element.addEventListener('pointercancel', end);
     element.addEventListener('dblclick', (event) => event.preventDefault());
     element.addEventListener('keydown', (event) => this.key(event));
+    const lift = (event) => { if (this.pull && event.key === this.pull.key) this.release(); };
+    element.addEventListener('keyup', lift);
+    element.addEventListener('blur', () => { if (this.pull && this.pull.key) this.release(); });
   }
 
   moveSoliton(rotor) {
@@ -328,6 +341,8 @@ export class ChainView {
     const keys = {
       ArrowLeft: () => { this.mark = Math.max(0, from - step); },
       ArrowRight: () => { this.mark = Math.min(this.known - 1, from + step); },
+      ArrowUp: () => this.pullByKey(event, from, -1),
+      ArrowDown: () => this.pullByKey(event, from, 1),
       Enter: () => { if (Number.isFinite(this.mark)) this.moveSoliton(this.mark); },
       Escape: () => { this.mark = NaN; },
       '+': () => this.zoom(1 / 1.3, this.mark),
@@ -344,32 +359,48 @@ export class ChainView {
     }
   }
 
-  // Returns the pull on the edge rotor whose mass is nearest to the pointer, null if none is near.
+  // Returns a pull of the rotor whose mass is nearest to the pointer, null if none is near.
   grab(x, y) {
     const { frame } = this;
-    if (!frame.mode.length) return null;
-    const points = this.masses();
-    const [best] = [0, this.known - 1]
-      .map((rotor) => [rotor, rotor - frame.first])
-      .filter(([, i]) => points[i] && Number.isFinite(points[i][1]))
-      .map(([rotor, i]) => ({
-        near: Math.hypot(points[i][1] - x, points[i][2] - y), edge: rotor ? 'last' : 'first',
-        x: points[i][1], y: points[i][2], toX: x, toY: y, length: points[i][3],
-        angle: frame.angles[i], sign: Math.sign(frame.mode[i]) || 1, speed: 0, far: 0,
-      }))
-      .filter(({ near }) => near < NEAR)
-      .sort((a, b) => a.near - b.near);
-    return best || null;
+    if (!this.chain.spacing || this.chain.able === false) return null;
+    const near = this.masses().map(([, mx, my], i) => [Math.hypot(mx - x, my - y), frame.first + i])
+      .filter(([distance]) => distance < NEAR)
+      .sort((a, b) => a[0] - b[0]);
+    return near.length ? { rotor: near[0][1], fromX: x, fromY: y, x, y, sent: false } : null;
   }
 
-  // Sets the speed in proportion to the pull along the circle of the mass.
+  // Moves the pointer of a pull; the server pulls the rotor until the button is released.
   dragPull(x, y) {
     const { pull } = this;
-    const along = (x - pull.x) * Math.cos(pull.angle) + (y - pull.y) * Math.sin(pull.angle);
-    const factor = Math.max(-5, Math.min(5, along / Math.max(pull.length, 20)));
-    Object.assign(pull, { toX: x, toY: y });
-    pull.far = Math.max(pull.far, Math.hypot(x - pull.x, y - pull.y));
-    pull.speed = Math.round(10 * Math.abs(this.nudgeSpeed()) * factor * pull.sign) / 10;
+    if (!pull.sent && Math.hypot(x - pull.fromX, y - pull.fromY) <= STILL) return;
+    Object.assign(pull, { x, y });
+    const place = [this.rotorAt(x) * this.spacing, (this.middle - y) / this.perMetre];
+    if (pull.sent) this.send({ pull: place });
+    else this.act('pull', { rotor: pull.rotor, x: place[0], z: place[1] });
+    pull.sent = true;
+  }
+
+  // Pulls the marked rotor along its circle while a key is down.
+  pullByKey(event, rotor, sign) {
+    if (event.repeat || this.pull || !this.chain.spacing || this.chain.able === false) return;
+    this.mark = rotor;
+    this.pull = { rotor, key: event.key, sign, fromX: -Infinity, fromY: 0, sent: false };
+    this.followKey();
+  }
+
+  // Keeps the target of a key's pull at a right angle to the rotor.
+  followKey() {
+    const { pull, frame } = this;
+    const point = pull && pull.key && this.masses()[pull.rotor - frame.first];
+    if (!point) return;
+    const [px, mx, my] = point;
+    const sign = pull.sign;
+    this.dragPull(px - sign * (my - this.middle), this.middle + sign * (mx - px));
+  }
+
+  release() {
+    if (this.pull && this.pull.sent) this.send({ pull: null });
+    this.pull = null;
   }
 
   pan(x) {
@@ -385,7 +416,7 @@ export class ChainView {
     const before = Math.abs(this.pointers.get(moving) - other);
     const now = Math.abs(x - other);
     if (before > 8 && now > 8) this.zoom(before / now, this.rotorAt((x + other) / 2));
-    this.pull = null;
+    this.release();
     this.began.moved = Infinity;
   }
 }

@@ -28,6 +28,7 @@ class Live {
     this.answers = new Answers();
     this.view = new ChainView(element('chain'), {
       act: (name, more) => this.act(name, more),
+      send: (message) => this.send(message),
       window: (first, last) => this.send({ window: [first, last] }),
       nudgeSpeed: () => this.nudgeSpeed,
     });
@@ -156,6 +157,7 @@ class Live {
     const track = this.track(index);
     this.shown = frame;
     this.view.show(frame, chain);
+    this.view.followKey();
     this.view.draw();
     this.plots.lean.draw(frame, chain);
     this.turn = (this.turn + 1) % 3;
@@ -187,7 +189,7 @@ class Live {
     tile.dataset.chain = name;
     setText(tile.querySelector('b'), name.replaceAll('/', ' ').trim() || 'chain');
     element('small').append(tile);
-    const view = new ChainView(tile.querySelector('canvas'), { act: () => {}, window: () => {}, nudgeSpeed: () => 0 });
+    const view = new ChainView(tile.querySelector('canvas'), { act: () => {}, send: () => {}, window: () => {}, nudgeSpeed: () => 0 });
     view.canvas.element.style.pointerEvents = 'none';
     return { tile, view };
   }
