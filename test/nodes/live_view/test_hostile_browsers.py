@@ -68,7 +68,9 @@ class DrawnTopic:
 
     drawn: dict[Any, list[tuple[int | None, Any]]]
 
-    def __init__(self, _node: Any, topic: Any, _name: str, raw: bool = False) -> None:
+    def __init__(
+        self, _node: Any, topic: Any, _name: str, raw: bool = False, depth: int = 1
+    ) -> None:
         self._type, self._raw = topic.type, raw
         self.sequence: int | None = None
         self.publishers = ['publisher']
@@ -78,6 +80,10 @@ class DrawnTopic:
             return None
         self.sequence, message = self.drawn[self._type].pop()
         return serialize_message(message) if self._raw else message
+
+    def waiting(self) -> Iterator[tuple[Any, None]]:
+        while (message := self.newest()) is not None:
+            yield message, None
 
     def adapt(self) -> bool:
         return False

@@ -5,18 +5,22 @@ from __future__ import annotations
 
 import math
 import time
+from collections import deque
+from collections.abc import Mapping
 from dataclasses import replace
 
 from rclpy.node import Node
+from rclpy.serialization import deserialize_message
 
-from soliton_linkage_msgs.msg import LastKick
+from soliton_linkage_msgs.msg import LastKick, SolitonState
 from soliton_linkage_nodes.live_view.chain_model import ChainModel
 from soliton_linkage_nodes.live_view.frame_layout import pack_camera
-from soliton_linkage_nodes.messages.cdr import JointStateDecoder
-from soliton_linkage_nodes.messages.conversions import chain_from_msg
+from soliton_linkage_nodes.messages.cdr import JointStateDecoder, stamp_of
+from soliton_linkage_nodes.messages.conversions import JointStates, chain_from_msg
 from soliton_linkage_nodes.messages.picture_conversions import jpeg_from_msg
 from soliton_linkage_nodes.messages.view_conversions import (
     NodeReport,
+    figure,
     reports_from_msg,
     soliton_values,
     state_numbers,
@@ -31,6 +35,12 @@ _SEARCH_INTERVAL = 0.5
 """Poll interval for chains and nodes of the graph [s]; a poll takes about a millisecond."""
 _MOST_REPORTS = 200
 """Largest number of diagnostics that one call of `update` takes [1]."""
+_PAIRED = 200
+"""Number of states that wait for a display [1]: 0.2 s at 1000 Hz."""
+_LONGEST_WAIT = 0.3
+"""Longest time without a frame that has its own state [s]."""
+_LATE_SPAN = 10.0
+"""Time over which missed deadlines are counted [s]."""
 _MOST_CHAINS = 16
 """Largest number of chains shown."""
 _MOST_BYTES = 4_000_000
@@ -124,8 +134,12 @@ class ChainTopics:
             node, interfaces.JOINT_STATES, f'{namespace}joint_states', raw=True
         )
         self._states = subscribe_newest(
-            node, interfaces.SOLITON_STATE, f'{namespace}soliton_state'
+            node, interfaces.SOLITON_STATE, f'{namespace}soliton_state', raw=True, depth=_PAIRED
         )
+        # Frames and states by their stamps [ns], until both of a stamp have arrived.
+        self._frames: dict[int, JointStates] = {}
+        self._analysed: dict[int, bytes] = {}
+        self._shown_at = -math.inf
 
         self._kicks = AdaptiveSubscription(
             node, replace(interfaces.LAST_KICK, name=f'{namespace}{interfaces.LAST_KICK.name}')
@@ -143,16 +157,45 @@ class ChainTopics:
                 self.model.set_chain(chain_from_msg(chain))
             except ValueError as error:
                 self.model.error = f'chain: {error}'
-        state = self._states.newest()
-        if state is not None:
-            self.model.update_state(state_numbers(state), soliton_values(state))
+        for serialized, _ in self._states.waiting():
+            try:
+                self._analysed[stamp_of(serialized)] = serialized
+            except ValueError as error:
+                self.model.error = f'soliton_state: {error}'
+        for stamp in list(self._analysed)[:-_PAIRED]:
+            del self._analysed[stamp]
         joints = self._joints.newest()
         if joints is not None:
             self.model.update_rate(self._joints.sequence)
             try:
-                self.model.update_joints(self._decoder.decode(joints))
+                frame = self._decoder.decode(joints)
+                self._frames[frame.stamp] = frame
             except ValueError as error:
                 self.model.error = str(error)
+        self._show_frame()
+
+    def _show_frame(self) -> None:
+        """Put the newest frame with its own state into the model.
+
+        Frames without a state are shown if there is no analyser, or if it lags for 0.3 s.
+        """
+        now = time.monotonic()
+        paired = [stamp for stamp in self._frames if stamp in self._analysed]
+        late = now - self._shown_at > _LONGEST_WAIT or self.model.state_age > _LONGEST_WAIT
+        if not paired and not (late and (self._frames or self._analysed)):
+            return
+        self._shown_at = now
+        if self._analysed:
+            state = paired[-1] if paired else next(reversed(self._analysed))
+            message = deserialize_message(self._analysed[state], SolitonState)
+            self.model.update_state(state_numbers(message), soliton_values(message))
+        if self._frames:
+            frame = paired[-1] if paired else next(reversed(self._frames))
+            self.model.update_joints(self._frames[frame])
+        # Stamps restart at a reset, so that the order of arrival counts.
+        for kept in (self._frames, self._analysed):
+            for stamp in _until(kept, paired[-1]) if paired else list(kept):
+                del kept[stamp]
 
     def adapt(self) -> None:
         """Adapt to new publishers."""
@@ -164,6 +207,12 @@ class ChainTopics:
         """Unsubscribe."""
         for topic in (self._chain, self._joints, self._states, self._kicks, self.camera):
             topic.close()
+
+
+def _until(kept: Mapping[int, object], last: int) -> list[int]:
+    """Return the stamps up to the last one, in the order of their arrival."""
+    stamps = list(kept)
+    return stamps[: stamps.index(last) + 1]
 
 
 class ChainFinder:
@@ -179,6 +228,7 @@ class ChainFinder:
         self.nodes: list[str] = []
         """Full names of nodes."""
         self._node = node
+        self._deadlines: dict[str, deque[tuple[float, ...]]] = {}
         self._searched = 0.0
         self._expected = expected
         self._diagnostics = AdaptiveSubscription(node, interfaces.DIAGNOSTICS)
@@ -193,9 +243,26 @@ class ChainFinder:
                 break
             for report in reports_from_msg(message):
                 self.reports[report.node] = (time.monotonic(), report)
+                if 'missed deadlines' in report.figures:
+                    namespace = f'/{report.node.lstrip("/")}'.rpartition('/')[0] + '/'
+                    counts = self._deadlines.setdefault(namespace, deque())
+                    missed, frames = (
+                        figure(report.figures, k) for k in ('missed deadlines', 'frames')
+                    )
+                    counts.append((time.monotonic(), missed, frames))
         if time.monotonic() - self._searched >= _SEARCH_INTERVAL:
             self._searched = time.monotonic()
             self._search()
+
+    def late_share(self, namespace: str) -> float | None:
+        """Return the share of missed deadlines in the last ten seconds, None if unknown."""
+        counts = self._deadlines.get(namespace)
+        while counts and counts[0][0] < time.monotonic() - _LATE_SPAN:
+            counts.popleft()
+        if not counts or counts[-1][2] <= counts[0][2]:
+            return None
+        (_, missed_before, before), (_, missed, frames) = counts[0], counts[-1]
+        return max(0.0, min(1.0, (missed - missed_before) / (frames - before)))
 
     def drop(self, namespace: str) -> None:
         """Drop a chain until it is published again."""

@@ -5,6 +5,7 @@ from __future__ import annotations
 
 import json
 import math
+import re
 import time
 from collections.abc import Mapping
 from typing import Any
@@ -21,6 +22,8 @@ _LONGEST_DELAY = 0.2
 """Largest unreported delay of soliton_state behind joint_states [s]; a larger one is visible."""
 _FRAMES_BEHIND = 2
 """Largest unreported delay in frames [1]; the state of one frame is in transit."""
+_LATE = re.compile('deadlines missed in the last second')
+"""Part of a warning that `late` shows."""
 _ACTUATOR = 'start edge_actuator'
 _SIMULATOR = 'only a simulator can do this, and none is running here'
 _STEERING = 'no node serves {}; start soliton_steering'
@@ -35,7 +38,6 @@ _SERVICES = {
     'step': ('simulator/step', _SIMULATOR),
     'reset': ('simulator/reset', _SIMULATOR),
     'move': ('move_soliton', _STEERING.format('move_soliton')),
-    'release': ('soliton_steering/release', _STEERING.format('release')),
     'identify': (
         'chain_identifier/identify',
         'no node serves identify; start chain_identifier',
@@ -76,7 +78,7 @@ def reports_of(finder: ChainFinder, namespace: str) -> list[tuple[float, NodeRep
 
 
 def health(finder: ChainFinder, chain: ChainTopics) -> dict[str, Any]:
-    """Return rate, deadlines, losses and warnings of a chain."""
+    """Return rate, share of late frames, losses and warnings of a chain."""
     figures: Mapping[str, str] = {}
     lost: int | None = None
     warnings, paused, replay = [], False, ''
@@ -91,7 +93,7 @@ def health(finder: ChainFinder, chain: ChainTopics) -> dict[str, Any]:
         lost = lost if math.isnan(losses) else (lost or 0) + int(losses)
         if age > REPORT_TIMEOUT:
             warnings.append(f'{name} has not reported for {age:.0f} s')
-        elif report.level:
+        elif report.level and not _LATE.search(report.message):
             warnings.append(f'{name}: {report.message}')
     if chain.publishers > 1:
         warnings.append(f'{chain.publishers} nodes publish joint_states; stop all but one')
@@ -101,7 +103,7 @@ def health(finder: ChainFinder, chain: ChainTopics) -> dict[str, Any]:
     return {
         'rate': None if math.isnan(rate) else round(rate),
         'factor': figures.get('real-time factor', ''),
-        'missed': figures.get('missed deadlines', ''),
+        'late': finder.late_share(chain.namespace),
         'lost': lost,
         'paused': paused,
         'replay': replay,

@@ -35,6 +35,8 @@ from soliton_linkage_nodes.runtime.stamps import SECOND
 
 _LITTLE_ENDIAN = b'\x00\x01'
 _STAMP = struct.Struct('<4xiI')
+_SHORTEST = 12
+"""Length of the encapsulation and a stamp [bytes]."""
 _COUNT = struct.Struct('<I')
 _ENCAPSULATION_BYTES = 4
 """Size of the encapsulation header [B]."""
@@ -127,6 +129,14 @@ class JointStateDecoder:
             seconds, nanoseconds = layout.stamp(serialized)
             return seconds * SECOND + nanoseconds
         return self.decode(serialized).stamp
+
+
+def stamp_of(serialized: bytes) -> int:
+    """Return the stamp [ns] of a message with a header; ValueError if it is damaged."""
+    if len(serialized) < _SHORTEST or not serialized[1] & 1:
+        raise ValueError('a message is shorter than its header, or big-endian')
+    seconds, nanoseconds = _STAMP.unpack_from(serialized)
+    return int(seconds) * SECOND + int(nanoseconds)
 
 
 class _RotorDecoder:

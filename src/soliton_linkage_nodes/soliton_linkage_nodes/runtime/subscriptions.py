@@ -196,10 +196,12 @@ def _same_offer(one: QoSProfile, other: QoSProfile) -> bool:
 
 
 def subscribe_newest(
-    node: Node, topic: Topic, name: str, raw: bool = False
+    node: Node, topic: Topic, name: str, raw: bool = False, depth: int = 1
 ) -> AdaptiveSubscription:
-    """Subscribe to the newest message of a topic of a full name, for a display."""
-    qos = QoSProfile(depth=1, reliability=topic.qos.reliability, durability=topic.qos.durability)
+    """Subscribe to the newest messages of a topic of a full name, for a display."""
+    qos = QoSProfile(
+        depth=depth, reliability=topic.qos.reliability, durability=topic.qos.durability
+    )
     return AdaptiveSubscription(node, replace(topic, name=name, qos=qos), raw=raw)
 
 

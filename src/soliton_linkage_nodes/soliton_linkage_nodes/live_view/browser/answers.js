@@ -8,7 +8,9 @@ const SHOWN = { true: 6, false: 20 }; // seconds that a success and a rejection 
 const NAMES = { move: 'Move', nudge: 'Nudge', pull: 'Pull', seek: 'Seek', pause: 'Pause' };
 
 export class Answers {
-  constructor() {
+  // succeeded(name) is called after a successful action.
+  constructor(succeeded) {
+    this.succeeded = succeeded;
     this.log = []; // texts of the last answers
     this.last = null; // the action that changed last
     this.count = 0;
@@ -23,6 +25,7 @@ export class Answers {
 
   // Shows the state of an action; `good` is null while it waits for its answer.
   show({ id, name, answer, good }) {
+    if (good && (name || this.last)) this.succeeded(name || this.last.name);
     if (good !== null) this.log = [...this.log, answer].slice(-20);
     // An older action does not hide a newer one that still waits.
     const waits = this.last && this.last.good === null && good !== null && id !== this.last.id;

@@ -24,18 +24,35 @@ export class ChainView {
 
   show(frame, chain) {
     const margin = Math.max(0.9, (chain.rotor_length || 0.5) / (chain.spacing || 1) + 0.5);
-    if (this.name !== chain.name || this.known !== frame.rotors || this.margin !== margin) {
+    const renewed = this.name !== chain.name || this.known !== frame.rotors || this.margin !== margin;
+    if (renewed) {
       Object.assign(this, { name: chain.name, known: frame.rotors, margin, mark: NaN });
       this.all();
     }
     this.frame = frame;
     this.chain = chain;
+    if (renewed || this.canvas.width !== this.fitted) {
+      this.fitted = this.canvas.width;
+      this.heighten();
+    }
   }
 
   all() {
     this.first = -this.margin;
     this.last = this.known - 1 + this.margin;
+    this.heighten();
     this.sendWindow();
+  }
+
+  // Makes the strip as high as the rotors of the whole chain need.
+  heighten() {
+    const { element } = this.canvas;
+    if (!element.id) return;
+    const metres = (this.known - 1 + 2 * this.margin) * (this.chain?.spacing || 1);
+    const reach = (2 * (this.chain?.longest_rotor || 0.5) * element.clientWidth) / metres;
+    const height = Math.round(Math.max(116, Math.min(reach + 66, 0.34 * window.innerHeight)));
+    element.style.height = `${height}px`;
+    this.canvas.fit();
   }
 
   sendWindow() { this.requestWindow(Math.floor(this.first) - 2, Math.ceil(this.last) + 2); }
@@ -100,7 +117,7 @@ export class ChainView {
     const { frame, middle } = this;
     const spacing = points.length > 1 ? points[1][0] - points[0][0] : 30;
     const overlapping = points.length > 0 && points[0][3] > spacing;
-    const width = Math.max(0.8, Math.min(6, spacing / 6));
+    const width = Math.max(0.8, Math.min(6, spacing / 5));
     this.drawSprings(c, look, points, Math.max(1, 0.7 * width));
     c.lineCap = 'round';
     // If rotors overlap their neighbours, every other one is grey, as in the figures.
@@ -125,7 +142,8 @@ export class ChainView {
       points.forEach(([px]) => c.fillRect(px - width / 2, middle - width / 2, width, width));
       c.fillStyle = look.blue;
       c.beginPath();
-      const radius = Math.max(1.5, Math.min(7, 1.2 * width));
+      // At least 6 pixels, as long as the masses do not touch.
+      const radius = Math.max(Math.min(3, 0.4 * spacing), Math.min(7, 1.2 * width));
       points.forEach(([, mx, my]) => {
         if (Number.isFinite(mx)) { c.moveTo(mx + radius, my); c.arc(mx, my, radius, 0, 7); }
       });

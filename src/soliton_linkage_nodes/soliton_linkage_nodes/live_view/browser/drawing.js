@@ -138,7 +138,7 @@ export function ticks(low, high, wanted) {
 }
 
 // Draws a frame with ticks; returns the functions from values to pixels.
-export function axes(canvas, look, { x, y, left = 52, bottom = 26, xLabel = '',
+export function axes(canvas, look, { x, y, left = 62, bottom = 26, xLabel = '', yLabel = '',
   yFormat = String, xFormat = String, right = 10, top = 8 }) {
   const c = canvas.context;
   const w = canvas.width - left - right;
@@ -162,6 +162,12 @@ export function axes(canvas, look, { x, y, left = 52, bottom = 26, xLabel = '',
   });
   c.textAlign = 'right';
   c.fillText(xLabel, left + w, top + h + 15);
+  c.save();
+  c.translate(10, top + h / 2);
+  c.rotate(-Math.PI / 2);
+  c.textAlign = 'center';
+  c.fillText(yLabel, 0, 0);
+  c.restore();
   c.strokeRect(left, top, w, h);
   return { toX, toY, left, top, w, h };
 }

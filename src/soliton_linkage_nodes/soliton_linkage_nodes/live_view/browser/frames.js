@@ -107,8 +107,13 @@ export class Track {
   addState(stamp, position, energies) {
     const number = Math.min(Math.floor(stamp / STEP), this.newest);
     if (!(number > this.newest - COLUMNS)) return;
-    for (let n = firstFilled(this.newestState, number); n <= number; n += 1) {
-      this.positions[this.at(n)] = position;
+    const first = firstFilled(this.newestState, number);
+    const before = first > this.newestState + 1 ? NaN : this.positions[this.at(first - 1)];
+    for (let n = first; n <= number; n += 1) {
+      // Straight lines fill the gaps, because the soliton moves on between two frames.
+      const share = (n - first + 1) / (number - first + 1);
+      const between = Number.isFinite(before) && n < number;
+      this.positions[this.at(n)] = between ? before + share * (position - before) : position;
       this.energies.forEach((series, i) => { series[this.at(n)] = energies[i]; });
     }
     this.newestState = number;

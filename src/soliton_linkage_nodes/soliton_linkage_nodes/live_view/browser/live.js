@@ -5,11 +5,13 @@ import { Answers } from './answers.js';
 import { CameraPanel } from './camera.js';
 import { ChainView } from './chain.js';
 import { leanScale, setText } from './drawing.js';
+import { Guide } from './guide.js';
 import { Layout, Track, readCamera, readHistory } from './frames.js';
 import { Dial, EnergyPlot, Kymograph, LeanPlot, TimeLine, TopologyPlot } from './plots.js';
 
 const SILENCE = 1; // seconds without a message after which the page warns
 const ALL = '*';
+const LATE = 0.05; // share of missed deadlines from which the header is amber
 const element = (id) => document.getElementById(`live-${id}`);
 
 class Live {
@@ -25,7 +27,12 @@ class Live {
     this.unacknowledged = 0; // frames that arrived and are not drawn yet
     this.costs = []; // milliseconds to draw each of the last frames
     this.received = 0; // time of the last message
-    this.answers = new Answers();
+    this.guide = new Guide(element('guide'), {
+      Nudge: () => this.act('nudge', { speed: this.nudgeSpeed, edge: 'nearest' }),
+      Move: () => this.act('move', { rotor: Math.floor(this.view.known / 2) }),
+      Record: () => [...document.querySelectorAll('.q-tab')].find((tab) => tab.textContent === 'Bags').click(),
+    });
+    this.answers = new Answers((name) => this.guide.finish(name));
     this.view = new ChainView(element('chain'), {
       act: (name, more) => this.act(name, more),
       send: (message) => this.send(message),
@@ -211,6 +218,7 @@ class Live {
       if (plot.title) setText(element(`${name}-title`), plot.title(chain));
     });
     this.refreshMove(chain);
+    this.guide.refresh(chain.able && !chain.status.replay);
     this.refreshReplay(chain, frame);
   }
 
@@ -223,15 +231,18 @@ class Live {
       else if (health.replay) add(`replay of ${health.replay}`, 'badge');
       if (health.rate) add(`${health.rate} frames/s`);
       if (health.factor) add(`${Number(health.factor).toFixed(2)} × real time`);
-      if (health.missed !== '') add(`${health.missed} missed deadlines`);
-      if (health.lost !== null) add(`${health.lost} lost messages`, health.lost ? 'warning' : '');
-      [health.error, ...health.warnings].filter(Boolean).forEach((warning) => add(warning, 'warning'));
+      if (health.late !== null) add(`${(100 * health.late).toFixed(0)} % late`, health.late > LATE ? 'late' : '');
+      if (health.lost) add(`${health.lost} lost messages`, 'warning');
     }
     if (this.status.recorder) add(`● recorder: ${this.status.recorder.message}`);
-    this.status.failures.forEach((failure) => add(failure, 'warning'));
-    const key = JSON.stringify(parts);
+    const warnings = [...this.status.failures, ...(health ? [health.error, ...health.warnings] : [])].filter(Boolean);
+    if (warnings.length) add(warnings[0], 'warning');
+    if (warnings.length > 1) add(`${warnings.length - 1} more`, 'warning more');
+    const key = JSON.stringify([parts, warnings]);
     if (key === this.healthKey) return;
     this.healthKey = key;
+    // The header has one line; its text as a whole is in the tooltip.
+    element('health').title = [...parts.map(([text]) => text), ...warnings.slice(1)].join('\n');
     element('health').replaceChildren(...parts.map(([textContent, className]) => (
       Object.assign(document.createElement('span'), { textContent, className }))));
   }

@@ -28,7 +28,7 @@ export class LeanPlot extends Plot {
     const largest = chain.rest_lean ? Math.max(1.3 * chain.rest_lean, 1.05 * chain.longest_rotor) : 1.1;
     const unit = chain.rest_lean ? 1e3 : 1;
     const { toX, toY, top, h } = axes(canvas, look, {
-      x: [-0.5, frame.rotors - 0.5], y: [-largest * unit, largest * unit], xLabel: 'rotor n',
+      x: [-0.5, frame.rotors - 0.5], y: [-largest * unit, largest * unit], xLabel: 'rotor n', yLabel: chain.rest_lean ? 'u [mm]' : 'sin φ',
     });
     c.fillStyle = look.red;
     if (analysed(frame)) {
@@ -57,7 +57,7 @@ export class LeanPlot extends Plot {
   note(frame, chain) {
     if (!analysed(frame)) return frame.rotors ? 'no soliton_state' : '';
     if (!(frame.walls > 0)) return 'no soliton';
-    return `soliton at ${finite(frame.rotor)} ± ${finite((2 * frame.position_deviation) / (chain.spacing || 1), 3)} (2 σ)`;
+    return `soliton at rotor ${finite(frame.rotor)} ± ${finite(frame.position_deviation / (chain.spacing || 1), 3)}`;
   }
 }
 
@@ -98,7 +98,7 @@ export class Kymograph extends Plot {
     if (!track.height || !Number.isFinite(track.newest)) { canvas.showReason(look, NO_JOINTS); return; }
     const c = canvas.begin();
     const { toX, toY, left, top, w, h } = axes(canvas, look, {
-      x: [-SPAN, 0], y: [-0.5, frame.rotors - 0.5], xLabel: 'time [s]',
+      x: [-SPAN, 0], y: [-0.5, frame.rotors - 0.5], xLabel: 'time [s]', yLabel: 'rotor n',
       yFormat: (n) => (Number.isInteger(n) ? String(n) : ''),
     });
     const newest = track.at(track.newest) + 1;
@@ -130,10 +130,10 @@ export class Dial extends Plot {
     if (!analysed(frame)) { canvas.showReason(look, NO_STATE); return; }
     const c = canvas.begin();
     const legs = chain.motion === 'spinner' ? 2 : 4;
-    const radius = Math.max(30, Math.min(canvas.width / 2 - 62, canvas.height / 2 - 22));
+    const radius = Math.max(30, Math.min(canvas.width / 2 - 62, canvas.height / 2 - 14));
     const [x, y] = [canvas.width / 2, canvas.height / 2];
     const angle = (phase) => phase - Math.PI / 2;
-    c.lineWidth = 16;
+    c.lineWidth = Math.min(16, radius / 3);
     c.textAlign = 'center';
     for (let n = 0; n < legs; n += 1) {
       const present = n === frame.leg;
@@ -153,7 +153,7 @@ export class Dial extends Plot {
       const ends = [0.45 * radius, radius + 8].map((r) => [x + r * cos, y + r * sin]);
       line(c, ends, look.ink, 4);
     }
-    c.font = 'bold 26px system-ui, sans-serif';
+    c.font = `bold ${Math.round(Math.min(26, radius / 2))}px system-ui, sans-serif`;
     c.fillText(Number.isFinite(frame.phase) ? finite(frame.completed, 0) : '–', x, y - 8);
     c.font = SMALL;
     c.fillStyle = look.soft;
@@ -179,7 +179,7 @@ export class EnergyPlot extends Plot {
     const power = Math.min(0, 3 * Math.floor(Math.log10(largest) / 3));
     this.unit = { 0: 'J', '-3': 'mJ', '-6': 'µJ', '-9': 'nJ', '-12': 'pJ' }[power] || 'J';
     const { toX, toY, left, top, w, h } = axes(canvas, look, {
-      x: [-SPAN, 0], y: [0, largest / 10 ** power], xLabel: 'time [s]',
+      x: [-SPAN, 0], y: [0, largest / 10 ** power], xLabel: 'time [s]', yLabel: `E [${this.unit}]`,
     });
     const colours = [look.blue, look.red, look.ink, look.purple];
     // Noise can make estimates of small energies negative. The legend is in plots.html.
@@ -211,7 +211,7 @@ export class TopologyPlot extends Plot {
     const c = canvas.begin();
     const left = 20;
     const w = canvas.width - 40;
-    const [top, h] = [canvas.height / 2 - 30, 34];
+    const [top, h] = [canvas.height / 2 - 24, 34];
     const toX = (rotor) => left + ((rotor + 0.5) / frame.rotors) * w;
     const solitons = solitonsOf(frame);
     const ends = [left, ...solitons.map(([rotor]) => toX(rotor)), left + w];
@@ -250,15 +250,11 @@ export class TopologyPlot extends Plot {
     c.fillText(`winding number ν = ${finite(frame.winding_before, 0)}`, left, top - 16);
     c.textAlign = 'right';
     c.fillText(`ν = ${finite(frame.winding_beyond, 0)}`, left + w, top - 16);
-    c.fillStyle = look.soft;
-    c.font = SMALL;
-    c.textAlign = 'left';
-    c.fillText('orange leans left, purple leans right', left, canvas.height - 12);
   }
 
   note(frame) {
     if (!analysed(frame)) return '';
-    return `charge ${finite(frame.charge, 0)}, zero mode at ${finite(frame.zero_mode_rotor, 1)}`;
+    return `charge ${finite(frame.charge, 0)}, zero mode at rotor ${finite(frame.zero_mode_rotor)}`;
   }
 }
 

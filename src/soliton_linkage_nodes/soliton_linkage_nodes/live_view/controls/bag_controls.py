@@ -42,7 +42,9 @@ class RecordControls:
             kept = number('only keep the last', 0.0, 's', min=0, max=3600)
             kept.tooltip('0 records everything; otherwise Snapshot writes the last seconds')
             record = partial(self._record, kept)
-            self._start = button('Record', record, 'fiber_manual_record', 'live-record')
+            self._start = button(
+                'Record', record, 'fiber_manual_record', 'live-record', primary=True
+            )
             self._requests = [
                 button(text, partial(self._request, name), icon, f'live-record-{name}')
                 for text, name, icon in _REQUESTS

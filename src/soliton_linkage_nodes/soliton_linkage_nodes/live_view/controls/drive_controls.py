@@ -59,13 +59,16 @@ def show_answer(number: int, name: str, text: str = '', good: bool | None = None
     ui.run_javascript(f'live.answers.show({answer})')
 
 
-def button(text: str, action: Action, icon: str = '', marker: str = '') -> ui.button:
-    """Add a button that carries out an action and shows its answer."""
+def button(
+    text: str, action: Action, icon: str = '', marker: str = '', primary: bool = False
+) -> ui.button:
+    """Add a button that carries out an action and shows its answer; one per tab is primary."""
 
     async def press() -> None:
         await attempt(text, action)
 
-    created = ui.button(text, icon=icon or None, on_click=press).props('dense no-caps unelevated')
+    created = ui.button(text, icon=icon or None, on_click=press)
+    created.props(f'dense no-caps {"unelevated" if primary else "outline"}')
     return created.props(f'id={marker}') if marker else created
 
 
@@ -146,7 +149,7 @@ class DriveControls(ChainControls):
 
     def __init__(self, view: View, page: Shown) -> None:
         super().__init__(view, page)
-        self.groups = [self._nudge(), self._command(), self._tilt(), *self._move()]
+        self.groups = [self._nudge(), self._move(), self._command(), self._tilt()]
 
     def _nudge(self) -> ControlGroup:
         group = ControlGroup('Nudge: a short push on the edge rotor', 'nudge')
@@ -160,7 +163,13 @@ class DriveControls(ChainControls):
             slider.on_value_change(
                 lambda e: ui.run_javascript(f'live.nudgeSpeed = {float(e.value or 0)}')
             )
-            button('Nudge', lambda: self._commands.nudge(value_of(entry)), 'bolt', 'live-nudge')
+            button(
+                'Nudge',
+                lambda: self._commands.nudge(value_of(entry)),
+                'bolt',
+                'live-nudge',
+                primary=True,
+            )
         return group
 
     def _command(self) -> ControlGroup:
@@ -205,8 +214,8 @@ class DriveControls(ChainControls):
             self._slope = ui.label().classes('live-hint')
         return group
 
-    def _move(self) -> tuple[ControlGroup, ControlGroup]:
-        group = ControlGroup('Move the soliton', 'move')
+    def _move(self) -> ControlGroup:
+        group = ControlGroup('Move the soliton, and hold it there', 'move')
         with group.body:
             rotor = number('to rotor', 10.0, '', min=0).props('id=live-move-rotor')
             speed = number('speed, 0 = automatic', 0.0, 'rotors/s', min=0)
@@ -217,16 +226,20 @@ class DriveControls(ChainControls):
                 return await self._commands.move_to(value_of(rotor), value_of(speed), position)
 
             button('Move', move, 'moving', 'live-carry')
-            button('Cancel', lambda: self._commands.cancel(), 'cancel', 'live-cancel')
-            hint('You can also click on the chain. The actuators then hold the soliton there.')
-        held = ControlGroup('Stop holding the soliton', 'release')
-        with held.body:
-            button('Release', lambda: self._commands.release(), 'back_hand', 'live-release')
-        return group, held
+            cancel = button('Cancel', lambda: self._commands.cancel(), 'cancel', 'live-cancel')
+            release = button(
+                'Release', lambda: self._commands.release(), 'back_hand', 'live-release'
+            )
+            self._cancel, self._release = cancel, release
+        return group
 
     def refresh(self, why: Mapping[str, str]) -> None:
         """Disable the groups that have a reason, and show the tilt."""
         super().refresh(why)
+        commands = self._view.commands(self._page.namespace)
+        usable = not why['move']
+        enable(self._cancel, usable and commands.move.under_way)
+        enable(self._release, usable and (commands.holding or commands.move.held))
         gravity, tilt = gravity_of(self._view.finder, self._page.namespace)
         text = f'now {tilt:.3f} rad' if math.isfinite(tilt) else ''
         if gravity == 0:
@@ -245,7 +258,9 @@ class RunControls(ChainControls):
     def _pause(self) -> ControlGroup:
         group = ControlGroup('Simulation', 'pause')
         with group.body:
-            button('Pause', lambda: self._commands.pause(True), 'pause', 'live-pause')
+            button(
+                'Pause', lambda: self._commands.pause(True), 'pause', 'live-pause', primary=True
+            )
             button('Resume', lambda: self._commands.pause(False), 'play_arrow', 'live-resume')
         return group
 

@@ -49,7 +49,13 @@ class IdentifyControls(ChainControls):
                 ('Save', 'save', 'save'),
                 ('Forget frames', 'forget', 'restart_alt'),
             ):
-                button(text, partial(self._request, name), icon, f'live-identifier-{name}')
+                button(
+                    text,
+                    partial(self._request, name),
+                    icon,
+                    f'live-identifier-{name}',
+                    name == 'identify',
+                )
             self._progress = ui.linear_progress(show_value=False).props(
                 'indeterminate aria-label="identification is running" id=live-identifying'
             )

@@ -1,0 +1,45 @@
+// SPDX-License-Identifier: Apache-2.0
+// First steps: one sentence and one button at a time, until the user has done or hidden them.
+
+import { setText } from './drawing.js';
+
+const KEY = 'soliton-linkage-first-steps';
+// Each step is done after a successful action of its name.
+const STEPS = [
+  ['Nudge', 'Nudge the edge to send a soliton.', 'Nudge'],
+  ['Move', 'Click on the chain to move the soliton there.', 'Move it to the middle'],
+  ['Pull', 'Drag a rotor, or press ↑ or ↓ on the chain, to pull it.', ''],
+  ['Record', 'Record the chain: press Record, later Stop, then Play beside the bag.', 'Open Bags'],
+];
+
+export class Guide {
+  // Each of `acts` carries out the button of the step of its name.
+  constructor(element, acts) {
+    this.element = element;
+    [this.text, this.button, this.close] = element.children;
+    this.done = new Set(this.stored());
+    this.button.addEventListener('click', () => acts[this.step[0]]());
+    this.close.addEventListener('click', () => STEPS.forEach(([name]) => this.finish(name)));
+  }
+
+  get step() { return STEPS.find(([name]) => !this.done.has(name)); }
+
+  finish(name) {
+    this.done.add(name);
+    try { localStorage.setItem(KEY, JSON.stringify([...this.done])); } catch { /* not remembered */ }
+  }
+
+  stored() {
+    try { return JSON.parse(localStorage.getItem(KEY)) || []; } catch { return []; }
+  }
+
+  // Shows the present step if the chain can be driven.
+  refresh(able) {
+    const { step } = this;
+    this.element.hidden = !step || !able;
+    if (this.element.hidden) return;
+    setText(this.text, step[1]);
+    setText(this.button, step[2]);
+    this.button.hidden = !step[2];
+  }
+}

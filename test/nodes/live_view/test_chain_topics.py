@@ -1,0 +1,80 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Chain and soliton of the page belong to the same frame."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
+from graphs import Graph
+from rclpy.node import Node
+from std_msgs.msg import Header
+
+from soliton_linkage_msgs.msg import Soliton, SolitonState
+from soliton_linkage_nodes.live_view.chain_topics import ChainFinder
+from soliton_linkage_nodes.messages.conversions import Frame, NamedChain, frame_to_msg
+from soliton_linkage_nodes.runtime import interfaces
+from soliton_linkage_nodes.runtime.stamps import SECOND, time_to_msg
+
+
+def finder(graph: Graph) -> ChainFinder:
+    inbox = Node('inbox', context=graph.context)
+    return ChainFinder(inbox, '/')
+
+
+def test_a_late_state_is_shown_with_its_own_frame(graph: Graph, named: NamedChain) -> None:
+    found = finder(graph)
+    model = found.chains['/'].model
+    joints, states = graph.speak(interfaces.JOINT_STATES), graph.speak(interfaces.SOLITON_STATE)
+
+    def publish_frame(number: int) -> None:
+        angles = np.full(named.rotors, float(number))
+        stamp = time_to_msg(number * SECOND)
+        joints.publish(frame_to_msg(named, Frame(angles, 0 * angles), 0 * angles, stamp))
+
+    def publish_state(number: int) -> None:
+        soliton = Soliton(rotor=float(number))
+        stamp = time_to_msg(number * SECOND)
+        states.publish(SolitonState(header=Header(stamp=stamp), solitons=[soliton]))
+
+    def shown(number: int) -> bool:
+        found.update()
+        return model.angles.size > 0 and model.angles[0] == model.numbers.get('rotor') == number
+
+    publish_frame(0)
+    graph.until(lambda: found.update() or model.frames == 1, 'the joints')
+    publish_frame(1)
+    publish_state(1)
+    graph.until(lambda: shown(1), 'the first frame with its state')
+    publish_frame(2)
+    publish_state(2)
+    graph.until(lambda: shown(2), 'the second frame with its state')
+    assert model.delay == 0.0
+
+
+def test_frames_are_shown_without_an_analyser(graph: Graph, named: NamedChain) -> None:
+    found = finder(graph)
+    model = found.chains['/'].model
+    joints = graph.speak(interfaces.JOINT_STATES)
+    angles = np.full(named.rotors, 0.5)
+    joints.publish(frame_to_msg(named, Frame(angles, angles), angles, time_to_msg(SECOND)))
+    graph.until(lambda: found.update() or model.frames == 1, 'the frame')
+
+
+def test_late_frames_are_a_share_of_the_last_seconds(graph: Graph) -> None:
+    found = finder(graph)
+    reports = graph.speak(interfaces.DIAGNOSTICS)
+
+    def report(missed: int, frames: int) -> None:
+        figures = {'missed deadlines': str(missed), 'frames': str(frames)}
+        values = [KeyValue(key=key, value=value) for key, value in figures.items()]
+        status = DiagnosticStatus(name='simulator: simulation', hardware_id='/simulator')
+        status.values = values
+        reports.publish(DiagnosticArray(status=[status]))
+
+    assert found.late_share('/') is None
+    report(100, 1000)
+    report(110, 1200)
+    graph.until(lambda: found.update() or found.late_share('/') is not None, 'two reports')
+    assert math.isclose(found.late_share('/') or 0.0, 0.05)
