@@ -6,14 +6,15 @@ from __future__ import annotations
 import math
 import time
 from collections import deque
-from collections.abc import Callable
-from typing import Any
+from collections.abc import Callable, Mapping
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from soliton_linkage.linear.rigidity import Edge, resolved_edge_mode
 from soliton_linkage.linkage.chain import Array
 from soliton_linkage_nodes.live_view.frame_layout import ENERGIES, Column, Floats, pack
+from soliton_linkage_nodes.live_view.sharing import chain_constants, shared_page
 from soliton_linkage_nodes.messages.conversions import JointStates, NamedChain
 from soliton_linkage_nodes.messages.frame_reader import FrameReader
 from soliton_linkage_nodes.runtime.stamps import SECOND
@@ -28,8 +29,25 @@ _HISTORY_PERIOD = 1 / 30
 """Time between two columns of the history [s]."""
 _HISTORY_COLUMNS = 600
 """Largest number of columns [1]: 20 s."""
+_MINUTE_COLUMNS = 1800
+"""Number of moments that can be shared [1]: one minute."""
+_MINUTE_NUMBERS = 1_800_000
+"""Largest number of angles that can be shared [1], 7 MB."""
 _HISTORY_NUMBERS = 400_000
 """Largest number of values in all columns [1], 1.6 MB: long chains have a shorter history."""
+
+
+class Moment(NamedTuple):
+    """Chain at a past time."""
+
+    stamp: float
+    """Stamp of joint_states [s]."""
+    angles: Floats
+    """Angles [rad], shape (N,)."""
+    solitons: list[float]
+    """Position [rotor spacings], standard deviation [m] and charge of each soliton."""
+    energies: Mapping[str, float]
+    """Quantities of soliton_state, among them `ENERGIES` [J]."""
 
 
 class ChainModel:
@@ -57,6 +75,7 @@ class ChainModel:
         """Latest angular velocities [rad/s], shape (N,), None if they are not published."""
         self.numbers: dict[str, float] = {}
         """Quantities of the latest soliton_state."""
+        self._minute: deque[Moment] = deque()
         self._clock = clock
         self._reader: FrameReader | None = None
         self._solitons: list[float] = []
@@ -153,19 +172,25 @@ class ChainModel:
         """Return the constants of the chain as JSON values; unknown ones are None."""
         if self.named is None:
             return {'error': self.error, 'spacing': None}
-        chain = self.named.chain
-        deviating = chain.deviations.rotor_length or chain.deviations.spacing
-        return {
-            'error': self.error,
-            'spacing': chain.spacing,
-            'rotor_length': chain.rotor_length,
-            'rest_length': chain.rest_length,
-            'motion': chain.motion.value,
-            'rest_lean': chain.rotor_length * math.sin(chain.rest_angle),
-            'longest_rotor': float(chain.rotor_lengths.max()),
-            'rotor_lengths': chain.rotor_lengths.tolist() if deviating else [],
-            'pivots': np.append(0, np.cumsum(chain.spacings)).tolist() if deviating else [],
-        }
+        return {'error': self.error, **chain_constants(self.named.chain)}
+
+    def shared(self, title: str) -> str:
+        """Return the frames of the last minute as an HTML page; ValueError without frames."""
+        if self.named is None:
+            raise ValueError('the chain is unknown: no node publishes the topic chain')
+        recent = list(self._minute)
+        names = [name for name in ENERGIES if any(name in each.energies for each in recent)]
+        return shared_page(
+            title,
+            self.named.chain,
+            np.array([each.stamp for each in recent]),
+            np.array([each.angles for each in recent]),
+            [each.solitons for each in recent],
+            {
+                name: np.array([each.energies.get(name, math.nan) for each in recent])
+                for name in names
+            },
+        )
 
     def _reset(self, reader: FrameReader) -> None:
         self._reader = reader
@@ -175,6 +200,7 @@ class ChainModel:
         self._overview = np.zeros(0, dtype=np.float32)
         self._extensions = self._mode = np.zeros(0)
         self.history.clear()
+        self._minute.clear()
         self.version += 1
 
     def _set_error(self, error: str) -> None:
@@ -203,6 +229,12 @@ class ChainModel:
             energies = [self.numbers.get(name, math.nan) for name in ENERGIES]
             numbers = (self.stamp, self._state_stamp, position, *energies)
             self.history.append(Column(numbers, self._overview))
+            self._minute.append(
+                Moment(self.stamp, angles.astype(np.float32), self._solitons, self.numbers)
+            )
+            most = min(_MINUTE_COLUMNS, _MINUTE_NUMBERS // len(angles))
+            while len(self._minute) > most:
+                self._minute.popleft()
             while len(self.history) * len(self._overview) > _HISTORY_NUMBERS:
                 self.history.popleft()
 

@@ -100,7 +100,7 @@ class LiveView(GuardedNode):
         shown = socket.gethostname() if host in ('0.0.0.0', '::') else host
         shown = f'[{shown}]' if ':' in shown else shown
         self.address = f'http://{shown}:{self.port}/' + (f'?token={token}' if token else '')
-        served = server.application(self._stream)
+        served = server.application(self._stream, self.view.shared)
         page.add(served, self.view)
         self.server = server.PageServer(served, bound, token, self._tick, share)
         if token:

@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 import asyncio
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -29,6 +30,11 @@ _BUILD_TIMEOUT = 60.0
 """Longest time to build a page on a busy machine [s]."""
 _RECONNECT_TIMEOUT = 15.0
 """Absence of a browser after which its page is built again [s]."""
+_SHARING = (
+    ('photo_camera', 'save the view as a picture', 'live.savePicture()'),
+    ('download', 'save the last minute as one HTML file', 'live.saveMinute()'),
+)
+"""Icon, label and script of each button that saves."""
 _PLOTS = Path(__file__).with_name('browser') / 'plots.html'
 
 
@@ -90,6 +96,9 @@ class Page:
             ).classes('live-health-place')
             if self._view.read_only:
                 ui.label('read-only').classes('live-badge')
+            for icon, label, script in _SHARING:
+                shared = ui.button(icon=icon, on_click=partial(ui.run_javascript, script))
+                shared.props(f'flat dense round aria-label="{label}"').tooltip(label)
             ui.button(icon='contrast', on_click=self._toggle_dark).props(
                 'flat dense round aria-label="light or dark background" id=live-dark'
             )

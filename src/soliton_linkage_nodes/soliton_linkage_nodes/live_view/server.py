@@ -17,7 +17,13 @@ from urllib.parse import urlsplit
 
 import uvicorn
 from fastapi import FastAPI, WebSocket, WebSocketDisconnect
-from fastapi.responses import FileResponse, PlainTextResponse, RedirectResponse, Response
+from fastapi.responses import (
+    FileResponse,
+    HTMLResponse,
+    PlainTextResponse,
+    RedirectResponse,
+    Response,
+)
 from starlette.requests import HTTPConnection
 
 if TYPE_CHECKING:
@@ -52,8 +58,14 @@ def listening_socket(host: str, port: int) -> socket.socket:
     return bound
 
 
-def application(serve: Callable[[WebSocket], Awaitable[None]]) -> FastAPI:
-    """Return an application with the page's own files and a stream to each browser."""
+def application(
+    serve: Callable[[WebSocket], Awaitable[None]], share: Callable[[str], str]
+) -> FastAPI:
+    """Return an application with the page's own files and a stream to each browser.
+
+    `share` returns the last minute of the chain of a namespace as an HTML page, or raises
+    ValueError.
+    """
     created = FastAPI(docs_url=None, redoc_url=None, openapi_url=None)
     files = {path.name: path for path in _SCRIPTS.iterdir() if path.suffix in ('.js', '.css')}
 
@@ -62,6 +74,16 @@ def application(serve: Callable[[WebSocket], Awaitable[None]]) -> FastAPI:
         if name not in files:
             return Response(status_code=404)
         return FileResponse(files[name], headers={'cache-control': 'no-cache'})
+
+    @created.get('/share', response_class=Response)
+    async def shared(chain: str) -> Response:
+        try:
+            text = share(chain)
+        except ValueError as error:
+            return PlainTextResponse(f'{error}\n', 409)
+        name = time.strftime('soliton_%Y_%m_%d-%H_%M_%S.html')
+        headers = {'content-disposition': f'attachment; filename="{name}"'}
+        return HTMLResponse(text, headers=headers)
 
     @created.websocket('/stream')
     async def stream(websocket: WebSocket) -> None:

@@ -75,6 +75,15 @@ class View:
         ]
         return {'chains': chains, 'track': self.replay.track.points}
 
+    def shared(self, namespace: str) -> str:
+        """Return the last minute of a chain as an HTML page; ValueError if nothing is known."""
+        if namespace not in self.chains:
+            raise ValueError('select one chain; no node publishes joint_states of this one')
+        title = f'Soliton chain {namespace.strip("/")}'.strip()
+        return self.chains[namespace].model.shared(
+            f'{title}, {time.strftime("%Y-%m-%d %H:%M:%S")}'
+        )
+
     def packed(self, index: int, chain: ChainTopics, first: int, last: int) -> bytes:
         """Return a frame of a chain, packed once for all browsers with the same window."""
         window = index, first, last

@@ -33,6 +33,7 @@ from soliton_linkage.solitons.track import find_crossings, measured_track
 from soliton_linkage_msgs.msg import SolitonState
 from soliton_linkage_nodes.bags.guards import DEFAULT_LIMITS, BagLimits
 from soliton_linkage_nodes.bags.reading import find_topic, open_bag
+from soliton_linkage_nodes.live_view.sharing import shared_page, soliton_numbers
 from soliton_linkage_nodes.messages.chain_source import chain_of_file, differences
 from soliton_linkage_nodes.messages.conversions import JointStates, NamedChain
 from soliton_linkage_nodes.messages.frame_reader import FrameReader
@@ -220,6 +221,14 @@ class PictureFrames:
         recording = Recording(times, np.array(angles), np.empty((0, chain.number_of_rotors)))
         save_run(chain, recording, track, find_crossings(chain, track), folder)
 
+    def share(self, title: str, chain: Chain, path: Path) -> None:
+        """Write a page with the frames and a viewer into one HTML file."""
+        stamps, angles, walls = zip(*self._kept, strict=True)
+        times = (np.array(stamps) - stamps[0]) * 1e-9
+        solitons = [soliton_numbers(each) for each in walls]
+        text = shared_page(title, chain, times, np.array(angles), solitons)
+        path.write_text(text, encoding='utf-8')
+
 
 def analyse(
     bag: Path,
@@ -229,12 +238,14 @@ def analyse(
     limits: BagLimits = DEFAULT_LIMITS,
     log_time: bool = False,
     missing_joints: bool = False,
+    html: bool = False,
 ) -> int:
     """Write soliton_state.csv, soliton_events.csv, two pictures; return the number of frames.
 
-    With `log_time` the receive times replace the stamps. Raises ValueError if there are no frames,
-    if several frames have the stamp 0, or if the given chain has joints without any angle, unless
-    `missing_joints` is set.
+    With `html`, also write view.html, a page with the frames and a viewer. With `log_time` the
+    receive times replace the stamps. Raises ValueError if there are no frames, if several frames
+    have the stamp 0, or if the given chain has joints without any angle, unless `missing_joints`
+    is set.
     """
     frames = late = unstamped = 0
     analysed = JointStateAnalysis(noise)
@@ -270,6 +281,8 @@ def analyse(
         )
     _report_absent(bag, analysed, given is not None and not missing_joints)
     drawn.draw(named.chain, folder)
+    if html:
+        drawn.share(f'Bag {bag.name}', named.chain, folder / 'view.html')
     progress.end(f'{frames} frames of {bag} analysed, {late} late frames skipped; see {folder}')
     return frames
 
@@ -341,6 +354,7 @@ def _within(options: argparse.Namespace) -> Callable[..., int]:
         limits=limits_of(options),
         log_time=options.stamps == 'log',
         missing_joints=options.missing_joints,
+        html=options.html,
     )
 
 
@@ -359,6 +373,11 @@ def _parser() -> PlainParser:
         default=Path('out/analysis'),
         help='folder for soliton_state.csv, soliton_events.csv, kymograph.png and track.png; for '
         'several bags, one folder for each bag and bags.csv (%(default)s)',
+    )
+    parser.add_argument(
+        '--html',
+        action='store_true',
+        help='also write view.html, one file in which a browser shows the run without a server',
     )
     parser.add_argument(
         '--chain',

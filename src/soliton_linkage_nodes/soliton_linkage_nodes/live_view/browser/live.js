@@ -7,6 +7,7 @@ import { ChainView } from './chain.js';
 import { leanScale, setText } from './drawing.js';
 import { Guide } from './guide.js';
 import { Layout, Track, readCamera, readHistory } from './frames.js';
+import { download, picture } from './picture.js';
 import { Dial, EnergyPlot, Kymograph, LeanPlot, TimeLine, TopologyPlot } from './plots.js';
 
 const SILENCE = 1; // seconds without a message after which the page warns
@@ -125,6 +126,29 @@ class Live {
   }
 
   act(name, more) { this.send({ act: name, id: this.answers.begin(name), chain: this.watched, ...more }); }
+
+  // Saves the last minute as one HTML file.
+  async saveMinute() {
+    const id = 'share';
+    this.answers.show({ id, name: 'Save', good: null });
+    const response = await fetch(`/share?chain=${encodeURIComponent(this.watched)}`);
+    if (!response.ok) {
+      this.answers.show({ id, name: 'Save', answer: (await response.text()).trim(), good: false });
+      return;
+    }
+    const name = /filename="([^"]+)"/.exec(response.headers.get('content-disposition') || '')[1];
+    download(await response.blob(), name);
+    this.answers.show({ id, name: 'Save', answer: `the last minute is in ${name}`, good: true });
+  }
+
+  // Saves all visible plots as one picture.
+  savePicture() {
+    picture(document.querySelector('.live-plots')).toBlob((blob) => {
+      const name = `soliton_${new Date().toISOString().slice(0, 19).replaceAll(':', '_')}.png`;
+      download(blob, name);
+      this.answers.show({ id: 'picture', name: 'Save', answer: `the view is in ${name}`, good: true });
+    });
+  }
 
   statusOf(name) { return this.status.chains.find((s) => s.name === name) || {}; }
 

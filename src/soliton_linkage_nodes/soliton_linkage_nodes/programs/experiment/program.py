@@ -168,6 +168,7 @@ A soliton crossed the chain of {summary['rotors']} rotors, {kind}, {summary['cro
 
   {folder / 'kymograph.png'}   displacement of the rotors in space and time, and the soliton
   {folder / 'track.png'}       position and velocity of the soliton
+  {folder / 'view.html'}       the run in a browser, in one file to share
   {folder / 'summary.json'}    these numbers
   {bag}/      the bag; play it with bag_player
 """

@@ -18,6 +18,7 @@ from soliton_linkage.linkage.recording import Recording
 from soliton_linkage.solitons.track import Crossing, Track, find_crossings, measured_track
 from soliton_linkage_msgs.msg import SolitonState
 from soliton_linkage_nodes.bags.reading import open_bag, read_topic
+from soliton_linkage_nodes.live_view.sharing import shared_page
 from soliton_linkage_nodes.messages.conversions import NamedChain
 from soliton_linkage_nodes.messages.state_conversions import solitons_from_msg
 from soliton_linkage_nodes.programs.bag_analysis import read_recording
@@ -96,8 +97,18 @@ def largest_difference(
 
 
 def draw(run: RecordedRun, folder: Path) -> None:
-    """Draw kymograph.png and track.png, with their captions."""
-    save_run(run.named.chain, run.recording, run.track, run.crossings, folder)
+    """Draw kymograph.png and track.png, with their captions, and write view.html."""
+    chain, recording, track = run.named.chain, run.recording, run.track
+    save_run(chain, recording, track, run.crossings, folder)
+    nearest = np.searchsorted(track.times, recording.times).clip(max=len(track.times) - 1)
+    tracked = zip(track.sites[nearest], track.site_deviations[nearest], strict=True)
+    solitons = [[s, d * chain.spacing, 1.0] if np.isfinite(s) else [] for s, d in tracked]
+    energies = {'elastic': chain.elastic_energy(recording.angles)}
+    if len(recording.rates):
+        energies['kinetic'] = chain.kinetic_energy(recording.rates)
+    title = f'Experiment with a {chain.motion.value}'
+    page = shared_page(title, chain, recording.times, recording.angles, solitons, energies)
+    (folder / 'view.html').write_text(page, encoding='utf-8')
 
 
 def summarise(run: RecordedRun) -> dict[str, Any]:

@@ -1,0 +1,111 @@
+# SPDX-License-Identifier: Apache-2.0
+"""A recorded run as one HTML file with its data and a viewer, which needs no server."""
+
+from __future__ import annotations
+
+import base64
+import html
+import json
+import math
+import re
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from soliton_linkage.linkage.chain import Array, Chain
+from soliton_linkage.solitons.track import MeasuredWall
+
+_BROWSER = Path(__file__).with_name('browser')
+_MODULES = ('drawing.js', 'frames.js', 'chain.js', 'plots.js', 'share.js')
+"""Scripts of the viewer, in the order of their imports."""
+_MOST_VALUES = 850_000
+"""Largest number of angles and energies [1], so that the file stays below 5 MB."""
+_MOST_FRAMES = 6000
+"""Largest number of frames [1]: 100 s at the rate of a screen."""
+_IMPORT = re.compile(r'^import .*?;\n', re.MULTILINE | re.DOTALL)
+
+
+def chain_constants(chain: Chain) -> dict[str, Any]:
+    """Return the constants of a chain that the page draws, as JSON values."""
+    deviating = chain.deviations.rotor_length or chain.deviations.spacing
+    return {
+        'spacing': chain.spacing,
+        'rotor_length': chain.rotor_length,
+        'rest_length': chain.rest_length,
+        'motion': chain.motion.value,
+        'rest_lean': chain.rotor_length * math.sin(chain.rest_angle),
+        'longest_rotor': float(chain.rotor_lengths.max()),
+        'rotor_lengths': chain.rotor_lengths.tolist() if deviating else [],
+        'pivots': np.append(0, np.cumsum(chain.spacings)).tolist() if deviating else [],
+    }
+
+
+def soliton_numbers(walls: Sequence[MeasuredWall]) -> list[float]:
+    """Return position [rotor spacings], deviation [m] and charge of each soliton."""
+    return [
+        value
+        for wall in walls
+        for value in (wall.rotor, wall.position_deviation, float(getattr(wall, 'charge', 1)))
+    ]
+
+
+def shared_page(
+    title: str,
+    chain: Chain,
+    times: Array,
+    angles: Array,
+    solitons: Sequence[Sequence[float]],
+    energies: Mapping[str, Array] | None = None,
+) -> str:
+    """Return the HTML text of T frames of N rotors.
+
+    Times [s] have shape (T,), angles [rad] (T, N), energies [J] (T,) by name; `solitons` contains
+    the `soliton_numbers` of each frame. Without energies, the elastic energy is computed. Long
+    recordings are thinned evenly. Raises ValueError without frames.
+    """
+    if not len(times):
+        raise ValueError('no frame is recorded yet; wait until joint_states are received')
+    shown = energies or {'elastic': chain.elastic_energy(angles)}
+    values = len(times) * (angles.shape[1] + 1 + len(shown))
+    every = max(1, math.ceil(values / _MOST_VALUES), math.ceil(len(times) / _MOST_FRAMES))
+    data = {
+        'title': title,
+        'chain': {
+            **chain_constants(chain),
+            'rest_lengths': chain.rest_lengths.tolist(),
+            'periodic': chain.periodic,
+        },
+        'rotors': int(angles.shape[1]),
+        'times': _packed(times[::every] - times[0]),
+        'angles': _packed(angles[::every]),
+        'energies': {name: _packed(series[::every]) for name, series in shown.items()},
+        'solitons': [_rounded(each) for each in solitons[::every]],
+    }
+    script = '\n'.join(_inlined(name) for name in _MODULES)
+    text = (_BROWSER / 'share.html').read_text(encoding='utf-8')
+    parts = {
+        '/*STYLE*/': (_BROWSER / 'live.css').read_text(encoding='utf-8'),
+        '/*SCRIPT*/': script,
+        # JSON may contain the end of the script that it is in.
+        '/*DATA*/': json.dumps(data).replace('</', '<\\/'),
+        '<!--TITLE-->': html.escape(title),
+    }
+    for mark, part in parts.items():
+        text = text.replace(mark, part)
+    return text
+
+
+def _inlined(name: str) -> str:
+    """Return a module without its imports and exports, to be joined with the others."""
+    text = (_BROWSER / name).read_text(encoding='utf-8')
+    return _IMPORT.sub('', text).replace('\nexport ', '\n')
+
+
+def _packed(values: Array) -> str:
+    return base64.b64encode(np.ascontiguousarray(values, dtype='<f4').tobytes()).decode()
+
+
+def _rounded(numbers: Sequence[float]) -> list[float | None]:
+    return [float(f'{value:.6g}') if math.isfinite(value) else None for value in numbers]
