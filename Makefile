@@ -14,8 +14,8 @@ help:  ## list the targets
 demo: scenario $(if $(filter filmed%,$(SCENARIO)),build develop,build-demo)
 	@$(enter) experiment config/$(SCENARIO).yaml --output out/demo --page
 
-live: scenario build-demo  ## a chain in the browser to push, carry and record, until Ctrl-C; SCENARIO=spinner
-	@$(enter) live config/$(SCENARIO).yaml --output out/live $(ARGS)
+live: scenario build-demo  ## a chain in the browser to push, carry and record; SCENARIO=spinner, LESSON=1
+	@$(enter) live config/$(SCENARIO).yaml --output out/live $(if $(LESSON),--lesson) $(ARGS)
 
 # More at a time than there are cores: tests of nodes mostly wait.
 test: build develop  ## run the tests side by side; ARGS='-k nudge' goes to pytest instead

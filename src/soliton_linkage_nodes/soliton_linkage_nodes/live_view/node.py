@@ -43,6 +43,9 @@ class LiveViewParameters:
     bag_folders: tuple[str, ...] = quantity(
         (), 'folders whose bags are listed; the first one receives recordings; empty for no bags'
     )
+    lesson: bool = quantity(
+        False, 'whether the page begins with the guided experiments, in large type'
+    )
     record: bool = quantity(False, 'whether to record from the start')
 
 
@@ -101,7 +104,7 @@ class LiveView(GuardedNode):
         shown = f'[{shown}]' if ':' in shown else shown
         self.address = f'http://{shown}:{self.port}/' + (f'?token={token}' if token else '')
         served = server.application(self._stream, self.view.shared)
-        page.add(served, self.view)
+        page.add(served, self.view, self.settings.lesson)
         self.server = server.PageServer(served, bound, token, self._tick, share)
         if token:
             # The log of ROS is a public topic.

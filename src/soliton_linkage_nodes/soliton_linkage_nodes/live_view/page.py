@@ -17,6 +17,7 @@ from soliton_linkage_nodes.live_view.controls.drive_controls import (
     RunControls,
     reasons_for,
 )
+from soliton_linkage_nodes.live_view.controls.lesson_controls import LessonControls
 from soliton_linkage_nodes.live_view.controls.node_controls import (
     IdentifyControls,
     ParameterControls,
@@ -30,6 +31,9 @@ _BUILD_TIMEOUT = 60.0
 """Longest time to build a page on a busy machine [s]."""
 _RECONNECT_TIMEOUT = 15.0
 """Absence of a browser after which its page is built again [s]."""
+_TABS = ('Drive', 'Run', 'Settings', 'Bags', 'Identify')
+_LESSON = 'Lesson'
+_LESSON_TABS = (_LESSON, 'Drive', 'Run')
 _SHARING = (
     ('photo_camera', 'save the view as a picture', 'live.savePicture()'),
     ('download', 'save the last minute as one HTML file', 'live.saveMinute()'),
@@ -38,13 +42,13 @@ _SHARING = (
 _PLOTS = Path(__file__).with_name('browser') / 'plots.html'
 
 
-def add(served: FastAPI, view: View) -> None:
-    """Add the page to an application."""
+def add(served: FastAPI, view: View, lesson: bool) -> None:
+    """Add the page to an application; it may begin with the lesson."""
     plots = _PLOTS.read_text(encoding='utf-8')
 
     @ui.page('/', response_timeout=_BUILD_TIMEOUT)
     async def index() -> None:
-        await Page(view).build(plots)
+        await Page(view, lesson).build(plots)
 
     ui.run_with(
         served,
@@ -62,8 +66,9 @@ def add(served: FastAPI, view: View) -> None:
 class Page:
     """Page of one browser, with the chain that it shows: at first the first one."""
 
-    def __init__(self, view: View) -> None:
+    def __init__(self, view: View, lesson: bool) -> None:
         self._view = view
+        self._in_lesson = lesson
         self.namespace = next(iter(view.chains), '')
         self._options: dict[str, str] = {}
         self._replaying = False
@@ -98,7 +103,11 @@ class Page:
                 ui.label('read-only').classes('live-badge')
             for icon, label, script in _SHARING:
                 shared = ui.button(icon=icon, on_click=partial(ui.run_javascript, script))
-                shared.props(f'flat dense round aria-label="{label}"').tooltip(label)
+                shared.props(f'flat dense round aria-label="{label}" title="{label}"')
+            ui.button(icon='school', on_click=self._toggle_lesson).props(
+                'flat dense round aria-label="lesson: guided experiments" '
+                'title="lesson: guided experiments" id=live-lesson'
+            )
             ui.button(icon='contrast', on_click=self._toggle_dark).props(
                 'flat dense round aria-label="light or dark background" id=live-dark'
             )
@@ -106,8 +115,8 @@ class Page:
     async def _controls(self) -> None:
         view = self._view
         with ui.tabs().props('dense no-caps align=justify inline-label') as tabs:
-            for name in ('Drive', 'Run', 'Settings', 'Bags', 'Identify'):
-                ui.tab(name)
+            self._tabs = {name: ui.tab(name) for name in (*_TABS, _LESSON)}
+        self._tab_row = tabs
         ui.html('<div class="live-answer" id="live-answer"></div>', sanitize=False)
         with ui.tab_panels(tabs, value='Drive', animated=False, keep_alive=True).classes(
             'live-panels'
@@ -126,6 +135,9 @@ class Page:
                 self._bags = BagControls(view, self)
             with ui.tab_panel('Identify'):
                 self._identify = IdentifyControls(view, self)
+            with ui.tab_panel(_LESSON):
+                LessonControls(view, self, self._choose)
+        self._show_lesson()
         ui.timer(0.1, self._bags.list_bags, once=True)
 
         async def on_tab(event: Any) -> None:
@@ -137,6 +149,20 @@ class Page:
     def _toggle_dark(self) -> None:
         dark = self._dark.value
         self._dark.value = True if dark is None else not dark
+
+    def _toggle_lesson(self) -> None:
+        self._in_lesson = not self._in_lesson
+        self._show_lesson()
+
+    def _show_lesson(self) -> None:
+        """Show the tabs of the lesson in large type, or those of the laboratory."""
+        lesson = self._in_lesson
+        for name, tab in self._tabs.items():
+            tab.set_visibility(name in _LESSON_TABS if lesson else name != _LESSON)
+        self._tab_row.value = _LESSON if lesson else 'Drive'
+        ui.query('body').classes(
+            add='live-in-lesson' if lesson else '', remove='' if lesson else 'live-in-lesson'
+        )
 
     def _choose(self, namespace: str) -> None:
         if namespace != ALL and namespace not in self._view.chains:

@@ -62,6 +62,7 @@ def _start(processes: ChildProcesses, arguments: argparse.Namespace) -> None:
     environment = dict(os.environ)
     folders = f'[{arguments.output.resolve()},{arguments.bags.resolve()}]'
     page = ['-p', f'bag_folders:={folders}']
+    page += ['-p', f'lesson:={str(arguments.lesson).lower()}']
     page += ['-p', f'port:={arguments.port}', '-p', f'host:={arguments.host}']
     processes.start(_PAGE, [*common, *page], environment)
     identified = arguments.output.resolve() / 'identified_chain.yaml'
@@ -119,6 +120,9 @@ def _arguments() -> argparse.Namespace:
     parser.add_argument('--port', type=int, default=8080, help='port of the page (%(default)s)')
     parser.add_argument(
         '--host', default='127.0.0.1', help='address that serves the page (%(default)s)'
+    )
+    parser.add_argument(
+        '--lesson', action='store_true', help='begin with the guided experiments, in large type'
     )
     parser.add_argument(
         '--no-browser', action='store_true', help='print the address and open no browser'

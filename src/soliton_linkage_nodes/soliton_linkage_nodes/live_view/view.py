@@ -35,6 +35,8 @@ class View:
         """Send commands by a node, list bags of folders, and write the player's log to `logs`."""
         self.finder = finder
         self.read_only = read_only
+        self.logs = logs
+        """Folder of the logs of started nodes."""
         self.catalogue = BagCatalogue(folders)
         self.recording = BagRecording(folders[0] if folders else None, finder, read_only)
         self.replay = BagReplay(self.catalogue, logs, finder, read_only)

@@ -4,10 +4,11 @@ from __future__ import annotations
 import math
 import re
 from collections.abc import Callable
+from pathlib import Path
 
 import numpy as np
 import pytest
-from live_stage import PLACE, ROTORS, Visit, until
+from live_stage import PLACE, ROTORS, Stage, Visit, until
 from matplotlib import colormaps
 
 from soliton_linkage_nodes.live_view.node import LiveView
@@ -41,8 +42,8 @@ def test_every_panel_shows_the_published_state(at_rest: Visit, view: View) -> No
     assert 'charge 1' in visit.text('topology-note')
     for note, label in (
         ('chain', 'soliton at rotor '),
-        ('topology', 'zero mode at '),
-        ('lean', 'soliton at '),
+        ('topology', 'zero mode at rotor '),
+        ('lean', 'soliton at rotor '),
     ):
         wait_for_position(visit, f'{note}-note', label)
     for canvas in PANELS:
@@ -152,3 +153,76 @@ def test_a_late_state_is_drawn_at_its_own_stamp(visit: Visit) -> None:
     assert position == pytest.approx(10 * 5.91, abs=0.5)
     assert math.isnan(late)
     assert energy == pytest.approx(5.91, abs=0.05)
+
+
+def test_the_view_and_the_last_minute_are_saved(visit: Visit, stage: Stage) -> None:
+    with visit.page.expect_download() as saved:
+        visit.page.get_by_label('save the view as a picture').click()
+    picture = Path(saved.value.path()).read_bytes()
+    assert picture.startswith(b'\x89PNG')
+    assert len(picture) > 10_000
+    with visit.page.expect_download() as saved:
+        visit.page.get_by_label('save the last minute as one HTML file').click()
+    path = stage.folder / 'minute.html'
+    saved.value.save_as(path)
+    opened = visit.page.context.new_page()
+    opened.goto(path.as_uri())
+    opened.wait_for_function('() => window.shared && shared.times.length > 20')
+    assert opened.evaluate('shared.rotors') == ROTORS
+    opened.locator('#live-share-kymograph').click(position={'x': 300, 'y': 100})
+    assert opened.evaluate('shared.n') > 0
+    opened.close()
+
+
+def test_the_first_steps_go_on_with_each_success(at_rest: Visit) -> None:
+    visit = at_rest
+    visit.js('localStorage.clear()')
+    visit.load()
+    visit.has_text('guide', 'Nudge the edge to send a soliton.')
+    visit.page.locator('.live-guide-act').click()
+    visit.has_text('guide', 'Click on the chain to move the soliton there.')
+    visit.load()
+    visit.has_text('guide', 'Click on the chain to move the soliton there.')
+    visit.page.get_by_label('hide the first steps').click()
+    visit.wait('document.getElementById("live-guide").hidden')
+
+
+def test_each_panel_explains_itself(visit: Visit) -> None:
+    buttons = visit.page.locator('.live-help:visible')
+    assert buttons.count() == 6
+    for button in buttons.all():
+        button.click()
+        visit.page.locator('.live-help-text:popover-open a').wait_for()
+        visit.page.keyboard.press('Escape')
+
+
+def test_only_what_can_be_cancelled_or_released_is_active(at_rest: Visit, view: View) -> None:
+    visit = at_rest
+    for name in ('cancel', 'release'):
+        visit.page.locator(f'#live-{name}[disabled]').wait_for()
+    visit.fill('to rotor', 7)
+    visit.click('carry')
+    visit.page.locator('#live-release:enabled').wait_for()
+    visit.has_text('move', 'reached: ')
+    visit.page.locator('#live-cancel[disabled]').wait_for()
+    visit.click('release')
+    visit.page.locator('#live-release[disabled]').wait_for()
+
+
+@pytest.mark.parametrize(('width', 'height'), [(1280, 720), (1600, 1000)])
+def test_all_plots_are_visible_at_once(visit: Visit, width: int, height: int) -> None:
+    visit.resize(width, height)
+    for name in ('chain', 'lean', 'kymograph', 'dial', 'energy', 'topology'):
+        box = visit.page.locator(f'#live-{name}').bounding_box()
+        assert box['y'] >= 0
+        assert box['y'] + box['height'] <= height, name
+    assert visit.js('document.documentElement.scrollWidth') <= width
+    visit.resize(1400, 1000)
+
+
+def test_the_lesson_shows_its_experiments(visit: Visit) -> None:
+    visit.click('lesson')
+    for number in range(1, 6):
+        visit.page.locator(f'#live-try-{number}').wait_for()
+    visit.click('lesson')
+    visit.page.locator('#live-nudge').wait_for()

@@ -1,0 +1,235 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Guided experiments on a simulated chain: each has a question and a measured answer."""
+
+from __future__ import annotations
+
+import math
+import os
+import time
+from collections.abc import Awaitable, Callable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+
+from soliton_linkage.linkage.chain import Chain
+from soliton_linkage.linkage.quantities import described_fields
+from soliton_linkage_nodes.live_view.view import View
+from soliton_linkage_nodes.runtime.child_processes import ChildProcesses
+
+DISORDERED = '/disordered/'
+"""Namespace of the disordered chain."""
+_SPEED = 10.0
+"""Speed of a nudge [rad/s], as in the demo."""
+_SPEEDS = (5.0, 10.0, 20.0)
+"""Speeds of the second experiment [rad/s]."""
+_DISORDER = 0.02
+"""Relative standard deviation of the lengths of the disordered chain [1]."""
+_MIDDLE = (0.3, 0.7)
+"""Part of the chain in which speeds are measured [1], away from the edges."""
+_TIMEOUT = 60.0
+"""Longest time for a passage [s]."""
+_NODES = ('simulator', 'edge_actuator', 'soliton_analyser')
+_TURN = 1.0
+"""Smallest total turn of a rotor that spins [rad]."""
+
+
+class Sample(NamedTuple):
+    """Soliton at one time."""
+
+    stamp: float
+    """Stamp of joint_states [s]."""
+    rotor: float
+    """Position [rotor spacings]."""
+    zero_mode: float
+    """Rotor of the zero mode [rotor spacings]."""
+    turn: float
+    """Unwrapped angle of the middle rotor [rad]."""
+
+
+@dataclass(frozen=True)
+class Passage:
+    """Passage of a soliton through the middle of the chain."""
+
+    samples: tuple[Sample, ...]
+
+    @property
+    def velocity(self) -> float:
+        """Velocity [rotor spacings/s], positive towards the last rotor."""
+        stamps = np.array([each.stamp for each in self.samples])
+        rotors = np.array([each.rotor for each in self.samples])
+        return float(np.polyfit(stamps - stamps[0], rotors, 1)[0])
+
+
+class Laboratory:
+    """Experiments on the chain of a namespace."""
+
+    def __init__(self, view: View, namespace: str, watch: Callable[[str], None]) -> None:
+        """Measure a chain; `watch` shows the chain of a namespace."""
+        self._view, self._namespace, self._watch = view, namespace, watch
+
+    async def nudge(self) -> str:
+        """Send a soliton through the chain."""
+        passage = await self._send(_SPEED)
+        energy = self._view.chains[self._namespace].model.numbers.get('wall_energy', math.nan)
+        return (
+            f'A soliton crossed the chain at {abs(passage.velocity):.2f} rotors/s with an energy '
+            f'of {1e3 * energy:.2f} mJ.'
+        )
+
+    async def speed(self) -> str:
+        """Compare the speeds after nudges of three strengths."""
+        speeds = [abs((await self._send(strength)).velocity) for strength in _SPEEDS]
+        pairs = zip(_SPEEDS, speeds, strict=True)
+        measured = ', '.join(f'{s:g} rad/s: {v:.2f} rotors/s' for s, v in pairs)
+        ratio = speeds[-1] / speeds[0]
+        factor = _SPEEDS[-1] / _SPEEDS[0]
+        return f'{measured}. A nudge {factor:g} times as strong is {ratio:.2f} times as fast.'
+
+    async def turns(self) -> str:
+        """Determine whether the rotors flip back or spin."""
+        first = await self._send(_SPEED)
+        second = await self._passage()
+        before, there = first.samples[0].turn, first.samples[-1].turn
+        back = second.samples[-1].turn
+        kind = 'spins' if abs(back - before) > _TURN else 'flips back'
+        return (
+            f'The middle rotor turned by {there - before:+.2f} rad, and when the soliton returned '
+            f'by {back - there:+.2f} rad. It {kind}.'
+        )
+
+    async def reflection(self) -> str:
+        """Compare the soliton before and after an edge."""
+        there = await self._send(_SPEED)
+        back = await self._passage()
+        ends = [passage.samples[-1].zero_mode for passage in (there, back)]
+        return (
+            f'The velocity was {there.velocity:+.2f} rotors/s before the edge and '
+            f'{back.velocity:+.2f} rotors/s after it. The zero mode was at rotor {ends[0]:.1f} '
+            f'and at rotor {ends[1]:.1f}, where the soliton was.'
+        )
+
+    async def disorder(self) -> str:
+        """Compare this chain with one whose lengths deviate at random."""
+        named = self._view.chains[self._namespace].model.named
+        if named is None:
+            raise ValueError('the chain is unknown: no node publishes the topic chain')
+        regular = await self._send(_SPEED)
+        processes = ChildProcesses(Path(self._view.logs))
+        fields = {name: getattr(named.chain, name) for name in described_fields(Chain)}
+        given = [
+            each
+            for name, value in fields.items()
+            for each in ('-p', f'chain.{name}:={str(value).lower()}')
+        ]
+        given += ['-p', f'chain.disorder.rotor_length:={_DISORDER}']
+        given += ['-p', 'chain.disorder.seed:=1', '-r', f'__ns:={DISORDERED.rstrip("/")}']
+        try:
+            for node in _NODES:
+                processes.start(node, given if node == 'simulator' else given[-2:], {**os.environ})
+            await self._until(lambda: self._ready(DISORDERED), 'the disordered chain to start')
+            self._watch(DISORDERED)
+            other = Laboratory(self._view, DISORDERED, self._watch)
+            try:
+                passage = await other._send(_SPEED)
+            except TimeoutError:
+                rotor = self._view.chains[DISORDERED].model.numbers.get('rotor', math.nan)
+                return (
+                    f'Lengths that deviate by {_DISORDER:.0%} stopped the soliton at {rotor:.1f}.'
+                )
+        finally:
+            self._watch(self._namespace)
+            processes.stop()
+            self._view.finder.drop(DISORDERED)
+        return (
+            f'The regular chain carried the soliton at {abs(regular.velocity):.2f} rotors/s, the '
+            f'chain whose lengths deviate by {_DISORDER:.0%} at {abs(passage.velocity):.2f}.'
+        )
+
+    def _ready(self, namespace: str) -> bool:
+        chains = self._view.chains
+        ready = namespace in chains and chains[namespace].model.named is not None
+        return ready and bool(self._view.commands(namespace).subscribers('edge_command'))
+
+    async def _send(self, speed: float) -> Passage:
+        await self._reset()
+        await self._kick(speed)
+        return await self._passage()
+
+    async def _reset(self) -> None:
+        await self._view.commands(self._namespace).reset('initial')
+        model = self._view.chains[self._namespace].model
+        frames = model.frames
+        await self._until(lambda: model.frames > frames + 1, 'a frame after the reset')
+
+    async def _kick(self, speed: float) -> None:
+        commands = self._view.commands(self._namespace)
+        await commands.drive('kick', 'nearest', speed, (0.0, 0.0, 0.0))
+
+    async def _passage(self) -> Passage:
+        """Return the next passage through the middle of the chain."""
+        model = self._view.chains[self._namespace].model
+        low, high = (share * (model.rotors - 1) for share in _MIDDLE)
+        samples: list[Sample] = []
+
+        def passed() -> bool:
+            rotor = model.numbers.get('rotor', math.nan)
+            if samples and model.stamp <= samples[-1].stamp:
+                return False
+            if low < rotor < high:
+                turn = float(model.angles[model.rotors // 2])
+                zero_mode = model.numbers.get('zero_mode_rotor', math.nan)
+                samples.append(Sample(model.stamp, rotor, zero_mode, turn))
+                return False
+            if len(samples) > 2 and abs(samples[-1].rotor - samples[0].rotor) > (high - low) / 2:
+                return True
+            samples.clear()
+            return False
+
+        await self._until(passed, 'a soliton to cross the middle of the chain')
+        return Passage(tuple(samples))
+
+    async def _until(self, condition: Callable[[], bool], what: str) -> None:
+        deadline = time.monotonic() + _TIMEOUT
+        while not condition():
+            if time.monotonic() > deadline:
+                raise TimeoutError(f'waited {_TIMEOUT:g} s for {what}')
+            await self._view.wait()
+
+
+class GuidedExperiment(NamedTuple):
+    """Guided experiment."""
+
+    title: str
+    question: str
+    carry_out: Callable[[Laboratory], Awaitable[str]]
+
+
+EXPERIMENTS = (
+    GuidedExperiment(
+        'A nudge',
+        'No rotor in the middle can move alone. What happens if you push the edge?',
+        Laboratory.nudge,
+    ),
+    GuidedExperiment(
+        'Speed against strength',
+        'If you push four times as hard, how much faster is the soliton?',
+        Laboratory.speed,
+    ),
+    GuidedExperiment(
+        'Flipper or spinner',
+        'The soliton passes a rotor and comes back. Does the rotor flip back, or does it spin?',
+        Laboratory.turns,
+    ),
+    GuidedExperiment(
+        'Reflection and the edge mode',
+        'What happens to the soliton at the other edge, and where is the zero mode?',
+        Laboratory.reflection,
+    ),
+    GuidedExperiment(
+        'Disorder',
+        'No real chain is perfect. Does a soliton cross a chain of unequal rotors?',
+        Laboratory.disorder,
+    ),
+)

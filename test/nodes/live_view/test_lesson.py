@@ -1,0 +1,74 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The answers of the lesson are measured on the chain."""
+
+from __future__ import annotations
+
+import asyncio
+import math
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+import pytest
+
+from soliton_linkage_nodes.live_view.lesson import Laboratory
+
+ROTORS, PERIOD = 41, 0.02
+
+
+class Chain:
+    """View of a chain whose soliton runs between the edges, as fast as it was nudged."""
+
+    def __init__(self, turn_back: float) -> None:
+        numbers = {'rotor': math.nan, 'zero_mode_rotor': 0.0, 'wall_energy': 1e-3}
+        self.model = SimpleNamespace(
+            rotors=ROTORS, numbers=numbers, stamp=0.0, frames=0, angles=np.zeros(ROTORS)
+        )
+        self.chains = {'/': SimpleNamespace(model=self.model)}
+        self._speed, self._way, self._turn_back = 0.0, 0.0, turn_back
+
+    def commands(self, _: str) -> Any:
+        return self
+
+    async def reset(self, _: str) -> None:
+        self._speed, self._way = 0.0, 0.0
+
+    async def drive(self, _kind: str, _edge: str, speed: float, _times: Any) -> None:
+        self._speed = speed / 2
+
+    async def wait(self) -> None:
+        model = self.model
+        model.frames += 1
+        model.stamp += PERIOD
+        self._way += self._speed * PERIOD
+        legs, part = divmod(self._way / (ROTORS - 1), 1)
+        rotor = (ROTORS - 1) * (part if legs % 2 == 0 else 1 - part)
+        model.numbers = {**model.numbers, 'rotor': rotor, 'zero_mode_rotor': rotor}
+        passages = (self._way + (ROTORS - 1) / 2) // (ROTORS - 1)
+        model.angles[ROTORS // 2] = 2.0 * (passages == 1) + self._turn_back * (passages >= 2)
+        await asyncio.sleep(0)
+
+
+def measured(name: str, turn_back: float = 0.0) -> str:
+    view: Any = Chain(turn_back)
+    return asyncio.run(getattr(Laboratory(view, '/', lambda _: None), name)())
+
+
+def test_the_speed_is_the_slope_of_the_track() -> None:
+    assert measured('nudge').startswith('A soliton crossed the chain at 5.00 rotors/s with')
+
+
+def test_the_speeds_of_three_nudges_are_compared() -> None:
+    answer = measured('speed')
+    assert '5 rad/s: 2.50 rotors/s, 10 rad/s: 5.00 rotors/s, 20 rad/s: 10.00' in answer
+    assert answer.endswith('A nudge 4 times as strong is 4.00 times as fast.')
+
+
+@pytest.mark.parametrize(('turn_back', 'kind'), [(0.0, 'flips back'), (2 * math.pi, 'spins')])
+def test_a_rotor_flips_or_spins(turn_back: float, kind: str) -> None:
+    assert measured('turns', turn_back).endswith(f'It {kind}.')
+
+
+def test_the_velocity_changes_its_sign_at_the_edge() -> None:
+    answer = measured('reflection')
+    assert '+5.00 rotors/s before the edge and -5.00 rotors/s after it' in answer
