@@ -16,6 +16,7 @@ from rclpy.node import Node
 from sensor_msgs.msg import JointState
 
 from soliton_linkage.dynamics.initial_states import with_soliton
+from soliton_linkage.identification.mounting import in_degrees
 from soliton_linkage.linkage.chain import Array, Chain
 from soliton_linkage_nodes.edge_actuator.node import EdgeActuator
 from soliton_linkage_nodes.messages.conversions import (
@@ -26,7 +27,7 @@ from soliton_linkage_nodes.messages.conversions import (
     frame_to_msg,
     joint_states_from_msg,
 )
-from soliton_linkage_nodes.messages.frame_reader import EncoderMonitor, FrameReader, in_degrees
+from soliton_linkage_nodes.messages.frame_reader import EncoderMonitor, FrameReader
 from soliton_linkage_nodes.runtime import interfaces
 from soliton_linkage_nodes.runtime.stamps import SECOND, time_to_msg
 from soliton_linkage_nodes.soliton_analyser.node import SolitonAnalyser

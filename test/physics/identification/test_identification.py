@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 import math
+import re
 from collections.abc import Callable
 
 import numpy as np
@@ -49,18 +50,20 @@ def resting() -> Array:
 BAD = {
     'backwards': (changed(4, np.negative), 'rotor_4 is mounted backwards'),
     'mirrored': (changed(5, lambda angles: math.pi - angles), 'rotor_5 is mounted backwards'),
-    'half a turn off': (
-        changed(4, lambda angles: angles + math.pi),
-        'zero of rotor_4 has an error',
-    ),
+    'first backwards': (changed(0, np.negative), 'rotor_0 is mounted backwards'),
+    'last backwards': (changed(9, np.negative), 'rotor_9 is mounted backwards'),
+    'half a turn off': (changed(4, lambda angles: angles + math.pi), 'rotor_4 is half a turn off'),
     'zero off': (
         changed(6, lambda angles: angles + 0.8),
         'the zero of rotor_6 has an error of about',
     ),
     'zero far off': (changed(6, lambda angles: angles + 1.3), 'rotor_6 does not lean over'),
     'neighbours swapped': (ordered(0, 1, 2, 4, 3, 5, 6, 7, 8, 9), 'not in the order'),
-    'next but one swapped': (ordered(0, 1, 2, 5, 4, 3, 6, 7, 8, 9), 'reaches rotor_3 .* rotor_5'),
+    'next but one swapped': (ordered(0, 1, 2, 5, 4, 3, 6, 7, 8, 9), 'rotor_5 is before rotor_3'),
     'seen from behind': (READINGS[:, ::-1], 'viewed from behind'),
+    'degrees': (np.rad2deg(READINGS), '^the angles look like degrees; publish radians$'),
+    'every other joint absent': (ordered(0, 2, 4, 6, 8), 'do not move like neighbours'),
+    'one joint absent': (ordered(0, 1, 2, 3, 4, 6, 7, 8, 9), 'rotor_4 and rotor_5 do not move'),
     'half missing': (half_missing(), '5 of 10 rotors are missing .* rotor_0, rotor_2'),
     'slipping': (slipping(), 'the encoder of rotor_3 slips by about 0.29 rad at 1.6 s'),
     'nothing passes': (resting(), 'no soliton passes'),
@@ -73,6 +76,71 @@ def test_unsuitable_recordings_are_rejected(readings: Array, words: str) -> None
     with pytest.raises(ValueError, match=words) as error:
         identify(Readings(TIMES, readings, names=NAMES), Chain())
     assert '\n' not in str(error.value)
+
+
+FORMULAS: dict[str, Callable[[Array], Array]] = {
+    '-phi': np.negative,
+    'pi - phi': lambda angles: math.pi - angles,
+    'phi - pi': lambda angles: angles - math.pi,
+}
+
+
+@pytest.mark.parametrize('rotor', [0, 4, 5, 9])
+@pytest.mark.parametrize(
+    'fault', [np.negative, lambda angles: math.pi - angles, lambda angles: angles + math.pi]
+)
+def test_the_formula_that_an_error_recommends_makes_the_recording_acceptable(
+    rotor: int, fault: Callable[[Array], Array]
+) -> None:
+    readings = changed(rotor, fault)
+    with pytest.raises(ValueError, match=f'rotor_{rotor} ') as error:
+        identify(Readings(TIMES, readings, names=NAMES), Chain())
+    named = re.search(r'publish (.*?) for it', str(error.value))
+    assert named
+    readings[:, rotor] = FORMULAS[named[1]](readings[:, rotor])
+    assert identify(Readings(TIMES, readings, names=NAMES), Chain()).rigid
+
+
+@pytest.mark.parametrize('pair', [(0, 1), (3, 5), (8, 9)])
+def test_joints_are_accepted_after_the_swap_that_an_error_recommends(
+    pair: tuple[int, int],
+) -> None:
+    order = list(range(10))
+    order[pair[0]], order[pair[1]] = order[pair[1]], order[pair[0]]
+    swapped, names = ordered(*order), [NAMES[n] for n in order]
+    with pytest.raises(ValueError, match='swap them') as error:
+        identify(Readings(TIMES, swapped, names=names), Chain())
+    named = re.findall(r'rotor_\d', str(error.value))
+    first, second = (names.index(name) for name in named)
+    swapped[:, [first, second]] = swapped[:, [second, first]]
+    identify(Readings(TIMES, swapped, names=names), Chain())
+
+
+def test_the_zero_that_an_error_names_makes_the_recording_acceptable() -> None:
+    readings = changed(6, lambda angles: angles + 0.8)
+    with pytest.raises(ValueError, match='zero of rotor_6') as error:
+        identify(Readings(TIMES, readings, names=NAMES), Chain())
+    named = re.search(r'about (\S+) rad', str(error.value))
+    assert named
+    readings[:, 6] -= float(named[1])
+    assert identify(Readings(TIMES, readings, names=NAMES), Chain()).rigid
+
+
+@pytest.mark.parametrize('fraction', [0.0, 0.02])
+def test_isolated_wrong_readings_are_counted_and_spoil_nothing(fraction: float) -> None:
+    random = np.random.default_rng(5)
+    clean = identify(Readings(TIMES, READINGS), Chain())
+    wrong = random.random(READINGS.shape) < fraction
+    wrong[60, 6] = True
+    readings = READINGS + wrong * random.choice([-1, 1], wrong.shape) * random.uniform(
+        0.3, 2.5, wrong.shape
+    )
+    found = identify(Readings(TIMES, readings), Chain())
+    assert found.outliers == pytest.approx(wrong.sum(), rel=0.1)
+    for name in ('rotor_lengths', 'spacings', 'rest_lengths'):
+        shown, expected = (getattr(each.chain, name) for each in (found, clean))
+        spread = found.deviations[name.removesuffix('s')]
+        assert np.abs((shown / expected - 1) / spread).max() < 1.0, name
 
 
 def test_a_spinner_is_identified_from_wrapped_angles_with_gaps() -> None:

@@ -6,6 +6,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 
@@ -21,13 +22,20 @@ from soliton_linkage.identification.free_motion import FreeMotion, split_chain
 from soliton_linkage.identification.lengths import Lengths, initial_lengths, split_lengths
 from soliton_linkage.identification.mass_scale import mass_scale
 from soliton_linkage.identification.motion_fit import MotionFit, MotionFitter
-from soliton_linkage.identification.readings import Readings, informative_frames
+from soliton_linkage.identification.mounting import in_degrees
+from soliton_linkage.identification.readings import (
+    Readings,
+    informative_frames,
+    join_recordings,
+)
 from soliton_linkage.identification.screening import (
     LEAST_NOISE,
     check_jumps,
     check_motion,
     check_slips,
     noise_of,
+    stray_residuals,
+    without_outliers,
 )
 from soliton_linkage.identification.windows import initial_windows
 from soliton_linkage.linkage.chain import Array, Chain
@@ -37,6 +45,10 @@ _NOT_CLOSED = (
     'no lengths close the bonds of this recording; check the order, the signs and the zeros of '
     'the joints, and that no rotor was held'
 )
+_CHECKED_FRAMES = 9
+"""Number of frames whose unit is checked [1]."""
+_ADJUSTMENTS = 6
+"""Largest number of adjustments [1]; each may find outliers that larger ones have hidden."""
 _MOST_FITTED = 3000
 """Largest number of frames in the fit of a motion [1]; 40 rotors then take one or two minutes."""
 _STRAINED = 1.1
@@ -83,6 +95,8 @@ class Identification:
     """Weakly observable combinations of lengths."""
     warnings: tuple[str, ...]
     """Warnings for the user, one line each."""
+    outliers: int = 0
+    """Number of isolated wrong readings, which were not used [1]."""
     damping_deviation: float = math.nan
     """Standard deviation of the damping [N m s/rad], NaN if it was not estimated."""
     friction: float = math.nan
@@ -115,22 +129,35 @@ def identify(
     is given. Raises ValueError, with a one-line message, if the recording does not determine a
     chain.
     """
-    times = readings.times
-    _check_passage(readings.recordings)
-    noise = noise_of(readings.unwrapped, readings.relative_deviations)
-    for recording in readings.recordings:
+    _check_units(readings.recordings)
+    used = join_recordings([without_outliers(each) for each in readings.recordings])
+    _check_passage(used.recordings)
+    noise = noise_of(used.unwrapped, used.relative_deviations)
+    for recording in used.recordings:
         check_jumps(recording, noise)
-    start = initial_lengths(readings.filled)
-    try:
-        found = adjust(readings.unwrapped, start, tolerance, readings.relative_deviations)
-    except np.linalg.LinAlgError as error:
-        raise ValueError(_NOT_CLOSED) from error
+    used, adjusted = _adjusted(used, noise, tolerance)
     known = spacing_known or not readings.gravity.acceleration
+    found = _by_model(used, adjusted, given, noise, tolerance, known)
+    outliers = np.isfinite(readings.angles).sum() - np.isfinite(used.angles).sum()
+    return replace(found, outliers=int(outliers))
+
+
+def _by_model(
+    readings: Readings,
+    found: Adjustment,
+    given: Chain,
+    noise: float,
+    tolerance: float | None,
+    spacing_known: bool,
+) -> Identification:
+    """Return the chain by the model that explains the readings best."""
     impulses = [impulse.time for impulse in readings.impulses]
-    frames = informative_frames(times, readings.unwrapped, impulses, _MOST_FITTED)
-    unused = len(times) - len(frames)
+    frames = informative_frames(readings.times, readings.unwrapped, impulses, _MOST_FITTED)
+    unused = len(readings.times) - len(frames)
     some = replace(readings, angles=readings.unwrapped).select(frames)
-    fitted = _fit_springs(some, found.residuals[frames], found, given, noise, tolerance, known)
+    fitted = _fit_springs(
+        some, found.residuals[frames], found, given, noise, tolerance, spacing_known
+    )
     if fitted is not None:
         check_slips(some, fitted.residuals, fitted.noise)
         given = _scaled(given, readings, fitted.motion.gravity)
@@ -140,10 +167,40 @@ def identify(
     check_slips(readings, residuals, max(noise, found.noise))
     if not found.converged:
         raise ValueError(_NOT_CLOSED)
-    moved = None if found.noise > _STRAINED * noise else _fit_bars(some, found, given, known)
+    strained = found.noise > _STRAINED * noise
+    moved = None if strained else _fit_bars(some, found, given, spacing_known)
     if moved is None:
         return _by_bonds(found, given, noise, None, 0)
     return _by_bonds(found, _scaled(given, readings, moved.gravity), noise, moved, unused)
+
+
+def _adjusted(
+    readings: Readings, noise: float, tolerance: float | None
+) -> tuple[Readings, Adjustment]:
+    """Return the readings without outliers of the bonds, and the adjusted lengths."""
+    start = initial_lengths(readings.filled)
+    deviations = readings.relative_deviations
+    for _ in range(_ADJUSTMENTS):
+        try:
+            found = adjust(readings.unwrapped, start, tolerance, deviations)
+        except np.linalg.LinAlgError as error:
+            raise ValueError(_NOT_CLOSED) from error
+        limit = max(noise, found.noise)
+        outliers = stray_residuals(found.residuals / deviations, limit)
+        outliers &= np.isfinite(readings.angles)
+        if not outliers.any():
+            break
+        readings = replace(readings, angles=np.where(outliers, np.nan, readings.angles))
+        start = found.lengths
+    return readings, found
+
+
+def _check_units(recordings: Sequence[Readings]) -> None:
+    """Raise ValueError if most frames of a recording look like degrees."""
+    for each in recordings:
+        some = each.angles[:: max(1, len(each.angles) // _CHECKED_FRAMES)]
+        if np.mean([in_degrees(frame) for frame in some]) > 0.5:
+            raise ValueError('the angles look like degrees; publish radians')
 
 
 def _check_passage(recordings: Sequence[Readings]) -> None:
@@ -151,7 +208,7 @@ def _check_passage(recordings: Sequence[Readings]) -> None:
     errors = []
     for each in recordings:
         try:
-            check_motion(each.times, each.filled, each.joints)
+            check_motion(each.filled, each.joints)
         except ValueError as error:
             errors.append(error)
         else:
@@ -286,7 +343,7 @@ def _by_bonds(
     deviations = split_lengths(found.deviations)
     offsets = deviations.pop('offset')
     chain = found.lengths.scaled(given.spacing).chain(given)
-    forces = {}
+    forces: dict[str, Any] = {}
     if moved is not None:
         unit = chain.mass * chain.spacing**2
         (damping, friction), (of_damping, of_friction) = moved.drag, moved.drag_deviations

@@ -26,8 +26,8 @@ _FEWEST_ROTORS = 4
 """Smallest number of rotors [1], because the bonds at the edges give little information."""
 _LEAST_PRESENT = 0.5
 """Smallest fraction of frames with a reading of a rotor [1]."""
-MOST_NAMED = 4
-"""Largest number of rotors in an error message [1]."""
+_MOST_NAMED = 4
+"""Largest number of rotors that an error message names [1]."""
 _PAUSE = 1.0
 """Time between joined recordings [s]."""
 _LARGEST_RELATIVE_DEVIATION = 100.0
@@ -86,8 +86,8 @@ class Readings:
         present = np.isfinite(self.angles)
         missing = np.flatnonzero(~(present.mean(axis=0) >= _LEAST_PRESENT))
         if missing.size:
-            named = ', '.join(names[n] for n in missing[:MOST_NAMED])
-            more = ', ...' if missing.size > MOST_NAMED else ''
+            named = ', '.join(names[n] for n in missing[:_MOST_NAMED])
+            more = ', ...' if missing.size > _MOST_NAMED else ''
             raise ValueError(
                 f'{missing.size} of {rotors} rotors are missing in half of the frames or more: '
                 f'{named}{more}; record all rotors, because bonds without them cannot close'

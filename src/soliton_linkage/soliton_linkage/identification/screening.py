@@ -1,22 +1,23 @@
 # SPDX-License-Identifier: Apache-2.0
 """Checks of a recording before identification, and of the residuals afterwards.
 
-All rotors on one side of a wall lean to the same side. For any lengths, the staggered angles on
-both sides are symmetric about 0, or about pi for all rotors. A wall reaches the rotors in their
-order. Therefore the times at which the rotors of one parity first lean over have no local maximum.
+All rotors on one side of a wall lean to the same side. The staggered angles of the two sides are
+symmetric about 0, or about pi for all rotors, for any lengths.
 """
 
 from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.ndimage import median_filter
 
 from soliton_linkage.estimation.noise import robust_deviation
+from soliton_linkage.identification.mounting import check_mounting, check_neighbours
 from soliton_linkage.identification.readings import (
-    MOST_NAMED,
     Readings,
     repeat_counts,
     rounding_noise,
@@ -24,89 +25,58 @@ from soliton_linkage.identification.readings import (
 from soliton_linkage.linkage.chain import Array, staggered
 
 _LEANING = 0.5
-"""|sin(phi)| above which a rotor clearly leans to one side, relative to its median [1]."""
+"""sin(phi) of a rotor that clearly leans to one side, over its median [1]."""
+_FAR_OFF = 2.0
+"""Error beyond which a rotor belongs to another place of the chain [rad]."""
 _LARGEST_ZERO_ERROR = 0.5
 """Largest zero error of an encoder with which least squares converges [rad]. Deviations of 5 % in
 every length and offsets of 0.05 rad appear as zero errors of 0.3 rad."""
 _TRIMMINGS = 6
 """Iterations of the robust mean angle at rest [1]."""
 _SHARPNESS = 20.0
-"""Exponent of the weights of this mean, 1 / (0.22 rad)^2 [1/rad^2]."""
-_FRAMES = 5
-"""Number of frames in the medians at the start and at the end [1]."""
-_LATE = 0.5
-"""Smallest delay of a rotor out of order, relative to the time of a wall per two rotors [1]."""
+"""Sharpness of its weights, 1 / (0.22 rad)^2 [1/rad^2]."""
 
 
-def check_motion(times: Array, readings: Array, names: Sequence[str]) -> None:
-    """Raise ValueError unless a wall passes all rotors in their order.
-
-    Times [s] have the shape (T,), readings [rad] the shape (T, N).
-    """
-    check_leans(readings, names)
-    over = _leaning_over(readings)
-    inner = over[1:-1]
-    if not np.isfinite(inner).any():
+def check_motion(readings: Array, names: Sequence[str]) -> None:
+    """Raise ValueError unless a wall passes all rotors, in their order; readings (T, N) [rad]."""
+    check_mounting(readings, names)
+    check_zeros(readings, names)
+    inner = _leaning_over(readings)[1:-1]
+    if not inner.any():
         raise ValueError(
             'no soliton passes in this recording: no rotor leans over from one side to the '
             'other; nudge the chain while it records'
         )
-    still = 1 + np.flatnonzero(~np.isfinite(inner))
-    between = np.isfinite(over[still - 1]) & np.isfinite(over[still + 1])
-    if between.any():
-        raise ValueError(
-            f'{names[int(still[np.argmax(between)])]} does not lean over although the soliton '
-            'passes both its neighbours: it is held, or the zero of its encoder is wrong by more '
-            'than it leans; free it and set the zero'
-        )
-    if still.size:
+    if not inner.all():
+        still = 1 + np.flatnonzero(~inner)
+        between = np.convolve(inner, [1, 0, 1], 'same')[still - 1] == 2
+        if between.any():
+            raise ValueError(
+                f'{names[int(still[np.argmax(between)])]} does not lean over although the soliton '
+                'passes both its neighbours: it is held, or the zero of its encoder is wrong by '
+                'more than it leans; free it and set the zero'
+            )
         raise ValueError(
             f'the soliton passes only {len(inner) - still.size} of {len(inner)} inner rotors, '
             f'not {names[int(still[0])]}; record until it has been at both edges'
         )
-    first = times[inner.astype(np.intp)]
-    for parity in (0, 1):
-        _check_order(first[parity::2], names[1:-1][parity::2])
+    check_neighbours(readings, names)
 
 
-def check_leans(readings: Array, names: Sequence[str]) -> None:
-    """Raise ValueError for inner rotors that do not lean as a chain does.
+def check_zeros(readings: Array, names: Sequence[str]) -> None:
+    """Raise ValueError for inner rotors whose mean angle on both sides of a wall is not upright.
 
     Edge rotors of flippers toggle and have two angles on each side.
     """
-    opposite = _opposite(readings[:_FRAMES]) & _opposite(readings[-_FRAMES:])
     errors = _zero_errors(readings)
-    half_turn = np.abs(errors) > math.pi - _LARGEST_ZERO_ERROR
-    inner = opposite[1:-1] | (np.abs(errors[1:-1]) > _LARGEST_ZERO_ERROR)
-    wrong = 1 + np.flatnonzero(inner)
-    if not wrong.size:
-        return
-    rotor = int(wrong[0])
-    if wrong.size > 1:
-        named = ', '.join(names[n] for n in wrong[:MOST_NAMED])
-        more = ', ...' if wrong.size > MOST_NAMED else ''
+    wrong = 1 + np.flatnonzero(np.abs(errors[1:-1]) > _LARGEST_ZERO_ERROR)
+    if wrong.size and np.abs(errors[wrong]).max() < _FAR_OFF:
+        n = int(wrong[0])
+        more = f', and of {wrong.size - 1} more rotors,' if wrong.size > 1 else ''
         raise ValueError(
-            f'{named}{more} do not lean as their neighbours do: the joints are not in the order '
-            'of the rotors, or encoders are mounted backwards; name the joints from the first '
-            'rotor to the last, and check the signs'
+            f'the zero of {names[n]}{more} has an error of about {errors[n] * (-1) ** n:.2g} rad, '
+            f'more than {_LARGEST_ZERO_ERROR:g} rad; set it to the upright position'
         )
-    if opposite[rotor] != half_turn[rotor]:
-        raise ValueError(
-            f'{names[rotor]} is mounted backwards: its angle decreases when its neighbours show '
-            f'that it increases; publish {"pi - " if half_turn[rotor] else "-"}phi for it'
-        )
-    error = float(errors[rotor]) * (-1 if rotor % 2 else 1)
-    raise ValueError(
-        f'the zero of {names[rotor]} has an error of about {error:.2g} rad, more than '
-        f'{_LARGEST_ZERO_ERROR:g} rad; set it to the upright position'
-    )
-
-
-def _opposite(readings: Array) -> NDArray[np.bool_]:
-    """Return which rotors lean to the other side than both neighbours, shape (N,)."""
-    sides = np.sign(np.sin(np.median(readings, axis=0)))
-    padded = np.concatenate([sides[1:2], sides, sides[-2:-1]])
-    return np.asarray((padded[:-2] != sides) & (padded[2:] != sides))
 
 
 def _zero_errors(readings: Array) -> Array:
@@ -140,38 +110,67 @@ def _direction_at_rest(
     return np.asarray(middle)
 
 
-def _leaning_over(readings: Array) -> Array:
-    """Return the first frame in which each rotor leans to the other side, NaN if none, (N,)."""
+def _leaning_over(readings: Array) -> NDArray[np.bool_]:
+    """Return which rotors clearly lean to both sides, shape (N,)."""
     sine = np.sin(readings)
-    sides = np.where(np.abs(sine) > _LEANING * np.median(np.abs(sine), axis=0), np.sign(sine), 0)
-    found = np.full(sides.shape[1], np.nan)
-    for rotor, side in enumerate(sides.T):
-        clear = np.flatnonzero(side)
-        if clear.size:
-            over = np.flatnonzero(side == -side[clear[0]])
-            found[rotor] = over[0] if over.size else np.nan
-    return found
-
-
-def _check_order(times: Array, names: Sequence[str]) -> None:
-    """Raise ValueError if a wall reaches a rotor later than both neighbours of its parity."""
-    if len(times) < 3:
-        return
-    margin = _LATE * float(np.median(np.abs(np.diff(times))))
-    late = times[1:-1] - np.maximum(times[:-2], times[2:]) > margin
-    if late.any():
-        rotor = 1 + int(np.flatnonzero(late)[0])
-        beside = rotor + (1 if times[rotor + 1] > times[rotor - 1] else -1)
-        first, second = sorted((rotor, beside))
-        raise ValueError(
-            f'the joints are not in the order of the rotors: the soliton reaches {names[first]} '
-            f'after {times[first]:.3g} s and {names[second]} after {times[second]:.3g} s; swap '
-            'them, or name the joints from the first to the last'
-        )
+    clear = np.abs(sine) > _LEANING * np.median(np.abs(sine), axis=0)
+    return np.asarray((clear & (sine > 0)).any(axis=0) & (clear & (sine < 0)).any(axis=0))
 
 
 LEAST_NOISE = 1e-4
 """Smallest noise with which a motion is fitted [rad]."""
+_OUTLIER = 7.0
+"""Distance of a wrong reading from a smooth motion, over its standard deviation [1]."""
+_OF_RANGE = 0.25
+"""The same over the range of the readings beside it [1], because fast motions are less smooth."""
+_PASSES = 6
+"""Largest number of searches for wrong readings [1]: those near larger ones are found later."""
+
+
+def without_outliers(recording: Readings) -> Readings:
+    """Return a recording without isolated wrong readings, which become NaN.
+
+    An isolated reading differs from the cubic curve through the two readings before and the two
+    after it. Steps that last, as of a slipping encoder, remain.
+    """
+    noise = noise_of(recording.unwrapped, recording.relative_deviations)
+    noise = max(noise, LEAST_NOISE)
+    for _ in range(_PASSES):
+        limits = _OUTLIER * noise * recording.relative_deviations
+        outliers = isolated(recording.filled, limits) & np.isfinite(recording.angles)
+        if not outliers.any():
+            break
+        recording = replace(recording, angles=np.where(outliers, np.nan, recording.angles))
+    return recording
+
+
+def isolated(values: Array, limits: Array) -> NDArray[np.bool_]:
+    """Return which values differ from those before and after them by a limit, shape (T, N)."""
+    errors = np.zeros_like(values)
+    near, far = values[1:-3] + values[3:-1], values[:-4] + values[4:]
+    errors[2:-2] = np.abs(values[2:-2] - (4 * near - far) / 6)
+    padded = np.pad(values, ((3, 3), (0, 0)), 'edge')
+    beside = np.stack([padded[k : k + len(values)] for k in (0, 1, 2, 4, 5, 6)])
+    excess = errors / (limits + _OF_RANGE * np.ptp(beside, axis=0))
+    padded = np.pad(excess, ((2, 2), (0, 0)))
+    largest = np.max([padded[k : k + len(values)] for k in range(5)], axis=0)
+    return np.asarray((excess > 1) & (excess == largest))
+
+
+_STRAY = 6.0
+"""Distance of a residual from those before and after it, over the noise, of an outlier [1]."""
+_MEDIAN_FRAMES = 9
+"""Frames of the median of residuals [1], which outliers in up to four of them do not change."""
+
+
+def stray_residuals(residuals: Array, noise: float) -> NDArray[np.bool_]:
+    """Return the outliers among residuals with a noise [rad], at most one of a frame, (T, N)."""
+    usual = median_filter(residuals, (_MEDIAN_FRAMES, 1), mode='nearest')
+    distances = np.abs(residuals - usual)
+    largest = distances == distances.max(axis=1, keepdims=True)
+    return np.asarray(largest & (distances > _STRAY * noise))
+
+
 _SLIP_RANGE = 3.0
 """Largest sum of n independent numbers over sqrt(n) [1]; among 40 rotors noise exceeds it in one
 of a million recordings."""

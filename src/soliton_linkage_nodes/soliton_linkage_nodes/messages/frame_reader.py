@@ -7,6 +7,7 @@ from collections.abc import Callable, Sequence
 
 import numpy as np
 
+from soliton_linkage.identification.mounting import in_degrees
 from soliton_linkage.linkage.chain import Array
 from soliton_linkage.linkage.quantities import LARGEST_ANGLE
 from soliton_linkage_nodes.messages.conversions import (
@@ -81,11 +82,6 @@ _LONGEST_LATENESS = SECOND
 """Largest lateness of a frame [ns]. A larger one means that the clock was reset, as by a bag."""
 _UNIT_CHECK_INTERVAL = 100
 """Number of frames between checks of the unit [1], because a check takes 80 us."""
-_SMALLEST_IN_DEGREES = 4.0
-"""Value that every frame in degrees exceeds, because one of two neighbours has 90 or more."""
-_LARGEST_MISFIT = 0.2
-"""Largest median misfit in the right unit [1], even if a wall covers half the chain. Degrees that
-are read as radians give 0.4 or more."""
 
 
 class EncoderMonitor:
@@ -98,8 +94,8 @@ class EncoderMonitor:
         self._last: int | None = None
         self._frames = 0
 
-    def check(self, stamp: int, angles: Array) -> None:
-        """Check the stamp of a frame [ns] and the angle of each rotor [rad], NaN if missing."""
+    def check(self, stamp: int, angles: Array | None = None) -> None:
+        """Check the stamp of a frame [ns] and the angles [rad], NaN if missing, if given."""
         if stamp == 0:
             self._warn_once(
                 'joint_states have no stamps; stamp each frame with the time of its measurement, '
@@ -114,7 +110,7 @@ class EncoderMonitor:
                 'late',
             )
         self._last = stamp
-        if self._frames % _UNIT_CHECK_INTERVAL == 0 and in_degrees(angles):
+        if angles is not None and self._frames % _UNIT_CHECK_INTERVAL == 0 and in_degrees(angles):
             self._warn_once('the angles in joint_states look like degrees; publish radians')
         self._frames += 1
 
@@ -122,24 +118,3 @@ class EncoderMonitor:
         if (kind or fault) not in self._warned:
             self._warned.add(kind or fault)
             self._warn(fault)
-
-
-def in_degrees(angles: Array) -> bool:
-    """Return whether angles fit a chain only if they are read as degrees.
-
-    Most neighbours of any chain satisfy phi_n + phi_{n+1} = pi.
-    """
-    largest = np.nanmax(np.abs(angles), initial=0.0)
-    return bool(
-        np.isfinite(largest)
-        and largest > _SMALLEST_IN_DEGREES
-        and _misfit(angles) > _LARGEST_MISFIT
-        and _misfit(np.deg2rad(angles)) < _LARGEST_MISFIT
-    )
-
-
-def _misfit(angles: Array) -> float:
-    """Return the median of 1 + cos(phi_n + phi_{n+1}) over visible neighbours."""
-    misfits = 1 + np.cos(angles[:-1] + angles[1:])
-    seen = misfits[np.isfinite(misfits)]
-    return float(np.median(seen)) if len(seen) else np.nan

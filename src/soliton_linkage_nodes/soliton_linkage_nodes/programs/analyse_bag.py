@@ -46,6 +46,7 @@ from soliton_linkage_nodes.messages.state_conversions import (
 )
 from soliton_linkage_nodes.programs.bag_analysis import analyse_frames, read_chain
 from soliton_linkage_nodes.programs.command_line import (
+    add_bags,
     add_limits,
     exit_on_failure,
     limits_of,
@@ -360,13 +361,7 @@ def _within(options: argparse.Namespace) -> Callable[..., int]:
 
 def _parser() -> PlainParser:
     parser = PlainParser(prog='analyse_bag', description=__doc__)
-    parser.add_argument(
-        'bags',
-        type=Path,
-        nargs='+',
-        metavar='bag',
-        help='directory of a bag, such as bags/flipper_0',
-    )
+    add_bags(parser)
     parser.add_argument(
         '--output',
         type=Path,

@@ -11,6 +11,7 @@ import sys
 import time
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
+from pathlib import Path
 
 from rclpy.utilities import remove_ros_args
 
@@ -86,6 +87,17 @@ def message_progress(title: str) -> tuple[ProgressLine, Callable[[int, int], Non
             progress.show(done, f'{done} messages, {rate:.0f} per second')
 
     return progress, show
+
+
+def add_bags(parser: argparse.ArgumentParser) -> None:
+    """Add the directories of one or more bags."""
+    parser.add_argument(
+        'bags',
+        type=Path,
+        nargs='+',
+        metavar='bag',
+        help='directory of a bag, such as bags/flipper_0',
+    )
 
 
 def add_limits(parser: argparse.ArgumentParser) -> None:

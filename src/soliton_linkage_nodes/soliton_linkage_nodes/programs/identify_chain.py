@@ -34,6 +34,7 @@ from soliton_linkage_nodes.messages.conversions import NamedChain, joint_states_
 from soliton_linkage_nodes.messages.frame_reader import EncoderMonitor
 from soliton_linkage_nodes.programs.bag_analysis import read_chain
 from soliton_linkage_nodes.programs.command_line import (
+    add_bags,
     add_limits,
     exit_on_failure,
     limits_of,
@@ -138,13 +139,7 @@ def _recorded_chain(reader: Reader) -> NamedChain | None:
 
 def _parser() -> PlainParser:
     parser = PlainParser(prog='identify_chain', description=__doc__)
-    parser.add_argument(
-        'bags',
-        type=Path,
-        nargs='+',
-        metavar='bag',
-        help='directory of a bag, such as bags/flipper_0',
-    )
+    add_bags(parser)
     parser.add_argument(
         '--output',
         type=Path,
@@ -262,7 +257,7 @@ def read_joints(
             first = states.stamp if first is None else first
             if span[0] <= (states.stamp - first) / SECOND <= span[1]:
                 record.add(states)
-            watch.check(states.stamp, states.position)
+            watch.check(states.stamp)
             progress.show(record.frames, f'{record.frames} frames')
         elif connection.topic.endswith(interfaces.JOINT_STATE_DEVIATIONS.name):
             record.add_deviations(joint_states_from_msg(message))
@@ -328,6 +323,8 @@ def summary(found: Identification) -> str:
         f'{found.reading_noise:.3g} rad from frame to frame; bonds with the largest: {bonds}',
         '; '.join(_forces(found)),
     ]
+    if found.outliers:
+        lines.append(f'{found.outliers} readings are outliers and were not used')
     if found.unused_frames:
         lines.append(
             f'{found.unused_frames} frames, mostly with all rotors at rest, were not used for '

@@ -1,0 +1,216 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Order and mounting of encoders, by the curve that the angles of each two neighbours follow.
+
+The bond of two neighbours closes if
+
+    cos(phi_1 - phi_2) = K_0 + K_1 sin(phi_2) - K_2 sin(phi_1),
+    K_0 = (a^2 + r_1^2 + r_2^2 - l^2) / (2 r_1 r_2),    K_1 = a / r_1,    K_2 = a / r_2,
+
+(Freudenstein's equation of four-bar linkages), with K_1, K_2 > 0. If the second angle is half a
+turn off, K_0 and K_1 change their signs. If it is reversed, the angles follow another curve, or
+belong to a bond that no wall can pass: for equal rotors its K_0 is near 1. The same holds for the
+angles of rotors that are no neighbours.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from soliton_linkage.linkage.chain import Array
+
+_LARGEST_MISFIT = 0.04
+"""Misfit of inner neighbours above which a bond that no wall passes is no bond [rad]."""
+_LEAST_SWING = 0.15
+"""Smallest range of sin(phi) of rotors that a wall has passed, over the median [1]."""
+_QUANTILES = 0.02, 0.98
+"""Quantiles of sin(phi) whose difference is its range."""
+_WEIGHTINGS = 4
+"""Fits of a curve with weights that follow from the fit before [1]."""
+_FLATTEST = 0.1
+"""Smallest slope of the equation by the angles [1]; with a smaller one single frames dominate."""
+_BETTER = 0.8
+"""Misfit of a better curve over the misfit of the readings as they are [1]."""
+_AS_GOOD = 1.25
+"""The same, if no wall passes the bond of the readings as they are [1]."""
+_IMPASSABLE = 0.95
+"""Square of the length l over its limit [1] below which no wall passes a bond. Noise changes the
+limit by 0.03."""
+_MOST_WRONG = 1 / 4
+"""Largest fraction of rotors that are named one by one [1]."""
+
+
+class Mounting(NamedTuple):
+    """Relation of readings and angles, or of one rotor to another."""
+
+    reversed: bool = False
+    turned: bool = False
+    """Whether the zero is half a turn off."""
+
+    @property
+    def remedy(self) -> str:
+        """Formula of the angle, given a reading phi."""
+        return {
+            (False, True): 'phi - pi',
+            (True, False): '-phi',
+            (True, True): 'pi - phi',
+        }.get(self, 'phi')
+
+
+class _Curve(NamedTuple):
+    mounting: Mounting
+    """Second rotor relative to the first."""
+    misfit: float
+    """Root mean square distance of the readings from the curve [rad]."""
+    room: float
+    """Square of l over its smallest value in a bond that a wall passes [1]."""
+    backward: bool
+    """Whether the first rotor follows the second one, or both are turned."""
+
+    @property
+    def strange(self) -> bool:
+        """Whether no bond has this curve."""
+        return self.room < _IMPASSABLE and self.misfit > _LARGEST_MISFIT
+
+
+def check_mounting(readings: Array, names: Sequence[str]) -> None:
+    """Raise ValueError for swapped joints and for single rotors with a wrong sign or half a turn.
+
+    Readings [rad] have the shape (T, N).
+    """
+    curves = _curves(readings)
+    backward = [n for n, curve in enumerate(curves) if curve.backward]
+    if 0 < len(backward) < len(curves) / 2:
+        first = last = backward[0]
+        while last + 1 in backward:
+            last += 1
+        raise ValueError(
+            'the joints are not in the order of the rotors: '
+            f'{names[last + 1]} is before {names[first]}; '
+            + ('swap them' if last - first < 2 else 'name them from the first rotor to the last')
+        )
+    wrong = _wrong_rotors(curves)
+    inner = curves[1:-1]
+    if (
+        not wrong
+        or any(curve.strange for curve in curves)
+        or any(any(curve.mounting) and curve.misfit > _LARGEST_MISFIT for curve in inner)
+        or not _isolated(sorted(wrong), readings.shape[1])
+    ):
+        return
+    faults = []
+    for rotor, mounting in wrong.items():
+        how = 'is mounted backwards' if mounting.reversed else 'is half a turn off'
+        faults.append(f'{names[rotor]} {how}: publish {mounting.remedy} for it')
+    rotor, last = min(wrong), readings.shape[1] - 1
+    hint = ''
+    if rotor in (0, last) and wrong[rotor] == Mounting(True, True):
+        beside = names[1 if rotor == 0 else last - 1]
+        hint = f', unless a rotor between it and {beside} is missing; then record all rotors'
+    raise ValueError(f'{"; ".join(faults)}{hint}')
+
+
+def check_neighbours(readings: Array, names: Sequence[str]) -> None:
+    """Raise ValueError if successive joints do not belong to neighbouring rotors."""
+    curves = _curves(readings)
+    strange = [n for n, curve in enumerate(curves) if curve.strange or any(curve.mounting)]
+    if strange:
+        n = strange[0]
+        more = f' and {len(strange) - 1} more pairs' if len(strange) > 1 else ''
+        raise ValueError(
+            f'{names[n]} and {names[n + 1]}{more} do not move like neighbours: rotors between '
+            'them are missing, or joints are not in the order of the rotors; record all rotors, '
+            'and name them from the first to the last'
+        )
+
+
+def _isolated(rotors: list[int], count: int) -> bool:
+    """Whether no two of some rotors are neighbours, and they are few."""
+    return len(rotors) <= _MOST_WRONG * count and bool((np.diff(rotors) > 1).all())
+
+
+def _wrong_rotors(curves: Sequence[_Curve]) -> dict[int, Mounting]:
+    """Return the rotors that are mounted unlike most, and their mountings."""
+    states = [Mounting()]
+    for curve in curves:
+        relative = zip(states[-1], curve.mounting, strict=True)
+        states.append(Mounting(*(one != other for one, other in relative)))
+    usual = max(states, key=states.count)
+    relative_states = (
+        Mounting(*(one != other for one, other in zip(state, usual, strict=True)))
+        for state in states
+    )
+    return {rotor: state for rotor, state in enumerate(relative_states) if any(state)}
+
+
+def _curves(readings: Array) -> list[_Curve]:
+    """Return the curve of each bond; bonds that no wall has passed are as they should be."""
+    low, high = np.quantile(np.sin(readings), _QUANTILES, axis=0)
+    swings = high - low > _LEAST_SWING * np.median(high - low)
+    return [
+        _curve(readings[:, n], readings[:, n + 1])
+        if swings[n] and swings[n + 1]
+        else _Curve(Mounting(), 0.0, 1.0, False)
+        for n in range(readings.shape[1] - 1)
+    ]
+
+
+def _curve(first: Array, second: Array) -> _Curve:
+    """Return the better one of the curves of the readings as they are and with one reversed."""
+    plain = _fitted(first, second, False)
+    other = _fitted(first, -second, True)
+    passable = other.room > _IMPASSABLE
+    better = passable and other.misfit < _BETTER * plain.misfit
+    possible = plain.room < _IMPASSABLE < other.room and other.misfit < _AS_GOOD * plain.misfit
+    return other if better or possible else plain
+
+
+def _fitted(first: Array, second: Array, is_reversed: bool) -> _Curve:
+    terms = np.stack([np.ones_like(first), np.sin(second), -np.sin(first)], axis=1)
+    cosines, sines = np.cos(first - second), np.sin(first - second)
+    weights: NDArray[np.float64] = np.ones_like(first)
+    for _ in range(_WEIGHTINGS):
+        factors = np.linalg.lstsq(terms * weights[:, None], cosines * weights, rcond=None)[0]
+        by_first = factors[2] * np.cos(first) - sines
+        by_second = sines - factors[1] * np.cos(second)
+        weights = 1 / np.sqrt(by_first**2 + by_second**2 + _FLATTEST**2)
+    misfit = float(np.sqrt(np.mean(((cosines - terms @ factors) * weights) ** 2)))
+    constant, left, right = factors.tolist()
+    turned = left * right < 0
+    # Lengths in units of the spacing.
+    r1, r2 = 1 / max(abs(left), 1e-9), 1 / max(abs(right), 1e-9)
+    squared = 1 + r1**2 + r2**2 - 2 * r1 * r2 * (-constant if turned else constant)
+    room = squared / (1 + abs(r1 - r2)) ** 2
+    backward = not is_reversed and left < 0 and right < 0
+    return _Curve(Mounting(is_reversed, turned), misfit, room, backward)
+
+
+_SMALLEST_IN_DEGREES = 4.0
+"""Value that every frame in degrees exceeds, because one of two neighbours has 90 or more."""
+_LARGEST_STAGGER = 0.2
+"""Largest median of 1 + cos(phi_n + phi_{n+1}) in the right unit [1], even if a wall covers half
+the chain. Degrees that are read as radians give 0.4 or more."""
+
+
+def in_degrees(angles: Array) -> bool:
+    """Return whether angles fit a chain only if they are read as degrees.
+
+    Most neighbours of any chain satisfy phi_n + phi_{n+1} = pi.
+    """
+    largest = np.nanmax(np.abs(angles), initial=0.0)
+    return bool(
+        np.isfinite(largest)
+        and largest > _SMALLEST_IN_DEGREES
+        and _stagger(angles) > _LARGEST_STAGGER
+        and _stagger(np.deg2rad(angles)) < _LARGEST_STAGGER
+    )
+
+
+def _stagger(angles: Array) -> float:
+    """Return the median of 1 + cos(phi_n + phi_{n+1}) over visible neighbours."""
+    misfits = 1 + np.cos(angles[:-1] + angles[1:])
+    seen = misfits[np.isfinite(misfits)]
+    return float(np.median(seen)) if len(seen) else np.nan
