@@ -79,6 +79,12 @@ def _lines(report: BagReport) -> Iterator[tuple[str, list[str]]]:
     yield 'Service:', [str(len(services))]
     yield 'Service information:', [_row('Service', 'Event Count', each) for each in services]
     yield 'Lost:', [_losses(report)]
+    missed = _counts_in(report, 'missed_messages')
+    if missed:
+        yield (
+            'Missed:',
+            [f'{n} on {name}, before its publisher was matched' for name, n in missed.items()],
+        )
     if 'chain' in report.custom_data:
         yield 'Chain:', _chains(report.custom_data['chain'])
     events = [f'{count} on {name}' for (name, kind, _), count, _ in topics if kind == _EVENTS]
@@ -195,9 +201,14 @@ def _losses(report: BagReport) -> str:
 
 
 def _lost_when_recorded(report: BagReport) -> dict[str, int]:
+    return _counts_in(report, 'lost_messages')
+
+
+def _counts_in(report: BagReport, key: str) -> dict[str, int]:
+    """Return a number for each topic from the custom data, none if they are damaged."""
     try:
-        lost = load_json(report.custom_data.get('lost_messages', '{}'))
+        counts = load_json(report.custom_data.get(key, '{}'))
     except ValueError:
         return {}
-    counted = lost.items() if isinstance(lost, dict) else ()
+    counted = counts.items() if isinstance(counts, dict) else ()
     return {topic: parse_count(count) for topic, count in counted}

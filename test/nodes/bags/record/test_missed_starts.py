@@ -10,11 +10,13 @@ from pathlib import Path
 from graphs import Graph, values
 from hypothesis import given
 from hypothesis import strategies as st
+from programs import Program
 from rclpy.qos import QoSProfile, ReliabilityPolicy
 from recordings import messages_of
 from sensor_msgs.msg import JointState
 
 from soliton_linkage_nodes.bags.reading import open_bag
+from soliton_linkage_nodes.bags.record.bag_writer import BagWriter
 from soliton_linkage_nodes.bags.recorder import BagRecorder
 from soliton_linkage_nodes.runtime.sequences import MissedStarts
 
@@ -77,3 +79,14 @@ def test_a_publisher_that_sends_before_it_is_matched_is_reported(
     with open_bag(tmp_path / 'run_0') as reader:
         stored = reader.storage.metadata.custom['missed_messages']
     assert json.loads(stored) == {'/joint_states': counted}
+
+
+def test_check_bag_states_the_missed_messages(
+    start: Callable[..., Program], tmp_path: Path
+) -> None:
+    writer = BagWriter(tmp_path / 'run')
+    writer.add_topic('/nudge', 'std_msgs/msg/Float64')
+    writer.close({'missed_messages': '{"/nudge": 3}'})
+    program = start('check_bag', str(writer.path))
+    assert program.wait() == 0
+    assert '3 on /nudge, before its publisher was matched' in ''.join(program.said)
