@@ -150,8 +150,8 @@ class Experiment:
 
     def _ready(self) -> bool:
         received = set(self._observer.figures('bag_recorder').get('topics received', '').split())
-        # Warnings of the other two are part of the summary: missed deadlines, lost messages. Messages
-        # that the recorder missed before it matched a publisher are older than the nudge.
+        # The summary has the missed deadlines of the simulator and the lost messages of the
+        # recorder. Messages that the recorder missed at its start are older than the nudge.
         return (
             all(self._observer.well(node) for node in ('soliton_analyser', 'edge_actuator'))
             and received >= _RECORDED_TOPICS
