@@ -183,7 +183,7 @@ class UnknownChainAnalyser:
 
 
 def _crossing(site: float, angles: Array) -> tuple[AnalysedSoliton, ...]:
-    """Return the wall at a site with its charge and without any other quantity; none for NaN."""
+    """Return a wall with only a site and a charge, or no wall if the site is NaN."""
     if math.isnan(site):
         return ()
     leans = np.sin(staggered(angles))[: math.floor(site) + 1]

@@ -224,7 +224,7 @@ _SAMPLES = 32
 _LOWEST_ORDER = 0.2
 """Largest share 3 mu w^2 of the energy in the springs for the lowest order to hold [1]."""
 _PERIOD = 2
-"""Period of the chain about a wall [rotor spacings], because rotors alternate."""
+"""Period of the shape of a wall [rotor spacings], because even and odd rotors alternate."""
 _SLOW = 0.25
 """Most rotors that a slow wall passes per period of the slowest phonon [1]; the third harmonic
 then stays below the band."""

@@ -41,8 +41,8 @@ def _no_impulses() -> _Impulses:
 class JointRecord:
     """A bounded number of frames, with the impulses and tilts that acted meanwhile.
 
-    Delivered impulses replace commanded ones, because they have the stamps of frames. Commands
-    have another clock if the simulator does not publish the time.
+    Delivered impulses replace commanded impulses, because their stamps are those of frames.
+    Commands have another clock if the simulator does not publish the time.
     """
 
     def __init__(self, joint_names: Sequence[str], most: int) -> None:
@@ -108,12 +108,12 @@ class JointRecord:
             self._commanded_torques.append((stamp, None))
 
     def add_delivered_impulses(self, message: RotorImpulses) -> None:
-        """Keep the impulses that rotors received before a frame."""
+        """Store the impulses of a `delivered_impulses` message."""
         stamp = time_from_msg(message.header.stamp)
         self._add_impulses(self._delivered_impulses, stamp, message)
 
     def add_delivery(self, message: Delivery) -> None:
-        """Store the impulses that the torques of a simulator gave since its last message."""
+        """Store the angular impulse of all torques since the previous `delivery` message."""
         before, now = self._delivered, delivery_from_msg(message)
         self._delivered = now
         if before is not None and len(now.impulse_of_torques) == len(self.joint_names):

@@ -96,9 +96,10 @@ class Commands:
         chain.driver.hold(source, rotors, torques)
 
     def trajectory(self, source: str, message: JointTrajectory) -> None:
-        """Interpolate torques of joints between points; without points, end their torques.
+        """Apply a torque trajectory, linear between its points.
 
-        A trajectory without joint names is for all joints with an actuator.
+        A trajectory without points ends the torques of its joints. A trajectory without points and
+        joint names ends the torques of all joints.
         """
         chain = self._ready()
         if not message.points:

@@ -1,2 +1,2 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Messages to physics types and back; nothing else maps message fields."""
+"""Conversions of messages to physics types and back. No other package reads message fields."""

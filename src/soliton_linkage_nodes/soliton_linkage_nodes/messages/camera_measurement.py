@@ -121,7 +121,7 @@ def deviations_to_msg(named: NamedChain, seen: CameraReading) -> JointState:
 
 
 def describe_reading(measurement: CameraMeasurement, seen: CameraReading) -> str:
-    """Return a sentence about a picture and those before it."""
+    """Return a sentence about a picture and the previous pictures."""
     parts = [seen.frame.status or 'all rotors are visible']
     if measurement.moves:
         times = 'once' if measurement.moves == 1 else f'{measurement.moves} times'

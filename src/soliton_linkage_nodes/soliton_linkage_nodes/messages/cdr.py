@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
 """Fast CDR decoding and encoding of messages with a stamp, names and one double for each name.
 
-Most of the time for such a message is spent on its names, which never change. Decoders compare the
-bytes of the names with the message before and read only the arrays; buffers overwrite the stamp
-and the arrays in place.
+Names need most of the decoding time of such a message, but they never change. Decoders therefore
+compare the bytes of the names with the previous message and read only the arrays. Buffers
+overwrite the stamp and the arrays in place.
 """
 
 from __future__ import annotations
@@ -79,12 +79,12 @@ class Layout:
         return True
 
     def stamp(self, serialized: bytes) -> tuple[int, int]:
-        """Return seconds and nanoseconds since the epoch of a message that fits."""
+        """Return the stamp of a matching message as seconds and nanoseconds since the epoch."""
         seconds, nanoseconds = _STAMP.unpack_from(serialized)
         return seconds, nanoseconds
 
     def arrays(self, serialized: bytes | bytearray, number: int) -> list[Array]:
-        """Return the first arrays of a message that fits, as views that may be unaligned."""
+        """Return the first arrays of a matching message, as views that may be unaligned."""
         arrays, end = [], self._end
         for _ in range(number):
             (count,) = _COUNT.unpack_from(serialized, end)

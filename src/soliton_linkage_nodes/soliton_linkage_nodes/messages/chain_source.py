@@ -50,7 +50,7 @@ class ChainSourceParameters:
 
 @dataclass(frozen=True)
 class OptionalChainSourceParameters(ChainSourceParameters):
-    """The same for a node that can work without a chain."""
+    """Source of the chain of a node that can also work without a chain."""
 
     chain_from: str = quantity(
         'topic',

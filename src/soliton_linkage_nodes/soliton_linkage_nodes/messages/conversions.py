@@ -45,7 +45,7 @@ class NamedChain:
     chain: Chain
     joint_names: tuple[str, ...]
     encoder_offsets: tuple[float, ...] = ()
-    """Known offsets of the encoders, position less angle [rad]: one for each rotor, or none."""
+    """Known encoder offsets, position minus angle [rad]: one for each rotor, or none."""
 
     def __post_init__(self) -> None:
         check_one_each(KnownEncoders(self.encoder_offsets).offsets, self.rotors)

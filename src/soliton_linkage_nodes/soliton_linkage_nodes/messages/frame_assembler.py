@@ -17,9 +17,9 @@ from soliton_linkage_nodes.messages.cdr import JointStateDecoder
 from soliton_linkage_nodes.messages.conversions import JointStates, check_length, check_names
 
 _SHORT_FRAMES = 10
-"""Consecutive frames without a joint after which it is no longer expected [1]. Sensitivity: at
-0.5x, a board that pauses costs its part of one more frame; at 2x, frames are delayed by a period
-for longer after a board has failed."""
+"""Number of consecutive frames without a joint after which frames no longer wait for it [1].
+Sensitivity: at 0.5x, the joints of a board that pauses are missing in one more frame. At 2x,
+frames are delayed by a period for a longer time after a board has failed."""
 
 
 class FrameAssembler:

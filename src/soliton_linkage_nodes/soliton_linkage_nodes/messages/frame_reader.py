@@ -79,7 +79,8 @@ class FrameReader:
 
 
 _LONGEST_LATENESS = SECOND
-"""Largest lateness of a frame [ns]. A larger one means that the clock was reset, as by a bag."""
+"""Largest decrease of the stamp of a late frame [ns]. A larger decrease means that the clock was
+reset, for example by a replayed bag."""
 _UNIT_CHECK_INTERVAL = 100
 """Number of frames between checks of the unit [1], because a check takes 80 us."""
 

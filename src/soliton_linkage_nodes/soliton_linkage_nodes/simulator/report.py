@@ -16,8 +16,8 @@ from soliton_linkage_nodes.simulator.control import SimulationControl, Simulatio
 from soliton_linkage_nodes.simulator.parameters import SimulatorParameters
 
 _FRAMES_OVERDUE = 3
-"""Frames missing from a report for which the next frame counts as slow: one may lie on each side
-of the second, and one may be late."""
+"""Largest number of missing frames in a report that does not make the simulator slow: one at each
+end of the second, and one late frame."""
 
 
 class SimulationReport:
