@@ -250,8 +250,8 @@ def scan(
 ) -> None:
     """Set the log likelihood of a frame at samples of the orbit, shape (S,).
 
-    `before` and `beyond` are cumulative sums over the backgrounds of each leg, shape (legs, N + 1).
-    `tabulate` computes the table.
+    `before` and `beyond` are cumulative sums over the backgrounds of each leg, shape
+    (legs, N + 1). `tabulate` computes the table.
     """
     for sample in range(likelihoods.size):
         leg, first, begin = walls.legs[sample], walls.firsts[sample], walls.begins[sample]
