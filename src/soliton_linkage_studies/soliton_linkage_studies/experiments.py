@@ -34,7 +34,7 @@ _SLACK = 1.1
 """Recording time relative to the theoretical crossing time of a slow wall; it includes a margin
 [1]."""
 _TRANSIENT = 1.5
-"""Shortest recording time relative to the time that sound needs from edge to edge [1].
+"""Shortest recording time, relative to the time that sound needs from edge to edge [1].
 
 The fastest walls have crossed by then.
 """

@@ -15,7 +15,7 @@ _FEWEST_READINGS = 4
 """Smallest number of readings [1]: one more than the three unknowns (two time constants, first
 pressure)."""
 _SHORTEST_STEP = 0.05
-"""Smallest pressure error relative to the largest one, of readings used for the initial guess [1].
+"""Smallest pressure error, relative to the largest one, in the initial guess [1].
 
 The fit itself uses all readings.
 """

@@ -65,7 +65,7 @@ _RATE_FRAMES = 8
 _STEP = 1e-4
 """Step of the unknowns for finite differences [1]."""
 _INFORMED = 1e-9
-"""Smallest variance of a combination relative to the largest [1]; smaller ones are rounding."""
+"""Smallest variance of a combination, relative to the largest [1]; smaller ones are rounding."""
 
 
 def _acceleration(

@@ -36,7 +36,7 @@ from soliton_linkage.linkage.springs import spring_between
 _BATCH = 256
 """Frames of a batch [1], whose arrays fit into the cache."""
 _MISSING_VARIANCE = 1e4
-"""Variance of a missing reading relative to a usual one [1]."""
+"""Variance of a missing reading, relative to a usual one [1]."""
 _CLOSINGS = 8
 """Largest number of corrections of the angles after a step [1]; 2 or 3 are usual."""
 _CLOSED = 1e-4

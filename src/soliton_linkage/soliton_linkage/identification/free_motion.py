@@ -262,7 +262,7 @@ class FreeMotion:
     stiffnesses: Array
     """k divided by the mean mass [1/s^2], shape (N - 1,)."""
     masses: Array
-    """m relative to the mean mass [1], shape (N,)."""
+    """m, relative to the mean mass [1], shape (N,)."""
     damping: float
     """c divided by the mean mass [length^2/s]."""
     angles: Array

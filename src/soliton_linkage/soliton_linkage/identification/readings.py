@@ -31,7 +31,7 @@ _MOST_NAMED = 4
 _PAUSE = 1.0
 """Time between joined recordings [s]."""
 _LARGEST_RELATIVE_DEVIATION = 100.0
-"""Limit of the standard deviation of a reading relative to the usual one [1]."""
+"""Limit of the standard deviation of a reading, relative to the usual one [1]."""
 
 
 class RecordedImpulse(NamedTuple):

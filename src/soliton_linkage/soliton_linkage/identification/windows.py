@@ -132,7 +132,7 @@ stops the rotors of a wall in a second."""
 _LOG_GRAVITY = 1.0
 """Prior standard deviation of the logarithm of gravity, in units of the mean spacing [1]."""
 _INFORMED = 1e-12
-"""Smallest eigenvalue of the information relative to the largest [1]; smaller ones are
+"""Smallest eigenvalue of the information, relative to the largest [1]; smaller ones are
 rounding."""
 
 
@@ -247,7 +247,7 @@ class Eliminated(NamedTuple):
 
 
 class WindowEquations(NamedTuple):
-    """Normal equations of a window for readings of unit variance, and the squares [rad^2].
+    """Normal equations of a window for unit variance, and the sum of squared residuals [rad^2].
 
     The initial state is the last part of the unknowns: shapes are (Q, Q) and (Q,).
     """

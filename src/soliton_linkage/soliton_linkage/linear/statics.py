@@ -18,7 +18,7 @@ _ITERATIONS = 60
 _LONGEST_STEP = 0.5
 """Largest change of an angle in one iteration [rad], so that Newton's method stays local."""
 _ROUNDING = 1e-12
-"""Largest remaining torque of an equilibrium relative to k_e lbar r [1]: the rounding error."""
+"""Largest remaining torque of an equilibrium, relative to k_e lbar r [1]: the rounding error."""
 
 
 def length_rounding(chain: Chain) -> float:

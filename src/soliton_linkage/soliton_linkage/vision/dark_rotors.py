@@ -29,9 +29,9 @@ _AREA_RANGE = (0.4, 1.8)
 """Range of the area of a rotor, relative to the median [1]: hidden parts are smaller, and two
 touching rotors are larger."""
 _MIN_ASPECT = 2.0
-"""Smallest length of a rotor relative to its width [1], so that its axis is defined."""
+"""Smallest length of a rotor, relative to its width [1], so that its axis is defined."""
 _MAX_PIVOT_SHIFT = 0.35
-"""Largest shift of a pivot since the first picture relative to the spacing [1]."""
+"""Largest shift of a pivot since the first picture, relative to the spacing [1]."""
 _ITERATIONS = 3
 """Iterations of directions [1]; each one reduces the change tenfold or more."""
 _RANK_TOLERANCE = 1e-3

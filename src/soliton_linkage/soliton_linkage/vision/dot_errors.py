@@ -117,7 +117,7 @@ class DotMeasurements:
     noise: Array
     """Standard deviations of the angles by pixel noise [rad]."""
     length_errors: Array
-    """Errors of the distances from the pivots relative to the errors by pixel noise [1]."""
+    """Errors of the distances from the pivots, relative to the errors by pixel noise [1]."""
     pixels_per_radian: Array
     """Derivatives of the centres by the angles [pixels/rad]."""
     displacements: Array

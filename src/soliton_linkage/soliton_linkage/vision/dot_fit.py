@@ -37,7 +37,7 @@ _BLUR = 0.6
 _BLURS = (0.35, 1.5)
 """Smallest and largest blur [pixels]: of a pixel alone, and of bad lenses."""
 _RADII = (0.7, 1.4)
-"""Smallest and largest radius of a dot relative to the expected one [1]."""
+"""Smallest and largest radius of a dot, relative to the expected one [1]."""
 _PARAMETERS = 8
 """Number of parameters [1]: w, c, g (2), p (2), R and b."""
 _LABEL_MARGIN = 1.4

@@ -18,7 +18,7 @@ MIN_CONTRAST = 20.0
 _THRESHOLD = 0.3 * MIN_CONTRAST
 """Smallest darkness of the pixels of a dot below their surroundings [grey levels]."""
 _AREAS = (0.2, 4.0)
-"""Smallest and largest area of a spot relative to the area of a dot at rest [1]."""
+"""Smallest and largest area of a spot, relative to the area of a dot at rest [1]."""
 _MAX_RELATIVE_RESIDUAL, _MAX_RESIDUAL = 2.0, 0.02
 """Largest residual of a dot: so many medians of all dots, plus a fraction of its contrast [1].
 Partly hidden dots have larger residuals."""

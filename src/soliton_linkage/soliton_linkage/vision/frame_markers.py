@@ -35,7 +35,7 @@ _MIN_MOTION = 0.1
 _MIN_OUTLIER = 0.5
 """Smallest deviation from the common shift of a dot that counts as hidden [pixels]."""
 _MAX_RESIDUAL = 0.12
-"""Largest residual of a dot relative to its contrast [1]; half hidden dots have larger
+"""Largest residual of a dot, relative to its contrast [1]; half hidden dots have larger
 residuals."""
 _SEARCH_PERIOD = 60
 """Period of the search for missing markers [pictures]; a search takes as long as a picture."""

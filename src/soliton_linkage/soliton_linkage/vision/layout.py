@@ -23,7 +23,7 @@ DICTIONARY = 'DICT_4X4_50'
 MODULES = 6
 """Cells along the side of a frame marker, including its black border [1]."""
 DOT_SHARE = 0.48
-"""Diameter of a dot relative to the diameter of its label [1]; the white margin allows for
+"""Diameter of a dot, relative to the diameter of its label [1]; the white margin allows for
 blur."""
 COLOURS = ((0, 0, 0), (200, 30, 40), (0, 120, 60), (30, 60, 190))
 """Red, green and blue [0 to 255] of the dots of pivots (first) and of masses. Their
@@ -31,11 +31,11 @@ luminances differ from white, and their hues differ from each other."""
 _LABEL_OF_SPACING, _LABEL_OF_ROTOR = 0.45, 0.9
 """Largest diameter of a label, relative to the smaller of spacing and rotor length [1]."""
 _MARKER_OF_SPACING = 0.9
-"""Side of a frame marker relative to the spacing [1]."""
+"""Side of a frame marker, relative to the spacing [1]."""
 _MIN_DISTANCE = 1.05
-"""Smallest distance of frame markers relative to the side of their paper [1]."""
+"""Smallest distance of frame markers, relative to the side of their paper [1]."""
 _LABEL_GAP = 0.25
-"""Gap between the paper of frame markers and the nearest labels relative to the spacing [1]."""
+"""Gap between the paper of frame markers and the nearest labels, relative to the spacing [1]."""
 
 
 @document_fields

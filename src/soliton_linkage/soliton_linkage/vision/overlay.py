@@ -15,11 +15,11 @@ from soliton_linkage.vision.angle_camera import AngleFrame
 from soliton_linkage.vision.opencv import Picture, opencv
 
 _FONT_SIZE = 1 / 1800
-"""Font size relative to the width of the picture [1/pixel], readable at 1280 pixels."""
+"""Font size, relative to the width of the picture [1/pixel], readable at 1280 pixels."""
 _SHADOW = (20, 20, 20)
 """Blue, green and red of the shadow of letters, for contrast on any background."""
 _WALL_LENGTH = 1.35
-"""Half length of the line across the chain at a wall relative to the length of the rotors [1]."""
+"""Half length of the line across the chain at a wall, relative to the length of the rotors [1]."""
 _NAME_DISTANCE = 0.95
 """Distance of a rotor's name from its pivot, relative to the spacing [1]: outside the label, and
 closer to its own pivot than to most others."""

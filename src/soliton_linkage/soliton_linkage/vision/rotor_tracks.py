@@ -32,7 +32,7 @@ _MAX_LENGTH_ERROR = 0.2
 _MIN_MEASUREMENTS, _MAX_MEASUREMENTS = 5, 300
 """Numbers of pictures before the mean of a length is used, and in that mean [1]."""
 _PIVOT_TOLERANCE = 0.25
-"""Largest distance of a pivot from its configured line relative to the spacing [1]."""
+"""Largest distance of a pivot from its configured line, relative to the spacing [1]."""
 _SPACING_TOLERANCE = 0.4
 """Largest deviation of a pivot distance from a multiple of the spacing, in spacings [1]."""
 _MIN_VISIBLE = 0.8

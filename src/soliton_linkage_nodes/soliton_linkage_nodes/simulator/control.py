@@ -36,7 +36,7 @@ class SimulationStatus:
     energy: float
     """Energy of the current frame [J]."""
     energy_drift: float
-    """Energy gained or lost by the solver relative to the largest energy so far [1]."""
+    """Energy gained or lost by the solver, relative to the largest energy so far [1]."""
     dissipated: float
     """Energy dissipated by the damping since the last reset [J]."""
 

@@ -14,16 +14,16 @@ from soliton_linkage.linear.rigidity import Edge, resolved_edge_mode
 from soliton_linkage.linkage.chain import Array, Chain
 
 _LONGEST = 1.2
-"""Length of an arrow of size 1 relative to the larger of rotor length and spacing [1]."""
+"""Length of an arrow of size 1, relative to the larger of rotor length and spacing [1]."""
 _SHORTEST_ARROW = 0.02
-"""Smallest length of an arrow relative to the longest one [1]; shorter arrows are omitted."""
+"""Smallest length of an arrow, relative to the longest one [1]; shorter arrows are omitted."""
 _HEAD = (0.3, 0.15)
-"""Length and half width of an arrow head relative to the length of the arrow [1]."""
+"""Length and half width of an arrow head, relative to the length of the arrow [1]."""
 _WALL_HEIGHT = 2.5
-"""Height of a wall relative to the length of a rotor [1], so that it is visible above and
+"""Height of a wall, relative to the length of a rotor [1], so that it is visible above and
 below."""
 _LETTERS = 40
-"""Length of a chain relative to the height of letters [1]; a text line takes half the length."""
+"""Length of a chain, relative to the height of letters [1]; a text line takes half the length."""
 _AT_REST = 1e-4
 """Relative extension of a spring at the lower limit of the colour scale [1]."""
 _DECAY = 0.98

@@ -35,7 +35,7 @@ class BenchParameters:
 
     spread: float = quantity(0.05, 'relative standard deviation of every length', '', 0.0, 0.2)
     seed: int = quantity(
-        0, 'random seed of the lengths; the next ones are tried until a wall can pass', '', 0
+        0, 'first random seed of the lengths; later seeds are tried until a wall can pass', '', 0
     )
     kick: float = quantity(
         10.0, 'speed of rotor 0 along the zero mode at the start of the film', 'rad/s', 0.1, 1000.0

@@ -32,7 +32,7 @@ _BOARD = (172, 180, 176)
 _ARM, _BOND, _WHITE = (70, 74, 80), (120, 110, 90), (246, 246, 242)
 """RGB colours of arms, bonds and paper [0 to 255]."""
 _ARM_WIDTH, _BOND_WIDTH = 0.5, 0.12
-"""Half widths of arms and bonds relative to the radius of a label [1]."""
+"""Half widths of arms and bonds, relative to the radius of a label [1]."""
 _NOISES = 4
 """Number of noise images [1], which are reused with a random shift."""
 

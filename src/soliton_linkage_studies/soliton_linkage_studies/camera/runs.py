@@ -46,7 +46,7 @@ SIMULATED = 0.002
 _TILTS = (0.06, -0.09, 0.01)
 """Rotation of the camera from the normal of the plane [rad]."""
 _FILLED = 1.12
-"""Width of the picture relative to the width of chain and frame markers [1]."""
+"""Width of the picture, relative to the width of chain and frame markers [1]."""
 _SWAPPED = 0.1
 """Error above which the measurement belongs to another rotor [rad]."""
 _SETTLING = 10

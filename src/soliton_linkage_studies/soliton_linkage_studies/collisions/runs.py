@@ -88,7 +88,7 @@ class Collision:
 
 @dataclass(frozen=True)
 class CollisionRun:
-    """Outcome of a collision; speeds are relative to sound, lengths in reaches [1]."""
+    """Outcome of a collision; speeds are, relative to sound, lengths in reaches [1]."""
 
     escaped: bool
     """Whether both walls escaped."""

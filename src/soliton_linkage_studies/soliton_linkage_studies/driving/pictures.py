@@ -62,7 +62,7 @@ _LEAST = 1e-17
 """Plotted value of a zero imbalance, below any rounding error [1]."""
 _TIME = 'time [s]'
 _ROOM = 0.25
-"""Vertical space for the legend above the moves relative to the height of the data [1]."""
+"""Vertical space for the legend above the moves, relative to the height of the data [1]."""
 
 
 def blank_page() -> tuple[FigureReport, dict[str, Axes]]:

@@ -198,7 +198,7 @@ class BalancedRun:
     times: Array
     """Instants of the frames [s], shape (T,)."""
     imbalances: Array
-    """Absolute energy imbalance relative to the largest energy so far [1], shape (T,)."""
+    """Absolute energy imbalance, relative to the largest energy so far [1], shape (T,)."""
     kicks: Array
     """Times of the impulses [s], shape (kicks,)."""
     turns: Array
@@ -394,7 +394,7 @@ class EnergyBalance:
 
     @property
     def imbalance(self) -> float:
-        """Absolute energy imbalance relative to the largest energy of any frame so far [1]."""
+        """Absolute energy imbalance, relative to the largest energy of any frame so far [1]."""
         energy = self.simulation.energy
         taken = self.simulation.dissipated - self._dissipated_before
         missing = self._start + self._given - taken - energy

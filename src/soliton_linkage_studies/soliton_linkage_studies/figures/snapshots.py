@@ -125,7 +125,7 @@ def _compare(
     )
     report.add_comparison(
         f'turns of each rotor in a cycle, {chain.motion.value}',
-        'edge rotors by 2π, all by π a passage' if spinner else 'none',
+        'edge rotors by 2π; all by π per passage' if spinner else 'none',
         'rigid bars in a cycle',
         turns,
         1.0 if spinner else 0.0,

@@ -40,7 +40,7 @@ class Insulation:
     swing: float
     """Amplitude of the rotor that moves most [rad]."""
     drives: tuple[float, ...]
-    """Angular frequencies of the drives relative to the gap frequency [1]."""
+    """Angular frequencies of the drives, relative to the gap frequency [1]."""
     duration: float
     """Duration of the motion [s]."""
 

@@ -51,7 +51,7 @@ _CLASS_LABELS = {
 }
 """Labels of classes whose names need an explanation."""
 _ASIDE = 0.16
-"""Offset between curves relative to the smallest distance of two points [1].
+"""Offset between curves, relative to the smallest distance of two points [1].
 
 It prevents overlap of the error bars.
 """
