@@ -211,7 +211,7 @@ def test_kinetic_energy_counts_each_mass_at_its_own_speed(chain: Chain) -> None:
 @pytest.mark.parametrize('rotors', [3, 41])
 def test_a_periodic_chain_of_odd_number_is_rejected(rotors: int) -> None:
     with pytest.raises(
-        ValueError, match=f'number_of_rotors = {rotors} must be even with periodic'
+        ValueError, match=f'number_of_rotors = {rotors} must be even if the ends are periodic'
     ):
         Chain(rotors, periodic=True)
 
