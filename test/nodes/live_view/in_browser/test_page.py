@@ -42,8 +42,8 @@ def test_every_panel_shows_the_published_state(at_rest: Visit, view: View) -> No
     assert 'charge 1' in visit.text('topology-note')
     for note, label in (
         ('chain', 'soliton at rotor '),
-        ('topology', 'zero mode at rotor '),
-        ('lean', 'soliton at rotor '),
+        ('topology', 'zero mode at '),
+        ('lean', 'soliton at '),
     ):
         wait_for_position(visit, f'{note}-note', label)
     for canvas in PANELS:

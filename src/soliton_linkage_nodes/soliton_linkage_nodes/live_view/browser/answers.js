@@ -19,19 +19,25 @@ export class Answers {
   // Starts an action of a canvas and returns its number.
   begin(name) {
     this.count += 1;
-    this.show({ id: this.count, name: NAMES[name] || name, good: null });
+    this.show({ id: this.count, name: NAMES[name] || name, good: null, long: name === 'pull' });
     return this.count;
   }
 
-  // Shows the state of an action; `good` is null while it waits for its answer.
-  show({ id, name, answer, good }) {
+  // Expects the answer of an action that took long, such as a pull that ends.
+  expect() {
+    if (this.last) Object.assign(this.last, { long: false, since: performance.now() });
+  }
+
+  // Shows the state of an action; `good` is null while it waits for its answer. A long action may
+  // take more time than an answer should.
+  show({ id, name, answer, good, long }) {
     if (good && (name || this.last)) this.succeeded(name || this.last.name);
     if (good !== null) this.log = [...this.log, answer].slice(-20);
     // An older action does not hide a newer one that still waits.
     const waits = this.last && this.last.good === null && good !== null && id !== this.last.id;
     if (waits) return;
     if (good !== null && !answer) this.last = null;
-    else this.last = { id, name: name || (this.last && this.last.name), answer, good, since: performance.now() };
+    else this.last = { id, name: name || (this.last && this.last.name), answer, good, long, since: performance.now() };
     this.refresh();
   }
 
@@ -40,6 +46,7 @@ export class Answers {
     if (!last) return '';
     const seconds = (performance.now() - last.since) / 1000;
     if (last.good === null) {
+      if (last.long) return `… ${last.name}: under way`;
       return seconds < PATIENCE ? `… ${last.name}: waiting for the answer` : `▲ ${last.name}: no answer within ${PATIENCE} s, still waiting`;
     }
     if (seconds > SHOWN[last.good]) return '';

@@ -148,7 +148,7 @@ export function axes(canvas, look, { x, y, left = 62, bottom = 26, xLabel = '', 
   c.strokeStyle = look.line;
   c.fillStyle = look.soft;
   c.textAlign = 'right';
-  ticks(y[0], y[1], h / 48).forEach((value) => {
+  ticks(y[0], y[1], h / 30).forEach((value) => {
     c.beginPath();
     c.moveTo(left, toY(value));
     c.lineTo(left + w, toY(value));

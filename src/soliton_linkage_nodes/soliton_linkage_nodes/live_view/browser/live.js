@@ -36,7 +36,10 @@ class Live {
     this.answers = new Answers((name) => this.guide.finish(name));
     this.view = new ChainView(element('chain'), {
       act: (name, more) => this.act(name, more),
-      send: (message) => this.send(message),
+      send: (message) => {
+        if (message.pull === null) this.answers.expect();
+        this.send(message);
+      },
       window: (first, last) => this.send({ window: [first, last] }),
       nudgeSpeed: () => this.nudgeSpeed,
     });

@@ -57,7 +57,7 @@ export class LeanPlot extends Plot {
   note(frame, chain) {
     if (!analysed(frame)) return frame.rotors ? 'no soliton_state' : '';
     if (!(frame.walls > 0)) return 'no soliton';
-    return `soliton at rotor ${finite(frame.rotor)} ± ${finite(frame.position_deviation / (chain.spacing || 1), 3)}`;
+    return `soliton at ${finite(frame.rotor)} ± ${finite(frame.position_deviation / (chain.spacing || 1), 3)}`;
   }
 }
 
@@ -254,7 +254,7 @@ export class TopologyPlot extends Plot {
 
   note(frame) {
     if (!analysed(frame)) return '';
-    return `charge ${finite(frame.charge, 0)}, zero mode at rotor ${finite(frame.zero_mode_rotor)}`;
+    return `charge ${finite(frame.charge, 0)}, zero mode at ${finite(frame.zero_mode_rotor)}`;
   }
 }
 

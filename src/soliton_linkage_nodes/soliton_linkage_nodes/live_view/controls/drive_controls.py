@@ -39,10 +39,13 @@ class Shown(Protocol):
     namespace: str
 
 
-async def attempt(name: str, action: Action) -> bool:
-    """Carry out an action and show its answer; return False if it was rejected."""
+async def attempt(name: str, action: Action, long: bool = False) -> bool:
+    """Carry out an action and show its answer; return False if it was rejected.
+
+    A long action may take more than the two seconds in which an answer is due.
+    """
     number = next(_numbers)
-    show_answer(number, name)
+    show_answer(number, name, long=long)
     good = True
     try:
         done = action()
@@ -53,19 +56,26 @@ async def attempt(name: str, action: Action) -> bool:
     return good
 
 
-def show_answer(number: int, name: str, text: str = '', good: bool | None = None) -> None:
+def show_answer(
+    number: int, name: str, text: str = '', good: bool | None = None, long: bool = False
+) -> None:
     """Show the state of an action: pending, successful or rejected."""
-    answer = json.dumps({'id': f'control {number}', 'name': name, 'answer': text, 'good': good})
-    ui.run_javascript(f'live.answers.show({answer})')
+    state = {'id': f'control {number}', 'name': name, 'answer': text, 'good': good, 'long': long}
+    ui.run_javascript(f'live.answers.show({json.dumps(state)})')
 
 
 def button(
-    text: str, action: Action, icon: str = '', marker: str = '', primary: bool = False
+    text: str,
+    action: Action,
+    icon: str = '',
+    marker: str = '',
+    primary: bool = False,
+    long: bool = False,
 ) -> ui.button:
     """Add a button that carries out an action and shows its answer; one per tab is primary."""
 
     async def press() -> None:
-        await attempt(text, action)
+        await attempt(text, action, long)
 
     created = ui.button(text, icon=icon or None, on_click=press)
     created.props(f'dense no-caps {"unelevated" if primary else "outline"}')
@@ -268,7 +278,13 @@ class RunControls(ChainControls):
         group = ControlGroup('Single steps of a paused simulation', 'step')
         with group.body:
             count = number('periods', 10, '', min=1, precision=0)
-            button('Step', lambda: self._commands.step(value_of(count)), 'skip_next', 'live-step')
+            button(
+                'Step',
+                lambda: self._commands.step(value_of(count)),
+                'skip_next',
+                'live-step',
+                long=True,
+            )
         return group
 
     def _reset(self) -> ControlGroup:

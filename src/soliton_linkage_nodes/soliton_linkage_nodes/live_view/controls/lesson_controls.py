@@ -26,7 +26,7 @@ class LessonControls:
                 ui.label(experiment.question)
                 answer = ui.label().classes('live-measured').props(f'id=live-measured-{number}')
                 action = partial(self._carry_out, experiment, answer)
-                button('Try it', action, 'science', f'live-try-{number}', primary=number == 1)
+                button('Try it', action, 'science', f'live-try-{number}', number == 1, long=True)
 
     async def _carry_out(self, experiment: GuidedExperiment, answer: ui.label) -> str:
         if self._view.read_only:
