@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import contextlib
 from collections.abc import Callable
 
 import numpy as np
@@ -79,18 +80,24 @@ def test_a_restart_is_detected_and_stamps_continue() -> None:
     line = Line(5.0, 100e-6, DELAYS['exponential'], 10**7)
     line.stamps(clock)
     arrival = int(line.arrivals[-1])
-    stamps = [clock.stamp(500 + 10**4 * k, arrival + SECOND + 10**7 * k) for k in range(10)]
-    assert clock.restarts == 1
+    for k in range(2):
+        with pytest.raises(ValueError, match=rf'time = {500 + 10**4 * k} us differs from its arr'):
+            clock.stamp(500 + 10**4 * k, arrival + SECOND + 10**7 * k)
+    stamps = [clock.stamp(500 + 10**4 * k, arrival + SECOND + 10**7 * k) for k in range(2, 10)]
+    assert (clock.restarts, clock.jumps) == (1, 0)
     np.testing.assert_allclose(np.diff(stamps), 1e7)
-    assert 0 <= arrival + SECOND - stamps[0] < 1000
+    assert 0 <= arrival + SECOND + 2 * 10**7 - stamps[0] < 1000
 
 
 def test_a_stopped_clock_and_one_in_milliseconds_are_restarted() -> None:
     clock = DeviceClock()
     line = Line(5.0, 0.0, DELAYS['exponential'])
     line.stamps(clock)
-    arrival = int(line.arrivals[-1]) + 20 * SECOND
-    assert clock.stamp(int(line.times[-1]) + 10**4, arrival) == arrival
+    for k in range(1, 4):
+        arrival = int(line.arrivals[-1]) + 20 * SECOND + 10**7 * k
+        with contextlib.suppress(ValueError):
+            stamp = clock.stamp(int(line.times[-1]) + 10**4 * k, arrival)
+    assert stamp == arrival
     assert clock.restarts == 1
     milliseconds = DeviceClock()
     for frame in range(1, 100):
@@ -108,3 +115,48 @@ def test_a_repeated_time_is_rejected() -> None:
 def test_stamps_without_times_are_increasing_arrivals() -> None:
     clock = DeviceClock()
     assert [clock.stamp_of_arrival(BOOT), clock.stamp_of_arrival(BOOT)] == [BOOT, BOOT + 1]
+
+
+@pytest.mark.parametrize('jump', [0.010, 0.050, -0.005, -0.050])
+def test_a_jump_of_the_clock_is_counted_and_corrected_within_three_frames(jump: float) -> None:
+    clock = DeviceClock()
+    line = Line(20.0, 100e-6, lambda rng, count: rng.exponential(3e-4, count), 10**7)
+    line.times[500:] += round(jump * 1e6)
+    errors, rejected = plausible_stamps(clock, line)
+    assert rejected == [500, 501]
+    assert (clock.jumps, clock.restarts) == (1, 0)
+    assert np.abs(errors[500:]).max() < 3e-3
+    assert np.abs(errors[-500:]).max() < 1e-4
+    assert clock.drift == pytest.approx(100e-6, abs=1e-5)
+
+
+@pytest.mark.parametrize('kind', DELAYS)
+def test_late_frames_are_no_jumps(kind: str) -> None:
+    clock = DeviceClock()
+    errors = Line(60.0, 100e-6, DELAYS[kind]).stamps(clock)
+    assert (clock.jumps, clock.restarts, len(errors)) == (0, 0, 6000)
+
+
+def test_single_wrong_times_are_rejected_and_change_no_stamp() -> None:
+    clock = DeviceClock()
+    line = Line(20.0, 100e-6, DELAYS['exponential'])
+    wrong = np.arange(30, 2000, 20)
+    digits = 10 ** np.random.default_rng(5).integers(5, 9, len(wrong))
+    line.times[wrong] = (line.times[wrong] + 3 * digits) % CLOCK_RANGE
+    errors, rejected = plausible_stamps(clock, line)
+    assert rejected == wrong.tolist()
+    assert (clock.jumps, clock.restarts) == (0, 0)
+    assert np.abs(errors[100:]).max() < 1e-3
+
+
+def plausible_stamps(clock: DeviceClock, line: Line) -> tuple[Array, list[int]]:
+    """Errors of the stamps of accepted measurements [s], and the numbers of rejected ones."""
+    errors, rejected = [], []
+    for number, (time, arrival) in enumerate(zip(line.times, line.arrivals, strict=True)):
+        try:
+            stamp = clock.stamp(int(time), int(arrival))
+        except ValueError:
+            rejected.append(number)
+        else:
+            errors.append((stamp - line.measured[number]) / SECOND - LEAST)
+    return np.array(errors), rejected

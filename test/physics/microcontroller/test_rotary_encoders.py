@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import math
 
 import numpy as np
@@ -99,8 +100,49 @@ def test_frame_numbers_skipped_by_a_restart_are_not_lost(greeted: bool) -> None:
         angles.take(reading(number, 1000 * number), number * MILLISECOND)
     if greeted:
         assert angles.take(SerialFrame(FrameKind.HELLO), 43 * MILLISECOND) is None
-    assert angles.take(reading(60, 1), 1000 * MILLISECOND) is not None
+    for number in range(60, 63):
+        with contextlib.suppress(ValueError):
+            angles.take(reading(number, 1000 * (number - 60) + 1), (940 + number) * MILLISECOND)
     assert (angles.lost, angles.clock.restarts) == (0, 1)
+
+
+def test_wrong_frame_numbers_are_not_lost_frames() -> None:
+    numbers = np.arange(1000) % SEQUENCES
+    lost = np.array([200, 201, 202, 640])
+    wrong = np.random.default_rng(4).random(1000) < 0.05
+    wrong[[199, 203, 639, 641, 996, 997, 998, 999]] = False
+    sent = numbers + wrong * 10 ** np.random.default_rng(5).integers(1, 5, 1000)
+    angles = stream()
+    for count in np.setdiff1d(np.arange(1000), lost):
+        angles.take(reading(int(sent[count]) % SEQUENCES), int(count) * MILLISECOND)
+    assert angles.lost == 4
+
+
+def test_a_frame_with_an_implausible_time_is_rejected_and_is_not_lost() -> None:
+    angles = stream()
+    for number in range(500):
+        time = 10 * number + (8_000_000 if number == 400 else 0)
+        if number == 400:
+            with pytest.raises(ValueError, match='time = 8004000 us differs from its arrival'):
+                angles.take(reading(number, time), 10_000 * number)
+        else:
+            angles.take(reading(number, time), 10_000 * number)
+    assert (angles.lost, angles.clock.restarts, angles.clock.jumps) == (0, 0, 0)
+
+
+@pytest.mark.parametrize('restarted', [False, True])
+def test_only_a_controller_that_continued_has_lost_frames_at_a_reconnection(
+    restarted: bool,
+) -> None:
+    angles = stream()
+    for number in range(1000):
+        angles.take(reading(number, 10_000 * number), 10 * MILLISECOND * number)
+    angles.reconnect()
+    for number in range(1003, 1100):
+        sent = number - 1003 if restarted else number
+        with contextlib.suppress(ValueError):
+            angles.take(reading(sent, 10_000 * sent), 10 * MILLISECOND * number)
+    assert (angles.lost, angles.clock.restarts) == ((0, 1) if restarted else (3, 0))
 
 
 def test_commands_are_rejected_as_readings() -> None:

@@ -16,6 +16,7 @@ smallest delay in successive intervals.
 from __future__ import annotations
 
 import math
+from collections import deque
 
 import numpy as np
 
@@ -42,6 +43,18 @@ without a frame. A larger time means that the clock has restarted."""
 _FROM_THE_PAST = 10.0
 """Largest delay [s]; the system's buffer holds four seconds of a line at 9600 baud. A larger delay
 means that the clock has stopped or does not count microseconds."""
+_SMALLEST_JUMP = 1e-3
+"""Smallest jump of a clock that is detected [s]. Sensitivity: at 0.5x, an unusually early message
+may look like a jump; at 2x, smaller jumps bias the drift."""
+_EARLY, _LATE = 3.0, 10.0
+"""Deviation below and above the line that is implausible, in medians of the delay [1]. Ten medians
+of an exponential distribution are exceeded by one delay in a thousand, three in a row by none."""
+_UNUSUAL = 8.0
+"""Deviation of an unusual sampling interval in median deviations [1]."""
+_CLOCK_RESOLUTION = 1e-4
+"""Smallest deviation of an unusual sampling interval [s]: 25 ticks of an Arduino's micros()."""
+_CONFIRMATIONS = 3
+"""Number of implausible times that agree with each other and so show a jump or a restart [1]."""
 
 
 class DelayEnvelope:
@@ -116,11 +129,16 @@ class DeviceClock:
     Offset and drift are estimated from the arrival times, because no message arrives before it was
     sent. The offset includes the smallest delay, because the receiver cannot measure it. Stamps
     increase from measurement to measurement.
+
+    A measurement with an implausible time is rejected. Three of them in a row that agree with each
+    other show that the clock has jumped or restarted; then the estimate starts again.
     """
 
     def __init__(self) -> None:
         self.restarts = 0
         """Number of restarts of the controller's clock."""
+        self.jumps = 0
+        """Number of jumps of the controller's clock, each by less than 0.25 s."""
         self.delay = 0.0
         """Delay of the last measurement minus the smallest delay [s]."""
         self._last: int | None = None
@@ -141,26 +159,32 @@ class DeviceClock:
         """Discard the estimate, because the controller has restarted or was exchanged."""
         if self._last is not None:
             self.restarts += 1
+        self._discard()
+
+    def _discard(self) -> None:
         self._last = None
-        self._elapsed = 0
-        self._begun = 0
+        self._elapsed, self._begun, self._arrival = 0, 0, 0
         self._envelope = DelayEnvelope()
+        self._delays: deque[float] = deque(maxlen=32)
+        self._intervals: deque[float] = deque(maxlen=16)
+        self._suspects: deque[tuple[int, int]] = deque(maxlen=_CONFIRMATIONS)
 
     def stamp(self, time: int, arrival: int) -> int:
         """Return the stamp [ns] of a measurement at a controller time [us], arrived at [ns].
 
-        Raises ValueError if the time repeats the measurement before.
+        Raises ValueError if the time is implausible or repeats the measurement before.
         """
         if self._last is not None:
             self._advance(time, arrival)
         if self._last is None:
             self._begun = arrival
-        self._last = time
+        self._last, self._arrival = time, arrival
         x = self._elapsed * _MICROSECOND / _SECOND
         self._envelope.add(x, (arrival - self._begun) / _SECOND - x)
         running = self._elapsed * _MICROSECOND + round(self._envelope.at(x) * _SECOND)
         self._stamp = max(self._begun + running, self._stamp + 1)
         self.delay = (arrival - self._stamp) / _SECOND
+        self._delays.append(self.delay)
         return self._stamp
 
     def stamp_of_arrival(self, arrival: int) -> int:
@@ -169,7 +193,7 @@ class DeviceClock:
         return self._stamp
 
     def _advance(self, time: int, arrival: int) -> None:
-        """Advance to a time; restart if it is in the future or its delay is too large."""
+        """Advance to a time; raise ValueError if it is implausible and not confirmed."""
         assert self._last is not None
         passed = (time - self._last) % CLOCK_RANGE
         if not passed:
@@ -180,7 +204,58 @@ class DeviceClock:
         elapsed = self._elapsed + passed
         elapsed += max((latest - elapsed) // CLOCK_RANGE, 0) * CLOCK_RANGE
         earliest = latest - round(1e6 * (_FROM_THE_FUTURE + _FROM_THE_PAST))
-        if earliest <= elapsed <= latest:
+        if earliest <= elapsed <= latest and self._plausible(elapsed, arrival):
+            self._intervals.append((elapsed - self._elapsed) / 1e6)
             self._elapsed = elapsed
+            self._suspects.clear()
+            return
+        # The time may have decreased.
+        signed = (passed + CLOCK_RANGE // 2) % CLOCK_RANGE - CLOCK_RANGE // 2
+        late = self._late(self._elapsed + signed, arrival)
+        self._suspects.append((time, arrival))
+        if not self._confirmed():
+            raise ValueError(
+                f'time = {time} us differs from its arrival by {abs(late):.3g} s; '
+                'check the wiring, and send a checksum with each line'
+            )
+        if abs(late) < _FROM_THE_FUTURE:
+            self.jumps += 1
+            self._discard()
         else:
             self.reset()
+
+    def _late(self, elapsed: int, arrival: int) -> float:
+        """Return the delay above the line [s], for a time since the first measurement [us]."""
+        x = elapsed * _MICROSECOND / _SECOND
+        return (arrival - self._begun) / _SECOND - x - self._envelope.at(x)
+
+    def _plausible(self, elapsed: int, arrival: int) -> bool:
+        """Return whether a time since the first measurement [us] agrees with its arrival [ns].
+
+        A message cannot arrive early. A late message is plausible unless its sampling interval is
+        unusual too, because a waiting message keeps its interval.
+        """
+        if math.isnan(self.scatter):
+            return True
+        late, tolerance = self._late(elapsed, arrival), self._tolerance(arrival - self._arrival)
+        if late < 0:
+            return -late <= max(tolerance * _EARLY / _LATE, _SMALLEST_JUMP)
+        usual = float(np.median(self._intervals))
+        spread = float(np.median(np.abs(np.array(self._intervals) - usual)))
+        interval = (elapsed - self._elapsed) / 1e6
+        unusual = abs(interval - usual * max(round(interval / usual), 1))
+        return late <= tolerance or unusual <= max(_UNUSUAL * spread, _CLOCK_RESOLUTION)
+
+    def _tolerance(self, gap: int) -> float:
+        """Return the plausible deviation of a time after a gap [ns] without measurements [s]."""
+        usual = float(np.median(self._delays)) if self._delays else 0.0
+        return max(_LATE * usual, _SMALLEST_JUMP) + LARGEST_DRIFT * abs(gap) / _SECOND
+
+    def _confirmed(self) -> bool:
+        """Return whether the implausible times agree with each other."""
+        if len(self._suspects) < _CONFIRMATIONS:
+            return False
+        times, arrivals = np.diff(np.array(self._suspects, dtype=np.int64), axis=0).T
+        passed = times % CLOCK_RANGE / 1e6
+        limits = [self._tolerance(int(gap)) for gap in arrivals]
+        return bool((passed > 0).all() and (abs(arrivals / _SECOND - passed) <= limits).all())

@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 import math
+from collections import deque
 from dataclasses import dataclass
 from typing import NamedTuple
 
@@ -13,6 +14,9 @@ from soliton_linkage.linkage.chain import Array
 from soliton_linkage.linkage.quantities import LARGEST_ANGLE, check_quantities, quantity
 from soliton_linkage.microcontroller.device_clock import DeviceClock
 from soliton_linkage.microcontroller.frames import READINGS, SEQUENCES, FrameKind, SerialFrame
+
+_COMPARED_NUMBERS = 4
+"""Number of earlier frame numbers that a number is compared with [1]."""
 
 
 @dataclass(frozen=True)
@@ -90,16 +94,20 @@ class AngleReader:
         Wrapped readings are assumed to change by less than half a turn since the last valid
         reading of the rotor. Raises ValueError unless there is a reading for each rotor.
         """
-        if len(frame.values) != self.rotors:
-            raise ValueError(
-                f'it has {len(frame.values)} readings for a chain of {self.rotors} rotors; send '
-                'one for each rotor, - or NaN if missing, or set chain.number_of_rotors'
-            )
+        self.check(frame)
         angles = frame.values * self._radians[frame.kind] - self._offsets
         if self._wrapped:
             angles = angles + math.tau * np.round((self._last - angles) / math.tau)
             self._last = np.where(np.isnan(angles), self._last, angles)
         return np.asarray(angles)
+
+    def check(self, frame: SerialFrame) -> None:
+        """Raise ValueError unless there is a reading for each rotor."""
+        if len(frame.values) != self.rotors:
+            raise ValueError(
+                f'it has {len(frame.values)} readings for a chain of {self.rotors} rotors; send '
+                'one for each rotor, - or NaN if missing, or set chain.number_of_rotors'
+            )
 
 
 class StampedAngles(NamedTuple):
@@ -120,17 +128,27 @@ class AngleStream:
         self.lost = 0
         """Number of numbered frames that did not arrive."""
         self._reader = reader
-        self._last: int | None = None
+        self._arrived = 0
+        self._numbers: deque[tuple[int, int, int]] = deque(maxlen=_COMPARED_NUMBERS)
 
     def reset(self) -> None:
         """Prepare for a controller that has restarted."""
         self.clock.reset()
-        self._last = None
+        self._numbers.clear()
+
+    def reconnect(self) -> None:
+        """Prepare for a controller that may have restarted while the line was interrupted.
+
+        If the clock is known, the next times show whether it has restarted.
+        """
+        if math.isnan(self.clock.scatter):
+            self.reset()
 
     def take(self, frame: SerialFrame, arrival: int) -> StampedAngles | None:
         """Return the angles of a frame with its arrival time [ns]; None for a `hello` frame.
 
-        Raises ValueError for a frame that is no reading, does not match the chain, or repeats one.
+        Raises ValueError for a frame that is no reading, does not match the chain, repeats one or
+        has an implausible time.
         """
         if frame.kind is FrameKind.HELLO:
             self.reset()
@@ -139,19 +157,33 @@ class AngleStream:
             raise ValueError(
                 f'{frame.kind.value} are commands to a controller; send counts or radians'
             )
-        angles = self._reader.read(frame)
+        self._reader.check(frame)
+        self._arrived += 1
         restarts = self.clock.restarts
         if frame.time is None:
             stamp = self.clock.stamp_of_arrival(arrival)
         else:
             stamp = self.clock.stamp(frame.time, arrival)
-        if (
-            self.clock.restarts == restarts
-            and frame.sequence is not None
-            and self._last is not None
-        ):
-            missing = (frame.sequence - self._last - 1) % SEQUENCES
-            # A smaller number comes from a controller without a clock that has restarted.
-            self.lost += missing if missing < SEQUENCES // 2 else 0
-        self._last = frame.sequence
-        return StampedAngles(stamp, angles)
+        if self.clock.restarts != restarts:
+            self._numbers.clear()
+        if frame.sequence is None:
+            self._numbers.clear()
+        else:
+            self._count_lost(frame.sequence)
+        return StampedAngles(stamp, self._reader.read(frame))
+
+    def _count_lost(self, number: int) -> None:
+        """Count the frames that are missing before a frame number.
+
+        The count is the smallest one since any of the last few frames, so that a wrong number adds
+        nothing once the next frame has arrived. A smaller number comes from a controller without a
+        clock that has restarted.
+        """
+        totals = [
+            lost + missing
+            for earlier, arrived, lost in self._numbers
+            if (missing := (number - earlier - (self._arrived - arrived)) % SEQUENCES)
+            < SEQUENCES // 2
+        ]
+        self.lost = min(totals, default=self.lost)
+        self._numbers.append((number, self._arrived, self.lost))

@@ -79,6 +79,7 @@ class _LineCounts(NamedTuple):
     corrupted: int = 0
     lost: int = 0
     restarts: int = 0
+    jumps: int = 0
 
 
 class SerialEncoders(ManagedNode):
@@ -135,7 +136,9 @@ class SerialEncoders(ManagedNode):
 
     def activate(self) -> None:
         """Open the port and start to read it."""
-        self._reset()
+        self.decoder.reset()
+        if self.stream is not None:
+            self.stream.reset()
         port, baud_rate = self.settings.port, self.settings.baud_rate
         self._port = ReopenedPort(port, baud_rate, self._read, self._on_port, self.real_time)
 
@@ -156,11 +159,6 @@ class SerialEncoders(ManagedNode):
         valves = Valves(current(self, ValveParameters, 'valves.'), named.rotors)
         self._named, self.stream, self.valves = named, AngleStream(reader), valves
 
-    def _reset(self) -> None:
-        self.decoder.reset()
-        if self.stream is not None:
-            self.stream.reset()
-
     def _on_port(self, reason: str) -> None:
         """Log that the port was lost, with a reason, or reopened; runs on the port's thread."""
         if reason:
@@ -168,7 +166,9 @@ class SerialEncoders(ManagedNode):
                 f'{self.settings.port} was lost: {reason}; plug the controller in'
             )
         else:
-            self._reset()
+            self.decoder.reset()
+            if self.stream is not None:
+                self.stream.reconnect()
             self.get_logger().info(f'{self.settings.port} is open again')
 
     def _read(self, chunk: bytes, arrival: int) -> None:
@@ -180,10 +180,13 @@ class SerialEncoders(ManagedNode):
     def _on_frame(self, frame: SerialFrame, arrival: int) -> None:
         if self.stream is None or self.valves is None or self._named is None:
             return
-        restarts = self.stream.clock.restarts
+        clock = self.stream.clock
+        restarts, jumps = clock.restarts, clock.jumps
         read = self.stream.take(frame, arrival)
-        if self.stream.clock.restarts != restarts:
+        if clock.restarts != restarts:
             self._restarts.log('the clock of the controller restarted')
+        if clock.jumps != jumps:
+            self._restarts.log('the clock of the controller jumped')
         if read is None:
             return
         measured = read.stamp - round(self.settings.least_delay * SECOND)
@@ -255,8 +258,8 @@ class SerialEncoders(ManagedNode):
         if self.stream is None or self.valves is None:
             return Report('waiting for the topic chain', warning=True)
         decoder, clock, port = self.decoder, self.stream.clock, self.settings.port
-        lost = self.stream.lost
-        now = _LineCounts(self._bytes, decoder.frames, decoder.corrupted, lost, clock.restarts)
+        received = self._bytes, decoder.frames, decoder.corrupted, self.stream.lost
+        now = _LineCounts(*received, clock.restarts, clock.jumps)
         new = _LineCounts(*(a - b for a, b in zip(now, self._counts, strict=True)))
         begin, self._reported_at, self._counts = self._reported_at, time.monotonic(), now
         values: dict[str, Any] = {
@@ -265,6 +268,7 @@ class SerialEncoders(ManagedNode):
             'frames lost': now.lost,
             'frames corrupted': now.corrupted,
             'restarts of the controller': now.restarts,
+            'jumps of the clock of the controller': now.jumps,
             'commands to the valves': self.valves.commands,
             'drift of the controller [ppm]': 1e6 * clock.drift,
             'delay [s]': clock.delay,
@@ -275,11 +279,13 @@ class SerialEncoders(ManagedNode):
             silent = f'waiting for frames on {port}'
             noise = f'{new.bytes} bytes without a frame on {port}; check baud_rate and protocol'
             return Report(noise if new.bytes else silent, values, warning=True)
-        warnings = [f'{new.lost} frames were lost'] if new.lost else []
+        warnings = [f'{new.lost} frames were lost'] if new.lost > 0 else []
         if new.corrupted:
             warnings.append(f'{new.corrupted} frames were corrupted: {decoder.complaint}')
         if new.restarts:
             warnings.append(f'the clock of the controller restarted, {now.restarts} times in all')
+        if new.jumps:
+            warnings.append(f'the clock of the controller jumped, {now.jumps} times in all')
         if clock.delay > _LONGEST_DELAY:
             warnings.append(
                 f'frames are {clock.delay:.2g} s late; check the load of the machine, and that '
