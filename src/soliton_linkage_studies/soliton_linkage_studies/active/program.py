@@ -305,7 +305,7 @@ def _draw_power(
     axes.set(xlabel=_TIME, ylabel='power [µW]')
     axes.legend(fontsize='x-small')
     report.add_comparison(
-        'power of the motors over that of the damping, at the end',
+        'ratio of the powers of motors and damping at the end',
         '',
         'balance',
         float(run.injected[end] / run.dissipated[end]),
