@@ -82,3 +82,26 @@ def test_as_a_person_runs_it_in_a_namespace(
     said = 'no joint_states, soliton_state yet; start simulator, soliton_analyser'
     graph.until(lambda: said in program.said, said)
     assert program.stop(signal.SIGINT) == 130
+
+
+def test_parameters_describe_a_chain_without_the_topic(
+    graph: Graph, named: NamedChain, capsys: pytest.CaptureFixture[str]
+) -> None:
+    text = ''
+    graph.start(
+        WatchSoliton,
+        {'chain_from': 'parameters', 'chain.number_of_rotors': named.rotors},
+    )
+    frames = graph.speak(interfaces.JOINT_STATES)
+    states = graph.speak(interfaces.SOLITON_STATE)
+    angles = named.chain.uniform_state(-1)
+    joints = frame_to_msg(named, Frame(angles, None), np.zeros(named.rotors), time_to_msg(1))
+
+    def drawn() -> bool:
+        nonlocal text
+        frames.publish(joints)
+        states.publish(SolitonState(solitons=[Soliton(rotor=3.0)]))
+        text += capsys.readouterr().err
+        return f'{named.rotors} rotors, rotor 0 first' in text
+
+    graph.until(drawn, 'the chain of the parameters', lambda: text)

@@ -10,12 +10,15 @@ import math
 import re
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from soliton_linkage.linkage.chain import Array, Chain
-from soliton_linkage.solitons.track import MeasuredWall
+
+if TYPE_CHECKING:
+    # At run time this would import scipy.
+    from soliton_linkage.solitons.track import MeasuredWall
 
 _BROWSER = Path(__file__).with_name('browser')
 _MODULES = ('drawing.js', 'frames.js', 'chain.js', 'plots.js', 'share.js')

@@ -102,7 +102,11 @@ class ChainLine:
         except ValueError as error:
             self._line.note(f'rejected chain: {error}')
             return
-        self._chain = (named, FrameReader(named.joint_names))
+        self.use(named)
+
+    def use(self, named: NamedChain) -> None:
+        """Draw this chain."""
+        self._chain = (named, FrameReader(named.joint_names, named.encoder_offsets))
         self._explained = False
 
     def _on_joint_states(self, serialized: Any) -> None:

@@ -2,7 +2,8 @@
 """Show the chain in the terminal: the lean of its rotors, and the position of the soliton.
 
 The picture comes from the topics chain and joint_states. Beside it are the position of the first
-soliton in soliton_state, in rotor spacings from rotor 0, and its velocity.
+soliton in soliton_state, in rotor spacings from rotor 0, and its velocity. Without the topic
+chain, add --ros-args -p chain_from:=parameters and the parameters chain.* or their file.
 """
 
 from __future__ import annotations
@@ -17,10 +18,12 @@ from rclpy.serialization import deserialize_message
 
 from soliton_linkage.command_line import PlainParser
 from soliton_linkage_msgs.msg import SolitonState
+from soliton_linkage_nodes.messages.chain_source import ChainSourceParameters, declare_chain
+from soliton_linkage_nodes.messages.conversions import NamedChain
 from soliton_linkage_nodes.programs.chain_line import LEGEND, ChainLine
 from soliton_linkage_nodes.programs.command_line import parse_own_arguments
 from soliton_linkage_nodes.runtime import interfaces
-from soliton_linkage_nodes.runtime.parameters import reject_unknown
+from soliton_linkage_nodes.runtime.parameters import declare, reject_unknown
 from soliton_linkage_nodes.runtime.process import run
 from soliton_linkage_nodes.start import INTERRUPTED
 
@@ -36,12 +39,19 @@ _STARTED_BY = {
 
 
 class WatchSoliton(Node):
-    """Node that draws `chain` and `joint_states` on a line, and the first soliton."""
+    """Node that draws `chain` and `joint_states` on a line, and the first soliton.
+
+    With `chain_from` = parameters, its parameters `chain.*` describe the chain.
+    """
 
     def __init__(self, **kwargs: Any) -> None:
         super().__init__('watch_soliton', **kwargs)
         self._line = ChainLine(self)
         self._received: tuple[bytes, float] | None = None
+        source, given = declare(self, ChainSourceParameters), declare_chain(self)
+        if source.chain_from == 'parameters':
+            names = source.joint_names or given.joint_names
+            self._line.use(NamedChain(given.chain, names, given.encoder_offsets))
         interfaces.SOLITON_STATE.subscribe(self, self._on_state, raw=True)
         reject_unknown(self)
         self.create_timer(_PERIOD, self._draw, clock=Clock(clock_type=ClockType.STEADY_TIME))

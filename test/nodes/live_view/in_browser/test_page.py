@@ -138,6 +138,15 @@ def test_other_files_are_not_served(visit: Visit, live_view: LiveView) -> None:
         assert answer.status == 404 or 'LiveView' not in answer.text(), path
 
 
+def test_an_address_with_the_punctuation_of_a_sentence_opens_the_page(
+    visit: Visit, live_view: LiveView
+) -> None:
+    for mark in ('', ';', '.', ').'):
+        answer = visit.page.request.get(f'http://127.0.0.1:{live_view.port}/{mark}')
+        assert answer.status == 200
+        assert 'Soliton chain, live' in answer.text()
+
+
 def test_a_late_state_is_drawn_at_its_own_stamp(visit: Visit) -> None:
     position, late, energy = visit.page.evaluate(
         """async () => { const { Track } = await import('/live/frames.js');
