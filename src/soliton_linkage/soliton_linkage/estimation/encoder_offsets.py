@@ -139,8 +139,8 @@ class FarFieldResiduals:
         """Add the residuals of a frame [rad], shape (N,); return whether the block is full.
 
         A rotor that is an outlier for the first time, or by another amount than before, counts by
-        its mean so far. The frame is an elapsed time [s] after the last one, with the wall at a
-        site [rotor spacings]; at least the variance [rad^2] is noise.
+        its mean so far. `elapsed` is the time since the last frame [s], `site` the position of the
+        wall [rotor spacings], and `variance` a lower limit of the noise variance [rad^2].
         """
         self._sums += residuals
         if outlying is not None:

@@ -35,7 +35,8 @@ from soliton_linkage.linear.bands import couplings
 from soliton_linkage.linkage.chain import Array, Motion, staggered
 
 _TAILS = 1.5
-"""Distance in reaches of a table above which a wall moves others by less than 1e-4 rad [1]."""
+"""Distance of two walls, relative to the half-width of a table of wall angles, above which neither
+turns the rotors of the other by more than 1e-4 rad [1]."""
 _SCAN_BESIDE = 1.5
 """Range of the scan on either side of a domain border [rotor spacings]."""
 _CORE = 2.5
@@ -96,7 +97,7 @@ class ShapeMeasurementModel:
             for one, other in combinations(walls, 2)
         )
         if near:
-            # The first fits subtracted the tails of walls at the borders.
+            # The first fits assumed that the other walls stand at the borders of their domains.
             walls = self._fitted(theta, walls, scanned=False)
         parts = []
         for wall in walls:

@@ -106,7 +106,9 @@ def elastic(
     walls: Array,
     reach: float,
 ) -> Energy:
-    """Return the elastic energy without noise [J], its wake, and its deviation.
+    """Return the elastic energy [J], its part in the wake of the walls, and its deviation.
+
+    The mean contribution of noise is subtracted.
 
     Half stiffnesses [N/m], and the same for springs with a noisy left and right rotor, have shape
     (springs,). The wake is the energy of springs, at n + 1/2, beyond the reach of all walls. Walls
@@ -140,7 +142,9 @@ def elastic(
 def kinetic(
     half: Array, noisy: Array, rates: Array, noise: float, walls: Array, reach: float
 ) -> Energy:
-    """Return the kinetic energy without noise [J], its wake, and its deviation.
+    """Return the kinetic energy [J], its part in the wake of the walls, and its deviation.
+
+    The mean contribution of noise is subtracted.
 
     Half inertias [kg m^2], and the same for rotors with noisy rates, have shape (N,). The variance
     is I^2 sigma^2 (omega^2 + sigma^2 / 2) per rotor; omega^2 is measured sigma^2 too large.

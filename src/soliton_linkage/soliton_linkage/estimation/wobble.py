@@ -35,8 +35,8 @@ _BARS = records(BARS)
 _LEAST_NOISE = 1e-12
 """Lower limit of the noise [rad], at the size of rounding errors."""
 _CALM, _LARGEST, _ABOVE_NOISE = 1e-3, 0.5, 4.0
-"""Least deviation at rest and largest deviation in a tail, in rest angles; smallest deviation in a
-tail, in noise [1]."""
+"""A rotor beside a static wall is at rest below the deviation _CALM over the rest angle [1]. A
+tail has deviations up to _LARGEST over the rest angle, and above _ABOVE_NOISE over noise [1]."""
 _BEND = 0.3
 """Shift of a zero by a deviation in rest angles [rotor spacings]."""
 _CERTAIN, _COARSEST = 3.0, 0.2

@@ -130,7 +130,7 @@ _FRICTION_DECELERATION = 10.0
 """Prior standard deviation of dry friction divided by a rotor's moment of inertia [rad/s^2]; it
 stops the rotors of a wall in a second."""
 _LOG_GRAVITY = 1.0
-"""Prior standard deviation of the logarithm of gravity, in units of the mean spacing [1]."""
+"""Prior standard deviation of the logarithm of g [1], where g is in mean spacings per s^2."""
 _INFORMED = 1e-12
 """Smallest eigenvalue of the information, relative to the largest [1]; smaller ones are
 rounding."""

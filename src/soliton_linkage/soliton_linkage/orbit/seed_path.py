@@ -57,7 +57,7 @@ class SeedPath(NamedTuple):
     left_branches: Branches
     """Signs of A of the bars seed - beside, ..., seed + beside - 1, shape (P, 2 beside)."""
     right_branches: Branches
-    """Signs of B of the same bars; beyond an end of the chain its last bar is repeated."""
+    """Signs of B of the same bars. Both arrays repeat the outermost bar beyond an end."""
 
     def take(self, which: Numbers) -> SeedPath:
         """Return some of the pieces."""

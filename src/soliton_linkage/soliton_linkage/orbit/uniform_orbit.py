@@ -257,7 +257,7 @@ class _ShortOrbit:
         return PiecewiseCubic(CubicSpline(without[::-1], distances[::-1], bc_type=tuple(ends)))
 
     def _arc_of(self, wall: Array, arc: float) -> float | None:
-        """Return the arc of a wall of angles (N,) near another arc [rad]; None if not there."""
+        """Return the arc [rad] near another one at which the orbit has angles (N,), or None."""
         apart = np.empty_like(wall)
         for _ in range(_STEPS):
             angles, tangent = np.split(np.asarray(self._spline(arc % self.length)), 2)

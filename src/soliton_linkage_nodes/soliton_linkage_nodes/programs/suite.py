@@ -104,8 +104,8 @@ def addressed(
 ) -> tuple[list[str], dict[str, list[Parameter]]]:
     """Split the arguments of ROS into general ones and parameters by the names of the nodes.
 
-    ROS applies a parameter to all nodes, or to one without a namespace. Parameters of no node stay
-    in the arguments and are rejected later.
+    ROS applies a parameter to all nodes, or to one without a namespace. A parameter that
+    no node has stays in the arguments and is rejected later.
     """
     rest: list[str] = []
     given: dict[str, list[Parameter]] = {name: [] for name in classes}

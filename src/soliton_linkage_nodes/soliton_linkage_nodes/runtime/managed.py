@@ -35,10 +35,10 @@ class ManagedNode(GuardedNode, LifecycleNode):
     """Node with the lifecycle of ROS: unconfigured, inactive, active.
 
     A subclass lists the parameters to declare in `PARAMETERS` and overrides four methods:
-    `configure` creates topics and everything slow, `activate` starts, `deactivate` stops at once,
-    `cleanup` closes the rest. Topics, timers and services of `configure` are destroyed after
-    `cleanup`. If `configure` or `activate` raises, the node logs the error and keeps its state; a
-    node that starts by itself raises the error in its constructor.
+    `configure` creates the topics and does what takes long, `activate` starts, `deactivate`
+    stops at once, `cleanup` closes the rest. Topics, timers and services of `configure` are
+    destroyed after `cleanup`. If `configure` or `activate` raises, the node logs the error and
+    keeps its state; a node that starts by itself raises the error in its constructor.
     """
 
     PARAMETERS: ClassVar[dict[type, str]] = {}
@@ -73,7 +73,7 @@ class ManagedNode(GuardedNode, LifecycleNode):
             declare(self, group, prefix)
 
     def configure(self) -> None:
-        """Create topics and everything slow."""
+        """Create the topics and do what takes long."""
 
     def activate(self) -> None:
         """Start."""

@@ -147,12 +147,12 @@ class SimulationControl:
             self._commands.count += 1
 
     def set_gravity(self, gravity: Gravity) -> None:
-        """Set the gravity, also after resets."""
+        """Set the gravity, which resets keep."""
         with self._lock:
             self._gravity = gravity
 
     def set_non_reciprocity(self, value: float) -> None:
-        """Set the non-reciprocity [N m/rad], also after resets."""
+        """Set the non-reciprocity [N m/rad], which resets keep."""
         with self._lock:
             self._non_reciprocity = value
 

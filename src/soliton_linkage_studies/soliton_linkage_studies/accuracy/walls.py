@@ -54,7 +54,8 @@ class WallPath:
 
     charge: int
     base: int
-    """First wall position in the window; the path continues for two spacings [rotor spacings]."""
+    """Wall position at which the path starts, from the first of the M rotors around the wall
+    [rotor spacings]. The path covers the next two spacings."""
     spline: CubicSpline | None
     """Angles of the window [rad], shape (M,), over the position in it [rotor spacings]."""
     resting: Array

@@ -25,7 +25,7 @@ from soliton_linkage_studies.pneumatic_fit import StepResponse, fit_step_respons
 from soliton_linkage_studies.settings import Section, chain_from
 
 _TOLERANCE = 1e-12
-"""Integration error per time unit [rad], because work and energy must agree to 1e-9."""
+"""Integration error per time unit [rad], small enough for work and energy to agree to 1e-9."""
 TIME = 'time [s]'
 """Label of the time axes."""
 _STEPPED = slice(None, None, 20)
