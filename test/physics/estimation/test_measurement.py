@@ -172,3 +172,13 @@ def test_waves_disturb_a_wall_in_proportion_to_motion_and_noise() -> None:
 
 def test_a_wall_at_rest_among_waves_is_never_steady() -> None:
     assert beside(0.02).calm(0.0) == 0.0
+
+
+def test_a_broken_wall_does_not_fit_but_one_wrong_reading_does() -> None:
+    likelihood = FrameLikelihood(1.8, DEFAULTS.likelihood)
+    residuals = 0.01 * np.ones(20)
+    assert likelihood.fits(residuals, 0, 10.0, 0.01)
+    residuals[9] = 3.0
+    assert likelihood.fits(residuals, 0, 10.0, 0.01)
+    residuals[11] = -0.5
+    assert not likelihood.fits(residuals, 0, 10.0, 0.01)

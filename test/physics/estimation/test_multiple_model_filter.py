@@ -208,3 +208,16 @@ def test_a_rate_ratio_scales_the_deviation_of_the_rate() -> None:
     motion.predict(0.0, False, 1.5)
     after = motion.rate, motion.rate_deviation, motion.summary[3], motion.arc_deviation
     assert after == pytest.approx((1.5 * before[0], 1.5 * before[1], 1.5 * before[2], before[3]))
+
+
+def test_the_rate_of_a_damped_wall_agrees_with_its_stated_deviation() -> None:
+    random, decay, scores = np.random.default_rng(8), 0.5, []
+    times = PERIOD * np.arange(1, 1500)
+    for _ in range(8):
+        motion = MultipleModelFilter(0.0, 1e-4, 50.0, SITE_ARC)
+        arcs = 9.0 / decay * (1 - np.exp(-decay * times)) + 0.01 * random.standard_normal(1499)
+        for arc in arcs.tolist():
+            motion.predict(PERIOD, False)
+            motion.update(arc, 1e-4)
+        scores.append((motion.rate - 9.0 * math.exp(-decay * times[-1])) / motion.rate_deviation)
+    assert np.sqrt(np.mean(np.square(scores))) < 1.7

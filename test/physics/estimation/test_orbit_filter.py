@@ -335,3 +335,39 @@ def test_the_wall_of_a_spinner_determines_its_leg() -> None:
 def test_an_invalid_noise_is_rejected(noise: float) -> None:
     with pytest.raises(ValueError, match=r'noise = .* rad must be a finite number above 0'):
         OrbitFilter(cycle_of(FLIPPER, 14), noise)
+
+
+@pytest.mark.parametrize('example', [FLIPPER, SPINNER])
+def test_an_offset_beside_the_wall_at_the_start_loses_its_weight(
+    example: tuple[float, float],
+) -> None:
+    stream = Stream(cycle_of(example, 24), 0.01)
+    stream.start = stream.orbit.arc_at(12.0, 0)
+    tracker, scores = OrbitFilter(stream.orbit, 0.01), []
+    offset = np.zeros(24)
+    offset[12] = 0.1
+    for frame in range(300):
+        angles = stream.orbit.configuration(stream.start)
+        noise = 0.01 * stream.random.standard_normal(24)
+        estimate = tracker.update(PERIOD * frame, angles + noise + offset)
+        off = math.remainder(estimate.arc - stream.start, stream.orbit.length)
+        scores.append(off / estimate.arc_deviation)
+    assert np.sqrt(np.mean(np.square(scores[100:]))) < 1.5
+
+
+def test_the_jitter_of_stamps_is_estimated_and_stated() -> None:
+    stream = Stream(cycle_of(FLIPPER, 40), 0.002)
+    tracker, scores = OrbitFilter(stream.orbit, 0.002), []
+    period, jitter = 4e-3, 8e-4
+    for time in (period * np.arange(800)).tolist():
+        late = jitter * stream.random.standard_normal()
+        estimate = tracker.update(time + late, stream.frame(time))
+        off = math.remainder(estimate.arc - stream.arc(time), stream.orbit.length)
+        scores.append(off / estimate.arc_deviation)
+    assert math.sqrt(tracker.jitter.variance) == pytest.approx(jitter, rel=0.2)
+    assert np.sqrt(np.mean(np.square(scores[100:]))) == pytest.approx(1.0, abs=0.2)
+
+
+def test_exact_stamps_have_no_jitter() -> None:
+    _, tracker = tracked(rotors=40)
+    assert tracker.jitter.variance == 0.0

@@ -104,6 +104,7 @@ def test_a_filter_without_weight_may_be_the_likeliest_by_any_amount() -> None:
     made['state'][:, filter_bank.ARC] = [0.0, 0.0, 1.0, 1.0]
     variance = 1e-12
     made['covariance'][:, filter_bank.ARC, filter_bank.ARC] = variance
+    made['prior'][1:3] = 0.5
     made['probability'][1] = 1.0
     made['weight'][:2] = 0.5
     made['likelihood'][2] = -2000.0

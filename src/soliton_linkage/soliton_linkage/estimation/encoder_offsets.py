@@ -35,6 +35,8 @@ _LEAST_DISTANCE = 0.01
 """Least distance of a doubtful rotor from the orbit [rad]."""
 _LEAST_ERROR = 3e-4
 """Least error of a residual that persists in all frames [rad]; rounding errors are no offsets."""
+_FROM_EDGE = 2.0
+"""Distance of a wall from an edge at which it shows offsets beside it [rotor spacings]."""
 _STUCK, _MOST_STUCK = 1e-5, 0.2
 """Largest change of the reading of a rotor at rest [rad]; share of such rotors above which the
 chain is at rest [1]."""
@@ -108,7 +110,7 @@ class FarFieldResiduals:
         self._margin = 1 + _DEPTHS_BESIDE * penetration_depth(chain) / chain.spacing
         self._tail, self._time_unit, self._strong = tail_ratio(chain), chain.time_unit, strong
         rotors = chain.number_of_rotors
-        self._sums, self._apart = np.zeros(rotors), np.zeros(rotors)
+        self._sums, self._apart, self._beside = np.zeros((3, rotors))
         self._read, self._means, self._residuals = np.full((3, rotors), np.nan)
         self._uneven, self._first = False, True
         self.disorder = 0.0
@@ -173,6 +175,10 @@ class FarFieldResiduals:
         known = np.isfinite(innovations)
         noise = variance / self._frames
         strong = self._strong + 4 * noise
+        speed = (self._highest - self._lowest) * self._time_unit / max(self._time, 1e-12)
+        # Springs exchange energy with a wall at an edge, and bend a fast wall.
+        inside = self._lowest > _FROM_EDGE and self._highest < len(sides) - 1 - _FROM_EDGE
+        self._beside = np.where(inside & (sides == 0), np.abs(means) - speed**2, 0.0)
         changed, self._means = means - self._means, means.copy()
         changed[np.isnan(innovations)] = np.nan
         first, self._first = self._first, False
@@ -217,7 +223,13 @@ class FarFieldResiduals:
         self._read = read.copy()
         limit = self._settings.significance * DEVIATION_PER_MEDIAN * median(self._apart.copy())
         unknown = (self._apart > limit + _LEAST_DISTANCE) & (self._offsets.corrections == 0)
-        self.doubtful = self.stuck | (unknown & (not self._uneven))
+        # An offset about the wall also moves the residuals of its neighbours: one at a time.
+        known = np.abs(self._means[np.isfinite(self._means)])
+        typical = self._settings.significance * robust_deviation(known)
+        beside = np.where(self._offsets.corrections == 0, self._beside, 0.0)
+        found = beside > typical + _LEAST_DISTANCE
+        found &= self.doubtful | (beside == beside.max())
+        self.doubtful = self.stuck | ((unknown | found) & (not self._uneven))
 
     def _sides(self) -> Array:
         rotors = np.arange(len(self._sums))

@@ -90,6 +90,13 @@ def search_arc(arc: float, target: Callable[[float], float], close: float) -> fl
     return arc
 
 
+CORE = 2.5
+"""Distance from a wall of the rotors that distinguish it from a broken one [rotor spacings]."""
+_FAR, _FAR_NOISE, _FAR_SHARE = 0.75, 2.0, 0.3
+"""Difference of a rotor from a wall that is too large, over a gross one and over the noise [1];
+largest share of such rotors [1]."""
+
+
 class FrameLikelihood:
     """Likelihood of frames, with a robust density of the difference of a rotor from the orbit."""
 
@@ -187,6 +194,17 @@ class FrameLikelihood:
             residuals = view.residuals if self.scales is None else view.residuals / self.scales
             return self.over_random(residuals, largest) >= self._log_scales(view.residuals)
         return True
+
+    def fits(self, residuals: Array, first: int, site: float, noise: float) -> bool:
+        """Return whether the rotors beside a site are near a wall.
+
+        Residuals of rotors from a first one on and the noise are in rad. After a wall has broken
+        up, several rotors at the nearest wall differ by more than springs can cause.
+        """
+        beside = np.abs(np.arange(first, first + len(residuals)) - site)
+        core = np.abs(residuals[beside <= CORE])
+        far = np.count_nonzero(core > _FAR * self.gross + _FAR_NOISE * noise)
+        return bool(far <= _FAR_SHARE * np.count_nonzero(np.isfinite(core)))
 
     def _log_scales(self, residuals: Array) -> float:
         if self.scales is None:

@@ -24,6 +24,8 @@ DEVIATION_PER_MEDIAN = 1.4826
 FREEDOMS_OF_MEDIAN = 0.368
 """Efficiency of the median of absolute values as an estimator of the standard deviation [1]."""
 
+_LARGEST_CHANGE = 12.0
+"""Largest squared second difference of arcs over its variance [1]."""
 _EDGE_RATIO = 4.0
 """Variance of the deformation of a wall at an edge, over that inside [1]."""
 _FIELD_RATIO = 3.0
@@ -270,6 +272,47 @@ class RateNoise:
         change /= math.sqrt(1 + (1 + ratio) ** 2 + ratio**2)
         self._frames = int(min(self._frames + 1, self._memory))
         self._median += (change - self._median) / self._frames
+
+
+class StampJitter:
+    """Variance of the error of stamps, from second differences of measured arcs.
+
+    Late stamps move a wall of rate w by w times the lateness. White errors of three measurements,
+    dt_1 and dt_2 apart, give z_3 - (1 + q) z_2 + q z_1 with q = dt_2 / dt_1 the variance
+    v_3 + (1 + q)^2 v_2 + q^2 v_1. The excess over the variances v of the measurements, weighted by
+    w^2, is the jitter.
+    """
+
+    def __init__(self, settings: NoiseSettings = DEFAULTS.noise) -> None:
+        self._fade, self._significance = 1 - 1 / settings.memory, settings.significance
+        self.restart()
+
+    def restart(self) -> None:
+        """Discard all frames."""
+        self._rows: tuple[tuple[float, float, float], ...] = ()
+        self._excess = self._weight = self._chance = 0.0
+        self.variance = 0.0
+        """Variance of a stamp [s^2], 0 unless it is significant."""
+
+    def update(self, time: float, arc: float, variance: float, rate: float) -> None:
+        """Add an arc [rad] measured at a stamp [s], its variance [rad^2] and the rate [rad/s]."""
+        self._rows = *self._rows[-2:], (time, arc, variance)
+        if len(self._rows) < 3:
+            return
+        (start, first, v1), (middle, second, v2), (_, third, v3) = self._rows
+        ratio = (time - middle) / (middle - start)
+        unit, square = 1 + (1 + ratio) ** 2 + ratio**2, rate * rate
+        expected = (v3 + (1 + ratio) ** 2 * v2 + ratio**2 * v1) / unit
+        change = (third - (1 + ratio) * second + ratio * first) ** 2 / unit
+        known = expected + square * self.variance
+        # An impulse or a wrong reading is not a late stamp.
+        change = min(change, _LARGEST_CHANGE * known)
+        self._excess = self._fade * self._excess + square * (change - expected)
+        self._weight = self._fade * self._weight + square * square
+        # Second differences of successive frames correlate.
+        self._chance = self._fade * self._chance + 6 * (square * expected) ** 2
+        significant = self._excess > self._significance * math.sqrt(self._chance)
+        self.variance = self._excess / self._weight if significant else 0.0
 
 
 class ResidualVariance:

@@ -25,7 +25,7 @@ from soliton_linkage.estimation.measurement import (
     ReadingScales,
 )
 from soliton_linkage.estimation.multiple_model_filter import MultipleModelFilter
-from soliton_linkage.estimation.noise import ResidualVariance
+from soliton_linkage.estimation.noise import ResidualVariance, StampJitter
 from soliton_linkage.estimation.orbit_model import ComplianceCorrection, OrbitMeasurementModel
 from soliton_linkage.estimation.relocalisation import Candidate, Relocaliser, ScanBudget
 from soliton_linkage.estimation.settings import DEFAULTS, EstimationSettings
@@ -82,6 +82,8 @@ class OrbitFilter:
         self._deviates = chain.deviations != NO_DEVIATIONS
         self._likelihood = FrameLikelihood(swing, settings.likelihood)
         self._scales = ReadingScales(noise)
+        self.jitter = StampJitter(settings.noise)
+        """Estimated errors of the stamps."""
         self._variance = ResidualVariance(swing, noise, settings)
         self._model = OrbitMeasurementModel(
             orbit, self._likelihood, self._variance.elastic, settings
@@ -162,6 +164,7 @@ class OrbitFilter:
         """Measurement by the latest frame; None while lost, and for an empty frame."""
         self._unexplained, self._unexplained_since = 0, math.nan
         self._variance.restart()
+        self.jitter.restart()
         self._gate.restart()
         self.estimate: OrbitEstimate = lost(time, self._given_noise or math.nan)
         """Latest estimate."""
@@ -180,7 +183,10 @@ class OrbitFilter:
         if found.probability < _LEAST_PROBABILITY:
             return []
         best = found.candidates[0]
-        if not self._likelihood.explains(best.view, best.variance):
+        explained = self._likelihood.explains(best.view, best.variance)
+        site = self.orbit.site(best.view.arc)
+        fits = self._likelihood.fits(best.view.residuals, 0, site, self._given_noise or 0.0)
+        if not (explained and fits):
             return []
         least = best.evidence - self._tracking.decisive_odds
         return [each for each in found.candidates if each.evidence > least]
@@ -190,6 +196,7 @@ class OrbitFilter:
         self._unexplained, self._unexplained_since = 0, math.nan
         best = candidates[0]
         self._variance.start(best.view)
+        self.jitter.restart()
         self._model.far.restart()
         scale = 1 / self.orbit.chain.time_unit
         self._hypotheses = Hypotheses(self.orbit, self._settings)
@@ -228,17 +235,22 @@ class OrbitFilter:
         self.view = view
         largest = variance + self._variance.largest_field
         explained = self._gate.accepts(view, largest, self._model.far.doubtful)
+        site = self.orbit.site(view.arc)
+        fits = self._likelihood.fits(view.residuals, 0, site, noise.deviation)
+        explained &= fits
         if explained:
             self._unexplained, self._unexplained_since = 0, math.nan
-        elif self._relocated(time, seen):
+        elif self._relocated(time, seen, fits):
             return
         informative = view.information >= LEAST_INFORMATION
-        if not (informative and (explained or self._gate.is_informative(view))):
+        if not (informative and fits and (explained or self._gate.is_informative(view))):
             self.rejected += not explained
             self._report(time, TrackingStatus.COASTING)
             return
         for each in self._hypotheses.all:
             self._update_hypothesis(each)
+        leading = self._hypotheses.leader.motion
+        self.jitter.update(time, view.arc, self._variance.of_arc(view), leading.rate)
         self._variance.learn(view)
         turned = self._hypotheses.leader.upside_down
         if self._model.learn(seen, view, elapsed, noise, turned):
@@ -275,7 +287,7 @@ class OrbitFilter:
             )
         return variance
 
-    def _relocated(self, time: float, seen: Array) -> bool:
+    def _relocated(self, time: float, seen: Array, fits: bool) -> bool:
         """Restart if another position explains the frame; return whether the filter restarted.
 
         If no position does for longer than the loss time, the chain is lost.
@@ -291,7 +303,7 @@ class OrbitFilter:
                 return True
         late = time - self._unexplained_since > tracking.loss_time
         enough = self._unexplained > tracking.confirming_frames
-        if late and enough and not self._gate.is_informative(view):
+        if late and enough and not (fits and self._gate.is_informative(view)):
             self._lose(time)
             return True
         return False
@@ -340,7 +352,8 @@ class OrbitFilter:
     def _update_hypothesis(self, hypothesis: Hypothesis) -> None:
         view, motion, noise = hypothesis.view, hypothesis.motion, self._variance.noise
         if view.information > LEAST_INFORMATION:
-            variance = self._variance.of_arc(view)
+            late = motion.expected_rate**2 * self.jitter.variance
+            variance = self._variance.of_arc(view) + late
             calm = self._variance.calm(motion.expected_rate * self.orbit.chain.time_unit)
             motion.update(view.arc, variance, noise.degrees_of_freedom, calm)
 
@@ -348,10 +361,11 @@ class OrbitFilter:
         orbit, noise = self.orbit, self._variance.noise
         leader = self._hypotheses.leader
         arc, rate, arc_variance, covariance, rate_variance = leader.motion.summary
-        # Residuals beside the orbit and unknown disorder move the nearest point of the orbit.
+        # Residuals beside the orbit and unknown disorder move the nearest point of the orbit, and
+        # an error of the stamp moves the wall.
         by_disorder, rate_disorder = self._model.disorder_deviations(arc)
         field = _FIELD_SHARE**2 * noise.excess
-        added = field + by_disorder**2
+        added = field + by_disorder**2 + rate**2 * self.jitter.variance
         correlation = self._settings.filter.bias_way * orbit.site_arc
         rate_added = (rate_disorder**2 + field / correlation**2) * rate**2
         wall = self._hypotheses.mixture(added, rate_added)

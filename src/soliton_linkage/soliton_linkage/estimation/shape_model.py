@@ -127,6 +127,8 @@ class ShapeMeasurementModel:
         variance = min(self._variance, self._largest)
         if self._likelihood.over_random(residuals, variance) < self._evidence:
             return False
+        if not self._likelihood.fits(residuals, first, wall.site, math.sqrt(variance)):
+            return False
         beside = np.abs(np.arange(first, first + len(residuals)) - wall.site)
         return self._likelihood.over_random(residuals[beside < _CORE], self._largest) >= 0
 

@@ -86,8 +86,9 @@ def record(
     reference = deepcopy(template) if cell.wrong_reading else None
     readable = _rotors_with_encoder(cell, random)
     period = cell.period * cell.chain.time_unit
-    # The analyser states the wall at the stamp, so late stamps move the true position.
-    late = cell.jitter * period * random.standard_normal(len(frames)) if cell.jitter else None
+    late = (
+        cell.jitter * random.standard_normal(len(frames)) if cell.jitter else 0 * np.array(frames)
+    )
     for number, frame in enumerate(frames):
         angles = scene.angles[frame] + cell.noise * random.standard_normal(len(readable))
         angles[::10] += cell.offsets
@@ -96,8 +97,7 @@ def record(
         angles[~readable] = np.nan
         if cell.degrees:
             angles = np.degrees(angles)
-        lateness = float(late[number]) if late is not None else 0.0
-        stamp = round(1e9 * (number * period + lateness))
+        stamp = round(1e9 * (number + float(late[number])) * period)
         clean = reference.analyse(stamp, angles) if reference else None
         last = frame == frames[-1]
         if last and cell.wrong_reading:
@@ -107,7 +107,7 @@ def record(
         analysis = analyser.analyse(stamp, angles)
         assert analysis is not None
         if last or not cell.wrong_reading:
-            _score(cell, scene, frame, lateness, analysis, scores)
+            _score(cell, scene, frame, analysis, scores)
         if last and clean is not None:
             _score_shift(cell, analysis, clean, scores)
     return scores
@@ -135,14 +135,8 @@ def _wrong_rotor(place: float, rotors: int, random: np.random.Generator) -> int:
 
 
 def _score(
-    cell: AccuracyCell,
-    scene: WallScene,
-    frame: int,
-    lateness: float,
-    analysis: Analysis,
-    scores: Scores,
+    cell: AccuracyCell, scene: WallScene, frame: int, analysis: Analysis, scores: Scores
 ) -> None:
-    """Score the walls of a frame, whose stamp is late by a time [s]."""
     scores.frames += 1
     stated = [each for each in analysis.solitons if math.isfinite(each.position_deviation)]
     if cell.invalid_input or not scene.charges:
@@ -162,7 +156,7 @@ def _score(
         scores.expected += 1
         scores.lost += not near
         for wall in near[:1]:
-            scores.walls.append(_wall_values(cell, scene, frame, number, lateness, wall))
+            scores.walls.append(_wall_values(cell, scene, frame, number, wall))
     if scene.scored[frame].all():
         scores.false += len(stated)
         if scene.legs[frame] >= 0 and analysis.cycle.leg >= 0:
@@ -180,19 +174,13 @@ def _matches(cell: AccuracyCell, wall: AnalysedSoliton, place: float) -> bool:
 
 
 def _wall_values(
-    cell: AccuracyCell,
-    scene: WallScene,
-    frame: int,
-    number: int,
-    lateness: float,
-    wall: AnalysedSoliton,
+    cell: AccuracyCell, scene: WallScene, frame: int, number: int, wall: AnalysedSoliton
 ) -> tuple[float, ...]:
     spacing = cell.chain.spacing
     deviation = wall.position_deviation / spacing
+    error = wall.rotor - float(scene.places[frame, number])
+    of_instant = wall.rotor - float(scene.instants[frame, number])
     rate = float(scene.site_rates[frame, number])
-    stated = wall.rotor - rate * lateness
-    error = stated - float(scene.places[frame, number])
-    of_instant = stated - float(scene.instants[frame, number])
     rate_error = wall.velocity / spacing - rate
     return (
         error / deviation,
