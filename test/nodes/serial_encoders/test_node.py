@@ -1,8 +1,11 @@
 # SPDX-License-Identifier: Apache-2.0
 from __future__ import annotations
 
+import errno
 import math
+import os
 import sys
+import termios
 import time
 from collections.abc import Callable, Iterator
 from pathlib import Path
@@ -248,6 +251,45 @@ def test_an_invalid_parameter_is_reported_in_one_line_at_the_start(
     with pytest.raises(ValueError, match=reason) as raised:
         graph.start(SerialEncoders, {**chain, **parameters})
     assert '\n' not in str(raised.value)
+
+
+def test_a_denied_port_names_the_group_that_may_open_it(
+    graph: Graph, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    serial = pytest.importorskip('serial', reason='needs pyserial: pip install pyserial')
+
+    def denied(*_args: Any, **_options: Any) -> None:
+        raise PermissionError(errno.EACCES, os.strerror(errno.EACCES))
+
+    monkeypatch.setattr(serial, 'Serial', denied)
+    given = {'port': '/dev/null', 'chain_from': 'parameters', 'chain.number_of_rotors': ROTORS}
+    with pytest.raises(ValueError, match=r'Permission denied; run: sudo usermod -aG dialout \$US'):
+        graph.start(SerialEncoders, given)
+
+
+@pytest.mark.parametrize('hang_up', [True, False])
+def test_hang_up_decides_whether_closing_the_port_releases_dtr(
+    graph: Graph, plugged: Callable[..., Controller], hang_up: bool
+) -> None:
+    controller = plugged()
+    with open(controller.line.path, 'rb', buffering=0) as port:
+        attributes = termios.tcgetattr(port)
+        attributes[2] |= termios.HUPCL
+        termios.tcsetattr(port, termios.TCSANOW, attributes)
+        begin(graph, controller, hang_up=hang_up)
+        assert bool(termios.tcgetattr(port)[2] & termios.HUPCL) is hang_up
+
+
+@pytest.mark.parametrize(('rate', 'warned'), [(115_200, False), (250_000, True)])
+def test_a_baud_rate_that_is_not_standard_causes_a_warning(
+    graph: Graph,
+    plugged: Callable[..., Controller],
+    said: Callable[[], str],
+    rate: int,
+    warned: bool,
+) -> None:
+    begin(graph, plugged(), baud_rate=rate)
+    assert (f'baud_rate = {rate} is not a standard rate' in said()) is warned
 
 
 def test_an_error_in_one_line_names_the_missing_package(

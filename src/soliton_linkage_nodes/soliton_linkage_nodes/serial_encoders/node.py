@@ -61,6 +61,11 @@ class SerialEncodersParameters:
     baud_rate: int = quantity(
         115_200, 'baud rate of a UART; a USB device ignores it', 'baud', 300, 12_000_000
     )
+    hang_up: bool = quantity(
+        True,
+        'whether DTR is released when the port closes; with false, only the first opening after '
+        'the board was plugged in resets an Arduino Uno',
+    )
     least_delay: float = quantity(
         0.0,
         'shortest time from a measurement to its arrival, which the node subtracts from stamps '
@@ -140,7 +145,21 @@ class SerialEncoders(ManagedNode):
         if self.stream is not None:
             self.stream.reset()
         port, baud_rate = self.settings.port, self.settings.baud_rate
-        self._port = ReopenedPort(port, baud_rate, self._read, self._on_port, self.real_time)
+        self._port = ReopenedPort(
+            port,
+            baud_rate,
+            self._read,
+            self._on_port,
+            hang_up=self.settings.hang_up,
+            real_time=self.real_time,
+        )
+        standard = pyserial().Serial.BAUDRATES
+        if baud_rate not in standard:
+            nearest = min(standard, key=lambda rate: abs(rate - baud_rate))
+            self.get_logger().warning(
+                f'baud_rate = {baud_rate} is not a standard rate; some systems accept it and use '
+                f'another one; if no frames arrive, use {nearest} on both sides'
+            )
 
     def deactivate(self) -> None:
         """Close the valves and the port."""

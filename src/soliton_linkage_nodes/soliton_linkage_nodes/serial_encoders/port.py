@@ -4,8 +4,11 @@
 from __future__ import annotations
 
 import contextlib
+import errno
+import grp
 import os
 import select
+import termios
 import threading
 import time
 from collections.abc import Callable
@@ -56,23 +59,27 @@ class ReopenedPort:
         baud_rate: int,
         take: Callable[[bytes, int], object],
         changed: Callable[[str], object],
+        *,
+        hang_up: bool = True,
         real_time: bool = False,
     ) -> None:
         """Open the port; the thread passes each chunk and its arrival [ns, monotonic] to `take`.
 
         The thread calls `changed` with the reason if the port is lost, and with an empty string
-        when it is open again. Raises ValueError if the port cannot be opened.
+        when it is open again. With `hang_up`, closing the port releases DTR. Raises ValueError if
+        the port cannot be opened.
         """
         self._serial = pyserial()
         self._path, self._baud_rate = path, baud_rate
         self._take, self._changed = take, changed
         self._closing = threading.Event()
-        self._real_time = real_time
+        self._hang_up, self._real_time = hang_up, real_time
         try:
             self._port: Any = self._open()
         except (OSError, ValueError) as error:
             raise ValueError(
-                f'port {path!r} cannot be opened: {_reason(error)}; {describe_ports()}'
+                f'port {path!r} cannot be opened: {_reason(error)}; '
+                f'{_remedy(error, path) or describe_ports()}'
             ) from error
         self._thread = threading.Thread(target=self._run, name='serial port', daemon=True)
         self._thread.start()
@@ -105,6 +112,11 @@ class ReopenedPort:
         )
         with contextlib.suppress(AttributeError, NotImplementedError, OSError, ValueError):
             port.set_low_latency_mode(True)
+        if not self._hang_up:
+            with contextlib.suppress(termios.error):
+                attributes = termios.tcgetattr(port.fileno())
+                attributes[2] &= ~termios.HUPCL
+                termios.tcsetattr(port.fileno(), termios.TCSANOW, attributes)
         return port
 
     def _run(self) -> None:
@@ -136,6 +148,18 @@ class ReopenedPort:
         if port is not None:
             with contextlib.suppress(OSError):
                 port.close()
+
+
+def _remedy(error: Exception, path: str) -> str:
+    """Return the remedy if the user may not open the port, an empty string otherwise."""
+    errors = [getattr(each, 'errno', None) for each in (error.__context__, error)]
+    if errno.EACCES not in errors:
+        return ''
+    group = 'dialout'
+    with contextlib.suppress(OSError, KeyError):
+        owner = os.stat(path).st_gid
+        group = grp.getgrgid(owner).gr_name if owner else group
+    return f'run: sudo usermod -aG {group} $USER; then log in again'
 
 
 def _reason(error: Exception) -> str:
