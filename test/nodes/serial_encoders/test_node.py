@@ -272,7 +272,7 @@ def test_hang_up_decides_whether_closing_the_port_releases_dtr(
     graph: Graph, plugged: Callable[..., Controller], hang_up: bool
 ) -> None:
     controller = plugged()
-    with open(controller.line.path, 'rb', buffering=0) as port:
+    with Path(controller.line.path).open('rb', buffering=0) as port:
         attributes = termios.tcgetattr(port)
         attributes[2] |= termios.HUPCL
         termios.tcsetattr(port, termios.TCSANOW, attributes)
