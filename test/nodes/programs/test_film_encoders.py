@@ -8,6 +8,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from rosbags.highlevel import AnyReader
 
 sys.path.append(str(Path(__file__).parents[2] / 'physics'))
 
@@ -60,6 +61,9 @@ def test_a_film_becomes_a_bag_with_its_own_times(film: Renderer, tmp_path: Path)
         frames = [message for _, message in read_topic(reader, 'joint_states')]
         deviations = [message for _, message in read_topic(reader, 'joint_state_deviations')]
         assert len(list(read_topic(reader, 'chain'))) == 1
+    with AnyReader([tmp_path / 'bag_0']) as strict:
+        for connection, _, serialized in strict.messages():
+            strict.deserialize(serialized, connection.msgtype)
     stamps = np.array([time_from_msg(frame.header.stamp) for frame in frames])
     assert (stamps - stamps[0]) / SECOND == pytest.approx(TIMES, abs=1e-4)
     truth = motion(TIMES + film.stamp(0.0))[0]

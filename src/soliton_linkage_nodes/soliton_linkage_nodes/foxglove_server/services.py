@@ -18,11 +18,12 @@ from foxglove.websocket import (
 )
 from rclpy.client import Client
 from rclpy.node import Node
-from rclpy.serialization import deserialize_message, serialize_message
+from rclpy.serialization import deserialize_message
 
 from soliton_linkage_nodes.bags.stored_topic import service_definitions
 from soliton_linkage_nodes.messages.fields import interface_type
 from soliton_linkage_nodes.runtime.guarded import SERVICE_QOS
+from soliton_linkage_nodes.runtime.serialization import serialize
 
 Queue = Callable[[Callable[[], None]], None]
 """Function that queues work for the executor."""
@@ -98,7 +99,7 @@ class OfferedService:
             _set_result(answer, ValueError(reason))
             return
         client.call_async(message).add_done_callback(
-            lambda done: _set_result(answer, done.exception() or serialize_message(done.result()))
+            lambda done: _set_result(answer, done.exception() or serialize(done.result()))
         )
 
 

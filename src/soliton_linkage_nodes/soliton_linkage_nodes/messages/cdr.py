@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 from builtin_interfaces.msg import Time
 from rclpy.publisher import Publisher
-from rclpy.serialization import deserialize_message, serialize_message
+from rclpy.serialization import deserialize_message
 from sensor_msgs.msg import JointState
 
 from soliton_linkage.linkage.chain import Array
@@ -31,6 +31,7 @@ from soliton_linkage_nodes.messages.conversions import (
     torques_from_msg,
     torques_to_msg,
 )
+from soliton_linkage_nodes.runtime.serialization import serialize
 from soliton_linkage_nodes.runtime.stamps import SECOND
 
 _LITTLE_ENDIAN = b'\x00\x01'
@@ -199,7 +200,7 @@ class _MessageBuffer:
 
     def __init__(self, message: Any, arrays: int) -> None:
         """Lay out a message with a number of arrays, each with one double for each joint."""
-        self._bytes = bytearray(serialize_message(message))
+        self._bytes = bytearray(serialize(message))
         layout = Layout(message.header.frame_id, tuple(message.name))
         self._arrays = layout.arrays(self._bytes, arrays)
         self._stamp = memoryview(self._bytes)[_ENCAPSULATION_BYTES:][:8].cast('I')

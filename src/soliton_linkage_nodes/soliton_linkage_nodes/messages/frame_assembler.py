@@ -8,13 +8,13 @@ from contextlib import suppress
 
 import numpy as np
 from builtin_interfaces.msg import Time
-from rclpy.serialization import serialize_message
 from sensor_msgs.msg import JointState
 from std_msgs.msg import Header
 
 from soliton_linkage.linkage.chain import Array
 from soliton_linkage_nodes.messages.cdr import JointStateDecoder
 from soliton_linkage_nodes.messages.conversions import JointStates, check_length, check_names
+from soliton_linkage_nodes.runtime.serialization import serialize
 
 _SHORT_FRAMES = 10
 """Number of consecutive frames without a joint after which frames no longer wait for it [1].
@@ -172,7 +172,7 @@ def _serialized(frame: JointStates) -> bytes:
         position=frame.position.tolist(),
         velocity=frame.velocity.tolist(),
     )
-    return bytes(serialize_message(message))
+    return serialize(message)
 
 
 def _check_lengths(joints: JointStates) -> None:

@@ -18,7 +18,6 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
-from rclpy.serialization import serialize_message
 
 from soliton_linkage.command_line import PlainParser
 from soliton_linkage.estimation.analyser import Analyser
@@ -51,6 +50,7 @@ from soliton_linkage_nodes.messages.picture_conversions import read_camera
 from soliton_linkage_nodes.programs.command_line import exit_on_failure, number
 from soliton_linkage_nodes.runtime import interfaces
 from soliton_linkage_nodes.runtime.process import stop_on_signals
+from soliton_linkage_nodes.runtime.serialization import serialize
 from soliton_linkage_nodes.runtime.stamps import SECOND, time_to_msg
 from soliton_linkage_nodes.start import INTERRUPTED
 
@@ -172,7 +172,7 @@ class _AngleBag:
         if topic.name not in self._topics:
             stored = self._writer.add_topic(f'/{topic.name}', type_name(topic.type), topic.qos)
             self._topics[topic.name] = stored
-        self._writer.write(self._topics[topic.name], stamp, serialize_message(message))
+        self._writer.write(self._topics[topic.name], stamp, serialize(message))
 
 
 def main(arguments: Sequence[str] | None = None) -> None:

@@ -13,6 +13,7 @@ import threading
 import time
 from collections.abc import Callable
 from importlib import import_module
+from pathlib import Path
 from types import ModuleType
 from typing import Any
 
@@ -157,7 +158,7 @@ def _remedy(error: Exception, path: str) -> str:
         return ''
     group = 'dialout'
     with contextlib.suppress(OSError, KeyError):
-        owner = os.stat(path).st_gid
+        owner = Path(path).stat().st_gid
         group = grp.getgrgid(owner).gr_name if owner else group
     return f'run: sudo usermod -aG {group} $USER; then log in again'
 

@@ -15,7 +15,6 @@ from rclpy.exceptions import NameValidationException
 from rclpy.impl.implementation_singleton import rclpy_implementation
 from rclpy.node import Node
 from rclpy.publisher import Publisher
-from rclpy.serialization import serialize_message
 from rclpy.topic_endpoint_info import TopicEndpointInfo
 from rosbags.interfaces import Connection
 
@@ -24,6 +23,7 @@ from soliton_linkage_nodes.bags.reading import class_of, decoder, is_older, latc
 from soliton_linkage_nodes.bags.stored_topic import CDR
 from soliton_linkage_nodes.runtime import interfaces
 from soliton_linkage_nodes.runtime.interfaces import wait_for_subscriber
+from soliton_linkage_nodes.runtime.serialization import serialize
 
 _ANSWER_POLL_INTERVAL = 0.05
 """Poll interval of the stop request while waiting for an answer [s]."""
@@ -218,7 +218,7 @@ class ReplayPublishers:
         """Publish a message; in lockstep, wait for its turn first."""
         topic = connection.topic
         if topic in self._decoders:
-            serialized = serialize_message(self._decoders[topic](serialized))
+            serialized = serialize(self._decoders[topic](serialized))
         if self._lockstep is not None:
             self._lockstep.wait_for_turn(topic, serialized, self._stopping.is_set)
         if self._unconfirmed[topic] >= self._publishers[topic].qos_profile.depth:
