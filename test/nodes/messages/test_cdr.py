@@ -41,6 +41,7 @@ from soliton_linkage_nodes.messages.conversions import (
     torques_to_msg,
 )
 from soliton_linkage_nodes.runtime import interfaces
+from soliton_linkage_nodes.runtime.serialization import serialize
 from soliton_linkage_nodes.runtime.stamps import time_from_msg, time_to_msg
 
 # Strings of ROS messages end at a zero.
@@ -254,7 +255,7 @@ def test_a_buffer_writes_the_message_with_its_size(rotors: int) -> None:
             efforts = torques_to_msg(named, torques, time_to_msg(stamp))
             filled = bytes(torque_buffer.fill(stamp, torques))
             assert deserialize_message(filled, JointState) == efforts
-            assert len(filled) == len(serialize_message(efforts))
+            assert len(filled) == len(serialize(efforts))
 
 
 def test_a_frame_is_filled_in_place_and_written_apart(named: NamedChain) -> None:

@@ -14,8 +14,8 @@ from std_msgs.msg import Empty, String
 from visualization_msgs.msg import Marker, MarkerArray
 
 import soliton_linkage_msgs.msg
+from soliton_linkage_nodes.bags.reading import type_name
 from soliton_linkage_nodes.bags.stored_topic import type_definition
-from soliton_linkage_nodes.runtime.parameters import type_name
 from soliton_linkage_nodes.runtime.serialization import serialize
 
 JOINTS = ['rotor_0', 'rotor_10', 'é']
