@@ -42,7 +42,17 @@ PROGRAMS = [
     'suite',
     'watch_soliton',
 ]
-COMMANDS = ['node', 'param', 'run', 'service', 'topic']
+COMMANDS = [
+    'action',
+    'bag',
+    'interface',
+    'lifecycle',
+    'node',
+    'param',
+    'run',
+    'service',
+    'topic',
+]
 # colcon puts programs where `ros2 run` looks. A wheel would put them on the path, where such names
 # are anybody's: there `soliton-linkage run` starts them.
 EXECUTABLES = [] if {'install', 'develop'}.isdisjoint(sys.argv) else [*NODES, *PROGRAMS]

@@ -3,26 +3,42 @@
 
 from __future__ import annotations
 
+import os
+import signal
+import subprocess
 import sys
 import threading
 from collections.abc import Callable
+from pathlib import Path
 from typing import Any
 
 import pytest
 import yaml
 from graphs import Graph
-from rclpy.node import Node
+from rclpy.action import ActionServer, CancelResponse, GoalResponse
+from rclpy.lifecycle import LifecycleNode
 from std_msgs.msg import Float64
 
-from soliton_linkage_nodes.commands import node, param, run, service, topic
+from soliton_linkage_msgs.action import MoveSoliton
+from soliton_linkage_nodes.commands import (
+    action,
+    bag,
+    interface,
+    lifecycle,
+    node,
+    param,
+    run,
+    service,
+    topic,
+)
 from soliton_linkage_nodes.commands.visitor import visiting
 from soliton_linkage_nodes.runtime import interfaces
 
 Said = Callable[..., str]
 
 
-class Pendulum(Node):
-    """A node with a parameter, a latched topic and the standard services."""
+class Pendulum(LifecycleNode):
+    """A node with a parameter, a latched topic, a lifecycle and an action."""
 
     def __init__(self, **kwargs: Any) -> None:
         super().__init__('pendulum', **kwargs)
@@ -30,6 +46,25 @@ class Pendulum(Node):
         self.declare_parameter('masses', [1, 2])
         topic = interfaces.Topic('angle', Float64, interfaces.latched_qos())
         topic.publisher(self).publish(Float64(data=0.25))
+        self._swing = ActionServer(
+            self,
+            MoveSoliton,
+            'swing',
+            self._execute,
+            goal_callback=lambda goal: (
+                GoalResponse.ACCEPT if goal.speed >= 0 else GoalResponse.REJECT
+            ),
+        )
+
+    def _execute(self, handle: Any) -> MoveSoliton.Result:
+        handle.publish_feedback(MoveSoliton.Feedback(rotor=0.5))
+        (handle.succeed if handle.request.rotor else handle.abort)()
+        return MoveSoliton.Result(rotor=handle.request.rotor)
+
+    def destroy_node(self) -> None:
+        """Destroy the action and the node."""
+        self._swing.destroy()
+        super().destroy_node()
 
 
 @pytest.fixture
@@ -40,7 +75,9 @@ def said(
     monkeypatch.setenv('ROS_DOMAIN_ID', str(graph.domain))
     graph.start(Pendulum)
 
-    def run_beside(command: Any, verb: str, *arguments: str, timeout: float = 60.0) -> str:
+    def run_beside(
+        command: Any, verb: str, *arguments: str, timeout: float = 60.0, code: int = 0
+    ) -> str:
         codes: list[Any] = []
 
         def work() -> None:
@@ -52,8 +89,9 @@ def said(
         thread = threading.Thread(target=work)
         thread.start()
         graph.until(lambda: not thread.is_alive(), ' '.join((verb, *arguments)))
-        if codes != [0]:
+        if isinstance(codes[0], Exception):
             raise codes[0]
+        assert codes == [code]
         return capsys.readouterr().out
 
     return run_beside
@@ -82,13 +120,153 @@ def test_nothing_is_published_without_a_subscriber(said: Said) -> None:
 def test_parameters_are_listed_got_set_and_dumped(said: Said) -> None:
     assert {'length', 'masses'} <= set(said(param, 'list', 'pendulum').split())
     assert said(param, 'get', '/pendulum', 'length') == '0.5\n'
-    said(param, 'set', 'pendulum', 'length', '0.75')
+    shown = said(param, 'set', 'pendulum', 'length', '0.75')
+    assert shown == 'Set parameter successful: length = 0.75\n'
     dumped = yaml.safe_load(said(param, 'dump', 'pendulum'))['/pendulum']['ros__parameters']
     assert (dumped['length'], dumped['masses']) == (0.75, [1, 2])
     with pytest.raises(RuntimeError, match='pendulum rejected length: '):
         said(param, 'set', 'pendulum', 'length', 'long')
     with pytest.raises(RuntimeError, match='pendulum has no parameter mass, or it is not set'):
         said(param, 'get', 'pendulum', 'mass')
+
+
+def test_a_topic_is_described_with_its_endpoints(said: Said, graph: Graph) -> None:
+    expected = 'Type: std_msgs/msg/Float64\nPublisher count: 1\nSubscription count: 0\n'
+    graph.until(lambda: said(topic, 'info', 'angle') == expected, 'the publisher')
+    shown = said(topic, 'info', '-v', 'angle')
+    assert {'Node name: pendulum', '  Durability: TRANSIENT_LOCAL'} <= set(shown.split('\n'))
+
+
+def test_a_node_is_described_with_its_topics_services_and_actions(
+    said: Said, graph: Graph
+) -> None:
+    truth = graph.user.get_service_names_and_types_by_node('pendulum', '/')
+    services = {name: types[0] for name, types in truth if '/_' not in name}
+    blocks: dict[str, Any] = {}
+
+    def complete() -> bool:
+        blocks.update(yaml.safe_load(said(node, 'info', 'pendulum').partition('\n')[2]))
+        return blocks['Service Servers'] == services
+
+    graph.until(complete, 'the services of the node', lambda: blocks)
+    assert blocks['Publishers']['/angle'] == 'std_msgs/msg/Float64'
+    assert blocks['Action Servers'] == {'/swing': 'soliton_linkage_msgs/action/MoveSoliton'}
+    assert blocks['Subscribers'] is blocks['Action Clients'] is None
+    with pytest.raises(RuntimeError, match='there is no node /nobody; list all with'):
+        said(node, 'info', 'nobody', timeout=0.1)
+
+
+def test_a_goal_is_sent_and_its_result_printed(said: Said, graph: Graph) -> None:
+    kind = 'soliton_linkage_msgs/action/MoveSoliton'
+    graph.until(
+        lambda: f'/swing [{kind}]' in said(action, 'list', '-t', timeout=0.0), 'the action'
+    )
+    shown = said(action, 'send_goal', '-f', 'swing', kind, '{rotor: 2.5}')
+    assert 'Feedback:\n    rotor: 0.5\n' in shown
+    assert 'Result:\n    outcome: 0\n' in shown
+    assert 'rotor: 2.5' in shown.partition('Result:')[2]
+    assert shown.endswith('Goal finished with status: SUCCEEDED\n')
+    shown = said(action, 'send_goal', '/swing', kind, code=1)
+    assert shown.endswith('Goal finished with status: ABORTED\n')
+    with pytest.raises(RuntimeError, match='Goal was rejected'):
+        said(action, 'send_goal', 'swing', kind, '{speed: -1.0}')
+    with pytest.raises(RuntimeError, match='there is no action sway of the type'):
+        said(action, 'send_goal', 'sway', kind, timeout=0.1)
+
+
+def test_ctrl_c_cancels_the_goal(graph: Graph, tmp_path: Path) -> None:
+    held: list[Any] = []
+    cancelled: list[Any] = []
+
+    def cancel(handle: Any) -> CancelResponse:
+        cancelled.append(handle)
+        return CancelResponse.ACCEPT
+
+    server = ActionServer(
+        graph.user,
+        MoveSoliton,
+        'swing',
+        lambda handle: (handle.canceled(), MoveSoliton.Result(message='stopped'))[1],
+        handle_accepted_callback=held.append,
+        cancel_callback=cancel,
+    )
+    log = tmp_path / 'said.log'
+    words = ['action', 'send_goal', '/swing', 'soliton_linkage_msgs/action/MoveSoliton']
+    with log.open('wb') as stream:
+        process = subprocess.Popen(
+            ['soliton-linkage', *words, '--timeout', '60'],
+            env={**os.environ, 'ROS_DOMAIN_ID': str(graph.domain)},
+            stdout=stream,
+            stderr=subprocess.STDOUT,
+        )
+    try:
+        graph.until(
+            lambda: 'Goal accepted with ID: ' in log.read_text(), 'the goal', log.read_text
+        )
+        process.send_signal(signal.SIGINT)
+        graph.until(lambda: cancelled, 'the request to cancel', log.read_text)
+        held[0].execute()
+        graph.until(lambda: process.poll() is not None, 'the end', log.read_text)
+    finally:
+        process.kill()
+        process.wait()
+        server.destroy()
+    assert process.returncode == signal.SIGINT
+    assert log.read_text().rstrip().endswith('Goal finished with status: CANCELED')
+
+
+def test_a_lifecycle_state_is_printed_and_changed(said: Said) -> None:
+    assert said(lifecycle, 'get', 'pendulum') == 'unconfigured [1]\n'
+    assert said(lifecycle, 'set', '/pendulum', 'configure') == 'Transitioning successful\n'
+    assert said(lifecycle, 'get', 'pendulum') == 'inactive [2]\n'
+    with pytest.raises(RuntimeError, match=r"transition 'swing'.*cleanup \[2\], activate \[3\]"):
+        said(lifecycle, 'set', 'pendulum', 'swing')
+    with pytest.raises(RuntimeError, match='nobody: there is no service /nobody/get_state'):
+        said(lifecycle, 'get', 'nobody', timeout=0.1)
+
+
+def test_a_definition_is_shown_with_nested_fields(capsys: pytest.CaptureFixture[str]) -> None:
+    assert interface.main(['show', 'soliton_linkage_msgs/msg/SolitonState']) == 0
+    shown = capsys.readouterr().out
+    assert '\nstd_msgs/Header header\n\tbuiltin_interfaces/Time stamp\n\t\tint32 sec\n' in shown
+    assert '\nSoliton[] solitons\n\tuint32 id\n\tfloat64 position\n\tfloat64 rotor\n' in shown
+    assert interface.main(['show', 'std_srvs/srv/SetBool']) == 0
+    assert '\n---\nbool success' in capsys.readouterr().out
+    for wrong, complaint in (
+        ('std_msgs/msg/None', 'there is no type std_msgs/msg/None'),
+        ('nowhere/msg/None', 'the package nowhere is not installed'),
+        ('Float64', 'the package Float64 is not installed'),
+    ):
+        with pytest.raises(ValueError, match=complaint):
+            interface.main(['show', wrong])
+
+
+@pytest.mark.parametrize(
+    ('words', 'forwarded'),
+    [
+        (['info', 'a', 'b'], ['check_bag', 'a', 'b']),
+        (
+            ['record', '-o', 'my run', '/angle', '--ros-args', '-r', '__ns:=/left'],
+            [
+                *('bag_recorder', '--ros-args', '-p', 'topics:=["/angle"]'),
+                *('-p', 'output:="my run"', '-r', '__ns:=/left'),
+            ],
+        ),
+        (['record', '-a'], ['bag_recorder', '--ros-args', '-p', 'regex:="."']),
+        (
+            ['play', 'a', '-r', '2', '--loop'],
+            ['bag_player', '--ros-args', '-p', 'bag:="a"', '-p', 'rate:=2.0', '-p', 'loop:=true'],
+        ),
+    ],
+)
+def test_bags_are_handled_by_the_programs_of_the_suite(
+    monkeypatch: pytest.MonkeyPatch, words: list[str], forwarded: list[str]
+) -> None:
+    begun: list[list[str]] = []
+    monkeypatch.setattr('sys.argv', ['soliton-linkage'])
+    monkeypatch.setattr(run.start, forwarded[0], lambda: begun.append(list(sys.argv)))
+    assert bag.main(words) == 0
+    assert begun == [forwarded]
 
 
 def test_nodes_and_services_are_listed_and_called(said: Said, graph: Graph) -> None:

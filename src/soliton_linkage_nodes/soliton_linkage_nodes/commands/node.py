@@ -1,17 +1,26 @@
 # SPDX-License-Identifier: Apache-2.0
-"""List nodes."""
+"""List nodes, and show their topics, services and actions."""
 
 from __future__ import annotations
 
 import argparse
 
-from soliton_linkage_nodes.commands.visitor import Verbs, Visitor
+from rclpy.action import (
+    get_action_client_names_and_types_by_node,
+    get_action_server_names_and_types_by_node,
+)
+from rclpy.topic_or_service_is_hidden import topic_or_service_is_hidden
+
+from soliton_linkage_nodes.commands.visitor import Verbs, Visitor, full_name
 
 
 def main(arguments: list[str]) -> int:
-    """Run the verb; return its exit code."""
+    """Run one of the verbs; return its exit code."""
     verbs = Verbs('node', __doc__)
     verbs.add('list', _list, 'print the names of all nodes')
+    verbs.add('info', _info, 'print the topics, services and actions of a node').add_argument(
+        'node'
+    )
     return verbs.run(arguments)
 
 
@@ -19,3 +28,27 @@ def _list(visitor: Visitor, _: argparse.Namespace) -> None:
     for name, namespace in sorted(visitor.settled(visitor.node.get_node_names_and_namespaces)):
         if name != visitor.node.get_name():
             print(f'{namespace.rstrip("/")}/{name}')
+
+
+def _info(visitor: Visitor, options: argparse.Namespace) -> None:
+    node, wanted = visitor.node, full_name(options.node)
+    namespace, _, name = wanted.rpartition('/')
+    place = (name, namespace or '/')
+    if not visitor.until(lambda: place in node.get_node_names_and_namespaces()):
+        raise RuntimeError(f'there is no node {wanted}; list all with: soliton-linkage node list')
+    found = visitor.settled(
+        lambda: {
+            'Subscribers': node.get_subscriber_names_and_types_by_node(*place),
+            'Publishers': node.get_publisher_names_and_types_by_node(*place),
+            'Service Servers': node.get_service_names_and_types_by_node(*place),
+            'Service Clients': node.get_client_names_and_types_by_node(*place),
+            'Action Servers': get_action_server_names_and_types_by_node(node, *place),
+            'Action Clients': get_action_client_names_and_types_by_node(node, *place),
+        }
+    )
+    print(wanted)
+    for title, entries in found.items():
+        print(f'  {title}:')
+        for entry, types in sorted(entries):
+            if not topic_or_service_is_hidden(entry):
+                print(f'    {entry}: {", ".join(types)}')

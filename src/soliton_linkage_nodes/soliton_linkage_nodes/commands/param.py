@@ -16,7 +16,7 @@ from rcl_interfaces.srv import (
 )
 from rclpy.parameter import get_parameter_value, parameter_value_to_python
 
-from soliton_linkage_nodes.commands.visitor import Verbs, Visitor
+from soliton_linkage_nodes.commands.visitor import Verbs, Visitor, full_name
 
 
 def main(arguments: list[str]) -> int:
@@ -38,24 +38,8 @@ def main(arguments: list[str]) -> int:
     return verbs.run(arguments)
 
 
-def _node_name(node: str) -> str:
-    return node if node.startswith('/') else f'/{node}'
-
-
-def _ask(visitor: Visitor, node: str, service_type: Any, **request: Any) -> Any:
-    name = service_type.__name__
-    verb = ''.join(f'_{letter.lower()}' if letter.isupper() else letter for letter in name)
-    service = f'{_node_name(node)}/{verb.removeprefix("_")}'
-    try:
-        return visitor.call(service_type, service, service_type.Request(**request))
-    except RuntimeError as error:
-        raise RuntimeError(
-            f'{node}: {error}; list nodes with: soliton-linkage node list'
-        ) from error
-
-
 def _names(visitor: Visitor, node: str) -> list[str]:
-    return sorted(_ask(visitor, node, ListParameters).result.names)
+    return sorted(visitor.ask(node, ListParameters).result.names)
 
 
 def _list(visitor: Visitor, options: argparse.Namespace) -> None:
@@ -65,27 +49,33 @@ def _list(visitor: Visitor, options: argparse.Namespace) -> None:
 def _values(visitor: Visitor, node: str, names: list[str]) -> list[Any]:
     return [
         parameter_value_to_python(value)
-        for value in _ask(visitor, node, GetParameters, names=names).values
+        for value in visitor.ask(node, GetParameters, names=names).values
     ]
 
 
 def _get(visitor: Visitor, options: argparse.Namespace) -> None:
+    print(_value(visitor, options))
+
+
+def _value(visitor: Visitor, options: argparse.Namespace) -> str:
     values = _values(visitor, options.node, [options.name])
     if not values or values[0] is None:
         raise RuntimeError(f'{options.node} has no parameter {options.name}, or it is not set')
-    print(yaml.safe_dump(_plain(values[0]), default_flow_style=True).removesuffix('...\n').strip())
+    text: str = yaml.safe_dump(_plain(values[0]), default_flow_style=True)
+    return text.removesuffix('...\n').strip()
 
 
 def _set(visitor: Visitor, options: argparse.Namespace) -> None:
     parameter = Parameter(name=options.name, value=get_parameter_value(options.value))
-    answer = _ask(visitor, options.node, SetParameters, parameters=[parameter])
+    answer = visitor.ask(options.node, SetParameters, parameters=[parameter])
     result = answer.results[0]
     if not result.successful:
         raise RuntimeError(f'{options.node} rejected {options.name}: {result.reason}')
+    print(f'Set parameter successful: {options.name} = {_value(visitor, options)}')
 
 
 def _describe(visitor: Visitor, options: argparse.Namespace) -> None:
-    found = _ask(visitor, options.node, DescribeParameters, names=[options.name])
+    found = visitor.ask(options.node, DescribeParameters, names=[options.name])
     for descriptor in found.descriptors:
         print(f'{descriptor.name}: {descriptor.description}')
         for bounds in (*descriptor.floating_point_range, *descriptor.integer_range):
@@ -104,7 +94,7 @@ def _dump(visitor: Visitor, options: argparse.Namespace) -> None:
         for value in _values(visitor, options.node, [name])
     }
     parameters = {name: _plain(value) for name, value in found.items() if value is not None}
-    document = {_node_name(options.node): {'ros__parameters': parameters}}
+    document = {full_name(options.node): {'ros__parameters': parameters}}
     print(yaml.safe_dump(document, default_flow_style=None, allow_unicode=True), end='')
 
 

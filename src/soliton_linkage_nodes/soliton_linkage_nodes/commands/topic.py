@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""List topics, echo their messages, measure their rate (hz), and publish (pub)."""
+"""List and describe topics, echo their messages, measure their rate (hz), and publish (pub)."""
 
 from __future__ import annotations
 
@@ -26,6 +26,9 @@ def main(arguments: list[str]) -> int:
     verbs = Verbs('topic', __doc__)
     listing = verbs.add('list', _list, 'print the names of all topics')
     listing.add_argument('-t', '--show-types', action='store_true', help='also print the types')
+    info = verbs.add('info', _info, 'print the type of a topic and its numbers of endpoints')
+    info.add_argument('topic')
+    info.add_argument('-v', '--verbose', action='store_true', help='also print each endpoint')
     echo = verbs.add('echo', _echo, 'print the messages of a topic as YAML')
     echo.add_argument('topic')
     echo.add_argument('type', nargs='?', help='message type [type of the publisher]')
@@ -65,6 +68,23 @@ def _positive(text: str) -> float:
 def _list(visitor: Visitor, options: argparse.Namespace) -> None:
     for name, types in sorted(visitor.settled(visitor.node.get_topic_names_and_types)):
         print(f'{name} [{", ".join(types)}]' if options.show_types else name)
+
+
+def _info(visitor: Visitor, options: argparse.Namespace) -> None:
+    node = visitor.node
+    kind = visitor.type_name('topic', options.topic, node.get_topic_names_and_types)
+    topic = node.resolve_topic_name(options.topic)
+    endpoints = visitor.settled(
+        lambda: [
+            [*node.get_publishers_info_by_topic(topic)],
+            [*node.get_subscriptions_info_by_topic(topic)],
+        ]
+    )
+    print(f'Type: {kind}')
+    for title, found in zip(('Publisher', 'Subscription'), endpoints, strict=True):
+        print(f'{title} count: {len(found)}')
+        for each in found if options.verbose else ():
+            print(f'\n{each}\n')
 
 
 def _type(visitor: Visitor, options: argparse.Namespace) -> Any:

@@ -113,6 +113,25 @@ class Visitor:
             raise RuntimeError(f'{client.srv_name} gave no response within {ANSWER_LIMIT:g} s')
         return future.result()
 
+    def ask(self, node: str, service_type: Any, **request: Any) -> Any:
+        """Call a standard service of a node, such as GetState; RuntimeError if there is none."""
+        words = ''.join(
+            f'_{each.lower()}' if each.isupper() else each for each in service_type.__name__
+        )
+        try:
+            return self.call(
+                service_type, f'{full_name(node)}/{words[1:]}', service_type.Request(**request)
+            )
+        except RuntimeError as error:
+            raise RuntimeError(
+                f'{node}: {error}; list nodes with: soliton-linkage node list'
+            ) from error
+
+
+def full_name(node: str) -> str:
+    """Return the name of a node with its namespace, by default the root."""
+    return node if node.startswith('/') else f'/{node}'
+
 
 @contextmanager
 def visiting(
@@ -130,7 +149,7 @@ def visiting(
         rclpy.try_shutdown()
 
 
-Verb = Callable[[Visitor, argparse.Namespace], None]
+Verb = Callable[[Visitor, argparse.Namespace], int | None]
 
 
 class Verbs:
@@ -160,5 +179,4 @@ class Verbs:
         complete(self._parser)
         options = self._parser.parse_args(arguments)
         with visiting(options.timeout) as visitor:
-            options.verb(visitor, options)
-        return 0
+            return options.verb(visitor, options) or 0

@@ -1,0 +1,89 @@
+# SPDX-License-Identifier: Apache-2.0
+"""List actions, and send goals to them."""
+
+from __future__ import annotations
+
+import argparse
+import math
+import signal
+from textwrap import indent
+from typing import Any
+
+from action_msgs.msg import GoalStatus
+from rclpy.action import ActionClient, get_action_names_and_types
+
+from soliton_linkage_nodes.commands.visitor import ANSWER_LIMIT, Verbs, Visitor
+from soliton_linkage_nodes.messages.fields import interface_type, read, to_yaml
+from soliton_linkage_nodes.runtime.guarded import ACTION_QOS
+
+_STATUS = {
+    GoalStatus.STATUS_SUCCEEDED: 'SUCCEEDED',
+    GoalStatus.STATUS_CANCELED: 'CANCELED',
+    GoalStatus.STATUS_ABORTED: 'ABORTED',
+}
+
+
+def main(arguments: list[str]) -> int:
+    """Run one of the verbs; return its exit code."""
+    verbs = Verbs('action', __doc__)
+    listing = verbs.add('list', _list, 'print the names of all actions')
+    listing.add_argument('-t', '--show-types', action='store_true', help='also print the types')
+    send = verbs.add(
+        'send_goal', _send_goal, 'send a goal and print its result; Ctrl-C cancels it'
+    )
+    send.add_argument('action')
+    send.add_argument('type', help='type, such as soliton_linkage_msgs/action/MoveSoliton')
+    send.add_argument(
+        'goal', nargs='?', default='{}', help="goal in YAML, such as '{rotor: 12.5}'"
+    )
+    send.add_argument('-f', '--feedback', action='store_true', help='also print the feedback')
+    return verbs.run(arguments)
+
+
+def _list(visitor: Visitor, options: argparse.Namespace) -> None:
+    for name, types in sorted(visitor.settled(lambda: get_action_names_and_types(visitor.node))):
+        print(f'{name} [{", ".join(types)}]' if options.show_types else name)
+
+
+def _send_goal(visitor: Visitor, options: argparse.Namespace) -> int:
+    action_type = interface_type(options.type, 'action')
+    goal = read(action_type.Goal, options.goal)
+    client = ActionClient(visitor.node, action_type, options.action, **ACTION_QOS)
+    print('Waiting for an action server to become available...', flush=True)
+    if not visitor.until(client.server_is_ready):
+        raise RuntimeError(
+            f'there is no action {options.action} of the type {options.type}; '
+            'list all with: soliton-linkage action list -t'
+        )
+    _print('Sending goal', goal)
+    sent = client.send_goal_async(
+        goal,
+        feedback_callback=(lambda each: _print('Feedback', each.feedback))
+        if options.feedback
+        else None,
+    )
+    if not visitor.until(sent.done, ANSWER_LIMIT):
+        raise RuntimeError(f'{options.action} gave no response within {ANSWER_LIMIT:g} s')
+    handle = sent.result()
+    if not handle.accepted:
+        raise RuntimeError('Goal was rejected.')
+    print(f'Goal accepted with ID: {bytes(handle.goal_id.uuid).hex()}\n', flush=True)
+    ended = handle.get_result_async()
+    code = 0
+    try:
+        visitor.until(lambda: ended.done() or not client.server_is_ready(), math.inf)
+    except KeyboardInterrupt:
+        code = int(signal.SIGINT)
+        print('Canceling goal...', flush=True)
+        handle.cancel_goal_async()
+        visitor.until(ended.done, ANSWER_LIMIT)
+    if not ended.done():
+        raise RuntimeError(f'{options.action} has stopped or gave no result')
+    status = ended.result().status
+    _print('Result', ended.result().result)
+    print(f'Goal finished with status: {_STATUS.get(status, status)}')
+    return code or int(status != GoalStatus.STATUS_SUCCEEDED)
+
+
+def _print(title: str, message: Any) -> None:
+    print(f'{title}:\n{indent(to_yaml(message), "    ")}', flush=True)
