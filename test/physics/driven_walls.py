@@ -3,7 +3,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from functools import lru_cache
 
 import numpy as np
@@ -13,8 +12,6 @@ from soliton_linkage.dynamics.elastic import ElasticSimulation
 from soliton_linkage.linkage.chain import Array
 from soliton_linkage.orbit.uniform_orbit import UniformOrbit
 from soliton_linkage.steering.steering import MoveResult, Steering
-
-Disturbance = Callable[[float], float]
 
 
 @lru_cache(maxsize=32)

@@ -24,7 +24,6 @@ from soliton_linkage_studies.program import (
 )
 from soliton_linkage_studies.settings import load_settings
 
-SETTINGS = Path(__file__).parents[2] / 'config/studies'
 STUDIES = ['accuracy', 'collisions', 'driving', 'figures', 'films', 'moves', 'sweep']
 WAITING = """
 import functools, sys, time

@@ -39,7 +39,6 @@ from soliton_linkage_studies.unit_cell import (
     windings,
 )
 
-LEANS = st.sampled_from([-1, 1])
 ANGLES = st.floats(-9, 9)
 RATIOS = st.floats(0.02, 20)
 REST_ANGLES = st.floats(0.01, 1.56)

@@ -15,7 +15,6 @@ from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
 
 from soliton_linkage.actuation.chain_driver import ChainDriver
 from soliton_linkage.actuation.kick_record import KickReport
-from soliton_linkage.linkage.chain import Chain
 from soliton_linkage_msgs.msg import EdgeCommand, LastKick
 from soliton_linkage_nodes.edge_actuator.node import EdgeActuator
 from soliton_linkage_nodes.messages.command_conversions import last_kick_to_msg
@@ -24,7 +23,6 @@ from soliton_linkage_nodes.runtime import interfaces
 from soliton_linkage_nodes.simulator.node import Simulator
 
 ROTORS = 8
-CHAIN = Chain(number_of_rotors=ROTORS)
 # The actuator waits for frames as long as a busy machine takes.
 PATIENT = {'state_timeout': 60.0, 'command_timeout': 0.2}
 

@@ -25,7 +25,6 @@ from soliton_linkage.solitons.tanh_fit import find_solitons
 
 # Error of the angles of a wall by following the orbit [rad].
 FOLLOWED = 1e-9
-BOTH = (False, True)
 Branches = tuple[Array, Array]
 
 

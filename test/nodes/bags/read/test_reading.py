@@ -125,9 +125,6 @@ def test_an_empty_bag_can_be_read_and_begins_when_it_was_made(tmp_path: Path) ->
         assert reader.message_count == 0
 
 
-OF_THE_FUTURE = 'rosbag2_bagfile_information: {version: 99}'
-
-
 def halve(data: Path) -> None:
     data.write_bytes(data.read_bytes()[: data.stat().st_size // 2])
 
