@@ -3,7 +3,9 @@
 
 from __future__ import annotations
 
+import sys
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -39,6 +41,58 @@ def test_other_files_are_rejected(tmp_path: Path, content: bytes, message: str) 
         path.write_bytes(content)
     with pytest.raises(ValueError, match=message):
         read_video(path)
+
+
+def test_a_directory_is_reported_as_one(tmp_path: Path) -> None:
+    with pytest.raises(ValueError, match='is a directory; give a file in it'):
+        read_video(tmp_path)
+
+
+@pytest.mark.parametrize('suffix', ['avi', 'mkv', 'ts'])
+@pytest.mark.parametrize('reader', ['av', 'opencv'])
+def test_a_film_that_was_cut_is_reported_after_its_pictures(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, suffix: str, reader: str
+) -> None:
+    av: Any = pytest.importorskip('av', reason='needs PyAV: pip install av')
+    path, random = tmp_path / f'film.{suffix}', np.random.default_rng(1)
+    with av.open(str(path), 'w') as container:
+        stream = container.add_stream('mpeg4', rate=30)
+        stream.width, stream.height, stream.pix_fmt = 64, 48, 'yuv420p'
+        for _ in range(150):
+            picture = random.integers(0, 256, (48, 64, 3), dtype=np.uint8)
+            frame = av.VideoFrame.from_ndarray(picture, format='bgr24')
+            container.mux(stream.encode(frame))
+        container.mux(stream.encode())
+    if reader == 'opencv':
+        monkeypatch.setitem(sys.modules, 'av', None)
+    assert len(list(read_video(path).pictures)) == 150
+    whole = path.read_bytes()
+    path.write_bytes(whole[: len(whole) // 2 + 50])
+    film = read_video(path).pictures
+    for _ in range(30):
+        next(film)
+    with pytest.raises(ValueError, match='ends after [12]'):
+        list(film)
+
+
+@pytest.mark.parametrize('reader', ['av', 'opencv'])
+def test_rows_of_a_turned_film_are_rows_of_the_sensor(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, reader: str
+) -> None:
+    pytest.importorskip('av', reason='needs PyAV: pip install av')
+    path, upper = tmp_path / 'film.mp4', np.zeros((48, 64, 3), dtype=np.uint8)
+    upper[:24] = 255
+    write_video(path, (TimedPicture(n / 30, upper) for n in range(5)))
+    data = bytearray(path.read_bytes())
+    matrix = data.index(b'tkhd') + 4 + 40
+    turned = np.array([0, 1 << 16, 0, -1 << 16, 0, 0, 48 << 16, 0, 1 << 30], dtype='>i4')
+    data[matrix : matrix + 36] = turned.tobytes()
+    path.write_bytes(data)
+    if reader == 'opencv':
+        monkeypatch.setitem(sys.modules, 'av', None)
+    for taken in read_video(path).pictures:
+        assert taken.picture.shape == upper.shape
+        assert np.abs(taken.picture.astype(int) - upper)[[4, -4]].max() < 30
 
 
 def test_an_absent_camera_is_reported_once(capfd: pytest.CaptureFixture[str]) -> None:

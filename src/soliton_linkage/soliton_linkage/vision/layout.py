@@ -8,6 +8,7 @@ The ArUco markers identify these dots, and the dots define the plane.
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -118,8 +119,16 @@ class MarkerLayout:
         distance = _MIN_DISTANCE * self.paper_size
         half = max((length + size) / 2, distance / 2)
         columns = min(self.settings.frame_columns, 1 + int(2 * half / distance))
-        columns_x = length / 2 + np.linspace(-half, half, columns)
-        return np.array([(x, z) for x in columns_x for z in (away, -away)])
+        # Positions in whole millimetres can be set with a ruler.
+        first = math.floor(round(1e3 * (length / 2 - half), 6))
+        step = math.ceil(round(2e3 * half / max(columns - 1, 1), 6))
+        row = math.ceil(round(1e3 * away, 6))
+        return (
+            np.array(
+                [(first + step * column, z) for column in range(columns) for z in (row, -row)]
+            )
+            / 1e3
+        )
 
     @cached_property
     def frame_corners(self) -> Array:

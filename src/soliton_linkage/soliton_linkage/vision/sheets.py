@@ -105,7 +105,7 @@ def _draw_frame_marker(axes: Any, layout: MarkerLayout, number: int, centre: Arr
             Circle(tuple(centre + away * np.array(side)), layout.dot_radius, color='black', lw=0)
         )
     x, z = 1e3 * layout.frame_centres[number]
-    text = f'frame marker {number}, this side up: centre at x = {x:.0f} mm, z = {z:.0f} mm'
+    text = f'frame marker {number}, this side up: centre at x = {x:.6g} mm, z = {z:.6g} mm'
     axes.text(centre[0], centre[1] - half - _GAP / 2, text, ha='center', va='top', fontsize=7)
 
 

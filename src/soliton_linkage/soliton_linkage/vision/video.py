@@ -8,6 +8,7 @@ the files, or OpenCV if PyAV is not installed.
 from __future__ import annotations
 
 import datetime
+import math
 import time
 from collections.abc import Iterable, Iterator
 from fractions import Fraction
@@ -29,6 +30,12 @@ _MEMORY = 31
 """Number of intervals that define the usual one [1]."""
 _PERCENTILE = 75
 """Percentile of these intervals that is the usual one; the rates of phones vary [%]."""
+_CUT = 3.0
+"""Missing time at the end above which a film was cut, in intervals of pictures [1]."""
+_SOUND = 1.0
+"""Time by which the sound may be longer than the film [s]."""
+_SYNC, _PACKET = b'G', 188
+"""First byte and length [bytes] of each packet of an MPEG transport stream."""
 
 
 class TimedPicture(NamedTuple):
@@ -74,6 +81,8 @@ class GapCounter:
 
 def read_video(path: Path) -> Video:
     """Return the pictures of a video file; raise ValueError or OSError if it is unreadable."""
+    if path.is_dir():
+        raise ValueError(f'film {str(path)!r} is a directory; give a file in it')
     if not path.is_file():
         raise ValueError(f'film {str(path)!r} does not exist; check the path')
     try:
@@ -153,7 +162,11 @@ def _read_by_av(path: Path) -> Video:
 
     created = container.metadata.get('creation_time', '')
     length = float(container.duration or 0) / av.time_base
-    return Video(_start(path, created, length), int(stream.frames), pictures())
+    own = float(stream.duration * stream.time_base) if stream.duration else math.nan
+    # The duration of the file may be the one of its sound.
+    slack = _SOUND if math.isnan(own) and container.streams.audio else 0.0
+    film = _checked(path, pictures(), length if math.isnan(own) else own, slack)
+    return Video(_start(path, created, length), int(stream.frames), film)
 
 
 def _read_by_opencv(path: Path) -> Video:
@@ -163,6 +176,8 @@ def _read_by_opencv(path: Path) -> Video:
         raise ValueError(
             f'film {str(path)!r} cannot be read; install PyAV, which reads more formats'
         )
+    # Rows must be rows of the sensor, as with PyAV, because each has its own exposure time.
+    source.set(cv2.CAP_PROP_ORIENTATION_AUTO, 0)
     frames = max(int(source.get(cv2.CAP_PROP_FRAME_COUNT)), 0)
     rate = float(source.get(cv2.CAP_PROP_FPS)) or 30.0
 
@@ -173,7 +188,30 @@ def _read_by_opencv(path: Path) -> Video:
             first = taken if first is None else first
             yield TimedPicture(taken - first, picture)
 
-    return Video(_start(path, '', frames / rate), frames, pictures())
+    film = _checked(path, pictures(), frames / rate, _SOUND)
+    return Video(_start(path, '', frames / rate), frames, film)
+
+
+def _checked(
+    path: Path, pictures: Iterator[TimedPicture], length: float, slack: float
+) -> Iterator[TimedPicture]:
+    """Yield the pictures of a film; raise ValueError if it ends before its stated length [s]."""
+    last, interval = 0.0, 0.0
+    for taken in pictures:
+        last, interval = taken.time, max(interval, taken.time - last)
+        yield taken
+    missing = length - last
+    if missing > _CUT * interval + slack:
+        raise ValueError(
+            f'film {str(path)!r} ends after {last:.2f} s of {length:.2f} s; copy it again'
+        )
+    size = path.stat().st_size
+    with path.open('rb') as file:
+        transport = file.read(1) == _SYNC and file.seek(_PACKET) and file.read(1) == _SYNC
+    if transport and size % _PACKET:
+        raise ValueError(
+            f'film {str(path)!r} ends after {last:.2f} s within a packet; copy it again'
+        )
 
 
 def _opened_camera(number: int) -> Any:
