@@ -71,7 +71,7 @@ def test_a_film_that_was_cut_is_reported_after_its_pictures(
     film = read_video(path).pictures
     for _ in range(30):
         next(film)
-    with pytest.raises(ValueError, match='ends after [12]'):
+    with pytest.raises(ValueError, match=r'ends after [12]'):
         list(film)
 
 
