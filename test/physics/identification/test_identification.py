@@ -66,6 +66,10 @@ BAD = {
     'one joint absent': (ordered(0, 1, 2, 3, 4, 6, 7, 8, 9), 'rotor_4 and rotor_5 do not move'),
     'half missing': (half_missing(), '5 of 10 rotors are missing .* rotor_0, rotor_2'),
     'slipping': (slipping(), 'the encoder of rotor_3 slips by about 0.29 rad at 1.6 s'),
+    'no model': (
+        changed(5, lambda angles: angles + 0.3 * np.sin(3 * angles)),
+        'no model explains .* causes: rotor_5 ',
+    ),
     'nothing passes': (resting(), 'no soliton passes'),
     'half a passage': (np.repeat(READINGS[:250], 2, axis=0), 'passes only .* inner rotors'),
 }

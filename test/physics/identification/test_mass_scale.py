@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 import math
+import re
 from dataclasses import replace
 
 import numpy as np
@@ -12,7 +13,7 @@ from passages import FLIPPER, read, unequal
 
 from soliton_linkage.dynamics.elastic import ElasticSimulation
 from soliton_linkage.dynamics.initial_states import leaning
-from soliton_linkage.identification.identification import identify
+from soliton_linkage.identification.identification import Identification, identify
 from soliton_linkage.identification.readings import Readings, RecordedImpulse
 from soliton_linkage.linear.rigidity import Edge, edge_mode
 from soliton_linkage.linkage.chain import Array, Chain
@@ -55,12 +56,51 @@ def test_the_mean_mass_follows_from_a_sequence_of_impulses(
     assert found.chain.stiffness == pytest.approx(CHAIN.stiffness, rel=0.2)
 
 
+def errors_over_deviations(found: Identification) -> float:
+    """Root mean square error of stiffnesses and rotor lengths over the stated deviations."""
+    true = CHAIN.stiffnesses / CHAIN.masses.mean()
+    shown = found.chain.stiffnesses / found.chain.masses.mean()
+    lengths = found.chain.rotor_lengths / found.chain.spacings.mean()
+    errors = np.log(lengths / CHAIN.rotor_lengths * CHAIN.spacings.mean())
+    over = [np.log(shown / true) / found.deviations['stiffness']]
+    over.append(errors / found.deviations['rotor_length'])
+    return float(np.sqrt(np.mean(np.concatenate(over) ** 2)))
+
+
+def test_a_kick_that_was_not_recorded_is_found_and_has_no_effect() -> None:
+    start = leaning(CHAIN, -1).angles
+    impulses = 10.0 * edge_mode(CHAIN, start, Edge.FIRST) * CHAIN.moments_of_inertia
+    simulation = ElasticSimulation(CHAIN, start, period=PERIOD, tolerance=1e-8)
+    simulation.kick(impulses)
+    frames = []
+    for frame in range(332):
+        if frame == 140:
+            simulation.kick(np.where(np.arange(8) == 4, 3.0, 0.0) * CHAIN.moments_of_inertia)
+        frames.append(simulation.angles.copy())
+        simulation.advance()
+    times = PERIOD * np.arange(len(frames))
+    found = identify(Readings(times, read(np.array(frames), 2)[0]), Chain())
+    assert 'a kick that was not recorded acts near' in found.warnings[0]
+    named = re.findall(r'(\d\S*) s', found.warnings[0])
+    assert min(abs(float(time) - 140 * PERIOD) for time in named) < 0.06
+    assert found.noise == pytest.approx(0.01, rel=0.04)
+    assert errors_over_deviations(found) < 1.8
+
+
+def test_errors_of_stamps_are_stated_and_included_in_the_deviations() -> None:
+    times, angles, _ = kicked(0)
+    late = times + np.random.default_rng(3).uniform(-1, 1, len(times)) * PERIOD
+    found = identify(Readings(np.sort(late), read(angles, 2)[0]), Chain())
+    named = re.search(r'stamps have errors of (\S+) ms', found.warnings[0])
+    assert named
+    assert float(named[1]) == pytest.approx(1e3 * np.std(np.sort(late) - times), rel=0.2)
+    assert found.noise == pytest.approx(0.01, rel=0.04)
+    assert errors_over_deviations(found) < 1.8
+
+
 def test_an_unknown_impulse_between_windows_has_no_effect() -> None:
     times, angles, _ = kicked(100)
     found = identify(Readings(times, read(angles, 2)[0]), Chain())
     assert found.noise == pytest.approx(0.01, rel=0.02)
-    true = CHAIN.stiffnesses / CHAIN.masses.mean()
-    shown = found.chain.stiffnesses / found.chain.masses.mean()
-    errors = np.log(shown / true) / found.deviations['stiffness']
-    assert np.sqrt(np.mean(errors**2)) < 1.8
+    assert errors_over_deviations(found) < 1.8
     assert math.isnan(found.mass_deviation)

@@ -15,7 +15,7 @@ and are integrated together with the motion, by the classical Runge-Kutta method
 
 Compiled loops take these arrays: `table`, (5, N), has r, a, l, k of rotors and springs, and the
 inertias; `columns`, (5, N), has the positions of r, a, l, log k and log m among the unknowns;
-`forces`, (5,), has the damping, the dry friction, the rate w, and the components of gravity along
+`forces`, (6,), has the damping, the dry friction, the rate w, and the components of gravity along
 the chain and down from it. Angles and rates have the shape (N,), their sensitivities x and v the
 shape (N, Q). With Q = 0 only the motion is integrated.
 """
@@ -55,7 +55,7 @@ BY_A, NEXT_BY_R, NEXT_BY_NEXT_R, NEXT_BY_A, FRICTION_PART, DRAG, FALL, ACCELERAT
 """Rows of the workspace, (16, N): diagonals of the stiffness matrix, tension, levers, derivatives
 of the torques by lengths, acting fraction of the dry friction, derivative of the total drag by the
 rate, acceleration by gravity, and acceleration by all torques."""
-DAMPING, FRICTION, SLIDING, ALONG, DOWN = range(5)
+DAMPING, FRICTION, SLIDING, ALONG, DOWN, LONGEST = range(6)
 """Indices of the forces."""
 Columns = NDArray[np.int64]
 
@@ -116,18 +116,10 @@ def accelerate(table: Array, forces: Array, angles: Array, rates: Array, work: A
         values[n] /= table[INERTIA, n]
 
 
-@compiled(f8_1d, f8_1d, f8, f8_1d)
-def combine(out: Array, base: Array, factor: float, other: Array) -> None:
-    """Set out = base + factor other, all (Q,); out may be base."""
-    for q in range(out.size):
-        out[q] = base[q] + factor * other[q]
-
-
-@compiled(const_f8_2d, const_i8_2d, i8, f8_1d, f8_2d, f8_2d, f8_2d, f8_2d)
+@compiled(const_f8_2d, const_i8_2d, f8_1d, f8_2d, f8_2d, f8_2d, f8_2d)
 def accelerate_sensitivities(
     table: Array,
     columns: Columns,
-    drag_column: int,
     rates: Array,
     work: Array,
     x: Array,
@@ -136,19 +128,16 @@ def accelerate_sensitivities(
 ) -> None:
     """Set the sensitivities of accelerations, (N, Q), given the workspace."""
     rotors, size = x.shape
-    values = work[ACCELERATION]
+    values, drag_column = work[ACCELERATION], columns[M, 0] + rotors
     for n in range(rotors):
         inverse = 1 / table[INERTIA, n]
         main, drag = work[MAIN, n] * inverse, -work[DRAG, n] * inverse
+        below = work[BELOW, n - 1] * inverse if n > 0 else 0.0
+        above = work[ABOVE, n] * inverse if n < rotors - 1 else 0.0
         row, own, rate = changes[n], x[n], v[n]
+        before, after = x[max(n - 1, 0)], x[min(n + 1, rotors - 1)]
         for q in range(size):
-            row[q] = main * own[q]
-        if drag:
-            combine(row, row, drag, rate)
-        if n > 0:
-            combine(row, row, work[BELOW, n - 1] * inverse, x[n - 1])
-        if n < rotors - 1:
-            combine(row, row, work[ABOVE, n] * inverse, x[n + 1])
+            row[q] = main * own[q] + below * before[q] + above * after[q] + drag * rate[q]
         row[columns[R, n]] -= 2 * values[n] - work[FALL, n]
         row[columns[M, n]] -= values[n] - work[FALL, n]
         row[drag_column] -= rates[n] * inverse
@@ -171,11 +160,10 @@ def accelerate_sensitivities(
         row[columns[K, n]] += work[PULL, n] * work[SECOND, n] * inverse
 
 
-@compiled(const_f8_2d, const_i8_2d, i8, const_f8_1d, i8, f8, f8_2d, f8_3d)
+@compiled(const_f8_2d, const_i8_2d, const_f8_1d, i8, f8, f8_2d, f8_3d)
 def advance(
     table: Array,
     columns: Columns,
-    drag_column: int,
     forces: Array,
     steps: int,
     step: float,
@@ -202,30 +190,46 @@ def advance(
             accelerate(table, forces, at[0], at[1], work)
             if size:
                 accelerate_sensitivities(
-                    table,
-                    columns,
-                    drag_column,
-                    at[1],
-                    work,
-                    at_changes[0],
-                    at_changes[1],
-                    rate_changes,
+                    table, columns, at[1], work, at_changes[0], at_changes[1], rate_changes
                 )
             for n in range(rotors):
                 sums[0, n] += weight * at[1, n]
                 sums[1, n] += weight * work[ACCELERATION, n]
                 at[0, n] = state[0, n] + ahead * at[1, n]
                 at[1, n] = state[1, n] + ahead * work[ACCELERATION, n]
-                combine(sum_changes[0, n], sum_changes[0, n], weight, at_changes[1, n])
-                combine(sum_changes[1, n], sum_changes[1, n], weight, rate_changes[n])
-                combine(at_changes[0, n], changes[0, n], ahead, at_changes[1, n])
-                combine(at_changes[1, n], changes[1, n], ahead, rate_changes[n])
+                for q in range(size):
+                    rate, change = at_changes[1, n, q], rate_changes[n, q]
+                    sum_changes[0, n, q] += weight * rate
+                    sum_changes[1, n, q] += weight * change
+                    at_changes[0, n, q] = changes[0, n, q] + ahead * rate
+                    at_changes[1, n, q] = changes[1, n, q] + ahead * change
         state[:], changes[:] = sums, sum_changes
+
+
+@compiled(const_f8_2d, const_i8_2d, const_f8_1d, const_f8_1d, f8_2d, f8_3d, f8_3d, f8_3d)
+def integrate(
+    table: Array,
+    columns: Columns,
+    forces: Array,
+    spans: Array,
+    state: Array,
+    changes: Array,
+    states: Array,
+    slopes: Array,
+) -> None:
+    """Integrate over spans of time [s], (T,), and set states, (T, 2, N), and x, (T, N, Q)."""
+    for frame in range(spans.size):
+        if spans[frame] != 0:
+            steps = math.ceil(abs(spans[frame]) / forces[LONGEST])
+            advance(table, columns, forces, steps, spans[frame] / steps, state, changes)
+        states[frame], slopes[frame] = state, changes[0]
 
 
 _LONGEST_STEP = 0.4
 """Longest step, relative to the shortest vibration time [1]. Errors in a crossing of 40 rotors are
 at most 2e-5 rad. Sensitivity: at 0.5x, they are 2e-6 rad in twice the time."""
+_BATCH = 32
+"""Frames whose sensitivities are integrated at once [1]; 40 rotors take 3 MB."""
 _SLIDING = 0.1
 """Rate w above which dry friction is nearly constant [rad/s], small compared with walls.
 Sensitivity: at 0.5x, friction takes more steps."""
@@ -346,33 +350,44 @@ def angles_at(motion: FreeMotion, times: Array) -> Array:
     return propagate(motion, times)[0]
 
 
+def states_at(motion: FreeMotion, times: Array) -> Array:
+    """Return angles and rates at each time [rad], [rad/s], shape (T, 2, N)."""
+    return next(_states(motion, times, np.empty((2, len(motion.masses), 0)), len(times)))[0]
+
+
 def propagate(motion: FreeMotion, times: Array) -> tuple[Array, FreeMotion]:
     """Return the angles at each time [rad], (T, N), and the motion from the last time on."""
-    states = [state for state, _ in _states(motion, times, np.empty((2, len(motion.masses), 0)))]
+    states = states_at(motion, times)
     angles, rates = states[-1]
-    return np.array([state[0] for state in states]), replace(motion, angles=angles, rates=rates)
+    return states[:, 0], replace(motion, angles=angles, rates=rates)
 
 
-def angles_with_sensitivities(motion: FreeMotion, times: Array) -> Iterator[tuple[Array, Array]]:
-    """Yield the angles at each time [rad], (N,), and their sensitivities, (N, Q)."""
+def states_with_sensitivities(motion: FreeMotion, times: Array) -> Iterator[tuple[Array, Array]]:
+    """Yield angles and rates, (B, 2, N), and sensitivities of angles, (B, N, Q), of B times."""
     rotors, at = len(motion.masses), motion.slices
     changes = np.zeros((2, rotors, motion.size))
     changes[0, :, at.angles] = changes[1, :, at.rates] = np.eye(rotors)
-    for state, changed in _states(motion, times, changes):
-        yield state[0], changed
+    yield from _states(motion, times, changes, _BATCH)
 
 
-def _states(motion: FreeMotion, times: Array, changes: Array) -> Iterator[tuple[Array, Array]]:
-    """Yield angles and rates, (2, N), and sensitivities of angles, (N, Q), at each time."""
+def _states(
+    motion: FreeMotion, times: Array, changes: Array, batch: int
+) -> Iterator[tuple[Array, Array]]:
+    """Yield states, (B, 2, N), and sensitivities of angles, (B, N, Q), in batches of times."""
     state = np.array([motion.angles, motion.rates])
-    chain = _table(motion), _columns(motion), motion.slices.forces.start
     along, down = motion.gravity * math.sin(motion.tilt), motion.gravity * math.cos(motion.tilt)
-    forces = np.array([motion.damping, motion.friction, _SLIDING, along, down])
-    yield state.copy(), changes[0].copy()
-    for span in np.diff(times).tolist():
-        steps = max(1, math.ceil(span * motion.fastest / _LONGEST_STEP))
-        advance(*chain, forces, steps, span / steps, state, changes)
-        yield state.copy(), changes[0].copy()
+    longest = _LONGEST_STEP / motion.fastest
+    forces = np.array([motion.damping, motion.friction, _SLIDING, along, down, longest])
+    table, columns = _table(motion), _columns(motion)
+    spans = np.diff(times, prepend=times[0])
+    for begin in range(0, len(spans), batch):
+        some = spans[begin : begin + batch]
+        states, slopes = (
+            np.empty((len(some), *state.shape)),
+            np.empty((len(some), *changes.shape[1:])),
+        )
+        integrate(table, columns, forces, some, state, changes, states, slopes)
+        yield states, slopes
 
 
 def _table(motion: FreeMotion) -> Array:

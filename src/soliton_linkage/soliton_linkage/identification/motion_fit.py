@@ -21,13 +21,19 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from soliton_linkage.identification.bundle import covariance_in
-from soliton_linkage.identification.free_motion import FreeMotion, UnknownSlices, angles_at
+from soliton_linkage.identification.free_motion import (
+    FreeMotion,
+    UnknownSlices,
+    angles_at,
+    states_at,
+)
 from soliton_linkage.identification.lengths import Tolerances
 from soliton_linkage.identification.readings import repeat_counts
 from soliton_linkage.identification.windows import (
     INITIAL_MASS_DEVIATION,
     FreeWindow,
     MotionPrior,
+    StampErrors,
     WindowEquations,
     merge_windows,
     observable_changes,
@@ -64,11 +70,13 @@ _SAMPLED_STEPS = 20
 _FITTING = 0.5
 """Largest rms difference between motion and readings of a window that can be merged [rad]. It is a
 third of the rotation of a rotor by a wall, from which least squares still converges."""
-_UNEXPLAINED = 3.0
+UNEXPLAINED = 1.5
 """Ratio of residual noise to reading noise above which the model does not explain the readings
 [1]. The posterior is then not sampled, because this would take most of the time."""
 _SIGNIFICANT = 3.0
 """Significant difference of the residuals of bars and springs, in standard deviations [1]."""
+_SIGNIFICANT_STAMPS = 6.0
+"""Variance of the errors of stamps over its standard deviation that is significant [1]."""
 _DAMPINGS = 12
 """Damping factors that are tried for one step [1]; the last is 100."""
 _DAMPED = 1e-3
@@ -91,6 +99,8 @@ class MotionFit:
     residuals: Array
     """Residuals divided by the relative deviations of the readings [rad], 0 if missing, (T, N)."""
     prior: MotionPrior
+    stamp_deviation: float
+    """Standard deviation of the stamps [s], 0 if negligible."""
 
     @property
     def motion(self) -> FreeMotion:
@@ -117,7 +127,8 @@ class MotionFitter:
         The standard deviation of a reading is its relative deviation [1], (T, N), times the noise
         [rad]. The tolerance of lengths [1] and gravity are estimated unless they are given.
         """
-        self._times, self._readings = times, readings
+        self._stamps, self._times, self._readings = times, times, readings
+        self._stamp_errors = StampErrors(0.0, np.zeros_like(times))
         self._repeats = repeat_counts(readings)
         self._deviations = relative_deviations * np.sqrt(self._repeats)
         self._noise, self._tolerance = noise, tolerance
@@ -135,9 +146,12 @@ class MotionFitter:
         while (windows := merge_windows(self._windows, self._fits)) != self._windows:
             self._windows = windows
             self._improve(_STEPS, _COARSE)
+            if self._stamp_errors.variance:
+                self._correct_stamps()
         self._prior = replace(self._prior, mass_deviation=INITIAL_MASS_DEVIATION)
-        most = _UNEXPLAINED * self._noise
+        most = UNEXPLAINED * self._noise
         for _ in range(_ROUNDS):
+            self._correct_stamps()
             self._improve(_LAST_STEPS, _CONVERGED)
             before = self._prior.tolerances
             covariance, information = self._reestimate()
@@ -160,6 +174,7 @@ class MotionFitter:
             self._noise,
             residuals,
             self._prior,
+            math.sqrt(self._stamp_errors.variance) * self._noise,
         )
 
     def _samples(self) -> Array:
@@ -194,6 +209,8 @@ class MotionFitter:
             if factor > 1 and self._motion.stiffnesses.max() > stiffest:
                 continue
             self._improve(_STEPS, _COARSE)
+            if self._correct_stamps():
+                self._improve(_STEPS, _COARSE)
             if bar_noise**2 > self._squared_noise() * (1 + _SIGNIFICANT * self._scatter()):
                 self._windows = merge_windows(self._windows, self._fits)
                 self._improve(_STEPS, _COARSE)
@@ -207,7 +224,7 @@ class MotionFitter:
 
     def _squared_noise(self) -> float:
         """Return the variance of readings by the residuals [rad^2]."""
-        squares = sum(float(np.nansum(self._residuals(window) ** 2)) for window in self._windows)
+        squares = sum(float(np.sum(self._whitened(window) ** 2)) for window in self._windows)
         return float(squares / max(self._freedom() - self._motion.slices.forces.stop, 1.0))
 
     def _freedom(self) -> float:
@@ -237,6 +254,51 @@ class MotionFitter:
         residuals = self._readings[window.frames] - window.motion.lengths.offsets - angles
         return np.asarray(residuals / self._deviations[window.frames])
 
+    def _whitened(self, window: FreeWindow, residuals: Array | None = None) -> Array:
+        """Return the residuals of a window without the part by errors of stamps, 0 if missing."""
+        if residuals is None:
+            residuals = self._residuals(window)
+        errors = np.nan_to_num(residuals)
+        if self._stamp_errors.variance:
+            pulls = np.where(np.isfinite(residuals), self._pulls(window), 0.0)
+            self._stamp_errors.whiten(window.frames, pulls, errors, np.empty(0))
+        return errors
+
+    def _pulls(self, window: FreeWindow) -> Array:
+        """Return the rates over the deviations of readings in a window [1/s], (T, N)."""
+        rates = states_at(window.motion, self._times[window.frames])[:, 1]
+        return np.asarray(rates / self._deviations[window.frames])
+
+    def _correct_stamps(self) -> bool:
+        """Estimate the errors of stamps; return whether they are significant.
+
+        The delay of each frame follows from its residuals along the rates. Errors of the model
+        give delays that change slowly, so that the variance follows from second differences.
+        """
+        delays, weights = np.zeros((2, len(self._times)))
+        sums, squares = 0.0, 0.0
+        for window in self._windows:
+            residuals, some = self._residuals(window), window.frames
+            pulls = np.where(np.isfinite(residuals), self._pulls(window), 0.0)
+            weight = np.sum(pulls**2, axis=1)
+            shifts = np.sum(pulls * np.nan_to_num(residuals), axis=1) / np.maximum(weight, 1e-30)
+            delays[some] = shifts + (self._times - self._stamps)[some]
+            weights[some] = weight
+            errors = self._noise**2 / np.maximum(weight, 1e-30)
+            bends = delays[some][1:-1] - (delays[some][:-2] + delays[some][2:]) / 2
+            expected = errors[1:-1] + (errors[:-2] + errors[2:]) / 4
+            sums += float(np.sum((bends**2 / expected - 1) / expected))
+            squares += float(np.sum(1.5 / expected**2))
+        spread = math.sqrt(3 / max(squares, 1e-30))
+        variance = sums / max(squares, 1e-30)
+        if variance < _SIGNIFICANT_STAMPS * spread:
+            return False
+        ratio = variance / self._noise**2
+        delays *= ratio * weights / (1 + ratio * weights)
+        self._stamp_errors = StampErrors(ratio, delays)
+        self._times = self._stamps + delays
+        return True
+
     def _fits(self, window: FreeWindow, frames: slice) -> bool:
         """Whether the motion of a window is close to the readings of its last frames."""
         errors = self._residuals(window)[frames.start - window.frames.start :]
@@ -251,14 +313,14 @@ class MotionFitter:
             residuals = self._residuals(window)
             if not np.isfinite(residuals[self._seen(window)]).all():
                 return math.inf
-            cost += float(np.nansum(residuals**2)) / self._noise**2
+            cost += float(np.sum(self._whitened(window, residuals) ** 2)) / self._noise**2
         return cost
 
     def _seen(self, window: FreeWindow) -> Array:
         return np.isfinite(self._readings[window.frames])
 
     def _equations(self) -> list[WindowEquations]:
-        given = self._times, self._readings, self._deviations
+        given = self._times, self._readings, self._deviations, self._stamp_errors
         return [window_equations(window, *given) for window in self._windows]
 
     def _improve(self, steps: int, converged: float) -> None:

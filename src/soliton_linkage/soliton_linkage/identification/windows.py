@@ -22,7 +22,7 @@ from typing import NamedTuple
 import numpy as np
 
 from soliton_linkage.identification.adjustment import observable_basis
-from soliton_linkage.identification.free_motion import FreeMotion, angles_with_sensitivities
+from soliton_linkage.identification.free_motion import FreeMotion, states_with_sensitivities
 from soliton_linkage.identification.lengths import UNKNOWNS_PER_ROTOR, Tolerances, to_unknowns
 from soliton_linkage.linkage.chain import Array
 
@@ -31,7 +31,7 @@ _INITIAL_FRAMES = 25
 2x, a simulated wall may depart from the readings if lengths have errors of 5 %."""
 _RATE_FRAMES = 8
 """Number of frames from which the initial rates of a window are estimated [1]."""
-_FEWEST_FRAMES = 100
+_FEWEST_FRAMES = 30
 """Smallest number of frames between impulses [1]; in this time a wall passes some rotors."""
 _ARRIVAL = 0.05
 """Delay of an impulse after its command [s]."""
@@ -89,8 +89,8 @@ def initial_windows(
 
 def _without_gaps(times: Array, interval: slice) -> list[slice]:
     """Return the parts of an interval between gaps, without those that are too short."""
-    periods = np.diff(times)
-    gaps = periods > _RATE_FRAMES * np.quantile(periods, _DENSE_FRAMES)
+    averages = (times[_RATE_FRAMES:] - times[:-_RATE_FRAMES]) / _RATE_FRAMES
+    gaps = np.diff(times) > _RATE_FRAMES * np.quantile(averages, _DENSE_FRAMES)
     inner = 1 + interval.start + np.flatnonzero(gaps[interval.start : interval.stop - 1])
     ends = [interval.start, *inner.tolist(), interval.stop]
     parts = [slice(*each) for each in pairwise(ends)]
@@ -273,18 +273,57 @@ class WindowEquations(NamedTuple):
         )
 
 
+class StampErrors(NamedTuple):
+    """Errors of the stamps of T frames, of unknown variance.
+
+    A stamp that is late by d moves the readings by -d times the rates, the same d for all rotors.
+    With u the rates over the deviations of readings, an error of variance v adds v u u^T to their
+    covariance. The inverse root of I + v u u^T reduces residuals along u.
+    """
+
+    variance: float
+    """Variance of the errors over the variance of a reading [s^2/rad^2], 0 if negligible."""
+    delays: Array
+    """Estimated times of the readings less their stamps [s], shape (T,)."""
+
+    def whiten(self, frames: slice, pulls: Array, errors: Array, slopes: Array) -> None:
+        """Whiten weighted residuals, (B, N), and sensitivities, (B, N, Q), in place.
+
+        `pulls` are the rates over the deviations of readings, 0 if missing, (B, N).
+        """
+        if not self.variance:
+            return
+        errors += pulls * self.delays[frames, None]
+        squares = np.sum(pulls**2, axis=1)
+        factors = (1 - 1 / np.sqrt(1 + self.variance * squares)) / np.maximum(squares, 1e-30)
+        errors -= pulls * (factors * np.einsum('tn,tn->t', pulls, errors))[:, None]
+        if slopes.size:
+            along = np.matmul(pulls[:, None], slopes)
+            slopes -= (factors[:, None] * pulls)[..., None] * along
+
+
 def window_equations(
-    window: FreeWindow, times: Array, readings: Array, relative_deviations: Array
+    window: FreeWindow,
+    times: Array,
+    readings: Array,
+    relative_deviations: Array,
+    stamps: StampErrors,
 ) -> WindowEquations:
     """Return the normal equations of a window, given readings of all frames [rad], (T, N)."""
-    rotors = np.arange(readings.shape[1])
-    rows, angles = [], []
-    for frame, x in angles_with_sensitivities(window.motion, times[window.frames]):
-        x[rotors, UNKNOWNS_PER_ROTOR * rotors + 1] += 1
-        rows.append(x)
-        angles.append(frame)
-    residuals = readings[window.frames] - window.motion.lengths.offsets - np.array(angles)
-    seen = np.isfinite(residuals)
-    weights = 1 / relative_deviations[window.frames][seen]
-    slopes, errors = np.array(rows)[seen] * weights[:, None], residuals[seen] * weights
-    return WindowEquations(slopes.T @ slopes, slopes.T @ errors, float(errors @ errors))
+    rotors, size = np.arange(readings.shape[1]), window.motion.size
+    matrix, vector, squares = np.zeros((size, size)), np.zeros(size), 0.0
+    begin = window.frames.start
+    for states, slopes in states_with_sensitivities(window.motion, times[window.frames]):
+        frames = slice(begin, begin + len(states))
+        begin = frames.stop
+        slopes[:, rotors, UNKNOWNS_PER_ROTOR * rotors + 1] += 1
+        errors = readings[frames] - window.motion.lengths.offsets - states[:, 0]
+        weights = np.where(np.isfinite(errors), 1 / relative_deviations[frames], 0.0)
+        errors = np.nan_to_num(errors) * weights
+        slopes *= weights[..., None]
+        stamps.whiten(frames, states[:, 1] * weights, errors, slopes)
+        rows, errors = slopes.reshape(-1, size), errors.ravel()
+        matrix += rows.T @ rows
+        vector += rows.T @ errors
+        squares += float(errors @ errors)
+    return WindowEquations(matrix, vector, squares)

@@ -1,0 +1,132 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Warnings about an identified chain, and causes if no model explains the readings."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+
+from soliton_linkage.identification.adjustment import near_limit_bonds
+from soliton_linkage.identification.lengths import Lengths
+from soliton_linkage.identification.motion_fit import UNEXPLAINED
+from soliton_linkage.identification.readings import Readings
+from soliton_linkage.linkage.chain import Array, Chain
+from soliton_linkage.solitons.passage import find_obstacles
+
+_LARGEST_SPREADS = 0.2, 0.25
+"""Largest plausible spreads of lengths, and of masses and stiffnesses [1]. A single rotor of
+twice the usual mass among 12 gives 0.2."""
+_USUAL_OF_ROTOR, _USUAL_OF_FRAMES = 1.3, 0.3
+"""Squared residuals of the worst rotor over the mean, and the part of a tenth of the frames [1],
+if chance has distributed them."""
+_SCALE_PARTS = {'rotor_length', 'spacing', 'rest_length'}
+_MOST_NAMED = 4
+"""Largest number of weakly observable combinations that are named [1]."""
+_NOT_OBSERVABLE = 1e-4
+"""Information of an unobservable combination [1]; its standard deviation is 100."""
+_WEAK = 0.1
+"""Standard deviation of a combination by the angles alone above which it is weakly observable
+[1]."""
+
+
+def check_explained(
+    model: str, noise: float, spreads: tuple[float, float], residuals: Array, readings: Readings
+) -> None:
+    """Raise ValueError, with the most likely causes in their order, if a model is no explanation.
+
+    The noise of its residuals is relative to the noise of the readings [1]. The spreads are the
+    standard deviations of lengths and of masses and stiffnesses, relative to their means [1]. With
+    springs of any stiffness and rotors of any mass, a motion follows many wrong readings.
+    """
+    lengths, masses = spreads
+    faults = []
+    if noise > UNEXPLAINED:
+        faults.append(
+            f'residuals are {noise:.2g} times the noise of the readings (limit {UNEXPLAINED:g})'
+        )
+    if lengths > _LARGEST_SPREADS[0]:
+        faults.append(
+            f'lengths of one kind differ by {lengths:.0%} (limit {_LARGEST_SPREADS[0]:.0%})'
+        )
+    if masses > _LARGEST_SPREADS[1]:
+        faults.append(
+            f'masses and stiffnesses differ by {masses:.0%} (limit {_LARGEST_SPREADS[1]:.0%})'
+        )
+    if not faults:
+        return
+    by_rotor = np.mean(residuals**2, axis=0)
+    by_frame = np.mean(residuals**2, axis=1)
+    rotor, frame = int(np.argmax(by_rotor)), int(np.argmax(by_frame))
+    of_rotor = float(by_rotor[rotor] / by_rotor.sum())
+    few = max(len(by_frame) // 10, 1)
+    of_frames = float(np.sort(by_frame)[-few:].sum() / by_frame.sum())
+    causes = [
+        (
+            of_rotor * len(by_rotor) / _USUAL_OF_ROTOR,
+            f'{readings.joints[rotor]} ({of_rotor:.0%} of the squared residuals) has a wrong sign '
+            'or zero, or play',
+        ),
+        (
+            of_frames / _USUAL_OF_FRAMES,
+            f'a kick or a hand acts near {readings.times[frame] - readings.times[0]:.3g} s (10 % '
+            f'of the frames have {of_frames:.0%})',
+        ),
+        (1.0, 'joints are absent or not in the order of the rotors'),
+    ]
+    named = '; '.join(cause for _, cause in sorted(causes, key=lambda each: -each[0]))
+    raise ValueError(
+        f'no model explains this recording: with {model}, {" and ".join(faults)}. Most likely '
+        f'causes: {named}. Correct them, or select a part of the recording by --begin and --end'
+    )
+
+
+def obstacle_warnings(chain: Chain, lengths: Lengths, covariance: Array) -> list[str]:
+    """Return warnings about bonds that stop walls or may stop walls."""
+    warnings = [
+        f'bond {each.bond} may stop a wall: its spring of {each.rest_length:.4g} m {each.reason}'
+        for each in find_obstacles(chain)
+    ]
+    near = near_limit_bonds(lengths, covariance)
+    if near:
+        bonds = ', '.join(f'{bond} ({chance:.1%})' for bond, chance in near.items())
+        warnings.append(
+            'bonds close to a limit beyond which they may stop walls, and the probability that '
+            f'they are beyond it: {bonds}; record more crossings to reduce the uncertainty, or '
+            'adjust these bonds'
+        )
+    return warnings
+
+
+def weakly_observable(
+    information: Array, basis: Array, split: Callable[[Array], dict[str, Array]]
+) -> tuple[str, ...]:
+    """Return descriptions of the weakly observable combinations, the least observable first.
+
+    Arguments are the information of the readings on all unknowns, (P, P), and an orthonormal basis
+    of observable changes. `split` returns the named parts of the unknowns.
+    """
+    values, vectors = np.linalg.eigh(basis.T @ information @ basis)
+    weak = [
+        _description(max(float(value), _NOT_OBSERVABLE) ** -0.5, split(basis @ vector))
+        for value, vector in zip(values, vectors.T, strict=True)
+        if value < _WEAK**-2
+    ]
+    more = (f'{len(weak) - _MOST_NAMED} more',) if len(weak) > _MOST_NAMED else ()
+    return (*weak[:_MOST_NAMED], *more)
+
+
+def _description(deviation: float, parts: dict[str, Array]) -> str:
+    """Return the quantities and rotors of a combination, and its standard deviation."""
+    size = max(float(np.abs(part).max()) for part in parts.values())
+    kinds = [name for name, part in parts.items() if np.abs(part).max() > 0.5 * size]
+    sides = [
+        np.concatenate([np.flatnonzero(sign * part > 0.5 * size) for part in parts.values()])
+        for sign in (1, -1)
+    ]
+    large = min((side for side in sides if len(side)), key=np.ptp)
+    what = 'scale' if set(kinds) == _SCALE_PARTS else ', '.join(kinds)
+    observable = deviation < _NOT_OBSERVABLE**-0.5
+    value = f'standard deviation {deviation:.0%}' if observable else 'not observable'
+    rotors = f'rotors {large.min()} to {large.max()}' if np.ptp(large) else f'rotor {large[0]}'
+    return f'{what} of {rotors} relative to the others: {value}'
