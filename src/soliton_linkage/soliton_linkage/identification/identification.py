@@ -27,7 +27,7 @@ from soliton_linkage.identification.free_motion import FreeMotion, split_chain
 from soliton_linkage.identification.lengths import initial_lengths, split_lengths
 from soliton_linkage.identification.mass_scale import mass_scale
 from soliton_linkage.identification.motion_fit import MotionFit, MotionFitter
-from soliton_linkage.identification.mounting import in_degrees
+from soliton_linkage.identification.mounting import check_unit
 from soliton_linkage.identification.readings import (
     Readings,
     RecordedImpulse,
@@ -65,15 +65,12 @@ _KICK = (
     'a kick that was not recorded acts near {}; the frames near it were not used for masses, '
     'springs and drag'
 )
-_CHECKED_FRAMES = 9
-"""Number of frames whose unit is checked [1]."""
 _ADJUSTMENTS = 6
 """Largest number of adjustments [1]; each may find outliers that larger ones have hidden."""
 _MOST_FITTED = 3000
 """Largest number of frames in the fit of a motion [1]; 40 rotors then take one or two minutes."""
 _STRAINED = 1.1
-"""Noise from misclosures, relative to the noise of readings, above which bonds do not close
-[1]."""
+"""Noise from misclosures over the noise of readings above which bonds do not close [1]."""
 _WORSE = 1.25
 """Noise of a bond, relative to the median, above which it is reported [1]; 1.1 is chance."""
 
@@ -141,7 +138,8 @@ def identify(
     is given. Raises ValueError, with a one-line message, if the recording does not determine a
     chain.
     """
-    _check_units(readings.recordings)
+    for recording in readings.recordings:
+        check_unit(recording.angles)
     used = join_recordings([without_outliers(each) for each in readings.recordings])
     _check_passage(used.recordings)
     noise = noise_of(used.unwrapped, used.relative_deviations)
@@ -214,14 +212,6 @@ def _adjusted(
         readings = replace(readings, angles=np.where(outliers, np.nan, readings.angles))
         start = found.lengths
     return readings, found
-
-
-def _check_units(recordings: Sequence[Readings]) -> None:
-    """Raise ValueError if most frames of a recording look like degrees."""
-    for each in recordings:
-        some = each.angles[:: max(1, len(each.angles) // _CHECKED_FRAMES)]
-        if np.mean([in_degrees(frame) for frame in some]) > 0.5:
-            raise ValueError('the angles look like degrees; publish radians')
 
 
 def _check_passage(recordings: Sequence[Readings]) -> None:
@@ -338,22 +328,9 @@ def _by_springs(
     geometry = motion.slices.lengths
     covariance = fitted.covariance[geometry, geometry]
     lengths = passable(motion.lengths, covariance)
-    chain = lengths.scaled(given.spacing).chain(given)
     mass, mass_deviation = scale or (given.mass, math.nan)
-    mass_unit = mass / float(motion.masses.mean())
-    drag_unit = mass_unit * given.spacing**2
-    chain = replace(
-        chain,
-        mass=mass,
-        stiffness=mass_unit * float(motion.stiffnesses.mean()),
-        damping=drag_unit * max(motion.damping, 0.0),
-        deviations=replace(
-            chain.deviations,
-            mass=tuple((motion.masses / motion.masses.mean() - 1).tolist()),
-            stiffness=tuple((motion.stiffnesses / motion.stiffnesses.mean() - 1).tolist()),
-            damping=(),
-        ),
-    )
+    drag_unit = mass / float(motion.masses.mean()) * given.spacing**2
+    chain = _with_motion(lengths.scaled(given.spacing).chain(given), motion, mass)
     offsets = deviations.pop('offset')
     damping, friction, gravity = (
         float(deviations.pop(name)[0]) for name in ('damping', 'friction', 'gravity')
@@ -391,6 +368,24 @@ def _by_springs(
         unused_frames=unused_frames,
         weakly_observable=weakly_observable(fitted.information, fitted.basis, split_chain),
         warnings=tuple(warnings),
+    )
+
+
+def _with_motion(chain: Chain, motion: FreeMotion, mass: float) -> Chain:
+    """Return a chain with the masses, stiffnesses and damping of a motion and a mean mass [kg]."""
+    unit = mass / float(motion.masses.mean())
+    deviations = replace(
+        chain.deviations,
+        mass=tuple((motion.masses / motion.masses.mean() - 1).tolist()),
+        stiffness=tuple((motion.stiffnesses / motion.stiffnesses.mean() - 1).tolist()),
+        damping=(),
+    )
+    return replace(
+        chain,
+        mass=mass,
+        stiffness=unit * float(motion.stiffnesses.mean()),
+        damping=unit * chain.spacing**2 * max(motion.damping, 0.0),
+        deviations=deviations,
     )
 
 

@@ -188,11 +188,20 @@ def _fitted(first: Array, second: Array, is_reversed: bool) -> _Curve:
     return _Curve(Mounting(is_reversed, turned), misfit, room, backward)
 
 
+_CHECKED_FRAMES = 9
+"""Number of frames whose unit is checked [1]."""
 _SMALLEST_IN_DEGREES = 4.0
 """Value that every frame in degrees exceeds, because one of two neighbours has 90 or more."""
 _LARGEST_STAGGER = 0.2
 """Largest median of 1 + cos(phi_n + phi_{n+1}) in the right unit [1], even if a wall covers half
 the chain. Degrees that are read as radians give 0.4 or more."""
+
+
+def check_unit(readings: Array) -> None:
+    """Raise ValueError if most of some frames look like degrees; readings (T, N) [rad]."""
+    some = readings[:: max(1, len(readings) // _CHECKED_FRAMES)]
+    if np.mean([in_degrees(frame) for frame in some]) > 0.5:
+        raise ValueError('the angles look like degrees; publish radians')
 
 
 def in_degrees(angles: Array) -> bool:
