@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The files of a bag, read as one sequence of messages in the order of their receive times."""
+"""Reader of all files of a bag as one sequence of messages, sorted by receive time."""
 
 from __future__ import annotations
 
@@ -41,13 +41,13 @@ _READERS: dict[str, type[IndexedMcap | StoredSqlite]] = {
 }
 _MODES = ('', 'none', 'file', 'message', 'storage')
 _MOST_FILES = 10_000
-"""Largest number of files of a bag [1]: a day in pieces of ten seconds."""
+"""Largest number of files of a bag [1]. One day in files of ten seconds has 8640."""
 
 
 class BagFiles(LimitedReader):
-    """A bag directory or one file of it: the messages of its files in the order of their times.
+    """Reader of a bag directory, or of one of its files, in the order of the receive times.
 
-    The files define the topics; the channels of one topic, type and encoding are one topic.
+    The files define the topics. Channels with the same topic name, type and encoding are merged.
     metadata.yaml supplies the fields that older files lack. Methods raise ValueError if the bag is
     damaged or exceeds the limits.
     """
@@ -105,7 +105,7 @@ class BagFiles(LimitedReader):
         wanted = {topic_key(each): each for each in connections}
         together: list[ReaderProtocol] = []
         end = 0
-        # Files that overlap in time are merged, the others are read one after the other.
+        # Files that overlap in time are merged. All other files are read in sequence.
         for reader in sorted(self._readers, key=lambda each: each.metadata.start_time):
             if together and reader.metadata.start_time >= end:
                 yield from self._merged(together, wanted, start, stop)
@@ -143,7 +143,7 @@ class BagFiles(LimitedReader):
             yield plain
 
     def _merge_topics(self, listed: Mapping[tuple[str, str], Mapping[str, Any]]) -> None:
-        """List each topic once, though several files have it."""
+        """Add each topic to `connections` once, even if several files contain it."""
         found: dict[tuple[str, str, str], Connection] = {}
         for each in (each for reader in self._readers for each in reader.connections):
             key = topic_key(each)

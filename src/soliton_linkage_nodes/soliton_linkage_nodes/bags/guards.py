@@ -22,12 +22,12 @@ from soliton_linkage.linkage.quantities import quantity
 _MEBIBYTE = 2**20
 """Bytes in 1 MiB."""
 _LARGEST_RATIO = 25
-"""Largest decompression ratio of a large file [1]: joint states at rest shrink to a tenth."""
+"""Largest decompression ratio of a large file [1]. Joint states at rest have a ratio of 10."""
 
 
 @dataclass(frozen=True)
 class BagLimits:
-    """Limits for reading a bag. Data beyond a limit is left out or rejected."""
+    """Limits for reading a bag. Recovery omits data beyond a limit; readers reject the bag."""
 
     max_unpacked: int = quantity(
         64 * _MEBIBYTE,
@@ -45,7 +45,7 @@ class BagLimits:
     )
 
     def for_file(self, size: int) -> int:
-        """Return the largest total decompressed size of a file of a size [B]."""
+        """Return the largest total decompressed size [B] of a file of `size` [B]."""
         return max(self.max_unpacked_file, _LARGEST_RATIO * size)
 
 
@@ -54,7 +54,7 @@ PACKED = '.zstd'
 
 
 def decompress_file(packed: BinaryIO, plain: Path, limits: BagLimits) -> str | None:
-    """Decompress a zstd file as far as possible; return a description of damage, else None."""
+    """Decompress a zstd file as far as possible; return a description of damage, or None."""
     size = packed.seek(0, 2)
     most = limits.for_file(size)
     if not size:
@@ -76,7 +76,7 @@ def decompress_file(packed: BinaryIO, plain: Path, limits: BagLimits) -> str | N
 
 ZSTD_MAGIC = b'\x28\xb5\x2f\xfd'
 _BLOCK_IN = 4096
-"""Bytes per call of a decompressor [B]: damage loses at most the output of one block."""
+"""Input of one call of a decompressor [B]. Damage loses at most the output of one call."""
 _BLOCK_OUT = 2**20
 """Largest output of one call [B]."""
 
@@ -86,7 +86,8 @@ def decompressed_blocks(
 ) -> Iterator[bytes]:
     """Yield the content of zstd or lz4 data in blocks, so that the caller can stop at a limit.
 
-    Raises ValueError at damage, and if `whole` data does not end with a complete frame.
+    Raises ValueError if the data is damaged. With `whole`, also raises it if the last frame of
+    the data is incomplete.
     """
     packed = memoryview(packed)
     begin, decompressor, at_end = 0, _decompressor(codec), False
@@ -110,7 +111,7 @@ def decompressed_blocks(
 
 
 def decompress_prefix(packed: bytes | bytearray | memoryview, codec: str, most: int) -> bytearray:
-    """Return the content up to damage or the end, at most one byte more than the limit [B]."""
+    """Return the content up to the first damage or the end, at most `most` + 1 bytes."""
     out = bytearray()
     try:
         for block in decompressed_blocks(packed, codec):
@@ -124,7 +125,10 @@ def decompress_prefix(packed: bytes | bytearray | memoryview, codec: str, most: 
 
 
 def decompressed_message(data: bytes, most: int) -> bytes:
-    """Return a message that may be compressed by itself; ValueError if damaged or too large."""
+    """Return a message, decompressed if necessary.
+
+    Raises ValueError if it is damaged or larger than `most` [B].
+    """
     if not data.startswith(ZSTD_MAGIC):
         return data
     out = bytearray()
@@ -140,9 +144,10 @@ def _decompressor(codec: str) -> Any:
 
 
 def regular_file(path: Path, folder: Path | None = None) -> Path:
-    """Return the resolved path of a regular file, which must lie in the folder if one is given.
+    """Return the resolved path of a regular file.
 
-    Raises ValueError if it does not, or if it is not a regular file; OSError if it is missing.
+    Raises ValueError if it is not a regular file or lies outside `folder`, and OSError if it is
+    missing.
     """
     resolved = path.resolve(strict=True)
     if folder is not None and not resolved.is_relative_to(folder.resolve()):
@@ -170,7 +175,7 @@ def open_file(path: Path, folder: Path | None = None) -> BinaryIO:
 
 
 def read_file(path: Path, folder: Path | None, most: int) -> bytes:
-    """Return the content of a regular file; ValueError if it is larger than the limit [B]."""
+    """Return the content of a regular file; ValueError if it is larger than `most` [B]."""
     with open_file(path, folder) as file:
         content = file.read(most + 1)
     if len(content) > most:
@@ -179,7 +184,7 @@ def read_file(path: Path, folder: Path | None, most: int) -> bytes:
 
 
 def map_file(path: Path) -> memoryview:
-    """Map a regular file into memory, which is filled page by page on access."""
+    """Map a regular file into memory; the system reads its pages on access."""
     with open_file(path) as file:
         if not file.seek(0, 2):
             return memoryview(b'')
@@ -187,28 +192,30 @@ def map_file(path: Path) -> memoryview:
 
 
 def release_pages(data: memoryview | mmap.mmap) -> None:
-    """Release the memory pages of a mapped file that were accessed."""
+    """Release the memory of a mapped file; the system reads its pages again on access."""
     whole = data.obj if isinstance(data, memoryview) else data
     if isinstance(whole, mmap.mmap):
         whole.madvise(mmap.MADV_DONTNEED)
 
 
 MAX_TEXT_SIZE = 4 * 2**20
-"""Largest text [B]: metadata.yaml of a thousand topics has 1 MiB; parsing takes 100 times that."""
+"""Largest text [characters]. The metadata.yaml of a thousand topics has 1 MiB. A parser uses 100
+times the size of its text."""
 _DEEPEST = 30
 """Largest nesting depth of lists and mappings [1]; rosbag2 writes 6 levels."""
 _LOADER = getattr(yaml, 'CSafeLoader', yaml.SafeLoader)
 _OPENING = (yaml.SequenceStartEvent, yaml.MappingStartEvent)
 _CLOSING = (yaml.SequenceEndEvent, yaml.MappingEndEvent)
 _LONG_NUMBER = re.compile(r'[-+]?\d[\d_:.]{99,}')
-"""A number of at least 100 characters, whose conversion takes longer than the rest of the text."""
+"""Pattern of a number with at least 100 characters, which takes too long to convert."""
 _JSON_TOKEN = re.compile(r'"(?:[^"\\]|\\.)*"|[\[{]|[\]}]', re.DOTALL)
 
 
 def load_yaml(text: str) -> Any:
     """Return the value of a YAML text; ValueError if it is invalid, too large or too deep.
 
-    Aliases are rejected because a few lines of them can expand to gigabytes; so are Python tags.
+    Aliases are rejected because a few lines of them can expand to gigabytes. Python tags are
+    rejected too.
     """
     _check_size(text)
     try:

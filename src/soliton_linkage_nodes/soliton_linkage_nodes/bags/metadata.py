@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""metadata.yaml of a bag, version 9, as written and read by Jazzy's rosbag2."""
+"""Reader and writer of metadata.yaml, version 9, as in the rosbag2 of ROS 2 Jazzy."""
 
 from __future__ import annotations
 
@@ -19,9 +19,9 @@ from soliton_linkage_nodes.bags.stored_topic import StoredTopic, profiles_in
 
 MCAP: Final = 'mcap'
 SUFFIXES: Final = {MCAP: '.mcap', 'sqlite3': '.db3'}
-"""File suffixes by rosbag2's storage names; bags are written as MCAP."""
+"""File suffixes by rosbag2's storage names."""
 METADATA_VERSION: Final = 9
-"""Version of the layout [1] that Jazzy's rosbag2 writes; older versions lack fields."""
+"""Version of metadata.yaml that Jazzy's rosbag2 writes [1]. Older versions have fewer fields."""
 METADATA_FILE: Final = 'metadata.yaml'
 _KEY: Final = 'rosbag2_bagfile_information'
 _TOPICS: Final = 'topics_with_message_count'
@@ -30,7 +30,7 @@ _DUMPER: Any = getattr(yaml, 'CSafeDumper', yaml.SafeDumper)
 
 @dataclass(frozen=True)
 class StoredFile:
-    """A file of a bag: number of messages, receive times of the first and the last [ns]."""
+    """File of a bag with its number of messages and its first and last receive time [ns]."""
 
     name: str
     messages: int
@@ -39,13 +39,13 @@ class StoredFile:
 
 
 def storage_of(path: Path) -> str | None:
-    """Return the storage name of a file, which may be compressed; None if it is no bag file."""
+    """Return the storage name of a file, which may be compressed; None if unknown."""
     plain = Path(path.stem) if path.suffix == PACKED else path
     return next((name for name, suffix in SUFFIXES.items() if suffix == plain.suffix), None)
 
 
 def explain_no_bag(path: Path) -> str:
-    """Return why a path cannot be a bag, as an error message; empty if it may be one."""
+    """Return an error message if a path cannot be a bag, otherwise an empty text."""
     bag = f'bag {str(path)!r}'
     if not path.exists():
         return f'{bag} does not exist; give the path of a bag directory'
@@ -79,7 +79,7 @@ def bag_information(
     start = min(file.start for file in filled)
     listed: dict[tuple[str, str, str], tuple[StoredTopic, int]] = {}
     for topic, count in topics.items():
-        # The channels of one topic and type are one topic, as in rosbag2.
+        # Channels with the same topic name and type are merged, as in rosbag2.
         key = (topic.name, topic.type_name, topic.serialization)
         first, counted = listed.get(key, (topic, 0))
         listed[key] = (first, counted + count)
@@ -108,7 +108,7 @@ def bag_information(
 
 
 def as_text(information: Mapping[str, Any]) -> str:
-    """Return the metadata as the YAML text that the files of a bag repeat."""
+    """Return the metadata as the YAML text that is also stored in each file of a bag."""
     return ''.join(_pieces(information, ''))
 
 
@@ -131,7 +131,7 @@ def load_metadata(folder: Path) -> dict[str, Any]:
 
 
 def read_metadata(folder: Path) -> dict[str, Any] | None:
-    """Return the content of metadata.yaml, None if it cannot be read."""
+    """Return the content of metadata.yaml, or None if it cannot be read."""
     try:
         return load_metadata(folder)
     except (OSError, ValueError):
@@ -147,14 +147,17 @@ def custom_data_of(metadata: str) -> dict[str, str]:
 
 
 def custom_data_in(information: object) -> dict[str, str]:
-    """Return the custom texts and numbers in metadata; other values are left out."""
+    """Return the custom texts and numbers in metadata; omit values of other types."""
     custom = information.get('custom_data') if isinstance(information, dict) else None
     items = custom.items() if isinstance(custom, dict) else ()
     return {str(key): str(value) for key, value in items if isinstance(value, (str, int, float))}
 
 
 def _pieces(information: Mapping[str, Any], margin: str) -> Iterator[str]:
-    """Yield metadata in YAML block style; topics, which may be many, without the YAML library."""
+    """Yield metadata in YAML block style.
+
+    Topics are formatted without the YAML library, which is slow for many topics.
+    """
     for key, value in information.items():
         if key == _TOPICS:
             yield f'{margin}{key}:\n' if value else f'{margin}{key}: []\n'

@@ -76,17 +76,20 @@ class BagPlayerParameters:
 class BagPlayer(ManagedNode):
     """Node that publishes the messages of a bag, paced by their receive times.
 
-    The last latched messages before the start come first. Other messages wait until the topics in
-    `wait_for` have subscribers, at most `subscriber_timeout`. In lockstep, soliton states are not
-    played but awaited. Otherwise they are left out while an analyser publishes its own, unless
-    `topics` names them.
+    First, the node publishes the last latched messages from before the start. Then it waits, for
+    at most `subscriber_timeout`, until the topics in `wait_for` have subscribers. In lockstep, the
+    node does not play recorded soliton states, because it waits for new states from an analyser.
+    Without lockstep, it omits recorded states while an analyser runs, unless `topics` names them.
 
-    The node ends with the bag, unless it is paused there or has to `stay`. After `~/stop` it waits
-    for `~/play` of the whole bag or a part; `~/burst` plays messages at once in a pause.
+    The node ends at the end of the bag, unless it is paused there or `stay` is set. After `~/stop`
+    it waits for `~/play`, which plays the whole bag or a part. In a pause, `~/burst` plays several
+    messages without waiting.
 
-    Publishes the topics of the bag, `/diagnostics` and, if asked to, `/clock`. Serves, with the
-    types of rosbag2_interfaces, of the suite or std_srvs/Trigger, `~/pause`, `~/resume`,
-    `~/toggle_paused`, `~/is_paused`, `~/play_next`, `~/seek`, `~/set_rate` and `~/get_rate`.
+    Publishes the topics of the bag, `/diagnostics` and, if `publish_clock` is set, `/clock`.
+    Serves `~/pause`, `~/resume`, `~/toggle_paused`, `~/is_paused`, `~/play_next`, `~/burst`,
+    `~/seek`, `~/play`, `~/stop`, `~/set_rate` and `~/get_rate`. Their types are in
+    rosbag2_interfaces. If that package is not installed, they are in soliton_linkage_msgs or
+    std_srvs.
     """
 
     PARAMETERS: ClassVar[dict[type, str]] = {
@@ -168,7 +171,7 @@ class BagPlayer(ManagedNode):
 
     @property
     def failure(self) -> Exception | None:
-        """Error that ended the playback, None for none."""
+        """Error that ended the playback, or None."""
         return self._playing.failure if self.configured else None
 
     def _topics_to_wait_for(self, reader: Reader) -> list[str]:
@@ -179,7 +182,7 @@ class BagPlayer(ManagedNode):
         return [frames] if frames else []
 
     def _without_clock(self, connections: list[Connection]) -> list[Connection]:
-        """Return topics without a recorded clock, if the player publishes its own."""
+        """Return the topics without /clock if the player publishes its own clock."""
         others = [each for each in connections if each.topic != interfaces.CLOCK.name]
         if not self._settings.publish_clock or len(others) == len(connections):
             return connections
@@ -202,7 +205,11 @@ class BagPlayer(ManagedNode):
                 self._replay.suppress_beside_analyser(states)
 
     def _prepare(self, latched_topics: bool) -> None:
-        """Wait for the subscribers of latched topics, or for the others and the analyser."""
+        """Wait for subscribers.
+
+        Wait for the subscribers of latched topics if `latched_topics` is set. Otherwise wait for
+        the subscribers of the other topics and for the analyser.
+        """
         awaited = [each for each in self._awaited if (each in self._latched) is latched_topics]
         limit = self._settings.subscriber_timeout
         self._replay.wait_for_subscribers(awaited, limit)

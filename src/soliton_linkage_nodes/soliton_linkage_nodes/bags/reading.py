@@ -74,7 +74,7 @@ def read_messages(
 
     Raises ValueError if the bag is damaged.
     """
-    # rosbags takes no topics as all topics.
+    # rosbags would read all topics if the list is empty.
     if not connections:
         return
     try:
@@ -88,7 +88,7 @@ def read_messages(
 
 
 def latched_before(reader: Reader, connection: Connection, stop: int) -> list[bytes]:
-    """Return the messages of a topic that a subscriber receives that starts at an instant [ns]."""
+    """Return the latched messages that a subscriber would receive if it started at `stop` [ns]."""
     earlier = read_messages(reader, [connection], None, stop)
     return list(deque((data for _, _, data in earlier), maxlen=latched_depth(connection)))
 
@@ -97,10 +97,10 @@ _RECORD = 'record it with bag_recorder'
 
 
 def find_topic(reader: Reader, name: str, remedy: str = _RECORD) -> Connection:
-    """Return the topic with this full name, else the one in any namespace that ends in it.
+    """Return the topic with the full name `name`, or else the topic whose last part is `name`.
 
-    Raises ValueError if there is none, or more than one, or if the topic has several types or
-    another encoding than CDR. Then `remedy` states what to do without the topic.
+    Raises ValueError if no topic or several topics match, if the topic has several types, or if
+    its encoding is not CDR. The error ends with `remedy`, which states what to do.
     """
     found = types_of_topic(reader, name, remedy)
     bag = f'bag {str(reader.path)!r}'
@@ -116,7 +116,7 @@ def find_topic(reader: Reader, name: str, remedy: str = _RECORD) -> Connection:
 
 
 def types_of_topic(reader: Reader, name: str, remedy: str = _RECORD) -> list[Connection]:
-    """Return one topic, found as by `find_topic`, once with each of its types and encodings."""
+    """Return one entry per type and encoding of a topic, which is found as in `find_topic`."""
     wanted = name.rpartition('/')[2]
     found = [c for c in reader.connections if c.topic == name] or [
         c for c in reader.connections if c.topic.rpartition('/')[2] == wanted
@@ -136,7 +136,7 @@ def types_of_topic(reader: Reader, name: str, remedy: str = _RECORD) -> list[Con
 
 
 def read_topic(reader: Reader, name: str, remedy: str = _RECORD) -> Iterator[tuple[int, Any]]:
-    """Yield receive time [ns] and message of a topic, found as by `find_topic`."""
+    """Yield receive time [ns] and message of a topic, which is found as in `find_topic`."""
     connection = find_topic(reader, name, remedy)
     decode = decoder(connection)
     for _, stamp, serialized in read_messages(reader, [connection]):
@@ -146,9 +146,9 @@ def read_topic(reader: Reader, name: str, remedy: str = _RECORD) -> Iterator[tup
 def decoder(connection: Connection) -> Callable[[bytes], Any]:
     """Return a function that deserializes messages of a topic to the installed type.
 
-    Messages recorded with another definition of the type are converted field by field, by name.
-    Raises ValueError if the type is not installed or the encoding is not CDR; the function raises
-    it for damaged messages.
+    If a message was recorded with another definition of the type, its fields are copied by name.
+    Raises ValueError if the type is not installed or the encoding is not CDR. The returned
+    function raises ValueError for damaged messages.
     """
     message_type = class_of(connection)
     if is_older(connection):
@@ -177,7 +177,7 @@ def _other_encoding(connection: Connection) -> str:
 
 
 _KINDS = ('msg', 'srv', 'action')
-"""Kinds of types: messages, service events, and goals, results and feedback of actions."""
+"""Second parts of type names: `srv` for service events, `action` for goals, results, feedback."""
 
 
 def message_class(type_name: str) -> Any:
@@ -205,7 +205,10 @@ def message_class(type_name: str) -> Any:
 
 
 def _has_types(package: str, kind: str) -> bool:
-    """Return whether a package has types, without running it: a bag may name any package."""
+    """Return whether a package has types.
+
+    The package is not imported, because a bag may name any package.
+    """
     if f'{package}.{kind}' in sys.modules:
         return True
     found = PathFinder.find_spec(package) if package.isidentifier() else None
@@ -230,8 +233,8 @@ def latched(connection: Connection) -> bool:
 def latched_depth(connection: Connection) -> int:
     """Return how many messages the recorded publisher kept for late subscribers [1].
 
-    A depth of 0 is unknown, because the middleware does not report it. Then 10 is returned, which
-    rosbag2 uses.
+    A recorded depth of 0 means that the middleware did not report it. Then the function returns
+    10, the value that rosbag2 uses.
     """
     profiles = getattr(connection.ext, 'offered_qos_profiles', [])
     kept = [p.depth for p in profiles if p.durability is QosDurability.TRANSIENT_LOCAL]
@@ -243,14 +246,14 @@ def _one_line(error: Exception) -> str:
 
 
 _LONGER, _MARGIN = 4, 4096
-"""Largest length of a recorded definition: this multiple of the installed one, plus this many
-characters. Parsing 40,000 characters takes a second."""
+"""Factor [1] and margin [characters] of the largest recorded definition. The factor multiplies the
+length of the installed definition. Parsing 40,000 characters takes a second."""
 _LONGEST_REASON = 200
-"""Characters of a parser's message that are quoted; the message may repeat the whole input."""
+"""Largest quoted part of a parser's error [characters]; the error may repeat the whole input."""
 
 
 def is_older(connection: Connection) -> bool:
-    """Return whether a topic was recorded with another definition than the installed one."""
+    """Return whether the recorded definition of a topic differs from the installed definition."""
     if not connection.digest or connection.msgdef.format is not MessageDefinitionFormat.MSG:
         return False
     try:
@@ -260,7 +263,7 @@ def is_older(connection: Connection) -> bool:
 
 
 def _older_decoder(connection: Connection, message_type: Any) -> Callable[[bytes], Any]:
-    """Return a decoder for the definition in the bag; missing fields keep their default."""
+    """Return a decoder for the definition in the bag; missing fields keep their defaults."""
     name, text = connection.msgtype, connection.msgdef.data
     store = get_typestore(Stores.EMPTY)
     try:

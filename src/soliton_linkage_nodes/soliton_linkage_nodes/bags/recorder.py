@@ -65,11 +65,11 @@ class BagRecorderParameters:
 class BagRecorder(ManagedNode):
     """Node that records serialized messages with their receive times.
 
-    Subscribes to the recorded topics. Publishes `/diagnostics`. Serves, with the types of
-    rosbag2_interfaces or std_srvs/Trigger, `~/pause`, `~/resume`, `~/is_paused`,
-    `~/split_bagfile` and `~/snapshot`.
+    Subscribes to the recorded topics. Publishes `/diagnostics`. Serves `~/pause`, `~/resume`,
+    `~/is_paused`, `~/split_bagfile` and `~/snapshot` with the types of rosbag2_interfaces, or with
+    std_srvs/Trigger if that package is not installed.
 
-    One thread takes the messages from a hidden node, another does all access to the bag.
+    One thread takes the messages from a hidden node. A second thread reads and writes the bag.
     """
 
     PARAMETERS: ClassVar[dict[type, str]] = {BagRecorderParameters: '', ManagedParameters: ''}
@@ -113,7 +113,7 @@ class BagRecorder(ManagedNode):
 
     @property
     def lost(self) -> int:
-        """Number of published messages that are not in the bag, without those of pauses."""
+        """Number of messages that were published outside pauses and are not in the bag."""
         return sum(self._receiving.losses.values())
 
     @property
@@ -166,7 +166,7 @@ class BagRecorder(ManagedNode):
             raise
 
     def _announce(self, missing: Sequence[str]) -> None:
-        """Log that every message published from now on is recorded."""
+        """Log that the recording has begun and that no later message is missed."""
         writer = self._bag.writer
         without = f', but a publisher of {", ".join(missing)} did not respond' if missing else ''
         self.get_logger().info(f'recording to {writer.path}{writer.gap_description}{without}')

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Check of bags, and recovery of all intact messages of unfinished or damaged ones."""
+"""Check of bags, and recovery of all intact messages of unfinished or damaged bags."""
 
 from __future__ import annotations
 
@@ -39,14 +39,14 @@ from soliton_linkage_nodes.bags.storages.storage import RecoveredFile
 from soliton_linkage_nodes.bags.stored_topic import StoredTopic, completed
 
 _SHOW_EVERY = 1000
-"""Messages between two calls of `show` [1], each of which takes as long as reading a few."""
+"""Number of messages between two calls of `show` [1]."""
 
 Show = Callable[[int, int], None]
-"""Function that shows the number of messages so far, and the expected number, 0 for unknown."""
+"""Function that shows the current and the expected number of messages (0: unknown)."""
 
 
 def recovered_file(path: Path, storage: str, doubtful: bool, limits: BagLimits) -> RecoveredFile:
-    """Open a file for recovery; `doubtful` keeps messages with wrong checksums."""
+    """Open a file for recovery; `doubtful` also recovers messages with wrong checksums."""
     kind = RecoveredMcap if storage == MCAP else RecoveredSqlite
     return kind(path, doubtful, limits)
 
@@ -55,10 +55,10 @@ def recovered_file(path: Path, storage: str, doubtful: bool, limits: BagLimits) 
 class BagReport:
     """Content and damage of a bag.
 
-    `counts` holds the number of messages of each topic, `start` and `end` the first and last
-    stamp [ns], `damage` a line for each damaged part, `notes` a line for each thing that is
-    unusual but no damage. `lost` counts recorded messages that are known to be unreadable,
-    `unverified` those read without a checksum.
+    `counts` holds the number of messages of each topic. `start` and `end` are the first and the
+    last stamp [ns]. `damage` has one line for each damaged part, `notes` one line for each
+    irregularity that is no damage. `lost` counts messages that cannot be read. `unverified` counts
+    messages that were read without a checksum.
     """
 
     path: Path
@@ -94,9 +94,9 @@ def recover_bag(
     show: Show = lambda done, expected: None,
     limits: BagLimits = DEFAULT_LIMITS,
 ) -> tuple[BagReport, Path]:
-    """Write the intact messages of a bag into a new one; return report and path of the new bag.
+    """Write the intact messages of a bag into a new bag; return a report and the new path.
 
-    `doubtful` also keeps messages with wrong checksums; data beyond the limits is left out.
+    `doubtful` also recovers messages with wrong checksums. Data beyond the limits is omitted.
     Raises ValueError if nothing can be recovered, OSError if the new bag cannot be written.
     """
     scan = _BagScan(path, output, doubtful, show, limits)
@@ -118,9 +118,9 @@ def recover_bag(
 
 
 class _BagScan:
-    """Scan of a whole bag; with an output, its messages are written into a new bag.
+    """Scan of a whole bag, which optionally writes the messages into a new bag.
 
-    The new bag is created with the first topic, so that an empty bag creates none.
+    The new bag is created with the first topic. If the scanned bag is empty, none is created.
     """
 
     def __init__(
@@ -159,7 +159,7 @@ class _BagScan:
         return self.writer
 
     def _known(self, topic: StoredTopic) -> StoredTopic | None:
-        """Return the topic as numbered in the new bag; None if its type is lost."""
+        """Return the topic with its number in the new bag; None if its type is unknown."""
         key = replace(topic, number=0)
         if not topic.type_is_lost and key not in self._topics:
             self._topics[key] = replace(topic, number=len(self._topics) + 1)
@@ -201,7 +201,7 @@ class _BagScan:
 
 
 def _metadata_of(path: Path) -> tuple[Mapping[str, Any] | None, list[str]]:
-    """Return the content of metadata.yaml, and a line if it cannot be read."""
+    """Return the content of metadata.yaml, and the damage if it cannot be read."""
     if path.is_file():
         return None, []
     if not (path / METADATA_FILE).exists():
@@ -213,7 +213,7 @@ def _metadata_of(path: Path) -> tuple[Mapping[str, Any] | None, list[str]]:
 
 
 def _compare(report: BagReport, information: Mapping[str, Any] | None) -> None:
-    """Report the messages and files of metadata.yaml that were not found."""
+    """Report messages and files that metadata.yaml lists but that were not found."""
     if information is None:
         return
     report.custom_data.update(custom_data_in(information))
@@ -233,9 +233,9 @@ def _compare(report: BagReport, information: Mapping[str, Any] | None) -> None:
 
 
 def _deleted_older(report: BagReport, information: Mapping[str, Any]) -> bool:
-    """Return whether the first splits are gone and metadata.yaml describes the others exactly.
+    """Return whether the first files are missing and metadata.yaml lists all remaining files.
 
-    rosbag2's circular recording deletes the oldest splits and keeps them in the total counts.
+    Circular recording of rosbag2 deletes the oldest files but still counts their messages.
     """
     entries = information.get('files')
     described = [each for each in entries if isinstance(each, dict)] if entries else []
@@ -245,7 +245,7 @@ def _deleted_older(report: BagReport, information: Mapping[str, Any]) -> bool:
 
 
 def _typed(topic: StoredTopic, types: Mapping[str, str]) -> StoredTopic:
-    """Return a topic; a lost type is taken from metadata.yaml."""
+    """Return a topic; an unknown type is replaced with the type in metadata.yaml."""
     if not topic.type_is_lost or topic.name not in types:
         return topic
     return completed(replace(topic, type_name=types[topic.name], definition=''))
@@ -261,7 +261,7 @@ def _types_in(information: Mapping[str, Any] | None) -> dict[str, str]:
 
 
 def _files_of(path: Path) -> tuple[list[Path], list[str]]:
-    """Return the files of a bag in recording order, and why others are rejected."""
+    """Return the files of a bag in recording order, and a reason for each rejected file."""
     if complaint := explain_no_bag(path):
         raise ValueError(complaint)
     folder = path if path.is_dir() else None
@@ -300,7 +300,7 @@ def _opened(file: Path, doubtful: bool, limits: BagLimits) -> Iterator[Recovered
 
 
 def unfinished_bag(name: Path) -> Path | None:
-    """Return the last of the bags `<name>_0`, `<name>_1`, ... if it was never finished."""
+    """Return the last of the bags `<name>_0`, `<name>_1`, ... if it is unfinished, else None."""
     number = 0
     while (name.parent / f'{name.name}_{number}').exists():
         number += 1
@@ -312,8 +312,8 @@ def unfinished_bag(name: Path) -> Path | None:
 def take_over(bag: Path) -> UnfinishedBag | None:
     """Move the intact messages of a bag into its first file, so that a writer can continue it.
 
-    Return None if there are none, or if it is not an MCAP bag. Raises OSError if that file cannot
-    be written; the bag is then unchanged.
+    Return None if the bag has no intact messages or is not an MCAP bag. Raises OSError if the file
+    cannot be written. In that case the bag is unchanged.
     """
     try:
         with TemporaryDirectory(prefix=f'.{bag.name}_', dir=bag.parent) as folder:

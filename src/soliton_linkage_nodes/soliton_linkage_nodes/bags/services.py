@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Services of rosbag2's recorder and player, with its types if they are installed."""
+"""Services of rosbag2's recorder and player, with rosbag2's types if these are installed."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ _OURS = {'Seek': Seek, 'SetRate': SetRate, 'GetRate': GetRate}
 
 @dataclass(frozen=True)
 class Reply:
-    """Result of a service: one line of text, and values for fields that its response may have."""
+    """Result of a service: one line of text, and values of optional fields of its response."""
 
     line: str
     figures: Mapping[str, Any] = field(default_factory=dict)
@@ -28,8 +28,8 @@ class Reply:
 def serve(node: Node, name: str, type_name: str, act: Callable[[Any], Reply]) -> None:
     """Offer `~/<name>`, which calls `act` with the request and logs the result.
 
-    If `act` raises ValueError, or a managed node is not active, the request is rejected. The
-    response reports the outcome in those of its fields that exist for it.
+    The request is rejected if `act` raises ValueError or if a managed node is not active. The
+    response reports the outcome in the fields that its type has, such as `success` and `message`.
     """
 
     def respond(request: Any, response: Any) -> Any:
@@ -49,7 +49,7 @@ def serve(node: Node, name: str, type_name: str, act: Callable[[Any], Reply]) ->
 def serve_value(
     node: Node, name: str, type_name: str, field: str, value: Callable[[], Any]
 ) -> None:
-    """Offer `~/<name>`, which returns a value in a field, or in `success` of a Trigger."""
+    """Offer `~/<name>`, which returns `value()` in `field`, or in `success` of a Trigger."""
 
     def respond(_request: Any, response: Any) -> Any:
         setattr(response, field if hasattr(response, field) else 'success', value())
@@ -59,7 +59,10 @@ def serve_value(
 
 
 def service_type(name: str) -> Any:
-    """Return rosbag2's service type; without rosbag2, ours with the same fields, or Trigger."""
+    """Return rosbag2's service type.
+
+    Without rosbag2, return the suite's type with the same fields, or Trigger if there is none.
+    """
     try:
         return getattr(importlib.import_module('rosbag2_interfaces.srv'), name)
     except (ImportError, AttributeError):

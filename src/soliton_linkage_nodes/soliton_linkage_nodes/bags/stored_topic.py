@@ -25,23 +25,23 @@ from rosbags.typesys.store import Typestore
 from soliton_linkage_nodes.bags.guards import load_yaml
 
 CDR = 'cdr'
-"""Encoding of ROS 2 messages; messages in other encodings are copied, but not decoded."""
+"""Encoding of ROS 2 messages. Messages in other encodings are copied but not decoded."""
 _LONGEST_NAME = 255
 """Longest name [characters] that ROS and file systems accept."""
 _UNLIMITED = {'sec': 2147483647, 'nsec': 4294967295}
-"""An infinite duration in rosbag2's notation: the largest 32-bit numbers."""
+"""Infinite duration in rosbag2's notation, the largest 32-bit numbers."""
 _TYPE_NAME = re.compile(r'\w+/\w+/\w+')
 _SERVICE_SEPARATOR = re.compile(r'^---[ \t]*$', re.MULTILINE)
 
 
 @dataclass(frozen=True)
 class StoredTopic:
-    """A topic of a bag; numbers count from 1, in the order in which topics were added.
+    """Topic of a bag with its number, which counts the added topics from 1.
 
-    `definition` is the text of the type in a format such as 'ros2msg', `digest` its RIHS01 hash,
-    `profiles` the offered QoS profiles in rosbag2's YAML. An empty text means unknown. Bytes of a
-    binary definition that are not UTF-8 are surrogates. `about` holds other texts of an MCAP
-    channel. A topic without a schema has no format.
+    `definition` is the definition of the type in a format such as 'ros2msg', `digest` its RIHS01
+    hash, and `profiles` the offered QoS profiles in rosbag2's YAML. An unknown value is an empty
+    text. In a binary definition, bytes that are not UTF-8 are stored as surrogates. `about` holds
+    other metadata of an MCAP channel. A topic without a schema has no `definition_format`.
     """
 
     number: int
@@ -56,7 +56,7 @@ class StoredTopic:
 
     @property
     def type_is_lost(self) -> bool:
-        """Whether the topic had a type whose name is not known."""
+        """Whether the topic has a type of unknown name."""
         return not self.type_name and bool(self.definition_format)
 
 
@@ -100,7 +100,10 @@ def _definition_of(name: str, text: str) -> str:
 
 @lru_cache(maxsize=1024)
 def _installed(name: str) -> tuple[str, str, str]:
-    """Return definition, hash and error of a type; errors are cached: a bag may repeat a type."""
+    """Return definition, hash and error of a type.
+
+    Errors are cached too, because many topics of a bag may have the same type.
+    """
     store = _typestore()
     try:
         _name_parts(name)
@@ -127,7 +130,7 @@ def _not_installed(kind: str, name: str, error: Exception) -> str:
 
 
 def completed(topic: StoredTopic) -> StoredTopic:
-    """Return a topic; a missing definition of a CDR topic is taken from the installed type."""
+    """Return a topic; a CDR topic without a definition gets that of the installed type."""
     if topic.serialization != CDR or (topic.definition and topic.digest):
         return topic
     known, digest, _ = _installed(topic.type_name)
@@ -182,7 +185,7 @@ def _register(store: Typestore, name: str, text: str) -> None:
 
 
 def _nested_types(field: Any) -> list[str]:
-    """Return the message types in a field description, which nests for arrays."""
+    """Return the message types in a field description, which is nested for arrays."""
     kind, inner = field
     if kind.name == 'NAME':
         return [inner]

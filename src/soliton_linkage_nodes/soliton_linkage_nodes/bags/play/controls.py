@@ -25,7 +25,7 @@ from soliton_linkage_nodes.runtime.stamps import SECOND, time_from_msg
 _POLL_INTERVAL = 0.1
 """Poll interval of the stop request [s]."""
 _MOST_READ = 64
-"""Bytes per read [1], more than a person types in one poll interval."""
+"""Largest number of bytes per read [1]. A user types fewer in one poll interval."""
 SPACE = ' '
 UP, DOWN, RIGHT = '\x1b[A', '\x1b[B', '\x1b[C'
 
@@ -41,7 +41,7 @@ class Keyboard:
         if not (sys.stdin and sys.stdin.isatty()):
             return
         self._terminal = sys.stdin.fileno()
-        # A process in the background would be stopped if it touched the terminal.
+        # The system stops a background process that changes the terminal settings.
         if os.tcgetpgrp(self._terminal) != os.getpgrp():
             return
         self._before = termios.tcgetattr(self._terminal)
@@ -83,7 +83,7 @@ def _keys(pressed: str) -> list[str]:
 
 
 _FASTER = 1.1
-"""Factor by which a key changes the rate [1]."""
+"""Factor of the playback rate for one press of a key [1]."""
 _KEYS = 'space: pause; right: next message; up, down: faster, slower'
 
 
@@ -97,7 +97,7 @@ class PlayerControls:
         playing: PlaybackThread,
         part: PlaybackRange,
     ) -> None:
-        """Offer the services; `part` is played if a request does not specify another."""
+        """Offer the services; ~/play without a range in its request plays `part`."""
         self._clock = clock
         self._playing = playing
         self._range = part

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Playback clock, and the thread that plays a bag by it."""
+"""Playback clock, and the thread that publishes the messages of a bag when they are due."""
 
 from __future__ import annotations
 
@@ -29,9 +29,9 @@ from soliton_linkage_nodes.bags.reading import (
 from soliton_linkage_nodes.runtime.stamps import SECOND
 
 RATES = (1e-3, 1e3)
-"""Lowest and highest playback rate, relative to the recording [1]."""
+"""Lowest and highest playback rate relative to the recording [1]."""
 _LONGEST_WAIT = 0.1
-"""Longest interval between calls of `meanwhile` [s], so that the progress line keeps moving."""
+"""Longest interval between two updates of the progress line [s]."""
 
 
 class NextAction(Enum):
@@ -45,8 +45,9 @@ class NextAction(Enum):
 class PlaybackClock:
     """Clock of the playback [ns] with a rate; other threads may pause, seek, step and stop it.
 
-    The playback time is `p = p0 + rate (t - t0)`, with a new (t0, p0) at each change. Without
-    pacing, every message is due at once, except in a pause. `stopping` is set after a stop.
+    The playback time is `p = p0 + rate (t - t0)`. Each change of the rate, pause or seek sets new
+    values of t0 and p0. Without `paced`, every message is due immediately unless the playback is
+    paused. `stopping` is set after a stop.
     """
 
     def __init__(
@@ -59,10 +60,11 @@ class PlaybackClock:
         longest_burst: float = 2.0,
         changed: threading.Condition | None = None,
     ) -> None:
-        """Create a clock that stands still until `start`.
+        """Create a clock that does not advance until `start` is called.
 
-        `play_next` waits at most `longest_step` [s] for a message, `burst` at most `longest_burst`
-        [s], because the node answers nothing else meanwhile. Waits use the condition `changed`.
+        `play_next` waits at most `longest_step` [s] and `burst` at most `longest_burst` [s]. These
+        waits are limited because they block all other services of the node. All waits use the
+        condition `changed`.
         """
         self.stopping = threading.Event()
         self._longest_step = longest_step
@@ -86,7 +88,7 @@ class PlaybackClock:
 
     @property
     def paced(self) -> bool:
-        """Whether messages keep their recorded distance in time."""
+        """Whether messages are published at their recorded intervals, scaled by the rate."""
         return self._paced
 
     @property
@@ -96,7 +98,7 @@ class PlaybackClock:
 
     @property
     def stepping(self) -> bool:
-        """Whether messages of a step or burst are still to be played."""
+        """Whether a step or burst still has messages to play."""
         return bool(self._steps)
 
     def start(self, stamp: int) -> None:
@@ -135,14 +137,18 @@ class PlaybackClock:
             self._changed.notify_all()
 
     def play_next(self) -> bool:
-        """Play one message in a pause; False if not paused, or without a message."""
+        """Play one message during a pause.
+
+        Return False if the playback is not paused or no message was played in time.
+        """
         with self._changed:
             return bool(self._step(1, self._longest_step))
 
     def burst(self, number: int) -> int:
-        """Play messages at once in a pause, 0 for all; return how many were played in time.
+        """Play `number` messages (0: all) without waiting during a pause.
 
-        If some were played when the time limit ends, the rest follows.
+        Return the number of messages that were played within the time limit. If that is at least
+        one, the player continues with the remaining messages.
         """
         with self._changed:
             return self._step(number or sys.maxsize, self._longest_burst)
@@ -154,7 +160,7 @@ class PlaybackClock:
             self._changed.notify_all()
 
     def reopen(self) -> None:
-        """Allow playing after a stop; a pause remains."""
+        """Allow playing again after a stop. The clock remains paused if it was paused."""
         with self._changed:
             self.stopping.clear()
             self._sought = None
@@ -167,7 +173,7 @@ class PlaybackClock:
             self._changed.notify_all()
 
     def take_sought(self) -> int:
-        """Return the instant of a seek [ns]; ValueError without one."""
+        """Return the requested instant of a seek [ns]; ValueError if no seek was requested."""
         with self._changed:
             sought, self._sought = self._sought, None
         if sought is None:
@@ -175,7 +181,7 @@ class PlaybackClock:
         return sought
 
     def wait_for(self, stamp: int, meanwhile: Callable[[], None] = lambda: None) -> NextAction:
-        """Wait until a message is due; `meanwhile` is called ten times a second."""
+        """Wait until a message with `stamp` [ns] is due; call `meanwhile` ten times a second."""
         while True:
             with self._changed:
                 early = self._early(stamp)
@@ -238,7 +244,7 @@ class PlaybackClock:
 
 @dataclass(frozen=True)
 class PlaybackRange:
-    """Start and end of the part that is played, and of the whole bag [ns]."""
+    """Start and end [ns] of the played range and of the whole bag."""
 
     start: int
     end: int
@@ -251,10 +257,10 @@ class PlaybackRange:
         return (self.last - self.origin) / SECOND
 
     def part(self, offset: int, duration: int, until: int) -> PlaybackRange:
-        """Return a part of the bag from an offset on, for a duration or until a stamp [ns].
+        """Return the range that begins at `offset` and ends after `duration` or at `until` [ns].
 
-        As in rosbag2, the later end counts and is included; values <= 0 mean "not given".
-        Raises ValueError if the part is empty.
+        As in rosbag2, the later of the two ends is used, the end is included, and values <= 0 are
+        ignored. Raises ValueError if the range is empty.
         """
         start = self.origin + max(offset, 0)
         ends = [start + duration + 1] if duration > 0 else []
@@ -269,9 +275,9 @@ class PlaybackRange:
 
 
 def playback_range(reader: Reader, start_offset: float, playback_until: float) -> PlaybackRange:
-    """Return the part between two times from the bag's start [s]; 0 means its start or end.
+    """Return the range between two times since the start of the bag [s].
 
-    Raises ValueError if the part is empty.
+    `playback_until` = 0 means the end of the bag. Raises ValueError if the range is empty.
     """
     empty = not reader.message_count
     origin, last = (0, 0) if empty else (reader.start_time, reader.end_time)
@@ -286,7 +292,10 @@ def playback_range(reader: Reader, start_offset: float, playback_until: float) -
 
 
 def find_topics(reader: Reader, names: Sequence[str]) -> list[Connection]:
-    """Return the topics with these names, without names all; ValueError if one is missing."""
+    """Return the topics with these names, or all topics if `names` is empty.
+
+    Raises ValueError if a topic is missing.
+    """
     if not names:
         return list(reader.connections)
     found = (each for name in names for each in types_of_topic(reader, name))
@@ -302,10 +311,10 @@ def full_name(reader: Reader, name: str) -> str:
 class PlaybackThread:
     """Thread that publishes messages when they are due.
 
-    The last latched messages before the start come first, between the calls `prepare(True)` and
-    `prepare(False)`. For each message `publish_clock` is called with its receive time [ns].
-    `finished` is set at the end of the bag, but not after a stop. `rounds` counts starts from the
-    beginning, `jumps` seeks.
+    The thread calls `prepare(True)`, publishes the last latched messages before the start, and
+    calls `prepare(False)`. For each message it calls `publish_clock` with the receive time [ns].
+    `finished` is set at the end of the bag, but not after a stop. `rounds` counts the starts from
+    the beginning. `jumps` counts the seeks.
     """
 
     def __init__(
@@ -319,7 +328,7 @@ class PlaybackThread:
         longest_gap: float = 0.0,
         limits: BagLimits = DEFAULT_LIMITS,
     ) -> None:
-        """Prepare the playback; longer gaps between messages [s] are skipped, with 0 none."""
+        """Prepare the playback; gaps longer than `longest_gap` [s] are skipped (0: none)."""
         self.failure: Exception | None = None
         self.finished = False
         self.playing = False
@@ -357,7 +366,7 @@ class PlaybackThread:
             self._thread.join()
 
     def summary(self, of: str = '') -> str:
-        """Return the number of messages, rounds and jumps as a phrase; `of` names the bag."""
+        """Return a description of the played messages, rounds and jumps; `of` names the bag."""
         played, total = self._publishers.published, self._publishers.total
         again = [f'{self.rounds} rounds'] if self.rounds > 1 else []
         again += [f'{self.jumps} jump{"s" if self.jumps > 1 else ""}'] if self.jumps else []
@@ -395,7 +404,11 @@ class PlaybackThread:
         self._progress.end(f'played {self.summary(f" of {self._path}")}')
 
     def _play_from(self, reader: Reader, start: int, ahead: dict[str, int]) -> NextAction:
-        """Play from an instant on, without the latched messages that were published ahead."""
+        """Play from `start` [ns] on.
+
+        `ahead` holds the receive times [ns] of messages that are already published, by topic.
+        These messages are skipped.
+        """
         self._clock.start(start)
         connections = self._publishers.of(reader.connections)
         messages = read_messages(reader, connections, start, self._range.end)
@@ -423,9 +436,10 @@ class PlaybackThread:
             self._clock.start(stamp)
 
     def _publish_latched(self, reader: Reader, start: int) -> dict[str, int]:
-        """Publish the last latched messages before an instant, without any the first after it.
+        """Publish the last latched messages before `start` [ns].
 
-        Return the receive times [ns] of the latter by topic.
+        If a latched topic has none, publish its first message after `start`. Return the receive
+        times [ns] of these later messages by topic.
         """
         ahead = {}
         for connection in filter(latched, self._publishers.of(reader.connections)):

@@ -30,17 +30,17 @@ _ANSWER_POLL_INTERVAL = 0.05
 
 
 class Lockstep:
-    """Flow control of a replay by the analyser's answers: its `soliton_state` for each frame.
+    """Flow control of a replay: new frames wait for the analyser's `soliton_state` messages.
 
-    Messages with the same stamp are one frame. An answer to a frame also counts for earlier
-    frames, which the analyser may have rejected.
+    Messages with the same stamp are one frame. A state with the stamp of a frame answers this
+    frame and all earlier frames, because the analyser does not answer rejected frames.
     """
 
     def __init__(self, node: Node, frames: str, window: int, limit: float) -> None:
         """Subscribe to the states in the namespace of the topic `frames`.
 
-        At most `window` frames are unanswered. After `limit` [s] without an answer, the frames
-        sent so far are given up.
+        At most `window` frames are unanswered. After `limit` [s] without an answer, no answers to
+        the frames sent so far are expected; `given_up` counts these frames.
         """
         self.given_up = 0
         self.frames = frames
@@ -59,7 +59,7 @@ class Lockstep:
         )
 
     def wait_for_the_analyser(self, limit: float, stopping: threading.Event) -> None:
-        """Wait until states are published; ValueError if none are after a time [s]."""
+        """Wait for a publisher of states; ValueError if there is none after `limit` [s]."""
         deadline = time.monotonic() + limit
         while not self._subscription.get_publisher_count():
             if stopping.wait(_ANSWER_POLL_INTERVAL):
@@ -71,7 +71,11 @@ class Lockstep:
                 )
 
     def wait_for_turn(self, topic: str, message: bytes, stopped: Callable[[], bool]) -> None:
-        """Wait until a frame may be sent; for another topic, until all frames are answered."""
+        """Wait until a message may be published.
+
+        A frame waits until fewer than `window` frames are unanswered. A message on any other topic
+        waits until all frames are answered.
+        """
         if topic != self.frames:
             self.settle(stopped)
             return
@@ -84,7 +88,7 @@ class Lockstep:
             self._unanswered.append(stamp)
 
     def forget(self) -> None:
-        """Expect no answer to the frames sent so far."""
+        """Discard the list of unanswered frames."""
         with self._changed:
             self._unanswered.clear()
             self._sent = b''
@@ -122,11 +126,11 @@ def _stamp(message: bytes) -> bytes:
 _POLL_INTERVAL = Duration(seconds=0.02)
 """Poll interval of the stop request while waiting for acknowledgements."""
 _MOST_REASONS = 3
-"""Largest number of reasons in one line, for topics that are not played [1]."""
+"""Largest number of reasons in one error about topics that cannot be played [1]."""
 _MOST_TOPICS = 1000
-"""Largest number of topics that are played [1]; a publisher takes a millisecond and 100 kB."""
+"""Largest number of topics that are played [1]. A publisher takes 1 ms to create and 100 kB."""
 _LONGEST_DELIVERY = 10.0
-"""Longest wait for a subscriber to acknowledge the last messages [s]; then it counts as dead."""
+"""Longest wait for a subscriber to acknowledge the last messages [s]."""
 _REFUSED = (ValueError, NameValidationException, rclpy_implementation.RCLError)
 """Errors for a topic whose type is not installed, or whose name or type ROS does not accept."""
 
@@ -134,8 +138,9 @@ _REFUSED = (ValueError, NameValidationException, rclpy_implementation.RCLError)
 class ReplayPublishers:
     """Publishers of the messages of a bag.
 
-    Messages are published as recorded, or converted if their definition has changed. A topic has
-    one type, the first that is installed. Waiting for subscribers ends when `stopping` is set.
+    Messages are published as recorded, or converted if their definition has changed. If a topic
+    was recorded with several types, the first installed type is published. Waits for subscribers
+    end when `stopping` is set.
     """
 
     def __init__(
@@ -143,7 +148,7 @@ class ReplayPublishers:
     ) -> None:
         """Create a publisher for each topic; log the topics that cannot be published.
 
-        Raises ValueError if there are topics and none can be published.
+        Raises ValueError if all topics fail.
         """
         if len(connections) > _MOST_TOPICS:
             raise ValueError(
@@ -180,30 +185,30 @@ class ReplayPublishers:
         return sum(each.msgcount for each in self.of(self._connections))
 
     def set_lockstep(self, lockstep: Lockstep) -> None:
-        """Publish frames in lockstep with the analyser, and no recorded states."""
+        """Publish frames in lockstep with the analyser; do not publish recorded states."""
         self._publishers.pop(lockstep.states, None)
         self._lockstep = lockstep
 
     def suppress_beside_analyser(self, states: RecordedStates) -> None:
-        """Leave recorded states out while an analyser publishes its own."""
+        """Omit recorded states while a running analyser publishes the same topic."""
         self._states[states.topic] = states
 
     def report_gap(self, stamp: int, gap: float) -> None:
-        """Log that a gap of the recording [s] before a message was skipped."""
+        """Log that a gap of `gap` [s] before the message at `stamp` [ns] was skipped."""
         self._node.get_logger().warning(
             f'skipped {gap:.0f} s without a message before {stamp} ns; '
             'parameter longest_gap limits such gaps'
         )
 
     def reset(self) -> None:
-        """Reset the counters, and expect no answer to earlier frames."""
+        """Reset the counters and the list of unanswered frames."""
         self.published = 0
         self.left_out = 0
         if self._lockstep is not None:
             self._lockstep.forget()
 
     def of(self, connections: Iterable[Connection]) -> list[Connection]:
-        """Return the topics that are published."""
+        """Return the given topics that are published."""
         played = {(topic, self._types[topic], CDR) for topic in self._publishers}
         return [each for each in connections if topic_key(each) in played]
 
@@ -215,7 +220,7 @@ class ReplayPublishers:
         return left_out
 
     def publish(self, connection: Connection, serialized: bytes) -> None:
-        """Publish a message; in lockstep, wait for its turn first."""
+        """Publish a message; in lockstep, wait first until it may be published."""
         topic = connection.topic
         if topic in self._decoders:
             serialized = serialize(self._decoders[topic](serialized))
@@ -230,7 +235,7 @@ class ReplayPublishers:
         self.published += 1
 
     def wait_for_subscribers(self, topics: Iterable[str], limit: float) -> None:
-        """Wait for a subscriber of each topic, which is no own one, each up to a time [s]."""
+        """Wait up to `limit` [s] for each topic to have a subscriber outside this node."""
         for topic in topics:
             if topic not in self._publishers or self._stopping.is_set():
                 continue
@@ -243,7 +248,7 @@ class ReplayPublishers:
                 )
 
     def wait_for_the_analyser(self, limit: float) -> None:
-        """In lockstep, wait for the analyser; ValueError if there is none after a time [s]."""
+        """In lockstep, wait for the analyser; ValueError if there is none after `limit` [s]."""
         if self._lockstep is not None:
             self._lockstep.wait_for_the_analyser(limit, self._stopping)
 
@@ -269,7 +274,10 @@ class ReplayPublishers:
         self._publishers[connection.topic] = publisher
 
     def _wait_for_acknowledgements(self, *topics: str) -> None:
-        """Wait until the subscribers have all messages, because a full queue drops the oldest."""
+        """Wait until the subscribers have acknowledged all messages on some topics.
+
+        The wait is necessary because a full queue drops its oldest message.
+        """
         deadline = time.monotonic() + _LONGEST_DELIVERY
         for topic in topics:
             patience = Duration() if topic in self._silent else _POLL_INTERVAL
@@ -293,7 +301,7 @@ class ReplayPublishers:
 
 
 _QUERY_INTERVAL = 0.25
-"""Period of graph queries for an analyser [s]; one takes a millisecond."""
+"""Period of graph queries for an analyser [s]. One query takes a millisecond."""
 
 
 class RecordedStates:
@@ -303,7 +311,7 @@ class RecordedStates:
     """
 
     def __init__(self, node: Node, topic: str, chosen: bool) -> None:
-        """Watch a topic; if the user has chosen it by name, it is played in any case."""
+        """Monitor the publishers of a topic; with `chosen`, always play the recorded topic."""
         self.topic = topic
         self._node = node
         self._states = node.resolve_topic_name(topic)
@@ -314,7 +322,7 @@ class RecordedStates:
         self._queried_at = -_QUERY_INTERVAL
 
     def suppressed(self) -> bool:
-        """Return whether the next message is left out; log changes."""
+        """Return whether the next message is omitted; log changes."""
         now = time.monotonic()
         if now - self._queried_at >= _QUERY_INTERVAL:
             self._queried_at = now

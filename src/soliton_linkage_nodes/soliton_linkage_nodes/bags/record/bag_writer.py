@@ -40,7 +40,10 @@ _RESERVE_BYTES = 2**20
 
 @dataclass(frozen=True)
 class UnfinishedBag:
-    """Content of a bag that another process has begun: one file, topics with counts, texts."""
+    """Content of a bag that another process began and did not close.
+
+    `counts` holds the number of messages of each topic.
+    """
 
     path: Path
     file: StoredFile
@@ -51,12 +54,14 @@ class UnfinishedBag:
 class BagWriter:
     """Writer of a bag in a directory named `<name>_<first free number>`.
 
-    The files are named `<directory>_0`, `<directory>_1`, ... Every `flush_interval` [s], pending
-    messages are passed to the system, which keeps them if the process is killed. Every
-    `sync_interval` [s] (0: never) the file is synchronised to disk, so that a loss of power costs
-    no more than that. If the disk is full, a reserved file of 1 MiB makes space for the index.
+    The files are named `<directory>_0`, `<directory>_1`, ... Every `flush_interval` [s], the
+    writer passes pending messages to the system, so that they survive if the process is killed.
+    Every
+    `sync_interval` [s] (0: never) it synchronises the file to disk. A power failure loses at most
+    the messages since then. If the disk is full, the writer deletes a reserved file of 1 MiB to
+    make space for the index.
 
-    Use it from one thread only. Methods raise OSError if the bag cannot be written.
+    Not thread-safe. Methods raise OSError if the bag cannot be written.
     """
 
     def __init__(
@@ -69,9 +74,9 @@ class BagWriter:
         sync_interval: float = 0.0,
         begun: UnfinishedBag | None = None,
     ) -> None:
-        """Create the directory, or continue an unfinished bag in a new file.
+        """Create the directory, or continue the unfinished bag `begun` in a new file.
 
-        A new file begins after `largest_file` [B] or `longest_file` [s], unless that is 0.
+        A new file begins after `largest_file` [B] or `longest_file` [s]; 0 disables a limit.
         """
         if compression not in COMPRESSIONS:
             known = ' or '.join(COMPRESSIONS)
@@ -82,7 +87,7 @@ class BagWriter:
         self.finished = False
         self._is_continued = begun is not None
         self.gap_description = ''
-        """Duration that is missing in a continued bag, for the log."""
+        """Log text about the missing time in a continued bag; empty for a new bag."""
         self._is_open = False
         self._begun: int | None = None
         self._codec = '' if compression == 'none' else compression
@@ -111,7 +116,7 @@ class BagWriter:
     @property
     def messages(self) -> int:
         """Number of messages stored so far."""
-        # Another thread may add a topic meanwhile: copy the values in one step.
+        # Copy the values in one step, because another thread may add a topic meanwhile.
         return sum(list(self._counts.values())) + sum(list(self._file.counts.values()))
 
     @property
@@ -170,7 +175,7 @@ class BagWriter:
             self._file.copy_record(opcode, body)
 
     def flush_if_due(self) -> None:
-        """Flush, synchronise and write custom data, each if its interval is over."""
+        """Flush, synchronise, or write custom data, each if its interval has elapsed."""
         now = time.monotonic()
         with self._naming_the_bag():
             if now - self._flushed_at >= self._flush_interval:
@@ -195,7 +200,7 @@ class BagWriter:
                 self._sync_file()
 
     def set_custom_data(self, custom_data: Mapping[str, str]) -> None:
-        """Set texts for the bag's metadata; they are kept if the bag is never closed."""
+        """Set texts for the bag's metadata; they are also stored if the bag is never closed."""
         self._custom_data.update(custom_data)
 
     def split(self) -> None:
@@ -212,7 +217,7 @@ class BagWriter:
             (self.path / _RESERVE).unlink()
 
     def finish_after_error(self) -> None:
-        """Finish a bag after a failed write, with the messages that were written before."""
+        """Finish a bag after a failed write; the messages before that write remain."""
         try:
             (self.path / _RESERVE).unlink(missing_ok=True)
             if self._is_open:

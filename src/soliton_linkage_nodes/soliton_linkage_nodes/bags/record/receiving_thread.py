@@ -28,7 +28,7 @@ from soliton_linkage_nodes.runtime import interfaces
 from soliton_linkage_nodes.runtime.pacing import IdlePriority
 
 _LONGEST_TEXT = 1000
-"""Longest value in the custom data [characters]; lists of thousands of rotors are left out."""
+"""Longest value in the custom data [characters]. Longer lists of rotor values are omitted."""
 _CHAIN_TYPE = type_name(interfaces.CHAIN.type)
 
 
@@ -39,13 +39,13 @@ class RecordingMetadata:
         self._chains: dict[str, dict[str, Any]] = {}
 
     def take(self, messages: Iterable[ReceivedMessage]) -> None:
-        """Note the chains among received messages."""
+        """Store the parameters of each chain in the received messages."""
         for source, _, serialized in messages:
             if source.type_name == _CHAIN_TYPE:
                 self._chains[source.name] = _parameters_of(serialized)
 
     def texts(self, losses: Mapping[str, int], missed: Mapping[str, int]) -> dict[str, str]:
-        """Return the custom data, with the numbers of lost and missed messages of each topic."""
+        """Return the custom data; `losses` and `missed` hold numbers of messages by topic."""
         return {
             'lost_messages': json.dumps(losses),
             'missed_messages': json.dumps(missed),
@@ -70,38 +70,38 @@ def _parameters_of(serialized: bytes) -> dict[str, Any]:
 
 @dataclass(frozen=True)
 class DiscoveryTimes:
-    """Times that decide when all publishers have been discovered [s].
+    """Times that determine when all publishers have been discovered [s].
 
-    Each process announces itself every 3 s. Without load most are discovered at once; beside busy
-    programs, one in three takes longer than a second.
+    Each process announces itself every 3 s. On an idle machine most publishers are discovered
+    immediately. On a busy machine one publisher in three takes longer than a second.
     """
 
     announcement: float = 3.2
     """Time after which every process has announced itself [s]."""
     quiet: float = 1.0
-    """Time without a new publisher, after which all publishers of a process are known [s]."""
+    """Time without a new publisher after which all publishers are assumed to be known [s]."""
     longest: float = 10.0
     """Longest wait for a publisher that does not match, for example because it has died [s]."""
 
 
 class DiscoveryWait:
-    """Decides when all publishers of the recorded topics are matched."""
+    """Wait until all publishers of the recorded topics are discovered and matched."""
 
     def __init__(
         self,
         times: DiscoveryTimes = DiscoveryTimes(),
         clock: Callable[[], float] = time.monotonic,
     ) -> None:
-        """Start the wait, once the topics are subscribed to."""
+        """Start the wait. The topics must be subscribed to before."""
         self.missing: list[str] = []
-        """Topics with publishers that were not matched in time."""
+        """Names of topics with publishers that were not matched in time."""
         self._times = times
         self._clock = clock
         self._begun = self._since = clock()
         self._known: list[tuple[str, int, int]] = []
 
     def done(self, subscriptions: Sequence[RecordedSubscription]) -> bool:
-        """Return whether the wait is over, from the numbers of publishers at the last poll."""
+        """Return whether the discovery has ended with all publishers matched or has timed out."""
         now = self._clock()
         known = [(each.source.name, each.publishers, each.connected) for each in subscriptions]
         if known != self._known:
@@ -113,18 +113,19 @@ class DiscoveryWait:
 
 
 _POLL_INTERVAL = 0.05
-"""Period at which messages are taken from the middleware [s], whose queues hold 5000."""
+"""Period at which messages are taken from the middleware [s]."""
 _LONGEST_ROUND = 5.0
-"""Longest wait for a round [s], which takes some ten milliseconds."""
+"""Longest wait until the thread has taken all waiting messages [s]; typical: 0.01 s."""
 _SEARCH_INTERVAL = 0.25
-"""Period of graph queries for new topics [s]; one takes a millisecond."""
+"""Period of graph queries for new topics [s]; one query takes a millisecond."""
 
 
 class ReceivingThread:
     """Thread that takes waiting messages and queues them for writing, in receive order.
 
-    The subscriptions belong to a node without an executor. An executor would give its callback
-    either the raw message or its sequence number, and takes ten times as much processor time.
+    The subscriptions belong to a node without an executor. The callback of an executor cannot
+    receive both the raw message and its sequence number. An executor also takes ten times as much
+    processor time.
     """
 
     def __init__(
@@ -136,10 +137,10 @@ class ReceivingThread:
         real_time: bool = False,
         discovery: DiscoveryTimes = DiscoveryTimes(),
     ) -> None:
-        """Start; with `real_time` the thread runs before ordinary threads.
+        """Start the thread; `real_time` gives it priority over ordinary threads.
 
-        `announce` is called once all publishers are matched and the bag is safe on disk, with the
-        topics whose publishers did not match.
+        The thread calls `announce` when the discovery has ended and the bag is synchronised to
+        disk. The argument lists the topics with publishers that were not matched.
         """
         self.failure: Exception | None = None
         self._finder = finder
@@ -172,7 +173,7 @@ class ReceivingThread:
 
     @property
     def missed(self) -> dict[str, int]:
-        """Number of messages that publishers sent before they were matched, by topic if any."""
+        """Number of messages sent before their publisher was matched, for topics with any."""
         missed = {each.source.name: each.starts.missed for each in self._subscriptions}
         return {name: number for name, number in missed.items() if number}
 
@@ -182,17 +183,17 @@ class ReceivingThread:
             self._buffer.paused = True
 
     def settle(self) -> None:
-        """Wait until all messages that have arrived are taken."""
+        """Wait until the thread has taken all messages that have arrived."""
         with self._rounds_changed:
             after = self._rounds + 2
             self._rounds_changed.wait_for(lambda: self._rounds >= after, _LONGEST_ROUND)
 
     def resume(self) -> int:
-        """Record again, after the last latched messages of the pause; return their number."""
+        """End a pause; record its last latched messages first and return their number."""
         return self._record(self._buffer.resume)
 
     def snapshot(self) -> int:
-        """Record the last seconds; return the number of messages."""
+        """Record the messages of the snapshot; return their number."""
         return self._record(self._buffer.snapshot)
 
     def stop(self) -> dict[str, str]:

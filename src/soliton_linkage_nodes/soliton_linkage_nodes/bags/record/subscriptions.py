@@ -21,14 +21,14 @@ from soliton_linkage_nodes.runtime.stamps import SECOND
 from soliton_linkage_nodes.runtime.subscriptions import AdaptiveSubscription, Info, qos_for_all
 
 _DEPTH = 5000
-"""Queue depth of a subscription [messages]: five seconds of a topic at 1000 Hz."""
+"""Queue depth of a subscription [messages], enough for five seconds of a topic at 1000 Hz."""
 
 
 class RecordedSubscription:
     """Subscription to a topic that is recorded."""
 
     def __init__(self, node: GuardedNode, source: RecordedTopic, message_type: Any) -> None:
-        """Subscribe with a QoS profile that matches all profiles that are offered."""
+        """Subscribe with a QoS profile that is compatible with all offered profiles."""
         self.source = source
         self.gaps = SequenceGaps()
         self.starts = MissedStarts()
@@ -41,7 +41,10 @@ class RecordedSubscription:
         """Number of matched publishers at the last poll."""
 
     def drain(self) -> list[ReceivedMessage]:
-        """Take all waiting messages; of those latched before the subscription, only the last."""
+        """Take all waiting messages.
+
+        Only the last of the latched messages from before the subscription is returned.
+        """
         taken: list[ReceivedMessage] = []
         is_history = False
         for serialized, info in self._subscription.waiting():
@@ -69,10 +72,10 @@ class RecordedSubscription:
         return self._subscription.changed
 
     def adapt(self, query: bool) -> list[ReceivedMessage]:
-        """Subscribe again if publishers offer a lower QoS; return messages that waited until then.
+        """Subscribe again if publishers offer a lower QoS; return the waiting messages.
 
-        The graph is queried if publishers came or went, one does not match or offers less, and
-        always with `query`.
+        Query the graph if publishers appeared or disappeared, if a publisher is not matched or
+        offers a lower QoS, or if `query` is set.
         """
         unsettled = not self._subscription.as_requested or self.connected != self.publishers
         if not (self._subscription.changed or unsettled or query):
@@ -89,7 +92,10 @@ class TopicFinder:
     """Subscribes to every topic that is to be recorded, as soon as its type is known."""
 
     def __init__(self, node: GuardedNode, names: Sequence[str], regex: str, exclude: str) -> None:
-        """Select topics by name (without names: all of the suite), and others by a pattern."""
+        """Select the topics in `names`, by default all topics of the suite.
+
+        `regex` adds topics whose full names contain a match. `exclude` removes topics likewise.
+        """
         self._node = node
         self._regex = _compiled('regex', regex)
         self._exclude = _compiled('exclude_regex', exclude)
@@ -114,7 +120,7 @@ class TopicFinder:
 
     @property
     def appeared(self) -> bool:
-        """Whether an awaited topic has a publisher; `find` takes a hundred times as long."""
+        """Whether an awaited topic has a publisher. This query is 100 times faster than `find`."""
         return any(map(self._node.count_publishers, self.awaited))
 
     def find(self) -> list[RecordedSubscription]:
@@ -176,15 +182,16 @@ _MOST_KEPT = 512 * 2**20
 
 
 class RecordingBuffer:
-    """Buffer that passes messages on, or keeps them during a pause or for a snapshot.
+    """Buffer of messages for snapshots and pauses.
 
-    The last message of a latched topic is always kept, because later messages refer to it.
+    Without either, it returns all messages for immediate recording. The last message of a latched
+    topic is never discarded, because later messages refer to it.
     """
 
     def __init__(
         self, snapshot: float = 0.0, paused: bool = False, most_kept: int = _MOST_KEPT
     ) -> None:
-        """Keep messages for snapshots of a duration [s]; with 0 pass all messages on."""
+        """Create a buffer for snapshots of `snapshot` [s]; 0 disables snapshots."""
         self.paused = paused
         self._most_kept = most_kept
         self._window = round(snapshot * SECOND)
@@ -199,7 +206,7 @@ class RecordingBuffer:
         return len(self._kept) + len(self._latched)
 
     def take(self, messages: Iterable[ReceivedMessage]) -> list[ReceivedMessage]:
-        """Return the messages that are to be recorded now; keep the others."""
+        """Add messages; return the messages that must be recorded now."""
         if self.paused:
             self._keep_latched(messages)
             return []
@@ -216,12 +223,16 @@ class RecordingBuffer:
         return []
 
     def resume(self) -> list[ReceivedMessage]:
-        """End a pause; return the last latched messages, which are to be recorded."""
+        """End a pause; return the last latched messages, which must be recorded."""
         self.paused = False
         return [] if self._window else self._take_latched()
 
     def snapshot(self) -> list[ReceivedMessage]:
-        """Remove and return the last seconds, after the last latched messages before them."""
+        """Remove and return the messages of the snapshot, in this order.
+
+        First the last latched messages from before the snapshot duration, then the messages of
+        this duration.
+        """
         # On a busy machine, topics may be drained out of order.
         recent = [message for message in self._kept if not self._is_old(message)]
         self._keep_latched(filter(self._is_old, self._kept))

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Thread that does all access to a bag, so that a slow disk delays nothing else."""
+"""Thread that writes a bag, so that a slow disk does not delay other threads."""
 
 from __future__ import annotations
 
@@ -18,9 +18,9 @@ from soliton_linkage_nodes.runtime.pacing import IdlePriority
 _FLUSH_INTERVAL = 0.1
 """Period of flushes while no messages arrive [s]."""
 _LONGEST_FLUSH = 5.0
-"""Longest wait of `flush` for the disk [s]; the messages are written in any case."""
+"""Longest wait of `flush` for the disk [s]. The thread continues to write afterwards."""
 _MOST_WAITING = 512 * 2**20
-"""Memory for waiting messages [B]: ten seconds of a thousand rotors at 1000 Hz."""
+"""Memory for waiting messages [B], enough for ten seconds of a thousand rotors at 1000 Hz."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -42,10 +42,11 @@ class ReceivedMessage(NamedTuple):
 
 
 class WritingThread:
-    """Thread that writes messages in the order in which they are put.
+    """Thread that writes messages in the order of the calls of `put`.
 
-    While the disk is slow, up to 512 MiB wait in memory; further messages are dropped and counted.
-    If a write fails, the bag is finished as far as possible and the error is kept in `failure`.
+    Up to 512 MiB of messages wait in memory for a slow disk. Further messages are dropped and
+    counted. If a write fails, the thread finishes the bag if possible and stores the error in
+    `failure`.
     """
 
     def __init__(
@@ -54,7 +55,7 @@ class WritingThread:
         most_waiting: int = _MOST_WAITING,
         real_time: bool = False,
     ) -> None:
-        """Create the bag; with `real_time` the thread runs before ordinary threads.
+        """Create the bag; `real_time` gives the thread priority over ordinary threads.
 
         Raises the errors of the writer.
         """
@@ -127,7 +128,7 @@ class WritingThread:
             written.wait(_LONGEST_FLUSH)
 
     def after_checkpoint(self, act: Callable[[], object]) -> None:
-        """Call a function once all messages queued before are safe on disk."""
+        """Call `act` when all messages that are queued now are synchronised to disk."""
 
         def keep() -> None:
             self._writer.checkpoint()
@@ -136,7 +137,7 @@ class WritingThread:
         self._post(keep)
 
     def close(self, custom_data: Mapping[str, str]) -> None:
-        """Write all queued messages and finish the bag; a failure is kept in `failure`."""
+        """Write all queued messages and finish the bag; store an error in `failure`."""
         with self._changed:
             self._final = custom_data
             self._ending = True

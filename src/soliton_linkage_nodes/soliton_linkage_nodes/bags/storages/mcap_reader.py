@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Reader of finished MCAP files by their index, one chunk at a time."""
+"""Reader of finished MCAP files, which uses their index and decompresses one chunk at a time."""
 
 from __future__ import annotations
 
@@ -36,9 +36,9 @@ _TAIL = mcap.RECORD_HEADER.size + _FOOTER_SIZE + len(mcap.MAGIC)
 _MESSAGE_COST = 250
 """Approximate memory of a waiting message in addition to its data [B]."""
 _MOST_WAITING = 4
-"""Memory for messages of parts that overlap in time, in multiples of `max_unpacked` [1]."""
+"""Memory for messages of chunks that overlap in time, in multiples of `max_unpacked` [1]."""
 _LONGEST_RUN = 2**20
-"""Size of messages outside chunks that are read together, as if they were a chunk [B]."""
+"""Largest size of a run of messages outside chunks [B]. A run is read like a chunk."""
 _CHUNK_INDEX = struct.Struct('<QQQQ')
 _stamp = attrgetter('stamp')
 
@@ -53,11 +53,10 @@ class _Stretch(NamedTuple):
 
 
 class IndexedMcap(LimitedReader):
-    """The messages of an MCAP file in the order of their receive times.
+    """Reader of the messages of an MCAP file in the order of their receive times.
 
-    A file without statistics or definitions in its index is scanned when it is opened. Messages
-    outside chunks are found in any case. Methods raise ValueError if the file is damaged or
-    exceeds the limits.
+    If the index lacks statistics or definitions, `open` scans the whole file. Messages outside
+    chunks are also read. Methods raise ValueError if the file is damaged or exceeds the limits.
     """
 
     def __init__(self, path: Path) -> None:
@@ -150,7 +149,10 @@ class IndexedMcap(LimitedReader):
             self._span = span if any(self._counts.values()) else None
 
     def _scan(self) -> Counter[int]:
-        """Add the messages and definitions that the index does not list; count the messages."""
+        """Add messages and definitions that the index does not list.
+
+        Return the number of messages of each channel.
+        """
         counts: Counter[int] = Counter()
         budget = self.limits.for_file(len(self._data))
         offset = len(mcap.MAGIC)
@@ -182,14 +184,14 @@ class IndexedMcap(LimitedReader):
                 part = _Stretch(min(stamps), max(stamps), offset, end - offset)
                 self._add_part(part, opcode == Opcode.MESSAGE)
             offset = end
-        # An index lists its chunks, whose checksums protect them.
+        # If the index lists the chunks, their own checksums protect them.
         at_end = self._data[offset : offset + 1] == bytes([Opcode.DATA_END])
         if not self._after and not (at_end and mcap.data_is_intact(self._data, offset)):
             raise ValueError(f'its data ends at byte {offset}, or has a wrong checksum')
         return counts
 
     def _add_part(self, part: _Stretch, in_run: bool) -> None:
-        """Add a part; consecutive messages outside chunks form one."""
+        """Add a chunk or message; consecutive messages outside chunks form one run."""
         last = self._parts[-1] if self._parts and in_run else part
         follows = last.offset not in self._after and last.offset + last.size == part.offset
         if follows and self._data[last.offset] == Opcode.MESSAGE and last.size < _LONGEST_RUN:
@@ -199,7 +201,7 @@ class IndexedMcap(LimitedReader):
             self._parts.append(part)
 
     def _in_order(self, first: int, last: int) -> Iterator[Message]:
-        """Yield messages sorted by stamp, of the parts that overlap [first, last]."""
+        """Yield the messages, sorted by stamp, of all parts that overlap [first, last] in time."""
         waiting: list[tuple[int, int, Message]] = []
         number = cost = 0
         most = _MOST_WAITING * self.limits.max_unpacked

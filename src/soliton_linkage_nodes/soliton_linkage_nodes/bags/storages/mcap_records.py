@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Binary records of MCAP files (https://mcap.dev/spec), for reading and writing."""
+"""Parsers and serializers of MCAP records (https://mcap.dev/spec)."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ PROFILE: Final = 'ros2'
 _PROFILES: Final = 'offered_qos_profiles'
 _DIGEST: Final = 'topic_type_hash'
 CUSTOM_DATA: Final = 'soliton_linkage'
-"""Name of the metadata records that hold the custom data of a bag that is not closed yet."""
+"""Name of the metadata records with the custom data of an unfinished bag."""
 
 
 class Opcode(IntEnum):
@@ -62,7 +62,7 @@ class Schema:
 
 @dataclass(frozen=True)
 class Channel:
-    """A topic with its schema number, message encoding and metadata texts."""
+    """MCAP channel: a topic with its schema number, message encoding and metadata."""
 
     id: int
     schema: int
@@ -78,12 +78,12 @@ def record(opcode: Opcode, *parts: bytes) -> bytes:
 
 
 def sized(data: bytes) -> bytes:
-    """Return bytes with their length in front."""
+    """Return bytes with their length as a prefix."""
     return struct.pack('<I', len(data)) + data
 
 
 def text(value: str) -> bytes:
-    """Return a UTF-8 text with its length in front."""
+    """Return a text in UTF-8 with its length as a prefix."""
     return sized(value.encode())
 
 
@@ -101,7 +101,7 @@ def channel_record(channel: Channel) -> bytes:
 
 
 def topic_of(channel: Channel, schemas: Mapping[int, Schema]) -> StoredTopic:
-    """Return the topic of a channel; its type is lost if its schema is missing."""
+    """Return the topic of a channel; without the schema of the channel, its type is unknown."""
     schema = schemas.get(channel.schema) or Schema(0, '', 'ros2msg' if channel.schema else '', b'')
     texts = dict(channel.metadata)
     digest, profiles = texts.pop(_DIGEST, ''), texts.pop(_PROFILES, '')
@@ -119,7 +119,10 @@ def topic_of(channel: Channel, schemas: Mapping[int, Schema]) -> StoredTopic:
 
 
 def channel_of(topic: StoredTopic, schema: int) -> Channel:
-    """Return the channel of a topic; rosbag2 expects QoS profiles and a hash for CDR topics."""
+    """Return the channel of a topic.
+
+    A CDR topic has QoS profiles and a type hash in its metadata, because rosbag2 requires them.
+    """
     own = {_PROFILES: topic.profiles, _DIGEST: topic.digest}
     if topic.serialization != CDR:
         own = {key: value for key, value in own.items() if value}
@@ -139,9 +142,9 @@ def _text_map(texts: Mapping[str, str]) -> bytes:
 def message_head(
     channel: int, stamp: int, size: int, published: int | None = None, sequence: int = 0
 ) -> bytes:
-    """Return the head of a message record; the message of `size` bytes follows it.
+    """Return the head of a message record, which precedes a message of `size` bytes.
 
-    An unknown publish time is set to the receive time [ns].
+    If the publish time is unknown, the receive time `stamp` [ns] is stored as publish time.
     """
     length = MESSAGE_HEADER.size + size
     published = stamp if published is None else published
@@ -151,7 +154,10 @@ def message_head(
 def chunk_record(
     records: bytes | memoryview, start: int, end: int, codec: str
 ) -> tuple[bytes, bytes | memoryview]:
-    """Return head and (compressed) content of a chunk with messages from start to end [ns]."""
+    """Return head and content of a chunk, compressed if `codec` is not empty.
+
+    `start` and `end` are the first and the last receive time [ns].
+    """
     packed = zstd.compress(records) if codec == 'zstd' else records
     fields = CHUNK_HEADER.pack(start, end, len(records), crc32(records))
     fields += text(codec) + struct.pack('<Q', len(packed))
@@ -175,9 +181,9 @@ def attachment_index_record(body: Bytes, offset: int, length: int) -> bytes:
 
 
 def data_is_intact(data: Bytes, end: int) -> bool:
-    """Return whether the checksum of the data section is right or missing; it ends at an offset.
+    """Return whether the checksum of the data section is correct or missing.
 
-    There the record `DATA_END` holds the checksum of all bytes before it.
+    `end` is the offset of the record `DATA_END`, which holds the checksum of all earlier bytes.
     """
     begin = end + RECORD_HEADER.size
     checksum = int.from_bytes(data[begin : begin + 4], 'little')
@@ -185,7 +191,7 @@ def data_is_intact(data: Bytes, end: int) -> bool:
 
 
 def attachment_is_intact(body: Bytes) -> bool:
-    """Return whether the checksum of an attachment is right or missing."""
+    """Return whether the checksum of an attachment is correct or missing."""
     size = len(body) - extra_bytes(Opcode.ATTACHMENT, body) - 4
     checksum = int.from_bytes(body[size : size + 4], 'little')
     return not checksum or crc32(body[:size]) == checksum
@@ -213,11 +219,11 @@ class Fields:
         return taken
 
     def number(self, size: int) -> int:
-        """Return the next unsigned number of a size [B]."""
+        """Return the next unsigned number of `size` [B]."""
         return int.from_bytes(self.take(size), 'little')
 
     def sized(self) -> Bytes:
-        """Return bytes that follow their length."""
+        """Return the next byte string, which has its length as a prefix."""
         return self.take(self.number(4))
 
     def text(self) -> str:
@@ -235,13 +241,13 @@ class Fields:
 
 
 def parse_schema(body: Bytes) -> Schema:
-    """Return the schema in a record; all parsers raise ValueError for an invalid record."""
+    """Return the schema in a record; ValueError if the record is invalid."""
     fields = Fields(body)
     return Schema(fields.number(2), fields.text(), fields.text(), bytes(fields.sized()))
 
 
 def parse_channel(body: Bytes) -> Channel:
-    """Return the channel in a record."""
+    """Return the channel in a record; ValueError if the record is invalid."""
     fields = Fields(body)
     return Channel(
         fields.number(2), fields.number(2), fields.text(), fields.text(), fields.text_map()
@@ -257,7 +263,7 @@ def parse_message(body: Bytes) -> Message:
 
 
 def parse_metadata(body: Bytes) -> tuple[str, dict[str, str]]:
-    """Return name and texts in a metadata record."""
+    """Return name and texts in a metadata record; ValueError if the record is invalid."""
     fields = Fields(body)
     return fields.text(), fields.text_map()
 
@@ -278,16 +284,18 @@ _LAYOUTS: dict[int, tuple[int, tuple[int, ...], int]] = {
     Opcode.SUMMARY_OFFSET: (17, (), 0),
     Opcode.DATA_END: (4, (), 0),
 }
-"""Size of the numbers, sizes of the lengths of the texts, and size of the numbers after them [B].
+"""Layout of a record by opcode: size of its leading numbers, sizes of the length fields of its
+texts, and size of its trailing numbers [B].
 
-Chunks and messages are not among them; a chunk index has other fields after these.
+Chunks and messages are missing. A chunk index has further fields after the listed ones.
 """
 
 
 def extra_bytes(opcode: int, body: Bytes) -> int:
-    """Return how many bytes follow the known fields of a record; ValueError if some are missing.
+    """Return the number of bytes after the known fields of a record.
 
-    Readers ignore these bytes, which a later version of the format may define.
+    Readers ignore these bytes, because a later version of the format may define them. Raises
+    ValueError if a known field is missing.
     """
     head, lengths, tail = _LAYOUTS[opcode]
     fields = Fields(body)
@@ -330,9 +338,9 @@ def parse_chunk_head(body: Bytes) -> ChunkHead:
 
 
 def unpack(head: ChunkHead, packed: Bytes, most: int) -> tuple[Bytes, bool]:
-    """Return the records of a chunk up to damage, and whether they are complete and intact.
+    """Return the records of a chunk up to the first damage, and whether the chunk is intact.
 
-    A chunk that states more than the limit [B] gives no records.
+    If the stated decompressed size of the chunk exceeds `most` [B], no records are returned.
     """
     if head.uncompressed > most:
         return b'', False
@@ -356,7 +364,10 @@ def records_in(data: Bytes) -> Iterator[tuple[int, int, Bytes]]:
 
 
 def messages_in(records: Bytes, strict: bool = True) -> Iterator[Message]:
-    """Yield the messages among records; invalid ones are skipped unless `strict`."""
+    """Yield the messages in a sequence of records.
+
+    With `strict`, an invalid message raises ValueError. Otherwise it is skipped.
+    """
     for _, opcode, body in records_in(records):
         if opcode == Opcode.MESSAGE and (strict or len(body) >= MESSAGE_HEADER.size):
             yield parse_message(body)

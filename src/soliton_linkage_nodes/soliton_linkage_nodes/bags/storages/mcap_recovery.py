@@ -37,7 +37,7 @@ class _Chunk(NamedTuple):
 
 
 class _Run(NamedTuple):
-    """Offsets of consecutive messages outside any chunk [B]; after damage they are doubtful."""
+    """Offsets [B] of consecutive messages outside chunks, which are doubtful after damage."""
 
     begin: int
     end: int
@@ -45,12 +45,13 @@ class _Run(NamedTuple):
 
 
 class RecoveredMcap(RecoveredFile):
-    """The intact messages and the topics of an MCAP file.
+    """Recovery of the intact messages and the topics of an MCAP file.
 
-    After a damaged record, the file is searched for the next plausible record head. A chunk
-    counts if its checksum is right. Of a chunk at a truncated end, the complete messages count.
-    With `doubtful`, messages of chunks with wrong checksums count as well. In a file with
-    chunks, messages that directly follow damage may be a part of a chunk and are doubtful too.
+    After a damaged record, the file is searched for the next plausible record head. The messages
+    of a chunk are recovered if its checksum is correct. If the file is truncated within a chunk,
+    the complete messages of this chunk are recovered. Messages are doubtful if their chunk has a
+    wrong checksum. In a file with chunks, messages directly after damage are also doubtful,
+    because they may be a part of a chunk. Doubtful messages are recovered only with `doubtful`.
     """
 
     def _scan(self, path: Path) -> None:
@@ -132,7 +133,7 @@ class RecoveredMcap(RecoveredFile):
             self.report_damage('it does not end like an MCAP file')
 
     def _take(self, offset: int) -> int | None:
-        """Process the record at an offset; return the offset after it, None for no record."""
+        """Process the record at an offset; return the offset after it, or None if invalid."""
         if len(self._data) - offset < mcap.RECORD_HEADER.size:
             return None
         opcode, size = mcap.RECORD_HEADER.unpack_from(self._data, offset)
@@ -295,17 +296,17 @@ KINDS: Final = range(Opcode.HEADER, Opcode.DATA_END + 1)
 """Opcodes that the format defines [1]; readers skip records with others."""
 _IN_CHUNKS: Final = (Opcode.SCHEMA, Opcode.CHANNEL, Opcode.MESSAGE)
 LARGEST_CHUNK_HEAD: Final = 64
-"""Size that the head of a chunk fits into [B]: 40 of numbers and the codec's name."""
+"""Largest size of the head of a chunk [B]: 40 bytes of numbers and the name of the codec."""
 _HEAD = re.compile(rb'[\x01-\x0f](?=.{5}\x00\x00\x00)', re.DOTALL)
-"""Head of a record: an opcode and a length below 2^40 [B]."""
+"""Pattern of the head of a record: an opcode and a length below 2^40 [B]."""
 _SHORTEST, _LONGEST = 4, 2**40
 """Size of the shortest and the longest plausible content of a record [B]."""
 _WINDOW = 2**26
-"""Bytes that are searched before their memory pages are released [B]."""
+"""Size of a part of the file that is searched before its memory is released [B]."""
 
 
 def _may_follow(data: Bytes, offset: int) -> bool:
-    """Return whether a record, the magic at the end or nothing more may be at an offset."""
+    """Return whether a record, the final magic or the end of the file is at an offset."""
     rest = data[offset : offset + mcap.RECORD_HEADER.size]
     if len(rest) < mcap.RECORD_HEADER.size:
         return not rest or bool(rest[0])

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Writer of MCAP files in whole chunks, which can be read however the writer ended."""
+"""Writer of MCAP files in whole chunks, which stay readable if the writer is killed."""
 
 from __future__ import annotations
 
@@ -18,8 +18,8 @@ from soliton_linkage_nodes.bags.storages.mcap_records import Channel, Opcode, Sc
 from soliton_linkage_nodes.bags.stored_topic import StoredTopic
 
 _LARGEST_CHUNK = 2**20
-"""Size at which a chunk is written [B]. A damaged byte costs a chunk; smaller chunks have more
-overhead. The format's own writers use 768 KiB to 4 MiB."""
+"""Size at which a chunk is written [B]. A damaged byte destroys its whole chunk. Smaller chunks
+have more overhead. The official MCAP writers use 768 KiB to 4 MiB."""
 
 
 class McapWriter:
@@ -27,16 +27,16 @@ class McapWriter:
 
     The definitions are repeated every ten seconds, so that messages stay readable if other parts
     of the file are lost. Every chunk contains a message, because MCAP C++ before 2.0.1 ignores the
-    index if the first chunk is empty. Definitions are therefore written with the next message;
-    those of topics without a message are also written outside of chunks. If a write fails, the
-    file is truncated to its last complete chunk.
+    index if the first chunk is empty. Therefore a definition is written in the chunk of the next
+    message. The definition of a topic without messages is also written outside the chunks. If a
+    write fails, the file is truncated to its last complete chunk.
 
     `counts` holds the number of messages by topic number, `span` the first and last stamp [ns].
     Methods raise OSError if a write fails.
     """
 
     def __init__(self, path: Path, codec: str = '', definitions_interval: float = 10.0) -> None:
-        """Create the file; `codec` is '' or 'zstd', the interval of definitions in seconds."""
+        """Create the file; `codec` is '' or 'zstd', `definitions_interval` is in [s]."""
         self.counts: Counter[int] = Counter()
         self.span: tuple[int, int] | None = None
         self._end = 0
@@ -45,7 +45,7 @@ class McapWriter:
         self._file = path.open('xb', buffering=0)
         self._schemas: dict[tuple[str, str, str], Schema] = {}
         self._channels: dict[int, Channel] = {}
-        # The buffer is reused and never shrunk: allocating takes longer than writing.
+        # The buffer is reused and never shrunk, because allocating takes longer than writing.
         self._chunk = BytesIO()
         self._pending_definitions = bytearray()
         self._entries: defaultdict[int, list[int]] = defaultdict(list)
@@ -59,7 +59,7 @@ class McapWriter:
 
     @property
     def size(self) -> int:
-        """Size of the file [B], with the pending chunk unless that will be compressed."""
+        """Size of the file [B]; it includes the pending chunk unless chunks are compressed."""
         return self._end if self._codec else self._end + self._chunk.tell()
 
     def add_topic(self, topic: StoredTopic) -> None:
@@ -92,7 +92,7 @@ class McapWriter:
             self.flush()
 
     def flush(self) -> None:
-        """Write all pending messages to the system, which keeps them if this process is killed."""
+        """Pass all pending messages to the system, so that they survive the end of the process."""
         if not self._entries:
             if self._pending_definitions:
                 self._append(self._pending_definitions)
@@ -136,7 +136,7 @@ class McapWriter:
         self._begin_chunk()
 
     def write_custom_data(self, texts: Mapping[str, str]) -> None:
-        """Write custom data, in case the file is never closed."""
+        """Write custom data as a record, which survives if the file is never closed."""
         self._add_metadata(mcap.CUSTOM_DATA, texts)
 
     def copy_record(self, opcode: int, body: mcap.Bytes) -> None:

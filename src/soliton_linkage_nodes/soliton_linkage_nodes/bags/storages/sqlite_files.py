@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Reader of rosbag2's sqlite3 files, and recovery from damaged ones, by plain table scans."""
+"""Reader of rosbag2's sqlite3 files, and recovery of damaged ones, by full table scans."""
 
 from __future__ import annotations
 
@@ -26,22 +26,22 @@ from soliton_linkage_nodes.bags.storages.storage import (
 from soliton_linkage_nodes.bags.stored_topic import StoredTopic, completed
 
 _LEAST_ROW = 4
-"""Size of the shortest row [B]: a file of n bytes has at most n / 4 rows."""
+"""Size of the shortest row [B]. A file of n bytes has at most n / 4 rows."""
 _PATIENCE = 4.0
-"""Time limit for finding a row [s], in addition to the time for reading the file."""
+"""Time limit for finding a row [s]; the time for reading the whole file is added."""
 _SLOWEST_DISK = 20e6
 """Assumed lowest read rate of a disk [B/s]."""
 _CHECK_EVERY = 20_000
-"""Steps of SQLite's virtual machine between two checks of the time limit [1]: below 1 ms."""
+"""Steps of SQLite's virtual machine between two checks of the time limit [1], less than 1 ms."""
 _LONGEST_SQL = 20_000
 """Longest table definition [characters]; bags have 200."""
 
 
 class Tables:
-    """The tables of a sqlite3 file, opened read-only; methods raise sqlite3.Error for damage."""
+    """Tables of a read-only sqlite3 file; methods raise sqlite3.Error if the file is damaged."""
 
     def __init__(self, path: Path, largest_value: int, damaged: bool = False) -> None:
-        """Open a file; values above the largest size [B] are returned as None.
+        """Open a file; values larger than `largest_value` [B] are returned as None.
 
         A `damaged` file may have fewer pages than its header states.
         """
@@ -76,7 +76,7 @@ class Tables:
         return self._database.execute(f'PRAGMA {text}').fetchall()
 
     def columns(self, table: str) -> list[str]:
-        """Return the stored columns of a table; empty if it is not a plain table."""
+        """Return the columns of a table; empty if `table` is not an ordinary table."""
         self._restart_time_limit()
         query = 'SELECT type, rootpage FROM sqlite_master WHERE name = ? LIMIT 2'
         found = self._database.execute(query, (table,)).fetchall()
@@ -91,7 +91,8 @@ class Tables:
     ) -> Iterator[tuple[Any, ...]]:
         """Yield columns of the rows of a table; `rest` is the end of the SELECT statement.
 
-        Raises sqlite3.Error if it is not a plain table or has more rows than the file can hold.
+        Raises sqlite3.Error if `table` is not an ordinary table or has more rows than the file can
+        hold.
         """
         self._check(table, columns)
         quoted = ['"{}"'.format(name.replace('"', '""')) for name in columns]
@@ -114,7 +115,7 @@ class Tables:
         return dict(self._database.execute(query))
 
     def extremes(self, table: str, column: str) -> tuple[Any, Any]:
-        """Return the least and the largest value of a column, None without rows."""
+        """Return the smallest and the largest value of a column, None without rows."""
         self._check(table, [column])
         found = [
             self._database.execute(f'SELECT {which}({column}) FROM {table}').fetchone()[0]
@@ -123,10 +124,10 @@ class Tables:
         return found[0], found[1]
 
     def topics(self) -> Iterator[tuple[Any, ...]]:
-        """Yield the fields of each topic, then the encoding and text of its definition.
+        """Yield the fields of each topic.
 
-        The fields are number, name, type, serialization, QoS profiles and hash; a field that is
-        missing in the file is an empty text.
+        The fields are number, name, type, serialization, QoS profiles, hash, and the encoding and
+        text of the definition. If the file lacks a field, its value is an empty text.
         """
         definitions: dict[Any, tuple[Any, Any]] = {}
         if self.columns('message_definitions'):
@@ -150,13 +151,13 @@ class Tables:
 
 
 _MOST_SELECTED = 500
-"""Largest number of topics [1] in an SQL condition; for more, all rows are read."""
+"""Largest number of topics in an SQL condition [1]. For more topics, all rows are read."""
 _TOPIC = ('id', 'name', 'type', 'serialization_format')
 _MESSAGE = ('topic_id', 'timestamp', 'data')
 
 
 class StoredSqlite(LimitedReader):
-    """The messages of a sqlite3 file in the order of their receive times.
+    """Reader of the messages of a sqlite3 file in the order of their receive times.
 
     Methods raise ValueError or sqlite3.Error if the file is damaged.
     """
@@ -230,10 +231,11 @@ class StoredSqlite(LimitedReader):
 
 
 class RecoveredSqlite(RecoveredFile):
-    """The messages of a sqlite3 file, row by row until SQLite reports an error.
+    """Recovery of the messages of a sqlite3 file, row by row until SQLite reports an error.
 
-    After an interrupted transaction a copy is opened, because SQLite modifies the file to complete
-    it. rosbag2 stores no checksums, so that every message counts as unverified.
+    If a transaction was interrupted, a copy is opened, because SQLite modifies the file to
+    complete the transaction. Every message is unverified, because rosbag2 stores no checksums in
+    these files.
     """
 
     def _scan(self, path: Path) -> None:
@@ -308,8 +310,8 @@ class RecoveredSqlite(RecoveredFile):
 def _with_journal(path: Path, folder: Path, excess: int = 0) -> Path:
     """Return a file, or its copy in a folder without `excess` bytes at the end [B].
 
-    SQLite modifies a file to complete an interrupted transaction, or to add the messages in its
-    write-ahead log. Therefore a copy of a file with a journal is opened.
+    A file with a journal is copied, because SQLite modifies it to complete an interrupted
+    transaction or to add the messages of its write-ahead log.
     """
     journals = [Path(f'{path}{end}') for end in ('-journal', '-wal')]
     present = [each for each in journals if each.is_file() and each.stat().st_size]
@@ -320,7 +322,7 @@ def _with_journal(path: Path, folder: Path, excess: int = 0) -> Path:
         with open_file(source, path.parent) as held, (folder / source.name).open('wb') as out:
             shutil.copyfileobj(held, out)
             if source.name.endswith('-journal'):
-                # A journal may end in the name of another file, which SQLite would delete.
+                # Clear the end of the journal. If it names another file, SQLite deletes that file.
                 out.write(bytes(8))
             elif source == path and excess:
                 out.truncate(out.tell() - excess)
@@ -340,7 +342,7 @@ def _bytes_after_last_page(path: Path) -> int:
 
 
 def _find_error(path: Path) -> str | None:
-    """Return the first error that SQLite finds in a file of a bag, None for none."""
+    """Return the first error that SQLite finds in a file of a bag, or None."""
     size = path.stat().st_size
     try:
         with closing(Tables(path, size)) as tables:

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Common parts of the readers of bag files, and the interface of recovery from damaged files."""
+"""Common parts of the readers of bag files, and the interface for recovery of damaged files."""
 
 from __future__ import annotations
 
@@ -29,11 +29,11 @@ _FORMATS = {
     'omgidl': MessageDefinitionFormat.IDL,
 }
 LAST_STAMP = 2**63 - 1
-"""Largest stamp [ns since 1970] of ROS's 64-bit time, in the year 2262."""
+"""Largest 64-bit stamp of ROS [ns since 1970], in the year 2262."""
 
 
 class Message(NamedTuple):
-    """A message with topic number, sequence number, receive time and publish time [ns]."""
+    """Message with topic number, sequence number, receive time [ns] and publish time [ns]."""
 
     topic: int
     sequence: int
@@ -43,7 +43,7 @@ class Message(NamedTuple):
 
 
 class LimitedReader:
-    """A rosbags reader whose limits are set before it is opened."""
+    """Reader in the form of rosbags; its limits must be set before it is opened."""
 
     def __init__(self) -> None:
         self.limits = DEFAULT_LIMITS
@@ -56,7 +56,7 @@ def connection(
     topic: StoredTopic,
     count: int,
 ) -> Connection:
-    """Return a topic of a file, with its number of messages, in the form of rosbags."""
+    """Return a topic of a file with its number of messages as a `Connection` of rosbags."""
     kind = _FORMATS.get(topic.definition_format, MessageDefinitionFormat.NONE)
     known = kind is not MessageDefinitionFormat.NONE
     definition = MessageDefinition(kind, topic.definition if known else '')
@@ -74,7 +74,7 @@ def connection(
 
 
 def parse_profiles(profiles: str | Sequence[Any]) -> list[Qos]:
-    """Return offered QoS profiles from YAML text or its value; empty if they are invalid."""
+    """Return QoS profiles from a YAML text or a parsed list; empty if they are invalid."""
     try:
         values: Any = profiles_in(profiles) if isinstance(profiles, str) else list(profiles)
         return parse_qos(values)
@@ -104,21 +104,21 @@ def summary_of(
 
 
 class RecoveredFile(ABC):
-    """A possibly damaged file of a bag, of which all intact messages are read.
+    """Recovery of all intact messages of a bag file, which may be damaged.
 
-    `topics` are keyed by their number in the file. `damage` describes each damaged part in a
-    line. `lost` counts messages that are known to be in the file and cannot be read,
-    `unverified` those read without a checksum. All are complete after the last message.
-    `stated` is the number of messages that the file states, 0 if it states none.
-    `records` holds opcodes and contents of MCAP records that are copied uninterpreted.
+    `topics` are keyed by their number in the file. `damage` has one line for each damaged part.
+    `lost` counts messages in the file that cannot be read. `unverified` counts messages that were
+    read without a checksum. These results are complete after the last message.
+    `stated` is the number of messages according to the statistics of the file, 0 if unknown.
+    `records` holds opcodes and contents of MCAP records that are copied unchanged.
     """
 
     def __init__(
         self, path: Path, doubtful: bool = False, limits: BagLimits = DEFAULT_LIMITS
     ) -> None:
-        """Scan the file; `doubtful` keeps messages with wrong checksums.
+        """Scan the file; `doubtful` also recovers messages with wrong checksums.
 
-        Data beyond the limits is left out and reported as damage.
+        Data beyond the limits is omitted and reported as damage.
         """
         self.topics: dict[int, StoredTopic] = {}
         self.custom_data: dict[str, str] = {}
@@ -154,7 +154,7 @@ class RecoveredFile(ABC):
         self._conclude()
 
     def report_damage(self, damage: str, lost: int = 0) -> None:
-        """Note a damaged part and the number of messages lost in it."""
+        """Add a description of a damaged part; `lost` is its number of lost messages."""
         self.damage.append(damage)
         self.lost += lost
 
@@ -168,4 +168,4 @@ class RecoveredFile(ABC):
 
     @abstractmethod
     def _conclude(self) -> None:
-        """Report damage that is known only after all messages were read."""
+        """Report damage that is detected only after all messages are read."""
