@@ -137,10 +137,7 @@ class PlaybackClock:
             self._changed.notify_all()
 
     def play_next(self) -> bool:
-        """Play one message during a pause.
-
-        Return False if the playback is not paused or no message was played in time.
-        """
+        """Play one message of a paused playback; return False if none was played in time."""
         with self._changed:
             return bool(self._step(1, self._longest_step))
 
@@ -292,10 +289,7 @@ def playback_range(reader: Reader, start_offset: float, playback_until: float) -
 
 
 def find_topics(reader: Reader, names: Sequence[str]) -> list[Connection]:
-    """Return the topics with these names, or all topics if `names` is empty.
-
-    Raises ValueError if a topic is missing.
-    """
+    """Return the named topics, by default all of the bag; ValueError if one is missing."""
     if not names:
         return list(reader.connections)
     found = (each for name in names for each in types_of_topic(reader, name))
@@ -404,11 +398,7 @@ class PlaybackThread:
         self._progress.end(f'played {self.summary(f" of {self._path}")}')
 
     def _play_from(self, reader: Reader, start: int, ahead: dict[str, int]) -> NextAction:
-        """Play from `start` [ns] on.
-
-        `ahead` holds the receive times [ns] of messages that are already published, by topic.
-        These messages are skipped.
-        """
+        """Play from `start` [ns] on, except messages in `ahead` (receive time [ns] by topic)."""
         self._clock.start(start)
         connections = self._publishers.of(reader.connections)
         messages = read_messages(reader, connections, start, self._range.end)
