@@ -7,7 +7,7 @@ import numpy as np
 
 from soliton_linkage.linkage.chain import Array, Chain
 from soliton_linkage.vision.camera import Camera
-from soliton_linkage.vision.layout import MarkerLayout
+from soliton_linkage.vision.layout import MarkerLayout, MarkerSettings
 from soliton_linkage.vision.plane import ChainPlane
 from soliton_linkage_studies.camera.renderer import (
     FilmSettings,
@@ -50,6 +50,8 @@ def renderer(
     hands: tuple[Hand, ...] = (),
 ) -> tuple[MarkerLayout, Renderer, Motion]:
     """Return a renderer of a swinging chain."""
-    layout, motion = MarkerLayout(chain), swinging(chain, amplitude, rate)
+    # A rendered film has no error of the positions.
+    layout = MarkerLayout(chain, MarkerSettings(placing_tolerance=0.0))
+    motion = swinging(chain, amplitude, rate)
     given = FilmSettings() if settings is None else settings
     return layout, Renderer(layout, chain_plane(layout), motion, given, hands), motion

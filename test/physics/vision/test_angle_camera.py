@@ -31,7 +31,7 @@ def swing(hands: tuple[Hand, ...] = ()) -> list[Picture]:
 
 def measure(pictures: Sequence[Picture]) -> tuple[AngleCamera, list[AngleFrame], np.ndarray]:
     """Return the camera, its frames and the errors of the angles [rad], (frames, N)."""
-    camera = AngleCamera(MarkerLayout(CHAIN), CAMERA)
+    camera = AngleCamera(renderer(CHAIN)[0], CAMERA)
     times = TIMES[: len(pictures)]
     seen = [camera.measure(time, each) for time, each in zip(times, pictures, strict=True)]
     truth = swinging(CHAIN, 0.15, 12.0)(times + np.array([frame.delay for frame in seen]))[0]

@@ -43,7 +43,7 @@ class AngleFrame:
     angles: Array
     """Angles phi, unwrapped [rad], shape (N,)."""
     deviations: Array
-    """Standard deviations of the angles [rad], shape (N,)."""
+    """Standard deviations of the angles [rad], shape (N,): noise, and placing of markers."""
     masses: Array
     """Dots of the masses [pixels], shape (N, 2)."""
     pivots: Array
@@ -163,7 +163,10 @@ class AngleCamera:
         )
         self._before = time
         self.tracks.add_lengths(self.pivots.positions, np.where(repeated[:, None], np.nan, masses))
-        deviations = np.hypot(factors * tangential, rate_errors * since)
+        assert self.frame_markers.placing is not None
+        placing = self.frame_markers.placing.deviations(self.pivots.positions, arms)
+        placing *= self._layout.settings.placing_tolerance
+        deviations = np.hypot(np.hypot(factors * tangential, rate_errors * since), placing)
         hidden = int(self._rotors - seen.sum())
         status = f'{hidden} of {self._rotors} rotors are hidden' if hidden else ''
         known = np.where(self.pivots.known[:, None], self._pivot_pixels, np.nan)

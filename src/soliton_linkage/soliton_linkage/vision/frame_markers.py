@@ -19,6 +19,7 @@ from soliton_linkage.vision.dot_fit import fit_dots
 from soliton_linkage.vision.dots import MIN_CONTRAST
 from soliton_linkage.vision.layout import DICTIONARY, DOT_SHARE, MarkerLayout
 from soliton_linkage.vision.opencv import Picture, opencv
+from soliton_linkage.vision.placing import PlacingErrors
 from soliton_linkage.vision.plane import ChainPlane, fit_plane
 
 _MAX_PICTURES = 1000
@@ -49,6 +50,8 @@ class FrameMarkers:
         """Plane of the chain, None before enough markers were visible."""
         self.deviation = 0.0
         """Standard deviation of a common shift of the plane [pixels]."""
+        self.placing: PlacingErrors | None = None
+        """Errors by the positions of the frame markers, None before the plane is known."""
         self.seen = 0
         """Number of visible dots in the latest picture."""
         self.moves = 0
@@ -152,6 +155,7 @@ class FrameMarkers:
         points = self._points[self._known]
         self.plane, self._noise = fit_plane(self._camera, points, self.centres)
         self.deviation = self._noise / np.sqrt(len(points))
+        self.placing = PlacingErrors(points, np.flatnonzero(self._known) // 4)
 
     def _detect(self, grey: Picture) -> dict[int, Array]:
         """Return the corners of the detected markers of the layout by number, (4, 2) each."""

@@ -55,6 +55,9 @@ class MarkerSettings:
         (), 'x of the centre of each frame marker [m], in the order of the marker numbers'
     )
     frame_z: tuple[float, ...] = quantity((), 'z of the centre of each frame marker [m]')
+    placing_tolerance: float = quantity(
+        5e-4, 'standard deviation of the positions of the frame markers', 'm', 0.0, 0.1
+    )
     even_height: float = quantity(
         0.0, 'height of the dots of even rotors above the plane of the frame markers', 'm', -10, 10
     )

@@ -16,7 +16,7 @@ from soliton_linkage.linkage.chain import Array, Chain, wrapped
 from soliton_linkage.linkage.recording import Recording
 from soliton_linkage.vision.angle_camera import AngleCamera
 from soliton_linkage.vision.camera import Camera
-from soliton_linkage.vision.layout import MarkerLayout
+from soliton_linkage.vision.layout import MarkerLayout, MarkerSettings
 from soliton_linkage.vision.opencv import opencv
 from soliton_linkage.vision.plane import ChainPlane
 from soliton_linkage.vision.video import TimedPicture, read_video, write_video
@@ -75,7 +75,7 @@ class FilmedTask:
         frames = round(duration / SIMULATED)
         whole = frames * SIMULATED / self.chain.time_unit
         motion = interpolate_motion(record_kick(self.chain, self.kick, whole, frames))
-        layout = MarkerLayout(self.chain)
+        layout = MarkerLayout(self.chain, MarkerSettings(placing_tolerance=0.0))
         plane = chain_plane(layout)
         hands = _hands(duration)
         film = Renderer(layout, plane, motion, self.settings, hands)
