@@ -28,6 +28,7 @@ RUN apt-get update && DEBIAN_FRONTEND=noninteractive apt-get install --no-instal
     ros-jazzy-geometry-msgs \
     ros-jazzy-launch \
     ros-jazzy-launch-ros \
+    ros-jazzy-lifecycle-msgs \
     ros-jazzy-rcl-interfaces \
     ros-jazzy-rclpy \
     ros-jazzy-rosgraph-msgs \

@@ -5,6 +5,7 @@ from __future__ import annotations
 
 import ast
 import os
+import shutil
 import subprocess
 import sys
 from collections.abc import Iterator
@@ -160,6 +161,17 @@ def test_one_version(monkeypatch: pytest.MonkeyPatch) -> None:
     (version,) = manifests
     for package in PACKAGES:
         assert setup_data(package, monkeypatch)['version'] == version
+
+
+@pytest.mark.parametrize('package', PACKAGES)
+def test_a_build_by_pip_leaves_the_source_tree_unchanged(package: str, tmp_path: Path) -> None:
+    source = tmp_path / 'source'
+    shutil.copytree(SOURCES / package, source, ignore=shutil.ignore_patterns('__pycache__'))
+    before = sorted(source.rglob('*'))
+    commands = ['egg_info', 'build', '--build-lib', str(tmp_path / 'built')]
+    subprocess.run([sys.executable, 'setup.py', '-q', *commands], cwd=source, check=True)
+    assert sorted(source.rglob('*')) == before
+    assert (tmp_path / 'built' / package / '__init__.py').is_file()
 
 
 def test_a_wheel_puts_one_name_on_the_path(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -1,6 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """Build of soliton_linkage: by pip, or by colcon as an ament_python package."""
 
+import sys
+import tempfile
 from pathlib import Path
 from xml.etree import ElementTree
 
@@ -8,6 +10,10 @@ from setuptools import find_packages, setup
 
 HOME = Path(__file__).resolve().parent
 PAPER = 'https://doi.org/10.1073/pnas.1405969111'
+
+# pip builds in the source tree. A folder that is removed afterwards keeps the tree clean.
+SCRATCH = tempfile.TemporaryDirectory()
+OPTIONS = {'build': {'build_base': SCRATCH.name}, 'egg_info': {'egg_base': SCRATCH.name}}
 
 setup(
     name='soliton_linkage',
@@ -47,4 +53,5 @@ setup(
     },
     entry_points={'console_scripts': ['soliton-linkage = soliton_linkage.command:main']},
     zip_safe=False,
+    options={} if 'sdist' in sys.argv else OPTIONS,
 )

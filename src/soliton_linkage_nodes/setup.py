@@ -2,6 +2,7 @@
 """Build of soliton_linkage_nodes: by colcon as an ament_python package, or by pip."""
 
 import sys
+import tempfile
 from pathlib import Path
 from xml.etree import ElementTree
 
@@ -68,6 +69,11 @@ def files(*patterns):
     return list(found.items())
 
 
+# pip builds in the source tree. A folder that is removed afterwards keeps the tree clean.
+SCRATCH = tempfile.TemporaryDirectory()
+OPTIONS = {'build': {'build_base': SCRATCH.name}, 'egg_info': {'egg_base': SCRATCH.name}}
+
+
 setup(
     name=PACKAGE,
     version=ElementTree.parse(HOME / 'package.xml').findtext('version'),
@@ -115,4 +121,5 @@ setup(
         ],
     },
     zip_safe=False,
+    options={} if 'sdist' in sys.argv else OPTIONS,
 )

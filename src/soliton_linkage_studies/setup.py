@@ -1,6 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """Build of soliton_linkage_studies: by pip, or by colcon as an ament_python package."""
 
+import sys
+import tempfile
 from pathlib import Path
 from xml.etree import ElementTree
 
@@ -20,6 +22,10 @@ STUDIES = [
     'waves',
 ]
 SETTINGS = [str(path.relative_to(HOME)) for path in sorted(HOME.glob('settings/*.yaml'))]
+
+# pip builds in the source tree. A folder that is removed afterwards keeps the tree clean.
+SCRATCH = tempfile.TemporaryDirectory()
+OPTIONS = {'build': {'build_base': SCRATCH.name}, 'egg_info': {'egg_base': SCRATCH.name}}
 
 setup(
     name=PACKAGE,
@@ -56,4 +62,5 @@ setup(
         ]
     },
     zip_safe=False,
+    options={} if 'sdist' in sys.argv else OPTIONS,
 )
