@@ -53,7 +53,7 @@ from soliton_linkage.estimation.filter_bank import (
 from soliton_linkage.estimation.settings import DEFAULTS, FilterSettings
 
 _Summary = tuple[float, float, float, float, float]
-_FIRST_ODDS = 4.5
+_FIRST_ODDS = 5.5
 """Prior log odds for a steady wall without unmodelled damping [1]."""
 _LEAST_IMPULSE = 0.1
 """Least standard deviation of the change of rate by an impulse, over the scale of rates [1]."""

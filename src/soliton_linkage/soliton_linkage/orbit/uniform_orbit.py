@@ -20,7 +20,7 @@ import math
 from dataclasses import replace
 from functools import lru_cache
 from itertools import pairwise
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from scipy.integrate import OdeSolution
@@ -48,8 +48,8 @@ _DEPTHS_OF_EDGE = 8.0
 proportional to a relative error of e^-16."""
 _SAMPLES_A_SITE = 16
 """Samples of the site near an edge per spacing or penetration depth [1]: errors are 1e-6."""
-_ON_ORBIT = 1e-4
-"""Largest distance of a wall at rest from the orbit [rad]; walls that an edge reflects differ."""
+_STEP = 1e-5
+"""Step of the site for the derivative of a wall at rest [rotor spacings]."""
 _SHORT = 0.3
 """Last step over the step before below which both are sampled as one [1]."""
 _EXACT = 1e-12
@@ -225,48 +225,27 @@ class _ShortOrbit:
         the same distance without an edge, from the arc alone."""
 
     def _edge(self, leg: int, at_first: bool) -> PiecewiseCubic:
+        """Return the map, from the arc |dPhi/dx| of static walls up to a site without edges."""
         chain, last = self._chain, self._chain.number_of_rotors - 1
         depth = penetration_depth(chain) / chain.spacing
-        scale = site_arc(chain)
         reach = min(last / 2, 2 + _DEPTHS_OF_EDGE * depth)
         count = math.ceil(_SAMPLES_A_SITE * reach / max(depth, 1.0)) + 3
-        begin = self.reflections[leg - 1] - (self.length if leg == 0 else 0.0)
-        way = 1 if leg % 2 == 0 else -1
-        distances: list[float] = []
-        without: list[float] = []
-        ahead = 0.0
-        for distance in np.linspace(reach, 0.0, count).tolist():
+        distances = np.linspace(0.0, reach, count)
+        speeds = []
+        for distance in np.maximum(distances, _STEP).tolist():
             site = distance if at_first else last - distance
-            arc = self.middles[leg] + way * scale * (
-                site + (ahead if at_first else -ahead) - last / 2
-            )
-            found = self._arc_of(static_wall(chain, site, leg), arc)
-            if found is None or not begin <= found <= self.reflections[leg]:
-                break
-            site = last / 2 + way * (found - self.middles[leg]) / scale
-            reached = site if at_first else last - site
-            # Some walls of flippers are reflected before they reach the edge rotor.
-            if without and reached >= without[-1]:
-                break
-            distances.append(distance)
-            without.append(reached)
-            ahead = without[-1] - distance
-        ends: list[Any] = ['not-a-knot', 'not-a-knot']
-        if reach < last / 2:
-            without[0], ends[1] = reach, (1, 1.0)
-        return PiecewiseCubic(CubicSpline(without[::-1], distances[::-1], bc_type=tuple(ends)))
-
-    def _arc_of(self, wall: Array, arc: float) -> float | None:
-        """Return the arc [rad] near another one at which the orbit has angles (N,), or None."""
-        apart = np.empty_like(wall)
-        for _ in range(_STEPS):
-            angles, tangent = np.split(np.asarray(self._spline(arc % self.length)), 2)
-            apart = wrapped(wall - angles)
-            step = float(apart @ tangent)
-            arc += step
-            if abs(step) < _EXACT:
-                break
-        return arc if np.abs(apart).max() < _ON_ORBIT else None
+            walls = [static_wall(chain, site + step, leg) for step in (-_STEP, _STEP)]
+            speeds.append(float(np.linalg.norm(wrapped(walls[1] - walls[0]))) / (2 * _STEP))
+        way = CubicSpline(distances, np.array(speeds) / site_arc(chain)).antiderivative()
+        without = reach + way(distances) - way(reach)
+        # Some walls of flippers are reflected before they reach the edge rotor.
+        begin = self.reflections[leg - 1] - (self.length if leg == 0 else 0.0)
+        begins = at_first == (leg % 2 == 0)
+        end = self.middles[leg] - begin if begins else self.reflections[leg] - self.middles[leg]
+        first = int(np.searchsorted(without, last / 2 - end / site_arc(chain)))
+        far = (1, 1.0) if reach < last / 2 else 'not-a-knot'
+        ends = 'not-a-knot', far
+        return PiecewiseCubic(CubicSpline(without[first:], distances[first:], bc_type=ends))
 
     def _tangent(self, angles: Array) -> Array:
         """Return the unit zero mode in the direction of the orbit [1], (N,).
