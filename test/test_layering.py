@@ -100,7 +100,7 @@ def test_physics_imports_nothing_but_itself_and_numerics() -> None:
         if package != 'soliton_linkage_nodes':
             allowed = IMPORTED_BY_PHYSICS | sys.stdlib_module_names
             allowed |= IMPORTED_BY_STUDIES if package == 'soliton_linkage_studies' else set()
-            allowed |= {'numba', 'llvmlite'} if inner in ('compiling', 'loop_cache') else set()
+            allowed |= {'numba'} if inner in ('compiling', 'loop_cache') else set()
             allowed |= {'argcomplete'} if inner == 'command_line' else set()
             foreign = {name for name in imports(module) if name.split('.')[0] not in allowed}
             offenders += [f'{module} imports {name}' for name in sorted(foreign)]

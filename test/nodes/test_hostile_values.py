@@ -44,7 +44,7 @@ NODES = {
 }
 MOST_MESSAGES = 12
 OF_EVERY_NODE = ('rcl_interfaces', 'type_description_interfaces')
-INFO = {'publication_sequence_number': None, 'source_timestamp': 0}
+INFO = {'publication_sequence_number': None, 'source_timestamp': 0, 'received_timestamp': 0}
 
 
 def attack(node: Any, data: DataObject) -> None:

@@ -14,12 +14,12 @@ import hashlib
 import logging
 import pickle
 from collections.abc import Callable, Iterator
+from importlib.metadata import version
 from pathlib import Path
 from types import CodeType, FunctionType
 from typing import Any
 from uuid import uuid4
 
-import llvmlite
 import numba
 import numpy as np
 from numba.core.caching import FunctionCache
@@ -43,7 +43,7 @@ class LoopCache(FunctionCache):  # type: ignore[misc]
     def _index_key(self, sig: Any, codegen: Any) -> tuple[str, str]:
         """Return the name of a loop's file, and all that its content depends on."""
         target = repr((sig, codegen.magic_tuple()))
-        versions = f'numba {numba.__version__} llvmlite {llvmlite.__version__}'
+        versions = f'numba {numba.__version__} llvmlite {version("llvmlite")}'
         enclosed = super()._index_key(sig, codegen)[2:]
         digest = sources_digest(self._py_func)
         return target, f'{target} {versions} {self._options} {enclosed} {digest}'
