@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """Entry points of all nodes and programs.
 
-A signal ends a program at once during its import, which takes seconds on a busy machine.
-Otherwise a KeyboardInterrupt would print a traceback there, or get lost in a library.
+During the import of a program, which takes seconds on a busy machine, a signal ends the process
+immediately. Otherwise a KeyboardInterrupt would print a traceback or be suppressed by a library.
 """
 
 from __future__ import annotations
@@ -28,11 +28,11 @@ def _start(program: str) -> None:
         finally:
             sys.stdout.flush()
     except BrokenPipeError:
-        # Python would write to the closed pipe again at its exit.
+        # Redirect the output, because Python writes to the closed pipe again at its exit.
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         sys.exit(CLOSED_PIPE)
     finally:
-        # Python removes its handlers before its exit, so that a second signal would kill it.
+        # Python removes its signal handlers at its exit. Without this, a second signal kills it.
         signal.signal(signal.SIGINT, signal.SIG_IGN)
         signal.signal(signal.SIGTERM, signal.SIG_IGN)
 

@@ -52,9 +52,9 @@ from soliton_linkage_nodes.runtime.stamps import SECOND, time_from_msg
 from soliton_linkage_nodes.runtime.subscriptions import StreamSubscription
 
 _MOST_CAMERAS = 63
-"""Largest number of a Linux camera [1]."""
+"""Largest device number of a Linux camera [1]."""
 _LONGEST_STATE_AGE = 1.0
-"""Largest age of a soliton_state that is drawn into pictures [s]."""
+"""Largest age of a `soliton_state` that is drawn into pictures [s]."""
 _STOP_LIMIT = 5.0
 """Longest wait for the camera thread, which may be waiting for a picture [s]."""
 
@@ -177,7 +177,7 @@ class CameraEncoders(ManagedNode):
     def _publish_overlay(
         self, named: NamedChain, picture: Picture, reading: CameraReading
     ) -> None:
-        """Publish an overlay if there is a subscriber and the period is over."""
+        """Publish an overlay if there is a subscriber and the overlay period has elapsed."""
         period = round(SECOND / self.settings.overlay_rate)
         if not self._overlay.get_subscription_count():
             return

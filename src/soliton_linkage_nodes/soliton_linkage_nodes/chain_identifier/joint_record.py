@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Recorded joint states, impulses and tilts, from which a chain is identified."""
+"""Record of joint states, impulses and tilts for the identification of a chain."""
 
 from __future__ import annotations
 
@@ -27,9 +27,9 @@ from soliton_linkage_nodes.messages.frame_reader import FrameReader
 from soliton_linkage_nodes.runtime.stamps import SECOND, time_from_msg
 
 _MOST_IMPULSES = 10_000
-"""Largest number of kept impulses, and of kept tilts [1]."""
+"""Largest number of stored impulses, and of stored tilts [1]."""
 _MOST_UNMATCHED = 100
-"""Standard deviations that are kept before their angles arrive [1]."""
+"""Largest number of stored messages with standard deviations whose angles are missing [1]."""
 _Impulses = deque[tuple[int, Array | None]]
 """Stamps [ns] and angular impulses [N m s], shape (N,), None if only the time is known."""
 
@@ -39,16 +39,16 @@ def _no_impulses() -> _Impulses:
 
 
 class JointRecord:
-    """A bounded number of frames, with the impulses and tilts that acted meanwhile.
+    """Record of a limited number of frames, with the impulses and tilts during this time.
 
-    Delivered impulses replace commanded impulses, because their stamps are those of frames.
-    Commands have another clock if the simulator does not publish the time.
+    Delivered impulses replace commanded impulses, because they have the stamps of frames.
+    Commands have stamps of another clock if the simulator does not publish `/clock`.
     """
 
     def __init__(self, joint_names: Sequence[str], most: int) -> None:
-        """Keep at most so many frames of these joints, rotor 0 first.
+        """Store at most `most` frames of these joints, rotor 0 first.
 
-        If no names are given, use the names in the first message.
+        If `joint_names` is empty, use the names in the first message.
         """
         self.joint_names = tuple(joint_names)
         self.frames = 0
@@ -68,12 +68,12 @@ class JointRecord:
         return len(self._angles)
 
     def add(self, joints: JointStates) -> None:
-        """Keep complete frames later than the previous one; raise ValueError for invalid ones."""
+        """Store frames that are complete and later than the previous one; ValueError if invalid."""
         for frame in self._assembler.add(joints):
             self._keep(frame)
 
     def finish(self) -> None:
-        """Keep an incomplete last frame; raise ValueError if it is invalid."""
+        """Store an incomplete last frame; raise ValueError if it is invalid."""
         for frame in self._assembler.flush():
             self._keep(frame)
 
@@ -88,7 +88,7 @@ class JointRecord:
         self.frames += 1
 
     def add_deviations(self, joints: JointStates) -> None:
-        """Keep the standard deviations of the angles of a stamp; raise ValueError if invalid."""
+        """Store the standard deviations of the angles of a frame; raise ValueError if invalid."""
         named = self._reader is not None
         self._deviations[joints.stamp] = self._read(joints)
         if not named:
@@ -97,9 +97,10 @@ class JointRecord:
             self._drop_unmatched_deviations()
 
     def add_command(self, message: RotorImpulses | JointState, received: int) -> None:
-        """Keep nonzero commanded impulses or torques; use the time of reception without a stamp.
+        """Store nonzero commanded impulses or torques.
 
-        Torques that arrive before the joints are known are dropped.
+        `received` [ns] replaces a missing stamp. Torques that arrive before the joints are known
+        are dropped.
         """
         stamp = time_from_msg(message.header.stamp) or received
         if isinstance(message, RotorImpulses):
@@ -122,11 +123,14 @@ class JointRecord:
                 self._delivered_torques.append((now.stamp, impulses))
 
     def add_tilt(self, tilt: float, received: int) -> None:
-        """Keep a tilt of the chain [rad] that begins at a time [ns]."""
+        """Store a tilt of the chain [rad] that begins at `received` [ns]."""
         self._tilts.append((received, tilt))
 
     def readings(self, gravity: Gravity = NO_GRAVITY) -> Readings:
-        """Return the record with times since the first frame; `gravity` holds until a tilt."""
+        """Return the record with times since the first frame.
+
+        `gravity` applies until the first recorded tilt.
+        """
         begin = next(iter(self._angles), 0)
         unknown = np.full(len(self.joint_names), np.nan)
         deviations = [self._deviations.get(stamp, unknown) for stamp in self._angles]
@@ -154,7 +158,7 @@ class JointRecord:
 
     @property
     def _impulses(self) -> list[tuple[int, Array | None]]:
-        """DeliveryTotals impulses if any were reported, otherwise commanded ones."""
+        """Return the delivered impulses if any were reported, otherwise the commanded impulses."""
         torques = self._commanded_torques
         if self._delivered is not None:
             torques = self._delivered_torques

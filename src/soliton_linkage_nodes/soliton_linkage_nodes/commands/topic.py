@@ -16,7 +16,7 @@ from soliton_linkage_nodes.runtime.interfaces import Topic
 from soliton_linkage_nodes.runtime.subscriptions import AdaptiveSubscription
 
 _QOS = QoSProfile(depth=1000)
-"""Reliable quality of service if the publishers offer it."""
+"""Requested quality of service; best effort is used if a publisher offers no more."""
 _LINGER = 0.1
 """Wait after the last message [s], so that it is sent before the publisher closes."""
 

@@ -56,11 +56,11 @@ class Visitor:
         self.node.destroy_node()
 
     def spin(self, seconds: float = _SPIN) -> None:
-        """Execute the next callback, if one is ready in time [s]."""
+        """Execute the next callback that is ready within `seconds`."""
         self._executor.spin_once(timeout_sec=seconds)
 
     def until(self, condition: Callable[[], Any], seconds: float | None = None) -> bool:
-        """Spin until a condition holds; return False after a time [s], by default the limit."""
+        """Spin until a condition holds; return False after `seconds`, by default the limit."""
         deadline = self._clock() + (self.limit if seconds is None else seconds)
         while not condition():
             if self._clock() > deadline:
@@ -75,7 +75,7 @@ class Visitor:
             self.spin(min(left, _SPIN))
 
     def settled(self, there: Callable[[], Found]) -> Found:
-        """Return a list from the graph after it is complete and no longer changes."""
+        """Return the list from `there` when it is complete and no longer changes."""
         begun = since = self._clock()
         found = there()
         while self._clock() < min(

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Commands to the actuators, which are executed or rejected as a whole."""
+"""Commands to the actuators. Each command is executed completely or rejected."""
 
 from __future__ import annotations
 
@@ -31,7 +31,8 @@ from soliton_linkage_nodes.messages.conversions import NamedChain
 from soliton_linkage_nodes.runtime.stamps import time_from_msg
 
 _MOST_KICKS_WAITING = 50
-"""Half the depth of the queue of rotor_impulses, so that no accepted kick is lost."""
+"""Largest number of kicks that wait for the simulator [1]. It is half the depth of the queue of
+`rotor_impulses`, so that no accepted kick is lost."""
 
 
 @dataclass(frozen=True)
@@ -62,7 +63,7 @@ class Commands:
         self._publishers = publishers
 
     def nudge(self, source: str, message: Float64) -> None:
-        """Kick as the parameters specify."""
+        """Apply a kick with the edge and the form that the parameters specify."""
         kick = EdgeCommand(Edge(self.settings.nudge_edge), CommandKind.KICK, message.data)
         if self.settings.nudge_as == CommandKind.KICK.value:
             self._command(source, kick)

@@ -37,10 +37,10 @@ from soliton_linkage_nodes.runtime.process import run
 from soliton_linkage_nodes.runtime.subscriptions import CountedSubscription, StreamSubscription
 
 _POLL_INTERVAL = 0.02
-"""Poll interval for frames of an idle chain [s], shorter than state_timeout, and short enough
-to keep the code path of a kick in the caches."""
+"""Poll interval for frames of an idle chain [s]. It is shorter than `state_timeout` and keeps the
+code path of a kick in the caches of the processor."""
 _IDLE_AFTER = 1.0
-"""Time without commands after which the chain is idle [s]; a change takes 1 ms."""
+"""Time without commands after which the chain is idle [s]."""
 
 
 class EdgeActuator(ManagedNode):
@@ -49,8 +49,8 @@ class EdgeActuator(ManagedNode):
     Subscribes to `nudge` [rad/s], `edge_command`, `joint_commands`, `~/commands` and
     `~/joint_trajectory` [N m], `joint_states`, `delivery` and, unless parameters specify the
     chain, to `chain`. Publishes `rotor_impulses` [N m s], `rotor_torques` [N m], `last_kick`
-    (latched) and `/diagnostics`. Each of `joints` has a parameter `torque_limits.<joint>` [N m],
-    and the parameter `actuator` selects the parameters of its kind.
+    (latched) and `/diagnostics`. Each joint in `joints` has a parameter `torque_limits.<joint>`
+    [N m]. The parameter `actuator` selects the kind of actuator, which has its own parameters.
     """
 
     PARAMETERS = PARAMETERS
@@ -85,7 +85,7 @@ class EdgeActuator(ManagedNode):
         )
 
     def deactivate(self) -> None:
-        """Release the chain: end all torques and drop waiting commands."""
+        """End all torques and drop waiting commands."""
         chain = self.commands.chain
         if chain is not None:
             if chain.driver.busy:
@@ -94,7 +94,7 @@ class EdgeActuator(ManagedNode):
         self.output.flush()
 
     def follow_parameters(self) -> None:
-        """Apply the parameters of nudges."""
+        """Apply changed parameters of nudges."""
         self.commands.settings = current(self, EdgeActuatorParameters)
 
     def _listen(self) -> None:
@@ -189,14 +189,14 @@ class EdgeActuator(ManagedNode):
             raise
 
     def _attend(self) -> None:
-        """Take each frame when it arrives while the chain is driven and shortly afterwards."""
+        """Take each arriving frame while the chain is driven and shortly afterwards."""
         now, chain = time.monotonic(), self.commands.chain
         if chain is not None and chain.driver.busy:
             self._busy_until = now
         self._joint_states.dispatch(now - self._busy_until < _IDLE_AFTER)
 
     def _catch_up(self) -> None:
-        """Take the frames that wait while the chain is idle."""
+        """Take the frames that arrived while the chain was idle."""
         if not self._joint_states.dispatched:
             for serialized in self._joint_states.take_waiting():
                 if self.active:

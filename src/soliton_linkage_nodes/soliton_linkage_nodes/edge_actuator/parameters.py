@@ -19,7 +19,7 @@ from soliton_linkage_nodes.runtime.parameters import declare
 
 @dataclass(frozen=True)
 class EdgeActuatorParameters:
-    """Parameters of the node except for the edge actuators."""
+    """Parameters of the node, without the parameters of the edge actuators."""
 
     actuator: str = quantity('pneumatic', 'kind of the actuators at the edges')
     nudge_edge: str = quantity(
@@ -77,7 +77,7 @@ PARAMETERS: dict[type, str] = {
 
 
 def declare_torque_limits(node: Node, settings: EdgeActuatorParameters) -> Mapping[str, float]:
-    """Declare `torque_limits.<joint>` of each of `joints` and return them by joint [N m].
+    """Declare `torque_limits.<joint>` for each joint in `joints`; return limits [N m] by joint.
 
     Raises ValueError for an invalid or duplicate name.
     """

@@ -28,7 +28,7 @@ class LatestFrames:
     def __init__(self, longest: float, watch: Callable[[int, Array], None]) -> None:
         """Reject joint states that are older than `longest` [s].
 
-        `watch` is called once with the stamp [ns] and angles [rad] of each frame that is read.
+        When a frame is read, `watch` is called once with its stamp [ns] and angles [rad].
         """
         self.freshness = Freshness(longest)
         self.taken = 0
@@ -41,7 +41,7 @@ class LatestFrames:
         self._latest: bytes | None = None
 
     def take(self, serialized: bytes) -> None:
-        """Keep joint states, given as CDR bytes."""
+        """Store joint states, given as CDR bytes."""
         self._previous, self._latest = self._latest, serialized
         self.taken += 1
         self.freshness.renew()
@@ -66,17 +66,17 @@ class LatestFrames:
 
     @property
     def stamp_before(self) -> int | None:
-        """Stamp of the frame before the latest [ns], None without one."""
+        """Stamp of the frame before the latest [ns], or None."""
         return None if self._previous is None else self._decoder.stamp(self._previous)
 
     def period(self, stamp: int) -> float | None:
-        """Return the time from the frame before to a stamp [ns], in seconds; None if unknown."""
+        """Return the time [s] from the previous frame to `stamp` [ns]; None if unknown."""
         before = self.stamp_before
         return None if before is None or stamp <= before else (stamp - before) / SECOND
 
 
 class ActuatorPublishers:
-    """Publishers of `rotor_impulses`, `rotor_torques` and `last_kick`, with the node's stamps."""
+    """Publishers of `rotor_impulses`, `rotor_torques` and `last_kick`, stamped by the node."""
 
     def __init__(self, node: Node) -> None:
         """Publish as a node."""
@@ -107,7 +107,10 @@ class ActuatorPublishers:
         return bool(self._node.count_publishers(interfaces.DELIVERY.name))
 
     def check_connected(self, at_once: bool) -> None:
-        """Raise ValueError if the impulses (`at_once`) or the torques have no subscriber."""
+        """Raise ValueError if there is no subscriber.
+
+        With `at_once`, the topic of the impulses is checked, otherwise the topic of the torques.
+        """
         publisher = self._impulses if at_once else self._torques
         if not publisher.get_subscription_count():
             name = publisher.topic_name.rsplit('/', 1)[-1]
@@ -125,7 +128,7 @@ class ActuatorPublishers:
         publish_buffer(self._torques, buffer.fill(self.now, torques))
 
     def report(self, named: NamedChain, kick: KickReport) -> None:
-        """Publish a kick that is over."""
+        """Publish the report of a finished kick."""
         self._last_kick.publish(last_kick_to_msg(named, kick))
 
     def flush(self) -> None:

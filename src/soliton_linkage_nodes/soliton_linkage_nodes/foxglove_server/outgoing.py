@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Topics of the graph as channels; the node subscribes to each only while a client does."""
+"""Topics of the graph as channels. The node subscribes to a topic only while a client does."""
 
 from __future__ import annotations
 
@@ -40,10 +40,10 @@ class OutgoingTopic:
         return self._subscription is not None
 
     def poll(self, new_client: bool, adapt: bool) -> None:
-        """Subscribe while a client does.
+        """Subscribe to the topic if a client does, otherwise end the subscription.
 
-        `new_client` requests latched messages again; `adapt` checks the quality of service that
-        the publishers offer.
+        `new_client` requests latched messages again. `adapt` adapts the quality of service to the
+        offers of the publishers.
         """
         if not self._channel.has_sinks():
             self._unsubscribe()
@@ -76,7 +76,7 @@ class OutgoingTopics:
     """Channels of all topics of the graph."""
 
     def __init__(self, node: Node, context: Context, reject: Callable[[str, str], None]) -> None:
-        """Offer topics in a context; pass the name and reason of a rejected one to `reject`."""
+        """Offer topics in a context; call `reject` with name and reason of each rejected topic."""
         self.topics: dict[str, OutgoingTopic] = {}
         self._sent_by_withdrawn = 0
         self._node, self._context, self._reject = node, context, reject
@@ -88,7 +88,7 @@ class OutgoingTopics:
         return self._sent_by_withdrawn + sum(topic.sent for topic in self.topics.values())
 
     def search(self) -> None:
-        """Offer new topics and withdraw topics that ended."""
+        """Offer new topics and withdraw topics without publishers and subscribers."""
         found: dict[str, list[str]] = dict(self._node.get_topic_names_and_types())
         for name, topic in list(self.topics.items()):
             if topic.type not in found.get(name, ()) or self._is_deserted(name):

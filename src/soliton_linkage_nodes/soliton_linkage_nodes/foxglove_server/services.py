@@ -39,7 +39,7 @@ class OfferedService:
         self.name, self.type = name, type_
         self.answer_timeout = 10.0
         """Longest time for a response of the service [s]."""
-        # Only packages of ROS are imported, because the name is foreign input.
+        # The name comes from an untrusted source. Therefore only ROS packages are imported.
         request, response = (
             MessageSchema(
                 encoding='cdr',
@@ -70,7 +70,7 @@ class OfferedService:
             self._waiting = [each for each in self._waiting if not each[1].done()]
 
     def close(self) -> None:
-        """Destroy the client and fail the waiting requests."""
+        """Destroy the client; waiting requests fail with an error."""
         for _, answer in self._waiting:
             _set_result(answer, ValueError(f'{self.name} ended'))
         self._waiting.clear()
@@ -104,10 +104,10 @@ class OfferedService:
 
 
 class OfferedServices:
-    """Services of the graph without the services of this node and of actions."""
+    """All services of the graph except those of this node and of actions."""
 
     def __init__(self, node: Node, server: WebSocketServer, queue: Queue, reject: Reject) -> None:
-        """Offer services on a server; pass the name and reason of a rejected one to `reject`."""
+        """Offer services on a server; call `reject` with name and reason of each rejected one."""
         self.services: dict[str, OfferedService] = {}
         self._node, self._server, self._queue, self._reject = node, server, queue, reject
         self._rejected: dict[str, Sequence[str]] = {}

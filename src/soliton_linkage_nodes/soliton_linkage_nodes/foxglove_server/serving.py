@@ -47,7 +47,7 @@ class IncomingTopic:
             raise ValueError(f'{type_name} cannot be published: {reason}') from error
 
     def publish(self, data: bytes) -> None:
-        """Publish the data of a client; raise ValueError if they are not a message of the type."""
+        """Publish the data of a client; raise ValueError if it is not a message of the type."""
         if self._encoding == 'json':
             message: Any = built(self._type, load_json(data.decode(errors='replace')))
         else:
@@ -63,7 +63,7 @@ class IncomingTopic:
 
 
 class Serving:
-    """Server with the topics and services between its clients and the graph."""
+    """Server that connects its clients to the topics and services of the graph."""
 
     def __init__(
         self,

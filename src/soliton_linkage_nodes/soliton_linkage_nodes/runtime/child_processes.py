@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Child processes of nodes, which end with their parent, and private ROS domains."""
+"""Child processes that run nodes and end with their parent process, and private ROS domains."""
 
 from __future__ import annotations
 
@@ -25,18 +25,18 @@ _PACKAGE = 'soliton_linkage_nodes'
 START_LIMIT = 60.0
 """Longest time until nodes have discovered each other, on a busy machine [s]."""
 _PARENT_DEATH_SIGNAL = 1
-"""PR_SET_PDEATHSIG of prctl(2), so that no node outlives a parent that was killed."""
+"""PR_SET_PDEATHSIG of prctl(2), which stops a node when its parent process is killed."""
 _STOP_LIMIT = 10.0
-"""Time for a node to end before it is killed [s]: a recorder may wait for its disk."""
+"""Time for a node to end before it is killed [s]. A recorder may wait for its disk."""
 _LOG_TAIL = 5
-"""Log lines that are shown when a node has ended."""
+"""Number of log lines in the error about an ended node [1]."""
 _DOMAINS = 100
-"""Number of domains of the coordinator, from 1 on."""
+"""Largest domain number of private domains [1]."""
 _C_LIBRARY = ctypes.CDLL(None)
 
 
 class ChildProcesses:
-    """Processes of nodes of the suite, each with a log file of its output."""
+    """Processes that run nodes of the suite, each with a log file of its output."""
 
     def __init__(self, log_folder: Path) -> None:
         self._log_folder = log_folder
@@ -51,7 +51,7 @@ class ChildProcesses:
         environment: dict[str, str],
         own: Sequence[str] = (),
     ) -> None:
-        """Start a node with ROS arguments, after its own."""
+        """Start a node with the arguments `own`, followed by the ROS arguments `arguments`."""
         executable = Path(get_package_prefix(_PACKAGE), 'lib', _PACKAGE, node)
         self._start(node, [str(executable), *own, '--ros-args', *arguments], environment)
 
@@ -69,10 +69,10 @@ class ChildProcesses:
             )
 
     def ended(self) -> dict[str, str]:
-        """Return how each process has ended that `restart` can start again.
+        """Return a description of the end of each ended process, for use with `restart`.
 
-        Raises RuntimeError, with the last output, if a process failed within a minute of its
-        start, because it would fail again.
+        Raises RuntimeError with the last output if a process failed within a minute of its start,
+        because it would fail again.
         """
         found = {}
         for node, process in self._running.items():
@@ -85,18 +85,21 @@ class ChildProcesses:
         return found
 
     def restart(self, node: str) -> None:
-        """Start an ended process again, as it was started before."""
+        """Start an ended process again with the same arguments and environment."""
         _, command, environment = self._starts[node]
         self._start(node, command, environment)
 
     def check(self) -> None:
-        """Raise RuntimeError, with the last output, if a process has ended."""
+        """Raise RuntimeError with the last output if a process has ended."""
         for node, process in self._running.items():
             if process.poll() is not None:
                 raise RuntimeError(self._ended(node, process.returncode))
 
     def wait(self, node: str, seconds: float) -> bool:
-        """Wait for a process to end; return False after a time [s]; RuntimeError if it failed."""
+        """Wait up to `seconds` for a process to end; return whether it has ended.
+
+        Raises RuntimeError with the last output if it failed.
+        """
         try:
             code = self._running[node].wait(seconds)
         except subprocess.TimeoutExpired:
@@ -107,7 +110,10 @@ class ChildProcesses:
         return True
 
     def stop(self, nodes: Sequence[str] | None = None) -> dict[str, int]:
-        """Terminate some processes, or all, and return their exit codes; kill them after 10 s."""
+        """Terminate the named processes, by default all; return their exit codes.
+
+        A process that runs for 10 s longer is killed.
+        """
         named = nodes or tuple(self._running)
         chosen = {node: self._running.pop(node) for node in named if node in self._running}
         for process in chosen.values():
@@ -128,13 +134,13 @@ class ChildProcesses:
 
 
 def page_address(output: str) -> str | None:
-    """Return the address of the page from the output of live_view, None before it serves one."""
+    """Return the address of the page from the output of live_view, or None if it has none yet."""
     found = re.search(r'open (http://\S+)', output)
     return found[1] if found else None
 
 
 def has_display() -> bool:
-    """Return whether a browser can be shown."""
+    """Return whether this process can open a window."""
     return bool(os.environ.get('DISPLAY') or os.environ.get('WAYLAND_DISPLAY'))
 
 
@@ -142,8 +148,8 @@ def has_display() -> bool:
 def private_domain() -> Iterator[None]:
     """Put this process and its children into a free ROS domain of this machine.
 
-    The domain is drawn at random, because nodes on the last one used may still be ending. The
-    block must not raise OSError, which the coordinator takes for a domain in use.
+    The domain is drawn at random, because nodes may still be ending on the domain of an earlier
+    run. The block must not raise OSError, because the coordinator would then try another domain.
     """
     with domain_coordinator.domain_id(lambda: random.randint(1, _DOMAINS)) as domain:
         os.environ['ROS_DOMAIN_ID'] = str(domain)
@@ -156,8 +162,9 @@ def private_domain() -> Iterator[None]:
 def restrict_to_loopback() -> None:
     """Make this process and its children unreachable from other machines.
 
-    With LOCALHOST alone, Fast DDS still opens its sockets to all interfaces and uses shared
-    memory. A process that is killed at its start leaves a segment there that blocks all others.
+    The discovery range LOCALHOST does not suffice, because Fast DDS then still opens its sockets
+    on all network interfaces. It also uses shared memory. If a process is killed while it starts,
+    it leaves a memory segment that blocks all other processes.
     """
     os.environ['ROS_AUTOMATIC_DISCOVERY_RANGE'] = 'LOCALHOST'
     try:

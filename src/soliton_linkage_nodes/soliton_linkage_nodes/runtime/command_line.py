@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Command line of a node: its help, and rejection of unknown arguments."""
+"""Command line of a node: help text and rejection of unknown arguments."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ from soliton_linkage_nodes.runtime.parameters import (
 )
 
 NodeClass = Callable[[], Node]
-"""The class of a node that needs no arguments."""
+"""Class of a node, whose constructor needs no arguments."""
 USAGE = 2
 """Exit code of a program with wrong arguments, as in argparse."""
 _WIDTH = 96
@@ -33,7 +33,7 @@ _WIDTH = 96
 _ROS_OPTIONS = ('--params-file', '-p', '--param', '-r', '--remap', '--log-level')
 _EXAMPLES = ('-p NAME:=VALUE', '--params-file FILE', '-r NAME:=OTHER_NAME')
 _PATHS = ('bag', 'output')
-"""Parameters that a bare path is proposed for."""
+"""Parameters that the proposal for an argument without a name may set."""
 
 
 def check_arguments(node: NodeClass, arguments: Sequence[str]) -> None:
@@ -45,7 +45,7 @@ def check_arguments(node: NodeClass, arguments: Sequence[str]) -> None:
         try:
             print(help_text(node), flush=True)
         except BrokenPipeError:
-            # A pager has closed the pipe; Python would report that again at its end.
+            # A pager has closed the pipe. Without this, Python reports an error at its exit.
             os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         sys.exit(0)
     try:
@@ -125,7 +125,7 @@ def _command(node: NodeClass) -> str:
 
 
 def _proposal(node: NodeClass, unknown: Sequence[str]) -> str | None:
-    """Return the arguments that the user probably meant, None without a guess."""
+    """Return the arguments that the user probably meant, or None if there is no proposal."""
     first, rest = unknown[0], unknown[1:]
     known = parameter_names(node)
     option, _, value = first.partition('=')

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Node diagnostics on /diagnostics, and rejection of invalid input."""
+"""Diagnostics of nodes on /diagnostics, and rejection of invalid input."""
 
 from __future__ import annotations
 
@@ -20,18 +20,18 @@ from soliton_linkage_nodes.runtime.interfaces import DIAGNOSTICS
 _PERIOD = 1.0
 """Period of the reports [s], as in diagnostic_updater."""
 MOST_LINES = 100
-"""Largest number of log lines of a throttle in a period [1]."""
+"""Largest number of log lines of a throttle in one period [1]."""
 _NUMBERS = re.compile(r'[-+]?(?:\d+\.?\d*(?:e[-+]?\d+)?|\binf\b|\bnan\b)')
 
 
 class LogThrottle:
-    """Filter that logs each kind of message once a period, with the number of suppressed ones.
+    """Filter that logs each kind of message once per period, with the number of dropped messages.
 
-    Messages that differ only in their numbers are of one kind.
+    Messages that differ only in their digits are of the same kind.
     """
 
     def __init__(self, log: Callable[[str], object], period: float) -> None:
-        """Pass lines to `log`; the period is in [s]."""
+        """Pass lines to `log`; `period` is in [s]."""
         self._log = log
         self._period = period
         self._start = -period
@@ -43,7 +43,7 @@ class LogThrottle:
         return len(self._suppressed)
 
     def log(self, message: str) -> None:
-        """Log a message, unless one of its kind was logged within the period."""
+        """Log a message unless a message of the same kind was logged within the period."""
         now = time.monotonic()
         if now - self._start >= self._period:
             self._start = now
@@ -68,7 +68,7 @@ class LogThrottle:
 
 @dataclass(frozen=True)
 class Report:
-    """State of a node: one sentence, and values by name."""
+    """State of a node as one sentence, with further values by name."""
 
     message: str
     values: Mapping[str, Any] = field(default_factory=dict)
@@ -78,11 +78,12 @@ class Report:
 class Diagnostics:
     """Publisher of a node's report once a second, and counter of rejected input and failures.
 
-    Each of `monitors` returns a concern, empty for none, and values; both are added to the report.
+    Each function in `monitors` returns a warning (empty: none) and values by name. Both are added
+    to the report.
     """
 
     def __init__(self, node: Node, task: str, report: Callable[[], Report]) -> None:
-        """Start reporting as '<node>: <task>'."""
+        """Start publishing reports with the name '<node>: <task>'."""
         self.rejected = 0
         self.failed = 0
         self.monitors: list[Callable[[], tuple[str, Mapping[str, Any]]]] = []
@@ -91,7 +92,7 @@ class Diagnostics:
         self._report = report
         self._rejected_before = self._failed_before = 0
         self._last_rejection = self._last_failure = ''
-        # rclpy's own throttle takes 0.7 ms a message, because it looks up the calling line.
+        # The throttle of rclpy takes 0.7 ms per message, because it determines the calling line.
         self._rejections = LogThrottle(lambda line: node.get_logger().warning(line), _PERIOD)
         self._failures = LogThrottle(lambda line: node.get_logger().error(line), _PERIOD)
         self._publisher = DIAGNOSTICS.publisher(node)
@@ -100,19 +101,19 @@ class Diagnostics:
         )
 
     def reject(self, source: str, reason: object) -> None:
-        """Count a rejected input and log the reason, each kind once a second."""
+        """Count a rejected input; log each kind of reason at most once per second."""
         self.rejected += 1
         self._last_rejection = f'{source}: {reason}'
         self._rejections.log(f'rejected {self._last_rejection}')
 
     def fail(self, failure: str) -> None:
-        """Count a failure of the node and log it, each kind once a second."""
+        """Count a failure of the node; log each kind of failure at most once per second."""
         self.failed += 1
         self._last_failure = failure
         self._failures.log(failure)
 
     def guarded(self, source: str, take: Callable[..., Any]) -> Callable[..., Any]:
-        """Return a callback that rejects a message if `take` raises ValueError or the like."""
+        """Return a callback that rejects a message if `take` raises an error about its content."""
 
         @wraps(take)
         def take_or_reject(*args: Any) -> None:
@@ -128,7 +129,7 @@ class Diagnostics:
         return take_or_reject
 
     def publish(self) -> None:
-        """Publish the present report."""
+        """Publish the current report."""
         report = self._report()
         values, concerns = dict(report.values), []
         for monitor in self.monitors:

@@ -17,8 +17,8 @@ from rclpy.qos import QoSProfile, ReliabilityPolicy
 from rclpy.subscription import Subscription
 
 SERVICE_QOS = QoSProfile(depth=1000, reliability=ReliabilityPolicy.RELIABLE)
-"""Quality of service of services and clients. The default of ROS keeps ten calls and loses others;
-a client receives the responses to all clients of its service."""
+"""Quality of service of services and clients. A client receives the responses to all clients of
+its service. The default queue of ROS has ten entries and loses responses of busy services."""
 ACTION_QOS = {f'{call}_service_qos_profile': SERVICE_QOS for call in ('goal', 'result', 'cancel')}
 
 
@@ -30,27 +30,30 @@ def describe_error(error: BaseException) -> str:
 
 
 def unknown_parameter(node: Node, name: str, known: Iterable[str]) -> str:
-    """Return the error of a parameter that a node has not declared."""
+    """Return the error message for a parameter that a node has not declared."""
     near = difflib.get_close_matches(name, list(known), n=1)
     remedy = f'did you mean {near[0]!r}?' if near else f'known: {", ".join(sorted(known))}'
     return f'parameter {name!r} of {node.get_name()} is unknown; {remedy}'
 
 
 class GuardedNode(Node):
-    """Node that drops the message, logs and continues if a callback raises, except MemoryError."""
+    """Node that continues if a callback raises an exception other than MemoryError.
+
+    It logs the exception and drops the message.
+    """
 
     _undispatched: frozenset[Subscription] = frozenset()
     _finalisers: Mapping[Subscription, Callable[[], None]] = {}
 
     @property
     def subscriptions(self) -> Iterator[Subscription]:
-        """Subscriptions that executors call back for."""
+        """Subscriptions whose callbacks an executor calls."""
         return (each for each in super().subscriptions if each not in self._undispatched)
 
     def dispatch(self, subscription: Subscription, dispatched: bool) -> None:
-        """Have executors call back for each message of a subscription, or leave messages waiting.
+        """Let executors take the messages of a subscription if `dispatched`, else leave them.
 
-        At 1000 messages a second, waking the executor costs more than taking the messages.
+        At 1000 messages per second, waking the executor takes longer than reading the messages.
         """
         this = frozenset([subscription])
         self._undispatched = self._undispatched - this if dispatched else self._undispatched | this
@@ -58,7 +61,7 @@ class GuardedNode(Node):
             self.executor.wake()
 
     def destroy_subscription(self, subscription: Subscription) -> bool:
-        """Destroy a subscription, dispatched or not."""
+        """Destroy a subscription, even if executors do not take its messages."""
         self._undispatched -= {subscription}
         if subscription in self._finalisers:
             self._finalisers[subscription]()
@@ -84,7 +87,7 @@ class GuardedNode(Node):
         timer: Any = None
 
         def act() -> None:
-            # An executor calls once more if the timer was due when it was destroyed.
+            # If the timer was due when it was destroyed, an executor still calls this.
             if timer is None or timer in self.timers:
                 guarded()
 
@@ -118,7 +121,7 @@ class GuardedNode(Node):
         return super().set_parameters_atomically(parameter_list)
 
     def guarded(self, action: str, call: Callable[..., Any]) -> Callable[..., Any]:
-        """Return a callback whose exceptions are logged as a failure to do an action."""
+        """Return a callback whose exceptions are logged as 'could not <action>: <error>'."""
 
         @wraps(call)
         def call_or_fail(*args: Any) -> None:
@@ -132,7 +135,7 @@ class GuardedNode(Node):
         return call_or_fail
 
     def fail(self, action: str, error: Exception) -> str:
-        """Count a failure, log it in one line and return the line."""
+        """Count a failure; log it in one line and return this line."""
         failure = f'could not {action}: {describe_error(error)}'
         diagnostics = getattr(self, 'diagnostics', None)
         (self.get_logger().error if diagnostics is None else diagnostics.fail)(failure)
@@ -140,7 +143,7 @@ class GuardedNode(Node):
 
 
 def _reject(request: Any, response: Any, reason: str) -> Any:
-    """Return a response that rejects a request, as far as it has fields for that."""
+    """Return a response that rejects a request, if its type has fields for that."""
     if hasattr(response, 'success'):
         response.success = False
     for text in ('message', 'reason'):

@@ -32,13 +32,13 @@ from soliton_linkage_msgs.msg import (
 )
 
 _DEEPEST_QUEUE = 1000
-"""Largest depth of a stream [messages]: one second at 1000 Hz."""
+"""Largest queue depth of a stream [messages], one second at 1000 Hz."""
 _QUEUE_BYTES = 64 * 2**20
-"""Largest memory of the queue of a stream at each end [B]."""
+"""Largest memory of the queue of a stream in the publisher, and in each subscriber [B]."""
 _LONGEST_RECORD = 100_000
-"""Depth for a whole record [messages]: 100 s at 1000 Hz. Only waiting messages take memory."""
+"""Queue depth for a whole record [messages], 100 s at 1000 Hz. Unused places take no memory."""
 ACKNOWLEDGEMENT_LIMIT = 0.5
-"""Longest wait for acknowledgements at the end of a node [s], enough on a busy machine."""
+"""Longest wait for acknowledgements when a node ends [s], enough on a busy machine."""
 _POLL_INTERVAL = 0.02
 """Poll interval while waiting for subscribers [s]."""
 _DISCOVERY_TIME = 1.0
@@ -51,28 +51,31 @@ def reliable_qos(depth: int) -> QoSProfile:
 
 
 def stream_qos(message_size: int = 0) -> QoSProfile:
-    """Return a reliable quality of service as deep as 64 MiB of messages allow, 10 to 1000."""
+    """Return a reliable quality of service for messages of `message_size` [B].
+
+    The depth is 10 to 1000, so that a full queue takes at most 64 MiB if possible.
+    """
     affordable = _QUEUE_BYTES // max(message_size, 1)
     return reliable_qos(int(min(_DEEPEST_QUEUE, max(10, affordable))))
 
 
 def lossless_stream_qos() -> QoSProfile:
-    """Return a quality of service that holds a whole record; both ends need it."""
+    """Return a quality of service for a whole record, to be used by publisher and subscriber."""
     return reliable_qos(_LONGEST_RECORD)
 
 
 def command_qos() -> QoSProfile:
-    """Return a volatile quality of service, so that a late joiner does not repeat a kick."""
+    """Return a volatile quality of service, so that a late subscriber receives no old kick."""
     return reliable_qos(100)
 
 
 def image_qos() -> QoSProfile:
-    """Return a shallow quality of service, because a display needs only the newest picture."""
+    """Return a quality of service with a short queue; a display needs only new pictures."""
     return reliable_qos(5)
 
 
 def latched_qos(depth: int = 1) -> QoSProfile:
-    """Return a transient local quality of service: a late joiner receives the last messages."""
+    """Return a transient-local quality of service; late subscribers receive `depth` messages."""
     return QoSProfile(
         depth=depth,
         reliability=ReliabilityPolicy.RELIABLE,
@@ -82,7 +85,7 @@ def latched_qos(depth: int = 1) -> QoSProfile:
 
 @dataclass(frozen=True)
 class Topic:
-    """One topic of the suite; its name is relative unless it begins with a slash."""
+    """Topic of the suite; its name is relative unless it begins with a slash."""
 
     name: str
     type: Any
@@ -90,7 +93,7 @@ class Topic:
 
     @property
     def latched(self) -> bool:
-        """Whether a late joiner receives the last message."""
+        """Whether a late subscriber receives the last message."""
         return bool(self.qos.durability == DurabilityPolicy.TRANSIENT_LOCAL)
 
     def publisher(self, node: Node) -> Publisher:
@@ -140,7 +143,7 @@ SUITE_TOPICS = (
 )
 """Topics of the nodes, which bags contain."""
 DISPLAY_TOPICS = (ROBOT_DESCRIPTION, MARKERS, SOLITON_POSE, KYMOGRAPH)
-"""Topics for viewers, which are computed from the others."""
+"""Topics for viewers, which are computed from `SUITE_TOPICS`."""
 CAMERA_TOPICS = (IMAGE, COMPRESSED_IMAGE, CAMERA_INFO, CAMERA_OVERLAY)
 """Topics of cameras that replace encoders."""
 
@@ -156,9 +159,9 @@ def wait_for_subscriber(
     stopping: threading.Event | None = None,
     fewest: int = 1,
 ) -> bool:
-    """Wait until a topic has `fewest` subscribers and no other was discovered for a second.
+    """Wait until a topic has `fewest` subscribers and their number is constant for a second.
 
-    Returns False after a time [s], or if `stopping` is set.
+    Returns False after `seconds`, or if `stopping` is set.
     """
     stopped = stopping or threading.Event()
     deadline = time.monotonic() + seconds

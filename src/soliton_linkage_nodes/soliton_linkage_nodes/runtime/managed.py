@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Lifecycle nodes, which start by themselves or on the request of a manager."""
+"""Lifecycle nodes, which activate themselves or are activated by a lifecycle manager."""
 
 from __future__ import annotations
 
@@ -34,17 +34,18 @@ class ManagedParameters:
 class ManagedNode(GuardedNode, LifecycleNode):
     """Node with the lifecycle of ROS: unconfigured, inactive, active.
 
-    A subclass lists the parameters to declare in `PARAMETERS` and overrides four methods:
-    `configure` creates the topics and does what takes long, `activate` starts, `deactivate`
-    stops at once, `cleanup` closes the rest. Topics, timers and services of `configure` are
-    destroyed after `cleanup`. If `configure` or `activate` raises, the node logs the error and
-    keeps its state; a node that starts by itself raises the error in its constructor.
+    A subclass lists the parameters to declare in `PARAMETERS` and overrides four methods.
+    `configure` creates the topics and performs slow preparations. `activate` starts the work.
+    `deactivate` stops it immediately. `cleanup` closes other resources, such as files. After
+    `cleanup`, the topics, timers and services of `configure` are destroyed. If `configure` or
+    `activate` raises, the node logs the error and keeps its state. With `autostart`, the
+    constructor raises the error.
     """
 
     PARAMETERS: ClassVar[dict[type, str]] = {}
 
     def __init__(self, name: str, **kwargs: Any) -> None:
-        """Declare the parameters and, unless a manager does that, configure and activate."""
+        """Declare the parameters; with `autostart`, also configure and activate the node."""
         super().__init__(name, **kwargs)
         self.active = False
         self.configured = False
@@ -73,16 +74,16 @@ class ManagedNode(GuardedNode, LifecycleNode):
             declare(self, group, prefix)
 
     def configure(self) -> None:
-        """Create the topics and do what takes long."""
+        """Create the topics and perform slow preparations."""
 
     def activate(self) -> None:
-        """Start."""
+        """Start the work of the node."""
 
     def deactivate(self) -> None:
-        """Stop at once; `active` is False already."""
+        """Stop the work immediately; `active` is already False."""
 
     def cleanup(self) -> None:
-        """Close what `configure` has opened, except topics, timers and services."""
+        """Close the resources of `configure`, except topics, timers and services."""
 
     def follow_parameters(self) -> None:
         """Apply changed parameters."""
@@ -102,11 +103,11 @@ class ManagedNode(GuardedNode, LifecycleNode):
             raise ValueError(f'{self.get_name()} is not active; activate it first')
 
     def reporting(self, report: Callable[[], Report]) -> Callable[[], Report]:
-        """Return a report that covers the inactive state."""
+        """Return `report`, extended to the inactive state of the node."""
         return lambda: report() if self.active else Report('not active')
 
     def on_configure(self, state: LifecycleState) -> TransitionCallbackReturn:
-        """Configure, or destroy everything that was created."""
+        """Configure; if that fails, destroy everything that was created."""
         self._permanent = {each for kind in _DESTROYERS for each in getattr(self, kind)}
         self.configured = self._run(self.configure)
         if not self.configured:
@@ -119,13 +120,13 @@ class ManagedNode(GuardedNode, LifecycleNode):
         return self._answer(self.active, 'activated')
 
     def on_deactivate(self, state: LifecycleState) -> TransitionCallbackReturn:
-        """Deactivate, also if `deactivate` raises."""
+        """Deactivate, even if `deactivate` raises."""
         self.active = False
         self._run(self.deactivate)
         return self._answer(True, 'deactivated')
 
     def on_cleanup(self, state: LifecycleState) -> TransitionCallbackReturn:
-        """Clean up, also if `cleanup` raises."""
+        """Clean up, even if `cleanup` raises."""
         self.configured = False
         self._run(self.cleanup)
         self._destroy_entities()
@@ -174,18 +175,18 @@ class ManagedNode(GuardedNode, LifecycleNode):
         return TransitionCallbackReturn.SUCCESS if done else TransitionCallbackReturn.FAILURE
 
     def _destroy_entities(self) -> None:
-        """Destroy what `configure` has created."""
+        """Destroy the topics, timers and services that `configure` created."""
         self._undispatched = frozenset()
         for kind, destroy in _DESTROYERS.items():
             for entity in [each for each in getattr(self, kind) if each not in self._permanent]:
                 destroy(self, entity)
 
     def _reject_impossible_transitions(self) -> None:
-        """Reject a transition that the present state does not have.
+        """Reject a transition that is impossible in the current state.
 
-        rclpy raises RCLError into the executor, which ends the process: measured with rclpy of
-        Jazzy by one call of `change_state` with the id 250. Its handler is a private method that
-        a subclass cannot override, hence the replaced callback.
+        Without this, rclpy raises RCLError in the executor, which ends the process. In Jazzy, one
+        call of `change_state` with the id 250 suffices. The handler of rclpy is private and cannot
+        be overridden. Therefore the callback of the service is replaced.
         """
         service = self._service_change_state
         change = service.callback

@@ -17,17 +17,18 @@ from soliton_linkage_nodes.runtime.stamps import SECOND
 _LOWEST_PRIORITY = 1
 """Priority in SCHED_FIFO [1]: above ordinary threads, below all other real-time threads."""
 _INTERVAL = 0.05
-"""Interval between two measurements of the processor share [s]: the kernel stops real-time threads
-after 0.95 s."""
+"""Interval between two measurements of the processor share [s]. It must be short, because the
+kernel stops real-time threads that run for 0.95 s."""
 _LARGEST_SHARE = 0.8
-"""Largest share of a core of a process that keeps its priority [1]."""
+"""Largest processor share of a process that keeps its priority [cores]."""
 
 
 def raise_priority(raised: bool, threads: Sequence[int] = (0,)) -> None:
-    """Give threads, and those that they start, priority over ordinary ones, or remove it.
+    """Give threads real-time priority if `raised`, otherwise remove it.
 
-    Threads are given by their system numbers, 0 for the calling one. The priority is the lowest
-    of SCHED_FIFO. Without permission (limit rtprio), nothing changes.
+    `threads` holds system thread numbers, 0 for the calling thread. Threads that they start later
+    inherit the priority, which is the lowest of SCHED_FIFO. Without permission (limit rtprio),
+    nothing changes.
     """
     priority = _LOWEST_PRIORITY if raised else 0
     policy = os.SCHED_FIFO if raised else os.SCHED_OTHER
@@ -37,23 +38,24 @@ def raise_priority(raised: bool, threads: Sequence[int] = (0,)) -> None:
 
 
 def yield_core() -> None:
-    """Yield the core to other real-time threads; an ordinary thread continues.
+    """Yield the core to other real-time threads; this has no effect in an ordinary thread.
 
-    A SCHED_FIFO thread that has woken others otherwise delays them until it sleeps, if the other
-    cores are busy.
+    Without this, a SCHED_FIFO thread delays the threads that it has woken until it sleeps, if the
+    other cores are busy.
     """
     if os.sched_getscheduler(0) == os.SCHED_FIFO:
         os.sched_yield()
 
 
 class IdlePriority:
-    """Real-time priority of a process while it is mostly idle, so that overload harms no other.
+    """Real-time priority of a process while it is mostly idle.
 
-    The default are the calling thread and the threads of the middleware.
+    An overloaded process loses the priority, so that it does not delay other processes. By
+    default, the calling thread and the threads of the middleware have the priority.
     """
 
     def __init__(self, real_time: bool, threads: Sequence[int] | None = None) -> None:
-        """Give the threads priority if `real_time`, otherwise do nothing."""
+        """Give the threads priority if `real_time` is set, otherwise do nothing."""
         self._real_time = real_time
         self._raised = True
         self._since = (time.monotonic(), time.process_time())
@@ -62,7 +64,7 @@ class IdlePriority:
             raise_priority(True, self._threads)
 
     def update(self) -> None:
-        """Update the priority by the recent share of a core of the process."""
+        """Raise or remove the priority according to the recent processor share."""
         now, (then, busy) = time.monotonic(), self._since
         if not self._real_time or now - then < _INTERVAL:
             return
@@ -81,17 +83,17 @@ def _middleware_threads() -> list[int]:
 
 
 _LONGEST_LAG = 10**8
-"""Largest lateness that is made up for [ns]; beyond it the deadlines are postponed."""
+"""Largest lateness without a change of later deadlines [ns]; above it they are postponed."""
 _LONGEST_SLEEP = 0.1
-"""Longest time between two checks for a stop or another rate [s]."""
+"""Longest time between two checks for a stop or a changed rate [s]."""
 _IDLE = 0.005
-"""Sleep of a loop of infinite rate that has nothing to do [s]."""
+"""Sleep of a loop with infinite rate after a call without work [s]."""
 _PRIORITY_LIMIT = 10**7
-"""Lateness above which a loop has no priority [ns]: ten periods of 1000 Hz."""
+"""Lateness above which a loop has no priority [ns], ten periods at 1000 Hz."""
 
 
 class Punctuality(NamedTuple):
-    """Deadlines of a loop since its start."""
+    """Statistics of the deadlines of a loop since its start."""
 
     ticks: int
     """Number of calls."""
@@ -104,12 +106,12 @@ class Punctuality(NamedTuple):
 
 
 class PacedLoop:
-    """Thread that calls a function at t0 + k / rate, computed from k = 0, 1, ... alone.
+    """Thread that calls a function at the times t0 + k / rate, with k = 0, 1, ...
 
-    A late call is made at once, and the next deadlines stay. If the loop is more than 0.1 s
-    behind, all later deadlines are postponed equally, so that there is no burst. A changed
-    rate counts from the moment of the change, as t0. At an infinite rate each call follows the
-    last, after a pause if that returned False because it had nothing to do.
+    A late call is made immediately and does not change the next deadlines. If a call is more than
+    0.1 s late, all later deadlines are postponed by this lateness to prevent a burst of calls. A
+    change of the rate sets t0 to the time of the change. At an infinite rate the function is
+    called without pauses. If it returns False, which means no work, the thread sleeps for 5 ms.
 
     With `real_time` the thread has priority while it is less than 10 ms late. A loop can be
     started again after a stop.
@@ -127,7 +129,7 @@ class PacedLoop:
         self._raised: bool | None = None
 
     def start(self) -> None:
-        """Start, with the first call at once."""
+        """Start the thread; it makes the first call immediately."""
         self._stopping.clear()
         self._raised = None
         self._thread = threading.Thread(target=self._run, name='pacing', daemon=True)

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Parameter files, and notices about the ones that a node was started with."""
+"""Parameter files, and notices about the parameter files of a node."""
 
 from __future__ import annotations
 
@@ -19,16 +19,16 @@ _WILDCARDS = {'**': r'(/\w+)*', '*': r'/\w+'}
 
 
 class Notice(NamedTuple):
-    """A line to log."""
+    """Line to log."""
 
     text: str
     warning: bool
 
 
 def resolve_path(argument: str, value: str, known: Mapping[str, Path]) -> Path:
-    """Return the path of a launch argument, which is a known name or a path.
+    """Return the path of a launch argument, whose value is a known name or a path.
 
-    Raises ValueError, which names the argument, if nothing is there.
+    Raises ValueError if the path does not exist.
     """
     path = known.get(value, Path(value))
     if not path.exists():
@@ -49,9 +49,9 @@ def check_files(arguments: Sequence[str]) -> None:
 
 
 def read_sections(path: Path) -> dict[str, dict[str, Any]]:
-    """Return the parameters of a file by the node pattern of their section and by their name.
+    """Return the parameters of a file: a mapping from names to values for each node pattern.
 
-    Raises OSError, or ValueError if it is no parameter file.
+    Raises OSError if the file cannot be read, and ValueError if it is no parameter file.
     """
     try:
         sections = dict(_sections(yaml.safe_load(path.read_text(encoding='utf-8')), ''))
@@ -71,9 +71,10 @@ def matches(pattern: str, node: str) -> bool:
 
 
 def notices(node: Node, arguments: Sequence[str], others: Sequence[Node] = ()) -> Iterator[Notice]:
-    """Yield notices about the parameter files and the `-p` that a node was started with.
+    """Yield notices about the parameter files and the `-p` arguments of a node.
 
-    A file may be for `others` alone, nodes that were started with the same arguments.
+    `others` are nodes that were started with the same arguments. A file without parameters of
+    `node` gives no notice if it has parameters of these nodes.
     """
     name = node.get_fully_qualified_name()
     started = [name, *(other.get_fully_qualified_name() for other in others)]
@@ -94,7 +95,7 @@ def notices(node: Node, arguments: Sequence[str], others: Sequence[Node] = ()) -
 
 
 def _conflict(node: Node, name: str, filed: Any, rule: str, path: Path) -> Iterator[Notice]:
-    """Yield a notice about the value that a node uses, if file and `-p` differ."""
+    """Yield a notice about the value that a node uses if a file and `-p` differ."""
     if name not in overrides(node):
         return
     used, typed = overrides(node)[name].value, rule.partition(':=')[2]
@@ -125,7 +126,7 @@ def _flattened(values: Mapping[str, Any], above: str) -> Iterator[tuple[str, Any
 
 
 def _rules(arguments: Sequence[str], node: str) -> Iterator[tuple[str, str]]:
-    """Yield name and rule of each `-p` for this node or for all."""
+    """Yield parameter name and text of each `-p` argument for this node or for all nodes."""
     for rule in [*_values_of(arguments, '-p'), *_values_of(arguments, '--param')]:
         target, _, name = rule.partition(':=')[0].rpartition(':')
         if target in ('', node):
@@ -137,7 +138,7 @@ def _values_of(arguments: Sequence[str], option: str) -> list[str]:
 
 
 def _number(value: Any) -> Any:
-    """Return a value for a comparison, in which 1e-3 is a number, unlike in YAML 1.1."""
+    """Return a value for comparison; texts such as 1e-3, which YAML 1.1 keeps, become numbers."""
     try:
         read = yaml.safe_load(value) if isinstance(value, str) else value
         return float(read) if isinstance(read, (str, int, float)) else read

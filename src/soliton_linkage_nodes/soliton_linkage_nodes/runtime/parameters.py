@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""ROS parameters from dataclasses: declared with description, unit, range and read-only flag."""
+"""ROS parameters from the fields of dataclasses, with description, unit, range and read-only flag."""
 
 from __future__ import annotations
 
@@ -49,10 +49,10 @@ _LARGEST_INTEGER = 2**63 - 1
 
 
 def declare(node: Node, parameters: type[Parameters], prefix: str = '') -> Parameters:
-    """Declare the described fields of a dataclass as parameters and return their values in it.
+    """Declare the described fields of a dataclass as parameters; return an instance with values.
 
-    Fields without a description keep their default. Declared parameters keep their value.
-    Raises ValueError, with parameter, value, limit and remedy, if a value is not allowed.
+    Fields without a description keep their defaults. Parameters that are already declared keep
+    their values. Raises ValueError if a value is not allowed.
     """
     quantities = described_fields(parameters)
     if quantities and all(node.has_parameter(prefix + name) for name in quantities):
@@ -75,7 +75,7 @@ def declare(node: Node, parameters: type[Parameters], prefix: str = '') -> Param
 
 
 def current(node: Node, parameters: type[Parameters], prefix: str = '') -> Parameters:
-    """Return the present values of the declared fields of a dataclass."""
+    """Return an instance of a dataclass with the current values of its declared parameters."""
     types = get_type_hints(parameters)
     values = {
         name: node.get_parameter(prefix + name).value for name in described_fields(parameters)
@@ -91,9 +91,9 @@ def make_adjustable(node: Node, name: str) -> None:
 
 
 def reject_unknown(node: Node) -> None:
-    """Raise ValueError for a parameter that a node was given and has not declared.
+    """Raise ValueError if the user has set a parameter that a node has not declared.
 
-    The parameters `chain.*` may be given to every node, whether it needs them or not.
+    The parameters `chain.*` are accepted by every node, even if it does not use them.
     """
     declared = set(node.get_parameters_by_prefix(''))
     knows_chain = any(name.startswith(_SHARED) for name in declared)
@@ -103,7 +103,7 @@ def reject_unknown(node: Node) -> None:
 
 
 def overrides(node: Node) -> Mapping[str, Parameter]:
-    """Return the parameters that a node was given; rclpy has no public name for them."""
+    """Return the parameters that the user has set for a node; rclpy has no public name for them."""
     given: dict[str, Parameter] = node._parameter_overrides
     return given
 
@@ -119,7 +119,7 @@ def description_with_unit(described: Quantity) -> str:
 
 
 def describe_range(described: Quantity) -> str:
-    """Return the allowed values of a parameter, empty for any."""
+    """Return a description of the allowed values of a parameter, empty if all are allowed."""
     low, high = described.minimum, described.maximum
     if described.choices:
         return f'one of {", ".join(described.choices)}'
@@ -131,7 +131,7 @@ def describe_range(described: Quantity) -> str:
 def _check(
     adjustable: Mapping[str, Quantity], changes: Sequence[Parameter]
 ) -> SetParametersResult:
-    """Reject a change at run time that rclpy does not check, such as one of the choices."""
+    """Reject invalid changes at run time that rclpy does not check, such as unknown choices."""
     for change in changes:
         complaint = change.name in adjustable and adjustable[change.name].complaint(change.value)
         if complaint:
@@ -141,7 +141,10 @@ def _check(
 
 
 def _convert_changes(node: Node) -> None:
-    """Convert the types of changes at run time like values of files, once for a node."""
+    """Add a callback to a node, once, that converts the types of changes at run time.
+
+    The conversion is the same as for values in files.
+    """
     # rclpy concatenates the results of several such callbacks.
     if node not in _CONVERTING:
         _CONVERTING.add(node)
@@ -159,9 +162,10 @@ def _convert_change(node: Node, change: Parameter) -> Parameter:
 
 
 def _convert(kind: Parameter.Type, value: Any) -> Any:
-    """Return a whole number as a float if the type is one, and an empty list of any type.
+    """Convert a value to the declared type of a parameter.
 
-    An empty list has no value in a file, and is one of bytes or bools elsewhere.
+    Whole numbers become floats. An empty list becomes an empty list of the declared type, because
+    it has no value in a file and the type bytes or bools elsewhere.
     """
     if kind in _LISTS and isinstance(value, (NoneType, list, tuple, array)):
         elements = list(value or ())
@@ -181,7 +185,7 @@ def _declare_one(node: Node, name: str, kind: Any, default: Any, described: Quan
         raise ValueError(f'parameter {name} of {node.get_name()} = {value!r} {complaint}')
     descriptor = _descriptor(type_, described)
     if type_ in _LISTS:
-        # rclpy infers the type of a list from its elements, and has none for an empty one.
+        # rclpy infers the type of a list from its elements, which fails for an empty list.
         node.declare_parameter(name, type_, ignore_override=True)
         node.set_parameters([Parameter(name, type_, list(value))])
         node.set_descriptor(name, descriptor)

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Processes of nodes: start, or one line with the reason of a failure, and stop on a signal."""
+"""Processes of nodes: start, spinning, stop on a signal, and errors in one line."""
 
 from __future__ import annotations
 
@@ -29,13 +29,13 @@ from soliton_linkage_nodes.runtime.parameter_files import check_files, notices
 from soliton_linkage_nodes.runtime.parameters import reject_unknown
 
 _SPIN = 0.02
-"""Poll interval of a condition while no message comes [s]."""
+"""Poll interval of a condition without incoming messages [s]."""
 _SHARE_OF_PERIOD = 0.1
 """Switch interval of the interpreter, in frame periods [1]. With the default of 5 ms a frame of
 1000 Hz is five periods late. Sensitivity: at 0.5x, waiting threads wake twice as often; at 2x,
 frames are late by another tenth of a period."""
 _SHORTEST_INTERVAL = 1e-4
-"""Shortest switch interval [s]: a switch takes some microseconds."""
+"""Shortest switch interval [s]. A switch takes a few microseconds."""
 _MIXED = 'Sequence should be of same type'
 """Error of rcl for a list such as [1, 0.5]."""
 _LONGEST_WAIT = 0.1
@@ -48,7 +48,7 @@ def spin_until(
     seconds: float,
     give_up: Callable[[], bool] = lambda: False,
 ) -> bool:
-    """Spin until a condition holds; return False after a time [s] or if `give_up` is true."""
+    """Spin until a condition holds; return False after `seconds` or if `give_up` returns True."""
     deadline = time.monotonic() + seconds
     while not condition():
         if give_up() or time.monotonic() > deadline:
@@ -58,10 +58,10 @@ def spin_until(
 
 
 class WaitingNode(Node):
-    """Node of a program that spins it while it waits for answers; it takes no parameters."""
+    """Node of a program, which spins only while the program waits; it has no parameters."""
 
     def __init__(self, name: str, stopping: threading.Event, **kwargs: Any) -> None:
-        """Join the graph; setting `stopping` interrupts `wait`."""
+        """Create the node; if `stopping` is set, `wait` returns."""
         super().__init__(name, **kwargs)
         self.stopping = stopping
         reject_unknown(self)
@@ -69,11 +69,11 @@ class WaitingNode(Node):
         self._waiting.add_node(self)
 
     def wait(self, condition: Callable[[], Any], seconds: float) -> bool:
-        """Spin until a condition holds; return False after a time [s] or an interrupt."""
+        """Spin until a condition holds; return False after `seconds` or if `stopping` is set."""
         return spin_until(self._waiting, condition, seconds, self.stopping.is_set)
 
     def wait_uninterrupted(self, condition: Callable[[], Any], seconds: float) -> bool:
-        """Spin until a condition holds, interrupted or not; return False after a time [s]."""
+        """Spin until a condition holds, even if `stopping` is set; False after `seconds`."""
         return spin_until(self._waiting, condition, seconds)
 
     def destroy_node(self) -> None:
@@ -85,7 +85,7 @@ class WaitingNode(Node):
 def stop_on_signals() -> threading.Event:
     """Return an event that SIGINT and SIGTERM set.
 
-    rclpy's own handlers shut the context down at once, and queued messages are lost.
+    The handlers of rclpy shut the context down immediately, which loses queued messages.
     """
     stopping = threading.Event()
     for number in (signal.SIGINT, signal.SIGTERM):
@@ -94,14 +94,17 @@ def stop_on_signals() -> threading.Event:
 
 
 def interrupt_on_signals() -> None:
-    """Make SIGINT and SIGTERM raise KeyboardInterrupt, in a program that computes."""
+    """Let SIGINT and SIGTERM raise KeyboardInterrupt, for programs with long computations."""
     signal.signal(signal.SIGINT, signal.default_int_handler)
     signal.signal(signal.SIGTERM, signal.default_int_handler)
 
 
 @contextmanager
 def interruptible(stopping: threading.Event) -> Iterator[None]:
-    """Make SIGINT and SIGTERM raise KeyboardInterrupt, at once if `stopping` is set."""
+    """Let SIGINT and SIGTERM raise KeyboardInterrupt in a block.
+
+    If `stopping` is already set, it is raised immediately.
+    """
     handlers = {number: signal.getsignal(number) for number in (signal.SIGINT, signal.SIGTERM)}
     interrupt_on_signals()
     try:
@@ -127,16 +130,17 @@ def initialise(arguments: list[str] | None = None) -> None:
 def run(create_node: Callable[[], Node], finished: Callable[[Any], bool] | None = None) -> None:
     """Spin a node of a class until SIGINT, SIGTERM or its end, and end the process.
 
-    `finished` returns whether the node has finished, or raises its failure, because executors
-    print a trace of exceptions in callbacks. The exit code is 0; 1 after one line if the node
-    could not start or continue; 2 after one line if an argument is unknown.
+    `finished` returns whether the node has finished, or raises the error that stopped the node. An
+    error must not be raised in a callback, because executors then print a traceback. The exit code
+    is 0 after a normal end, 1 if the node could not start or continue, and 2 if an argument is
+    unknown. An error is printed in one line.
     """
     check_arguments(create_node, sys.argv[1:])
     run_together([Component(create_node, finished)], sys.argv)
 
 
 class Component(NamedTuple):
-    """Constructor of a node, and a function that returns whether the node has finished."""
+    """Constructor of a node, and function that returns whether this node has finished."""
 
     create: Callable[[], Node]
     finished: Callable[[Any], bool] | None = None
@@ -150,7 +154,7 @@ def run_together(components: Sequence[Component], arguments: list[str]) -> None:
         initialise(arguments)
         warnings.showwarning = _log_warning
         gc.collect()
-        # It takes half the time of other executors. In Jazzy its spin() hangs, slices do not.
+        # This executor is twice as fast as the others. Its spin() hangs in Jazzy, slices do not.
         executor = EventsExecutor()
         with ExitStack() as stack:
             nodes = []
@@ -165,7 +169,7 @@ def run_together(components: Sequence[Component], arguments: list[str]) -> None:
             if rates:
                 interval = max(_SHARE_OF_PERIOD / max(rates), _SHORTEST_INTERVAL)
                 sys.setswitchinterval(min(interval, sys.getswitchinterval()))
-            # A collection that includes these permanent objects takes 40 ms.
+            # A garbage collection that includes these permanent objects takes 40 ms.
             gc.freeze()
             _spin(executor, list(zip(components, nodes, strict=True)), stopping)
     except (ValueError, OSError) as error:
@@ -180,7 +184,7 @@ def run_together(components: Sequence[Component], arguments: list[str]) -> None:
 
 
 def end_process(code: int) -> None:
-    """Exit at once, even if a thread of a long computation is running.
+    """Exit immediately, even if a thread with a long computation is running.
 
     The exit handlers of Python and of libraries can wait forever for a lock of such a thread.
     """
@@ -223,8 +227,8 @@ def _spin(
 class SpinSlices:
     """Thread that ends each slice of spinning after 0.1 s.
 
-    A slice for each callback would take as long as ten lines of Python. The executor checks its
-    own time limit only while no message waits.
+    One slice for each callback would be slower by ten lines of Python. The time limit of the
+    executor does not suffice, because it is checked only while no message waits.
     """
 
     def __init__(self) -> None:

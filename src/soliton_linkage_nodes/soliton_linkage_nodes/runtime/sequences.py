@@ -1,5 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Lost messages, publishers and lag, from sequence numbers and source times of messages."""
+"""Detection of lost messages, of several publishers and of lag.
+
+The sequence numbers and source times of the messages are used.
+"""
 
 from __future__ import annotations
 
@@ -11,10 +14,10 @@ from dataclasses import dataclass
 from soliton_linkage_nodes.runtime.stamps import SECOND
 
 _SILENCE = 0.5
-"""Silence of the selected publisher after which another replaces it [s]. The graph lists a
-publisher that was killed for another 20 s."""
+"""Time without messages after which another publisher replaces the selected one [s]. The graph
+cannot be used, because it lists a killed publisher for 20 s longer."""
 _SILENT_PERIODS = 5
-"""The same in periods of its messages, for a slow publisher [1]."""
+"""Number of message periods after which a slow publisher is replaced [1]."""
 _MEMORY = 20
 """Messages over which the period of a publisher is averaged [1]."""
 _GAP_RATIO = 3.0
@@ -22,16 +25,17 @@ _GAP_RATIO = 3.0
 _NANOSECOND = 1e-9
 """One nanosecond [s]."""
 _OFFSET_WINDOW = 10.0
-"""Time over which the quickest message gives the offset of two clocks [s], because they drift."""
+"""Time over which the offset of two clocks is estimated [s], limited by their drift."""
 
 
 class SequenceGaps:
     """Counter of the messages of a topic that were published and never received.
 
-    Each publisher numbers its messages 1, 2, 3, ...; a message does not identify its publisher.
-    It is assigned to the publisher whose numbers it continues, or else to the one closest behind.
-    A new publisher replaces the one that has been silent for longest. Messages before the first
-    one received from a publisher do not count.
+    Each publisher numbers its messages 1, 2, 3, ... A message does not identify its publisher.
+    Message n is assigned to the publisher whose last number is n - 1. If there is none, it is
+    assigned to the publisher with the largest number below n. A new publisher replaces the
+    publisher that has been silent for longest. Messages before the first received message of a
+    publisher are not counted.
     """
 
     def __init__(self) -> None:
@@ -39,8 +43,9 @@ class SequenceGaps:
         self._last: list[int] = []
 
     def take(self, number: int, publishers: int) -> bool:
-        """Count the messages missing before this one, given the number of publishers.
+        """Process the next message; count the messages that are missing before it.
 
+        `number` is the sequence number of the message, `publishers` the number of publishers.
         Returns whether this is the first message of a publisher.
         """
         if self._last == [number - 1]:
@@ -61,7 +66,11 @@ class SequenceGaps:
 
 @dataclass
 class _Newcomer:
-    """First message received of a publisher: number, source time [ns], time to subscribe [ns]."""
+    """First received message of a publisher.
+
+    `sent` is its source time [ns]. `elapsed` is the time [ns] from the start of the subscription
+    to this message. `period` is the estimated period of the publisher [ns].
+    """
 
     number: int
     sent: int
@@ -72,8 +81,9 @@ class _Newcomer:
 class MissedStarts:
     """Counter of messages that publishers sent before they were matched with a subscription.
 
-    The number of the first message received is the number of missed messages plus one. They count
-    if the publisher began after the subscription. Its begin follows from the first periods.
+    If n is the sequence number of the first received message, n - 1 messages were missed. They are
+    counted only if the publisher began after the subscription. The start of the publisher is
+    estimated from its period.
     """
 
     def __init__(self) -> None:
@@ -89,7 +99,11 @@ class MissedStarts:
         )
 
     def add(self, number: int, sent: int, elapsed: int) -> None:
-        """Add the first message of a publisher, `elapsed` [ns] after the subscription began."""
+        """Add the first received message of a publisher.
+
+        `number` is its sequence number, `sent` its source time [ns], and `elapsed` the time [ns]
+        since the start of the subscription.
+        """
         if number > 1:
             self._newcomers.append(_Newcomer(number, sent, elapsed))
 
@@ -102,7 +116,7 @@ class MissedStarts:
 
 @dataclass
 class _Publisher:
-    """Last message of a publisher: its number and source time [ns]; mean period [ns]."""
+    """Last message of a publisher: number and source time [ns], with the mean period [ns]."""
 
     number: int
     sent: int
@@ -126,7 +140,10 @@ class _Publisher:
         return missing
 
     def time_mismatch(self, number: int, sent: int) -> float:
-        """Return the log ratio of elapsed and expected time, 0 for the next message on time."""
+        """Return the absolute log ratio of elapsed to expected time since the last message.
+
+        The value is 0 for a message that continues the numbers on time.
+        """
         count, took = number - self.number, sent - self.sent
         if count <= 0:
             return math.inf
@@ -139,10 +156,10 @@ class _Publisher:
 class PublisherArbitration:
     """Filter that keeps only the messages of the publisher that was received first.
 
-    Each publisher numbers its messages 1, 2, 3, ...; a message does not identify its publisher.
-    It is assigned to the publisher whose numbers it continues or, after a gap, to the one whose
-    period explains the length of the gap. A single publisher may pause for any time short of
-    silence. Missing messages of the selected publisher are counted.
+    Each publisher numbers its messages 1, 2, 3, ... A message does not identify its publisher.
+    Message n is assigned to the publisher whose last number is n - 1. After a gap, it is assigned
+    to the publisher whose period matches the length of the gap. A single publisher may pause until
+    it counts as silent. Missing messages of the selected publisher are counted.
     """
 
     def __init__(self) -> None:
@@ -157,9 +174,10 @@ class PublisherArbitration:
         self._others_since: float | None = None
 
     def take(self, number: int, sent: int, publishers: Callable[[], int]) -> bool:
-        """Return whether to keep a message with this number and source time [ns]; count others.
+        """Return whether to keep a message with sequence `number` and source time `sent` [ns].
 
-        `publishers` returns the number of publishers; it is called only if the number matters.
+        Other messages are counted. `publishers` returns the number of publishers and is called
+        only if necessary.
         """
         selected = self._selected
         if selected is None:
@@ -197,7 +215,7 @@ class PublisherArbitration:
     def _owner(
         self, selected: _Publisher, number: int, sent: int, publishers: int
     ) -> _Publisher | None:
-        """Return the publisher that a message fits best, None for a new one."""
+        """Return the publisher that a message fits best, or None for a new publisher."""
         alone = publishers < 2 and not self._others
         if (
             alone
@@ -216,7 +234,7 @@ class PublisherArbitration:
 
 @dataclass
 class _Share:
-    """Publishers of the same parts of a stream: their arbitration, parts and last message [s]."""
+    """Publishers of the same parts of a stream, with the time of their last message [s]."""
 
     arbitration: PublisherArbitration
     parts: set[str]
@@ -224,18 +242,18 @@ class _Share:
 
 
 _ABSENCE = 5.0
-"""Time without messages after which the publisher of a part counts as gone [s]."""
+"""Time without messages after which the publisher of a part is removed [s]."""
 
 
 class StreamArbitration:
     """Arbitration of publishers that may each publish a part of a stream, such as some joints.
 
-    Messages that have a part in common compete in one `PublisherArbitration`. Messages without a
-    common part are kept beside each other.
+    Messages with a common part share one `PublisherArbitration`, which keeps one publisher.
+    Messages without a common part do not affect each other.
     """
 
     def __init__(self, lost: int = 0, foreign: int = 0) -> None:
-        """Begin with numbers of lost and foreign messages."""
+        """Start the counters at `lost` and `foreign` messages."""
         self._counts = [lost, foreign, 0]
         self._shares = [_Share(PublisherArbitration(), set(), 0.0)]
         self._latest: Callable[[], Collection[str]] = tuple
@@ -262,9 +280,10 @@ class StreamArbitration:
         publishers: Callable[[], int],
         parts: Callable[[], Collection[str]] | None = None,
     ) -> bool:
-        """Return whether to keep a message with this number and source time [ns]; count others.
+        """Return whether to keep a message with sequence `number` and source time `sent` [ns].
 
-        `publishers` returns the number of publishers, `parts` the parts of the message.
+        Other messages are counted. `publishers` returns the number of publishers. `parts` returns
+        the parts of the message.
         """
         first = self._shares[0]
         if parts is None:
@@ -286,7 +305,7 @@ class StreamArbitration:
         return kept
 
     def _share_of(self, parts: Collection[str], count: int, now: float) -> _Share:
-        """Return the publishers of any of these parts, a new share if there are none."""
+        """Return the entry of publishers with any of these parts; create one if necessary."""
         for share in self._shares:
             if not share.parts or not share.parts.isdisjoint(parts):
                 return share
@@ -304,7 +323,8 @@ class StreamArbitration:
 class Lag:
     """Monitor of the time that a node lags behind its messages.
 
-    The quickest message of the last 10 s gives the offset between the clocks of both ends.
+    The message with the shortest delay in the last 10 s gives the offset between the clocks of
+    publisher and subscriber.
     """
 
     def __init__(self, longest: float) -> None:
@@ -315,7 +335,7 @@ class Lag:
         self._behind_since: float | None = None
 
     def too_long(self, sent: int) -> bool:
-        """Return whether the lag is too long, from a message with this source time [ns]."""
+        """Return whether the lag is too long after a message with source time `sent` [ns]."""
         now = time.monotonic()
         apart = time.time_ns() - sent
         if not self._least or now - self._since > _OFFSET_WINDOW:

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Times since the epoch, in nanoseconds and as messages."""
+"""Conversion of times, age of messages, and offset between clocks."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ def time_from_msg(stamp: Time) -> int:
 
 
 def nanoseconds_of(clock: Clock) -> int:
-    """Return the time of a clock [ns], without the objects that `Clock.now` creates."""
+    """Return the time of a clock [ns]; this is faster than `Clock.now`, which creates objects."""
     handle = clock.handle
     with handle:
         return int(handle.get_now().nanoseconds)
@@ -35,7 +35,7 @@ class Freshness:
     """Age of the last message, with a limit."""
 
     def __init__(self, longest: float) -> None:
-        """Count a message older than `longest` [s], or none at all, as stale."""
+        """Set the age limit `longest` [s]; the state is also stale before the first message."""
         self._longest = longest
         self._arrival = -math.inf
 
@@ -50,7 +50,7 @@ class Freshness:
 
     @property
     def stale(self) -> bool:
-        """Whether the last message is too old."""
+        """Whether the last message is too old or there is none."""
         return self.age > self._longest
 
     def __str__(self) -> str:
@@ -59,15 +59,15 @@ class Freshness:
 
 
 _DRIFT_TIME = 10.0
-"""Shortest time for an estimate of the drift [s]. Transport times vary by milliseconds, so that
-the drift is then known to 100 ppm, the drift of a poor quartz."""
+"""Shortest time for an estimate of the drift [s]. Because transport times vary by 1 ms, the error
+of the drift is then 100 ppm, the typical drift of a cheap quartz."""
 
 
 class ClockMonitor:
     """Monitor of the offset between message stamps and the clock, for diagnostics only.
 
-    The message with the shortest transport time gives the offset. Stamps of a simulation that was
-    paused, or of a bag, also differ from the clock.
+    The message with the shortest transport time gives the offset. The offset is also nonzero after
+    a pause of the simulation, and for stamps from a bag.
     """
 
     def __init__(self) -> None:
@@ -76,13 +76,13 @@ class ClockMonitor:
         self._first: tuple[int, int] | None = None
 
     def note(self, stamp: int, now: int) -> None:
-        """Record the stamp of a message and its arrival, both [ns]."""
+        """Record the stamp of a message [ns] and its arrival time `now` [ns]."""
         behind = now - stamp
         if self._least is None or behind < self._least:
             self._least, self._latest = behind, now
 
     def figures(self) -> dict[str, float]:
-        """Return offset and drift from the messages since the last call, empty without any."""
+        """Return offset and drift from the messages since the last call; empty without any."""
         if self._least is None:
             return {}
         least, at, self._least = self._least, self._latest, None

@@ -21,11 +21,11 @@ from soliton_linkage_nodes.runtime.interfaces import Topic
 from soliton_linkage_nodes.runtime.sequences import Lag, SequenceGaps, StreamArbitration
 
 LONGEST_LAG = 0.5
-"""Default time that a node may be behind before it skips waiting messages [s]."""
+"""Default lag above which a node skips waiting messages [s]."""
 _POLL_PERIOD = 0.5
 """Time between two checks for new publishers [s]."""
 _NAMELESS = '_NODE_NAME_UNKNOWN_'
-"""Name of a node whose process has not announced its nodes yet."""
+"""Node name in the graph before the process has announced its nodes."""
 _PUBLISHERS_CHANGE = (
     QoSSubscriptionEventType.RCL_SUBSCRIPTION_MATCHED,
     QoSSubscriptionEventType.RCL_SUBSCRIPTION_REQUESTED_INCOMPATIBLE_QOS,
@@ -42,7 +42,7 @@ def _ignore(_message: Any) -> None:
 def _with_info(take: Callable[[Any, Info], None]) -> Callable[..., None]:
     """Return a callback for a message with its information.
 
-    Executors pass two arguments, except the EventsExecutor, which passes one pair.
+    Most executors pass two arguments. The EventsExecutor passes one pair.
     """
 
     @wraps(take)
@@ -55,8 +55,8 @@ def _with_info(take: Callable[[Any, Info], None]) -> Callable[..., None]:
 class AdaptiveSubscription:
     """Subscription whose quality of service lets it receive from every publisher of a topic.
 
-    `adapt` subscribes again if publishers offer less than was requested, or more again. Messages
-    that are published meanwhile are lost, except with `before`, which can take those that wait.
+    `adapt` subscribes again with a changed quality of service if the offers of the publishers have
+    changed. Messages that are waiting in the old subscription are lost unless `before` takes them.
     """
 
     def __init__(
@@ -66,17 +66,18 @@ class AdaptiveSubscription:
         take: Callable[..., None] = _ignore,
         raw: bool = False,
     ) -> None:
-        """Subscribe to a topic of any name; pass each message, or its CDR bytes, to `take`.
+        """Subscribe to a topic; pass each message, or its CDR bytes if `raw`, to `take`.
 
-        Without `take` no executor may spin the node: messages wait for `waiting`.
+        Without `take`, messages wait until `waiting` or `newest` takes them, and no executor may
+        spin the node.
         """
         self.topic = topic
         self.sequence: int | None = None
-        """Sequence number of the message that was taken last by `newest`."""
+        """Sequence number of the last message that `newest` returned."""
         self._node, self._take, self._raw = node, take, raw
         self._type_name = '/'.join([*topic.type.__module__.split('.')[:2], topic.type.__name__])
         self.publishers = self._ask()
-        """Publishers of the type of this topic, when the graph was last asked."""
+        """Publishers with the type of this topic at the last query of the graph."""
         self.qos = self._qos_for_all()
         self.subscription: Subscription = self._subscribe()
 
@@ -94,7 +95,7 @@ class AdaptiveSubscription:
     def changed(self) -> bool:
         """Whether publishers appeared or disappeared since the last call; GuardedNode only.
 
-        A query of the graph takes at least 100 times as long, and longer with more nodes.
+        This is at least 100 times faster than a query of the graph.
         """
         changed = False
         for event in self._events:
@@ -106,17 +107,17 @@ class AdaptiveSubscription:
         return changed
 
     def waiting(self) -> Iterator[tuple[Any, Info]]:
-        """Yield each message that waits with its information, the oldest first."""
+        """Yield each waiting message with its message information, the oldest first."""
         handle = self.subscription.handle
         with handle:
             while (taken := handle.take_message(self.topic.type, self._raw)) is not None:
                 yield taken
 
     def newest(self) -> Any:
-        """Return the next message that waits, None if there is none.
+        """Return the next waiting message, or None.
 
-        With a queue of one message this is the newest. A display needs only 60 of 1000 messages a
-        second, and taking these costs a tenth of a callback for every message.
+        In a queue of one message this is the newest message. A display that needs only 60 of 1000
+        messages per second saves 90 % of the time of callbacks.
         """
         message, info = next(self.waiting(), (None, None))
         if info is not None:
@@ -124,7 +125,7 @@ class AdaptiveSubscription:
         return message
 
     def adapt(self, before: Callable[[], object] = lambda: None) -> bool:
-        """Call `before`, subscribe again and return True if publishers require it, else False."""
+        """Call `before` and subscribe again if publishers require it; return whether they do."""
         self.publishers = self._ask()
         qos = self._qos_for_all() if self.publishers else self.qos
         if _same_offer(qos, self.qos):
@@ -181,7 +182,7 @@ class AdaptiveSubscription:
 
 
 def qos_for_all(profiles: Sequence[QoSProfile], depth: int) -> QoSProfile:
-    """Return the quality of service, of a depth, that is compatible with all these offers."""
+    """Return a quality of service of this depth that is compatible with all offered profiles."""
     reliable = all(p.reliability == ReliabilityPolicy.RELIABLE for p in profiles)
     latched = all(p.durability == DurabilityPolicy.TRANSIENT_LOCAL for p in profiles)
     return QoSProfile(
@@ -198,7 +199,7 @@ def _same_offer(one: QoSProfile, other: QoSProfile) -> bool:
 def subscribe_newest(
     node: Node, topic: Topic, name: str, raw: bool = False, depth: int = 1
 ) -> AdaptiveSubscription:
-    """Subscribe to the newest messages of a topic of a full name, for a display."""
+    """Subscribe to the newest messages of the topic with full name `name`, for a display."""
     qos = QoSProfile(
         depth=depth, reliability=topic.qos.reliability, durability=topic.qos.durability
     )
@@ -206,12 +207,12 @@ def subscribe_newest(
 
 
 class StreamSubscription:
-    """Subscription of a node that receives one stream of messages, from one publisher at a time.
+    """Subscription of a node to one stream of messages, from one publisher at a time.
 
-    If several nodes publish, the messages of the first one received are kept until it falls silent
-    or is gone. Publishers whose messages have no part in common, such as joints, are all kept.
-    Logs and diagnostics report several publishers and lost messages. A node that lags for longer
-    than `longest_lag` [s] skips all waiting messages except the newest.
+    If several nodes publish, only messages of the first publisher are used, until this publisher
+    is silent or has ended. If the messages of publishers have no common part, such as a joint, all
+    are used. Logs and diagnostics report several publishers and lost messages. If the node lags
+    for longer than `longest_lag` [s], it skips all waiting messages except the newest.
     """
 
     def __init__(
@@ -230,15 +231,15 @@ class StreamSubscription:
     ) -> None:
         """Pass each message of a topic, or its CDR bytes if `raw`, to `take`.
 
-        With `latest` only the newest waiting message is taken, without a report of the others.
-        `on_takeover` is called when another publisher replaces the first. `parts` returns the
-        parts of the stream in a message, such as joints, if publishers may share the stream.
-        `assemble` takes each message and returns those that are complete, to be taken.
+        With `latest` only the newest waiting message is passed. Older messages are not reported as
+        skipped. `on_takeover` is called when another publisher replaces the selected one. If each
+        publisher may publish a part of the stream, `parts` returns the parts in a message, such as
+        joint names. `assemble` receives each message and returns complete messages for `take`.
         """
         self.skipped = 0
         """Number of messages that were skipped."""
         self.dispatched = True
-        """Whether the executor takes each message when it arrives."""
+        """Whether the executor calls back for each arriving message."""
         self.received_at = 0
         """Time at which the last message was received [ns]."""
         self._node = node
@@ -266,13 +267,13 @@ class StreamSubscription:
         self._restore_dispatch()
 
     def dispatch(self, dispatched: bool) -> None:
-        """Take each message when it arrives, or leave messages to `take_waiting`."""
+        """Let the executor take each arriving message, or let messages wait for `take_waiting`."""
         if dispatched is not self.dispatched:
             self.dispatched = dispatched
             self._node.dispatch(self._adaptive.subscription, dispatched)
 
     def take_waiting(self) -> list[Any]:
-        """Take and return the messages that wait, the oldest first."""
+        """Take and return the waiting messages, the oldest first."""
         kept = [each for each, info in self._adaptive.waiting() if self._keeps(each, info)]
         return [whole for each in kept for whole in self._assemble(each)]
 
@@ -302,7 +303,7 @@ class StreamSubscription:
         return True
 
     def _poll(self) -> None:
-        """Adapt to the publishers if they changed or are not all received."""
+        """Adapt the subscription if publishers changed or some are not matched."""
         if not (self._adaptive.changed or self._unsettled):
             return
         if self._adaptive.adapt():
@@ -326,7 +327,7 @@ class StreamSubscription:
 
     @property
     def _several(self) -> bool:
-        """Whether there are several publishers, which do not share the stream."""
+        """Whether several publishers publish the same parts of the stream."""
         shared = self._parts is not None and not self._arbitration.foreign
         return len(self._publishers) > 1 and not shared
 
@@ -371,7 +372,7 @@ class StreamSubscription:
 
 
 class CountedSubscription:
-    """Subscription to commands of any number of publishers, which reports lost messages."""
+    """Subscription to commands that accepts any number of publishers and reports lost messages."""
 
     def __init__(
         self,
@@ -392,7 +393,7 @@ class CountedSubscription:
         diagnostics.monitors.append(self._watch)
 
     def take_waiting(self) -> None:
-        """Take the messages that wait."""
+        """Take the waiting messages."""
         handle = self._subscription.handle
         with handle:
             while (taken := handle.take_message(self._topic.type, self._raw)) is not None:

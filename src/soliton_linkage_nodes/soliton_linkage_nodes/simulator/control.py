@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A simulation that several threads share: one advances it, others command it."""
+"""Control of a simulation by several threads: one thread advances it, others send commands."""
 
 from __future__ import annotations
 
@@ -17,9 +17,9 @@ from soliton_linkage.linkage.gravity import Gravity
 from soliton_linkage_nodes.runtime.guarded import describe_error
 
 _LEAST_PROGRESS = 1e-3
-"""Share of a frame that a trial must compute [1]: a frame of 1000 s is rejected."""
+"""Smallest part of a frame that a trial must compute within its limit [1]."""
 _MOST_KICKS = 10_000
-"""Largest number of kicks that wait for a frame [1], enough for 1 s on the fastest topic."""
+"""Largest number of kicks that wait for a frame [1], 1 s of the fastest topic."""
 
 
 @dataclass(frozen=True)
@@ -27,12 +27,12 @@ class SimulationStatus:
     """State of a simulation."""
 
     frames: int
-    """Frames published."""
+    """Number of published frames."""
     pending: int
     """Commands that wait for the next frame."""
     paused: bool
     failure: str | None
-    """Reason why it cannot continue before a reset."""
+    """Reason why the simulation needs a reset to continue, or None."""
     energy: float
     """Energy of the current frame [J]."""
     energy_drift: float
@@ -53,11 +53,11 @@ class _Pending:
 class SimulationControl:
     """Loop that publishes the frames of a simulation and applies commands between them.
 
-    Commands act at the instant of the next published frame: all waiting kicks, and the latest
-    torques and gravity. That frame has the rates right after the kicks. Torques end
-    `command_timeout` [s] of simulated time after that frame, unless it is 0. If the next frame
-    cannot be computed, the simulation is paused until a reset. A frame may take seconds to
-    compute. Only `step` waits for it.
+    All waiting kicks, the latest torques and the latest gravity act at the instant of the next
+    published frame. This frame has the rates immediately after the kicks. Torques end after
+    `command_timeout` [s] of simulated time, or never if it is 0. If the next frame cannot be
+    computed, the simulation is paused until a reset. A frame may take seconds to compute, and
+    only `step` waits for it.
     """
 
     def __init__(
@@ -70,10 +70,11 @@ class SimulationControl:
         announce: Callable[[int, Array], None] = lambda frame, impulses: None,
         longest_trial: float = 1.0,
     ) -> None:
-        """Start in a state; `publish` is called with each frame's number and the simulation.
+        """Start in a state; call `publish` with the number of each frame and the simulation.
 
-        `announce` is called before that with the sum of the impulses at its instant [N m s].
-        A reset computes its first frame for at most `longest_trial` [s] of processor time.
+        If impulses act at a frame, `announce` is called first with the frame number and the sum of
+        the impulses [N m s]. A reset is rejected if its first frame cannot be computed in
+        `longest_trial` [s] of processor time, extrapolated from a part of the frame.
         """
         self._begin = begin
         self._gravity = gravity
@@ -110,7 +111,7 @@ class SimulationControl:
 
     @property
     def simulation(self) -> Simulation:
-        """Simulation since the last reset; to be read only while paused."""
+        """Simulation since the last reset; read it only while it is paused."""
         return self._simulation
 
     @property
@@ -141,23 +142,23 @@ class SimulationControl:
             return None
 
     def hold(self, torques: Array) -> None:
-        """Apply torques [N m], shape (N,), until other torques or the time limit."""
+        """Apply torques [N m], shape (N,), until new torques or `command_timeout`."""
         with self._lock:
             self._commands.torques = torques
             self._commands.count += 1
 
     def set_gravity(self, gravity: Gravity) -> None:
-        """Set the gravity, which resets keep."""
+        """Set the gravity; a reset does not change it."""
         with self._lock:
             self._gravity = gravity
 
     def set_non_reciprocity(self, value: float) -> None:
-        """Set the non-reciprocity [N m/rad], which resets keep."""
+        """Set the non-reciprocity [N m/rad]; a reset does not change it."""
         with self._lock:
             self._non_reciprocity = value
 
     def pause(self, paused: bool) -> str | None:
-        """Pause at once or continue; return the reason of a rejection."""
+        """Pause immediately or continue; return the reason of a rejection."""
         with self._lock:
             if not paused and self._failure is not None:
                 return self._failure
@@ -180,7 +181,7 @@ class SimulationControl:
             return self._failure
 
     def reset(self, state: State) -> None:
-        """Drop all commands and put the chain into a state; time continues.
+        """Drop all commands and put the chain into a state; the time is not reset.
 
         Raises ValueError and changes nothing if the mechanics do not allow the state or no frame
         can be computed from it.
@@ -196,7 +197,7 @@ class SimulationControl:
                 self._failure, self._paused = None, False
 
     def stop(self) -> None:
-        """Abandon the frame that is being computed; publish no other before `resume`."""
+        """Abandon the frame that is being computed; publish no frame before `resume`."""
         self._stopping = True
 
     def resume(self) -> None:
@@ -213,7 +214,7 @@ class SimulationControl:
         return self._simulation
 
     def _finish_frame(self, simulation: Simulation) -> None:
-        """Advance to the next frame; the lock is free while it is computed."""
+        """Advance to the next frame; the lock is released during the computation."""
         failure: Exception | None = None
         self._abandoned = simulation
         try:
@@ -258,7 +259,7 @@ class SimulationControl:
 
 
 def _try(simulation: Simulation, limit: float) -> None:
-    """Compute the first frame within a limit [s]; ValueError if it would take too long."""
+    """Compute a part of the first frame for `limit` [s]; ValueError if the part is too small."""
     deadline = time.thread_time() + limit
     try:
         while not simulation.ready and time.thread_time() < deadline:

@@ -24,16 +24,16 @@ from soliton_linkage_nodes.simulator.parameters import SimulatorParameters
 
 
 class SensedJoints:
-    """Serialized joint states: angles and rates with the errors of encoders, exact torques.
+    """Serialized joint states with simulated encoders.
 
-    Without errors, angles and rates are exact. Missing joints are left out of every message.
-    Readings exceed the angles by the known offsets of the chain's encoders and by their errors.
+    Angles include the known offsets and the errors of the encoders. Rates include the errors.
+    Torques are exact. Every message omits the missing joints.
     """
 
     def __init__(
         self, named: NamedChain, period: float, errors: EncoderErrors, missing: Collection[int]
     ) -> None:
-        """Lay out the message; frames are a period [s] apart, missing joints given by number."""
+        """Create the message; `period` [s] is the frame period, `missing` holds joint numbers."""
         shown = [rotor for rotor in range(named.rotors) if rotor not in missing]
         names = tuple(named.joint_names[rotor] for rotor in shown)
         self._shown = np.array(shown, dtype=np.intp) if missing else None
@@ -48,16 +48,17 @@ class SensedJoints:
         return len(self._buffer)
 
     def change(self, errors: EncoderErrors) -> None:
-        """Apply other errors from the next frame on."""
+        """Change the errors of the encoders from the next frame on."""
         if self._known_offsets:
             offsets = np.add(self._known_offsets, errors.offsets or 0.0)
             errors = replace(errors, offsets=tuple(offsets.tolist()))
         self._encoders.errors = errors
 
     def fill(self, stamp: int, frame: int, simulation: Simulation) -> bytearray:
-        """Return the message of a frame, given its stamp [ns] and number.
+        """Return the message of a frame with its stamp [ns] and number.
 
-        The next frame overwrites it. Rates restart with another simulation, as after a reset.
+        The next call overwrites the message. A new simulation, for example after a reset, restarts
+        the estimates of the rates.
         """
         angles, rates = simulation.angles, simulation.rates
         if not self._encoders.errors.none:
@@ -74,12 +75,12 @@ class SensedJoints:
 class DeliveryPublisher:
     """Publisher of `delivery` for each frame in which impulses or torques acted.
 
-    Torques are constant over a frame, so that their work is torque times angle turned, exactly.
-    The sums continue through resets, which replace the simulation.
+    Torques are constant over a frame, so that torque times angle is their exact work. A reset does
+    not reset the sums.
     """
 
     def __init__(self, node: Node, number_of_rotors: int, stamp: int) -> None:
-        """Publish that nothing has been delivered; stamp [ns]."""
+        """Publish sums of zero with `stamp` [ns]."""
         self._publisher = interfaces.DELIVERY.publisher(node)
         self._delivered = DeliveryTotals(stamp, 0, 0.0, False, 0.0, np.zeros(number_of_rotors))
         self._simulation: Simulation | None = None
@@ -89,9 +90,9 @@ class DeliveryPublisher:
         self._publisher.publish(delivery_to_msg(self._delivered))
 
     def add(self, stamp: int, simulation: Simulation) -> None:
-        """Add the period that ends with a frame, given the frame's stamp [ns].
+        """Add the period that ends with the frame at `stamp` [ns].
 
-        Impulses at the instant of the frame are added with the next one.
+        Impulses at the instant of this frame are added with the next frame.
         """
         if simulation is not self._simulation:
             self._simulation = simulation
@@ -145,11 +146,11 @@ class FramePublisher:
 
     @property
     def depth(self) -> int:
-        """Number of frames that a subscriber can hold."""
+        """Number of frames that the queue of a subscriber can hold."""
         return int(self._joint_states.qos_profile.depth)
 
     def begin(self) -> None:
-        """Publish the chain once, and use the present as the time of the first frame."""
+        """Publish the chain; set the stamp of the first frame to the current time."""
         if self.epoch is not None:
             return
         self.epoch = Clock(clock_type=ClockType.SYSTEM_TIME).now().nanoseconds
@@ -157,7 +158,7 @@ class FramePublisher:
         self._delivery = DeliveryPublisher(self._node, self._named.rotors, self.epoch)
 
     def publish_chain(self, named: NamedChain) -> None:
-        """Publish the chain as it is from the next frame on."""
+        """Publish the chain with the parameters that apply from the next frame on."""
         self._named = named
         if self.epoch is not None:
             stamp = max(self.epoch, self.stamp)
@@ -168,12 +169,12 @@ class FramePublisher:
         interfaces.wait_for_acknowledgements(self._joint_states)
 
     def announce(self, frame: int, impulses: Array) -> None:
-        """Publish the impulses [N m s] that act at a frame, ahead of the frame."""
+        """Publish the impulses [N m s] of a frame before the frame is published."""
         buffer = self._impulse_buffer.fill(self._stamp_of(frame), impulses)
         publish_buffer(self._impulses, buffer)
 
     def publish(self, frame: int, simulation: Simulation) -> None:
-        """Publish the current frame of a simulation, given its number."""
+        """Publish the current frame of a simulation with its number."""
         stamp = self.stamp = self._stamp_of(frame)
         if self._clock is not None:
             self._clock.publish(interfaces.CLOCK.type(clock=time_to_msg(stamp)))

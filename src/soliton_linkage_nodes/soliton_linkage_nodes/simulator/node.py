@@ -38,7 +38,7 @@ from soliton_linkage_nodes.simulator.report import (
 from soliton_linkage_nodes.simulator.services import SimulationServices, serve_standard
 
 _SLOWEST = 1e-6
-"""Smallest real-time factor [1]: a frame an hour at 300 Hz."""
+"""Smallest real-time factor [1], one frame per hour at 300 Hz."""
 _NON_RECIPROCITY = 'chain.non_reciprocity'
 _POLL_INTERVAL = 0.02
 """Poll interval while waiting for subscribers [s]."""
@@ -47,12 +47,12 @@ _POLL_INTERVAL = 0.02
 class Simulator(ManagedNode):
     """Node that publishes the angles of a simulated chain at a fixed rate.
 
-    Publishes `joint_states` [rad, rad/s, N m], `chain` and `delivery` (latched), the impulses that
-    act at a frame before it as `delivered_impulses` [N m s], `/diagnostics` and, with
-    `publish_clock`, `/clock`. Subscribes to `rotor_impulses` [N m s], `rotor_torques` [N m] and
+    Publishes `joint_states` [rad, rad/s, N m], `chain` and `delivery` (latched), `/diagnostics`
+    and, with `publish_clock`, `/clock`. Before a frame at which impulses act, it publishes them on
+    `delivered_impulses` [N m s]. Subscribes to `rotor_impulses` [N m s], `rotor_torques` [N m] and
     `tilt` [rad], which sets the parameter `gravity.tilt`. Serves `~/pause`, `~/step`, `~/reset`,
-    and the services of simulation_interfaces if that package is installed. A change of a
-    parameter acts at the instant of a frame.
+    and the services of simulation_interfaces if that package is installed. A changed parameter
+    takes effect at the instant of a frame.
     """
 
     PARAMETERS = PARAMETERS
@@ -62,7 +62,7 @@ class Simulator(ManagedNode):
         super().__init__('simulator', **kwargs)
 
     def configure(self) -> None:
-        """Build the chain and its world, and open the topics."""
+        """Create the chain, its mechanics and its topics."""
         settings = self.settings = current(self, SimulatorParameters)
         self.named = declare_chain(self)
         make_adjustable(self, _NON_RECIPROCITY)
@@ -128,7 +128,7 @@ class Simulator(ManagedNode):
         return self.loop.failure if self.configured else None
 
     def _begin(self) -> None:
-        """Start the simulation loop once there are enough subscribers."""
+        """Start the simulation loop if there are enough subscribers."""
         if self.frames.subscribers >= self.settings.subscribers:
             self._start_timer.cancel()
             self.frames.begin()
@@ -197,7 +197,7 @@ class Simulator(ManagedNode):
         self.loop.rate = self._pace(self.get_parameter('real_time_factor').value)
 
     def _pace(self, real_time_factor: float) -> float:
-        """Return the rate of frames on the clock [Hz], infinite for a factor of 0."""
+        """Return the frame rate in clock time [Hz], infinite for a real-time factor of 0."""
         if real_time_factor == 0:
             return math.inf
         return max(real_time_factor, _SLOWEST) * self.settings.publish_rate

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The diagnostics of a simulator: pace, energy and failures."""
+"""Diagnostics of a simulator: frame rate, energy and failures."""
 
 from __future__ import annotations
 
@@ -16,8 +16,8 @@ from soliton_linkage_nodes.simulator.control import SimulationControl, Simulatio
 from soliton_linkage_nodes.simulator.parameters import SimulatorParameters
 
 _FRAMES_OVERDUE = 3
-"""Largest number of missing frames in a report that does not make the simulator slow: one at each
-end of the second, and one late frame."""
+"""Largest number of missing frames per report without a warning [1]: one at each end of the
+second, and one late frame."""
 
 
 class SimulationReport:
@@ -40,7 +40,7 @@ class SimulationReport:
         self._before = (time.monotonic(), 0, 0)
 
     def __call__(self, world: Mapping[str, Any]) -> Report:
-        """Return the present report; `world` has further values."""
+        """Return the current report; `world` holds further values."""
         status, punctuality = self._control.status, self._loop.punctuality
         now = time.monotonic()
         before, frames_before, missed_before = self._before
@@ -71,7 +71,7 @@ class SimulationReport:
         )
 
     def _message(self, status: SimulationStatus, late: int, slow: bool) -> tuple[str, str]:
-        """Return the state of the simulation, and the fault to log, empty for none."""
+        """Return the state of the simulation, and the fault to log (empty: none)."""
         if status.failure:
             return (f'paused, {status.failure}',) * 2
         if slow:
@@ -95,14 +95,14 @@ class SimulationReport:
 
 
 def describe_simulation(chain: Chain, settings: SimulatorParameters) -> str:
-    """Return the chain, the mechanics and the rate of frames as a sentence."""
+    """Return a description of the chain, the mechanics and the frame rate."""
     elastic = settings.mechanics == 'elastic'
     how = f'elastic by {settings.integrator}' if elastic else settings.mechanics
     return f'simulating {describe_chain(chain)}, {how}, at {settings.publish_rate:g} Hz'
 
 
 def describe_obstacles(obstacles: Sequence[Obstacle]) -> str:
-    """Return a warning of bonds that may stop a soliton."""
+    """Return a warning about bonds that may stop a soliton."""
     first = obstacles[0]
     return (
         f'{len(obstacles)} bonds may stop a wall, first bond {first.bond} between rotors '

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Services that pause, step and reset a simulation, also for simulation_interfaces."""
+"""Services that pause, step and reset a simulation, and those of simulation_interfaces."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ _STANDARD_FEATURES = (
 class SimulationServices:
     """Services `~/pause`, `~/step` and `~/reset` of a simulation.
 
-    A method returns None, or the reason of a rejection, which changes nothing.
+    Each method returns None, or the reason of a rejection. A rejected request has no effect.
     """
 
     def __init__(
@@ -41,7 +41,7 @@ class SimulationServices:
         period: float,
         most_periods: int,
     ) -> None:
-        """Create the services; the period of a frame is in [s], `most_periods` limits a step."""
+        """Create the services for frames of `period` [s]; a step has at most `most_periods`."""
         self.control = control
         self._named = named
         self._world = world
@@ -130,11 +130,12 @@ def serve_standard(node: Node, services: SimulationServices) -> StandardServices
 class StandardServices:
     """Services of simulation_interfaces, implemented with pause, step and reset.
 
-    A simulation is stopped while it is paused in its initial state after a request to stop.
+    The state of the simulation is "stopped" after a request to stop, which pauses and resets it,
+    until it continues.
     """
 
     def __init__(self, services: SimulationServices, messages: Any, types: Any) -> None:
-        """Answer with the standard's modules of messages and services."""
+        """Use the modules `messages` and `types` of simulation_interfaces."""
         self._services = services
         self._control = services.control
         self._messages = messages
@@ -177,7 +178,7 @@ class StandardServices:
         return self._answered(response, self._services.step(request.steps))
 
     def reset_simulation(self, request: Any, response: Any) -> Any:
-        """Put the chain into its initial state; the time cannot be reset."""
+        """Put the chain into its initial state; a request to reset the time is rejected."""
         scopes = self._types.ResetSimulation.Request
         if request.scope not in (scopes.SCOPE_STATE, scopes.SCOPE_STATE | scopes.SCOPE_SPAWNED):
             return self._unsupported(

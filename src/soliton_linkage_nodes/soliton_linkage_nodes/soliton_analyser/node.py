@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Soliton analyser: walls, topology, energies and phase of the orbit for each frame."""
+"""Soliton analyser, which estimates walls, topology, energies and orbit phase of each frame."""
 
 from __future__ import annotations
 
@@ -38,9 +38,9 @@ from soliton_linkage_nodes.runtime.subscriptions import (
 from soliton_linkage_nodes.soliton_analyser.report import describe, figures
 
 _LONGEST_ASSEMBLY = 1.0
-"""Time that an incomplete frame waits for its other joints [s]; the next frame ends it earlier."""
+"""Longest wait of an incomplete frame for its other joints [s]. The next frame ends the wait."""
 _FRAMES_BEFORE_REPORT = 100
-"""Frames after which joints without any angle are reported [1]."""
+"""Number of frames after which joints without any angle are reported [1]."""
 
 
 @dataclass(frozen=True)
@@ -79,10 +79,10 @@ class AnalyserParameters:
 class SolitonAnalyser(ManagedNode):
     """Node that estimates solitons, topology, energies and the phase of the orbit for each frame.
 
-    Subscribes to `joint_states` [rad, rad/s], to `joint_state_deviations` [rad], which weight the
-    angles, to `delivered_impulses` [N m s], which change the velocity of a wall, and to `chain`
-    unless parameters specify the chain. Publishes `soliton_state`, births, reflections and
-    collisions of walls on `soliton_events`, and `/diagnostics`.
+    Subscribes to `joint_states` [rad, rad/s] and, unless parameters specify the chain, to `chain`.
+    Standard deviations on `joint_state_deviations` [rad] weight the angles. Impulses on
+    `delivered_impulses` [N m s] change the velocity of a wall. Publishes `soliton_state`,
+    `soliton_events` (births, reflections and collisions of walls) and `/diagnostics`.
     """
 
     PARAMETERS: ClassVar[dict[type, str]] = {
@@ -160,8 +160,8 @@ class SolitonAnalyser(ManagedNode):
             act(serialized)
 
     def take(self, serialized: bytes) -> None:
-        """Analyse joint states and publish the result, once the chain is known."""
-        # The order of messages of different topics is arbitrary; a frame needs its impulses first.
+        """Analyse joint states and publish the result, or store them until the chain is known."""
+        # Impulses must be processed before their frame, but topics arrive in any order.
         if self.settings.stamps == 'arrival':
             serialized = stamped(serialized, self._frames_of.received_at)
         self._impulses.take_waiting()
@@ -169,7 +169,7 @@ class SolitonAnalyser(ManagedNode):
         self._act_or_wait(self._analyse, serialized)
 
     def _act_or_wait(self, act: Callable[[bytes], None], serialized: bytes) -> None:
-        """Process a message once the chain is known, in the order of arrival."""
+        """Process a message, or store it until the chain is known; the order is kept."""
         chain_may_come = self._source.parameters.chain_from != 'nowhere'
         if self._analysis.analyser is None and chain_may_come:
             self.waiting.append((act, serialized))

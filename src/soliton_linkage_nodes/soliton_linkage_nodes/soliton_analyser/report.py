@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Report of an analyser: status, figures, and disagreement with the parameters."""
+"""Report of an analyser: status, figures, and contradictions to the parameters."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ _CONTRADICTION_CONFIDENCE = 0.999
 
 
 def describe(analysis: JointStateAnalysis, misfit_limit: float) -> tuple[str, bool]:
-    """Return the status of the analysis as a sentence, and whether it is a warning.
+    """Return a description of the status of the analysis, and whether it is a warning.
 
     A misfit of the angles above `misfit_limit` [rad] is a warning.
     """
@@ -54,7 +54,7 @@ def describe(analysis: JointStateAnalysis, misfit_limit: float) -> tuple[str, bo
 
 
 def _disagreement(latest: Analysis) -> str:
-    """Return a warning if angles and parameters give different classes of motion, else empty."""
+    """Return a warning if angles and parameters give different classes of motion, else ''."""
     specified, measured = latest.motion, latest.measured_motion
     certain = measured.confidence > _CONTRADICTION_CONFIDENCE
     shown = measured.motion
@@ -68,9 +68,10 @@ def _disagreement(latest: Analysis) -> str:
 
 
 def _swing(analysis: JointStateAnalysis) -> float:
-    """Return the largest RMS angle of vibrations [rad] that explains the rates: w / omega_0.
+    """Return the largest RMS angle of phonons [rad] that is consistent with the rates.
 
-    Phonons have frequencies of at least omega_0, the band gap.
+    It is w / omega_0 with the RMS rate w, because phonons have at least the frequency omega_0 of
+    the band gap.
     """
     frame, analyser = analysis.frame, analysis.analyser
     if frame is None or frame.rates is None or not isinstance(analyser, Analyser):

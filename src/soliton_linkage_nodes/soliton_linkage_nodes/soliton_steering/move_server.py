@@ -17,11 +17,11 @@ from soliton_linkage_nodes.runtime import interfaces
 from soliton_linkage_nodes.runtime.guarded import ACTION_QOS, GuardedNode
 
 _FEEDBACK_PERIOD = 0.1
-"""Shortest time between feedback messages [s], which are for users."""
+"""Shortest time between feedback messages [s], enough for a display."""
 
 
 class MoveServer(ActionServer):
-    """Action server whose goals end by a call of `conclude`, not when a callback returns."""
+    """Action server. A goal ends when `conclude` is called, not when a callback returns."""
 
     def __init__(
         self,
@@ -29,7 +29,7 @@ class MoveServer(ActionServer):
         take: Callable[[ServerGoalHandle], None],
         cancel: Callable[[ServerGoalHandle], CancelResponse],
     ) -> None:
-        """Call `take` with each goal, and `cancel` with each goal whose client requests that."""
+        """Call `take` with each goal, and `cancel` with each goal that a client cancels."""
         super().__init__(
             node,
             MoveSoliton,
@@ -41,13 +41,13 @@ class MoveServer(ActionServer):
         )
         self._on_goal = take
         self.goal: ServerGoalHandle | None = None
-        """Active goal, None without one."""
+        """Active goal, or None."""
         self.begun = 0
-        """Number of goals that were started."""
+        """Number of started goals."""
         self.start = math.nan
         """Position of the soliton at the start of the last goal [rotor spacings]."""
         self.ended: MoveResult | None = None
-        """Result of the last goal that was active."""
+        """Result of the last finished goal, or None."""
         self._node_of_server = node
         self._feedback_time = -math.inf
 
@@ -64,7 +64,7 @@ class MoveServer(ActionServer):
             self.end(handle, MoveResult(Outcome.NOT_HELD, failure, math.nan))
 
     def begin(self, handle: ServerGoalHandle, position: float) -> None:
-        """Make a goal the active one, given the position of the soliton [rotor spacings]."""
+        """Set the active goal; `position` is that of the soliton [rotor spacings]."""
         self.goal, self.start = handle, position
         self.begun += 1
 

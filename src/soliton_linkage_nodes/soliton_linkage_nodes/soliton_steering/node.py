@@ -42,9 +42,9 @@ from soliton_linkage_nodes.soliton_steering.steered_chain import (
 _POLL_INTERVAL = 0.02
 """Poll interval for the age of the joint states [s], short compared with state_timeout."""
 _OBSERVER_FRAMES = 200
-"""Number of frames before a move that are observed [1], the observer's memory at 1000 Hz."""
+"""Number of frames before a move that initialise the observer [1], its memory at 1000 Hz."""
 _REPORT_FRAMES = 8
-"""Number of frames for a report on a free wall [1]: one for the position, four for phonons."""
+"""Number of frames for a report on a free wall [1]. The position needs one, phonons need four."""
 
 
 class SolitonSteering(ManagedNode):
@@ -52,7 +52,7 @@ class SolitonSteering(ManagedNode):
 
     Serves the action `move_soliton` and `~/release`. Subscribes to `joint_states` and, unless
     parameters specify the chain, to `chain`. Publishes `rotor_torques` [N m] while it moves or
-    holds a soliton, and `/diagnostics`. The stamps of the joint states are its clock.
+    holds a soliton, and `/diagnostics`. It uses the stamps of the joint states as its time.
     """
 
     PARAMETERS = PARAMETERS
@@ -117,7 +117,7 @@ class SolitonSteering(ManagedNode):
         self.server.destroy()
 
     def _on_chain(self, named: NamedChain) -> None:
-        """Set the chain; a new chain ends the move of the one before."""
+        """Set the chain; a replaced chain ends its move."""
         if self.chain is None or named != self.chain.named:
             self._release('the chain has been replaced by another')
             self._recent.clear()
@@ -128,7 +128,7 @@ class SolitonSteering(ManagedNode):
 
     @property
     def holding(self) -> bool:
-        """Whether the node moves or holds a soliton, so that each frame is needed at once."""
+        """Whether the node moves or holds a soliton and therefore needs each frame immediately."""
         return self.chain is not None and self.chain.steering.holding
 
     def _on_joint_states(self, serialized: bytes) -> None:
@@ -155,7 +155,7 @@ class SolitonSteering(ManagedNode):
         return joints.stamp, frame_from_msg(chain.named, joints)
 
     def _keep(self, frames: list[bytes]) -> None:
-        """Keep the frames of a free chain for a later move, and check the newest one."""
+        """Store frames for a later move while no soliton is held, and check the newest frame."""
         if not (frames and self.active):
             return
         self._recent.extend(frames)
@@ -165,7 +165,7 @@ class SolitonSteering(ManagedNode):
             self.freshness.renew()
 
     def _observe_recent(self, frames: int) -> None:
-        """Estimate position and velocity of a free wall from this number of recent frames."""
+        """Estimate position and velocity of a free wall from the last `frames` frames."""
         if self.chain is None or self.holding:
             return
         self._keep_frames(self._joint_states.take_waiting())
@@ -177,7 +177,7 @@ class SolitonSteering(ManagedNode):
         chain.observe(*self._read(chain, serialized))
 
     def _on_goal(self, handle: ServerGoalHandle) -> None:
-        """Start a move, which replaces the active one."""
+        """Start a move, which replaces an active move."""
         handle.execute()
         self._observe_recent(_OBSERVER_FRAMES)
         rejection = self._start_move(handle.request)
@@ -231,7 +231,7 @@ class SolitonSteering(ManagedNode):
         return response
 
     def _on_watch(self) -> None:
-        """Keep the frames of a free wall; release a held one if frames have stopped."""
+        """Store frames if no soliton is held; otherwise release it if frames have stopped."""
         waiting = self._joint_states.take_waiting()
         if not self.holding:
             self._keep_frames(waiting)
@@ -241,7 +241,7 @@ class SolitonSteering(ManagedNode):
             self._release(f'joint_states have stopped: {self.freshness}')
 
     def _release(self, reason: str, outcome: Outcome = Outcome.SOLITON_LOST) -> bool:
-        """Release a soliton that is moved or held, and end its move; return False without one."""
+        """Release the moved or held soliton and end its move; return False if there is none."""
         if self.chain is None or not self.chain.steering.holding:
             return False
         site = self.site
@@ -271,7 +271,7 @@ def main() -> None:
 
 
 def report(chain: SteeredChain | None, silent: bool, server: MoveServer) -> Report:
-    """Return the report of a chain and its moves; `silent` means that frames have stopped."""
+    """Return the report of a chain and its moves; `silent` states that frames have stopped."""
     goal, ended = server.goal, server.ended
     wall = None if chain is None or silent else chain.wall
     message = (

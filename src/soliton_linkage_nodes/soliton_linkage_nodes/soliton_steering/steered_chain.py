@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Chain whose soliton is steered, frame by frame."""
+"""Chain with a steered soliton, processed frame by frame."""
 
 from __future__ import annotations
 
@@ -87,7 +87,7 @@ class SteeredChain:
         return self._phonons.energy
 
     def reset(self) -> None:
-        """Discard all frames; not allowed while a wall is held."""
+        """Discard all frames; call this only while no wall is held."""
         self.steering.reset()
         self._phonons = PhononEnergyEstimator(self.steering.orbit)
 

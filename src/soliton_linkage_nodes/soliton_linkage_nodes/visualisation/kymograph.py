@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Kymograph: lean of the rotors over the last seconds, with the track of the walls."""
+"""Kymograph: lean of the rotors against time, with the positions of the walls."""
 
 from __future__ import annotations
 
@@ -19,22 +19,23 @@ _COLUMN_RATE = 30.0
 _HEIGHT = 400
 """Smallest number of rows [1], so that viewers do not blur the picture of a short chain."""
 _MOST_ROWS = 1000
-"""Largest number of rotors shown [1], as a screen has no more rows; longer chains are thinned."""
+"""Largest number of displayed rotors [1], the usual height of a screen. In longer chains, only
+some rotors are displayed."""
 _LEVELS = 2048
-"""Number of colours [1], large because colours change fast near the rest state."""
+"""Number of colours [1]. It is large because the colour varies strongly near the rest state."""
 _BLANK, _TRACK, _BORDER = 217, 0, 255
-"""Grey levels of missing data, of the track and of its border [1], distinct from all leans."""
+"""Grey levels of missing data, the track of a wall and its border [1], unlike any lean."""
 _HALF_BORDER, _HALF_TRACK = 2, 1
 """Half widths of the border and of the track [rows]."""
 _JUMP = 0.25
-"""Longest step of a wall that is drawn, as a fraction of the chain [1]; a longer one is a
-reset."""
+"""Longest step of a wall that is drawn as motion [chain lengths]. Longer steps are resets."""
 
 
 class Kymograph:
-    """Buffer of the leans of the last seconds, drawn on request.
+    """Buffer of recent leans, which is drawn on request.
 
-    Time runs to the right, rotor 0 is at the bottom; purple leans right, orange left.
+    The horizontal axis is time. The vertical axis is the rotor number, with rotor 0 at the bottom.
+    Purple is right-leaning, orange is left-leaning.
     """
 
     def __init__(self, chain: Chain, length: float) -> None:
@@ -62,7 +63,7 @@ class Kymograph:
     def picture(self) -> Pixels:
         """Return the picture in RGB, shape (rows, columns, 3)."""
         if self._table is None:
-            # matplotlib takes half a second and 25 MB; it is imported only for subscribers.
+            # Import matplotlib only for subscribers, because this takes 0.5 s and 25 MB.
             from soliton_linkage_studies.palette import lean_colour_table
 
             self._table = lean_colour_table(self.chain, _LEVELS)

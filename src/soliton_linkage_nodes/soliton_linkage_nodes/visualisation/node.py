@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Visualisation: the chain for RViz, Foxglove and other ROS viewers."""
+"""Visualisation node, which draws the chain for RViz, Foxglove and other ROS viewers."""
 
 from __future__ import annotations
 
@@ -32,9 +32,9 @@ from soliton_linkage_nodes.visualisation.publishers import (
 )
 
 _MOST_BUSY = 0.5
-"""Largest share of the time for drawing [1]: a chain of thousands is drawn less often."""
+"""Largest share of the time for drawing [1]. Very long chains are drawn less often."""
 _LONGEST_REST = 1.0
-"""Longest pause after a slow picture [s]: the first one imports matplotlib."""
+"""Longest pause after a slow picture [s]. The first picture is slow because of matplotlib."""
 _SEARCH_PERIOD = 0.5
 """Poll interval for new publishers [s]."""
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The newest messages about a chain."""
+"""Newest messages about a chain."""
 
 from __future__ import annotations
 
@@ -31,19 +31,19 @@ from soliton_linkage_nodes.runtime.stamps import SECOND, time_from_msg, time_to_
 from soliton_linkage_nodes.runtime.subscriptions import AdaptiveSubscription, subscribe_newest
 
 _FRESH = 1.0
-"""Largest time between the stamps of solitons and of the angles with which they are shown [s]."""
+"""Largest difference between the stamps of displayed solitons and angles [s]."""
 _SILENT = 3.0
-"""Age after which the report of a node is dropped [s]; nodes report once a second."""
+"""Age after which the report of a node is dropped [s]. Nodes report once per second."""
 _MOST_REPORTS = 100
 """Largest number of diagnostics messages read at once [1], enough for 1 s of many nodes."""
 _LEVELS = ('OK', 'WARN', 'ERROR', 'STALE')
 
 
 class ObservedChain:
-    """The newest angles, solitons, last kick and node reports of a chain."""
+    """Newest angles, solitons, last kick and node reports of a chain."""
 
     def __init__(self, inbox: Node, owner: Node) -> None:
-        """Subscribe on `inbox`, which no executor spins, to the topics as `owner` names them."""
+        """Subscribe with the node `inbox`, which no executor spins; `owner` resolves the names."""
         self.named: NamedChain | None = None
         self.angles: Array = np.zeros(0)
         """Angles [rad], shape (N,), NaN for missing joints; empty before the first frame."""
@@ -52,9 +52,9 @@ class ObservedChain:
         self.frame = FRAME
         """Coordinate frame of the angles."""
         self.frames = 0
-        """Number of frames taken."""
+        """Number of received frames."""
         self.states = 0
-        """Number of soliton states taken."""
+        """Number of received soliton states."""
         self.state_stamp = Time()
         """Stamp of the solitons."""
         self.numbers: Numbers = {}
@@ -78,7 +78,7 @@ class ObservedChain:
 
     @property
     def age(self) -> float:
-        """Time since the angles were taken [s]."""
+        """Time since the angles were received [s]."""
         return time.monotonic() - self._taken_at
 
     @property
@@ -88,7 +88,7 @@ class ObservedChain:
 
     @property
     def walls(self) -> list[Wall]:
-        """Solitons, none if their stamp is far from the stamp of the angles."""
+        """Solitons; empty if their stamp differs from the stamp of the angles by over 1 s."""
         apart = self.seconds - time_from_msg(self.state_stamp) / SECOND
         return self._walls if abs(apart) < _FRESH else []
 
@@ -121,7 +121,7 @@ class ObservedChain:
             self.frames += 1
 
     def describe(self) -> str:
-        """Return lines with phase, energies and the reports of nodes if known."""
+        """Return lines with the orbit phase, the energies and the reports of nodes, if known."""
         numbers, lines = self.numbers, []
         if math.isfinite(numbers.get('phase', math.nan)):
             lines.append(
@@ -144,9 +144,9 @@ class ObservedChain:
         return '\n'.join(lines)
 
     def kick(self, shown: float) -> Array | None:
-        """Return the impulses of the last kick [N m s], shape (N,), for `shown` [s] after its end.
+        """Return the impulses of the last kick [N m s], shape (N,), or None.
 
-        A time of 0 is unlimited.
+        The impulses are returned for `shown` [s] after the end of the kick; 0 is unlimited.
         """
         if self._kick is None or self.named is None:
             return None

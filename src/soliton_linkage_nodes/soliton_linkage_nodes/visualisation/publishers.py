@@ -25,7 +25,7 @@ from soliton_linkage_nodes.visualisation.scene import ChainScene
 
 _WALLS = 'solitons'
 _OPACITY = 0.4
-"""Opacity of a soliton, through which the rotors are visible [1]."""
+"""Opacity of the box of a soliton [1], so that its rotors are visible."""
 
 
 class DrawingPublisher:
@@ -47,7 +47,7 @@ class DrawingPublisher:
         return fresh
 
     def _wanted(self, number: int) -> bool:
-        """Return whether a subscriber lacks the drawing of this number."""
+        """Return whether a subscriber exists and drawing `number` is not published yet."""
         subscribers = self.publisher.get_subscription_count()
         more, self._subscribers = subscribers > self._subscribers, subscribers
         if not subscribers or (number == self._drawn and not more):
@@ -127,7 +127,7 @@ class PosePublisher(DrawingPublisher):
     name = 'soliton_pose'
 
     def learn(self, named: NamedChain) -> None:
-        """Do nothing: the pose does not depend on the chain."""
+        """Do nothing, because the pose does not depend on the chain."""
 
     def draw(self, chain: ObservedChain) -> None:
         """Publish the pose, if there is a soliton with a position."""
