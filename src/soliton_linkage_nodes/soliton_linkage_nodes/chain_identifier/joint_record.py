@@ -68,7 +68,7 @@ class JointRecord:
         return len(self._angles)
 
     def add(self, joints: JointStates) -> None:
-        """Store frames that are complete and later than the previous one; ValueError if invalid."""
+        """Store complete frames that are later than the previous one; ValueError if invalid."""
         for frame in self._assembler.add(joints):
             self._keep(frame)
 

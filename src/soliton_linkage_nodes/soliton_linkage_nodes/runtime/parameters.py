@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""ROS parameters from the fields of dataclasses, with description, unit, range and read-only flag."""
+"""ROS parameters from fields of dataclasses, with description, unit, range and read-only flag."""
 
 from __future__ import annotations
 
@@ -103,7 +103,7 @@ def reject_unknown(node: Node) -> None:
 
 
 def overrides(node: Node) -> Mapping[str, Parameter]:
-    """Return the parameters that the user has set for a node; rclpy has no public name for them."""
+    """Return the parameters that the user has set for a node, from a private field of rclpy."""
     given: dict[str, Parameter] = node._parameter_overrides
     return given
 

@@ -29,7 +29,7 @@ class SimulationStatus:
     frames: int
     """Number of published frames."""
     pending: int
-    """Commands that wait for the next frame."""
+    """Number of commands that wait for the next frame."""
     paused: bool
     failure: str | None
     """Reason why the simulation needs a reset to continue, or None."""
