@@ -4,17 +4,20 @@
 from __future__ import annotations
 
 import re
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
-from filmed_chains import CAMERA, renderer
+from filmed_chains import CAMERA, chain_plane, renderer, swinging
 
 from soliton_linkage.linkage.chain import Chain
+from soliton_linkage.vision.angle_camera import AngleCamera
 from soliton_linkage.vision.camera import uncalibrated_camera
 from soliton_linkage.vision.frame_markers import FrameMarkers
 from soliton_linkage.vision.layout import MarkerLayout, MarkerSettings
 from soliton_linkage.vision.sheets import write_sheets
+from soliton_linkage_studies.camera.renderer import Renderer
 
 pytest.importorskip('cv2', reason='needs OpenCV: pip install opencv-python-headless')
 CHAIN = Chain(number_of_rotors=8)
@@ -56,6 +59,19 @@ def test_markers_larger_than_the_paper_are_rejected(tmp_path: Path) -> None:
     layout = MarkerLayout(CHAIN, MarkerSettings(frame_marker_size=0.3))
     with pytest.raises(ValueError, match=r'frame markers of 390 mm do not fit on a4.*a3'):
         write_sheets(layout, tmp_path / 'markers.pdf')
+
+
+@pytest.mark.parametrize('scale', [0.94, 1.0, 1.05])
+def test_a_print_of_another_scale_is_reported(scale: float) -> None:
+    layout = MarkerLayout(CHAIN)
+    given = layout.as_printed
+    sizes = {key: scale * getattr(given, key) for key in ('frame_marker_size', 'label_diameter')}
+    scaled = MarkerLayout(CHAIN, replace(given, **sizes))
+    film = Renderer(scaled, chain_plane(layout), swinging(CHAIN, 0.1, 1.0))
+    camera = AngleCamera(layout, CAMERA)
+    frame = camera.measure(0.0, film.picture(0.0))
+    assert camera.frame_markers.print_scale == pytest.approx(scale, abs=0.005)
+    assert (f'frame markers have {scale:.0%} of their size' in frame.status) is (scale != 1)
 
 
 def test_frame_markers_define_the_plane() -> None:

@@ -51,7 +51,7 @@ class AngleFrame:
     frame_dots: Array
     """Dots of the frame markers [pixels], shape (K, 2)."""
     status: str
-    """Reason why rotors are hidden; empty if all are visible."""
+    """Error of the print of the markers, and reason why rotors are hidden; empty for neither."""
 
     @property
     def seen(self) -> int:
@@ -168,7 +168,8 @@ class AngleCamera:
         placing *= self._layout.settings.placing_tolerance
         deviations = np.hypot(np.hypot(factors * tangential, rate_errors * since), placing)
         hidden = int(self._rotors - seen.sum())
-        status = f'{hidden} of {self._rotors} rotors are hidden' if hidden else ''
+        hiding = f'{hidden} of {self._rotors} rotors are hidden' if hidden else ''
+        status = '; '.join(filter(None, (self.frame_markers.complaint, hiding)))
         known = np.where(self.pivots.known[:, None], self._pivot_pixels, np.nan)
         frame_dots = self.frame_markers.centres
         return AngleFrame(self._delay, at_stamp, deviations, pixels, known, frame_dots, status)

@@ -38,6 +38,9 @@ _MIN_OUTLIER = 0.5
 _MAX_RESIDUAL = 0.12
 """Largest residual of a dot, relative to its contrast [1]; half hidden dots have larger
 residuals."""
+_MAX_SCALE_ERROR = 0.02
+"""Largest difference of sizes and distances of frame markers [1]; errors of positions cause
+less, and a print that was fitted to the paper differs by more."""
 _SEARCH_PERIOD = 60
 """Period of the search for missing markers [pictures]; a search takes as long as a picture."""
 
@@ -52,6 +55,8 @@ class FrameMarkers:
         """Standard deviation of a common shift of the plane [pixels]."""
         self.placing: PlacingErrors | None = None
         """Errors by the positions of the frame markers, None before the plane is known."""
+        self.print_scale = 1.0
+        """Size of the frame markers relative to their distances, each relative to the layout."""
         self.seen = 0
         """Number of visible dots in the latest picture."""
         self.moves = 0
@@ -65,6 +70,16 @@ class FrameMarkers:
         self._noise = _MIN_OUTLIER
         self._pictures = self._since_search = 0
         self._detector = marker_detector(opencv())
+
+    @property
+    def complaint(self) -> str:
+        """Error of the print and its remedy, empty if the sizes match the distances."""
+        if abs(self.print_scale - 1) < _MAX_SCALE_ERROR:
+            return ''
+        return (
+            f'frame markers have {self.print_scale:.0%} of their size at the stated distances; '
+            'print them without scaling, or correct markers.frame_x and markers.frame_z'
+        )
 
     @property
     def centres(self) -> Array:
@@ -156,6 +171,11 @@ class FrameMarkers:
         self.plane, self._noise = fit_plane(self._camera, points, self.centres)
         self.deviation = self._noise / np.sqrt(len(points))
         self.placing = PlacingErrors(points, np.flatnonzero(self._known) // 4)
+        whole = self._known.reshape(-1, 4).all(axis=1)
+        if whole.sum() > 1:
+            seen = self.plane.points(self._centres.reshape(-1, 4, 2)[whole])
+            size, distance = np.divide(_spreads(seen), _spreads(self._layout.frame_dots[whole]))
+            self.print_scale = float(size / distance)
 
     def _detect(self, grey: Picture) -> dict[int, Array]:
         """Return the corners of the detected markers of the layout by number, (4, 2) each."""
@@ -167,6 +187,13 @@ class FrameMarkers:
             for number, four in zip(np.ravel(numbers), corners, strict=True)
             if number < len(self._layout.frame_centres)
         }
+
+
+def _spreads(dots: Array) -> tuple[float, float]:
+    """Return the extent of the dots within markers and of the markers [m], for (M, 4, 2)."""
+    centres = dots.mean(axis=1)
+    within = np.linalg.norm(dots - centres[:, None]) / np.sqrt(len(dots))
+    return float(within), float(np.linalg.norm(centres - centres.mean(axis=0)))
 
 
 def marker_detector(cv2: Any) -> Any:
