@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The zero-energy orbit: the closed curve of configurations along which the wall of a chain moves.
+"""Zero-energy orbit: the closed curve of configurations along which the wall of a chain moves.
 
-One cycle of the wall runs once along the curve. `orbit_of` returns an `Orbit` for any chain: a
-`UniformOrbit` without deviations, and a `DeviatingOrbit` with them.
+During one cycle of the wall, the chain runs once along the curve. `orbit_of` returns an `Orbit`
+for any chain: a `UniformOrbit` without deviations, and a `DeviatingOrbit` with them.
 """
 
 from soliton_linkage.orbit.deviating_orbit import DeviatingOrbit, orbit_of

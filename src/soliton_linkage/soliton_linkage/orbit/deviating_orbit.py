@@ -1,10 +1,10 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The orbit of a chain whose rotors and springs deviate by known amounts.
+"""Orbit of a chain with known deviations of its rotors and springs.
 
-The site coordinate of the wall is defined by comparison with the chain without deviations. Two
-arcs correspond to each other if the zero mode t has half of |t|^2 on the left of the same bond.
-Between such arcs, and from the ends of each leg, a monotonic cubic interpolates. The wall has the
-site coordinate of the corresponding arc.
+The site coordinate of the wall is defined by comparison with the orbit of the chain without
+deviations. An arc of one orbit corresponds to an arc of the other if in both the zero mode t has
+half of |t|^2 on the left of the same bond. A monotonic cubic interpolates between these arcs and
+the ends of the legs. The wall has the site coordinate of the corresponding arc.
 """
 
 from __future__ import annotations
@@ -25,9 +25,9 @@ from soliton_linkage.orbit.seed_path import blocked_wall_error
 from soliton_linkage.orbit.uniform_orbit import UniformOrbit
 
 _SAMPLES_A_SITE = 4
-"""Samples of the median of |t|^2 [1/site], which bracket the arcs at the bonds."""
+"""Samples of the median of |t|^2 per rotor spacing [1], which bracket the arcs at the bonds."""
 _SAME_MODE = 1 - 1e-6
-"""Least cosine between tangent and zero mode [1]; if it is smaller, the pieces lack rotors."""
+"""Smallest cosine between tangent and zero mode [1]. A smaller cosine indicates missing rotors."""
 
 
 def orbit_of(chain: Chain) -> Orbit:
@@ -39,11 +39,11 @@ def orbit_of(chain: Chain) -> Orbit:
 
 
 class DeviatingOrbit(Orbit):
-    """The orbit of a chain with its deviations.
+    """Orbit of a chain with deviations.
 
-    All bars keep their length to a relative error of 1e-9. Time and memory to compute it grow in
-    proportion to N. Raises ValueError as `UniformOrbit` and `orbit_pieces` do, and if the wall is
-    reflected elsewhere than at the edges.
+    The relative error of the lengths of all bars is at most 1e-9. The computation takes time and
+    memory proportional to N. Raises ValueError in the cases of `UniformOrbit` and `orbit_pieces`,
+    and if the wall is reflected elsewhere than at the edges.
     """
 
     def __init__(self, chain: Chain) -> None:
@@ -78,9 +78,10 @@ class DeviatingOrbit(Orbit):
         return self._uniform.site(self._uniform_arc.at(arc % self.length)[0])
 
     def arc_at(self, site: float, leg: int) -> float:
-        """Return the arc length at which the wall is at a site coordinate in a leg [rad].
+        """Return the arc length [rad] at which the wall is at a site coordinate in a leg.
 
-        Beyond the ends of the leg arcs differ from these ends as without deviations.
+        Outside the leg, the arc is measured from the end of the leg and has the same distance from
+        it as in the chain without deviations.
         """
         uniform_arc = self._uniform.arc_at(site, leg)
         begin, end = self._uniform.leg_arcs(leg)
@@ -106,10 +107,10 @@ class DeviatingOrbit(Orbit):
         return left.copy(), right.copy()
 
     def _reflections(self) -> list[float]:
-        """Return the arc lengths from the start of the first piece at which the legs end [rad].
+        """Return the arc lengths [rad], from the start of the first piece, at which the legs end.
 
-        At the end of a leg a flipper's edge rotor is in line with its bar, so that the rotor
-        beside it reverses. For a spinner the sum of sin(phi_n) reverses.
+        For a flipper, a leg ends when the edge rotor is collinear with its bar, so that the
+        neighbouring rotor reverses. For a spinner, it ends when the sum of sin(phi_n) reverses.
         """
         last = self.chain.number_of_rotors - 1
         spinner = self.chain.motion is Motion.SPINNER
@@ -142,9 +143,9 @@ class DeviatingOrbit(Orbit):
                 raise blocked_wall_error(self.chain, piece.seed)
 
     def _relaxed(self, leg: int) -> tuple[Array, Array]:
-        """Return the background of a leg: the angles that the wall leaves behind.
+        """Return the background of a leg: the angles of the rotors after the wall has passed.
 
-        The edge rotors are as without deviations, or as near to it as possible.
+        The angles of the edge rotors are as close as possible to those without deviations.
         """
         last = self.chain.number_of_rotors - 1
         left, right = self._uniform.background(self._uniform.leg_arcs(leg)[0])
@@ -168,7 +169,7 @@ class DeviatingOrbit(Orbit):
         return angles
 
     def _nearest(self, rotor: int, angle: float, turning: float) -> float:
-        """Return the arc near a reflection at which an edge rotor is closest to an angle [rad]."""
+        """Return the arc [rad] near a reflection at which an edge rotor is closest to an angle."""
         pieces, count = self._pieces, len(self._pieces)
         number = bisect_right(self._ends, (turning + self._origin) % self._ends[-1]) % count
         column = 0 if rotor == 0 else -1
@@ -190,12 +191,12 @@ class DeviatingOrbit(Orbit):
 
 
 def _difference(arc: float, piece: OrbitPiece, column: int, angle: float) -> float:
-    """Return the angle of a rotor of a piece less a given one, from -pi to pi [rad]."""
+    """Return the angle of a rotor of a piece minus `angle`, from -pi to pi [rad]."""
     return math.remainder(float(piece.at(arc)[: piece.rotors][column]) - angle, 2 * math.pi)
 
 
 def _rate(arc: float, piece: OrbitPiece, rotor: int | None) -> float:
-    """Return the arc derivative of a rotor's angle [1], or, for None, of sum_n sin(phi_n)."""
+    """Return the arc derivative of a rotor's angle [1], or of sum_n sin(phi_n) for rotor None."""
     angles, tangent = np.split(piece.at(arc), 2)
     return float(np.cos(angles) @ tangent) if rotor is None else float(tangent[rotor])
 
@@ -235,7 +236,7 @@ class _ArcMap:
         return self._cubic.at(arc)
 
     def inverse(self, uniform_arc: float) -> float:
-        """Return the arc at which `value` is a given arc of the uniform orbit [rad]."""
+        """Return the arc [rad] that corresponds to an arc of the uniform orbit [rad]."""
         number = min(
             max(bisect_right(self._uniform_arcs, uniform_arc) - 1, 0), len(self._arcs) - 2
         )
@@ -249,7 +250,7 @@ class _ArcMap:
 def _arcs_at_bonds(orbit: Orbit, leg: int) -> Array:
     """Return the arcs [rad] in a leg at which half of |t|^2 is left of each bond, (N - 1,).
 
-    The arc is NaN for bonds at the edges without such an arc.
+    Bonds near the edges may have no such arc. Their values are NaN.
     """
     rotors = orbit.chain.number_of_rotors
     arcs = np.linspace(*orbit.leg_arcs(leg), _SAMPLES_A_SITE * rotors)
@@ -258,7 +259,7 @@ def _arcs_at_bonds(orbit: Orbit, leg: int) -> Array:
     medians = np.array([_median(orbit.segment(arc)) for arc in arcs.tolist()])
 
     def excess(arc: float, bond: int) -> float:
-        """Return |t|^2 on the left of a bond less half of the total [1]."""
+        """Return |t|^2 on the left of a bond minus half of the total [1]."""
         segment = orbit.segment(arc)
         squares = segment.tangent**2
         left = squares[: max(bond + 1 - segment.first, 0)]

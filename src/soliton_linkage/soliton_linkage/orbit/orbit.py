@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Interface of a closed zero-energy orbit, and the methods that all orbits share."""
+"""Interface of a closed zero-energy orbit, and the common methods of all orbits."""
 
 from __future__ import annotations
 
@@ -14,29 +14,30 @@ from scipy.interpolate import PPoly
 from soliton_linkage.linkage.chain import Array, Chain
 
 _STEP = 1e-3
-"""Arc step for the derivative of the tangent [rad]: its error is 1e-6."""
+"""Arc step for the derivative of the tangent [rad]. The error of the derivative is 1e-6."""
 
 
 class OrbitSegment(NamedTuple):
-    """The rotors near the wall in a configuration, and their motion along the orbit."""
+    """Rotors near the wall in a configuration, and their motion along the orbit."""
 
     first: int
     """Number of the first rotor."""
     angles: Array
     """Actual angles [rad], shape (n,)."""
     tangent: Array
-    """Derivative of the angles by the arc length [1], shape (n,); below 1e-6 on other rotors."""
+    """Derivative of the angles by the arc length [1], shape (n,). It is below 1e-6 for all other
+    rotors."""
 
 
 class PiecewiseCubic:
-    """Piecewise cubic polynomial, linear beyond its knots; fast at single positions."""
+    """Piecewise cubic polynomial, linear outside its knots, with fast evaluation at a position."""
 
     def __init__(self, polynomial: PPoly) -> None:
         self.knots: list[float] = polynomial.x.tolist()
         self._coefficients: list[list[float]] = polynomial.c.T.tolist()
 
     def interval(self, at: float) -> int:
-        """Return the number of the interval of a position, the first or the last beyond them."""
+        """Return the number of the interval of a position; outside, the nearest interval."""
         return min(max(bisect_right(self.knots, at) - 1, 0), len(self.knots) - 2)
 
     def at(self, at: float) -> tuple[float, float]:
@@ -50,14 +51,14 @@ class PiecewiseCubic:
 
 
 class Orbit(ABC):
-    """The closed orbit of a chain as a curve, parametrised by its arc length.
+    """Closed orbit of a chain as a curve with its arc length as parameter.
 
-    The arc length [rad] counts all angles, sqrt(sum_n dphi_n^2). It may be any number, because
-    the orbit is periodic in it. At 0 the wall is reflected at the first rotor, and leg
-    0 begins; no edge rotor of a flipper has toggled in leg 0. The wall moves towards the last
-    rotor in even legs and back in odd ones. The uniform right-leaning state of the chain is
-    theta = theta_bar; a chain that was assembled upside down is the image phi -> pi - phi.
-    Angles are defined up to whole turns.
+    The element of the arc length [rad] is ds = sqrt(sum_n dphi_n^2). All real arguments are
+    allowed, because the orbit is periodic. At arc 0 the wall is reflected at the first rotor and
+    leg 0 begins. In leg 0 no edge rotor of a flipper has toggled. The wall moves towards the last
+    rotor in even legs, and towards the first rotor in odd legs. The uniform right-leaning state of
+    the chain is theta = theta_bar. A chain that was assembled upside down is the image phi -> pi -
+    phi. Angles are defined up to whole turns.
     """
 
     chain: Chain
@@ -99,7 +100,7 @@ class Orbit(ABC):
 
     @abstractmethod
     def arc_at(self, site: float, leg: int) -> float:
-        """Return the arc length at which the wall is at a site coordinate in a leg [rad]."""
+        """Return the arc length [rad] at which the wall is at a site coordinate in a leg."""
 
     @abstractmethod
     def site_arc_at(self, arc: float) -> float:
@@ -113,7 +114,7 @@ class Orbit(ABC):
     def background(self, arc: float) -> tuple[Array, Array]:
         """Return the angles of the chain left and right of the wall [rad], (N,) each.
 
-        All springs are relaxed. Edge rotors of flippers have toggled or not, as the leg has it.
+        All springs are relaxed. The leg determines which edge rotors of a flipper have toggled.
         """
 
     def configuration(self, arc: float) -> Array:
@@ -140,8 +141,8 @@ class Orbit(ABC):
     def free_rate(self, arc: float) -> float:
         """Return the arc rate of free motion relative to a chain of equal rotors [1].
 
-        1 / sqrt(sum_n (I_n / I) t_n^2) with I = M r^2 of the chain's parameters, because free
-        motion conserves the kinetic energy sum_n (I_n / 2) (t_n ds/dt)^2.
+        It is 1 / sqrt(sum_n (I_n / I) t_n^2) with I = M r^2 from the parameters of the chain,
+        because free motion conserves the kinetic energy sum_n (I_n / 2) (t_n ds/dt)^2.
         """
         segment = self.segment(arc)
         end = segment.first + len(segment.tangent)

@@ -1,14 +1,14 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The orbit of a chain whose rotors and springs deviate, as pieces with Chebyshev series.
+"""Orbit of a chain with deviations of rotors and springs, as pieces with Chebyshev series.
 
-A linkage has one degree of freedom. Given the angle of one rotor in the wall, the seed, the bars
-determine the others one by one, and with t_{n+1} = -(A_n / B_n) t_n outwards from the seed,
+A linkage has one degree of freedom. The angle of one rotor in the wall, called the seed,
+determines the angles of its neighbours, and so on outwards. With t_{n+1} = -(A_n / B_n) t_n,
 
     ds = dphi_seed / t_seed,    |t| = 1.
 
-Errors decay on both sides as the zero mode does, so that bars keep their length to rounding. In
-one piece the wall passes one seed. The angles of the rotors that move are Chebyshev series in the
-arc length. All pieces are computed at once.
+Errors decay outwards like the zero mode, so that the lengths of the bars are exact to rounding. In
+one piece the wall passes one seed. The angles of the moving rotors are Chebyshev series in the arc
+length. All pieces are computed together.
 """
 
 from __future__ import annotations
@@ -24,23 +24,23 @@ from soliton_linkage.linkage.chain import Array, Chain, Motion
 from soliton_linkage.orbit.seed_path import SeedPath, blocked_wall_error, seed_path
 
 _NODES = 20
-"""Terms of a Chebyshev series [1]: most pieces converge without a split or after one."""
+"""Number of terms of a Chebyshev series [1]. Most pieces converge with at most one split."""
 _MOST_SPLITS = 8
-"""Largest number of times that a piece is halved [1]; more do not help."""
+"""Largest number of times that a piece is halved [1]. More splits do not improve convergence."""
 _ACCURACY = 1e-11
-"""Largest of the last two coefficients of a series [rad]."""
+"""Limit of the last two coefficients of a converged series [rad]."""
 _STILL = 2e-11
-"""Tangent of a rotor below which it does not move [1]: the rounding of a series of `_NODES`."""
+"""Tangent below which a rotor counts as immobile [1], the rounding error of a series."""
 _DEPTHS_BESIDE = 25
 """Rotors on each side of a seed in penetration depths [1]: e^-25 is below `_STILL`."""
 _ROTORS_BESIDE = 6
 """Additional rotors [1], for the width of a wall whose penetration depth is close to 0."""
 _NEWTON_STEPS = 30
-"""Largest number of Newton steps [1], far more than are needed."""
+"""Largest number of Newton steps [1], far more than necessary."""
 _BATCH = 2_000_000
-"""Numbers that are computed at once [1], 16 MB: larger batches are not faster."""
+"""Numbers that are computed in one batch [1], 16 MB. Larger batches are not faster."""
 _MOST_NUMBERS = 20_000_000
-"""Numbers that an orbit may take to compute [1], about a minute."""
+"""Largest number of computed values for an orbit [1], which takes about a minute."""
 
 _POINTS = np.cos(math.pi * np.arange(_NODES)[::-1] / (_NODES - 1))
 """Chebyshev points of the second kind from -1 to 1, shape (K,)."""
@@ -52,20 +52,20 @@ _TO_SERIES = np.linalg.inv(chebyshev.chebvander(_POINTS, _NODES - 1))
 
 @dataclass(frozen=True)
 class OrbitPiece:
-    """A piece of the orbit with the rotors that move in it."""
+    """Piece of an orbit with its moving rotors."""
 
     seed: int
-    """Number of the rotor that moves most, or nearly so."""
+    """Number of the rotor with the largest or nearly the largest motion."""
     length: float
     """Arc length [rad]."""
     first: int
-    """Number of the first rotor that moves."""
+    """Number of the first moving rotor."""
     series: Array
     """Chebyshev series of the angles [rad] and tangents [1] of n rotors, (K, 2 n)."""
 
     @property
     def rotors(self) -> int:
-        """Number of rotors that move."""
+        """Number of moving rotors."""
         return int(self.series.shape[1]) // 2
 
     def at(self, arc: float) -> Array:
@@ -77,8 +77,8 @@ class OrbitPiece:
 def orbit_pieces(chain: Chain) -> list[OrbitPiece]:
     """Return the pieces of the closed orbit in their order.
 
-    The first begins in the middle of leg 0. Raises ValueError if the wall cannot pass through the
-    chain, or if the computation would take more than about a minute.
+    The first piece begins in the middle of leg 0. Raises ValueError if the wall cannot pass
+    through the chain, or if the computation would take more than about a minute.
     """
     last = chain.number_of_rotors - 1
     depth = penetration_depth(chain) / chain.spacing

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Bags of the configured folders: their contents and the track of the soliton in them."""
+"""Catalogue of the bags in the configured folders, with the track of the soliton in each bag."""
 
 from __future__ import annotations
 
@@ -22,11 +22,11 @@ PLAYED = (
     interfaces.SOLITON_STATE.name,
     interfaces.LAST_KICK.name,
 )
-"""Topics of a bag that are played. Commands are not, because they would drive other chains."""
+"""Topics of a bag that are played. Commands are omitted, because they could drive other chains."""
 _MOST_BAGS = 200
 """Largest number of listed bags, newest first."""
 _TRACK_POINTS = 500
-"""Number of points of the soliton's track on the time line [1]: about one per pixel."""
+"""Number of points of the soliton's track on the time line [1], about one per pixel."""
 
 
 @dataclass(frozen=True)

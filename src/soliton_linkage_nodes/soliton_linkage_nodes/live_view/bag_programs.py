@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The recorder and the player that the page starts, commands and stops."""
+"""Recorder and player processes, which the page starts, commands and stops."""
 
 from __future__ import annotations
 
@@ -105,7 +105,7 @@ class BagRecording(_BagProgram):
 
     @property
     def report(self) -> NodeReport | None:
-        """Last report of the recorder, None if it is silent."""
+        """Last report of the recorder, or None if it sends no reports."""
         received_at, report = self._finder.reports.get(
             f'{self.namespace}{_RECORDER}', (-REPORT_TIMEOUT, None)
         )
@@ -136,7 +136,7 @@ class BagRecording(_BagProgram):
         return f'recording to {name}_0'
 
     def begin(self, namespace: str, snapshot: float = 0.0) -> str:
-        """Record the chain of a namespace; with `snapshot` keep only so many last seconds."""
+        """Record the chain of a namespace; `snapshot` > 0 keeps only that last duration [s]."""
         if self._folder is None or self.rejection:
             raise ValueError(self.rejection)
         if self.running:

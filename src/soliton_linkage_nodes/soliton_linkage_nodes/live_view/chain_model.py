@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Present state of one chain, packed into frames for the page."""
+"""Current state of one chain, packed into frames for the page."""
 
 from __future__ import annotations
 
@@ -20,21 +20,21 @@ from soliton_linkage_nodes.messages.frame_reader import FrameReader
 from soliton_linkage_nodes.runtime.stamps import SECOND
 
 MOST_ANGLES = 1500
-"""Largest number of rotors that are drawn one by one [1]."""
+"""Largest number of rotors that are drawn individually [1]."""
 _GROUPS = 1024
-"""Number of groups of rotors that represent a longer chain [1]: about the pixels of a screen."""
+"""Number of groups of rotors that represent a longer chain [1], about one per pixel."""
 _STATE_TIMEOUT = 1.0
-"""Age of a state after which the analyser counts as silent [s]."""
+"""Age of the last state above which the analyser is assumed to have stopped [s]."""
 _HISTORY_PERIOD = 1 / 30
 """Time between two columns of the history [s]."""
 _HISTORY_COLUMNS = 600
 """Largest number of columns [1]: 20 s."""
 _MINUTE_COLUMNS = 1800
-"""Number of moments that can be shared [1]: one minute."""
+"""Number of frames in a shared file [1], one minute."""
 _MINUTE_NUMBERS = 1_800_000
-"""Largest number of angles that can be shared [1], 7 MB."""
+"""Largest number of angles in a shared file [1], 7 MB."""
 _HISTORY_NUMBERS = 400_000
-"""Largest number of values in all columns [1], 1.6 MB: long chains have a shorter history."""
+"""Largest number of values in all columns [1], 1.6 MB. Long chains have a shorter history."""
 
 
 class Moment(NamedTuple):
@@ -51,7 +51,7 @@ class Moment(NamedTuple):
 
 
 class ChainModel:
-    """The newest messages about a chain, packed into frames."""
+    """Newest messages about a chain, packed into frames."""
 
     def __init__(self, clock: Callable[[], float] = time.monotonic) -> None:
         self.named: NamedChain | None = None
@@ -62,9 +62,9 @@ class ChainModel:
         self.rate = math.nan
         """Rate of joint_states [Hz]."""
         self.frames = 0
-        """Number of joint_states used."""
+        """Number of processed joint_states messages."""
         self.goal = math.nan
-        """Goal of the present move [rotor spacings]."""
+        """Goal of the current move [rotor spacings]."""
         self.history: deque[Column] = deque(maxlen=_HISTORY_COLUMNS)
         """Past states for pages that open later."""
         self.stamp = math.nan
@@ -240,7 +240,10 @@ class ChainModel:
 
 
 def overview(lean: Array) -> Floats:
-    """Return the lean of each rotor; of more than 2048, smallest and largest in 1024 groups."""
+    """Return the lean of each rotor.
+
+    For more than 2048 rotors, return the smallest and the largest lean of each of 1024 groups.
+    """
     if len(lean) <= 2 * _GROUPS:
         return np.asarray(lean, dtype=np.float32)
     starts = np.linspace(0, len(lean), _GROUPS, endpoint=False).astype(np.intp)

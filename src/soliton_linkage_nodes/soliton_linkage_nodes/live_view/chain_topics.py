@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The chains of a graph, each in its namespace, and the newest messages about them."""
+"""Chains of a ROS graph, each in its namespace, and the newest messages about them."""
 
 from __future__ import annotations
 
@@ -30,21 +30,22 @@ from soliton_linkage_nodes.runtime.stamps import SECOND, time_from_msg
 from soliton_linkage_nodes.runtime.subscriptions import AdaptiveSubscription, subscribe_newest
 
 REPORT_TIMEOUT = 3.5
-"""Age of a report after which a node counts as silent [s]; nodes report once a second."""
+"""Age of the last report above which a node is assumed to have stopped [s]. Nodes report once per
+second."""
 _SEARCH_INTERVAL = 0.5
-"""Poll interval for chains and nodes of the graph [s]; a poll takes about a millisecond."""
+"""Poll interval for chains and nodes of the graph [s]. A poll takes about 1 ms."""
 _MOST_REPORTS = 200
 """Largest number of diagnostics that one call of `update` takes [1]."""
 _PAIRED = 200
-"""Number of states that wait for a display [1]: 0.2 s at 1000 Hz."""
+"""Largest number of states that wait for their frames [1], 0.2 s at 1000 Hz."""
 _LONGEST_WAIT = 0.3
-"""Longest time without a frame that has its own state [s]."""
+"""Time without a pair of frame and state after which frames are shown without states [s]."""
 _LATE_SPAN = 10.0
 """Time over which missed deadlines are counted [s]."""
 _MOST_CHAINS = 16
 """Largest number of chains shown."""
 _MOST_BYTES = 4_000_000
-"""Largest camera picture that is sent [bytes]: a sharp one of 12 million pixels."""
+"""Largest camera picture that is sent [B], a sharp picture of 12 million pixels."""
 
 
 class CameraTopic:
@@ -64,7 +65,7 @@ class CameraTopic:
 
     @property
     def reason(self) -> str:
-        """Reason why there is no picture, empty if there may be one."""
+        """Reason why no picture can be received, otherwise empty."""
         if self._error or self._publishers:
             return self._error
         return f'no node publishes {interfaces.CAMERA_OVERLAY.name}; start camera_encoders'
@@ -116,7 +117,7 @@ class CameraTopic:
 
 
 class ChainTopics:
-    """Topics of the chain of one namespace, which ends in a slash."""
+    """Topics of the chain of one namespace; the name of the namespace ends in a slash."""
 
     def __init__(self, node: Node, namespace: str) -> None:
         self.namespace = namespace
@@ -146,7 +147,7 @@ class ChainTopics:
         )
 
     def update(self) -> None:
-        """Put the newest messages into the model."""
+        """Update the model with the newest messages."""
         self.camera.update()
         for kick, _ in self._kicks.waiting():
             self.kick = kick
@@ -175,9 +176,9 @@ class ChainTopics:
         self._show_frame()
 
     def _show_frame(self) -> None:
-        """Put the newest frame with its own state into the model.
+        """Update the model with the newest frame whose state has also arrived.
 
-        Frames without a state are shown if there is no analyser, or if it lags for 0.3 s.
+        If no analyser runs or its lag exceeds 0.3 s, frames without states are used.
         """
         now = time.monotonic()
         paired = [stamp for stamp in self._frames if stamp in self._analysed]
@@ -192,7 +193,7 @@ class ChainTopics:
         if self._frames:
             frame = paired[-1] if paired else next(reversed(self._frames))
             self.model.update_joints(self._frames[frame])
-        # Stamps restart at a reset, so that the order of arrival counts.
+        # The order of arrival is used, because stamps may restart at a reset.
         for kept in (self._frames, self._analysed):
             for stamp in _until(kept, paired[-1]) if paired else list(kept):
                 del kept[stamp]
@@ -210,15 +211,15 @@ class ChainTopics:
 
 
 def _until(kept: Mapping[int, object], last: int) -> list[int]:
-    """Return the stamps up to the last one, in the order of their arrival."""
+    """Return all stamps up to `last` in the order of their arrival."""
     stamps = list(kept)
     return stamps[: stamps.index(last) + 1]
 
 
 class ChainFinder:
-    """All published chains, the expected one, and the reports of nodes.
+    """Search for all published chains, and the reports of nodes.
 
-    No executor may spin the node. The chain of the expected namespace is listed first.
+    No executor may spin the node. The chain of the expected namespace is always listed first.
     """
 
     def __init__(self, node: Node, expected: str) -> None:
@@ -255,7 +256,7 @@ class ChainFinder:
             self._search()
 
     def late_share(self, namespace: str) -> float | None:
-        """Return the share of missed deadlines in the last ten seconds, None if unknown."""
+        """Return the fraction of missed deadlines in the last ten seconds, or None if unknown."""
         counts = self._deadlines.get(namespace)
         while counts and counts[0][0] < time.monotonic() - _LATE_SPAN:
             counts.popleft()

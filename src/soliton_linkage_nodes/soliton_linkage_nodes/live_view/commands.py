@@ -29,17 +29,17 @@ from soliton_linkage_nodes.runtime import interfaces
 from soliton_linkage_nodes.runtime.guarded import ACTION_QOS, SERVICE_QOS
 
 _ANSWER_TIMEOUT = 10.0
-"""Longest time for the answer to a command [s]; the page reports a missing one after 2 s."""
+"""Longest wait for the answer to a command [s]. The page reports a missing answer after 2 s."""
 _ACCEPTED_TIME = 2.0
 """Time to wait for the effect of an accepted command [s]."""
 _PARAMETERS_TIMEOUT = 3.0
-"""Longest time for the parameter services of a node to appear [s]."""
+"""Longest wait for the parameter services of a node [s]."""
 _POLL_INTERVAL = 0.02
 """Poll interval for an answer [s]."""
 _TILT_RESOLUTION = 1e-5
 """Resolution of the reported tilt [rad]."""
 _CARRIED_OUT = 'commands carried out'
-"""Figure of the reports of edge_actuator."""
+"""Name of a value in the reports of edge_actuator."""
 READ_ONLY = 'this page is read-only; start live_view with read_only:=false to send commands'
 """Reason of a rejection."""
 _PUBLISHED = (
@@ -64,10 +64,11 @@ _PARAMETER_SERVICES = {
 
 
 class ChainCommands:
-    """Commands to the nodes of a namespace, which ends in a slash.
+    """Commands to the nodes of a namespace, whose name ends in a slash.
 
-    Each command waits for its answer: it returns the result, and raises ValueError with the reason
-    if it is rejected or has no answer. The finder reports the answers to topics.
+    Each method waits for the answer to its command and returns the result. It raises ValueError
+    with the reason if the command is rejected or unanswered. The finder provides the reports of
+    nodes, which contain the answers to commands on topics.
     """
 
     def __init__(self, node: Node, namespace: str, read_only: bool, finder: ChainFinder) -> None:
@@ -129,7 +130,7 @@ class ChainCommands:
         )
 
     async def pull(self, pull: Pull, updated: Callable[[], Awaitable[None]]) -> str:
-        """Pull a rotor until the button is released, at each update of the chain."""
+        """Pull a rotor until the button is released; update the torque with each frame."""
         self.check_writable()
         chain = self._finder.chains.get(self.namespace)
         named = chain.model.named if chain else None
@@ -166,7 +167,7 @@ class ChainCommands:
         raise ValueError(f'edge_actuator has no torque limit for {joint}')
 
     async def tilt(self, angle: float) -> str:
-        """Tilt the chain [rad]; empty if a newer tilt replaces it before its answer."""
+        """Tilt the chain [rad]; return '' if a newer tilt replaces this one before its answer."""
         message = views.number_to_msg(angle)
         before = self._report('simulator')
         self._publish('tilt', message, 'simulator')
@@ -218,7 +219,7 @@ class ChainCommands:
         return await self._call_own(f'chain_identifier/{name}', Trigger.Request())
 
     async def move_to(self, rotor: float, speed: float, position: float) -> str:
-        """Move the soliton from its position to a rotor [rotor spacings]; speed 0 is automatic."""
+        """Move the soliton to a rotor [rotor spacings]; a speed of 0 is automatic."""
         self.check_writable()
         goal = views.move_goal(rotor, speed)
         if self._mover is None or not self._mover.server_is_ready():
@@ -233,7 +234,7 @@ class ChainCommands:
 
         def send() -> Any:
             sent = mover.send_goal_async(goal, feedback_callback=on_feedback)
-            # Added on the executor's thread, so that no answer can precede the callback.
+            # The callback is added on the thread of the executor, so that it receives any answer.
             sent.add_done_callback(lambda accepted: await_end(move, accepted.result()))
             return sent
 
@@ -246,7 +247,7 @@ class ChainCommands:
             raise ValueError('move_soliton rejected the goal; see the log of soliton_steering')
         await self._until(answer, 'soliton_steering')
         if move.under_way or move.held:
-            # A rejected goal does not replace the move that is under way.
+            # A rejected goal does not replace the active move.
             self.move = move
             return move.message or f'moving the soliton to rotor {rotor:.2f}'
         self._requested = False
@@ -271,12 +272,12 @@ class ChainCommands:
             self.move = Move()
 
     def _forget_move(self) -> None:
-        """Drop the outcome of the last move, because the chain is in another state now."""
+        """Discard the outcome of the last move, because the state of the chain was reset."""
         if not self.move.under_way:
             self.move = Move()
 
     async def cancel(self) -> str:
-        """Cancel the move that is under way."""
+        """Cancel the active move."""
         self.check_writable()
         move = self.move
         if move.foreign and move.under_way:
@@ -292,11 +293,11 @@ class ChainCommands:
         )
 
     async def parameters(self, node: str) -> list[AdjustableParameter]:
-        """Return the adjustable parameters of a node, given its full name."""
+        """Return the adjustable parameters of the node with this full name."""
         listed = await self._call_parameters(node, ListParameters, ListParameters.Request())
         request = DescribeParameters.Request(names=sorted(listed.result.names))
         answer = await self._call_parameters(node, DescribeParameters, request)
-        # A node returns no value at all if one of the parameters has none.
+        # If one of the requested parameters has no value, a node returns no values.
         found = [each for each in answer.descriptors if views.is_adjustable(each)]
         request = GetParameters.Request(names=[each.name for each in found])
         values = (await self._call_parameters(node, GetParameters, request)).values
@@ -334,7 +335,7 @@ class ChainCommands:
         self, topic: str, act: Callable[[], Awaitable[None]], lasting: bool = False
     ) -> str:
         """Publish on a topic of the edge actuator by `act`, and return the answer."""
-        # One at a time, so that each answer belongs to its command.
+        # Send one command at a time, so that each answer belongs to its command.
         async with self._edge:
             before, kicks = self._report('edge_actuator'), self._kicks()[0]
             await act()

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Guided experiments on a simulated chain: each has a question and a measured answer."""
+"""Guided experiments on a simulated chain. Each has a question and a measured answer."""
 
 from __future__ import annotations
 
@@ -27,12 +27,12 @@ _SPEEDS = (5.0, 10.0, 20.0)
 _DISORDER = 0.02
 """Relative standard deviation of the lengths of the disordered chain [1]."""
 _MIDDLE = (0.3, 0.7)
-"""Part of the chain in which speeds are measured [1], away from the edges."""
+"""Range of positions in which speeds are measured [chain lengths], away from the edges."""
 _TIMEOUT = 60.0
 """Longest time for a passage [s]."""
 _NODES = ('simulator', 'edge_actuator', 'soliton_analyser')
 _TURN = 1.0
-"""Smallest total turn of a rotor that spins [rad]."""
+"""Smallest change of angle of a rotor that spins [rad]."""
 
 
 class Sample(NamedTuple):
@@ -66,7 +66,7 @@ class Laboratory:
     """Experiments on the chain of a namespace."""
 
     def __init__(self, view: View, namespace: str, watch: Callable[[str], None]) -> None:
-        """Measure a chain; `watch` shows the chain of a namespace."""
+        """Measure a chain; the function `watch` displays the chain of a namespace."""
         self._view, self._namespace, self._watch = view, namespace, watch
 
     async def nudge(self) -> str:

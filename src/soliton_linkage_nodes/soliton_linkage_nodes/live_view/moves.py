@@ -28,12 +28,12 @@ class Move:
     start: float = math.nan
     """Initial site coordinate of the soliton [rotor spacings]."""
     rotor: float = math.nan
-    """Present site coordinate of the soliton [rotor spacings]."""
+    """Current site coordinate of the soliton [rotor spacings]."""
     message: str = ''
     foreign: bool = False
     """Whether another client requested the move."""
     ended_at: float = math.inf
-    """Time of the outcome [s], of the monotonic clock."""
+    """Time of the outcome on the monotonic clock [s]."""
     handle: Any = field(default=None, repr=False)
 
     @property
@@ -56,7 +56,7 @@ class Move:
 
 
 def await_end(move: Move, handle: Any) -> None:
-    """Conclude a move at the result of its goal."""
+    """Set the outcome of a move from the result of its goal."""
     if handle is not None and handle.accepted:
         move.handle = handle
         handle.get_result_async().add_done_callback(lambda done: _conclude(move, done.result()))

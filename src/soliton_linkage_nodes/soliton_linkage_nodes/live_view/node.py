@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Node that serves the live page: moving chains in a browser, and commands to them."""
+"""Node that serves the live page, which shows chains in a browser and sends commands to them."""
 
 from __future__ import annotations
 
@@ -52,10 +52,11 @@ class LiveViewParameters:
 class LiveView(GuardedNode):
     """Node that serves a page, which shows chains and sends commands to them.
 
-    In every namespace with `joint_states` it subscribes to them, to `soliton_state`, `chain` and,
-    while a browser shows it, `camera_overlay`. There it publishes `nudge`, `edge_command` and
-    `tilt`, and calls services of the suite's nodes and the action `move_soliton`. Subscribes to
-    and publishes `/diagnostics`. Starts a `bag_recorder`, and a `bag_player` in `/replay`.
+    In every namespace with `joint_states`, the node subscribes to `joint_states`, `soliton_state`,
+    `chain` and, while a browser shows it, `camera_overlay`. In the same namespace it publishes
+    `nudge`, `edge_command` and `tilt`, calls services of the suite's nodes, and uses the action
+    `move_soliton`. It subscribes to and publishes `/diagnostics`. It starts a `bag_recorder`, and
+    a `bag_player` in the namespace `/replay`.
     """
 
     PARAMETERS: ClassVar[dict[type, str]] = {LiveViewParameters: ''}
@@ -107,7 +108,7 @@ class LiveView(GuardedNode):
         page.add(served, self.view, self.settings.lesson)
         self.server = server.PageServer(served, bound, token, self._tick, share)
         if token:
-            # The log of ROS is a public topic.
+            # The token is not logged, because the log of ROS is a public topic.
             print(f'open {self.address}', flush=True)
         else:
             self.get_logger().info(f'open {self.address}')

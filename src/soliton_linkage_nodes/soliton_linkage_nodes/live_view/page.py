@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The page: plots, which the script draws, and controls."""
+"""Page with plots, which its script draws, and controls."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ _REFRESH_PERIOD = 0.25
 _BUILD_TIMEOUT = 60.0
 """Longest time to build a page on a busy machine [s]."""
 _RECONNECT_TIMEOUT = 15.0
-"""Absence of a browser after which its page is built again [s]."""
+"""Time after a lost connection within which a browser keeps its page [s]."""
 _TABS = ('Drive', 'Run', 'Settings', 'Bags', 'Identify')
 _LESSON = 'Lesson'
 _LESSON_TABS = (_LESSON, 'Drive', 'Run')
@@ -38,7 +38,7 @@ _SHARING = (
     ('photo_camera', 'save the view as a picture', 'live.savePicture()'),
     ('download', 'save the last minute as one HTML file', 'live.saveMinute()'),
 )
-"""Icon, label and script of each button that saves."""
+"""Icon, label and script of each save button."""
 _PLOTS = Path(__file__).with_name('browser') / 'plots.html'
 
 
@@ -64,7 +64,7 @@ def add(served: FastAPI, view: View, lesson: bool) -> None:
 
 
 class Page:
-    """Page of one browser, with the chain that it shows: at first the first one."""
+    """Page of one browser. It initially shows the first chain."""
 
     def __init__(self, view: View, lesson: bool) -> None:
         self._view = view
@@ -75,7 +75,7 @@ class Page:
         self._dark = ui.dark_mode(None)
 
     async def build(self, plots: str) -> None:
-        """Build the page in steps, so that other browsers receive frames meanwhile."""
+        """Build the page in steps, so that other browsers still receive frames."""
         ui.add_head_html(
             '<link rel="stylesheet" href="/live/live.css">'
             '<script type="module" src="/live/live.js"></script>'

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Pull of a rotor by the pointer: a spring with bounded torque."""
+"""Pull of a rotor by the pointer, modelled as a spring with limited torque."""
 
 from __future__ import annotations
 
@@ -11,8 +11,8 @@ import numpy as np
 from soliton_linkage.linkage.chain import Array, Chain
 
 _ACCELERATION = 200.0
-"""Angular acceleration of a free rotor by the largest torque [rad/s^2]: in 0.05 s it reaches the
-10 rad/s of the default nudge."""
+"""Angular acceleration of a free rotor by the largest torque [rad/s^2]. After 0.05 s the rotor has
+10 rad/s, the speed of the default nudge."""
 _STRETCH = 1.0
 """Angle between rotor and pointer at which the spring has its largest torque [rad]."""
 _TOP_SPEED = 20.0
@@ -23,7 +23,7 @@ _DEAD_ZONE = 0.2
 
 @dataclass
 class Pull:
-    """Pull of one rotor towards a point of the plane of the chain."""
+    """Pull of one rotor towards a point in the plane of the chain."""
 
     rotor: int
     x: float

@@ -31,14 +31,15 @@ if TYPE_CHECKING:
 
 _SCRIPTS = Path(__file__).with_name('browser')
 _START_TIMEOUT = 30.0
-"""Longest time for the server to start [s]: NiceGUI takes seconds on a busy machine."""
+"""Longest time for the server to start [s]. NiceGUI takes seconds on a busy machine."""
 _LONGEST_PERIOD = 0.2
 """Longest time between two ticks, for any number of browsers [s]."""
 _LARGEST_MESSAGE = 65536
 """Largest message of a browser [bytes]."""
 _COOKIE = 'soliton_linkage_live_view'
 _PUNCTUATION = '.,;:)\'"'
-"""Characters after an address in a text, which a terminal may take for a part of it."""
+"""Punctuation after an address in a text. A terminal may include it when the user opens the
+address."""
 _REMEDY = 'open the address that live_view printed'
 
 
@@ -105,9 +106,9 @@ class PageServer:
         tick: Callable[[], float],
         share: float,
     ) -> None:
-        """Serve on a bound socket; `tick` returns the time to the next call [s].
+        """Serve on a bound socket; `tick` returns the time until its next call [s].
 
-        Ticks become less frequent if the thread would use more than a share of a core [1].
+        The interval grows if the thread would otherwise use more than `share` of a core [1].
         """
         config = uvicorn.Config(
             Gate(served, token),
@@ -163,7 +164,7 @@ class PageServer:
 
 
 def tick_period(wanted: float, spent: float, share: float) -> float:
-    """Return the time to the next tick [s], so that the last tick's time is a share of it [1]."""
+    """Return the time to the next tick [s], so that ticks use at most `share` of the time [1]."""
     return max(wanted, min(spent / share, _LONGEST_PERIOD))
 
 
@@ -180,9 +181,10 @@ def is_loopback(host: str) -> bool:
 class Gate:
     """Middleware that rejects requests and streams of other pages.
 
-    A page of another origin in the same browser could otherwise send commands to the chain, also
-    through a host name that resolves to 127.0.0.1. Without a token, only names of this machine are
-    accepted. A token must be in the address, or in the cookie that the first answer sets.
+    Otherwise a page of another origin in the same browser could send commands to the chain, for
+    example with a host name that resolves to 127.0.0.1. If no token is configured, only host names
+    of this machine are accepted. If a token is configured, it must be in the address or in the
+    cookie that the first response sets.
     """
 
     def __init__(self, guarded: ASGIApp, token: str = '') -> None:

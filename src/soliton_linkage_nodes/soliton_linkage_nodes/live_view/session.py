@@ -29,7 +29,7 @@ _PAGE = 'live_view'
 _RESTART_DELAY = 1.0
 """Time from the end of a node to its restart [s]."""
 _MOST_RESTARTS = 100
-"""Largest number of restarts, for nodes that cannot run."""
+"""Largest number of restarts [1], a limit for nodes that fail again and again."""
 _POLL_INTERVAL = 0.1
 """Poll interval for ended processes [s]."""
 
@@ -50,7 +50,7 @@ def main() -> None:
     except RuntimeError as error:
         print(f'\nlive: {error}', file=sys.stderr)
     finally:
-        # The page and its recorder stop first, while all topics are still published.
+        # Stop the page and its recorder first, while all topics are still published.
         processes.stop([_PAGE])
         processes.stop()
     sys.exit(code)
@@ -72,7 +72,7 @@ def _start(processes: ChildProcesses, arguments: argparse.Namespace) -> None:
 
 
 def _respawn(processes: ChildProcesses, stopping: threading.Event) -> None:
-    """Start each node again that ends, as the launch files do, until `stopping` is set."""
+    """Restart each node that ends until `stopping` is set, as the launch files do."""
     restarts = 0
     while not stopping.wait(_POLL_INTERVAL):
         for node, how in processes.ended().items():

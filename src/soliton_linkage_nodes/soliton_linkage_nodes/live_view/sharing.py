@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A recorded run as one HTML file with its data and a viewer, which needs no server."""
+"""Writer of one HTML file with a recorded run and its viewer, which needs no server."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ import numpy as np
 from soliton_linkage.linkage.chain import Array, Chain
 
 if TYPE_CHECKING:
-    # At run time this would import scipy.
+    # This is imported for type checks only, because it imports scipy.
     from soliton_linkage.solitons.track import MeasuredWall
 
 _BROWSER = Path(__file__).with_name('browser')
@@ -91,7 +91,7 @@ def shared_page(
     parts = {
         '/*STYLE*/': (_BROWSER / 'live.css').read_text(encoding='utf-8'),
         '/*SCRIPT*/': script,
-        # JSON may contain the end of the script that it is in.
+        # Escape "</", because JSON may contain the end tag of the script element.
         '/*DATA*/': json.dumps(data).replace('</', '<\\/'),
         '<!--TITLE-->': html.escape(title),
     }

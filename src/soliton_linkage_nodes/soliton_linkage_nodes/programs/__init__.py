@@ -1,2 +1,2 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Programs beside the nodes: the demo, nudges and moves by hand, tools for bags."""
+"""Command-line programs: the demo, nudges and moves of a soliton, and tools for bags."""

@@ -80,12 +80,12 @@ COLUMNS = (
 
 @dataclass(frozen=True)
 class BagBatch:
-    """Bags by the name of the folder of each, and how they are analysed."""
+    """Bags by the name of the output folder of each, and the function that analyses them."""
 
     bags: tuple[tuple[str, Path], ...]
     folder: Path
     analyse: Callable[[Path, Path, NamedChain | None, float | None], int]
-    """Writes the states of a bag, given with its folder, chain and noise [rad]."""
+    """Function of bag, output folder, chain and noise [rad] that writes the states of the bag."""
     chain: Path | None = None
     noise: float | None = None
     name: str = 'bags'
@@ -145,7 +145,7 @@ def summary(states: Iterable[dict[str, str]]) -> list[str]:
 
 
 def named_bags(paths: Sequence[Path]) -> tuple[tuple[str, Path], ...]:
-    """Return the bags with unique names; bags with equal names get the name of their folder too.
+    """Return the bags by unique names; equal names are extended by the name of the parent folder.
 
     Raises ValueError if a bag is given twice.
     """
@@ -164,7 +164,7 @@ def named_bags(paths: Sequence[Path]) -> tuple[tuple[str, Path], ...]:
 def analyse_many(study: BagBatch, workers: int, scheduler: str | None = None) -> int:
     """Analyse the bags that are not in the table yet; return the number of failures.
 
-    If a worker process dies, other processes continue with the remaining bags.
+    If a worker process is killed, other processes continue with the remaining bags.
     """
     with Table(study, study.folder) as table:
         while missing := table.missing:
@@ -194,11 +194,11 @@ def _fill(study: BagBatch, table: Table, pool: Pool) -> None:
 
 
 _MOST_DRAWN = 4000
-"""Largest number of frames in a picture; a picture has fewer columns."""
+"""Largest number of frames in a picture [1]. A picture has fewer columns."""
 
 
 class PictureFrames:
-    """Evenly selected frames for the pictures, so that any bag fits into memory."""
+    """Evenly spaced selection of frames for the pictures, so that any bag fits into memory."""
 
     def __init__(self, named: NamedChain) -> None:
         self._reader = FrameReader(named.joint_names, named.encoder_offsets)
@@ -206,7 +206,7 @@ class PictureFrames:
         self._kept: list[tuple[int, Array, tuple[AnalysedSoliton, ...]]] = []
 
     def add(self, joints: JointStates, analysis: Analysis) -> None:
-        """Keep a frame if it is to be drawn."""
+        """Store a frame if it is selected."""
         if self._count % self._every == 0:
             self._kept.append((joints.stamp, self._reader.read(joints).angles, analysis.solitons))
             if len(self._kept) > _MOST_DRAWN:
@@ -243,10 +243,10 @@ def analyse(
 ) -> int:
     """Write soliton_state.csv, soliton_events.csv, two pictures; return the number of frames.
 
-    With `html`, also write view.html, a page with the frames and a viewer. With `log_time` the
-    receive times replace the stamps. Raises ValueError if there are no frames, if several frames
-    have the stamp 0, or if the given chain has joints without any angle, unless `missing_joints`
-    is set.
+    With `html`, also write view.html, a page with the frames and a viewer. With `log_time`, the
+    receive times replace the stamps. Raises ValueError if there are no frames or if several frames
+    have the stamp 0. Without `missing_joints`, also raises ValueError if a joint of the given
+    chain has no angle.
     """
     frames = late = unstamped = 0
     analysed = JointStateAnalysis(noise)

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The frames of a bag, analysed as the live node does."""
+"""Analysis of the frames of a bag with the same methods as in the node soliton_analyser."""
 
 from __future__ import annotations
 
@@ -43,11 +43,11 @@ def analyse_frames(
     analysis: JointStateAnalysis | None = None,
     log_time: bool = False,
 ) -> Iterator[tuple[JointStates, Analysis | None]]:
-    """Yield each frame of a bag with its analysis, None if it is late, as the live node does.
+    """Yield each frame of a bag with its analysis, or with None if the frame is late.
 
-    The chain is the given one, or the one in the bag. With `log_time` the receive times of the
-    messages replace their stamps. Rejected messages are skipped; the first few are reported on
-    stderr. Raises ValueError if the bag has no frames or no chain.
+    `given` replaces the chain of the bag. With `log_time`, the receive times of the messages
+    replace their stamps. Rejected messages are skipped, and the first few are reported on stderr.
+    Raises ValueError if the bag has no frames or no chain.
     """
     analysis = analysis or JointStateAnalysis()
     joints = find_topic(reader, interfaces.JOINT_STATES.name)

@@ -26,9 +26,9 @@ _PICTURES = ('.jpg', '.jpeg', '.png', '.tif', '.tiff', '.bmp')
 _STRIDE = 10
 """Interval of the pictures that are used from a film, because finding the board takes 0.1 s."""
 _CORNERS = Quantity('inner corners', '', 2, 100)
-"""No board has more than 100 [1]."""
+"""Number of inner corners in a row or column of the board [1]."""
 _SQUARE = Quantity('side of a square', 'm', 1e-4, 10.0)
-"""From a microscope's field of view to a wall [m]."""
+"""Side of a square of the board [m]."""
 
 
 def main(arguments: Sequence[str] | None = None) -> None:

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The chain on a line of the terminal: which way its rotors lean, and where its solitons are."""
+"""Drawing of a chain in one line of the terminal, with the leans of its rotors and solitons."""
 
 from __future__ import annotations
 
@@ -24,14 +24,14 @@ LEGEND = '/ leans right, \\ leans left, | is upright, ? is missing, O is a solit
 _UPRIGHT = 1 / 3
 """Displacement relative to the rest state below which a rotor is drawn upright [1]."""
 _FEWEST = 10
-"""Smallest number of marks, also beside a long remark."""
+"""Smallest number of marks in the line, even if the remark is long [1]."""
 
 
 class ChainLine:
     """Drawing of the chain of the topics `chain` and `joint_states`, with rotor 0 on the left."""
 
     def __init__(self, node: Node) -> None:
-        """Subscribe through a node, also to best-effort encoders."""
+        """Subscribe with a node, also to best-effort publishers."""
         self._node = node
         self._line = ProgressLine('', 0)
         self._chain: tuple[NamedChain, FrameReader] | None = None
@@ -64,7 +64,7 @@ class ChainLine:
         return math.nan if self._chain is None else self._chain[0].chain.spacing
 
     def show(self, solitons: Sequence[float], remark: str) -> None:
-        """Draw the chain with solitons at these rotors and a remark, if a drawing is due."""
+        """Draw the chain with solitons and a remark if the drawing interval has elapsed."""
         if not self._line.due:
             return
         if self._chain is None or self._serialized is None:
@@ -79,7 +79,7 @@ class ChainLine:
         self._draw(named.chain, angles, solitons, remark)
 
     def end(self, remark: str = '') -> None:
-        """Replace the line by a final one, and remove the subscriptions."""
+        """Replace the line with a final text, and remove the subscriptions."""
         self._line.end(remark)
         for subscription in self._subscriptions:
             self._node.destroy_subscription(subscription)
@@ -114,7 +114,7 @@ class ChainLine:
 
 
 def drawn(leans: Array, solitons: Sequence[float], room: int) -> str:
-    """Return one mark for each rotor, or for several rotors if there is less room.
+    """Return one mark per rotor, or one per group of rotors if the line is too short.
 
     `leans` are sines of the angles over the sine of the rest angle, shape (N,), NaN for missing
     rotors. `solitons` are site coordinates [rotor spacings].

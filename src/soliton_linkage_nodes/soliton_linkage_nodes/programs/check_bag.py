@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Report whether a bag is complete, its content, and the losses during recording.
+"""Report the content of a bag, whether it is complete, and the messages lost during recording.
 
 The first lines have the layout of `ros2 bag info`, but they describe the messages that were read.
 """
@@ -32,7 +32,7 @@ _LABEL_WIDTH = 19
 _EVENTS = 'soliton_linkage_msgs/msg/SolitonEvent'
 _SERVICE_EVENT, _SERVICE_SUFFIX = '_Event', '/_service_event'
 _TopicRow = tuple[tuple[str, str, str], int, int]
-"""Name, type and encoding of a topic, number of messages, and messages lost when recorded."""
+"""Name, type and encoding of a topic, number of messages, and number lost during recording."""
 
 
 def main() -> None:
@@ -64,7 +64,7 @@ def _is_sound(report: BagReport) -> bool:
 
 
 def _lines(report: BagReport) -> Iterator[tuple[str, list[str]]]:
-    """Yield labels with lines: first the labels of `ros2 bag info`, then others."""
+    """Yield labels with lines, first those of `ros2 bag info`."""
     start = report.start or 0
     topics, services = _topics(report)
     yield 'Files:', [file.name for file in report.files]
@@ -113,7 +113,7 @@ def _row(kind: str, count: str, topic: _TopicRow) -> str:
 
 
 def _topics(report: BagReport) -> tuple[list[_TopicRow], list[_TopicRow]]:
-    """Return the topics and the services of a bag; the channels of a topic are one topic."""
+    """Return the topics and the services of a bag; channels of the same topic are merged."""
     counts: Counter[tuple[str, str, str]] = Counter()
     for topic, count in report.counts.items():
         counts[topic.name, topic.type_name, topic.serialization] += count
@@ -205,7 +205,7 @@ def _lost_when_recorded(report: BagReport) -> dict[str, int]:
 
 
 def _counts_in(report: BagReport, key: str) -> dict[str, int]:
-    """Return a number for each topic from the custom data, none if they are damaged."""
+    """Return a number for each topic from the custom data; empty if these are damaged."""
     try:
         counts = load_json(report.custom_data.get(key, '{}'))
     except ValueError:

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Command line of a program, and its end after an error, with one line."""
+"""Command line of a program, and its exit with one line after an error."""
 
 from __future__ import annotations
 
@@ -63,7 +63,7 @@ def reason(error: Exception) -> str:
 
 @contextmanager
 def exit_on_failure(program: str) -> Iterator[None]:
-    """Exit with one line and 1 after an error, with 130 after Ctrl-C."""
+    """Exit with code 1 and one line after an error, and with code 130 after Ctrl-C."""
     try:
         yield
     except KeyboardInterrupt:
@@ -77,7 +77,7 @@ def exit_on_failure(program: str) -> Iterator[None]:
 
 
 def message_progress(title: str) -> tuple[ProgressLine, Callable[[int, int], None]]:
-    """Return a progress line, and a function that shows how many messages of how many are done."""
+    """Return a progress line, and a function that shows the processed and expected messages."""
     progress, begun = ProgressLine(title, 0), time.monotonic()
 
     def show(done: int, expected: int) -> None:
@@ -90,7 +90,7 @@ def message_progress(title: str) -> tuple[ProgressLine, Callable[[int, int], Non
 
 
 def add_bags(parser: argparse.ArgumentParser) -> None:
-    """Add the directories of one or more bags."""
+    """Add a positional argument for the directories of one or more bags."""
     parser.add_argument(
         'bags',
         type=Path,

@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Lorentz contraction measured by the analyser alone, from bags of walls at a dozen speeds.
+"""Measure the Lorentz contraction of walls at a dozen speeds with the analyser.
 
-Each wall is nudged into a simulated chain with noisy encoders and recorded by the nodes; the
-bags are then analysed, and speeds and widths are compared with theory.
+For each speed, the nodes nudge a wall into a simulated chain with noisy encoders and record a bag.
+Then the bags are analysed, and the measured speeds and widths are compared with theory.
 """
 
 from __future__ import annotations
@@ -42,23 +42,23 @@ from soliton_linkage_studies.program import installed_settings
 from soliton_linkage_studies.settings import load_settings
 
 _RATE = 250.0
-"""Frames of a recording [Hz], some 1500 of a wall."""
+"""Frame rate of a recording [Hz], about 1500 frames for each wall."""
 _SECONDS = 6.0
 """Duration of a recording [s]."""
 _WAY = 0.8
-"""Duration relative to that of the simulation, so that recordings end before the far edge [1]."""
+"""Duration relative to the simulation of the study [1]. The wall must not reach the far edge."""
 _POLL_INTERVAL = 0.1
 """Poll interval while the nudge is sent [s]."""
 _UNLIMITED = 1e6
-"""Limit of kicks [rad/s] and impulses [N m s] for walls faster than a real actuator makes."""
+"""Limit of kicks [rad/s] and impulses [N m s], high enough for walls of any speed."""
 
 
 def record(
     study: ContractionStudy, walls: int, kick: int, folder: Path, stopping: threading.Event
 ) -> Path:
-    """Record a wall, chain and kick by number, in a bag; return its path.
+    """Record a bag of a wall and return its path; `walls` and `kick` are indices of the study.
 
-    The chain's unit of time is such that the wall is past the middle after six seconds. Raises
+    The parameters of the chain are scaled so that the wall has passed the middle after 6 s. Raises
     RuntimeError if a node fails.
     """
     chain, speed = study.walls[walls].chain, study.walls[walls].kicks[kick]
@@ -97,7 +97,7 @@ def record(
 
 
 def measure(bag: Path) -> ContractedWall:
-    """Measure speed and width of the wall of a bag; raises ValueError if it shows none."""
+    """Measure speed and width of the wall in a bag; ValueError if the bag has no wall."""
     with open_bag(bag) as reader:
         found = [each for each in analyse_frames(reader) if each[1] is not None]
         chain = read_chain(reader).chain
@@ -138,7 +138,10 @@ def main(arguments: Sequence[str] | None = None) -> None:
 def _measured(
     study: ContractionStudy, folder: Path, stopping: threading.Event
 ) -> list[ContractedWall]:
-    """Record and measure all walls; once more if that fails, as it may on a busy machine."""
+    """Record and measure all walls; repeat a failed recording once.
+
+    A recording may fail on a busy machine.
+    """
 
     def measured(walls: int, kick: int) -> ContractedWall:
         bag = record(study, walls, kick, folder, stopping)

@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
 """Measure the angles of a chain in a film, and write them to a bag for analyse_bag.
 
-The bag has the topics chain, joint_states and joint_state_deviations: the standard deviation of
-each angle. The stamps come from the film, which may have any frame rate. With --overlay it also
-writes the film with the detected markers and the walls.
+The bag has the topics chain, joint_states and joint_state_deviations, which contains the standard
+deviation of each angle. The stamps come from the film, which may have any frame rate. With
+--overlay, the program also writes the film with the detected markers and the walls.
 """
 
 from __future__ import annotations
@@ -65,13 +65,13 @@ class FilmSummary(NamedTuple):
     pictures: int
     """Number of pictures with visible rotors."""
     shares: float
-    """Mean share of the rotors that were visible in them [1]."""
+    """Mean fraction of visible rotors in these pictures [1]."""
     deviation: float
     """Median of the standard deviations [rad]."""
     last: str
-    """Description of the last picture and of what happened before."""
+    """Description of the last picture and of earlier problems."""
     ended_by: str
-    """Reason of a premature end, which is in the bag, too; else empty."""
+    """Reason of a premature end, which is also in the bag, otherwise empty."""
 
 
 def film_to_bag(
@@ -82,9 +82,9 @@ def film_to_bag(
     overlay: Path | None = None,
     stopping: threading.Event | None = None,
 ) -> FilmSummary:
-    """Write the angles in a film to a bag, and an overlay; ValueError if there are none.
+    """Write the angles in a film to a bag, and optionally an overlay; ValueError without angles.
 
-    If the film is damaged or stopped, the bag has the angles until then.
+    If the film is damaged or `stopping` is set, the bag contains the angles up to this point.
     """
     bag = _AngleBag(output, named)
     seen: list[tuple[float, float]] = []
@@ -129,7 +129,7 @@ def film_to_bag(
 def _drawn(
     measured: Iterable[tuple[TimedPicture, CameraReading]], named: NamedChain
 ) -> Iterator[TimedPicture]:
-    """Yield pictures with their measurement and the walls of the frames so far."""
+    """Yield pictures with the detected markers and the estimated walls drawn into them."""
     analyser = Analyser(named.chain)
     for taken, seen in measured:
         walls = []
@@ -143,7 +143,7 @@ def _drawn(
 
 
 class _AngleBag:
-    """A bag with a chain and its angles, begun with the first of these."""
+    """Bag with a chain and its angles; the bag is created with the first angles."""
 
     def __init__(self, output: Path, named: NamedChain) -> None:
         self.path = output
@@ -152,7 +152,7 @@ class _AngleBag:
         self._topics: dict[str, StoredTopic] = {}
 
     def write(self, seen: CameraReading) -> None:
-        """Write the angles in a picture, before the first of them the chain."""
+        """Write the angles in a picture; before the first angles, write the chain."""
         if self._writer is None:
             self._writer = BagWriter(self.path)
             self.path = self._writer.path

@@ -53,9 +53,9 @@ class IdentificationOptions:
     spacing: float | None = None
     """Mean distance of neighbouring pivots [m]; None for the spacing of the given chain."""
     tolerance: float | None = None
-    """Standard deviation by which lengths of one kind differ [1], None to estimate it."""
+    """Relative standard deviation of lengths of one kind [1], None to estimate it."""
     span: tuple[float, float] = (0.0, math.inf)
-    """First and last time of the frames to use, from the first frame [s]."""
+    """First and last time of the used frames, relative to the first frame of the bag [s]."""
     gravity: float = 0.0
     """Gravity in the plane of the chain [m/s^2]."""
     tilts: tuple[float, ...] = ()
@@ -213,9 +213,9 @@ def _add_span(parser: PlainParser) -> None:
 
 
 _FEWEST_FRAMES = 50
-"""Smallest number of frames [1]: a wall passes a rotor or two in them."""
+"""Smallest number of frames [1], during which a wall passes one or two rotors."""
 _MOST_FRAMES = 8000
-"""Largest number of frames in a fit [1]; 40 rotors with rigid bars take about ten seconds."""
+"""Largest number of frames in a fit [1]. A fit of 40 rotors with rigid bars takes about 10 s."""
 
 
 def read_joints(
@@ -226,8 +226,8 @@ def read_joints(
 ) -> JointRecord:
     """Read angles, standard deviations, impulses and tilts, in the order of the joints of a chain.
 
-    `span` contains the first and last time of the frames to use, from the first frame [s].
-    Of longer recordings, at most `most_frames` frames are kept.
+    `span` contains the first and last time of the used frames, relative to the first frame [s]. If
+    the recording has more than `most_frames` frames, the most informative frames are used.
     """
     joints = find_topic(reader, 'joint_states')
     others = {
@@ -311,7 +311,7 @@ def write_lengths(found: Identification, path: Path) -> None:
 
 
 def summary(found: Identification) -> str:
-    """Return the results in a few lines."""
+    """Return a summary of the results in a few lines."""
     deviations = ', '.join(
         f'{name} {np.median(values):.2%}' for name, values in found.deviations.items()
     )

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Move the soliton to a rotor and show its way; needs no `ros2 action`.
+"""Move the soliton to a rotor and show its motion; needs no `ros2 action`.
 
 The program sends a goal of the action move_soliton to soliton_steering. It ends when the soliton
 has arrived, or with exit code 1 if it cannot arrive. Ctrl-C stops the soliton where it is.
@@ -34,13 +34,14 @@ from soliton_linkage_nodes.start import INTERRUPTED
 
 _ROTOR = Quantity('destination, counted from rotor 0', 'rotor spacings')
 _SPEED = Quantity('largest speed of the move', 'rotor spacings/s', minimum=0.0)
-"""The steering chooses the speed if this is 0."""
+"""Speed limit of the move. With 0, soliton_steering selects the speed."""
 _WAIT = Quantity('longest wait for a steering that is ready', 's', 0.0, 3600.0)
-"""At most an hour."""
+"""Wait for the steering node, at most one hour."""
 _LONGEST_WAIT = 5.0
-"""Default of the longest wait, and time limit for the acceptance of the goal [s]."""
+"""Default wait for a ready steering node, and longest wait for the answer to the goal [s]."""
 _LONGEST_SILENCE = 3.0
-"""Time without feedback after which the steering counts as stopped [s]; it sends ten a second."""
+"""Time without feedback after which the steering node is assumed to have stopped [s]. It sends ten
+feedback messages per second."""
 _CANCEL_TIME = 0.3
 """Time to wait for the end of a cancelled move [s], short because the user pressed Ctrl-C."""
 
@@ -49,7 +50,7 @@ class MoveClient(WaitingNode):
     """Client that sends one goal, shows the progress, and cancels the goal if interrupted."""
 
     def __init__(self, stopping: threading.Event, **kwargs: Any) -> None:
-        """Connect to the action; `stopping` is set to interrupt."""
+        """Connect to the action; setting `stopping` interrupts a move."""
         super().__init__('move_soliton', stopping, **kwargs)
         self._client = ActionClient(self, MoveSoliton, interfaces.MOVE_SOLITON, **ACTION_QOS)
         self._line = ChainLine(self)
@@ -135,7 +136,7 @@ class MoveClient(WaitingNode):
 
 
 def progress_of(on_the_way: MoveSoliton.Feedback) -> str:
-    """Return the position and speed of the wall, and the energy of phonons if it is known."""
+    """Return a text with position and speed of the wall, and with the phonon energy if known."""
     text = f'rotor {on_the_way.rotor:5.1f}  {on_the_way.speed:+6.2f} rotors/s'
     phonons = on_the_way.phonon_energy
     return f'{text}  {phonons:.1e} J in phonons' if math.isfinite(phonons) else text

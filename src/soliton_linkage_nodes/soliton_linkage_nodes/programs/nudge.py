@@ -33,11 +33,11 @@ _SPEED = Quantity('speed of the kick along the zero mode; the sign is its direct
 _TIMEOUT = Quantity('longest wait, for the actuator and then for its answer', 's', 0.0, 3600.0)
 """At most an hour."""
 _SUBSCRIBERS = Quantity('number of subscribers to wait for', minimum=1)
-"""The actuator is one of them."""
+"""Number of subscribers of the topic nudge, including the edge actuator."""
 _LONGEST_WAIT = 5.0
-"""Time limit for finding the actuator and for its answer [s]."""
+"""Default of the longest wait for the actuator, and for its answer [s]."""
 _DISCOVERY_TIME = 1.0
-"""Time for the discovery of other subscribers, and for the arrival of an earlier last_kick [s]."""
+"""Time for the discovery of other subscribers and for the latched `last_kick` to arrive [s]."""
 
 
 class NudgeClient(WaitingNode):
@@ -81,7 +81,7 @@ class NudgeClient(WaitingNode):
         return answer
 
     def _actuators(self) -> set[str]:
-        """Return the nodes that subscribe to nudges and publish kicks; a recorder does not."""
+        """Return the nodes that subscribe to nudges and also publish kicks, unlike a recorder."""
         subscribed = self.get_subscriptions_info_by_topic(self._nudges.topic_name)
         publishing = self.get_publishers_info_by_topic(self._answers.topic_name)
         return _names(subscribed) & _names(publishing)
