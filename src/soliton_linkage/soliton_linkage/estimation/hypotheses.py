@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Competing positions of a chain on its orbit, and the mixture of them that is reported.
+"""Hypotheses of the position of a chain on its orbit, and the reported mixture of them.
 
 Each hypothesis has its own bank of filters and is weighted by the likelihood of all frames.
 Examples are two legs that differ in an unseen edge rotor, and the turning sense of a spinner.
@@ -19,11 +19,11 @@ from soliton_linkage.estimation.settings import EstimationSettings
 from soliton_linkage.orbit.orbit import Orbit
 
 _LEAD = 3.0
-"""Log odds at which another hypothesis leads [1]: 95 %, so that the reported leg is stable."""
+"""Log odds above which another hypothesis becomes the leading one [1], a probability of 95 %."""
 _STEP = 1e-3
 """Step for the derivative of the site arc [rotor spacings]."""
 _NEAR = 0.5
-"""Distance below which two hypotheses are the same [rotor spacings]."""
+"""Distance below which two hypotheses are merged [rotor spacings]."""
 
 
 @dataclass

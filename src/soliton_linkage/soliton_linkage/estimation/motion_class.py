@@ -44,15 +44,15 @@ _NUMBERS = records(record_dtype(MotionSettings))
 _LEAST_NOISE = 1e-6
 """Lower limit of the noise of a frame [rad]."""
 _LEANING = 3.0
-"""Standard deviations by which either side must lean [1]."""
+"""Smallest lean of either side of a wall, in its standard deviations [1]."""
 _FLAT, _FLAT_IN_NOISE, _NOISIEST = 0.02, 2.0, 0.15
-"""Least deviations in a tail, in rest angles and in noise, and the noise, in rest angles, above
-which tails carry no information [1]."""
+"""Limits of tails [1]: smallest deviation divided by the rest angle, smallest deviation divided by
+the noise, and largest noise divided by the rest angle."""
 _BEND, _NEGLECTED = 0.1, 0.01
-"""Prior deviation of the term in e^2, times the rest angle [rad], and error of the ratio of tails
-from springs in motion [1]."""
+"""Prior standard deviation of the coefficient of e^2, times the rest angle [1], and error of the
+tail ratio due to springs in motion [1]."""
 _SPREAD = 1.2
-"""Variance of e' - F(e) over the variance of the noise [1]."""
+"""Ratio of the variance of e' - F(e) to the variance of the noise [1]."""
 _LEAST_LEVER = 1e-9
 """Replacement for a zero lever of a bar in line with its outer rotor [1], which has an infinite
 slope."""
@@ -152,7 +152,10 @@ def uniform_part(
 
 @compiled(const_f8_1d, f8, f8)
 def tail_of_side(deviations: Array, large: float, small: float) -> tuple[int, int]:
-    """Return the first rotor beyond all large deviations [rad] and the next small one."""
+    """Return the first rotor beyond all deviations above `large` [rad], and the end of the tail.
+
+    The tail ends at the first later rotor with a deviation of at most `small` [rad].
+    """
     begin = 0
     for n in range(deviations.size):
         if abs(deviations[n]) > large:

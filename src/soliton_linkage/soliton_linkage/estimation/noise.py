@@ -20,16 +20,16 @@ from soliton_linkage.linear.bands import band_edges
 from soliton_linkage.linkage.chain import Array, Chain
 
 DEVIATION_PER_MEDIAN = 1.4826
-"""Standard deviation of normal noise over the median of its absolute values [1]: 1 / 0.67449."""
+"""Ratio of the standard deviation of normal noise to the median of its absolute values [1]."""
 FREEDOMS_OF_MEDIAN = 0.368
 """Efficiency of the median of absolute values as an estimator of the standard deviation [1]."""
 
 _LARGEST_CHANGE = 12.0
-"""Largest squared second difference of arcs over its variance [1]."""
+"""Limit of the squared second difference of arcs, relative to its variance [1]."""
 _EDGE_RATIO = 4.0
-"""Variance of the deformation of a wall at an edge, over that inside [1]."""
+"""Ratio of the variance of the deformation of a wall at an edge to that inside the chain [1]."""
 _FIELD_RATIO = 3.0
-"""Largest squared residual about a wall over their mean [1], because waves are not uniform."""
+"""Ratio of the largest squared residual near a wall to the mean [1]; waves are not uniform."""
 
 
 def median(values: Array) -> float:
@@ -43,7 +43,7 @@ def median(values: Array) -> float:
 
 
 def robust_deviation(sizes: Array) -> float:
-    """Return the standard deviation by the median of absolute errors, which it reorders."""
+    """Return the standard deviation from the median of absolute errors, and reorder these."""
     return DEVIATION_PER_MEDIAN * median(sizes) if len(sizes) else 0.0
 
 
@@ -165,7 +165,7 @@ class FrameNoise:
         self._freedoms = 0.0
         self.variance = self._given
         self.least = 0.0
-        """Variance that is certainly noise [rad^2]; 0 after one frame, which may all persist."""
+        """Lower bound of the variance of the noise [rad^2]; 0 after the first frame."""
         self._earlier: tuple[LinearisedMeasurement, ...] = ()
         self.discard_persistence()
 
@@ -292,7 +292,7 @@ class StampJitter:
         self._rows: tuple[tuple[float, float, float], ...] = ()
         self._excess = self._weight = self._chance = 0.0
         self.variance = 0.0
-        """Variance of a stamp [s^2], 0 unless it is significant."""
+        """Variance of the error of a stamp [s^2]; 0 if it is not significant."""
 
     def update(self, time: float, arc: float, variance: float, rate: float) -> None:
         """Add an arc [rad] measured at a stamp [s], its variance [rad^2] and the rate [rad/s]."""
@@ -305,7 +305,7 @@ class StampJitter:
         expected = (v3 + (1 + ratio) ** 2 * v2 + ratio**2 * v1) / unit
         change = (third - (1 + ratio) * second + ratio * first) ** 2 / unit
         known = expected + square * self.variance
-        # An impulse or a wrong reading is not a late stamp.
+        # Limit the effect of impulses and wrong readings, which are not late stamps.
         change = min(change, _LARGEST_CHANGE * known)
         self._excess = self._fade * self._excess + square * (change - expected)
         self._weight = self._fade * self._weight + square * square
@@ -316,7 +316,7 @@ class StampJitter:
 
 
 class ResidualVariance:
-    """Variance of a rotor from the orbit, by noise, waves and springs."""
+    """Variance of the deviation of a rotor from the orbit due to noise, waves and springs."""
 
     def __init__(self, swing: float, noise: float | None, settings: EstimationSettings) -> None:
         """Start with the swing of a rotor in a wall [rad] and the noise, if it is known [rad]."""
@@ -377,7 +377,7 @@ class ResidualVariance:
         return noise.variance / view.information + persistent + fleeting
 
     def calm(self, rate: float) -> float:
-        """Return how little waves disturb a wall with a rate of the arc [1], from 0 to 1.
+        """Return the confidence, from 0 to 1, that waves do not disturb a wall of an arc rate.
 
         Waves with an angle phi change the rate w of a wall by a relative amount of about phi / w,
         in the time unit of the chain. The ratio to the noise gives the confidence in waves.

@@ -40,7 +40,7 @@ class LatticeCoordinates:
         """Longest period of a phonon [s]."""
 
     def separation(self, site: float, other: float) -> float:
-        """Return the displacement from the other site [rotor spacings], the shorter on a ring."""
+        """Return the displacement from a second site [rotor spacings], the shorter on a ring."""
         way = site - other
         return math.remainder(way, self.rotors) if self.periodic else way
 
@@ -57,9 +57,9 @@ class LatticeCoordinates:
         return 0.0 if site < (self.rotors - 1) / 2 else self.rotors - 1.0
 
     def rotors_between(self, low: float, high: float, edge: int = 0) -> NDArray[np.int64]:
-        """Return the rotors between two sites without some at each edge of a chain.
+        """Return the rotors between two sites, except some rotors at each edge of a chain.
 
-        The indices of a ring continue below 0 and above N.
+        On a ring, indices below 0 and above N are allowed.
         """
         first, last = math.ceil(low), math.floor(high)
         if not self.periodic:
@@ -67,7 +67,7 @@ class LatticeCoordinates:
         return np.arange(first, last + 1)
 
     def midpoint(self, left: float, right: float) -> float:
-        """Return the midpoint between a site and the next one on its right."""
+        """Return the midpoint between a site and the next site on its right."""
         way = right - left
         if self.periodic:
             way %= self.rotors
@@ -90,7 +90,7 @@ class WallFrame:
         self._angles, self._rates, self._errors = angles, rates, errors
 
     def energy(self, sites: Sequence[float]) -> float:
-        """Return the energy within reach of walls without noise [J], NaN if unknown."""
+        """Return the energy near some walls, corrected for noise [J]; NaN if unknown."""
         angles, rates = self._angles, self._rates
         if angles is None or rates is None or not np.isfinite(rates).all():
             return math.nan
@@ -124,14 +124,15 @@ class WallFrame:
 
 
 _MEMORY, _SIGNIFICANCE = 100, 3.0
-"""Frames in the average of persistent residuals, and the standard deviations of noise at which
-they are accepted [1]."""
+"""Number of frames in the average of persistent residuals, and number of standard deviations of
+the noise above which they are significant [1]."""
 _AVERAGED = 20
-"""Frames in the average of the variance of a fit [1]; few rotors determine it badly."""
+"""Number of frames over which the variance of a fit is averaged [1]. One frame does not suffice,
+because a wall has few rotors."""
 
 
 class WallMeasurement(NamedTuple):
-    """Measurement of a wall by one frame: a fitted shape, or the estimate on the orbit."""
+    """Measurement of a wall in one frame: a fitted shape, or the estimate on the orbit."""
 
     rotor: float
     """Centre [rotor spacings]."""
@@ -142,9 +143,9 @@ class WallMeasurement(NamedTuple):
     width: tuple[float, float] = (math.nan, math.nan)
     """Width and its standard deviation [m], NaN if unknown."""
     persistent: float = 0.0
-    """Variance of the centre from persistent residuals, with noise [rotor spacings^2]."""
+    """Estimated variance of the centre from persistent residuals [rotor spacings^2]."""
     noise: float = 0.0
-    """Variance of that quantity from noise [rotor spacings^4]."""
+    """Variance of `persistent` due to noise [rotor spacings^4]."""
     elastic: float = 0.0
     """Prior variance of the centre from the deformation by springs [rotor spacings^2]."""
     estimate: OrbitEstimate | None = None
@@ -152,7 +153,7 @@ class WallMeasurement(NamedTuple):
 
 
 class WallTrack:
-    """Track of a wall; its filter is its own, or the `OrbitFilter` of a wall on the orbit."""
+    """Track of a wall with its own filter, or with the `OrbitFilter` for a wall on the orbit."""
 
     def __init__(
         self,
@@ -162,7 +163,10 @@ class WallTrack:
         site_arc: float,
         settings: EstimationSettings,
     ) -> None:
-        """Start without a measurement; rates are of the scale [rad/s], a site has an arc [rad]."""
+        """Start without a measurement.
+
+        `scale` is the scale of rotor rates [rad/s], `site_arc` the arc per rotor spacing [rad].
+        """
         self._line, self._scale, self._arc, self._settings = line, scale, site_arc, settings
         self.charge = charge
         self.id = 0
@@ -175,9 +179,9 @@ class WallTrack:
         self.width = math.nan, math.nan
         """Width and its standard deviation [m], NaN if unknown."""
         self.energy = math.nan
-        """Energy while it was last free of edges and other walls [J]."""
+        """Energy when the wall was last far from edges and other walls [J]."""
         self.was_free = False
-        """Whether it was free in the preceding frame."""
+        """Whether the wall was far from edges and other walls in the preceding frame."""
         self._motion: MultipleModelFilter | None = None
         self._variance = self._persistent = self._noise = 0.0
 
@@ -194,7 +198,10 @@ class WallTrack:
         return TrackingStatus.TRACKING if self.frames > 1 else TrackingStatus.ACQUIRED
 
     def predict(self, elapsed: float) -> tuple[float, float]:
-        """Predict the site after a time [s]; return it and its variance, with one measurement."""
+        """Predict the site after a time [s]; return the site and its variance.
+
+        At least one measurement is required.
+        """
         if self._motion is None:
             rate = self.rate if math.isfinite(self.rate) else 0.0
             spread = 0.0 if rate else self._scale / self._arc * elapsed
@@ -204,7 +211,7 @@ class WallTrack:
         return self._line.wrap(site), variance / self._arc**2 + self._variance
 
     def update(self, measured: WallMeasurement, time: float) -> None:
-        """Update with a measurement of an instant [s], after `predict`."""
+        """Update with a measurement at `time` [s]; call `predict` first."""
         self.frames += 1
         self.missed, self.last_seen, self.width = 0, time, measured.width
         wall = measured.estimate
@@ -225,7 +232,7 @@ class WallTrack:
             self._motion.update((expected + apart) * self._arc, variance)
         arc, rate, of_arc, _, of_rate = self._motion.summary
         self.rotor, self.rate = self._line.wrap(arc / self._arc), rate / self._arc
-        # Persistent residuals shift the wall until it has moved on, in any number of frames.
+        # Only motion of the wall, not the number of frames, reduces the shift by these residuals.
         persistent = self._persistent_variance(measured)
         of_rate += persistent * (rate / self._settings.filter.bias_way) ** 2
         self.deviation = math.sqrt(of_arc / self._arc**2 + persistent)
@@ -259,11 +266,11 @@ class Encounter:
         time: float,
         energy: float,
     ) -> None:
-        """Start at an instant [s] with the energy [J] within reach of both walls."""
+        """Start at an instant [s] with the energy [J] near both walls."""
         self._line, self._settings = line, settings
         self.left, self.right = left, right
         self.energy = energy
-        """Energy within reach of both before, or of the breather when it formed [J]."""
+        """Energy near both walls before the encounter, or of the breather at its formation [J]."""
         self.collisions = 0
         """Number of overlaps."""
         self.breather = 0
@@ -275,7 +282,7 @@ class Encounter:
         self.site = line.midpoint(left.rotor, right.rotor)
         """Midpoint at that instant [rotor spacings]."""
         self.passed = False
-        """Whether they have passed through each other an odd number of times."""
+        """Whether the walls have passed through each other an odd number of times."""
         self._turn = 0
         self._distance = abs(line.separation(right.rotor, left.rotor))
         self._initial = self._closest = self._distance
@@ -331,7 +338,7 @@ class Encounter:
         return self.both_seen and self._distance > self._line.parted
 
     def outcome(self, time: float) -> EventKind | None:
-        """Return the outcome by now, None while it is open and if there is none."""
+        """Return the current outcome, or None if it is undecided or nothing happened."""
         if self.is_over():
             nearer = self._initial - self._closest
             if self.breather:

@@ -1,12 +1,12 @@
 # SPDX-License-Identifier: Apache-2.0
 """Lorentz contraction of a moving wall relative to the same wall at rest.
 
-While a wall at X passes, rotor n goes through angles that depend only on its distance, phi_n = f(X
-- n). A wall that is contracted by gamma has
+The angle of rotor n depends only on its distance from a wall at X, phi_n = f(X - n). A wall that
+is contracted by gamma has
 
     phi_n = f(gamma (X - n)),
 
-which is exact at gamma = 1 in every chain and holds in the continuum limit. `WallFamily` fits
+This is exact for gamma = 1, and in the continuum limit for all gamma. `WallFamily` fits
 gamma and X to a frame by least squares, `ContractionMean` averages over frames, and
 `WidthReporter` reports w / gamma.
 """
@@ -26,19 +26,20 @@ from soliton_linkage.linkage.chain import Array, Chain, Motion
 from soliton_linkage.solitons.continuum import wall_theory
 
 _CLEAR = 2
-"""Least distance from an edge, in widths or penetration depths [1]."""
+"""Smallest distance from an edge, in widths or penetration depths [1]."""
 _CLOSE, _CLOSEST = 0.02, 1e-5
-"""Last step of a fit, in standard deviations, and for exact angles [1]."""
+"""Last step of a converged fit [1]: in standard deviations of the result, and as an absolute
+value for exact angles."""
 _DEGENERATE = 1e-12
-"""Least determinant relative to independent derivatives [1]."""
+"""Smallest determinant of a fit, relative to that of orthogonal derivatives [1]."""
 _COARSEST = math.log(1.5)
 """Largest standard deviation of a reported ln(gamma) [1]."""
 _LEAST_DEVIATION = 3e-4
-"""Error of the shapes in ln(gamma) [1]."""
+"""Error of ln(gamma) due to the assumed shape of a moving wall [1]."""
 _PASSAGES, _FEWEST_PASSAGES = 30, 4
-"""Most and fewest passages that determine the scatter [1]."""
+"""Largest and smallest number of passages that determine the scatter [1]."""
 _SIGNIFICANCE = 2.5
-"""Standard deviations at which scatter is significant [1]."""
+"""Number of standard deviations above which the scatter is significant [1]."""
 _WIDEST_LEAN_RATIO = 2.0
 """Lean ratio d above which only spinners have a tanh profile [1]."""
 
@@ -110,9 +111,10 @@ class WallFamily:
 class ContractionMean:
     """Mean contraction over the rotors that a wall has passed recently.
 
-    A frame counts by its information; the deformation between two rotors adds to its variance, so
-    that no single site dominates. Frames are grouped into passages of one rotor, whose weights
-    fade by e^(-1/5). `passage_scatter` gives the scatter from springs and waves.
+    The weight of a frame is its information. Its variance includes the deformation between two
+    rotors, so that no single site dominates. Frames are grouped into passages of one rotor. From
+    one passage to the next, the weights decay by e^(-1/5). `passage_scatter` returns the scatter
+    due to springs and waves.
     """
 
     def __init__(self, family: WallFamily) -> None:
@@ -134,8 +136,8 @@ class ContractionMean:
     def update(self, angles: Array, site: float, leg: int, noise: float) -> Contraction:
         """Return the mean including one more frame; arguments as `WallFamily.fit`.
 
-        The mean restarts on another leg and when a passage contradicts those before. The result is
-        unknown while the frame does not determine a contraction.
+        The mean restarts on another leg, and if a passage contradicts earlier passages. The result
+        is unknown if the frame does not determine a contraction.
         """
         if leg != self._leg:
             self.restart()
@@ -185,7 +187,7 @@ class ContractionMean:
 
 
 def passage_scatter(values: Array, variances: Array) -> float:
-    """Return the variance of passages beyond their noise, 0 if it is not significant.
+    """Return the variance of passages in excess of their noise, 0 if it is not significant.
 
     Values and the variances of their noise have shape (M,).
     """

@@ -35,15 +35,16 @@ _BARS = records(BARS)
 _LEAST_NOISE = 1e-12
 """Lower limit of the noise [rad], at the size of rounding errors."""
 _CALM, _LARGEST, _ABOVE_NOISE = 1e-3, 0.5, 4.0
-"""A rotor beside a static wall is at rest below the deviation _CALM over the rest angle [1]. A
-tail has deviations up to _LARGEST over the rest angle, and above _ABOVE_NOISE over noise [1]."""
+"""Limits of deviations from the rest state [1]. A rotor beside a static wall is at rest if its
+deviation is below `_CALM` times the rest angle. A tail has deviations below `_LARGEST` times the
+rest angle and above `_ABOVE_NOISE` times the noise."""
 _BEND = 0.3
-"""Shift of a zero by a deviation in rest angles [rotor spacings]."""
+"""Shift of a zero of the tail [rotor spacings] per deviation divided by the rest angle."""
 _CERTAIN, _COARSEST = 3.0, 0.2
-"""Standard deviations of a ratio from 0, and relative deviation, that determine a decay
-length [1]."""
+"""Conditions for a decay length [1]: smallest tail ratio in its standard deviations, and largest
+relative standard deviation of the length."""
 _NO_OVERSHOOT = (math.nan, math.nan, math.nan)
-"""The overshoot of a spinner, or of no rotor [m]."""
+"""Overshoot of a spinner, or without known rotors [m]."""
 
 
 @compiled(const_f8_1d, const_f8_1d, i8, i8, i8, b1, f8, f8_2d)
@@ -313,10 +314,10 @@ class WobbleReporter:
         """Return the wobble of a state beside its wall, angles [rad] finite and of shape (N,).
 
         The ratio lambda is a least-squares fit to the deviations e from rest on both sides, e' =
-        F(e) + (lambda - lambda_0) e, with F of relaxed bars and its slope lambda_0 = (1 - d) / (1
-        + d). The wavelength follows from a straight line through the zeros. The deviations combine
-        the noise of the angles [rad] with the persistent residuals of the orbit [rad], treated as
-        noise.
+        F(e) + (lambda - lambda_0) e. F is the map of relaxed bars, with the slope lambda_0 = (1 -
+        d) / (1 + d). The wavelength follows from a straight line through the zeros. The standard
+        deviations include the noise of the angles [rad] and the persistent residuals of the orbit
+        [rad], which are treated as noise.
         """
         overshoot, lengths = wobble(
             self._bars,

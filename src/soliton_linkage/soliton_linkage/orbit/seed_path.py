@@ -73,25 +73,25 @@ class SeedPath(NamedTuple):
 
 
 class _Bond(NamedTuple):
-    """The bar from the seed or a rotor beyond it to the next rotor."""
+    """Bar between two neighbouring rotors, of which the first is nearer to the seed."""
 
     angle: float
-    """Angle of the next rotor [rad]."""
+    """Angle of the outer rotor [rad]."""
     near: float
-    """Lever of the rotor [m^2], not divided by the length of the bar."""
+    """Lever of the inner rotor [m^2], not divided by the length of the bar."""
     far: float
-    """Lever of the next rotor [m^2]."""
+    """Lever of the outer rotor [m^2], not divided by the length of the bar."""
 
     @property
     def lead(self) -> float:
-        """Log ratio of the motions of the next rotor and this one [1]."""
+        """Log ratio of the motion of the outer rotor to that of the inner rotor [1]."""
         if self.near == 0:
             return -math.inf
         return math.log(abs(self.near / self.far)) if self.far else math.inf
 
 
 class _Seed:
-    """The rotor whose angle determines all others, as it changes along the orbit."""
+    """Rotor whose angle determines the angles of all other rotors, followed along the orbit."""
 
     def __init__(self, chain: Chain) -> None:
         self._chain = chain
@@ -110,10 +110,10 @@ class _Seed:
             self.move_to(rotor)
 
     def _start(self, left: Array, right: Array) -> tuple[int, float, float]:
-        """Return a first seed: number, angle [rad], and sense of rotation towards the last rotor.
+        """Return number and angle [rad] of the first seed, and its sense of rotation.
 
-        The wall is on it as without deviations. Of the possible rotors it is the one nearest to
-        the middle.
+        The seed is in the same position in a wall as without deviations. Of all such rotors it is
+        nearest to the middle. It turns in this sense if the wall moves towards the last rotor.
         """
         nominal = replace(self._chain, number_of_rotors=8, deviations=NO_DEVIATIONS)
         rotors = np.arange(1, self._last)
@@ -129,14 +129,15 @@ class _Seed:
 
     @property
     def branches(self) -> tuple[bytes, bytes]:
-        """Branches of the rotors on the left and on the right."""
+        """Branches of the rotors on the left and on the right of the seed."""
         left, right = self.left_branches[: self.rotor], self.right_branches[self.rotor :]
         return left.tobytes(), right.tobytes()
 
     def lead(self, towards: int, angle: float) -> tuple[float, int]:
-        """Return max log |t_n / t_seed| [1] on one side, and the number n.
+        """Return the maximum of log |t_n / t_seed| [1] on one side, and its rotor number n.
 
-        The side is right (+1) or left (-1) of the seed at an angle [rad]; -inf at the ends.
+        `towards` is +1 for the right side and -1 for the left side. `angle` is the angle of the
+        seed [rad]. Without rotors on this side the maximum is -inf.
         """
         rotor, lead = self.rotor, 0.0
         best = -math.inf, rotor
