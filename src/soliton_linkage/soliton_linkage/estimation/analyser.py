@@ -135,9 +135,9 @@ class Analyser:
         return self._impulses.late
 
     def apply_impulse(self, stamp: int | None, impulses: Array) -> None:
-        """Apply angular impulses [N m s], shape (N,), of an instant [ns].
+        """Apply angular impulses [N m s], shape (N,), that act at an instant [ns].
 
-        They act from the first frame at or after that instant, or from the next one for None.
+        They take effect in the first frame at or after that instant; for None, in the next frame.
         Impulses that arrive after that frame are counted and have no effect. Raises ValueError for
         another shape and for values that are not finite.
         """

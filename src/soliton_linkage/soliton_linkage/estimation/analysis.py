@@ -30,7 +30,7 @@ class CyclePhase(NamedTuple):
     rate: rate of the phase [rad/s].
     phase_deviation: standard deviation of the phase [rad].
     rate_deviation: standard deviation of the rate [rad/s].
-    completed: completed cycles since the start, with which the phase grows without jumps.
+    completed: number of completed cycles since the start; it changes where the phase jumps.
     leg: leg of the cycle; with growing phase the wall leaves rotor 0 in even legs.
     """
 
@@ -49,7 +49,7 @@ class Analysis(NamedTuple):
     measured_motion: class of motion by the angles alone.
     status: basis of the first wall or, without a listed wall, of the estimate.
     estimate: state on the orbit.
-    cycle: the same as a phase.
+    cycle: phase of the state on the orbit.
     solitons: walls at least half a spacing from the edges, sorted by their site.
     events: newly confirmed events.
     topology: topology of the whole state.
@@ -76,8 +76,9 @@ class Analysis(NamedTuple):
 def cycle_phase(estimate: OrbitEstimate, orbit: Orbit | None) -> CyclePhase:
     """Return the phase of the cycle of an estimate.
 
-    The phase of spinners that were assembled upside down runs against the arc, so that in either
-    family the wall that leaves rotor 0 from the left-leaning state does so in leg 0, forwards.
+    For spinners that were assembled upside down, the phase decreases with the arc. Thus for both
+    assemblies a wall that leaves rotor 0 from the left-leaning state does so in leg 0, with
+    increasing phase.
     """
     if orbit is None or not estimate.leg_known:
         return CyclePhase(math.nan, math.nan, math.nan, math.nan, 0, -1)

@@ -33,15 +33,15 @@ wrapped = compile_loop(_wrapped, (f8,), inlined=True)
 
 
 def rotor_swing(chain: Chain) -> float:
-    """Angle that a rotor turns by as a wall passes [rad]."""
+    """Return the change of angle of a rotor while a wall passes [rad]."""
     return math.pi if chain.motion is Motion.SPINNER else 2 * chain.rest_angle
 
 
 @compiled(const_f8_1d, f8_1d, f8_1d, f8_1d)
 def unwrap(angles: Array, last: Array, turns: Array, seen: Array) -> None:
-    """Set the seen angles as read without jumps [rad], NaN where not finite or too large.
+    """Set the unwrapped angles of seen rotors [rad], NaN for infinite or too large readings.
 
-    Updates the last readings [rad] and the turns, shape (N,) each.
+    Updates the last readings [rad] and the numbers of turns, shape (N,) each.
     """
     for n in range(angles.size):
         angle = angles[n]
@@ -169,7 +169,7 @@ def check_deviations(deviations: Array, rotors: int) -> Array:
 
 
 class CompletedFrame(NamedTuple):
-    """Angles and rates of all rotors of a frame."""
+    """Angles and rates of all rotors of a frame, with estimates for missing rotors."""
 
     angles: Array
     """Actual angles [rad], shape (N,); all NaN without any seen rotor and without an orbit."""
@@ -199,7 +199,7 @@ class OnOrbit(NamedTuple):
     rates: Array
     """Rates [rad/s]."""
     residuals: Array
-    """Measured angles minus these [rad], from -pi to pi, NaN if unknown."""
+    """Measured angles minus `angles` [rad], from -pi to pi, NaN if unknown."""
 
 
 def on_orbit(orbit: Orbit, estimate: OrbitEstimate, residuals: Array) -> OnOrbit:

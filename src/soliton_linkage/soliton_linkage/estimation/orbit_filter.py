@@ -37,8 +37,8 @@ from soliton_linkage.orbit.orbit import Orbit
 _EDGE_ROTORS = 2.0
 """Range of an edge beyond the penetration depth [rotor spacings]."""
 _FIELD_SHARE = 0.08
-"""Error of the arc relative to the persistent residuals of the wall [1]: without it, errors
-beside waves exceed their stated deviations by 2 %."""
+"""Error of the arc relative to the persistent residuals of the wall [1]. Without it, errors near
+waves exceed the stated standard deviations by 2 %."""
 _LEAST_PROBABILITY = 0.9
 """Least probability that a frame shows one of its candidates [1]."""
 
@@ -262,7 +262,7 @@ class OrbitFilter:
         """Measure a frame for each hypothesis; return the variance of a rotor [rad^2].
 
         If the prediction is wrong after an unmodelled impulse, the frame is measured again with
-        the uncertainty of a new wall. That is kept if it explains most of the frame.
+        the uncertainty of a new wall. The new measurement is used if it fits most of the frame.
         """
         variance = self._linearise(seen, 0.0)
         if not self._gate.is_strained(self._hypotheses.leader.view):
@@ -290,7 +290,7 @@ class OrbitFilter:
     def _relocated(self, time: float, seen: Array, fits: bool) -> bool:
         """Restart if another position explains the frame; return whether the filter restarted.
 
-        If no position does for longer than the loss time, the chain is lost.
+        The chain is lost if no position explains the frames for longer than the loss time.
         """
         tracking, view = self._tracking, self._hypotheses.leader.view
         if self._unexplained == 0:

@@ -42,14 +42,14 @@ from soliton_linkage.linkage.chain import Array, check_shape
 from soliton_linkage.orbit.orbit import Orbit, OrbitSegment
 
 _CLOSE = 1e-5
-"""Last step of a maximum of the likelihood [rad]."""
+"""Last step of the search of a maximum of the likelihood [rad]."""
 SCAN_DEVIATION, _SCAN_STEP = 0.1, 0.05
 """Standard deviation of a rotor in a scan, and its step along the orbit, over the swing of a
 rotor [1]."""
 _NEAR = 0.5
 """Distance below which a sample belongs to a candidate [rotor spacings]."""
 _EXACT = 1e-8
-"""Last step of the nearest point [rad]."""
+"""Last step of the search of the nearest point [rad]."""
 _SAME_ARC = 0.01
 """Distance below which two maxima are the same [rad]."""
 _MOST_PLACES = 12
@@ -66,9 +66,9 @@ class Candidate(NamedTuple):
     arc: float
     """Arc length [rad]."""
     upside_down: bool
-    """Whether the chain is the image phi -> pi - phi of the orbit's."""
+    """Whether the chain is the image phi -> pi - phi of the chain of the orbit."""
     view: LinearisedMeasurement
-    """Measurement linearised there."""
+    """Measurement, linearised at `arc`."""
     variance: float
     """Variance of a rotor in that measurement [rad^2]."""
     evidence: float
@@ -80,7 +80,7 @@ class CandidateSet(NamedTuple):
 
     candidates: list[Candidate]
     elsewhere: float
-    """Log integral of the likelihood over arcs that are near none of them [1]."""
+    """Log integral of the likelihood over all arcs far from the candidates [1]."""
 
     @property
     def probability(self) -> float:
@@ -262,7 +262,7 @@ class Relocaliser:
         return found
 
     def _sums(self, image: Array, variance: float) -> Array:
-        """Return running sums of log likelihoods before and beyond the wall, (2, legs, N + 1)."""
+        """Return cumulative log likelihoods left and right of the wall, shape (2, legs, N + 1)."""
         bound, floor = self._given.bound, self._likelihood.floor(variance)
         sums = np.empty((2, len(self._before), len(image) + 1))
         for states, row in ((self._before, sums[0]), (self._beyond, sums[1])):
