@@ -84,14 +84,16 @@ def test_as_a_person_runs_it_in_a_namespace(
     assert program.stop(signal.SIGINT) == 130
 
 
-def test_parameters_describe_a_chain_without_the_topic(
-    graph: Graph, named: NamedChain, capsys: pytest.CaptureFixture[str]
+@pytest.mark.parametrize('chain_from', ['parameters', 'topic'])
+def test_parameters_describe_the_chain_and_its_joints(
+    graph: Graph, named: NamedChain, capsys: pytest.CaptureFixture[str], chain_from: str
 ) -> None:
     text = ''
-    graph.start(
-        WatchSoliton,
-        {'chain_from': 'parameters', 'chain.number_of_rotors': named.rotors},
-    )
+    graph.speak(interfaces.CHAIN, 0).publish(chain_to_msg(named, time_to_msg(0)))
+    joint_names = [f'joint_{n}' for n in range(named.rotors)]
+    own = {'chain_from': chain_from, 'chain.number_of_rotors': named.rotors}
+    graph.start(WatchSoliton, {**own, 'joint_names': joint_names})
+    named = NamedChain(named.chain, tuple(joint_names))
     frames = graph.speak(interfaces.JOINT_STATES)
     states = graph.speak(interfaces.SOLITON_STATE)
     angles = named.chain.uniform_state(-1)
@@ -102,6 +104,8 @@ def test_parameters_describe_a_chain_without_the_topic(
         frames.publish(joints)
         states.publish(SolitonState(solitons=[Soliton(rotor=3.0)]))
         text += capsys.readouterr().err
-        return f'{named.rotors} rotors, rotor 0 first' in text
+        return r'[\\\O\\\\]  rotor   3.00' in text
 
     graph.until(drawn, 'the chain of the parameters', lambda: text)
+    with pytest.raises(ValueError, match='joint_names has 1 names for a chain of 8 rotors'):
+        graph.start(WatchSoliton, {**own, 'chain_from': 'parameters', 'joint_names': ['a']})

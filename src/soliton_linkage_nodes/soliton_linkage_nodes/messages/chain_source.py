@@ -166,16 +166,23 @@ class ChainSource:
             )
 
     def _set(self, named: NamedChain) -> None:
-        joints = self.parameters.joint_names
-        if joints and len(joints) != named.rotors:
-            raise ValueError(
-                f'parameter joint_names has {len(joints)} names for a chain of {named.rotors} '
-                'rotors; give one name for each rotor'
-            )
-        names = joints or named.joint_names
         offsets = self._encoder_offsets or named.encoder_offsets
-        self.named = NamedChain(named.chain, names, offsets)
+        named = with_joints(named, self.parameters.joint_names)
+        self.named = replace(named, encoder_offsets=offsets)
         self._callback(self.named)
+
+
+def with_joints(named: NamedChain, joints: tuple[str, ...]) -> NamedChain:
+    """Return the chain with the joints of the parameter `joint_names`, unless it is empty.
+
+    Raises ValueError if their number differs from the number of rotors.
+    """
+    if joints and len(joints) != named.rotors:
+        raise ValueError(
+            f'parameter joint_names has {len(joints)} names for a chain of {named.rotors} '
+            'rotors; give one name for each rotor'
+        )
+    return replace(named, joint_names=joints or named.joint_names)
 
 
 _LONGEST_VALUE = 40

@@ -16,6 +16,7 @@ from soliton_linkage.linkage.chain import Array, Chain
 from soliton_linkage.progress import ProgressLine, line_width
 from soliton_linkage_msgs import msg
 from soliton_linkage_nodes.messages.cdr import JointStateDecoder
+from soliton_linkage_nodes.messages.chain_source import with_joints
 from soliton_linkage_nodes.messages.conversions import NamedChain, chain_from_msg
 from soliton_linkage_nodes.messages.frame_reader import FrameReader
 from soliton_linkage_nodes.runtime import interfaces
@@ -30,8 +31,12 @@ _FEWEST = 10
 class ChainLine:
     """Drawing of the chain of the topics `chain` and `joint_states`, with rotor 0 on the left."""
 
-    def __init__(self, node: Node) -> None:
-        """Subscribe with a node, also to best-effort publishers."""
+    def __init__(self, node: Node, joint_names: tuple[str, ...] = ()) -> None:
+        """Subscribe with a node, also to best-effort publishers.
+
+        `joint_names` are by default those of the chain.
+        """
+        self._joint_names = joint_names
         self._node = node
         self._line = ProgressLine('', 0)
         self._chain: tuple[NamedChain, FrameReader] | None = None
@@ -98,14 +103,13 @@ class ChainLine:
 
     def _on_chain(self, message: msg.Chain) -> None:
         try:
-            named = chain_from_msg(message)
+            self.use(chain_from_msg(message))
         except ValueError as error:
             self._line.note(f'rejected chain: {error}')
-            return
-        self.use(named)
 
     def use(self, named: NamedChain) -> None:
-        """Draw this chain."""
+        """Draw this chain; ValueError if the number of its rotors is not that of the joints."""
+        named = with_joints(named, self._joint_names)
         self._chain = (named, FrameReader(named.joint_names, named.encoder_offsets))
         self._explained = False
 

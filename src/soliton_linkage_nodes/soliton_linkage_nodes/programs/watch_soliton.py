@@ -19,7 +19,6 @@ from rclpy.serialization import deserialize_message
 from soliton_linkage.command_line import PlainParser
 from soliton_linkage_msgs.msg import SolitonState
 from soliton_linkage_nodes.messages.chain_source import ChainSourceParameters, declare_chain
-from soliton_linkage_nodes.messages.conversions import NamedChain
 from soliton_linkage_nodes.programs.chain_line import LEGEND, ChainLine
 from soliton_linkage_nodes.programs.command_line import parse_own_arguments
 from soliton_linkage_nodes.runtime import interfaces
@@ -46,12 +45,11 @@ class WatchSoliton(Node):
 
     def __init__(self, **kwargs: Any) -> None:
         super().__init__('watch_soliton', **kwargs)
-        self._line = ChainLine(self)
-        self._received: tuple[bytes, float] | None = None
         source, given = declare(self, ChainSourceParameters), declare_chain(self)
+        self._line = ChainLine(self, source.joint_names)
+        self._received: tuple[bytes, float] | None = None
         if source.chain_from == 'parameters':
-            names = source.joint_names or given.joint_names
-            self._line.use(NamedChain(given.chain, names, given.encoder_offsets))
+            self._line.use(given)
         interfaces.SOLITON_STATE.subscribe(self, self._on_state, raw=True)
         reject_unknown(self)
         self.create_timer(_PERIOD, self._draw, clock=Clock(clock_type=ClockType.STEADY_TIME))
