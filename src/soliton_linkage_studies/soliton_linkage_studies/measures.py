@@ -46,7 +46,11 @@ class SweepTrial:
     """
 
     kick: float = quantity(
-        0.1, 'speed r |phi_dot| of the kick, norm over rotors', 'a sqrt(k_e / M)', 1e-9, 1e3
+        0.1,
+        'size of the kick: norm of the initial velocities r phi_dot of all masses',
+        'a sqrt(k_e / M)',
+        1e-9,
+        1e3,
     )
     mechanics: str = quantity('elastic', 'connection between rotors', choices=MECHANICS)
     time_limit: float = quantity(

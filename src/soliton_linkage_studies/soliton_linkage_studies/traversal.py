@@ -19,7 +19,8 @@ _TOLERANCE = 1e-8
 _FRAMES_A_SPACING = 4.0
 """Number of frames while a wall moves by a rotor spacing, or by its width [1]."""
 _FRAMES_A_SWING = 40.0
-"""Number of frames while an edge rotor swings by a / r, or by a radian [1]."""
+"""Number of frames while an edge rotor swings by 1 rad or by spacing / rotor length, whichever is
+less [1]."""
 _DEPARTED = 1.5
 """Distance from a spinner's edge at which its wall has left it [rotor spacings]."""
 

@@ -34,7 +34,7 @@ def test_200_bags_with_two_workers_killed_on_the_way_give_the_same_table(
     assert tables[0] == tables[1]
     assert len(tables[0].splitlines()) == 201
     # Two workers that are killed at the same time are reported once.
-    assert capsys.readouterr().err.count('other processes continue') in (1, 2)
+    assert capsys.readouterr().err.count('new processes analyse') in (1, 2)
     assert not list(tmp_path.glob('*.deadly'))
 
 

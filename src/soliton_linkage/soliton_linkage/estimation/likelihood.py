@@ -81,7 +81,10 @@ def _log_likelihood(square: float, bound: float, floor: float) -> float:
 
 @compiled(f8, f8, f8, f8)
 def _of_rotor(apart: float, variance: float, bound: float, floor: float) -> float:
-    """Return the same for a difference [rad] and a variance [rad^2], 0 if it is unknown."""
+    """Return the log likelihood of one rotor from its difference to the orbit [rad].
+
+    The variance is in [rad^2]. The result is 0 if the difference is NaN.
+    """
     if not math.isfinite(apart):
         return 0.0
     return _log_likelihood(apart * apart / variance, bound, floor)

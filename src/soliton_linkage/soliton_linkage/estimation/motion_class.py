@@ -365,7 +365,7 @@ class MotionObserver:
     def observe(self, angles: Array, noise: float = 0.0) -> MotionClass:
         """Add a frame of angles [rad], shape (N,), NaN where unknown, and return the class.
 
-        Angles may differ by whole turns. The noise [rad] is a lower bound of the scatter of the
+        Angles may be wrapped or unwrapped. The noise [rad] is a lower bound of the scatter of the
         uniform parts. Raises ValueError for a negative or infinite noise and for angles that are
         not one row.
         """

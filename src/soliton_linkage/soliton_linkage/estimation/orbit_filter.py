@@ -46,8 +46,9 @@ _LEAST_PROBABILITY = 0.9
 class OrbitFilter:
     """Recursive estimate of a chain's arc and rate.
 
-    Frames with a repeated or late stamp are ignored. The filter restarts if a stamp goes back by
-    more than the clock limit of the settings, and if another position explains the frames better.
+    Frames with a repeated or late stamp are ignored. The filter restarts in two cases: a
+    stamp goes back by more than the clock limit of the settings, or another position explains
+    several frames much better.
     Estimated offsets of encoders survive a restart.
     """
 

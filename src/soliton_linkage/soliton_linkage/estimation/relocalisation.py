@@ -291,7 +291,7 @@ class Relocaliser:
 
 
 class ScanBudget:
-    """Limit of the searches per second of stamps, so that no stream falls behind."""
+    """Limit of the number of searches per second of recorded time; frames then do not queue."""
 
     def __init__(self, settings: TrackingSettings) -> None:
         self._settings = settings

@@ -193,7 +193,7 @@ class MotionPrior:
     ) -> MotionPrior:
         """Return the prior with standard deviations estimated from a chain and its covariance.
 
-        The tolerance of lengths [1] may be given.
+        `tolerance` is the relative tolerance of the lengths [1]; None estimates it too.
         """
         at = motion.slices
         lengths = covariance[at.lengths, at.lengths]

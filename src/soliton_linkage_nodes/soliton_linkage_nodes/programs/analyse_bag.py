@@ -164,7 +164,7 @@ def named_bags(paths: Sequence[Path]) -> tuple[tuple[str, Path], ...]:
 def analyse_many(study: BagBatch, workers: int, scheduler: str | None = None) -> int:
     """Analyse the bags that are not in the table yet; return the number of failures.
 
-    If a worker process is killed, other processes continue with the remaining bags.
+    If a worker process is killed, new processes analyse the remaining bags.
     """
     with Table(study, study.folder) as table:
         while missing := table.missing:
@@ -175,7 +175,9 @@ def analyse_many(study: BagBatch, workers: int, scheduler: str | None = None) ->
             except ChildProcessError as error:
                 if table.missing == missing:
                     raise
-                print(f'analyse_bag: {error}; other processes continue', file=sys.stderr)
+                print(
+                    f'analyse_bag: {error}; new processes analyse the other bags', file=sys.stderr
+                )
         table.finish()
     failed = [each for each in read_rows(table.path) if each['failure']]
     for each in failed:
@@ -386,7 +388,7 @@ def _parser() -> PlainParser:
     parser.add_argument(
         '--noise',
         type=_noise,
-        help='standard deviation of the encoder noise [rad], above 0 and at most 1 (estimated)',
+        help='standard deviation of the encoder noise [rad], above 0 and at most 1 (default: estimate)',
     )
     parser.add_argument(
         '--stamps',

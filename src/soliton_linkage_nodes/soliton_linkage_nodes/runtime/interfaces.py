@@ -60,7 +60,10 @@ def stream_qos(message_size: int = 0) -> QoSProfile:
 
 
 def lossless_stream_qos() -> QoSProfile:
-    """Return a quality of service for a whole record, to be used by publisher and subscriber."""
+    """Return a reliable quality of service whose queue holds a whole recording.
+
+    Publisher and subscriber both need it.
+    """
     return reliable_qos(_LONGEST_RECORD)
 
 

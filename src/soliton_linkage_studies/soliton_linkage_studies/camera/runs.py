@@ -52,7 +52,7 @@ _SWAPPED = 0.1
 _SETTLING = 10
 """Number of pictures after which the plane and the pivots are averaged [1]."""
 _HAND_EVERY, _HAND_FOR = 10.0, 0.7
-"""Interval between hands in front of the camera, and their duration [s]."""
+"""Interval at which a hand covers part of the view, and the time for which it does [s]."""
 _TURN = 0.01
 """Rotation for the finite differences of the pixels with respect to the angles [rad]."""
 

@@ -120,7 +120,7 @@ def _compare_passage(report: FigureReport, fractions: Array, free: Array, passed
         report.add_comparison(
             f'share of all {count} chains that pass, {name}',
             'robust against disorder',
-            'falls with the share of chains that have a blocked bond',
+            'falls as more chains have a blocked bond',
             float(passes.mean()),
         )
         if met:

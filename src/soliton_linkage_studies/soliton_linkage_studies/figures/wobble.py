@@ -189,7 +189,7 @@ def _compare_tail(report: FigureReport, chain: Chain) -> None:
     )
     report.add_comparison(
         f'wavelength of the oscillation / a, {name}',
-        Formula('2 π / √8', {}, 'linearised; 2 is seen'),
+        Formula('2 π / √8', {}, 'linearised; its figure shows 2'),
         'two rotors: the sign alternates',
         wavelength(deviation),
         2.0,

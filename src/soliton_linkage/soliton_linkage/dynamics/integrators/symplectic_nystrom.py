@@ -37,10 +37,11 @@ class SymplecticNystrom(OdeSolver):
 
     The solver chooses a step length whose error, in the norm of scipy's solvers, is below atol +
     rtol abs(y). It keeps this length, because the energy error is bounded only while the step is
-    constant. The error is the difference from two steps of half the length. It is measured in the
-    first, fourth, sixteenth and every 32nd step of a length. If the error is too large, the solver
-    repeats the steps since the last measurement with a shorter length. If it is several times too
-    small, the solver increases the length, up to the stability limit of the fastest vibration.
+    constant. The error is the difference from two steps of half the length. After each change of
+    the length it is measured in the first, fourth and sixteenth step, then in every 32nd. If the
+    error is too large, the solver repeats the steps since the last measurement with a shorter
+    length. If it is several times too small, the solver increases the length, up to the stability
+    limit of the fastest vibration.
 
     The dense output of each step is a polynomial of degree 8 in the angles. It interpolates
     angles, rates and accelerations at both ends and in the middle.

@@ -39,7 +39,7 @@ class RecordingMetadata:
         self._chains: dict[str, dict[str, Any]] = {}
 
     def take(self, messages: Iterable[ReceivedMessage]) -> None:
-        """Store the parameters of each chain in the received messages."""
+        """Keep the parameters of each chain that a received message describes."""
         for source, _, serialized in messages:
             if source.type_name == _CHAIN_TYPE:
                 self._chains[source.name] = _parameters_of(serialized)

@@ -26,7 +26,7 @@ export const leanPixel = (share) => (Number.isNaN(share) ? 0 : PACKED[level(shar
 export const leanColour = (share) => `rgb(${TABLE[level(share)].join(',')})`;
 
 // Lean relative to the lean at rest, and its relative colour (palette.py). A uniform state has the
-// same colour in all chains; small oscillations about it are stretched.
+// same colour in all chains. The scale is stretched about it, so that small oscillations are visible.
 export const REST = 0.6;
 const NEAR_REST = [[0.95, 0.48], [1.0, REST], [1.02, 0.72], [1.05, 0.82], [1.2, 0.92]];
 

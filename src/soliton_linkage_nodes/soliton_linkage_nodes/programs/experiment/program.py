@@ -58,7 +58,10 @@ def main() -> None:
 
 @contextmanager
 def _plain_end(left: Callable[[], str] = lambda: '') -> Iterator[None]:
-    """Exit with one line and 130 after Ctrl-C, 1 after a failure; `left` describes the results."""
+    """Print one line and exit with 130 after Ctrl-C, or with 1 after a failure.
+
+    After Ctrl-C the line ends with the text of `left`, which names the remaining results.
+    """
     try:
         yield
     except KeyboardInterrupt:
@@ -192,10 +195,12 @@ def _suggestions(configuration: Path) -> list[str]:
         for path in other_scenarios(configuration)
     ]
     by_hand = (
-        'make shell, to drive it from topics' if made else 'nudge --help, to drive it from topics'
+        'make shell, to drive a chain from topics'
+        if made
+        else 'nudge --help, to drive a chain from topics'
     )
     if made:
-        others.insert(0, 'make live, to push it with the mouse')
+        others.insert(0, 'make live, to push a chain with the mouse')
     return ['Try next:', *(f'  {command}' for command in [*others, by_hand])]
 
 
