@@ -388,7 +388,8 @@ def _parser() -> PlainParser:
     parser.add_argument(
         '--noise',
         type=_noise,
-        help='standard deviation of the encoder noise [rad], above 0 and at most 1 (default: estimate)',
+        help='standard deviation of the encoder noise [rad], above 0 and at most 1; '
+        'estimated by default',
     )
     parser.add_argument(
         '--stamps',
