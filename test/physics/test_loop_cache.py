@@ -51,6 +51,7 @@ class Loops:
         environment = {
             **os.environ,
             'NUMBA_CACHE_DIR': str(self.cache),
+            'PYTHONDONTWRITEBYTECODE': '1',
             'PYTHONPATH': os.pathsep.join([str(self.folder), *sys.path]),
             **variables,
         }

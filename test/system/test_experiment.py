@@ -74,7 +74,7 @@ def test_a_soliton_crosses_is_recorded_and_replayed_alike(start: Start, tmp_path
     assert process.returncode == 0, said
     assert {path.name for path in tmp_path.iterdir()} == {
         *('kymograph.png', 'kymograph.txt', 'track.png', 'track.txt'),
-        *('log', 'summary.json', '.written', f'{SCENARIO}_0'),
+        *('log', 'summary.json', 'view.html', '.written', f'{SCENARIO}_0'),
     }
     summary = json.loads((tmp_path / 'summary.json').read_text(encoding='utf-8'))
     run = read_run(tmp_path / f'{SCENARIO}_0')

@@ -216,8 +216,8 @@ def test_a_reset_to_a_soliton_and_to_angles_by_name(graph: Graph, velocity: floa
     ('request_', 'complaint'),
     [
         (
-            {'state': Reset.Request.SOLITON, 'place': 7.0},
-            'site = 7.0 must lie in the range 0.5 to',
+            {'state': Reset.Request.SOLITON, 'place': 7.5},
+            'site = 7.5 must lie in the range 0 to',
         ),
         (
             {'state': Reset.Request.SOLITON, 'place': 3.0, 'velocity': float('inf')},

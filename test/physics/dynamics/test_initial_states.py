@@ -91,5 +91,5 @@ def test_a_velocity_that_is_no_number_is_rejected(velocity: float) -> None:
 
 
 def test_a_place_beyond_the_chain_is_rejected() -> None:
-    with pytest.raises(ValueError, match=r'site = 9\.0 must lie in the range 0\.5 to'):
-        with_soliton(Chain(10), 9.0, 1.0)
+    with pytest.raises(ValueError, match=r'site = 9\.5 must lie in the range 0 to'):
+        with_soliton(Chain(10), 9.5, 1.0)

@@ -64,10 +64,12 @@ def older_chain(tmp_path: Path) -> Path:
     definition = Chain.get_fields_and_field_types()
     fields: dict[str, Any] = {'header': HEADER, 'joint_names': ['a', 'b']}
     for name, kind in definition.items():
-        if kind == 'double' and name != 'damping':
+        if kind == 'double' and 'damping' not in name:
             fields[name] = 0.25
         elif kind == 'boolean':
             fields[name] = True
+        elif kind == 'uint32':
+            fields[name] = 2
         elif kind == 'sequence<double>' and 'damping' not in name:
             fields[name] = np.array([0.5])
     return write_older(tmp_path / 'run_0', '/chain', type_name(Chain), 'damping', fields)
