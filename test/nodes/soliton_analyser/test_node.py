@@ -448,8 +448,14 @@ def test_wrong_joint_states_are_rejected_and_valid_ones_analysed_as_before(
         ('spinner', None, 'the angles show a spinner', 'the parameters specify a flipper'),
         (
             'flipper',
-            {'rest_angle': 0.6},
+            {'rest_angle': 0.85},
             'the misfit of the angles is',
+            'check the parameters in chain',
+        ),
+        (
+            'flipper',
+            {'rest_angle': 0.6},
+            'the angles do not fit one wall',
             'check the parameters in chain',
         ),
     ],
