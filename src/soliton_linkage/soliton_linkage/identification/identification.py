@@ -228,10 +228,7 @@ def _check_passage(recordings: Sequence[Readings]) -> None:
 
 
 def _scaled(given: Chain, readings: Readings, gravity: float) -> Chain:
-    """Return the chain with mean spacing g / `gravity` [m]; unchanged if g is 0.
-
-    `gravity` is the fitted acceleration in mean spacings per s^2, g the one in [m/s^2].
-    """
+    """Return the chain with mean spacing g / `gravity` [m], where `gravity` is in [1/s^2]."""
     acceleration = readings.gravity.acceleration
     return replace(given, spacing=acceleration / gravity) if acceleration else given
 
