@@ -71,8 +71,9 @@ _UNKNOWN_WIDTH = math.nan, math.nan
 class Analyser:
     """Analyser of the frames of a chain in the order of their time.
 
-    The deviations of the chain are known. If a chain has no orbit, for the reason in
-    `limitation`, walls are located by a fit to each frame.
+    The parameters of the chain, including deviations of single rotors and springs, must be known.
+    If the chain has no orbit, `limitation` gives the reason, and a fit to each frame locates the
+    walls.
     """
 
     def __init__(
@@ -81,10 +82,10 @@ class Analyser:
         noise: float | None = None,
         settings: EstimationSettings = DEFAULTS,
     ) -> None:
-        """Compute the orbit of the chain, which may take seconds for a chain with deviations.
+        """Compute the orbit of the chain; this may take seconds for a chain with deviations.
 
-        The noise is the standard deviation of the angles [rad], None to estimate it. Raises
-        ValueError unless it is finite and above 0.
+        The noise is the standard deviation of the angles [rad]; None estimates it. Raises
+        ValueError for a noise that is infinite or not above 0.
         """
         if noise is not None and not 0 < noise < math.inf:
             raise ValueError(
@@ -131,7 +132,7 @@ class Analyser:
 
     @property
     def late_impulses(self) -> int:
-        """Number of impulses that were reported after the frame from which they acted."""
+        """Number of impulses that arrived after their frame."""
         return self._impulses.late
 
     def apply_impulse(self, stamp: int | None, impulses: Array) -> None:
@@ -178,9 +179,9 @@ class Analyser:
 
         Angles [rad] and rates [rad/s] have shape (N,), NaN or infinite if unknown; angles may be
         wrapped. Standard deviations of the angles [rad], shape (N,), NaN if unknown, weight the
-        angles of a single wall; the noise then refers to a usual angle. A stamp that goes back by
-        more than a second starts a new record. Raises ValueError for arrays of another shape, and
-        for deviations that are infinite or not above 0.
+        angles of a single wall; the noise then refers to a typical angle. A stamp that goes back
+        by more than a second starts a new record. Raises ValueError for arrays of another shape,
+        and for deviations that are infinite or not above 0.
         """
         rotors = self.chain.number_of_rotors
         angles = np.ascontiguousarray(angles, dtype=np.float64)
@@ -278,7 +279,7 @@ class Analyser:
         single: bool,
         errors: FrameErrors,
     ) -> tuple[tuple[AnalysedSoliton, ...], tuple[SolitonEvent, ...], TrackingStatus]:
-        """Return the walls of a frame, the events, and the status of the first wall."""
+        """Return the walls of a frame, the new events, and the status of the first wall."""
         scene = WallFrame(self._reporter, self._line, known, frame.rates, errors)
         seen: list[WallMeasurement] = []
         if single:
@@ -313,7 +314,7 @@ class Analyser:
         )
 
     def _width(self, estimate: OrbitEstimate, frame: CompletedFrame) -> tuple[float, float]:
-        """Return the width of the wall on the orbit and its deviation [m], from seen rotors."""
+        """Return the width of the wall on the orbit and its standard deviation [m]."""
         if frame.others or self._widths is None:
             return _UNKNOWN_WIDTH
         angles = math.pi - frame.seen if estimate.upside_down else frame.seen

@@ -30,8 +30,8 @@ class CyclePhase(NamedTuple):
     rate: rate of the phase [rad/s].
     phase_deviation: standard deviation of the phase [rad].
     rate_deviation: standard deviation of the rate [rad/s].
-    completed: number of completed cycles since the start; it changes where the phase jumps.
-    leg: leg of the cycle; with growing phase the wall leaves rotor 0 in even legs.
+    completed: number of completed cycles since the start; it changes when the phase jumps by 2 pi.
+    leg: leg of the cycle; with increasing phase the wall moves away from rotor 0 in even legs.
     """
 
     phase: float
@@ -43,11 +43,12 @@ class CyclePhase(NamedTuple):
 
 
 class Analysis(NamedTuple):
-    """Analysis of a frame, using earlier frames; None and NaN if unknown.
+    """Analysis of a frame and the preceding ones; unknown quantities are None or NaN.
 
-    motion: class of motion by the parameters of the chain or, if they are unknown, by the angles.
-    measured_motion: class of motion by the angles alone.
-    status: basis of the first wall or, without a listed wall, of the estimate.
+    motion: class of motion from the parameters of the chain or, if they are unknown, from the
+        angles.
+    measured_motion: class of motion from the angles alone.
+    status: basis of the first wall or, if `solitons` is empty, of the estimate.
     estimate: state on the orbit.
     cycle: phase of the state on the orbit.
     solitons: walls at least half a spacing from the edges, sorted by their site.
@@ -109,7 +110,7 @@ class FrameAnalyser(Protocol):
 
     @property
     def late_impulses(self) -> int:
-        """Number of impulses that were reported after the frame from which they acted."""
+        """Number of impulses that arrived after their frame."""
 
     @property
     def starts(self) -> int:
@@ -134,7 +135,7 @@ class FrameAnalyser(Protocol):
 
 
 class UnknownChainAnalyser:
-    """Analyser of a chain with known order of its joints and unknown parameters.
+    """Analyser of a chain whose parameters are unknown; the order of its joints is known.
 
     It reports the class of motion and an approximate site of the wall: the crossing of u = r
     sin(phi) through 0, which may be more than a spacing from the centre of the wall.
@@ -164,7 +165,7 @@ class UnknownChainAnalyser:
         rates: Array | None = None,
         deviations: Array | None = None,
     ) -> Analysis | None:
-        """Analyse a frame like `Analyser.analyse`; rates and deviations are not used."""
+        """Analyse a frame as `Analyser.analyse` does, without rates and deviations."""
         check_shape(angles, len(self.offsets), 'angle')
         if not self._clock.advance(stamp):
             return None

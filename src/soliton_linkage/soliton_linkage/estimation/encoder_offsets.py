@@ -24,26 +24,26 @@ from soliton_linkage.linear.bands import penetration_depth, tail_ratio
 from soliton_linkage.linkage.chain import Array, Chain
 
 _DEPTHS_BESIDE = 3.0
-"""Distance of far rotors from the wall [penetration depths], where tails are below 5 %."""
+"""Least distance of far rotors from the wall [penetration depths]; tails there are below 5 %."""
 _FEWEST_MEANS = 5
-"""Block means that must confirm an offset [1]."""
+"""Number of block means that must confirm an offset [1]."""
 _WAVE_TIME = 10.0
 """Correlation time of waves [time units of the chain]."""
 _EVENNESS = 4e-3
-"""Residual of an even chain that persists, from the motion of its wall [rad]."""
+"""Persistent residual of a chain without deviations, due to the motion of its wall [rad]."""
 _LEAST_DISTANCE = 0.01
 """Least distance of a doubtful rotor from the orbit [rad]."""
 _LEAST_ERROR = 3e-4
-"""Least error of a residual that persists in all frames [rad]; rounding errors are no offsets."""
+"""Least persistent error of a residual [rad]; smaller offsets may be rounding errors."""
 _FROM_EDGE = 2.0
-"""Distance of a wall from an edge at which it shows offsets beside it [rotor spacings]."""
+"""Least distance of a wall from an edge for estimates of offsets [rotor spacings]."""
 _STUCK, _MOST_STUCK = 1e-5, 0.2
 """Largest change of the reading of a rotor at rest [rad]; share of such rotors above which the
 chain is at rest [1]."""
 
 
 class EncoderOffsets:
-    """Maximum-a-posteriori offset of each encoder for normal priors of offsets and rest angles."""
+    """Maximum-a-posteriori encoder offsets, with normal priors of offsets and rest angles."""
 
     def __init__(self, number_of_rotors: int, settings: OffsetSettings = DEFAULTS.offsets) -> None:
         self.settings = settings
@@ -59,8 +59,8 @@ class EncoderOffsets:
     ) -> None:
         """Update with the residuals of readings from the orbit [rad], shape (N,), NaN if unknown.
 
-        Sides [1] are +1 before the wall, -1 beyond it and 0 about it, shape (N,). The variance of
-        the noise and of the error that persists in all frames are in rad^2.
+        Sides [1] are +1 before the wall, -1 beyond it and 0 near it, shape (N,). `variance` is
+        that of the noise, `persistent` that of the error common to all frames [rad^2].
         """
         given = self.settings
         known = np.isfinite(residuals)
@@ -93,19 +93,19 @@ class EncoderOffsets:
         return expected, of_offset + sides * (2 * mixed + sides * of_rest)
 
     def retest(self, rotors: Flags) -> None:
-        """Require another block mean of rotors, shape (N,), that no longer fit their offset."""
+        """Require another block mean of the flagged rotors, shape (N,), before a correction."""
         self.means[rotors] = np.minimum(self.means[rotors], _FEWEST_MEANS) - 1
 
 
 class FarFieldResiduals:
     """Block means of the residuals of rotors far from the wall.
 
-    Residuals of a rotor are excluded while they contradict earlier blocks, because the encoder is
-    stuck or another wall is near.
+    Residuals that contradict earlier blocks are excluded: the encoder may be stuck, or another
+    wall near.
     """
 
     def __init__(self, offsets: EncoderOffsets, chain: Chain, strong: float) -> None:
-        """Start without frames; mean squares above the strong one [rad^2] are ignored."""
+        """Start without frames; blocks with a mean square above `strong` [rad^2] are ignored."""
         self._offsets, self._settings = offsets, offsets.settings
         self._margin = 1 + _DEPTHS_BESIDE * penetration_depth(chain) / chain.spacing
         self._tail, self._time_unit, self._strong = tail_ratio(chain), chain.time_unit, strong
@@ -114,10 +114,8 @@ class FarFieldResiduals:
         self._read, self._means, self._residuals = np.full((3, rotors), np.nan)
         self._uneven, self._first = False, True
         self.disorder = 0.0
-        """Standard deviation of far rotors from unmodelled deviations [rad], beyond the tails.
-
-        It includes all persistent residuals until the first block ends; if that block is strong,
-        until the second one does.
+        """Standard deviation of far rotors due to unmodelled deviations [rad]. It includes all
+        persistent residuals until the first block ends, or the second if the first is ignored.
         """
         self.stuck = np.zeros(rotors, dtype=np.bool_)
         self.doubtful = np.zeros(rotors, dtype=np.bool_)
@@ -140,8 +138,8 @@ class FarFieldResiduals:
     ) -> bool:
         """Add the residuals of a frame [rad], shape (N,); return whether the block is full.
 
-        A rotor that is an outlier for the first time, or by another amount than before, counts by
-        its mean so far. `elapsed` is the time since the last frame [s], `site` the position of the
+        A rotor that is an outlier for the first time, or by a different amount, counts with its
+        mean so far. `elapsed` is the time since the last frame [s], `site` the position of the
         wall [rotor spacings], and `variance` a lower limit of the noise variance [rad^2].
         """
         self._sums += residuals
@@ -161,10 +159,10 @@ class FarFieldResiduals:
         return self._frames == self._settings.block
 
     def learn(self, sign: int, variance: float) -> None:
-        """Update the offsets with the block and start a new one.
+        """Update the offsets with the block and start a new block.
 
-        Residuals refer to corrected angles, with a sign of -1 if the chain is upside down; the
-        variance belongs to the noise of an angle [rad^2].
+        Residuals are those of corrected angles. The sign is -1 if the chain is upside down; the
+        variance is that of the noise of an angle [rad^2].
         """
         offsets, given = self._offsets, self._settings
         sides = self._sides()
@@ -194,7 +192,7 @@ class FarFieldResiduals:
         excess = np.maximum(np.abs(innovations[known]) - predicted[known], 0.0)
         waves = max(robust_deviation(excess) ** 2 - noise, 0.0)
         noise += waves * max(_WAVE_TIME * self._time_unit / self._time, 1.0)
-        # If most rotors seem to have an offset, the rotors and springs are not equal.
+        # If most rotors seem to have an offset, rotors and springs deviate.
         passed = (offsets.weights > 0).all(axis=0)
         persistent = _LEAST_ERROR**2 + robust_deviation(np.abs(offsets.values[passed])) ** 2
         strange = np.abs(innovations) > given.significance * (predicted + math.sqrt(noise))
@@ -210,10 +208,10 @@ class FarFieldResiduals:
         self.restart()
 
     def find_doubtful(self, read: Array, outlying: Flags) -> None:
-        """Find the rotors to distrust from their readings [rad], shape (N,).
+        """Find doubtful rotors from their readings [rad], shape (N,).
 
-        A rotor is stuck if it repeats its reading of a block ago, unless many do and it is not an
-        outlier. A rotor that is much further from the orbit than most has an offset that is
+        A rotor is stuck if it repeats its reading of the previous block; if many rotors do, only
+        outliers are stuck. A rotor much further from the orbit than most has an offset, which is
         unknown until the wall has passed.
         """
         still = np.count_nonzero(np.abs(read - self._read) <= _STUCK)
@@ -223,7 +221,8 @@ class FarFieldResiduals:
         self._read = read.copy()
         limit = self._settings.significance * DEVIATION_PER_MEDIAN * median(self._apart.copy())
         unknown = (self._apart > limit + _LEAST_DISTANCE) & (self._offsets.corrections == 0)
-        # An offset about the wall also moves the residuals of its neighbours: one at a time.
+        # An offset near the wall also shifts the residuals of its neighbours, so exclude one at a
+        # time.
         known = np.abs(self._means[np.isfinite(self._means)])
         typical = self._settings.significance * robust_deviation(known)
         beside = np.where(self._offsets.corrections == 0, self._beside, 0.0)
@@ -252,9 +251,9 @@ class FarFieldResiduals:
         return self._disorder(rows, median(chances) if len(chances) else 0.0)
 
     def _disorder(self, means: Array, noise: float) -> float:
-        """Return the deviation of mean residuals beyond tails [rad], by Student's distribution.
+        """Return the disorder in mean residuals beyond tails [rad], by Student's distribution.
 
-        Residuals before and beyond the wall have shape (2, N), NaN where unknown. The disorder is
+        It is a standard deviation. Residuals before and beyond the wall have shape (2, N), NaN where unknown. The disorder is
         0 unless it exceeds the noise of a mean [rad] significantly.
         """
         (before, beyond), tail = means, self._tail
@@ -269,7 +268,7 @@ class FarFieldResiduals:
 
 
 def _trimmed_mean(squares: Array) -> float:
-    """Return the mean without the two largest squares, which may belong to offsets [rad^2]."""
+    """Return the mean [rad^2] without the two largest squares, which offsets may cause."""
     count = len(squares) - 2
     if count <= 0:
         return 0.0

@@ -38,13 +38,13 @@ class OrbitEstimate(NamedTuple):
     site_deviation: standard deviation of the site [rotor spacings].
     site_rate_deviation: standard deviation of the rate of the site [rotor spacings / s].
     leg: leg of the orbit.
-    leg_known: whether the frames exclude the other legs with the wall at the same site. With
-        unseen edge rotors two or four legs of a flipper are possible; leg, arc, rate and phase
-        follow one.
+    leg_known: whether the frames exclude the other legs with the wall at the same site. Two or
+        four legs of a flipper are possible if edge rotors are unseen; leg, arc and rate then
+        belong to one of them.
     noise: standard deviation of the noise of an angle [rad], given or estimated.
-    misfit: recent root mean square of the residuals of the rotors about the wall [rad].
+    misfit: root mean square residual of the rotors near the wall in recent frames [rad].
     frame_misfit: the same of this frame alone [rad], NaN if it was empty.
-    upside_down: whether the chain is the image phi -> pi - phi of the orbit's.
+    upside_down: whether the chain is the mirror image phi -> pi - phi of the chain of the orbit.
     """
 
     time: float
@@ -80,7 +80,7 @@ class AnalysedSoliton(NamedTuple):
     velocity: velocity of the centre [m/s], positive towards the last rotor.
     width: width w of tanh(x / w) [m]; NaN in chains with deviations.
     theory_width: width at this velocity by continuum theory [m].
-    charge: +1 for a wall that leans right on the side of rotor 0 and left beyond, -1 otherwise.
+    charge: +1 if the rotors lean right on the side of rotor 0 and left on the other side, else -1.
     position_deviation: standard deviation of the position [m].
     velocity_deviation: standard deviation of the velocity [m/s].
     width_deviation: standard deviation of the width [m].
@@ -116,13 +116,13 @@ class EventKind(enum.Enum):
     ANNIHILATION = 'annihilation'
     """A kink and an anti-kink annihilated into waves."""
     BOUNCE = 'bounce'
-    """A kink and an anti-kink collided and separated on their own sides."""
+    """A kink and an anti-kink collided and separated, each on its own side."""
     PASSING = 'passing'
     """A kink and an anti-kink passed through each other and exchanged their charges."""
     BREATHER_FORMED = 'breather formed'
     """A kink and an anti-kink formed a bound, oscillating pair."""
     BREATHER_DECAYED = 'breather decayed'
-    """A breather decayed."""
+    """The walls of a breather separated or annihilated."""
 
 
 @dataclass(frozen=True)
@@ -132,12 +132,13 @@ class SolitonEvent:
     kind: kind of the event.
     time: instant of the event since the first frame [s].
     rotor: site of the event [rotor spacings].
-    ids_before: identifiers of the walls before, from rotor 0 on; a breather has its own.
-    ids_after: identifiers of the walls afterwards.
-    charge_before: sum of the charges before.
-    charge_after: sum of the charges afterwards.
-    energy_before: energy within reach of the free walls before [J]; NaN if unknown.
-    energy_after: energy within reach of the walls afterwards [J].
+    ids_before: identifiers of the walls before the event, from rotor 0 on; a breather has its own
+        identifier.
+    ids_after: identifiers of the walls after the event.
+    charge_before: sum of the charges before the event.
+    charge_after: sum of the charges after the event.
+    energy_before: energy of the walls before the event, without the wake [J]; NaN if unknown.
+    energy_after: the same after the event [J].
     collisions: number of overlaps of two walls.
     """
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Compiled bank of Kalman filters of a `MultipleModelFilter`, with the state (s, w, b, d)."""
+"""Compiled loops over the Kalman filters of a `MultipleModelFilter`; state (s, w, b, d)."""
 
 from __future__ import annotations
 
@@ -23,8 +23,8 @@ from soliton_linkage.linkage.chain import Array
 Records = NDArray[np.void]
 
 LEAST_ODDS, _LEAST_ODDS_AT_EDGES = -9.0, -2.0
-"""Limits of the log odds against the steady filter [1]. At edges, where springs exchange energy
-with the wall, the steady filter keeps less credit."""
+"""Lower limits of the log odds against the steady filter [1]. At edges the steady filter has less
+weight, because springs exchange energy with the wall."""
 _LEAST_EVIDENCE = 0.5
 """Log odds of an impulse below which its filter has no weight [1]. Sensitivity: without a limit,
 the stated deviations of a steady wall grow by 3 %."""
@@ -43,10 +43,11 @@ FILTER = np.dtype(
         ),
     ]
 )
-"""Filter: mean and covariance of (s, w, b, d), stationary variance m^2 of the bias [rad^2],
-process noise e^2 of the rate inside and at edges [1], weight in the mixture [1], probability [1]
-and log likelihood among the filters that are neither steady nor of an impulse, and log odds of an
-impulse. The steady filter is the first; filters of an impulse are the last, with ascending age."""
+"""Filter: mean and covariance of (s, w, b, d); stationary variance m^2 of the bias [rad^2];
+process noise e^2 of the rate inside the chain and at edges [1]; weight in the mixture [1]; prior
+and current probability among the filters that are neither steady nor assume an impulse [1]; log
+likelihood of a measurement; log odds of an impulse. The first filter is the steady one. The last
+ones assume an impulse, with ascending age."""
 STATUS = np.dtype(
     [
         (name, np.float64)
@@ -56,10 +57,10 @@ STATUS = np.dtype(
         )
     ]
 )
-"""State of the whole bank: number of filters without impulse, arc of a site [rad], least variance
-of an impulse [rad^2/s^2], variance of the last measurement [rad^2], time step [s], whether the
-wall is at an edge, rate of the mixture [rad/s], log odds against the steady filter, frames since
-all filters restarted from an impulse, and the number of these restarts."""
+"""State of the whole bank: number of filters that assume no impulse, arc of a site [rad], least
+variance of an impulse [rad^2/s^2], variance of the last measurement [rad^2], time step [s],
+whether the wall is at an edge, rate of the mixture [rad/s], log odds against the steady filter,
+frames since all filters restarted from an impulse, and the number of these restarts."""
 _FILTERS = records(FILTER, writable=True)
 _STATUS = records(STATUS, writable=True)
 _NUMBERS = records(record_dtype(FilterSettings))
@@ -178,7 +179,8 @@ def _update_filters(filters: Records, arc: float, variance: float, freedoms: flo
 
 @compiled(const_f8_1d, const_f8_1d)
 def _log_mean(probabilities: Array, likelihoods: Array) -> float:
-    # A filter without weight may be likelier than all others by more than exp can represent.
+    # The likelihood of a filter with zero weight may exceed all others by more than exp can
+    # represent.
     top = -math.inf
     for n in range(probabilities.size):
         if probabilities[n] > 0:
@@ -197,8 +199,8 @@ def update(
 ) -> tuple[float, float]:
     """Update all filters and their probabilities; return two log odds.
 
-    These are the log likelihood ratio of the other base - 1 filters against the steady one for
-    this measurement, and the largest log odds of an impulse.
+    The first is the log likelihood ratio of the other `base` - 1 filters against the steady filter
+    for this measurement, the second the largest log odds of an impulse.
     """
     likely = _update_filters(filters, arc, variance, freedoms)
     probabilities, weights = np.empty(base - 1), np.empty(base)
@@ -229,7 +231,7 @@ def update(
 def set_weights(filters: Records, settings: Records, base: int, log_odds: float) -> None:
     """Set all weights, given the log odds against the steady filter.
 
-    The youngest filter of an impulse has no weight, because noise can explain any single
+    The filter that assumes the latest impulse has no weight, because noise can explain any single
     measurement.
     """
     doubted = 1 / (1 + math.exp(-log_odds))
@@ -250,7 +252,7 @@ def set_weights(filters: Records, settings: Records, base: int, log_odds: float)
 
 @compiled(_FILTERS, i8)
 def mixture(filters: Records, count: int) -> tuple[float, float, float, float, float]:
-    """Return mean s and w, variance of s, covariance, variance of w of the first filters."""
+    """Return mean s and w, variance of s, covariance, and variance of w of the first filters."""
     whole, arc, rate = 0.0, 0.0, 0.0
     of_arc, both, of_rate = 0.0, 0.0, 0.0
     for n in range(count):
@@ -283,9 +285,9 @@ def _copy_state(filters: Records, source: int, target: int) -> None:
 def assume_impulse(
     filters: Records, base: int, older: int, elapsed: float, least_impulse: float
 ) -> None:
-    """Assume an impulse in this frame, and shift younger filters by one position up to an index.
+    """Assume an impulse in this frame, after shifting the filters up to an index by one position.
 
-    The variance of the change of the rate is its square plus the least variance [rad^2/s^2].
+    The variance of the new rate is its square plus the least variance [rad^2/s^2].
     """
     likeliest = 0
     for n in range(1, base):
@@ -322,7 +324,7 @@ def restart_steady(filters: Records, base: int) -> None:
 
 @compiled(_FILTERS, i8)
 def restart_from_impulse(filters: Records, base: int) -> None:
-    """Restart all filters from the likeliest impulse, each with the bias of its own model."""
+    """Restart all filters from the likeliest impulse; each keeps its variance of the bias."""
     likeliest = base
     for n in range(base, filters.size):
         if filters[n]['odds'] > filters[likeliest]['odds']:
@@ -351,8 +353,8 @@ def measure(
 ) -> tuple[float, float, float, float, float]:
     """Update with a measurement after a prediction; return the mixture.
 
-    Filters of an impulse at least 2^k frames ago shift in frames whose count is a multiple of 2^(k
-    + 1). See `MultipleModelFilter.update`.
+    The filter that assumes an impulse about 2^k frames ago shifts in every 2^(k + 1)th frame. See
+    `MultipleModelFilter.update`.
     """
     given, now = settings[0], status[0]
     base, frames = int(now['base']), int(now['frames'])

@@ -25,7 +25,7 @@ _SHARE_OF_A_TURN = 0.5 / math.pi
 
 
 def _wrapped(angle: float) -> float:
-    """Return the angle between -pi and pi [rad]."""
+    """Return the equivalent angle between -pi and pi [rad]."""
     return float(angle - _TURN * np.rint(angle * _SHARE_OF_A_TURN))
 
 
@@ -73,7 +73,7 @@ class FrameClock:
     """Clock that accepts the stamps of frames in order and rejects late ones."""
 
     def __init__(self, limit: float = DEFAULTS.tracking.clock_limit) -> None:
-        """Start at the first stamp; a stamp that goes back by more than the limit [s] restarts."""
+        """Start at the first stamp; restart if a stamp goes back by more than the limit [s]."""
         self._limit = limit
         self.time = -math.inf
         """Time of the last accepted frame since the first one [s]."""
@@ -178,7 +178,7 @@ class CompletedFrame(NamedTuple):
     filled: Flags
     """Flags of rotors that were unseen or whose reading was implausible, shape (N,)."""
     from_orbit: bool
-    """Whether filled angles come from the orbit; otherwise they come from neighbours."""
+    """Whether filled angles come from the orbit; otherwise from neighbouring rotors."""
     others: bool
     """Whether adjacent rotors differ from the orbit by more than half of their swing."""
 
@@ -192,7 +192,7 @@ class CompletedFrame(NamedTuple):
 
 
 class OnOrbit(NamedTuple):
-    """State of the rotors by the orbit, shape (N,) each."""
+    """State of the rotors predicted by the orbit, shape (N,) each."""
 
     angles: Array
     """Actual angles [rad], up to whole turns."""
@@ -203,7 +203,7 @@ class OnOrbit(NamedTuple):
 
 
 def on_orbit(orbit: Orbit, estimate: OrbitEstimate, residuals: Array) -> OnOrbit:
-    """Return the state of the rotors by an estimate, with the residuals of a frame [rad], (N,)."""
+    """Return the predicted rotors of a frame with the residuals [rad], shape (N,)."""
     angles = orbit.configuration(estimate.arc)
     rates = orbit.tangent(estimate.arc) * estimate.rate
     if estimate.upside_down:
@@ -236,8 +236,9 @@ def complete(
 ) -> CompletedFrame:
     """Fill in the missing rotors of a frame from the orbit or, without one, from neighbours.
 
-    Angles [rad] and rates [rad/s] have shape (N,), NaN if unknown; the last angles give the turns.
-    A single rotor that differs from the orbit by more than half of its swing counts as unseen.
+    Angles [rad] and rates [rad/s] have shape (N,), NaN if unknown; the last angles determine the
+    whole turns. A single rotor that differs from the orbit by more than half of its swing counts
+    as unseen.
     """
     unseen = ~np.isfinite(angles)
     if expected is None:

@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Hypotheses of the position of a chain on its orbit, and the reported mixture of them.
+"""Hypotheses about the position of a chain on its orbit, and their mixture.
 
-Each hypothesis has its own bank of filters and is weighted by the likelihood of all frames.
-Examples are two legs that differ in an unseen edge rotor, and the turning sense of a spinner.
+Each hypothesis has its own bank of filters; the likelihood of all frames is its weight. Examples
+are two legs that differ in an unseen edge rotor, and the turning sense of a spinner.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ from soliton_linkage.estimation.settings import EstimationSettings
 from soliton_linkage.orbit.orbit import Orbit
 
 _LEAD = 3.0
-"""Log odds above which another hypothesis becomes the leading one [1], a probability of 95 %."""
+"""Log odds above which another hypothesis becomes the leading one [1]; 3 means 95 %."""
 _STEP = 1e-3
 """Step for the derivative of the site arc [rotor spacings]."""
 _NEAR = 0.5
@@ -28,7 +28,7 @@ _NEAR = 0.5
 
 @dataclass
 class Hypothesis:
-    """Hypothesis of the position and the motion of a chain on its orbit."""
+    """Hypothesis about the position and the motion of a chain on its orbit."""
 
     motion: MultipleModelFilter
     upside_down: bool
@@ -51,7 +51,7 @@ class MixtureMoments(NamedTuple):
 
 
 class Hypotheses:
-    """Competing hypotheses; the first one leads and determines the reported arc, rate and leg."""
+    """Competing hypotheses; arc, rate and leg of the first, leading one are reported."""
 
     def __init__(self, orbit: Orbit, settings: EstimationSettings) -> None:
         self._orbit, self._settings = orbit, settings
@@ -82,7 +82,7 @@ class Hypotheses:
         self.all = kept
 
     def add_toggled(self) -> None:
-        """Add hypotheses with another leg if an edge rotor disagrees with the leading one."""
+        """Add hypotheses with another leg if an edge rotor contradicts the leading hypothesis."""
         orbit, leader = self._orbit, self.leader
         view = leader.view
         if orbit.number_of_legs < 4 or not view.outliers:
@@ -99,7 +99,7 @@ class Hypotheses:
             self.all.append(Hypothesis(motion, leader.upside_down, view, evidence))
 
     def leg_is_known(self) -> bool:
-        """Return whether the frames exclude other legs than the leading one."""
+        """Return whether the frames exclude all legs except that of the leading hypothesis."""
         if len(self.all) == 1:
             return True
         legs = np.array([self._orbit.leg(each.motion.arc) for each in self.all])
@@ -108,7 +108,7 @@ class Hypotheses:
         return bool(others < self._settings.likelihood.false_alarms * weights.sum())
 
     def mixture(self, arc_variance: float, rate_variance: float) -> MixtureMoments:
-        """Return the mixture, with additional variances of arc [rad^2] and rate [rad^2/s^2]."""
+        """Return the mixture with additional variances of arc [rad^2] and rate [rad^2/s^2]."""
         if len(self.all) == 1:
             site, site_var, rate, rate_var = self._row(self.all[0], arc_variance, rate_variance)
             return MixtureMoments(site, math.sqrt(site_var), rate, math.sqrt(rate_var))

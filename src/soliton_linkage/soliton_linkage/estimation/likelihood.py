@@ -1,13 +1,14 @@
 # SPDX-License-Identifier: Apache-2.0
 """Compiled loops over the rotors of a frame: its likelihood at an arc of the orbit.
 
-The difference d of a rotor from the orbit, in standard deviations r = d / sqrt(V), has the density
+The difference d between a rotor and the orbit, r = d / sqrt(V) standard deviations, has the
+density
 
     p(d) = (1 - e) C / sqrt(V) exp(-rho(r)) + e / 2 pi,
     rho = r^2 / 2 up to k, k^2 (1/2 + log(r / k)) beyond,
 
-where the share e of the readings carries no information. Its logarithm has the slope -w d / V with
-the weight w = min(1, k^2 / r^2) P and the probability P that a reading carries information. Since
+where e is the share of readings without information. The slope of log p is -w d / V with the
+weight w = min(1, k^2 / r^2) P; P is the probability that the reading contains information. Since
 sqrt(w) r <= k, no single reading moves an arc by more than k of its standard deviations.
 """
 
@@ -53,8 +54,8 @@ def compare(
 ) -> None:
     """Set the differences of corrected angles from a wall, from -pi to pi [rad], shape (N,).
 
-    The wall has angles about it from a first rotor on; the background has angles before and beyond
-    the wall, shape (N,) each.
+    `about` are the angles near the wall from rotor `first` on; `before` and `beyond` are the
+    angles on either side of it, shape (N,) each.
     """
     end = first + about.size
     for n in range(angles.size):
@@ -72,7 +73,7 @@ def _core(square: float, inner: float) -> float:
 
 @compiled(f8, f8, f8)
 def _log_likelihood(square: float, bound: float, floor: float) -> float:
-    """Return the logarithm of p(d) over (1 - e) C / sqrt(V) for a square r^2 [1]."""
+    """Return the logarithm of p(d) sqrt(V) / ((1 - e) C) for a square r^2 [1]."""
     core = _core(square, bound * bound)
     if square <= bound * bound:
         return core
@@ -81,10 +82,7 @@ def _log_likelihood(square: float, bound: float, floor: float) -> float:
 
 @compiled(f8, f8, f8, f8)
 def _of_rotor(apart: float, variance: float, bound: float, floor: float) -> float:
-    """Return the log likelihood of one rotor from its difference to the orbit [rad].
-
-    The variance is in [rad^2]. The result is 0 if the difference is NaN.
-    """
+    """Return the log likelihood of a difference [rad] with a variance [rad^2], 0 for NaN."""
     if not math.isfinite(apart):
         return 0.0
     return _log_likelihood(apart * apart / variance, bound, floor)
@@ -102,7 +100,7 @@ def _weight(square: float, bound: float, floor: float) -> float:
 DENSITY = np.dtype(
     [(name, np.float64) for name in ('variance', 'spread', 'bound', 'floor', 'gross')]
 )
-"""Density of the difference of a rotor from the orbit, one record: variance V of a rotor and
+"""Density of the difference between a rotor and the orbit, one record: variance V of a rotor and
 variance of the arc [rad^2], bound k [1], log density of readings without information relative to
 the core [1], and least gross difference [rad]."""
 _DENSITY = records(DENSITY)
@@ -119,8 +117,8 @@ def _weigh(
 ) -> tuple[float, float, float]:
     """Set the weights w of all rotors [1], shape (N,), 0 for unknown and doubtful ones.
 
-    Returns the information on the arc, sum w t^2 [1], the step to the likeliest arc [rad], and the
-    information with all weights 1.
+    Returns the information on the arc, sum w t^2 [1], the step to the most likely arc [rad], and
+    the information if all weights were 1.
     """
     end = first + tangent.size
     information, ahead, whole = 0.0, 0.0, 0.0
@@ -148,16 +146,16 @@ def weigh_frame(
     doubtful: Flags,
     rows: Array,
 ) -> tuple[tuple[float, float, float], tuple[int, int, int, int, int], tuple[float, float, float]]:
-    """Weigh rotors, and subtract the effect of a step of the arc from the differences [rad].
+    """Weigh rotors, and subtract the step to the most likely arc from the differences [rad].
 
-    Differences, shape (N,), are NaN where unknown; the tangent starts at a first rotor; doubtful
+    Differences, shape (N,), are NaN if unknown. The tangent starts at rotor `first`. Doubtful
     flags have shape (N,) or (0,). Sets rows, shape (2, N): weights [1], and the residuals of
-    rotors about the wall with a weight of at least a half, else 0 [rad].
+    rotors near the wall with a weight of at least 0.5, else 0 [rad].
 
-    Returns the results of `_weigh`; numbers of rotors: about the wall with half a weight, known,
-    gross (half a weight not reached and a gross difference), longest run of these, half a weight
-    not reached; sum of squared residuals [rad^2], log likelihood of the frame [1], and largest
-    difference [rad], infinite with unknown rotors.
+    Returns three tuples: the results of `_weigh`; numbers of rotors (near the wall with a weight
+    of at least 0.5; known; below 0.5 with a gross difference; longest run of these; below 0.5);
+    sum of squared residuals [rad^2], log likelihood of the frame [1], and largest difference
+    [rad], infinite if a rotor is unknown.
     """
     weights, left = rows[0], rows[1]
     information, ahead, whole = _weigh(differences, first, tangent, density, doubtful, weights)
@@ -211,7 +209,7 @@ def sum_likelihoods(
 
 @compiled(f8, f8, f8, f8_1d)
 def tabulate(variance: float, bound: float, floor: float, table: Array) -> None:
-    """Set the log likelihoods of evenly spaced differences from 0 to pi, including both ends."""
+    """Set the log likelihoods of evenly spaced differences from 0 to pi, both included."""
     for n in range(table.size):
         apart = math.pi * n / (table.size - 1)
         table[n] = _of_rotor(apart, variance, bound, floor)
@@ -232,11 +230,11 @@ class SampledWalls(NamedTuple):
     legs: Counts
     """Leg of each sample, shape (S,)."""
     firsts: Counts
-    """First rotor about each wall, shape (S,)."""
+    """First rotor near each wall, shape (S,)."""
     begins: Counts
-    """Start of each wall in the angles, and the end of the last one, shape (S + 1,)."""
+    """Index in `angles` at which each wall starts, and the end of the last one, shape (S + 1,)."""
     angles: Array
-    """Angles of the rotors about the walls [rad]."""
+    """Angles of the rotors near the walls [rad]."""
 
 
 _WALLS = named_tuple(SampledWalls, i8_1d, i8_1d, i8_1d, f8_1d)
@@ -253,8 +251,8 @@ def scan(
 ) -> None:
     """Set the log likelihood of a frame at samples of the orbit, shape (S,).
 
-    `before` and `beyond` are cumulative sums over the backgrounds of each leg, shape
-    (legs, N + 1). `tabulate` computes the table.
+    `before` and `beyond` are cumulative sums over the rotors on either side of the wall, for each
+    leg, shape (legs, N + 1). `tabulate` computes the table.
     """
     for sample in range(likelihoods.size):
         leg, first, begin = walls.legs[sample], walls.firsts[sample], walls.begins[sample]

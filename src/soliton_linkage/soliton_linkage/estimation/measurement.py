@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Linearised measurement of the arc by one frame, its likelihood, and the innovation gate."""
+"""Linearised measurement of the arc from one frame, its likelihood, and the innovation gate."""
 
 from __future__ import annotations
 
@@ -19,36 +19,36 @@ NO_FLAGS: Flags = np.zeros(0, dtype=np.bool_)
 LEAST_INFORMATION = 1e-6
 """Information below which a frame does not determine the arc [1]."""
 LONGEST_STEP = 0.5
-"""Longest Gauss-Newton step of the arc [rad]; the linearisation holds over less than a rotor."""
+"""Longest Gauss-Newton step of the arc [rad]; the linearisation holds for less than one rotor."""
 _MOST_STEPS = 20
 """Largest number of Gauss-Newton steps [1]."""
 _LONGEST_RUN = 2
-"""Most adjacent rotors that may have gross errors in one frame [1]."""
+"""Largest number of adjacent rotors that may have gross errors in one frame [1]."""
 
 
 class LinearisedMeasurement(NamedTuple):
     """Measurement of the arc by a frame, linearised at a point of the orbit."""
 
     arc: float
-    """Arc of the likeliest point of the orbit, to first order in the residuals [rad]."""
+    """Most likely arc, to first order in the residuals [rad]."""
     first: int
-    """Index of the first rotor about the wall."""
+    """Index of the first rotor near the wall."""
     tangent: Array
-    """Derivative of the angles about the wall by the arc, over their scales [1], shape (n,)."""
+    """Derivative of the angles near the wall by the arc, over their scales [1], shape (n,)."""
     residuals: Array
-    """Angles minus the angles there [rad], shape (N,), NaN if unknown."""
+    """Measured angles minus those at `arc` [rad], shape (N,), NaN if unknown."""
     weights: Array
     """Weight of each rotor, 0 to 1, shape (N,)."""
     inlying: Array
-    """Residuals of inliers about the wall over their scales, else 0 [rad], shape (N,)."""
+    """Residuals of inliers near the wall divided by their scales, else 0 [rad], shape (N,)."""
     information: float
     """Information on the arc for a noise of 1 rad [1]."""
     full_information: float
-    """The same if all known rotors had full weight, without doubtful ones [1]."""
+    """The same if all known rotors except doubtful ones had full weight [1]."""
     squares: float
     """Sum of the squares of the inlying residuals [rad^2]."""
     degrees_of_freedom: int
-    """Number of inliers about the wall minus one, at least 1."""
+    """Number of inliers near the wall minus one, at least 1."""
     likelihood: float
     """Log likelihood of the frame [1]."""
     known: int
@@ -62,9 +62,9 @@ class LinearisedMeasurement(NamedTuple):
     outliers: int
     """Number of rotors with less than half a weight."""
     largest: float
-    """Largest residual [rad], infinite with unknown rotors."""
+    """Largest residual [rad]; infinite if a rotor is unknown."""
     unseen_share: float = 1.0
-    """Share of the variance from unseen rotors that springs leave [1]."""
+    """Share of the variance from unseen rotors that the correction for springs leaves [1]."""
 
     @property
     def mean_square(self) -> float:
@@ -78,9 +78,9 @@ class LinearisedMeasurement(NamedTuple):
 
 
 def search_arc(arc: float, target: Callable[[float], float], close: float) -> float:
-    """Return the arc [rad] at which Gauss-Newton steps towards a target become close to 0.
+    """Return the arc [rad] at which Gauss-Newton steps towards a target are shorter than `close`.
 
-    The target is the likeliest arc by a frame that is linearised at an arc.
+    The target function returns the most likely arc of a frame linearised at a given arc.
     """
     for _ in range(_MOST_STEPS):
         step = target(arc) - arc
@@ -91,14 +91,14 @@ def search_arc(arc: float, target: Callable[[float], float], close: float) -> fl
 
 
 CORE = 2.5
-"""Distance from a wall of the rotors that distinguish it from a broken one [rotor spacings]."""
+"""Range of the rotors that show whether a wall still exists [rotor spacings]."""
 _FAR, _FAR_NOISE, _FAR_SHARE = 0.75, 2.0, 0.3
-"""Difference of a rotor from a wall that is too large, over a gross one and over the noise [1];
-largest share of such rotors [1]."""
+"""Smallest excessive difference of a rotor from a wall, relative to a gross error and relative to
+the noise [1]; largest share of rotors with such a difference [1]."""
 
 
 class FrameLikelihood:
-    """Likelihood of frames, with a robust density of the difference of a rotor from the orbit."""
+    """Likelihood of frames: robust density of the difference between each rotor and the orbit."""
 
     def __init__(self, swing: float, settings: LikelihoodSettings) -> None:
         """Compute the density for the swing of a rotor during the passage of a wall [rad]."""
@@ -112,15 +112,14 @@ class FrameLikelihood:
         self._log_wrong = math.log(wrong)
         self._floor = math.log(wrong / (1 - wrong) * (core + tails) / (2 * math.pi))
         self.scales: Array | None = None
-        """Relative standard deviations of the readings of this frame [1], shape (N,); None if all
-        are 1."""
+        """Scale of each reading, from `ReadingScales` [1], shape (N,); None if all are 1."""
 
     def floor(self, variance: float) -> float:
-        """Return the log density of a reading without information, relative to the core [1]."""
+        """Return the log density of a reading without information, relative to the peak [1]."""
         return self._floor + 0.5 * math.log(variance)
 
     def random(self, known: int, variance: float) -> float:
-        """Return the log likelihood of a number of random angles [1]."""
+        """Return the log likelihood of `known` random angles [1]."""
         return known * (self.floor(variance) - self._log_wrong)
 
     def linearise(
@@ -135,7 +134,7 @@ class FrameLikelihood:
     ) -> LinearisedMeasurement:
         """Linearise at an arc [rad], given differences [rad], shape (N,), which are overwritten.
 
-        The variance belongs to a rotor, the spread to the arc [rad^2].
+        `variance` is that of a rotor, `spread` that of the arc [rad^2].
         """
         rows, floor = np.empty((2, len(differences))), self.floor(variance)
         self._density[0] = variance, spread, self._settings.bound, floor, self.gross
@@ -175,7 +174,7 @@ class FrameLikelihood:
     def over_random(self, residuals: Array, variance: float) -> float:
         """Return the log likelihood ratio of residuals [rad], shape (n,), against random angles.
 
-        The variance belongs to a rotor [rad^2]; NaN has no effect. For random angles the ratio
+        The variance is that of a rotor [rad^2]; NaN has no effect. For random angles the ratio
         exceeds x with a probability of at most exp(-x) (Markov's inequality).
         """
         bound, floor = self._settings.bound, self.floor(variance)
@@ -183,10 +182,10 @@ class FrameLikelihood:
         return likelihood - self.random(int(np.isfinite(residuals).sum()), variance)
 
     def explains(self, view: LinearisedMeasurement, largest: float) -> bool:
-        """Return whether the outliers of a frame may be wrong readings.
+        """Return whether wrong readings can explain the outliers of a frame.
 
-        Few adjacent readings may be wrong, and the frame must be likelier than random angles with
-        the largest possible variance of a rotor [rad^2].
+        At most two adjacent readings may be wrong, and the frame must be likelier than random
+        angles, given the largest possible variance of a rotor [rad^2].
         """
         if view.run > _LONGEST_RUN:
             return False
@@ -196,10 +195,10 @@ class FrameLikelihood:
         return True
 
     def fits(self, residuals: Array, first: int, site: float, noise: float) -> bool:
-        """Return whether the rotors beside a site are near a wall.
+        """Return whether the rotors near a site still form a wall.
 
-        Residuals of rotors from a first one on and the noise are in rad. After a wall has broken
-        up, several rotors at the nearest wall differ by more than springs can cause.
+        Residuals, from rotor `first` on, and noise are in rad. After a wall has broken up, several
+        rotors differ from the nearest wall by more than springs can cause.
         """
         beside = np.abs(np.arange(first, first + len(residuals)) - site)
         core = np.abs(residuals[beside <= CORE])
@@ -213,19 +212,18 @@ class FrameLikelihood:
 
 
 class ReadingScales:
-    """Standard deviations of the readings of a frame relative to a usual reading."""
+    """Standard deviations of the readings of a frame, relative to a typical reading."""
 
     def __init__(self, usual: float | None = None) -> None:
-        """Start with the usual standard deviation [rad], or derive it from the first frame.
+        """Start with the typical standard deviation [rad], or derive it from the first frame.
 
-        For a frame it is the value that gives the same total information, by the mean of
-        1 / sigma^2.
+        For the first frame it is 1 / sqrt(mean of 1 / sigma^2), which gives the same information.
         """
         self._usual = usual
         self._squares: Array | None = None
 
     def set_deviations(self, deviations: Array | None) -> None:
-        """Set the standard deviations of a frame [rad], shape (N,), NaN or None if usual."""
+        """Set the standard deviations of a frame [rad], shape (N,), NaN or None if typical."""
         self._squares = None
         if deviations is None:
             return
@@ -239,7 +237,7 @@ class ReadingScales:
     def of_frame(self, noise: float, variance: float) -> Array | None:
         """Return the scale of each reading [1], shape (N,), None if all are 1.
 
-        Only the noise in the variance of a rotor [rad^2] scales with the reading.
+        Only the noise, a part of the variance of a rotor [rad^2], scales with the reading.
         """
         if self._squares is None:
             return None
@@ -247,7 +245,7 @@ class ReadingScales:
 
 
 class InnovationGate:
-    """Gate that accepts frames of a wall, given the outliers of the preceding frame."""
+    """Gate that accepts or rejects frames, given the outliers of the preceding frame."""
 
     def __init__(
         self, rotors: int, likelihood: FrameLikelihood, settings: EstimationSettings
@@ -262,14 +260,14 @@ class InnovationGate:
         self._outliers, self._strained = self._no_outliers, 0 * self._no_outliers
 
     def is_informative(self, view: LinearisedMeasurement) -> bool:
-        """Return whether most of the information about the wall has full weight."""
+        """Return whether outliers leave most of the information about the wall."""
         return view.information >= self._settings.informative_share * view.full_information
 
     def is_strained(self, view: LinearisedMeasurement) -> bool:
         """Return whether the prediction is wrong, for example after an unmodelled impulse.
 
-        Three adjacent rotors are outliers, or one is in several successive frames, without gross
-        differences and with most of the wall seen.
+        Three adjacent rotors are outliers, or one rotor is an outlier in several successive
+        frames; no difference is gross, and most of the wall is seen.
         """
         if (
             self.is_informative(view)

@@ -1,10 +1,10 @@
 # SPDX-License-Identifier: Apache-2.0
 """Class of motion of a wall from the angles alone, without parameters of the chain.
 
-A wall lies where u = r sin(phi) changes its sign. Its two sides lean right and left by the same
-angle. The rotors of a flipper pass through the top or the bottom, theta_right = -theta_left, and
-their staggered cosines have the same sign. The rotors of a spinner turn over, theta_right =
-theta_left + pi, and have opposite signs.
+A wall is located where u = r sin(phi) changes its sign. Its two sides lean right and left by the
+same angle. The rotors of a flipper pass through the top or the bottom: theta_right = -theta_left,
+and the staggered cosines on both sides have the same sign. The rotors of a spinner turn over:
+theta_right = theta_left + pi, and the cosines have opposite signs.
 
 A wobbling flipper leans over by more than its rest angle beside the wall. The deviation e from
 rest maps outwards from rotor to rotor by F(e), for bars of fixed length and d = 1
@@ -12,8 +12,8 @@ rest maps outwards from rotor to rotor by F(e), for bars of fixed length and d =
 
     lambda = (1 - d) / (1 + d),    e' = F(e) + lambda e + ...,
 
-so that a chain wobbles for lambda < 0. Springs in motion keep the sign of lambda; a term in e^2
-models the change of curvature.
+so that a chain wobbles for lambda < 0. Extended springs do not change the sign of lambda; a term
+in e^2 models their change of curvature.
 """
 
 from __future__ import annotations
@@ -46,29 +46,29 @@ _LEAST_NOISE = 1e-6
 _LEANING = 3.0
 """Smallest lean of either side of a wall, in its standard deviations [1]."""
 _FLAT, _FLAT_IN_NOISE, _NOISIEST = 0.02, 2.0, 0.15
-"""Limits of tails [1]: smallest deviation divided by the rest angle, smallest deviation divided by
-the noise, and largest noise divided by the rest angle."""
+"""Limits of tails [1]: smallest deviation relative to the rest angle and to the noise, and largest
+noise relative to the rest angle."""
 _BEND, _NEGLECTED = 0.1, 0.01
-"""Prior standard deviation of the coefficient of e^2, times the rest angle [1], and error of the
-tail ratio due to springs in motion [1]."""
+"""Prior standard deviation of the coefficient of e^2, multiplied by the rest angle [1], and error
+of the tail ratio due to extended springs [1]."""
 _SPREAD = 1.2
 """Ratio of the variance of e' - F(e) to the variance of the noise [1]."""
 _LEAST_LEVER = 1e-9
-"""Replacement for a zero lever of a bar in line with its outer rotor [1], which has an infinite
-slope."""
+"""Replacement for the zero lever of a bar in line with its outer rotor [1]; the slope would be
+infinite."""
 _LEAST_WEIGHT = 1e-300
 """Weight of a rest angle without information from the tails [1/rad^2]; positive, so that means
 exist."""
 _NO_EVIDENCE = (math.nan, 0.0, math.nan)
-"""Site, flipping and rest angle of a frame without information."""
+"""Site, log likelihood ratio and rest angle of a frame without information."""
 
 
 @compiled(f8, f8, f8)
 def next_deviation(inner: float, rest_angle: float, k: float) -> tuple[float, float]:
     """Return the deviation F of the outer neighbour on relaxed bars [rad], and its slope [1].
 
-    A rotor leans by alpha = theta_bar + e and its neighbour further from the wall by alpha'. The
-    bar between them keeps its length if, with k = a / r, cos(alpha + alpha') + k (sin(alpha) -
+    A rotor leans by alpha = theta_bar + e; its neighbour further from the wall leans by alpha'.
+    The bar between them keeps its length if, with k = a / r, cos(alpha + alpha') + k (sin(alpha) -
     sin(alpha')) = cos(2 theta_bar). The slope lambda at e = 0 gives k = 2 sin(theta_bar) / d = 2
     sin(theta_bar) (1 + lambda) / (1 - lambda).
     """
@@ -83,9 +83,10 @@ def next_deviation(inner: float, rest_angle: float, k: float) -> tuple[float, fl
 
 @compiled(const_f8_1d)
 def bond_of_wall(sines: Array) -> tuple[int, float, float]:
-    """Return the number of rotors before the wall and the sines of its two rotors, 0 if unknown.
+    """Return the number of rotors before the wall and the sines of the two nearest rotors.
 
-    The wall is where the means of sin(theta) on the two sides differ most.
+    The sines are 0 if unknown. The wall is where the means of sin(theta) on the two sides differ
+    most.
     """
     whole, running, most, bond = 0.0, 0.0, -1.0, 0
     for n in range(sines.size):
@@ -132,7 +133,7 @@ _PART = named_tuple(UniformPart, f8)
 def uniform_part(
     angles: Array, sines: Array, cosines: Array, nearest: int, edge: int
 ) -> UniformPart:
-    """Return the outer half of the rotors from a wall to an edge, without the edge rotor."""
+    """Return the outer half of the rotors between a wall and an edge, without the edge rotor."""
     way = 1 if edge > nearest else -1
     inner = nearest + way * (abs(edge - nearest) // 2)
     low, high = (inner, edge) if way > 0 else (edge + 1, inner + 1)
@@ -175,11 +176,11 @@ def tail_products(
     noise: float,
     sums: Array,
 ) -> None:
-    """Add products of (e, e^2, e' - F(e)) outwards from a wall, over the variance of e', (3, 3).
+    """Add products of (e, e^2, e' - F(e)), divided by the variance of e', to sums, shape (3, 3).
 
-    The deviation e is theta minus the mean of its side, or its opposite [rad]. The tail starts at
-    the middle of the wall and ends where it is flat, within the inner half of the rotors. Noise
-    above a limit leaves the sums unchanged.
+    The deviation e is theta minus the mean of its side [rad], positive for a larger lean. The tail
+    starts in the middle of the wall and ends where it is flat, within the inner half of the
+    rotors. If the noise exceeds a limit, the sums do not change.
     """
     mean, handed = part.mean, 1.0 if (part.sine > 0) == (part.cosine > 0) else -1.0
     rest_angle = math.pi / 2 - abs(math.asin(math.cos(mean)))
@@ -206,7 +207,8 @@ def tail_products(
 def _flipping(left: float, right: float, variance: float) -> float:
     """Return the log likelihood ratio of theta_right = -theta_left against theta_left + pi.
 
-    If neither holds within the noise, for example in a wake, the variance is the smaller square.
+    If neither holds within the noise, for example in a wake, the smaller square replaces the
+    variance.
     """
     flipped, spun = wrapped(right + left), wrapped(right - left - math.pi)
     flipped, spun = flipped * flipped, spun * spun
@@ -218,7 +220,7 @@ def _flipping(left: float, right: float, variance: float) -> float:
 def evidence(
     settings: Records, angles: Array, sines: Array, cosines: Array, noise: float, tails: Array
 ) -> tuple[float, float, float]:
-    """Return site, flipping and rest angle of one frame, and add its tails, shape (3, 3).
+    """Return site, log likelihood ratio and rest angle of a frame; add its tails, shape (3, 3).
 
     The noise is a lower bound [rad]; see `MotionEvidence`.
     """
@@ -252,8 +254,8 @@ def evidence(
 def tail_ratio(tails: Array, rest_angle: float) -> tuple[float, float]:
     """Return the ratio lambda of the tails and its standard deviation [1].
 
-    They are NaN and infinity if unknown. The prior of the term in e^2 has a standard deviation of
-    the bend over theta_bar.
+    They are NaN and infinity if unknown. The prior standard deviation of the coefficient of e^2 is
+    `_BEND` / theta_bar.
     """
     if tails[0, 0] <= 0:
         return math.nan, math.inf
@@ -275,7 +277,7 @@ def observe(
 ) -> tuple[tuple[float, float, float], tuple[float, float]]:
     """Add the `evidence` of a frame to the evidence of earlier frames and update the tails.
 
-    Returns site, flipping and rest angle, and the `tail_ratio` of all frames.
+    Returns site, log likelihood ratio and rest angle, and the `tail_ratio` of all frames.
     """
     known = tails[0, 0]
     sines, cosines = np.full(angles.size, math.nan), np.full(angles.size, math.nan)
@@ -286,7 +288,7 @@ def observe(
     limit = settings[0]['strongest']
     flipping = min(max(flipping + more, -limit), limit)
     if math.isfinite(lean) and math.isfinite(rest_angle):
-        # The weight is the information of the tails, at least a tiny one.
+        # The weight is the information of the tails, and never 0.
         added = tails[0, 0] - known + _LEAST_WEIGHT
         rest_angle += added / (known + added) * (lean - rest_angle)
     elif math.isfinite(lean):
@@ -295,9 +297,9 @@ def observe(
 
 
 class MotionClass(NamedTuple):
-    """Class of motion according to the angles.
+    """Class of motion from the angles.
 
-    motion: class of motion, None without a wall or with too much noise.
+    motion: class of motion; None if there is no wall or too much noise.
     confidence: probability of the likeliest class, from 0 to 1; the prior of all three is equal.
     spinning: probability that the rotors spin, from 0 to 1.
     """
@@ -312,12 +314,12 @@ class MotionEvidence(NamedTuple):
 
     site: crossing of u through 0 in the last frame [rotor spacings]; NaN without a wall.
     flipping: log likelihood ratio of a flipper against a spinner [1], limited because errors may
-        persist through all frames.
+        persist in all frames.
     rest_angle: mean lean of the uniform parts [rad]; NaN without a wall.
     tails: sums of products of (e, e^2, e' - F(e)) over their variance, shape (3, 3).
     tail_ratio: ratio lambda of the deviations of neighbouring rotors [1]; NaN if unknown.
-    tail_ratio_deviation: its standard deviation [1], including the effect of springs in motion;
-        infinite if unknown.
+    tail_ratio_deviation: standard deviation of this ratio [1], including the effect of extended
+        springs; infinite if unknown.
     """
 
     site: float
@@ -348,10 +350,10 @@ NO_EVIDENCE = MotionEvidence(math.nan, 0.0, math.nan, np.zeros((3, 3)), math.nan
 
 
 class MotionObserver:
-    """Accumulator of the evidence of all frames since the last restart.
+    """Observer that adds up the evidence of all frames since the last restart.
 
-    A frame has no information without a wall, with the wall within four rotors of an edge, or with
-    too few known angles.
+    A frame has no information if it has no wall, if the wall is within four rotors of an edge, or
+    if too few angles are known.
     """
 
     def __init__(self, settings: MotionSettings = DEFAULTS.motion) -> None:
@@ -363,11 +365,11 @@ class MotionObserver:
         self.evidence = NO_EVIDENCE
 
     def observe(self, angles: Array, noise: float = 0.0) -> MotionClass:
-        """Add a frame of angles [rad], shape (N,), NaN where unknown, and return the class.
+        """Add a frame of angles [rad], shape (N,), NaN if unknown, and return the class of motion.
 
         Angles may be wrapped or unwrapped. The noise [rad] is a lower bound of the scatter of the
         uniform parts. Raises ValueError for a negative or infinite noise and for angles that are
-        not one row.
+        not one-dimensional.
         """
         angles = np.asarray(angles, dtype=np.float64, order='C')
         if angles.ndim != 1:

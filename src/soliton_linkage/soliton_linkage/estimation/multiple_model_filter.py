@@ -1,25 +1,24 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Motion of a chain along its orbit by a bank of Kalman filters of the arc s and its rate w.
+"""Multiple-model filter of the motion along the orbit: Kalman filters of arc s and rate w.
 
-Models with different process noise run in parallel (multiple-model filter, Blom and Bar-Shalom).
-The state is (s, w, b, d): arc [rad], rate [rad/s], bias of the measurement [rad] and disturbance
-[rad/s^2]. A measurement z = s + b + noise has a bias that persists while the wall moves by about a
-rotor:
+Models with different process noise run in parallel (Blom and Bar-Shalom). The state is (s, w, b,
+d): arc [rad], rate [rad/s], bias of the measurement [rad] and disturbance [rad/s^2]. A measurement
+is z = s + b + noise. Its bias b persists while the wall moves by about one rotor:
 
     ds = w dt,   dw = sqrt(q) dB,   b' = a b + noise of variance m^2 (1 - a^2),
 
-with a = exp(-|w| dt / (Lambda / 2)) and q = e^2 |w|^3 / Lambda, a relative change e of the rate
-per rotor. Filters with several e and m run in parallel; the estimate is their mean, weighted by
-the likelihood of recent measurements. The steady filter has e = m = 0 and uses the whole record.
-Its weight is high until the likelihood of all measurements contradicts it; it then restarts from
-the others with the odds against it. At edges, where springs exchange energy with the wall, e is
-larger in all other filters and the credit of the steady one is limited, and likewise in waves that
-are as strong as the motion of the wall.
+with a = exp(-|w| dt / (Lambda / 2)) and q = e^2 |w|^3 / Lambda; e is the relative change of the
+rate per rotor. Filters with several e and m run in parallel. The estimate is their mean, weighted
+by the likelihood of recent measurements. The steady filter has e = m = 0 and uses the whole
+record. Its weight is high until the likelihood of all measurements contradicts it. Then it
+restarts from the mean of the others, with a low weight. At edges the springs exchange energy with
+the wall: there e is larger in the other filters, and the weight of the steady filter is limited.
+Waves as strong as the motion of the wall limit it too.
 
-An impulse changes the rate instantly. For frames at ages of 1, 2, 4, ... one filter each assumes
-an impulse there, to an almost unknown rate. Its weight is the likelihood ratio of all later
-measurements times the prior probability of an impulse. If the odds become decisive, all filters
-restart from it.
+An impulse changes the rate instantly. One filter assumes an impulse about 1 frame ago, one about 2
+frames ago, then 4, 8, ...; the rate after the impulse is almost unknown. The weight of such a
+filter is the likelihood ratio of all later measurements times the prior probability of an impulse.
+If the odds become decisive, all filters restart from it.
 
 With a disturbance, all three states have process noise in proportion to the variance r of a
 measurement times the time step,
@@ -56,11 +55,11 @@ _Summary = tuple[float, float, float, float, float]
 _FIRST_ODDS = 5.5
 """Prior log odds for a steady wall without unmodelled damping [1]."""
 _LEAST_IMPULSE = 0.1
-"""Least standard deviation of the change of rate by an impulse, over the scale of rates [1]."""
+"""Least standard deviation of the change of rate by an impulse, relative to the rate scale [1]."""
 
 
 class MultipleModelFilter:
-    """Arc, rate, bias and disturbance by a bank of Kalman filters."""
+    """Bank of Kalman filters of arc, rate, bias and disturbance."""
 
     def __init__(
         self,
@@ -87,7 +86,7 @@ class MultipleModelFilter:
         if settings.disturbance:
             covariances[:, DISTURBANCE, DISTURBANCE] = (settings.disturbance * scale**2) ** 2
         else:
-            # The unmodelled damping belongs to the models with the steadiest rate.
+            # Only the models with the steadiest rate include unmodelled damping.
             damped = slice(1, 1 + len(settings.biases))
             covariances[damped, DISTURBANCE, DISTURBANCE] = (settings.damping * scale) ** 2
         self._status = np.zeros(1, STATUS)
@@ -117,7 +116,7 @@ class MultipleModelFilter:
         return models
 
     def mirrored(self, arc: float) -> MultipleModelFilter:
-        """Return the same motion in the opposite direction, at another current arc [rad]."""
+        """Return a copy that moves in the opposite direction, at another arc [rad]."""
         other = copy.copy(self)
         other.filters, other._status = self.filters.copy(), self._status.copy()
         other.filters['state'] *= -1
@@ -161,7 +160,7 @@ class MultipleModelFilter:
         acceleration: float = 0.0,
         bandwidth: float = 0.0,
     ) -> None:
-        """Predict over a time [s], with the wall at an edge of the chain or inside.
+        """Predict over a time [s]; the wall is at an edge of the chain or inside it.
 
         The ratio is the factor by which the orbit changes the rate [1]; torques cause the
         acceleration [rad/s^2]; the bandwidth of the disturbance is in rad/s.
@@ -199,9 +198,9 @@ class MultipleModelFilter:
     ) -> None:
         """Update with a measurement of the arc [rad] and its variance [rad^2].
 
-        If the variance has f degrees of freedom, a normalised innovation x counts as sqrt((f + 1)
-        log(1 + x^2 / f)), by Student's distribution. The calm of the chain, from 0 to 1, limits
-        the credit of the steady filter.
+        If the variance has f degrees of freedom, Student's distribution replaces a normalised
+        innovation x by sqrt((f + 1) log(1 + x^2 / f)). The calm, from 0 (strong waves) to 1,
+        limits the weight of the steady filter.
         """
         self._known = measure(
             self.filters,
@@ -226,7 +225,7 @@ class MultipleModelFilter:
         return self._known
 
     def _refresh(self) -> None:
-        """Update the predicted measurement, s + b [rad], and its variance [rad^2]."""
+        """Compute the predicted measurement, s + b [rad], and its variance [rad^2]."""
         self._known = None
         self._status['rate'] = self.rate
         self.expected, self.expected_variance = expected_measurement(self.filters)

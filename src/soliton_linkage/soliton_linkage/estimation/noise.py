@@ -33,7 +33,7 @@ _FIELD_RATIO = 3.0
 
 
 def median(values: Array) -> float:
-    """Return the median of numbers without NaN, and reorder them; faster than `numpy.median`."""
+    """Return the median of numbers without NaN and reorder them; faster than `numpy.median`."""
     half = len(values) // 2
     if len(values) % 2:
         values.partition(half)
@@ -43,7 +43,7 @@ def median(values: Array) -> float:
 
 
 def robust_deviation(sizes: Array) -> float:
-    """Return the standard deviation from the median of absolute errors, and reorder these."""
+    """Return the standard deviation from the median of absolute errors, and reorder them."""
     return DEVIATION_PER_MEDIAN * median(sizes) if len(sizes) else 0.0
 
 
@@ -54,9 +54,9 @@ Estimate = tuple[float, float, float, float, float, float]
 _SQUARES = ('squares', 'freedoms', 'recent_squares', 'recent_freedoms')
 PAIRS = ('products', 'pairs', 'wall', 'wall_weights', 'wall_squared_weights')
 NOISE = np.dtype([(name, np.float64) for name in (*_SQUARES, *PAIRS)])
-"""Fading sums over frames: squares [rad^2] and degrees of freedom [1], of all and of recent
-frames; products of successive frames [rad^2] and their number [1]; the same products weighted by
-t^2, their weights and squared weights [1]."""
+"""Exponentially weighted sums over frames: squares [rad^2] and degrees of freedom [1] of all and
+of recent frames; products of successive frames [rad^2] and their number [1]; the same products
+weighted by t^2 [rad^2], and sums of their weights and squared weights [1]."""
 _SUMS = records(NOISE, writable=True)
 _READ_SUMS = records(NOISE)
 _NUMBERS = records(record_dtype(NoiseSettings))
@@ -68,7 +68,7 @@ def products_in_time(
 ) -> None:
     """Set sums of p = x (4 x' - x'') / 3 over the residuals of three frames [rad], (N,).
 
-    The sums over rotors about the wall, from a first one on, are sum p, sum t^2 p, sum f and
+    The sums over the rotors near the wall, from rotor `first` on, are sum p, sum t^2 p, sum f and
     sum f^2 with f = t^2 - t^4.
     """
     total, wall, weights, squared = 0.0, 0.0, 0.0, 0.0
@@ -88,17 +88,17 @@ def products_in_time(
 def _noise_bound(
     square: float, squared_weights: float, largest: float, significance: float
 ) -> float:
-    """Return Bernstein's bound of a weighted sum of products of noise [rad^2], 17 / 9 each."""
+    """Return Bernstein's bound of a weighted sum of products of variance 17 / 9 [rad^2]."""
     deviation = significance * math.sqrt(17 / 9 * squared_weights)
     return square * (deviation + significance**2 / 2 * largest)
 
 
 @compiled(_READ_SUMS, _NUMBERS, f8)
 def estimate(noise: Records, settings: Records, given: float) -> Estimate:
-    """Return the variance of the noise [rad^2] from the sums and a given variance.
+    """Return the variance of the noise [rad^2], given the sums and a prior variance.
 
-    Also returns the variance that is certainly noise, the recent total variance, the persistent
-    variance of all rotors and of the wall [rad^2], and the degrees of freedom [1].
+    Also returns a lower bound of this variance, the recent total variance, the persistent variance
+    of all rotors and that near the wall [rad^2], and the degrees of freedom [1].
     """
     sums, significance = noise[0], settings[0]['significance']
     freedoms, recent = sums['freedoms'], sums['recent_freedoms']
@@ -129,8 +129,8 @@ def learn(
 ) -> Estimate:
     """Add the residuals of a frame to the sums; return the `estimate`.
 
-    The frame has degrees of freedom [1] and a sum of squares [rad^2]; the result of
-    `products_in_time` has a number of pairs, 0 without two earlier frames.
+    The residuals have a number of degrees of freedom and a sum of squares [rad^2]. `pairs` is the
+    number of rotors in `products_in_time`, 0 without two earlier frames.
     """
     sums, numbers = noise[0], settings[0]
     fade = 1 - 1 / numbers['memory']
@@ -150,11 +150,11 @@ def learn(
 
 
 class FrameNoise:
-    """Noise of the angles, separated from persistent residuals of the orbit.
+    """Noise of the angles, separated from persistent residuals.
 
     Noise is independent from frame to frame, so that the product of the residuals of a rotor in
-    two frames has mean 0. Waves, deviations and offsets persist: the products of frames one and
-    two apart extrapolate to their square, c_0 = (4 c_1 - c_2) / 3.
+    two frames has mean 0. Waves, deviations and offsets persist: their mean square is c_0 = (4 c_1
+    - c_2) / 3, extrapolated from the products of frames one and two apart.
     """
 
     def __init__(self, given: float | None, settings: NoiseSettings = DEFAULTS.noise) -> None:
@@ -207,7 +207,7 @@ class FrameNoise:
         )
 
     def discard_persistence(self) -> None:
-        """Discard the products, for example after an encoder offset was found; keep the noise."""
+        """Discard the products but keep the noise, for example after finding an offset."""
         self._earlier = ()
         self._sums['squares'] = self.variance * self._freedoms
         for name in PAIRS:
@@ -235,11 +235,11 @@ def median_change(first: Array, second: Array, third: Array, ratio: float) -> fl
 class RateNoise:
     """Standard deviation of the noise of rates, from second differences in time.
 
-    White noise in three frames, dt_1 and dt_2 apart, gives r_1 - (1 + q) r_2 + q r_3 with
-    q = dt_1 / dt_2 the variance (1 + (1 + q)^2 + q^2) sigma^2; a phonon of angular frequency w at
-    even times contributes only (w dt)^4 / 2 of its squared amplitude. The median over the rotors,
-    with a bias of 1 / (3 N), excludes the rotors in a wall. Frames more than half a radian of the
-    fastest phonon apart cannot separate noise from phonons.
+    For three frames dt_1 and dt_2 apart and q = dt_1 / dt_2, white noise of the rates r gives r_1
+    - (1 + q) r_2 + q r_3 the variance (1 + (1 + q)^2 + q^2) sigma^2. A phonon of angular frequency
+    w contributes only (w dt)^4 / 2 of its squared amplitude at equal intervals. The median over
+    the rotors, with a bias of 1 / (3 N), excludes the rotors in a wall. Frames further apart than
+    0.5 / w of the fastest phonon cannot separate noise from phonons.
     """
 
     def __init__(self, chain: Chain, settings: NoiseSettings = DEFAULTS.noise) -> None:
@@ -277,10 +277,9 @@ class RateNoise:
 class StampJitter:
     """Variance of the error of stamps, from second differences of measured arcs.
 
-    Late stamps move a wall of rate w by w times the lateness. White errors of three measurements,
-    dt_1 and dt_2 apart, give z_3 - (1 + q) z_2 + q z_1 with q = dt_2 / dt_1 the variance
-    v_3 + (1 + q)^2 v_2 + q^2 v_1. The excess over the variances v of the measurements, weighted by
-    w^2, is the jitter.
+    A stamp error e shifts a wall of rate w by w e. For three measurements dt_1 and dt_2 apart and
+    q = dt_2 / dt_1, white errors of variance v give z_3 - (1 + q) z_2 + q z_1 the variance v_3 +
+    (1 + q)^2 v_2 + q^2 v_1. The excess over this variance, weighted by w^2, is the jitter.
     """
 
     def __init__(self, settings: NoiseSettings = DEFAULTS.noise) -> None:
@@ -305,11 +304,11 @@ class StampJitter:
         expected = (v3 + (1 + ratio) ** 2 * v2 + ratio**2 * v1) / unit
         change = (third - (1 + ratio) * second + ratio * first) ** 2 / unit
         known = expected + square * self.variance
-        # Limit the effect of impulses and wrong readings, which are not late stamps.
+        # Limit the effect of impulses and wrong readings, because they are no stamp errors.
         change = min(change, _LARGEST_CHANGE * known)
         self._excess = self._fade * self._excess + square * (change - expected)
         self._weight = self._fade * self._weight + square * square
-        # Second differences of successive frames correlate.
+        # Second differences of successive frames are correlated.
         self._chance = self._fade * self._chance + 6 * (square * expected) ** 2
         significant = self._excess > self._significance * math.sqrt(self._chance)
         self.variance = self._excess / self._weight if significant else 0.0
@@ -319,13 +318,13 @@ class ResidualVariance:
     """Variance of the deviation of a rotor from the orbit due to noise, waves and springs."""
 
     def __init__(self, swing: float, noise: float | None, settings: EstimationSettings) -> None:
-        """Start with the swing of a rotor in a wall [rad] and the noise, if it is known [rad]."""
+        """Start with the swing of a rotor in a wall [rad] and the noise [rad], None if unknown."""
         given = settings.likelihood
         self._given_noise, self._settings = noise, settings
         self.elastic = (given.elastic_share * swing) ** 2
         """Prior variance from the deformation of a wall by its springs [rad^2]."""
         self.largest_field = (given.field_share * swing) ** 2
-        """Largest variance beside the noise [rad^2]."""
+        """Largest variance without the noise [rad^2]."""
         self.restart()
 
     def restart(self) -> None:
@@ -350,9 +349,9 @@ class ResidualVariance:
         self.frames += 1
 
     def of_rotor(self) -> float:
-        """Return the variance of a rotor from the orbit [rad^2]: noise, waves and springs.
+        """Return the variance of a rotor about the orbit [rad^2]: noise, waves and springs.
 
-        The deformation by springs changes with the displacement since the last frame.
+        The deformation by springs depends on the displacement since the last frame.
         """
         noise = self.noise
         field = max(noise.scatter - noise.variance, 0.0) + _FIELD_RATIO * noise.excess
@@ -364,7 +363,7 @@ class ResidualVariance:
     def of_arc(self, view: LinearisedMeasurement) -> float:
         """Return the variance of a measured arc [rad^2].
 
-        Unseen rotors shift the nearest point by the residuals beside the orbit until the wall has
+        If rotors are unseen, persistent residuals shift the nearest point until the wall has
         passed a rotor; rotors without weight shift it in this frame only.
         """
         known = max(view.full_information, view.information)
@@ -377,10 +376,10 @@ class ResidualVariance:
         return noise.variance / view.information + persistent + fleeting
 
     def calm(self, rate: float) -> float:
-        """Return the confidence, from 0 to 1, that waves do not disturb a wall of an arc rate.
+        """Return the confidence, from 0 to 1, that waves do not disturb a wall with this arc rate.
 
-        Waves with an angle phi change the rate w of a wall by a relative amount of about phi / w,
-        in the time unit of the chain. The ratio to the noise gives the confidence in waves.
+        Waves of amplitude phi change the rate w of a wall by about phi / w relative to it, in the
+        time unit of the chain. Their ratio to the noise tells how certain the waves are.
         """
         noise = self.noise
         field = max(noise.scatter - noise.variance, noise.excess, 0.0)

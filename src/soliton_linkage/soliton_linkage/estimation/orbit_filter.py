@@ -1,10 +1,10 @@
 # SPDX-License-Identifier: Apache-2.0
 """Recursive estimate of the position of a chain on its orbit, and of its rate.
 
-A frame measures the arc s at the predicted point of the orbit, phi = Phi(s) + noise. With
-t = dPhi/ds the measurement is z = s + t . (phi - Phi(s)) / t^2 with the variance sigma^2 / t^2,
-linear in the noise near the truth. It updates a `MultipleModelFilter`. `FrameNoise` estimates
-sigma and the residuals beside the orbit, and `EncoderOffsets` the offsets of the encoders.
+A frame measures the arc s at the predicted point of the orbit, phi = Phi(s) + noise. With t =
+dPhi/ds the measurement is z = s + t . (phi - Phi(s)) / t^2 with the variance sigma^2 / t^2, linear
+in the noise near the truth. It updates a `MultipleModelFilter`. `FrameNoise` estimates sigma and
+the persistent residuals; `EncoderOffsets` estimates the offsets of the encoders.
 """
 
 from __future__ import annotations
@@ -37,10 +37,10 @@ from soliton_linkage.orbit.orbit import Orbit
 _EDGE_ROTORS = 2.0
 """Range of an edge beyond the penetration depth [rotor spacings]."""
 _FIELD_SHARE = 0.08
-"""Error of the arc relative to the persistent residuals of the wall [1]. Without it, errors near
-waves exceed the stated standard deviations by 2 %."""
+"""Error of the arc relative to the persistent residuals near the wall [1]. Without this term,
+errors near waves exceed the stated standard deviations by 2 %."""
 _LEAST_PROBABILITY = 0.9
-"""Least probability that a frame shows one of its candidates [1]."""
+"""Least probability that one of the candidates of a frame is correct [1]."""
 
 
 class OrbitFilter:
@@ -70,7 +70,7 @@ class OrbitFilter:
         chain = orbit.chain
         self.orbit = orbit
         self.rejected = self.starts = 0
-        """Numbers of rejected frames and of acquisitions."""
+        """Number of rejected frames and number of acquisitions."""
         self.bandwidth = 0.0
         """Bandwidth of the disturbance [rad/s]."""
         self._given_noise = noise
@@ -114,9 +114,9 @@ class OrbitFilter:
     ) -> OrbitEstimate:
         """Update at an instant [s] with angles [rad], shape (N,), NaN if unknown.
 
-        Standard deviations of the readings [rad], shape (N,), above 0, NaN if unknown, set their
-        weights. Torques [N m], shape (N,), acted since the last frame. Raises ValueError for
-        angles of another shape.
+        Standard deviations of the readings [rad], shape (N,), above 0, NaN if unknown, determine
+        their weights. Torques [N m], shape (N,), are those that acted since the last frame. Raises
+        ValueError for angles of another shape.
         """
         check_shape(angles, self.orbit.chain.number_of_rotors)
         elapsed = time - self.estimate.time
@@ -162,7 +162,7 @@ class OrbitFilter:
     def _lose(self, time: float) -> None:
         self._hypotheses = Hypotheses(self.orbit, self._settings)
         self.view: LinearisedMeasurement | None = None
-        """Measurement by the latest frame; None while lost, and for an empty frame."""
+        """Measurement from the latest frame; None while lost and for an empty frame."""
         self._unexplained, self._unexplained_since = 0, math.nan
         self._variance.restart()
         self.jitter.restart()
@@ -262,7 +262,7 @@ class OrbitFilter:
     def _measure(self, seen: Array, elapsed: float) -> float:
         """Measure a frame for each hypothesis; return the variance of a rotor [rad^2].
 
-        If the prediction is wrong after an unmodelled impulse, the frame is measured again with
+        After an unmodelled impulse the prediction is wrong. Then the frame is measured again with
         the uncertainty of a new wall. The new measurement is used if it fits most of the frame.
         """
         variance = self._linearise(seen, 0.0)
@@ -320,7 +320,7 @@ class OrbitFilter:
         return candidate.view.likelihood - expected
 
     def _predict(self, motion: MultipleModelFilter, elapsed: float, acceleration: float) -> None:
-        """Predict over a time [s] under torques [rad/s^2], with springs and deviations."""
+        """Predict over a time [s] with torques, as an acceleration [rad/s^2], and springs."""
         arc, rate, *_ = motion.summary
         ahead = arc + rate * elapsed
         ratio = self._compliance.rate_ratio(ahead, rate, arc)
@@ -330,7 +330,7 @@ class OrbitFilter:
         motion.predict(elapsed, self._variance.at_edge, ratio, acceleration, self.bandwidth)
 
     def _damping(self, arc: float) -> float:
-        """Return the decay rate by the known damping of the rotors, c . t^2 / I . t^2 [1/s]."""
+        """Return the decay rate by known damping of the rotors, c . t^2 / I . t^2 [1/s]."""
         chain = self.orbit.chain
         if not chain.damping:
             return 0.0
@@ -362,8 +362,8 @@ class OrbitFilter:
         orbit, noise = self.orbit, self._variance.noise
         leader = self._hypotheses.leader
         arc, rate, arc_variance, covariance, rate_variance = leader.motion.summary
-        # Residuals beside the orbit and unknown disorder move the nearest point of the orbit, and
-        # an error of the stamp moves the wall.
+        # Persistent residuals and unknown disorder shift the nearest point of the orbit; an error
+        # of the stamp shifts the wall.
         by_disorder, rate_disorder = self._model.disorder_deviations(arc)
         field = _FIELD_SHARE**2 * noise.excess
         added = field + by_disorder**2 + rate**2 * self.jitter.variance

@@ -31,13 +31,13 @@ from soliton_linkage.orbit.uniform_orbit import UniformOrbit
 from soliton_linkage.orbit.wall_shifts import WallShifts
 
 _CLOSE = 0.01
-"""Step of the arc below which a measurement is not linearised again [rad]."""
+"""Step of the arc below which the linearisation is not repeated [rad]."""
 _LARGE_SCALE = 1.5
-"""Scale of a reading above which it is not used to estimate offsets [1]."""
+"""Scale of a reading above which the reading is not used to estimate offsets [1]."""
 
 
 class OrbitMeasurementModel:
-    """Measurement of the arc from a frame; it estimates the offsets of the encoders."""
+    """Measurement of the arc from a frame, with estimated offsets of the encoders."""
 
     def __init__(
         self,
@@ -58,7 +58,7 @@ class OrbitMeasurementModel:
         self._shifts = WallShifts(orbit)
         self._unseen = UnseenRotorCorrection(orbit)
         self.noise = 0.0
-        """Noise in the variance of a rotor [rad^2]."""
+        """Part of the variance of a rotor that is noise [rad^2]."""
         self._any_doubtful = False
 
     def linearise(
@@ -70,10 +70,10 @@ class OrbitMeasurementModel:
         upside_down: bool,
         rate: float = 0.0,
     ) -> LinearisedMeasurement:
-        """Linearise a frame at an arc [rad] with a variance `spread` [rad^2].
+        """Linearise a frame at an arc [rad] whose variance is `spread` [rad^2].
 
-        The variance belongs to a rotor [rad^2]. The rate of the arc [rad/s] determines the
-        inertial forces on unseen rotors.
+        `variance` is that of a rotor [rad^2]. The rate of the arc [rad/s] determines the inertial
+        forces on unseen rotors.
         """
         about = self._orbit.segment(arc)
         before, beyond = self._backgrounds[self._orbit.leg(arc)]
@@ -113,7 +113,8 @@ class OrbitMeasurementModel:
     ) -> LinearisedMeasurement:
         """Linearise a frame at its likeliest arc, given the prediction of the filters.
 
-        The variances belong to a rotor, and to the arc after unmodelled impulses [rad^2].
+        `variance` is that of a rotor, `impulse_variance` that of the arc after an unmodelled
+        impulse [rad^2].
         """
         expected, spread = motion.expected, motion.expected_variance + impulse_variance
         views: list[LinearisedMeasurement] = []
@@ -136,7 +137,7 @@ class OrbitMeasurementModel:
         return views[-1]
 
     def disorder_deviations(self, arc: float) -> tuple[float, float]:
-        """Return deviations of an arc [rad] and, relative, of its rate from unknown disorder."""
+        """Return the deviation of an arc due to disorder [rad], and of its rate, relative [1]."""
         disorder = self.far.disorder
         if not disorder:
             return 0.0, 0.0
@@ -153,7 +154,7 @@ class OrbitMeasurementModel:
     ) -> bool:
         """Update the offsets with a frame; return whether the set of known offsets changed.
 
-        The frame is an elapsed time [s] after the last one.
+        `elapsed` is the time since the last frame [s].
         """
         outlying = view.outlying if view.outliers else None
         residuals = view.residuals
@@ -170,13 +171,13 @@ class OrbitMeasurementModel:
 
 
 _NEGLIGIBLE = 0.01
-"""Share of the noise variance below which unseen rotors are neglected [1]."""
+"""Ratio to the noise variance below which the effect of unseen rotors is neglected [1]."""
 _LEAST_SEEN = 1e-6
-"""Share of t^2 of the seen rotors below which they do not determine the arc [1]."""
+"""Share of t^2 in the seen rotors below which they do not determine the arc [1]."""
 
 
 class UnseenRotorCorrection:
-    """Correction of the nearest point on the orbit for unseen rotors, held by their springs."""
+    """Correction of the nearest point on the orbit for unseen rotors, which their springs hold."""
 
     def __init__(self, orbit: Orbit) -> None:
         self._orbit = orbit
@@ -189,8 +190,8 @@ class UnseenRotorCorrection:
     ) -> float:
         """Return the shift of the arc from residuals [rad], shape (N,), NaN for unseen rotors.
 
-        It is 0 if noise hides it. The rate of the arc is in rad/s; a rotor has the variances
-        `field` from waves and springs, and `noise` [rad^2].
+        A shift below the noise is 0. The rate of the arc is in rad/s. The variance of a rotor is
+        `field` due to waves and springs, and `noise` [rad^2].
         """
         unseen = np.isnan(residuals)
         tangent = self._orbit.tangent(arc)
@@ -206,7 +207,7 @@ class UnseenRotorCorrection:
         return -float(held @ turning + pull[~unseen] @ residuals[~unseen])
 
     def _balanced(self, arc: float, unseen: Flags, tangent: Array) -> tuple[Array, Array]:
-        """Return V, 0 for seen rotors, and K V, t for unseen rotors, shape (N,) each."""
+        """Return V and K V, shape (N,); V is 0 for seen rotors, K V is t for unseen rotors."""
         chain = self._orbit.chain
         first, second = rigidity_bands(chain, self._orbit.configuration(arc))
         rotors = np.flatnonzero(unseen)
@@ -222,19 +223,19 @@ class UnseenRotorCorrection:
 _SAMPLES = 32
 """Samples per spacing [1]; linear interpolation is accurate to 2 % in wobbling flippers."""
 _LOWEST_ORDER = 0.2
-"""Largest share 3 mu w^2 of the energy in the springs for the lowest order to hold [1]."""
+"""Largest share 3 mu w^2 of the energy in the springs for which the lowest order holds [1]."""
 _PERIOD = 2
 """Period of the shape of a wall [rotor spacings], because even and odd rotors alternate."""
 _SLOW = 0.25
-"""Most rotors that a slow wall passes per period of the slowest phonon [1]; the third harmonic
-then stays below the band."""
+"""Largest number of rotors that a slow wall passes per period of the slowest phonon [1]; its third
+harmonic is then below the band."""
 
 
 class ComplianceCorrection:
-    """Correction of the rate of a wall for the compliance of the springs, by the site."""
+    """Correction of the rate of a wall for the site-dependent compliance of the springs."""
 
     def __init__(self, orbit: Orbit) -> None:
-        """Sample the compliance in the middle of an orbit, without deviations of the rotors."""
+        """Sample the compliance in the middle of the orbit of a chain without deviations."""
         self._orbit = even = orbit
         chain = replace(orbit.chain, deviations=NO_DEVIATIONS)
         if orbit.chain != chain:
@@ -256,7 +257,7 @@ class ComplianceCorrection:
         return here + beyond * (samples[(number + 1) % count] - here)
 
     def rate_after_impulse(self, rate: float, momentum: float) -> float:
-        """Return the rate after adding a momentum p / I [rad/s], for an average site."""
+        """Return the rate after adding a momentum p / I [rad/s], for the mean compliance."""
         return rate_after_impulse(rate, momentum, self._mean)
 
     def rate_ratio(self, arc: float, rate: float, before: float) -> float:

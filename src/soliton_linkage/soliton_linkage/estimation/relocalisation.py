@@ -1,14 +1,14 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Relocalisation: all positions of a chain on its orbit that one frame allows.
+"""Relocalisation: search of the whole orbit for the positions that one frame allows.
 
 The log likelihood is scanned along the orbit with a standard deviation several times the noise, so
-that no position is missed between two samples. Each local maximum is refined with the noise itself
-by reweighted Gauss-Newton steps, and weighted by its share of the total likelihood,
+that no position is missed between two samples. Reweighted Gauss-Newton steps with the actual noise
+refine each local maximum. Its weight is its share of the total likelihood,
 
-    exp(L) sqrt(2 pi V / I)    against    integral of exp(L) ds away from all of them,
+    exp(L) sqrt(2 pi V / I) compared with the integral of exp(L) ds far from all maxima,
 
-which dominates if the frame does not determine a position, for example without a visible rotor
-near the wall.
+which dominates if the frame does not determine a position, for example if no rotor near the wall
+is visible.
 """
 
 from __future__ import annotations
@@ -42,22 +42,22 @@ from soliton_linkage.linkage.chain import Array, check_shape
 from soliton_linkage.orbit.orbit import Orbit, OrbitSegment
 
 _CLOSE = 1e-5
-"""Last step of the search of a maximum of the likelihood [rad]."""
+"""Step below which the search for a maximum of the likelihood ends [rad]."""
 SCAN_DEVIATION, _SCAN_STEP = 0.1, 0.05
-"""Standard deviation of a rotor in a scan, and its step along the orbit, over the swing of a
-rotor [1]."""
+"""Standard deviation of a rotor in a scan, and step of the scan along the orbit, relative to the
+swing of a rotor [1]."""
 _NEAR = 0.5
 """Distance below which a sample belongs to a candidate [rotor spacings]."""
 _EXACT = 1e-8
-"""Last step of the search of the nearest point [rad]."""
+"""Step below which the search for the nearest point ends [rad]."""
 _SAME_ARC = 0.01
 """Distance below which two maxima are the same [rad]."""
 _MOST_PLACES = 12
 """Largest number of maxima that are refined [1]."""
 _STEPS_OF_TABLE = 32
-"""Steps of the table of the likelihood per standard deviation [1], accurate to 1e-4."""
+"""Points of the likelihood table per standard deviation [1]; interpolation is accurate to 1e-4."""
 _MOST_SAMPLES = 500
-"""Samples per leg of a longer orbit [1]."""
+"""Largest number of samples per leg if only part of the orbit is sampled [1]."""
 
 
 class Candidate(NamedTuple):
@@ -72,15 +72,15 @@ class Candidate(NamedTuple):
     variance: float
     """Variance of a rotor in that measurement [rad^2]."""
     evidence: float
-    """Log integral of the likelihood around the maximum [1]."""
+    """Log of the integral of the likelihood around the maximum [1]."""
 
 
 class CandidateSet(NamedTuple):
-    """Candidates of a frame, the likeliest first, and the likelihood of all other positions."""
+    """Candidates of a frame, likeliest first, and the likelihood of all other positions."""
 
     candidates: list[Candidate]
     elsewhere: float
-    """Log integral of the likelihood over all arcs far from the candidates [1]."""
+    """Log of the integral of the likelihood over all arcs far from the candidates [1]."""
 
     @property
     def probability(self) -> float:
@@ -118,12 +118,12 @@ def samples_of(orbit: Orbit, arcs: Array) -> OrbitSamples:
 
 
 class Relocaliser:
-    """Search for the walls of an orbit, or of its image upside down, in single frames."""
+    """Search of an orbit, and of its mirror image, for the position in a single frame."""
 
     def __init__(
         self, orbit: Orbit, likelihood: LikelihoodSettings, most_angles: int = 2_000_000
     ) -> None:
-        """Sample the orbit, unless its samples have more angles than `most_angles` [1] (16 MB)."""
+        """Sample the orbit, unless the samples exceed `most_angles` angles (16 MB)."""
         self._orbit, self._given = orbit, likelihood
         chain = orbit.chain
         legs = range(orbit.number_of_legs)
@@ -195,7 +195,7 @@ class Relocaliser:
     def _refined(
         self, image: Array, arc: float, turned: bool, wide: float, variance: float
     ) -> Candidate:
-        """Return the local maximum near an arc, with a variance that shrinks to the given one."""
+        """Return the local maximum near an arc; the variance decreases to the given one."""
         seen_with = max(wide, variance) / 2
         while seen_with > variance:
             ahead = self._view(image, arc, seen_with).arc - arc
@@ -249,8 +249,8 @@ class Relocaliser:
     ) -> Array:
         """Return the log likelihood at samples, shape (S,).
 
-        Rotors about the wall have an additional variance [rad^2] from the distance between
-        samples.
+        `between` is an additional variance of rotors near the wall [rad^2], due to the distance
+        between samples.
         """
         sums, found = self._sums(image, variance), np.empty(len(samples.arcs))
         variance += between
@@ -270,7 +270,7 @@ class Relocaliser:
         return sums
 
     def _samples(self, image: Array, variance: float) -> OrbitSamples:
-        """Return samples of the whole orbit or, for a long one, of its plausible part."""
+        """Return samples of the whole orbit or, if it is long, of its plausible part."""
         if self._all is not None:
             return self._all
         orbit, sums = self._orbit, self._sums(image, variance)
@@ -291,7 +291,7 @@ class Relocaliser:
 
 
 class ScanBudget:
-    """Limit of the number of searches per second of recorded time; frames then do not queue."""
+    """Limit of the number of searches per second of recorded time, so that frames do not queue."""
 
     def __init__(self, settings: TrackingSettings) -> None:
         self._settings = settings
@@ -302,7 +302,7 @@ class ScanBudget:
         self._left, self._last = self._settings.scan_burst, math.nan
 
     def spend(self, time: float) -> bool:
-        """Take one search at an instant [s]; return whether the budget allows it."""
+        """Use one search at an instant [s]; return False if the budget is exhausted."""
         if not math.isnan(self._last):
             gained = (time - self._last) * self._settings.scan_rate
             self._left = min(self._left + gained, self._settings.scan_burst)
@@ -335,11 +335,13 @@ def fit_near(orbit: Orbit, angles: Array, arc: float) -> NearestPoint:
 
     Unknown angles are NaN. Gauss-Newton steps arc += t . (phi - Phi) / (t . t) use known rotors,
     with differences from -pi to pi. The arc may leave the range of one cycle, so that a series of
-    fits counts cycles. Raises ValueError for angles of another shape or infinite ones, and for an
-    arc that is not finite.
+    fits counts cycles. Raises ValueError for infinite angles, for angles of another shape, and for
+    an arc that is not finite.
     """
     if not math.isfinite(arc):
-        raise ValueError(f'arc = {arc} rad must be a finite number; start with fit_anywhere')
+        raise ValueError(
+            f'arc = {arc} rad must be a finite number; get a starting arc from fit_anywhere'
+        )
     return _fit_near(orbit, _checked(orbit, angles), arc)
 
 
@@ -348,9 +350,9 @@ def fit_anywhere(
 ) -> NearestPoint:
     """Return the nearest point of the orbit to angles [rad], shape (N,), NaN if unknown.
 
-    It is near the likeliest candidate of `Relocaliser`, with an arc in the range of the orbit.
-    Without any known angle the arc is NaN and the information 0. Raises ValueError for angles of
-    another shape or infinite ones.
+    The search starts from the likeliest candidate of `Relocaliser`; the arc is in the range of the
+    orbit. If no angle is known, the arc is NaN and the information 0. Raises ValueError for
+    infinite angles and for angles of another shape.
     """
     frame = _checked(orbit, angles)
     found = _search(orbit, settings).find(frame, 0.0, (False,)).candidates
@@ -362,7 +364,7 @@ def fit_anywhere(
 
 @lru_cache(maxsize=1)
 def _search(orbit: Orbit, settings: EstimationSettings) -> Relocaliser:
-    """Return the search of an orbit; the latest one is cached because sampling is slow."""
+    """Return the search of an orbit; the latest search is cached because sampling is slow."""
     return Relocaliser(orbit, settings.likelihood)
 
 
@@ -386,7 +388,7 @@ def _fit_near(orbit: Orbit, frame: Array, arc: float) -> NearestPoint:
 
 
 def _compared(frame: Array, about: OrbitSegment) -> tuple[Array, Array]:
-    """Return differences [rad], -pi to pi, and tangent [1] of the known rotors about the wall."""
+    """Return differences [rad], -pi to pi, and tangent [1] of the known rotors near the wall."""
     difference = frame[about.first : about.first + len(about.angles)] - about.angles
     difference -= 2 * math.pi * np.rint(difference * (0.5 / math.pi))
     if math.isfinite(difference @ difference):
@@ -402,7 +404,7 @@ def _checked(orbit: Orbit, angles: Array) -> Array:
     if infinite.any():
         rotor = int(np.argmax(infinite))
         raise ValueError(
-            f'angle of rotor {rotor} = {frame[rotor]} must be a finite number, or NaN where it '
-            'is unknown'
+            f'angle of rotor {rotor} = {frame[rotor]} must be a finite number; give NaN for an '
+            f'unknown angle'
         )
     return frame

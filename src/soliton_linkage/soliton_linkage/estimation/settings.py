@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Tuned settings of the estimation: a frozen dataclass with one part for each subject.
+"""Tuned settings of the estimation: a frozen dataclass with one part per subject.
 
 `described_fields(FilterSettings)` gives the unit and the meaning of each field. Compiled loops
-take a part as its `record`. Numbers without an effect worth tuning are constants of the modules.
+take a part as its `record`. Numbers that need no tuning are constants in the modules.
 """
 
 from __future__ import annotations
@@ -42,7 +42,9 @@ class NoiseSettings(_Part):
     memory: float = quantity(4000, 'number of frames in the average of the noise of angles')
     recent_frames: float = quantity(60, 'number of frames in the average of the recent misfit')
     least_noise: float = quantity(1e-5, 'lower limit of the estimated noise of angles', 'rad')
-    significance: float = quantity(4.0, 'standard deviations at which persistence is accepted')
+    significance: float = quantity(
+        4.0, 'standard deviations above which a residual counts as persistent'
+    )
 
 
 @dataclass(frozen=True)
@@ -50,17 +52,19 @@ class LikelihoodSettings(_Part):
     """Density of the difference of a rotor from the orbit."""
 
     bound: float = quantity(2.5, 'standard deviations above which a difference is down-weighted')
-    wrong: float = quantity(0.01, 'prior share of readings without information')
+    wrong: float = quantity(0.01, 'prior probability of a reading without information')
     false_alarms: float = quantity(1e-3, 'rate of false alarms of a test')
-    gross_share: float = quantity(0.3, 'gross difference, over the swing of a rotor')
+    gross_share: float = quantity(0.3, 'size of a gross error relative to the swing of a rotor')
     elastic_share: float = quantity(
-        0.03, 'prior deformation of a wall by its springs, over the swing of a rotor'
+        0.03, 'prior deformation of a wall by its springs, relative to the swing of a rotor'
     )
     field_share: float = quantity(
-        0.15, 'largest deviation of a frame beside noise, over the swing of a rotor'
+        0.15, 'largest distance from the orbit without noise, relative to the swing of a rotor'
     )
     largest_noise: float = quantity(0.25, 'largest noise of an angle', 'rad')
-    informative_share: float = quantity(0.7, 'least share of the information with full weight')
+    informative_share: float = quantity(
+        0.7, 'least fraction of the information of a frame that outliers must leave'
+    )
 
 
 @dataclass(frozen=True)
@@ -70,7 +74,7 @@ class OffsetSettings(_Part):
     rest_angle_deviation: float = quantity(
         0.05, 'prior standard deviation of the error of a rest angle', 'rad'
     )
-    significance: float = quantity(5.5, 'standard deviations at which an offset is corrected')
+    significance: float = quantity(5.5, 'standard deviations above which an offset is corrected')
     block: int = quantity(16, 'number of frames in a block of averaged residuals')
 
 
@@ -80,25 +84,30 @@ class FilterSettings(_Part):
 
     rate_changes: tuple[float, ...] = quantity(
         (0.001, 0.006, 0.04, 0.25),
-        'relative changes of the rate per rotor; without any only the steady model remains',
+        'relative changes of the rate per rotor; if empty, only the steady model is used',
     )
-    change_at_edges: float = quantity(0.03, 'additional change at edges')
+    change_at_edges: float = quantity(0.03, 'additional relative change of the rate at edges')
     biases: tuple[float, ...] = quantity(
         (1e-4, 1e-3, 4e-3, 0.016, 0.064), 'persistent biases of a measurement', 'rotor spacings'
     )
     bias_way: float = quantity(0.5, 'correlation length of a bias', 'rotor spacings')
     memory_way: float = quantity(
-        20.0, 'displacement over which the likelihoods of models fade by e', 'rotor spacings'
+        20.0,
+        'displacement over which log likelihoods of models decay by a factor e',
+        'rotor spacings',
     )
-    restart_odds: float = quantity(6.0, 'log odds at which the steady model restarts')
+    restart_odds: float = quantity(6.0, 'log odds against the steady model at which it restarts')
     impulse_ages: int = quantity(8, 'number of impulse hypotheses, at ages of 1, 2, 4, ... frames')
     impulse_rarity: float = quantity(8.0, 'prior log odds against an impulse in a frame')
-    impulse_odds: float = quantity(15.0, 'log odds at which all filters follow an impulse')
+    impulse_odds: float = quantity(
+        15.0, 'log odds of an impulse at which all filters restart from it'
+    )
     damping: float = quantity(
-        0.02, 'prior deviation of an unmodelled damping of the rate, over rates of the chain'
+        0.02,
+        'prior deviation of an unmodelled damping, relative to the rate scale of the chain',
     )
     disturbance: float = quantity(
-        0.0, 'deviation of a constant acceleration, over squared rates of the chain'
+        0.0, 'standard deviation of a constant acceleration, relative to the squared rate scale'
     )
 
 
@@ -108,15 +117,20 @@ class TrackingSettings(_Part):
 
     gate: float = quantity(4.0, 'gate of an innovation in standard deviations')
     decisive_odds: float = quantity(12.0, 'log odds at which a position is decided')
-    confirming_frames: int = quantity(3, 'number of successive frames that confirm a change')
+    confirming_frames: int = quantity(
+        3, 'number of successive frames that confirm a new wall or a loss'
+    )
     clock_limit: float = quantity(1.0, 'largest step back of a late frame', 's')
-    settled: float = quantity(10.0, 'number of frames that determine the deformation of a wall')
+    settled: float = quantity(
+        10.0, 'number of frames after which the deformation of a wall is known'
+    )
     loss_time: float = quantity(0.1, 'time without an accepted frame until loss', 's')
     wave_weight: float = quantity(
-        12.0, 'weight of waves relative to the motion in the doubt about a steady wall'
+        12.0,
+        'weight of waves against the motion of the wall, where they limit trust in a steady wall',
     )
     scan_rate: float = quantity(20.0, 'searches of the orbit per second of stamps', '1/s')
-    scan_burst: float = quantity(3.0, 'searches that may follow directly after a pause')
+    scan_burst: float = quantity(3.0, 'number of searches without a delay after a pause')
 
 
 @dataclass(frozen=True)
@@ -124,7 +138,9 @@ class MotionSettings(_Part):
     """Evidence required for a class of motion."""
 
     least_probability: float = quantity(0.95, 'least probability of a reported class')
-    fewest_rotors: float = quantity(4, 'rotors between a wall and an edge without evidence')
+    fewest_rotors: float = quantity(
+        4, 'least number of rotors between a wall and an edge; nearer walls give no evidence'
+    )
     strongest_frame: float = quantity(10.0, 'largest log likelihood ratio of a frame')
     strongest: float = quantity(30.0, 'largest log likelihood ratio of all frames')
 
@@ -133,10 +149,16 @@ class MotionSettings(_Part):
 class WidthSettings(_Part):
     """Fit and average of the contraction of a moving wall."""
 
-    span: float = quantity(6, 'fitted rotors on either side, in penetration depths or spacings')
-    memory: float = quantity(5, 'number of passages over which the mean fades by e')
-    typical_scatter: float = quantity(0.01, 'prior scatter of passages and of frames')
-    contradiction: float = quantity(6.0, 'standard deviations at which a passage restarts a mean')
+    span: float = quantity(
+        6, 'range of the fit on either side of the wall, in penetration depths or spacings'
+    )
+    memory: float = quantity(
+        5, 'number of passages over which weights in the mean decay by a factor e'
+    )
+    typical_scatter: float = quantity(0.01, 'prior relative scatter of passages and of frames')
+    contradiction: float = quantity(
+        6.0, 'standard deviations above which a passage restarts the mean'
+    )
 
 
 @dataclass(frozen=True)
@@ -145,10 +167,16 @@ class WallSettings(_Part):
 
     domain_bonds: float = quantity(2.5, 'number of adjacent opposite bonds that form a domain')
     inside: float = quantity(0.5, 'least distance of a wall from an edge', 'rotor spacings')
-    edge_patience: float = quantity(3.0, 'waiting time at an edge over the time of a reflection')
-    longest_wait: float = quantity(60.0, 'longest waiting time at an edge', 's')
-    lump_share: float = quantity(0.25, 'swing of a rotor in a breather, over that in a wall')
-    quiet_periods: float = quantity(2.0, 'phonon periods without such a swing until decay')
+    edge_patience: float = quantity(
+        3.0, 'longest time of a wall at an edge, relative to the time of a reflection'
+    )
+    longest_wait: float = quantity(60.0, 'upper limit of this time', 's')
+    lump_share: float = quantity(
+        0.25, 'swing of a rotor in a breather, relative to that in a wall'
+    )
+    quiet_periods: float = quantity(
+        2.0, 'phonon periods without such a swing after which a breather has decayed'
+    )
     breather_collisions: float = quantity(4, 'number of collisions that form a breather')
 
 

@@ -1,8 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Measurement model of several walls: fits of the shape of each wall without the tails of others.
+"""Measurement model of several walls: fits of the shape of each wall.
 
-Far from others a wall is measured as precisely as a single one. The residuals of the fits give the
-variance of a rotor, which includes noise, waves, and the deformation of moving walls.
+The tails of other walls are subtracted before each fit. Far from others a wall is measured as
+precisely as a single wall. The residuals of the fits give the variance of a rotor, which includes
+noise, waves, and the deformation of moving walls.
 """
 
 from __future__ import annotations
@@ -35,12 +36,12 @@ from soliton_linkage.linear.bands import couplings
 from soliton_linkage.linkage.chain import Array, Motion, staggered
 
 _TAILS = 1.5
-"""Distance of two walls, relative to the half-width of a table of wall angles, above which neither
-turns the rotors of the other by more than 1e-4 rad [1]."""
+"""Distance between two walls, relative to the half-width of a `WallTable`, above which neither
+wall turns the rotors of the other by more than 1e-4 rad [1]."""
 _SCAN_BESIDE = 1.5
 """Range of the scan on either side of a domain border [rotor spacings]."""
 _CORE = 2.5
-"""Range of the rotors that a wall must explain [rotor spacings]."""
+"""Distance from a wall within which it must explain the rotors [rotor spacings]."""
 
 
 class _ShapeFit(NamedTuple):
@@ -80,7 +81,7 @@ class ShapeMeasurementModel:
         self._before[:] = math.nan
 
     def measure(self, state: FrameState, seen: Array) -> list[WallMeasurement]:
-        """Measure the walls of a state with seen angles [rad], shape (N,), NaN if unseen."""
+        """Measure the walls of a state, given its angles [rad], shape (N,), NaN if unseen."""
         borders = self._borders(state)
         if not borders:
             return []
@@ -97,7 +98,7 @@ class ShapeMeasurementModel:
             for one, other in combinations(walls, 2)
         )
         if near:
-            # The first fits assumed that the other walls stand at the borders of their domains.
+            # The first fits assumed the other walls at the borders of their domains.
             walls = self._fitted(theta, walls, scanned=False)
         parts = []
         for wall in walls:
@@ -120,9 +121,9 @@ class ShapeMeasurementModel:
         return find(polarised, self._domain)
 
     def _explains(self, wall: _ShapeFit, first: int, residuals: Array) -> bool:
-        """Return whether a wall explains rotors from a first one on better than random angles.
+        """Return whether a wall explains the rotors from `first` on better than random angles do.
 
-        The residuals [rad] are tested for all rotors, and for the core with the largest variance.
+        Two tests of the residuals [rad]: all rotors, and the core with the largest variance.
         """
         variance = min(self._variance, self._largest)
         if self._likelihood.over_random(residuals, variance) < self._evidence:
@@ -135,7 +136,7 @@ class ShapeMeasurementModel:
     def _isolated(
         self, theta: Array, walls: Sequence[_ShapeFit], wall: _ShapeFit
     ) -> tuple[int, Array]:
-        """Return the first rotor nearest to a wall, and angles without the tails of others."""
+        """Return the first rotor and the angles near a wall, without the tails of other walls."""
         reach = self._shapes.reach
         ways = [(self._line.separation(each.site, wall.site), each) for each in walls]
         ways = [(way, each) for way, each in ways if each is not wall]
@@ -181,7 +182,7 @@ class ShapeMeasurementModel:
         return found
 
     def _learn(self, residuals: Array, walls: int) -> None:
-        """Update the variance of a rotor with the residuals of a number of walls [rad]."""
+        """Update the variance of a rotor with the residuals of `walls` walls [rad]."""
         sizes = np.abs(residuals[np.isfinite(residuals)])
         if len(sizes) < 4 * walls:
             return
@@ -194,9 +195,9 @@ class ShapeMeasurementModel:
     def _measurement(
         self, wall: _ShapeFit, first: int, residuals: Array, before: Array
     ) -> WallMeasurement:
-        """Return the measurement of a wall with its residuals from a first rotor on [rad].
+        """Return the measurement of a wall, given its residuals from `first` on [rad].
 
-        The residuals of the preceding frame have shape (N,) [rad].
+        `before` are the residuals of the preceding frame [rad], shape (N,).
         """
         line, variance, information = self._line, self._variance, wall.site_information
         width = math.nan, math.nan
@@ -221,14 +222,14 @@ class ShapeMeasurementModel:
 
 
 _CLEAR = 9
-"""Bonds of one domain about the cut of a ring [1], if there are enough."""
+"""Number of bonds of one domain around the point at which a ring is cut, if possible [1]."""
 
 
 def domain_borders(polarised: Array, least: float) -> list[tuple[float, int]]:
-    """Return the borders of domains [rotor spacings] with the alternating charges there.
+    """Return the borders of domains [rotor spacings] and their alternating charges.
 
-    The polarisations of all bonds have shape (springs,). A domain has a least number of bonds, or
-    half as many at an end, so that wrong readings form none.
+    The polarisations of all bonds have shape (springs,). So that wrong readings form no domain,
+    each has at least `least` bonds, or half as many at an end of the chain.
     """
     scores = np.ascontiguousarray(polarised, dtype=np.float64)
     right = np.empty(len(scores), dtype=np.bool_)
@@ -242,9 +243,9 @@ def domain_borders(polarised: Array, least: float) -> list[tuple[float, int]]:
 
 
 def ring_borders(polarised: Array, least: float) -> list[tuple[float, int]]:
-    """Return the same for a ring, with sites from 0 to the number of bonds.
+    """Return `domain_borders` of a ring, with sites from 0 to the number of bonds.
 
-    The ring is cut within a domain.
+    The ring is cut inside a domain.
     """
     bonds = len(polarised)
     clear = minimum_filter1d(np.abs(polarised), min(_CLEAR, bonds), mode='wrap')

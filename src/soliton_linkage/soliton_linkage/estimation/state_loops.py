@@ -27,14 +27,14 @@ from soliton_linkage.linkage.springs import TINY, spring_between
 
 Records = NDArray[np.void]
 Energy = tuple[float, float, float]
-"""Energy, the part of it in the wake, and the standard deviation of the whole [J]."""
+"""Energy, its part in the wake, and the standard deviation of the energy [J]."""
 Shape = tuple[float, float, float, float]
 """Sums of `of_angles`, lever A of the first spring and lever B of the last spring [m/rad]."""
 Sides = tuple[float, float, int, int, float]
 """Result of `topology`."""
 
 _LARGE = 1e150
-"""Ratio between the exponent levels of large numbers [1]; its square is still finite."""
+"""Ratio between two levels of scaled large numbers [1]; its square is still finite."""
 
 
 spring = compile_loop(spring_between, inlined=True)
@@ -63,8 +63,8 @@ def of_angles(
     """Set the rows of springs for angles [rad], shape (N,).
 
     Parameters are r [m], a [m], c [m^2] and lbar [m] (see `Chain.springs`), shape (4, N). Returns
-    two sums that give the family and the orientation of a state: of sin(theta_n + theta_{n+1}) =
-    (-1)^n sin(phi_{n+1} - phi_n) over bonds, and of cos(theta_n) over inner rotors.
+    two sums that determine the orientation of a state: sin(theta_n + theta_{n+1}) = (-1)^n
+    sin(phi_{n+1} - phi_n) over bonds, and cos(theta_n) over inner rotors.
     """
     rotors = angles.size
     sines, cosines = np.empty(rotors), np.empty(rotors)
@@ -84,7 +84,7 @@ def of_angles(
 
 @compiled(const_f8_1d, f8, const_f8_1d, f8)
 def _wake(energies: Array, site: float, walls: Array, reach: float) -> float:
-    """Sum the energies beyond the reach of all walls; the first energy is at a site."""
+    """Sum the energies beyond the reach of all walls; the first energy is that at `site`."""
     wake, count = 0.0, energies.size
     for n in range(walls.size - 1):
         low, high = walls[n] + reach - site, walls[n + 1] - reach - site
@@ -110,12 +110,13 @@ def elastic(
 
     The mean contribution of noise is subtracted.
 
-    Half stiffnesses [N/m], and the same for springs with a noisy left and right rotor, have shape
-    (springs,). The wake is the energy of springs, at n + 1/2, beyond the reach of all walls. Walls
-    have ascending sites [rotor spacings], with the neighbours beyond either end, shape (W + 2,).
+    `half` are half the stiffnesses [N/m], shape (springs,); `lefts` and `rights` are the same, 0
+    unless the left or right rotor has noise. The wake is the energy of springs, at n + 1/2, beyond
+    the reach of all walls. `walls` are ascending sites [rotor spacings] including a neighbour
+    beyond either end, shape (W + 2,).
 
     The variance is sigma^2 |tau|^2 + sigma^4 |H|^2 / 2 with the torques tau and H = R^T k_e R;
-    torques that are measured with noise have sigma^2 |H|^2 too much.
+    noise increases the measured |tau|^2 by sigma^2 |H|^2.
     """
     whole, squares, pulling, variance = 0.0, 0.0, 0.0, noise**2
     count = half.size
@@ -146,8 +147,9 @@ def kinetic(
 
     The mean contribution of noise is subtracted.
 
-    Half inertias [kg m^2], and the same for rotors with noisy rates, have shape (N,). The variance
-    is I^2 sigma^2 (omega^2 + sigma^2 / 2) per rotor; omega^2 is measured sigma^2 too large.
+    `half` are half the inertias [kg m^2], shape (N,); `noisy` are the same, 0 unless the rate has
+    noise. The variance is I^2 sigma^2 (omega^2 + sigma^2 / 2) per rotor; noise increases the
+    measured omega^2 by sigma^2.
     """
     whole, known, squares, variance = 0.0, 0.0, 0.0, noise**2
     energies = np.empty(half.size)
@@ -178,7 +180,7 @@ def topology(rows: Array, before: int, beyond: int, domain: float) -> Sides:
         if abs(strength) > domain:
             last = 1 if strength > 0 else -1
             first = first if first else last
-        # t_n^2 in units of 1e150 to the power of the level relative to the largest so far.
+        # t_n^2 in units of 1e150 to the power of its level minus the largest level so far.
         square *= min(max(max(a, TINY) / max(b, TINY), 1 / _LARGE), _LARGE)
         if square > _LARGE:
             square, level = square / _LARGE, level + 1
@@ -196,9 +198,9 @@ def topology(rows: Array, before: int, beyond: int, domain: float) -> Sides:
 SCOPE = np.dtype(
     [(name, np.float64) for name in ('noise', 'rate_noise', 'reach', 'before', 'beyond', 'domain')]
 )
-"""Noise of a state and the assignment of springs to its parts, one record: standard deviations of
-angles [rad] and rates [rad/s], reach of a wall [rotor spacings], number of bonds before the first
-wall, first bond beyond the last wall, least polarisation of a bond in a domain [1]."""
+"""Noise of a state and bonds beside its walls, one record: standard deviations of angles [rad] and
+rates [rad/s], reach of a wall [rotor spacings], number of bonds before the first wall, first bond
+beyond the last wall, least polarisation of a bond in a domain [1]."""
 _SCOPE = records(SCOPE)
 
 
@@ -214,8 +216,8 @@ def report(
 ) -> tuple[Shape, Sides, Energy, Energy]:
     """Return shape, topology, elastic energy and kinetic energy in one call.
 
-    Springs are half stiffnesses, and the same for springs with a noisy left and right rotor, shape
-    (3, springs). Rotors are half inertias, the same for noisy rates, and rates, shape (3, N).
+    `springs` are the arguments `half`, `lefts` and `rights` of `elastic`, shape (3, springs);
+    `rotors` are `half`, `noisy` and `rates` of `kinetic`, shape (3, N).
     """
     half = springs[0]
     rows = np.empty((3, half.size))

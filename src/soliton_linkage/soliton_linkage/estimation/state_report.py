@@ -95,7 +95,7 @@ class FrameErrors(NamedTuple):
 
     noise: standard deviation of the angles [rad].
     rate_noise: standard deviation of the rates [rad/s], NaN if unknown.
-    lasting: root mean square of the persistent residuals of the orbit [rad].
+    persistent: root mean square of the persistent residuals of the orbit [rad].
     unseen: flags of rotors whose angles and rates were filled in from the orbit, shape (N,).
     """
 
@@ -122,7 +122,7 @@ class ArcRate(NamedTuple):
 
 
 _DOMAIN = 0.5
-"""Least polarisation of a bond in a domain, over the uniform one [1]."""
+"""Least polarisation of a bond in a domain, relative to the uniform state [1]."""
 EXACT = FrameErrors()
 _NO_TURNS = (math.nan, math.nan)
 
@@ -131,7 +131,7 @@ class FrameState:
     """Configuration of a chain with the extensions and levers of its springs."""
 
     def __init__(self, chain: Chain, angles: ArrayLike) -> None:
-        """Compute the springs from angles [rad], shape (N,); raise ValueError otherwise."""
+        """Compute the springs from angles [rad]; raise ValueError unless they have shape (N,)."""
         self.chain = chain
         self.angles = np.ascontiguousarray(angles, dtype=np.float64)
         check_shape(self.angles, chain.number_of_rotors)
@@ -158,14 +158,14 @@ def energy_reach(chain: Chain) -> float:
     """Return the distance from a wall beyond which energy counts as wake [rotor spacings].
 
     The energy of a moving wall falls as e^(-2 x / ell) or faster, so that at most e^-16 of it is
-    beyond 8 ell / a. Three spacings hold the core near d = 1, where ell vanishes.
+    beyond 8 ell / a. Three spacings contain the core of walls near d = 1, where ell vanishes.
     """
     depth = penetration_depth(chain) / chain.spacing
     return 8 * depth + 3
 
 
 class StateReporter:
-    """Reporter of the states of one chain; quantities that all states share are computed once.
+    """Reporter of the states of one chain.
 
     Sites of walls are in rotor spacings, shape () or (W,), NaN or empty without a wall.
     """
@@ -196,8 +196,8 @@ class StateReporter:
         kinetic energy (I / 2) rate^2 but not its wake. Spring n, with energy (k_e / 2) (l_n -
         lbar)^2, counts at site n + 1/2. The mean contribution of noise is subtracted: (k_e / 2)
         (A_n^2 + B_n^2) sigma^2 per spring and (I / 2) sigma_rate^2 per rotor, so that small
-        energies may come out negative. Without walls all energy is wake. The deviations include in
-        full the energy that unseen rotors may hide.
+        energies may be negative. Without walls all energy is wake. The standard deviations include
+        all energy that unseen rotors may have.
 
         A side has the winding number of the uniform state with the same mean polarisation;
         a side without bonds uses its nearest bond. Raises ValueError for arrays of another shape
@@ -270,9 +270,9 @@ class StateReporter:
 
         The edge rotor of a flipper toggles when it crosses the line from its pivot to the
         neighbouring mass, where A_0 or B_{N-2} changes sign. In the left-leaning state A_0 has the
-        sign of d - 1 and B_n the sign of (-1)^(n+1), inverted upside down. A spinner turns by half
-        a turn per wall. Its turns count from theta = theta_bar or, in the family without that
-        state, from -theta_bar.
+        sign of d - 1 and B_n the sign of (-1)^(n+1), inverted upside down. The edge rotor of a
+        spinner makes half a turn per wall. Turns are counted from theta = theta_bar or, if that
+        state is not on the orbit, from -theta_bar.
         """
         chain = self.chain
         twists, upright, at_first, at_last = shape
@@ -288,9 +288,9 @@ class StateReporter:
     def _of_arc(self, rate: ArcRate | None, elastic: state_loops.Energy) -> state_loops.Energy:
         """Return the kinetic energy from the rate of the arc, no wake, and its deviation [J].
 
-        Motion beside the orbit is assumed to hold as much kinetic energy as the springs hold
-        elastic energy, with an uncertainty of the same size: phonons have equal means of both.
-        Only elastic energy that exceeds its deviation counts.
+        Phonons have equal mean kinetic and elastic energies. Their kinetic energy is therefore
+        assumed to be the elastic energy, if that exceeds its standard deviation, with an
+        uncertainty of the same size.
         """
         if rate is None:
             return math.nan, math.nan, math.nan
@@ -304,7 +304,7 @@ class StateReporter:
     def _hidden(
         self, state: FrameState, errors: FrameErrors, unseen: Flags
     ) -> tuple[float, float]:
-        """Return the elastic and the kinetic energy that unseen rotors may hide [J]."""
+        """Return the elastic and the kinetic energy that unseen rotors may have [J]."""
         half = self._springs[0]
         stiffness = self.chain.gathered(half * state.first**2, half * state.second**2)
         elastic = float(stiffness[unseen].sum()) * (errors.noise**2 + errors.persistent**2)

@@ -1,10 +1,10 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Shapes of single walls at rest, as tables of staggered angles, and compiled fits of them.
+"""Shapes of walls at rest, as tables of staggered angles, and compiled fits of these shapes.
 
 Shapes of kinks, and of anti-kinks for d < 1, are computed for the chain itself. Pinned anti-kinks
-(all of spinners, and some of wobbling flippers) have the shape in which they rest, with every
-other rotor turned over. Anti-kinks of wobbling flippers that are not pinned have the mirrored
-shape of a kink, which is exact in the continuum limit.
+(all in spinners, some in wobbling flippers) have every other rotor turned over at rest. Anti-kinks
+of wobbling flippers that are not pinned have the mirrored shape of a kink, which is exact in the
+continuum limit.
 """
 
 from __future__ import annotations
@@ -44,7 +44,7 @@ _STEPS = 12
 _LONGEST_STEP = 0.3
 """Longest step of the site and of the stretch [rotor spacings, 1]."""
 _SHORTER = 0.6
-"""Factor that shortens steps that alternate in sign [1]."""
+"""Factor for steps that alternate in sign [1]."""
 _CLOSE = 1e-6
 """Step below which the fit has converged [rotor spacings]."""
 _NARROWEST, _WIDEST = 0.2, 2.0
@@ -69,11 +69,11 @@ _TABLE = named_tuple(WallTable, f8_2d, f8, f8)
 def find_domains(polarised: Array, cost: float, right: Flags) -> None:
     """Set which bonds lie in right-leaning domains, shape (B,), from their polarisations, (B,).
 
-    The division maximises the sum of the polarisations, clipped to 1, over right-leaning domains
-    minus that over left-leaning ones, minus a cost per wall (dynamic programming).
+    The division maximises the sum of the polarisations, clipped to 1, in right-leaning domains
+    minus the sum in left-leaning domains, minus a cost per wall (dynamic programming).
     """
     count = polarised.size
-    # Best sums that end in a left-leaning and in a right-leaning bond, with their predecessors.
+    # Best sums that end in a left-leaning and in a right-leaning bond, and their predecessors.
     residuals, rightmost = 0.0, 0.0
     from_right = np.empty(count, dtype=np.bool_)
     from_left = np.empty(count, dtype=np.bool_)
@@ -94,7 +94,7 @@ def find_domains(polarised: Array, cost: float, right: Flags) -> None:
 def _shape(table: WallTable, parity: int, x: float) -> tuple[float, float]:
     """Return the staggered angle of a rotor at a distance x from a wall [rad], and its slope.
 
-    A cubic interpolates between points; beyond the table the slope is 0 [rad/spacing].
+    Interpolation is cubic; beyond the table the slope is 0 [rad/spacing].
     """
     angles, points, reach = table
     at = (x + reach) * points
@@ -113,9 +113,9 @@ def _shape(table: WallTable, parity: int, x: float) -> tuple[float, float]:
 def set_residuals(
     theta: Array, first: int, table: WallTable, site: float, stretch: float, residuals: Array
 ) -> None:
-    """Set the residuals of staggered angles of rotors from a first one on [rad], shape (n,).
+    """Set the residuals of staggered angles from rotor `first` on [rad], shape (n,).
 
-    The wall is at a site [rotor spacings] and wider than the table by the stretch [1].
+    The wall is at a site [rotor spacings] and wider than the table by a factor `stretch` [1].
     """
     for k in range(theta.size):
         n = first + k
@@ -127,9 +127,9 @@ def set_residuals(
 def scan_wall(
     theta: Array, first: int, table: WallTable, start: float, beside: float, bound: float
 ) -> tuple[float, float]:
-    """Return the least sum of squares, each clipped to a bound [rad^2], and its site.
+    """Return the least sum of squares, each clipped to a bound [rad^2], and the site of the wall.
 
-    The scan covers a distance on either side of the start [rotor spacings].
+    The scan covers the distance `beside` on either side of the start [rotor spacings].
     """
     best, least = start, np.inf
     steps = math.ceil(beside / _SCAN_STEP)
@@ -160,8 +160,8 @@ def sums_of_fit(
 ) -> tuple[float, float, float, float, float]:
     """Return the sums over rotors of w p^2, w q^2, w p q, w p x and w q x (see `fit_wall`).
 
-    The residual of a rotor is x [rad], with derivatives p by the site [rad/spacing] and q by the
-    stretch [rad], 0 unless the stretch is free, and weight w.
+    A rotor has the weight w and the residual x [rad], with derivatives p by the site [rad/spacing]
+    and q by the stretch [rad]; q is 0 unless the stretch is free.
     """
     site_information, of_stretch, both, ahead, wider = 0.0, 0.0, 0.0, 0.0, 0.0
     for k in range(theta.size):
@@ -194,9 +194,9 @@ def fit_wall(
     bound: float,
     free: bool,
 ) -> tuple[float, float, float, float]:
-    """Fit the site of a wall and, if it is free, its stretch by reweighted Gauss-Newton steps.
+    """Fit the site of a wall, and its stretch if `free`, by reweighted Gauss-Newton steps.
 
-    A residual counts in full up to a bound in standard deviations, given the variance of a rotor
+    Residuals up to `bound` standard deviations have full weight; `variance` is that of a rotor
     [rad^2]. Returns site, stretch and the information on each for a noise of 1 rad.
     """
     site_information, of_stretch, last, share = 0.0, 0.0, 0.0, 1.0
@@ -228,8 +228,8 @@ def fit_about(
 ) -> tuple[float, float, tuple[float, float, float, float, float]]:
     """Fit site and stretch of a wall with unit weights; return them and `sums_of_fit` there.
 
-    Uses actual angles [rad], shape (N,), within a span of the site [rotor spacings], without the
-    edge rotors.
+    Uses the actual angles [rad], shape (N,), of rotors within `span` of the site [rotor spacings],
+    except the edge rotors.
     """
     first, end = max(math.ceil(site - span), 1), min(math.floor(site + span) + 1, last)
     theta = np.empty(max(end - first, 0))
@@ -247,8 +247,8 @@ def persistence(
 ) -> tuple[float, float]:
     """Return the mean product of a wall's residuals in two frames [rad^2], weighted by t^2.
 
-    Both rows start at a first rotor, shape (n,), NaN where unknown. The mean of the product of
-    noise is 0; the second number is its variance over sigma^4.
+    Both rows start at rotor `first`, shape (n,), NaN if unknown. Noise contributes a mean of 0;
+    the second number is the variance of its contribution divided by sigma^4.
     """
     whole, squares, product = 0.0, 0.0, 0.0
     for k in range(residuals.size):
@@ -267,11 +267,11 @@ def persistence(
 
 
 _POINTS = 16
-"""Points of a table per spacing [1]; cubics between them are exact to 1e-5 rad."""
+"""Points of a table per spacing [1]; cubic interpolation is exact to 1e-5 rad."""
 _DEPTHS = 14.0
 """Reach of a table in penetration depths [1]; tails beyond are below 1e-6 rad."""
 _ROTORS = 5.0
-"""Additional reach for the core, where the depth vanishes [rotor spacings]."""
+"""Additional reach for the core [rotor spacings], needed where the depth vanishes."""
 _DEGREE = 5
 """Degree of the splines through the samples [1]; their slopes are then exact to 1e-5 rad."""
 
@@ -286,7 +286,7 @@ class WallShape:
 
 
 class WallShapes:
-    """Kinks and anti-kinks of a chain, for rotors that turn forwards or backwards."""
+    """Shapes of the kinks and anti-kinks of a chain."""
 
     def __init__(self, chain: Chain) -> None:
         """Sample static walls in the middle of a long chain without deviations.
@@ -307,8 +307,8 @@ class WallShapes:
             self._sampled([static_wall(window, float(site), leg) for site in self._sites])
             for leg in range(2 if chain.motion is Motion.SPINNER else 1)
         )
-        """Kink of each leg of the orbit; the rotors of spinners turn forwards in one, backwards in
-        the other."""
+        """Kink of each leg of the orbit; in spinners the rotors turn forwards in one leg and
+        backwards in the other."""
         found = find_solitons(window, static_wall(window, even + 4.5))
         self.width = found[0].width if found else math.nan
         """Width of a wall at rest [m], NaN if it has no tanh profile."""
@@ -318,7 +318,7 @@ class WallShapes:
 
     @cached_property
     def anti_kinks(self) -> tuple[WallShape, ...]:
-        """Shapes of anti-kinks, computed at the first use because that takes longer."""
+        """Shapes of anti-kinks, computed at the first use because this takes longer."""
         try:
             path = anti_kink_path(self._window, float(self._sites[0]))
         except ArithmeticError:
@@ -333,7 +333,7 @@ class WallShapes:
         return self.kinks[leg % len(self.kinks)]
 
     def _pinned(self) -> tuple[WallShape, WallShape]:
-        """Return two anti-kinks that are exact at rest, for either parity of the nearest rotor."""
+        """Return two anti-kinks, exact at rest, one for each parity of the nearest rotor."""
         window = self._window
         site, angles = resting_anti_kink(window, float(self._sites[0]) + 0.5)
         rotors, theta = np.arange(len(angles)), staggered(angles)
@@ -354,10 +354,10 @@ class WallShapes:
         return WallShape(WallTable(angles, float(_POINTS), self.reach), angles[:2, [0, -1]])
 
     def _sampled(self, walls: ArrayLike) -> WallShape:
-        """Return the shape of a wall from its states at the sites of the window [rad].
+        """Return the shape of a wall from the angles of a window [rad], one row per site.
 
-        A rotor samples the wall at finer steps when the wall moves by two spacings, because rotors
-        of one parity have the same shape.
+        Rotors of one parity have the same shape, so that one rotor samples all of it while the
+        wall moves by two spacings.
         """
         theta = staggered(np.asarray(walls))[:, 1:-1]
         rotors = np.arange(1, theta.shape[1] + 1)

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Lattice coordinates, track of one wall with either measurement model, and encounters."""
+"""Lattice coordinates, the track of one wall, and the encounter of two walls."""
 
 from __future__ import annotations
 
@@ -40,7 +40,10 @@ class LatticeCoordinates:
         """Longest period of a phonon [s]."""
 
     def separation(self, site: float, other: float) -> float:
-        """Return the displacement from a second site [rotor spacings], the shorter on a ring."""
+        """Return the displacement from `other` to `site` [rotor spacings].
+
+        On a ring it is the shorter one.
+        """
         way = site - other
         return math.remainder(way, self.rotors) if self.periodic else way
 
@@ -57,7 +60,7 @@ class LatticeCoordinates:
         return 0.0 if site < (self.rotors - 1) / 2 else self.rotors - 1.0
 
     def rotors_between(self, low: float, high: float, edge: int = 0) -> NDArray[np.int64]:
-        """Return the rotors between two sites, except some rotors at each edge of a chain.
+        """Return the rotors between two sites, without `edge` rotors at each edge of a chain.
 
         On a ring, indices below 0 and above N are allowed.
         """
@@ -75,7 +78,7 @@ class LatticeCoordinates:
 
 
 class WallFrame:
-    """Frame of a chain, from which quantities about its walls are computed on demand."""
+    """Angles and rates of one frame, with quantities near walls that are computed on demand."""
 
     def __init__(
         self,
@@ -85,21 +88,21 @@ class WallFrame:
         rates: Array | None,
         errors: FrameErrors,
     ) -> None:
-        """Take angles [rad] and rates [rad/s], shape (N,), None if unknown."""
+        """Store angles [rad] and rates [rad/s], shape (N,), None if unknown."""
         self._reporter, self._chain, self._line = reporter, reporter.chain, line
         self._angles, self._rates, self._errors = angles, rates, errors
 
     def energy(self, sites: Sequence[float]) -> float:
-        """Return the energy near some walls, corrected for noise [J]; NaN if unknown."""
+        """Return the energy near walls, corrected for noise [J]; NaN if unknown."""
         angles, rates = self._angles, self._rates
         if angles is None or rates is None or not np.isfinite(rates).all():
             return math.nan
         return self._reporter.report(angles, sites, rates, self._errors).energies.wall
 
     def swing(self, site: float, lean: int) -> float:
-        """Return the largest swing of a rotor near a site from the state with a lean.
+        """Return the largest swing of a rotor near a site from a uniform state, given by its lean.
 
-        It is relative to the swing to the opposite state [1], and 0 with unknown rotors.
+        It is relative to the swing to the opposite state [1], and 0 if a rotor is unknown.
         """
         if self._angles is None:
             return 0.0
@@ -108,10 +111,10 @@ class WallFrame:
         return float(np.abs(field[near % len(field)] - lean).max() / 2)
 
     def turn(self, left: float, right: float) -> int:
-        """Return the turning sense of a spinner's rotors in the left of two walls, +1 or -1.
+        """Return the turning sense of the rotors of a spinner in the left of two walls, +1 or -1.
 
-        Neighbours differ by less than half a turn from a uniform state. It is 0 for flippers and
-        with unknown rotors.
+        It is 0 for flippers and if a rotor is unknown. The relative angle of neighbours must
+        differ by less than half a turn from that of a uniform state.
         """
         chain, line, angles = self._chain, self._line, self._angles
         if angles is None or chain.motion is not Motion.SPINNER:
@@ -124,15 +127,15 @@ class WallFrame:
 
 
 _MEMORY, _SIGNIFICANCE = 100, 3.0
-"""Number of frames in the average of persistent residuals, and number of standard deviations of
-the noise above which they are significant [1]."""
+"""Number of frames over which persistent residuals are averaged, and number of standard deviations
+of the noise above which they are significant [1]."""
 _AVERAGED = 20
 """Number of frames over which the variance of a fit is averaged [1]. One frame does not suffice,
 because a wall has few rotors."""
 
 
 class WallMeasurement(NamedTuple):
-    """Measurement of a wall in one frame: a fitted shape, or the estimate on the orbit."""
+    """Measurement of a wall in one frame, by a fit of its shape or by the filter on the orbit."""
 
     rotor: float
     """Centre [rotor spacings]."""
@@ -147,9 +150,9 @@ class WallMeasurement(NamedTuple):
     noise: float = 0.0
     """Variance of `persistent` due to noise [rotor spacings^4]."""
     elastic: float = 0.0
-    """Prior variance of the centre from the deformation by springs [rotor spacings^2]."""
+    """Prior variance of the centre due to the deformation by springs [rotor spacings^2]."""
     estimate: OrbitEstimate | None = None
-    """Filtered estimate on the orbit, which replaces the filter of the track."""
+    """Estimate of the filter on the orbit, which replaces the filter of the track."""
 
 
 class WallTrack:
@@ -173,9 +176,9 @@ class WallTrack:
         """Identifier from 1 on, 0 until the wall is confirmed."""
         self.rotor = self.rate = self.deviation = self.rate_deviation = math.nan
         self.frames = self.missed = 0
-        """Number of frames with this wall, and number of missed frames since the last one."""
+        """Number of frames with this wall, and number of frames without it since the last one."""
         self.last_seen = math.nan
-        """Instant of the last frame with this wall [s]."""
+        """Time of the last frame with this wall [s]."""
         self.width = math.nan, math.nan
         """Width and its standard deviation [m], NaN if unknown."""
         self.energy = math.nan
@@ -232,7 +235,8 @@ class WallTrack:
             self._motion.update((expected + apart) * self._arc, variance)
         arc, rate, of_arc, _, of_rate = self._motion.summary
         self.rotor, self.rate = self._line.wrap(arc / self._arc), rate / self._arc
-        # Only motion of the wall, not the number of frames, reduces the shift by these residuals.
+        # More frames do not reduce the shift by persistent residuals; only motion of the wall
+        # does.
         persistent = self._persistent_variance(measured)
         of_rate += persistent * (rate / self._settings.filter.bias_way) ** 2
         self.deviation = math.sqrt(of_arc / self._arc**2 + persistent)
@@ -296,7 +300,7 @@ class Encounter:
 
     @property
     def ids_before(self) -> tuple[int, ...]:
-        """Identifiers from left to right before the encounter, or the breather."""
+        """Identifiers from left to right before the encounter, or that of the breather."""
         ids = self.left.id, self.right.id
         return (self.breather,) if self.breather else ids[::-1] if self.passed else ids
 
@@ -317,10 +321,10 @@ class Encounter:
         self._turn = turn or self._turn
 
     def add_overlap(self, time: float, swing: float) -> None:
-        """Add a frame without both walls, given the largest swing of a rotor about the site.
+        """Add a frame without both walls, given the largest swing of a rotor near the site.
 
-        The swing is relative to the swing between the uniform states [1]. A small separation may
-        be noise and continues the same collision.
+        The swing is relative to the swing between the uniform states [1]. A small separation
+        between two overlaps may be noise; both belong to the same collision.
         """
         if not self.overlaps:
             if not self.collisions or self._peak > self._onset + self._line.width / 4:
@@ -338,7 +342,7 @@ class Encounter:
         return self.both_seen and self._distance > self._line.parted
 
     def outcome(self, time: float) -> EventKind | None:
-        """Return the current outcome, or None if it is undecided or nothing happened."""
+        """Return the current outcome, or None if it is undecided or no event occurred."""
         if self.is_over():
             nearer = self._initial - self._closest
             if self.breather:

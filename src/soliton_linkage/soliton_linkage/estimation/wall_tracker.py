@@ -2,8 +2,8 @@
 """Tracker of all walls of a chain, which keep their identifiers, and detector of events.
 
 Each wall has a track that predicts it in the next frame; measurements are assigned to predictions.
-An unassigned track or measurement belongs to a wall that left or came: at an edge, where it may
-return, in an encounter with another wall, or unseen.
+An unassigned track or measurement is a wall that disappeared or appeared: at an edge, where it may
+return, in an encounter with another wall, or without a visible cause.
 """
 
 from __future__ import annotations
@@ -27,9 +27,9 @@ from soliton_linkage.estimation.wall_track import (
 )
 
 _LONGEST_DELAY = 2.0
-"""Longest delay of the event of a wall that came from an edge [s]."""
+"""Longest delay of the event of a wall that enters from an edge [s]."""
 _FORBIDDEN = 1e9
-"""Cost of a forbidden assignment, above any square of a gate [1]."""
+"""Cost of a forbidden assignment [1], larger than the square of any gate."""
 
 
 class PredictedWall(NamedTuple):
@@ -51,8 +51,8 @@ def assign(
 ) -> dict[int, int]:
     """Return the index of the measurement assigned to each prediction.
 
-    Pairs have equal charges and differ by less than a gate in standard deviations. The result has
-    the most pairs and, among these, the least sum of squares.
+    Pairs have equal charges and differ by less than `gate` standard deviations. The number of
+    pairs is as large as possible; among such results the sum of squares is least.
     """
     if not predicted or not seen:
         return {}
@@ -67,7 +67,7 @@ def assign(
 
 
 class WallTracker:
-    """Tracker that identifies the walls of successive frames and reports events."""
+    """Tracker of all walls of a chain."""
 
     def __init__(
         self,
@@ -79,8 +79,8 @@ class WallTracker:
     ) -> None:
         """Start without walls.
 
-        Rates are of the scale [rad/s]; the arc from one rotor to the next is the site arc [rad].
-        The swing is the length of the motion at an edge [rotor spacings].
+        `scale` is the scale of rates [rad/s], `site_arc` the arc from one rotor to the next [rad],
+        and `swing` the length of the motion at an edge [rotor spacings].
         """
         self._line, self._scale, self._arc = line, scale, site_arc
         self._edge_way = swing + 2 * line.near
@@ -89,7 +89,7 @@ class WallTracker:
         self.restart()
 
     def restart(self) -> None:
-        """Discard all walls, for example at a new record; identifiers are not reused."""
+        """Discard all walls, for example when a new record starts; identifiers are not reused."""
         self._tracks: list[WallTrack] = []
         self._encounters: list[Encounter] = []
         self._at_edges: list[tuple[float, WallTrack]] = []
@@ -100,7 +100,7 @@ class WallTracker:
     def update(
         self, time: float, seen: Sequence[WallMeasurement], frame: WallFrame, confirming: int
     ) -> tuple[list[WallTrack], list[SolitonEvent]]:
-        """Update with the walls of a frame [s]; a number of frames confirms a change.
+        """Update with the walls of a frame at a time [s]; `confirming` frames confirm a change.
 
         Returns the identified walls of the frame, from rotor 0 on, and the new events.
         """
@@ -115,7 +115,7 @@ class WallTracker:
         pairs = assign(line, predicted, seen, self._gate)
         for row, column in pairs.items():
             tracks[row].update(seen[column], time)
-        # The others may have moved unexpectedly, if they are near each other.
+        # The remaining walls may have moved unexpectedly if they are near each other.
         left = [track for row, track in enumerate(tracks) if row not in pairs]
         others = [wall for column, wall in enumerate(seen) if column not in pairs.values()]
         variance = (line.parted / self._gate) ** 2
@@ -135,7 +135,7 @@ class WallTracker:
         return self._resolve(time, frame, confirming)
 
     def _is_undisturbed(self, seen: Sequence[WallMeasurement]) -> bool:
-        """Return whether the only wall is on the orbit, far from the edges, so no event occurs."""
+        """Return whether a single wall is far from the edges, so that no event can occur."""
         if len(self._tracks) != 1 or len(seen) != 1 or seen[0].estimate is None:
             return False
         if self._encounters or self._pending or self._at_edges:
@@ -198,7 +198,7 @@ class WallTracker:
                 self._add_inside(track, new, time, frame)
 
     def _confirmed(self, track: WallTrack, confirming: int) -> bool:
-        """Return whether a new wall is real: wrong readings appear as a pair of walls."""
+        """Return whether a new wall is real; wrong readings look like a pair of walls."""
         if track.frames >= min(confirming, self._frames) or self._is_at_edge(track):
             return True
         return not any(
@@ -231,7 +231,7 @@ class WallTracker:
         self._add(EventKind.FOUND, time, track.rotor, ids, charges, (energy, energy))
 
     def _add_from_edge(self, track: WallTrack, time: float) -> None:
-        """Identify a wall that returned or is new; its event is pending until it is free."""
+        """Identify a new or returned wall; its event is pending until it leaves the edge."""
         edge, charge = self._line.nearest_edge(track.rotor), track.charge
         for index, (_, before) in enumerate(self._at_edges):
             if self._line.nearest_edge(before.rotor) == edge and before.charge == charge:
@@ -248,7 +248,7 @@ class WallTracker:
     def _add_inside(
         self, track: WallTrack, new: list[WallTrack], time: float, frame: WallFrame
     ) -> None:
-        """Identify a wall away from the edges, alone or as a pair with a new neighbour."""
+        """Identify a wall far from the edges, alone or as a pair with a new neighbour."""
         other = self._partner(track, [each for each in new if not each.id])
         if other is None:
             self._add_found(track, time, frame)
@@ -362,9 +362,9 @@ class WallTracker:
             self._add(EventKind.LOST, track.last_seen, track.rotor, ids, charges, energies)
 
     def _report_pending(self, time: float, frame: WallFrame) -> None:
-        """Report walls that came from an edge once they are free of it, or after a delay.
+        """Report walls from an edge when they have left it, or after a delay.
 
-        A wall that is at the edge again was not reflected.
+        A wall that has gone back to the edge was not reflected.
         """
         waiting = []
         for event, track in self._pending:

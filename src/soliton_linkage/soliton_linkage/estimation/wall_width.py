@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """Lorentz contraction of a moving wall relative to the same wall at rest.
 
-The angle of rotor n depends only on its distance from a wall at X, phi_n = f(X - n). A wall that
-is contracted by gamma has
+The angle of rotor n depends only on its distance from a wall at X: phi_n = f(X - n). A wall
+contracted by gamma has
 
     phi_n = f(gamma (X - n)),
 
@@ -26,10 +26,10 @@ from soliton_linkage.linkage.chain import Array, Chain, Motion
 from soliton_linkage.solitons.continuum import wall_theory
 
 _CLEAR = 2
-"""Smallest distance from an edge, in widths or penetration depths [1]."""
+"""Least distance of a fitted wall from an edge, in widths or penetration depths [1]."""
 _CLOSE, _CLOSEST = 0.02, 1e-5
-"""Last step of a converged fit [1]: in standard deviations of the result, and as an absolute
-value for exact angles."""
+"""Step below which a fit has converged [1]: in standard deviations of the result, and absolute for
+exact angles."""
 _DEGENERATE = 1e-12
 """Smallest determinant of a fit, relative to that of orthogonal derivatives [1]."""
 _COARSEST = math.log(1.5)
@@ -64,7 +64,7 @@ UNKNOWN = Contraction(math.nan, math.inf)
 
 
 class WallFamily:
-    """Family of the walls of a chain with any contraction."""
+    """Walls of a chain as a function of the contraction."""
 
     def __init__(self, shapes: WallShapes, settings: WidthSettings = DEFAULTS.width) -> None:
         self.settings = settings
@@ -81,9 +81,9 @@ class WallFamily:
         """Fit the contraction to one frame, near a site and a logarithm of gamma, by Gauss-Newton.
 
         Angles [rad], shape (N,), NaN where unknown, are in the orientation of the orbit, with
-        independent noise [rad]; the leg belongs to the orbit. The result is unknown closer to an
-        edge than twice the width or the decay length, and if its standard deviation exceeds a
-        factor of 1.5.
+        independent noise [rad]; the leg belongs to the orbit. The result is unknown if the wall is
+        nearer to an edge than twice its width or decay length, or if the standard deviation of
+        ln(gamma) exceeds ln(1.5).
         """
         if not self._clear <= site <= self._last - self._clear:
             return UNKNOWN
@@ -111,10 +111,9 @@ class WallFamily:
 class ContractionMean:
     """Mean contraction over the rotors that a wall has passed recently.
 
-    The weight of a frame is its information. Its variance includes the deformation between two
-    rotors, so that no single site dominates. Frames are grouped into passages of one rotor. From
-    one passage to the next, the weights decay by e^(-1/5). `passage_scatter` returns the scatter
-    due to springs and waves.
+    The weight of a frame is its information; the assumed variance includes the deformation of a
+    wall between two rotors, so that no single site dominates. Frames are grouped into passages of
+    one rotor. From one passage to the next the weights decay by e^(-1/5).
     """
 
     def __init__(self, family: WallFamily) -> None:
@@ -134,10 +133,10 @@ class ContractionMean:
         self._before, self._passage = (0.0, 0.0, 0.0, 0.0), (0.0, 0.0, 0.0)
 
     def update(self, angles: Array, site: float, leg: int, noise: float) -> Contraction:
-        """Return the mean including one more frame; arguments as `WallFamily.fit`.
+        """Return the mean including one more frame; arguments are those of `WallFamily.fit`.
 
-        The mean restarts on another leg, and if a passage contradicts earlier passages. The result
-        is unknown if the frame does not determine a contraction.
+        The mean restarts when the leg changes and when a passage contradicts earlier ones. The
+        result is unknown if the frame does not determine a contraction.
         """
         if leg != self._leg:
             self.restart()
@@ -189,7 +188,7 @@ class ContractionMean:
 def passage_scatter(values: Array, variances: Array) -> float:
     """Return the variance of passages in excess of their noise, 0 if it is not significant.
 
-    Values and the variances of their noise have shape (M,).
+    The values and the variances of their noise have shape (M,).
     """
     apart, freedoms = values - np.average(values, weights=1 / variances), len(values) - 1
     by_chance = freedoms + _SIGNIFICANCE * math.sqrt(2 * freedoms)
@@ -206,7 +205,7 @@ class WidthReporter:
         self._at_rest = TheoryWidth(shapes.chain)(0.0)
 
     def update(self, angles: Array, site: float, leg: int, noise: float) -> tuple[float, float]:
-        """Return the width and its standard deviation [m] with one more frame, NaN if unknown.
+        """Return the mean width and its deviation [m] with one more frame, NaN if unknown.
 
         See `WallFamily.fit` for the arguments.
         """

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Deviations of the rotors beside a wall from the uniform states: amplitude, decay, wavelength.
+"""Wobble of the rotors beside a wall: amplitude, decay length and wavelength.
 
 The rotors are selected by the shape of a wall at rest, not by the measured angles, so that noise
 does not bias the selection.
@@ -29,7 +29,7 @@ BARS = np.dtype(
         for name in ('rotor_length', 'spacing', 'rest_angle', 'lean_ratio', 'spins')
     ]
 )
-"""Parameters of a chain that the wobble depends on: lengths [m], rest angle [rad], d, spinner
+"""Parameters of a chain that determine the wobble: lengths [m], rest angle [rad], d, spinner
 flag."""
 _BARS = records(BARS)
 _LEAST_NOISE = 1e-12
@@ -41,8 +41,8 @@ rest angle and above `_ABOVE_NOISE` times the noise."""
 _BEND = 0.3
 """Shift of a zero of the tail [rotor spacings] per deviation divided by the rest angle."""
 _CERTAIN, _COARSEST = 3.0, 0.2
-"""Conditions for a decay length [1]: smallest tail ratio in its standard deviations, and largest
-relative standard deviation of the length."""
+"""Conditions for a decay length [1]: smallest ratio of the tail ratio to its standard deviation,
+and largest relative standard deviation of the length."""
 _NO_OVERSHOOT = (math.nan, math.nan, math.nan)
 """Overshoot of a spinner, or without known rotors [m]."""
 
@@ -58,11 +58,11 @@ def beside_wall(
     rest_angle: float,
     leans: Array,
 ) -> None:
-    """Set the leans beside a wall relative to the uniform state [rad], outwards, shape (2, n).
+    """Set the leans of rotors beside a wall, relative to the uniform state [rad], shape (2, n).
 
-    The first row is the wall at rest, given by its angles from a first rotor on; the second row is
-    measured. Columns are rotors from a low one on: first those before the middle, then those
-    beyond, where the rotors of spinners are turned over.
+    The first row is the wall at rest, given by its angles from rotor `first` on; the second row is
+    measured. Columns are rotors from `low` on: those before the middle of the wall, then those
+    beyond it, where the rotors of spinners are turned over.
     """
     expected, measured = leans[0], leans[1]
     high = low + expected.size
@@ -86,10 +86,9 @@ def beside_wall(
 
 @compiled(const_f8_1d, f8, f8)
 def overshooting(expected: Array, rest_angle: float, calm: float) -> int:
-    """Return the index of the rotor with the largest lean or of the first calm one.
+    """Return the index of the rotor with the largest lean or, for calm > 0, of the first calm one.
 
-    A rotor is calm if it deviates by less than calm [rad], used if calm > 0; without any calm
-    rotor the last one counts.
+    A rotor is calm if it deviates by less than `calm` [rad]; if none is, return the last rotor.
     """
     at, most = 0, -math.inf
     for n in range(expected.size):
@@ -126,11 +125,11 @@ def tail_sums(
 def half_wavelength(
     measured: Array, begin: int, end: int, rest_angle: float, error: float, bend: float
 ) -> tuple[float, float]:
-    """Return the distance of the zeros of a tail [rotor spacings] and its variance.
+    """Return the distance between the zeros of a tail [rotor spacings] and its variance.
 
-    Both are NaN with fewer than two zeros. The tail is interpolated linearly and changes its sign
-    at each rotor. The weights combine the noise with the shift of a zero by a large deviation,
-    bend e / theta_bar.
+    Both are NaN if there are fewer than two zeros. The tail is interpolated linearly and changes
+    its sign at each rotor. The weights combine the noise with the shift of a zero by a large
+    deviation, bend e / theta_bar.
     """
     start = max(end - 1, begin)
     while start > begin and measured[start - 1] * measured[start] < 0:
@@ -166,7 +165,7 @@ def half_wavelength(
 def _overshoot(
     expected: Array, measured: Array, rest_angle: float, length: float, calm: float, error: float
 ) -> tuple[float, float, float]:
-    """Return the overshoot beyond the lean at rest, its deviation, and its value at rest [m]."""
+    """Return the overshoot beyond the rest angle, its deviation, and its value at rest [m]."""
     if not expected.size:
         return _NO_OVERSHOOT
     at = overshooting(expected, rest_angle, calm)
@@ -184,8 +183,8 @@ def _decay_length(
 ) -> tuple[float, float]:
     """Return the decay length -a / ln|lambda| and its deviation [m], NaN if unknown.
 
-    The exact ratio decides whether the length is determined to a fifth, so that noise has no
-    influence on the selection.
+    The exact ratio decides whether the length is known to 20 %, so that noise does not bias this
+    decision.
     """
     known = abs(exact)
     if not (known > _CERTAIN * deviation and 0 < abs(ratio) < 1):
@@ -206,12 +205,12 @@ def wobble(
     noise: float,
     persistent: float,
 ) -> tuple[Overshoot, Lengths]:
-    """Return overshoot, tails and zeros beside a wall at a site; see `WobbleReporter.wobble`.
+    """Return overshoot and lengths of the wobble beside a wall; see `WobbleReporter.wobble`.
 
-    The wall at rest has angles from a first rotor on [rad]. The overshoot, on the side where it is
-    larger at rest, is given with its deviation and its value at rest [m]; NaN for spinners and
-    without rotors. Lengths are the ratio of the tails [1], the decay length [m] and the wavelength
-    [m], each with its deviation, NaN if unknown.
+    `at_rest` are the angles of the wall at rest from rotor `first` on [rad]. Overshoot: its value
+    on the side where the wall at rest overshoots more, its standard deviation, and the value at
+    rest [m]; NaN for spinners and without rotors. Lengths: tail ratio [1], decay length [m] and
+    wavelength [m], each with its standard deviation, NaN if unknown.
     """
     bar, rotors = bars[0], angles.size
     rest_angle, length, spacing = bar['rest_angle'], bar['rotor_length'], bar['spacing']
@@ -258,13 +257,13 @@ class Wobble(NamedTuple):
     """Deviations of the rotors beside a wall from the uniform states; NaN if unknown.
 
     amplitude: overshoot of |u| beyond ub [m] of one rotor, on the side where a wall at rest
-        overshoots more. The rotor is the one with the largest lean for a wall at rest; without
-        wobble, d <= 1, the nearest one at rest within the noise.
+        overshoots more. This rotor has the largest lean in a wall at rest; for d <= 1 (no wobble)
+        it is the nearest rotor that is at rest within the noise.
     amplitude_deviation: standard deviation of the amplitude [m].
     rest_amplitude: the same overshoot for a wall at rest [m].
-    tail_ratio: deviation of a rotor over the deviation of its inner neighbour in the tails [1].
+    tail_ratio: ratio of the deviation of a rotor in the tails to that of its inner neighbour [1].
     tail_ratio_deviation: standard deviation of the ratio [1].
-    decay_length: distance over which the tails fall by e [m].
+    decay_length: distance over which the tails decrease by a factor e [m].
     decay_length_deviation: standard deviation of the decay length [m].
     wavelength: twice the distance between the zeros of the tails [m]; NaN without zeros.
     wavelength_deviation: standard deviation of the wavelength [m].
@@ -311,13 +310,13 @@ class WobbleReporter:
     def wobble(
         self, angles: Array, wall: RestingWall, noise: float = 0.0, persistent: float = 0.0
     ) -> Wobble:
-        """Return the wobble of a state beside its wall, angles [rad] finite and of shape (N,).
+        """Return the wobble of a state beside its wall, from finite angles [rad], shape (N,).
 
-        The ratio lambda is a least-squares fit to the deviations e from rest on both sides, e' =
-        F(e) + (lambda - lambda_0) e. F is the map of relaxed bars, with the slope lambda_0 = (1 -
-        d) / (1 + d). The wavelength follows from a straight line through the zeros. The standard
-        deviations include the noise of the angles [rad] and the persistent residuals of the orbit
-        [rad], which are treated as noise.
+        The tail ratio lambda is a least-squares fit of e' = F(e) + (lambda - lambda_0) e to the
+        deviations e from rest on both sides. F is the map of relaxed bars, with the slope lambda_0
+        = (1 - d) / (1 + d). The wavelength follows from a straight line through the zeros. The
+        standard deviations include the noise of the angles [rad] and the persistent residuals of
+        the orbit [rad], which are treated as noise.
         """
         overshoot, lengths = wobble(
             self._bars,
