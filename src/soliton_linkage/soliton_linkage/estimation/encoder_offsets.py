@@ -253,8 +253,8 @@ class FarFieldResiduals:
     def _disorder(self, means: Array, noise: float) -> float:
         """Return the disorder in mean residuals beyond tails [rad], by Student's distribution.
 
-        It is a standard deviation. Residuals before and beyond the wall have shape (2, N), NaN where unknown. The disorder is
-        0 unless it exceeds the noise of a mean [rad] significantly.
+        It is a standard deviation, 0 unless it exceeds the noise of a mean [rad] significantly.
+        Residuals before and beyond the wall have shape (2, N), NaN if unknown.
         """
         (before, beyond), tail = means, self._tail
         added = np.concatenate([before[:-1] - tail * before[1:], beyond[1:] - tail * beyond[:-1]])
