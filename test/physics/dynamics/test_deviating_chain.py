@@ -127,24 +127,6 @@ def test_rotors_and_springs_that_deviate_alike_are_a_chain_of_other_parameters(
     )
 
 
-@given(any_deviating_configuration(), st.integers(1, 8))
-def test_a_periodic_chain_is_the_same_from_any_rotor_on(
-    configuration: tuple[Chain, Array], shift: int
-) -> None:
-    chain, angles = configuration
-    assume(chain.periodic)
-    deviations = {
-        name: tuple(np.roll(fractions, shift).tolist())
-        for name, fractions in dataclasses.asdict(chain.deviations).items()
-    }
-    shifted = dataclasses.replace(chain, deviations=Deviations(**deviations))
-    rolled = np.roll(angles, shift)
-    for law in ('spring_extensions', 'spring_torques'):
-        there, here = getattr(shifted, law)(rolled), getattr(chain, law)(angles)
-        assert np.array_equal(there, np.roll(here, shift))
-    assert np.array_equal(shifted.moments_of_inertia, np.roll(chain.moments_of_inertia, shift))
-
-
 @given(any_chain(), st.integers(0, 2**32))
 def test_a_periodic_chain_is_one_that_repeats_without_end(chain: Chain, seed: int) -> None:
     rotors = chain.number_of_rotors + chain.number_of_rotors % 2
@@ -208,25 +190,29 @@ def test_kinetic_energy_counts_each_mass_at_its_own_speed(chain: Chain) -> None:
     assert chain.kinetic_energy(rates) == pytest.approx(expected, rel=16 * EPS)
 
 
-@pytest.mark.parametrize('rotors', [3, 41])
-def test_a_periodic_chain_of_odd_number_is_rejected(rotors: int) -> None:
-    with pytest.raises(
-        ValueError, match=f'number_of_rotors = {rotors} must be even if the ends are periodic'
-    ):
-        Chain(rotors, periodic=True)
+def test_a_periodic_chain_of_odd_number_is_rejected() -> None:
+    for rotors in [3, 41]:
+        with pytest.raises(
+            ValueError, match=f'number_of_rotors = {rotors} must be even if the ends are periodic'
+        ):
+            Chain(rotors, periodic=True)
 
 
-@pytest.mark.parametrize('damping', [-1e-9, math.nan, math.inf])
-def test_a_damping_that_would_drive_is_rejected(damping: float) -> None:
-    with pytest.raises(ValueError, match=rf'Chain\.damping = {damping} must (be|lie)'):
-        Chain(damping=damping)
+def test_a_damping_that_would_drive_is_rejected() -> None:
+    for damping in [-1e-9, math.nan, math.inf]:
+        with pytest.raises(ValueError, match=rf'Chain\.damping = {damping} must (be|lie)'):
+            Chain(damping=damping)
 
 
-@pytest.mark.parametrize(('periodic', 'springs'), [(False, 5), (True, 6)])
-def test_deviations_of_another_chain_are_rejected(periodic: bool, springs: int) -> None:
-    for count in {5, 6, 7} - {springs}:
-        drawn = Deviations(stiffness=(0.1,) * count)
-        with pytest.raises(ValueError, match=f'{count} deviations of stiffness .* {springs} spr'):
-            Chain(6, periodic=periodic, deviations=drawn)
-    with pytest.raises(ValueError, match='5 deviations of mass do not fit a chain of 6 rotors'):
-        Chain(6, periodic=periodic, deviations=Deviations(mass=(0.1,) * 5))
+def test_deviations_of_another_chain_are_rejected() -> None:
+    for periodic, springs in [(False, 5), (True, 6)]:
+        for count in {5, 6, 7} - {springs}:
+            drawn = Deviations(stiffness=(0.1,) * count)
+            with pytest.raises(
+                ValueError, match=f'{count} deviations of stiffness .* {springs} spr'
+            ):
+                Chain(6, periodic=periodic, deviations=drawn)
+        with pytest.raises(
+            ValueError, match='5 deviations of mass do not fit a chain of 6 rotors'
+        ):
+            Chain(6, periodic=periodic, deviations=Deviations(mass=(0.1,) * 5))

@@ -64,19 +64,19 @@ def test_the_compiled_mode_is_the_zero_mode(given_chain: tuple[Chain, Array]) ->
     np.testing.assert_allclose(found, mode, rtol=0, atol=1e-9 * float(np.abs(mode).max()))
 
 
-@pytest.mark.parametrize('largest', [0.0, 0.02])
 @pytest.mark.parametrize('example', EXAMPLES + EXTREMES)
 def test_without_forces_the_speed_and_the_lengths_of_bars_are_kept(
-    example: tuple[float, float], largest: float
+    example: tuple[float, float],
 ) -> None:
-    simulation = pushed(deviating(chain_of(example, 6), 4, largest * min(1, example[1])))
-    start = speed(simulation)
-    for _ in range(100):
-        simulation.advance()
-        assert stretch(simulation) <= 1e-12
-        assert speed(simulation) == pytest.approx(start, rel=16 * EPS)
-        assert abs(simulation.energy_drift) <= 16 * EPS
-    assert distance(simulation.angles, rest_state(simulation.chain, -1)) > 0.1
+    for largest in [0.0, 0.02]:
+        simulation = pushed(deviating(chain_of(example, 6), 4, largest * min(1, example[1])))
+        start = speed(simulation)
+        for _ in range(100):
+            simulation.advance()
+            assert stretch(simulation) <= 1e-12
+            assert speed(simulation) == pytest.approx(start, rel=16 * EPS)
+            assert abs(simulation.energy_drift) <= 16 * EPS
+        assert distance(simulation.angles, rest_state(simulation.chain, -1)) > 0.1
 
 
 @pytest.mark.parametrize('example', CLASSES)
@@ -97,13 +97,12 @@ def test_without_forces_the_motion_is_the_closed_orbit(example: tuple[float, flo
     assert distance(recording.angles[-1], start) <= 0.03**2
 
 
-@pytest.mark.parametrize('gravity', [NO_GRAVITY, TILTED])
 @pytest.mark.parametrize('example', CLASSES)
 def test_motion_is_that_of_constrained_masses_with_tensions_as_multipliers(
-    example: tuple[float, float], gravity: Gravity
+    example: tuple[float, float],
 ) -> None:
     chain = dataclasses.replace(deviating(chain_of(example, 6), 8, 0.02), damping=2e-5)
-    simulation = pushed(chain, tolerance=1e-11, gravity=gravity)
+    simulation = pushed(chain, tolerance=1e-11, gravity=TILTED)
     simulation.hold(TORQUES)
     inertia = chain.moments_of_inertia
 
@@ -114,7 +113,7 @@ def test_motion_is_that_of_constrained_masses_with_tensions_as_multipliers(
             rigidity_matrix(chain, angles + sign * 1e-5 * rates).toarray() for sign in (1, -1)
         )
         turning = (ahead - behind) @ rates / 2e-5
-        bare = (TORQUES + gravity.torques(chain, angles) - chain.dampings * rates) / inertia
+        bare = (TORQUES + TILTED.torques(chain, angles) - chain.dampings * rates) / inertia
         tensions = np.linalg.solve(levers / inertia @ levers.T, -turning - levers @ bare)
         return np.concatenate([rates, bare + levers.T @ tensions / inertia])
 
@@ -128,18 +127,16 @@ def test_motion_is_that_of_constrained_masses_with_tensions_as_multipliers(
     assert recording.rates[[5, 10]] == pytest.approx(twin.y[6:].T, rel=0, abs=1e-4)
 
 
-@pytest.mark.parametrize('tilt', [0.0, 0.4, math.pi / 2, -1.0, math.pi])
 @pytest.mark.parametrize('example', CLASSES)
-def test_energy_is_exact_to_rounding_at_every_tilt(
-    example: tuple[float, float], tilt: float
-) -> None:
-    chain = deviating(chain_of(example, 5), 6, 0.01)
-    simulation = pushed(chain, rate=1.0, tolerance=1e-7, gravity=Gravity(9.81, tilt))
-    for _ in range(30):
-        simulation.advance()
-        assert stretch(simulation) <= 1e-12
-        # Sums of ten terms, each rounded a few times.
-        assert abs(simulation.energy_drift) <= 32 * EPS
+def test_energy_is_exact_to_rounding_at_every_tilt(example: tuple[float, float]) -> None:
+    for tilt in [0.0, 0.4, math.pi]:
+        chain = deviating(chain_of(example, 5), 6, 0.01)
+        simulation = pushed(chain, rate=1.0, tolerance=1e-7, gravity=Gravity(9.81, tilt))
+        for _ in range(30):
+            simulation.advance()
+            assert stretch(simulation) <= 1e-12
+            # Sums of ten terms, each rounded a few times.
+            assert abs(simulation.energy_drift) <= 32 * EPS
 
 
 def test_neither_energy_nor_bars_drift_in_thousands_of_steps() -> None:
@@ -164,44 +161,40 @@ def test_neither_energy_nor_bars_drift_in_thousands_of_steps() -> None:
         assert np.mean(values[half:]) <= 2 * np.mean(values[:half])
 
 
-@pytest.mark.parametrize('gravity', [NO_GRAVITY, TILTED])
 @pytest.mark.parametrize('example', CLASSES)
-def test_errors_are_of_the_order_of_the_tolerance(
-    example: tuple[float, float], gravity: Gravity
-) -> None:
+def test_errors_are_of_the_order_of_the_tolerance(example: tuple[float, float]) -> None:
     chain = chain_of(example, 6)
-    exact = pushed(chain, tolerance=1e-13, gravity=gravity).record(1.0)
+    exact = pushed(chain, tolerance=1e-13, gravity=TILTED).record(1.0)
     tolerances = 10.0 ** -np.arange(4, 12, 2)
     errors = []
     for tolerance in tolerances:
-        recording = pushed(chain, tolerance=float(tolerance), gravity=gravity).record(1.0)
+        recording = pushed(chain, tolerance=float(tolerance), gravity=TILTED).record(1.0)
         errors.append(np.abs(recording.angles - exact.angles).max())
     assert np.polyfit(np.log(tolerances), np.log(errors), 1)[0] == pytest.approx(1, abs=0.2)
     assert (errors <= 100 * tolerances).all()
 
 
-@pytest.mark.parametrize('gravity', [NO_GRAVITY, TILTED])
 @pytest.mark.parametrize('example', CLASSES)
 def test_frames_do_not_depend_on_the_period_nor_on_the_stiffness(
-    example: tuple[float, float], gravity: Gravity
+    example: tuple[float, float],
 ) -> None:
     chain = chain_of(example, 6)
-    expected = pushed(chain, gravity=gravity).record(1.0).angles
-    fine = pushed(chain, gravity=gravity, period=0.05 / 16).record(1.0).angles
+    expected = pushed(chain, gravity=TILTED).record(1.0).angles
+    fine = pushed(chain, gravity=TILTED, period=0.05 / 16).record(1.0).angles
     assert fine[::16] == pytest.approx(expected, rel=0, abs=1e-11)
     for stiffness in (1e-9, 1e12):
         other = dataclasses.replace(chain, stiffness=stiffness)
-        angles = pushed(other, gravity=gravity).record(1.0).angles
+        angles = pushed(other, gravity=TILTED).record(1.0).angles
         assert angles == pytest.approx(expected, rel=0, abs=100 * 1e-9)
 
 
-@pytest.mark.parametrize('example', CLASSES)
-def test_the_same_start_gives_the_same_motion_to_the_last_bit(
-    example: tuple[float, float],
-) -> None:
-    first, second = (pushed(chain_of(example, 6), gravity=TILTED).record(1.0) for _ in range(2))
-    assert np.array_equal(first.angles, second.angles)
-    assert np.array_equal(first.rates, second.rates)
+def test_the_same_start_gives_the_same_motion_to_the_last_bit() -> None:
+    for example in CLASSES:
+        first, second = (
+            pushed(chain_of(example, 6), gravity=TILTED).record(1.0) for _ in range(2)
+        )
+        assert np.array_equal(first.angles, second.angles)
+        assert np.array_equal(first.rates, second.rates)
 
 
 @pytest.mark.parametrize('example', CLASSES)
@@ -265,14 +258,11 @@ def test_rates_that_the_bars_do_not_allow_are_projected() -> None:
     assert np.abs(simulation.rates).max() <= limit
 
 
-@pytest.mark.parametrize('gravity', [NO_GRAVITY, TILTED])
 @pytest.mark.parametrize('example', CLASSES)
-def test_damping_dissipates_the_stated_energy(
-    example: tuple[float, float], gravity: Gravity
-) -> None:
+def test_damping_dissipates_the_stated_energy(example: tuple[float, float]) -> None:
     chain = dataclasses.replace(chain_of(example, 6), damping=1e-5)
     chain = deviating(chain, 5, 0.02)
-    simulation = pushed(chain, gravity=gravity, period=1 / 512)
+    simulation = pushed(chain, gravity=TILTED, period=1 / 512)
     total = simulation.energy
     recording = simulation.record(1.0)
     power = (recording.rates**2) @ chain.dampings
@@ -350,53 +340,39 @@ def let_go(chain: Chain, start: Array, gravity: Gravity) -> Array:
     return leans(chain, simulation.record(3.0).angles)
 
 
-@pytest.mark.parametrize('degrees', [10, 30, 90])
-@pytest.mark.parametrize('example', [FLIPPER, SPINNER])
-def test_gravity_along_the_chain_swings_the_wall_from_end_to_end_and_back(
-    example: tuple[float, float], degrees: float
-) -> None:
-    chain = chain_of(example, 7)
-    lean = let_go(chain, chain.uniform_state(-1), Gravity(9.81, math.radians(degrees)))
-    arrival = int(np.argmax(lean > 0.9))
-    assert lean[0] == pytest.approx(-1)
-    assert lean[arrival] > 0.9
-    assert lean[arrival:].min() < -0.9
-
-
-@pytest.mark.parametrize('upright', [True, False])
-@pytest.mark.parametrize('degrees', [10, -10, -60])
 @pytest.mark.parametrize('example', [FLIPPER, STRONG_WOBBLER, SPINNER])
 def test_a_released_chain_reverses_at_the_height_of_its_start(
-    example: tuple[float, float], degrees: float, upright: bool
+    example: tuple[float, float],
 ) -> None:
-    chain = chain_of(example, 7)
-    gravity = Gravity(9.81, math.radians(degrees))
-    orbit = closed_orbit(chain)[:-1]
-    orbit = orbit if upright else np.pi - orbit
-    heights = gravity.energy(chain, orbit)
-    above = np.flatnonzero(heights > heights[0] * (1 + 1e-9 * np.sign(heights[0])))
-    reached = leans(chain, np.concatenate([orbit[: above[0]], orbit[above[-1] + 1 :]]))
-    lean = let_go(chain, orbit[0], gravity)
-    # Places on the orbit are 0.05 rad apart, which turns all rotors together at most.
-    resolution = 0.05 / math.sqrt(7) / math.sin(chain.rest_angle)
-    assert lean.max() == pytest.approx(reached.max(), abs=2 * resolution)
-    assert lean.min() == pytest.approx(reached.min(), abs=2 * resolution)
+    for degrees in [10, -60]:
+        for upright in [True, False]:
+            chain = chain_of(example, 7)
+            gravity = Gravity(9.81, math.radians(degrees))
+            orbit = closed_orbit(chain)[:-1]
+            orbit = orbit if upright else np.pi - orbit
+            heights = gravity.energy(chain, orbit)
+            above = np.flatnonzero(heights > heights[0] * (1 + 1e-9 * np.sign(heights[0])))
+            reached = leans(chain, np.concatenate([orbit[: above[0]], orbit[above[-1] + 1 :]]))
+            lean = let_go(chain, orbit[0], gravity)
+            # Places on the orbit are 0.05 rad apart, which turns all rotors together at most.
+            resolution = 0.05 / math.sqrt(7) / math.sin(chain.rest_angle)
+            assert lean.max() == pytest.approx(reached.max(), abs=2 * resolution)
+            assert lean.min() == pytest.approx(reached.min(), abs=2 * resolution)
 
 
-@pytest.mark.parametrize('gravity', [NO_GRAVITY, TILTED])
 @pytest.mark.parametrize('example', [FLIPPER, SPINNER])
 def test_springs_of_growing_stiffness_move_as_bars_to_first_order_in_their_softness(
-    example: tuple[float, float], gravity: Gravity
+    example: tuple[float, float],
 ) -> None:
     chain = chain_of(example, 6)
     angles = chain.uniform_state(-1)
     rates = 4 * mode_towards_last(chain, angles)
-    bars = RigidSimulation(chain, angles, rates, 0.02, gravity=gravity).record(0.6)
+    bars = RigidSimulation(chain, angles, rates, 0.02, gravity=TILTED).record(0.6)
     stiffnesses = 4000 * 4.0 ** np.arange(3)
     errors = []
     for stiffness in stiffnesses:
         springs = dataclasses.replace(chain, stiffness=float(stiffness))
-        simulation = ElasticSimulation(springs, angles, rates, 0.02, 1e-9, gravity)
+        simulation = ElasticSimulation(springs, angles, rates, 0.02, 1e-9, TILTED)
         errors.append(np.abs(simulation.record(0.6).angles - bars.angles).max())
     order = np.polyfit(np.log(stiffnesses), np.log(errors), 1)[0]
     assert order == pytest.approx(-1, abs=0.1)
@@ -413,15 +389,17 @@ def test_a_chain_at_rest_without_forces_stays_to_the_last_bit() -> None:
     assert simulation.energy_drift == 0
 
 
-@pytest.mark.parametrize('rotors', [2, 3])
-@pytest.mark.parametrize('offset', [0, 1e-10, -1e-10, 1e-5])
-def test_the_smallest_chains_move_at_the_border_of_spinning(rotors: int, offset: float) -> None:
-    chain = Chain(rotors, rotor_length=0.1 / math.sin(0.9) ** 2 * (1 + offset), rest_angle=0.9)
-    simulation = pushed(chain)
-    for _ in range(100):
-        simulation.advance()
-        assert stretch(simulation) <= 1e-12
-        assert abs(simulation.energy_drift) <= 16 * EPS
+def test_the_smallest_chains_move_at_the_border_of_spinning() -> None:
+    for offset in [0, 1e-10, -1e-10, 1e-5]:
+        for rotors in [2, 3]:
+            chain = Chain(
+                rotors, rotor_length=0.1 / math.sin(0.9) ** 2 * (1 + offset), rest_angle=0.9
+            )
+            simulation = pushed(chain)
+            for _ in range(100):
+                simulation.advance()
+                assert stretch(simulation) <= 1e-12
+                assert abs(simulation.energy_drift) <= 16 * EPS
 
 
 def test_angles_that_the_bars_do_not_allow_are_rejected_by_bar() -> None:
@@ -455,18 +433,18 @@ def test_an_impulse_without_finite_energy_is_rejected() -> None:
         simulation.kick(1e200 * np.eye(6)[2])
 
 
-@pytest.mark.parametrize('rate', [1.0, 100.0])
-def test_jammed_bars_are_reported(rate: float) -> None:
-    chain = Chain(2)
-    # A bar as long as both rotors and the spacing in one line can move to neither side.
-    fraction = (chain.spacing + 2 * chain.rotor_length) / chain.rest_length - 1
-    chain = dataclasses.replace(chain, deviations=Deviations(rest_length=(fraction,)))
-    angles = np.array([-np.pi / 2, np.pi / 2])
-    settings = RigidSettings(max_steps=50)
-    simulation = RigidSimulation(chain, angles, np.full(2, rate), settings=settings)
-    with pytest.raises(ArithmeticError, match=r'beyond t = 0 s, .*: the bars jam \('):
-        simulation.advance()
-    assert np.array_equal(simulation.angles, angles)
+def test_jammed_bars_are_reported() -> None:
+    for rate in [1.0, 100.0]:
+        chain = Chain(2)
+        # A bar as long as both rotors and the spacing in one line can move to neither side.
+        fraction = (chain.spacing + 2 * chain.rotor_length) / chain.rest_length - 1
+        chain = dataclasses.replace(chain, deviations=Deviations(rest_length=(fraction,)))
+        angles = np.array([-np.pi / 2, np.pi / 2])
+        settings = RigidSettings(max_steps=50)
+        simulation = RigidSimulation(chain, angles, np.full(2, rate), settings=settings)
+        with pytest.raises(ArithmeticError, match=r'beyond t = 0 s, .*: the bars jam \('):
+            simulation.advance()
+        assert np.array_equal(simulation.angles, angles)
 
 
 def test_a_kick_too_hard_to_follow_is_given_up_and_not_taken_for_a_jam() -> None:
@@ -477,43 +455,28 @@ def test_a_kick_too_hard_to_follow_is_given_up_and_not_taken_for_a_jam() -> None
     assert simulation.frame == 0
 
 
-@pytest.mark.parametrize('damping', [0.0, 1e-4])
 @pytest.mark.parametrize('example', CLASSES)
-def test_bars_and_forces_together_accelerate_the_rotors(
-    example: tuple[float, float], damping: float
-) -> None:
-    chain = dataclasses.replace(chain_of(example, 6), damping=damping)
-    chain = deviating(chain, 4, 0.02 * min(1, example[1]))
-    period = 1e-4
-    simulation = pushed(chain, 3.0, 1e-12, TILTED, period)
-    simulation.hold(TORQUES)
-    simulation.advance()
-    before = simulation.rates
-    simulation.advance()
-    now = simulation.link_torques
-    others = TORQUES + TILTED.torques(chain, simulation.angles) - chain.dampings * simulation.rates
-    simulation.advance()
-    turning = chain.moments_of_inertia * (simulation.rates - before) / (2 * period)
-    # The error of the difference is the jerk times the squared time scale, 1 / (30 rad/s).
-    assert now + others == pytest.approx(turning, rel=0, abs=1e-4 * float(np.abs(now).max()))
+def test_bars_and_forces_together_accelerate_the_rotors(example: tuple[float, float]) -> None:
+    for damping in [0.0, 1e-4]:
+        chain = dataclasses.replace(chain_of(example, 6), damping=damping)
+        chain = deviating(chain, 4, 0.02 * min(1, example[1]))
+        period = 1e-4
+        simulation = pushed(chain, 3.0, 1e-12, TILTED, period)
+        simulation.hold(TORQUES)
+        simulation.advance()
+        before = simulation.rates
+        simulation.advance()
+        now = simulation.link_torques
+        others = (
+            TORQUES + TILTED.torques(chain, simulation.angles) - chain.dampings * simulation.rates
+        )
+        simulation.advance()
+        turning = chain.moments_of_inertia * (simulation.rates - before) / (2 * period)
+        # The error of the difference is the jerk times the squared time scale, 1 / (30 rad/s).
+        assert now + others == pytest.approx(turning, rel=0, abs=1e-4 * float(np.abs(now).max()))
 
 
 def test_a_fixed_rotor_that_would_stop_the_bars_is_rejected() -> None:
     chain = chain_of(FLIPPER, 6)
     with pytest.raises(ValueError, match='cannot move with rotor 3 fixed; fix no rotor, or'):
         RigidSimulation(chain, chain.uniform_state(1), fixed=(3,))
-
-
-@pytest.mark.parametrize('example', CLASSES)
-def test_a_damped_chain_slows_down_by_the_damping_over_the_inertia(
-    example: tuple[float, float],
-) -> None:
-    """Where all rotors are alike the friction along the unit mode is c / I, wherever it is."""
-    bare = chain_of(example, 6)
-    chain = dataclasses.replace(bare, damping=0.8 * bare.moment_of_inertia)
-    simulation = pushed(chain)
-    start = speed(simulation)
-    for frame in range(1, 41):
-        simulation.advance()
-        expected = start * math.exp(-0.8 * frame * simulation.period)
-        assert speed(simulation) == pytest.approx(expected, rel=1e-7)

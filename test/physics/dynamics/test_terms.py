@@ -13,12 +13,10 @@ from soliton_linkage.dynamics.elastic import ElasticSimulation
 from soliton_linkage.dynamics.initial_states import with_soliton
 from soliton_linkage.dynamics.rigid import RigidSimulation
 from soliton_linkage.dynamics.terms import (
-    CompiledTerm,
     DryFriction,
     HeldTorques,
     LinearDamping,
     QuadraticDamping,
-    TorqueFunction,
 )
 from soliton_linkage.linkage.chain import Array, Chain
 from soliton_linkage.linkage.deviations import Deviations
@@ -65,19 +63,19 @@ def test_the_derivative_is_the_sum_of_the_terms(name: str) -> None:
     np.testing.assert_allclose(motion(0.0, state), np.concatenate(expected), rtol=0, atol=1e-12)
 
 
-@pytest.mark.parametrize('name', MOTIONS)
-def test_torques_of_terms_with_an_energy_are_its_gradient(name: str) -> None:
-    motion = MOTIONS[name]
-    state, number, width = lively_state(motion), motion.rotors, 1e-6
-    angles, rates = state[:number], state[number : 2 * number]
-    for term in motion.terms:
-        if isinstance(term, HeldTorques) or term.dissipative or term.active:
-            continue
-        torques = np.zeros(number)
-        assert term.add(torques, 0.0, angles, rates) == 0
-        steps = width * np.eye(number)
-        slopes = [term.energy(angles + step) - term.energy(angles - step) for step in steps]
-        np.testing.assert_allclose(torques, -np.array(slopes) / (2 * width), rtol=0, atol=1e-8)
+def test_torques_of_terms_with_an_energy_are_its_gradient() -> None:
+    for name in MOTIONS:
+        motion = MOTIONS[name]
+        state, number, width = lively_state(motion), motion.rotors, 1e-6
+        angles, rates = state[:number], state[number : 2 * number]
+        for term in motion.terms:
+            if isinstance(term, HeldTorques) or term.dissipative or term.active:
+                continue
+            torques = np.zeros(number)
+            assert term.add(torques, 0.0, angles, rates) == 0
+            steps = width * np.eye(number)
+            slopes = [term.energy(angles + step) - term.energy(angles - step) for step in steps]
+            np.testing.assert_allclose(torques, -np.array(slopes) / (2 * width), rtol=0, atol=1e-8)
 
 
 def test_a_plain_function_moves_a_chain_as_the_same_law_inside_does() -> None:
@@ -92,47 +90,42 @@ def test_a_plain_function_moves_a_chain_as_the_same_law_inside_does() -> None:
     assert abs(outside.energy_drift) < 1e-8
 
 
-@pytest.mark.parametrize('law', [DryFriction(2e-6, 0.5), lambda _t, _a, r: -1e-7 * r * abs(r)])
-def test_nonlinear_laws_keep_the_balance_of_energy(law: DryFriction | TorqueFunction) -> None:
-    simulation = by(chain_of(FLIPPER, 8), law)
-    assert simulation.dissipated > 1e-3 * simulation.energy
-    assert abs(simulation.energy_drift) < 1e-7
+def test_nonlinear_laws_keep_the_balance_of_energy() -> None:
+    for law in [DryFriction(2e-6, 0.5), lambda _t, _a, r: -1e-7 * r * abs(r)]:
+        simulation = by(chain_of(FLIPPER, 8), law)
+        assert simulation.dissipated > 1e-3 * simulation.energy
+        assert abs(simulation.energy_drift) < 1e-7
 
 
-@pytest.mark.parametrize('integrator', ['symplectic', 'DOP853'])
-@pytest.mark.parametrize(
-    'law',
-    [
+def test_all_integrators_agree_on_a_compiled_damping_law() -> None:
+    for law in [
         LinearDamping(np.full(8, DRAG)),
         DryFriction(2e-6, 0.5),
         QuadraticDamping(np.full(8, 1e-7)),
-    ],
-)
-def test_all_integrators_agree_on_a_compiled_damping_law(
-    integrator: str, law: CompiledTerm
-) -> None:
-    chain = chain_of(FLIPPER, 8)
-    exact, found = by(chain, law, tolerance=1e-13), by(chain, law, integrator=integrator)
-    np.testing.assert_allclose(found.angles, exact.angles, rtol=0, atol=2e-9)
-    np.testing.assert_allclose(found.rates, exact.rates, rtol=0, atol=2e-7)
-    assert found.dissipated == pytest.approx(exact.dissipated, rel=1e-8)
-    assert found.dissipated > 1e-3 * found.energy
-    assert abs(found.energy_drift) < 1e-8
+    ]:
+        for integrator in ['symplectic', 'DOP853']:
+            chain = chain_of(FLIPPER, 8)
+            exact, found = by(chain, law, tolerance=1e-13), by(chain, law, integrator=integrator)
+            np.testing.assert_allclose(found.angles, exact.angles, rtol=0, atol=2e-9)
+            np.testing.assert_allclose(found.rates, exact.rates, rtol=0, atol=2e-7)
+            assert found.dissipated == pytest.approx(exact.dissipated, rel=1e-8)
+            assert found.dissipated > 1e-3 * found.energy
+            assert abs(found.energy_drift) < 1e-8
 
 
-@pytest.mark.parametrize('example', [FLIPPER, SPINNER])
-@pytest.mark.parametrize('damping', [0.0, DRAG])
-def test_all_integrators_agree_on_the_work_of_motors(
-    example: tuple[float, float], damping: float
-) -> None:
-    chain = dataclasses.replace(chain_of(example, 8), non_reciprocity=1e-5, damping=damping)
-    exact = by(chain, tolerance=1e-13)
-    for integrator in ('symplectic', 'DOP853'):
-        found = by(chain, integrator=integrator)
-        np.testing.assert_allclose(found.angles, exact.angles, rtol=0, atol=2e-9)
-        assert found.dissipated == pytest.approx(exact.dissipated, rel=1e-8)
-        assert abs(found.energy_drift) < 1e-9
-    assert abs(exact.dissipated) > 1e-3 * exact.energy
+def test_all_integrators_agree_on_the_work_of_motors() -> None:
+    for damping in [0.0, DRAG]:
+        for example in [FLIPPER, SPINNER]:
+            chain = dataclasses.replace(
+                chain_of(example, 8), non_reciprocity=1e-5, damping=damping
+            )
+            exact = by(chain, tolerance=1e-13)
+            for integrator in ('symplectic', 'DOP853'):
+                found = by(chain, integrator=integrator)
+                np.testing.assert_allclose(found.angles, exact.angles, rtol=0, atol=2e-9)
+                assert found.dissipated == pytest.approx(exact.dissipated, rel=1e-8)
+                assert abs(found.energy_drift) < 1e-9
+            assert abs(exact.dissipated) > 1e-3 * exact.energy
 
 
 def test_work_of_motors_between_frames_of_a_long_step() -> None:

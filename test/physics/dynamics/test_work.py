@@ -30,30 +30,30 @@ ORDERS = [
 ]
 
 
-@pytest.mark.parametrize('damping', [0.0, 0.5])
 @pytest.mark.parametrize('mechanics', [ElasticSimulation, RigidSimulation])
 @pytest.mark.parametrize('example', [FLIPPER, WOBBLER, SPINNER])
 def test_the_balance_closes_over_a_run_with_all_that_can_act(
-    example: tuple[float, float], mechanics: type[Simulation], damping: float
+    example: tuple[float, float], mechanics: type[Simulation]
 ) -> None:
-    bare = chain_of(example, 12)
-    chain = dataclasses.replace(bare, damping=damping * bare.moment_of_inertia)
-    chain = deviating(chain, 5, 0.01)
-    state = with_soliton(chain, 4.2, 0.5)
-    simulation = mechanics(chain, state.angles, state.rates, PERIOD, 1e-12, Gravity(9.81, 0.2))
-    balance = EnergyBalance(simulation)
-    random = np.random.default_rng(2)
-    scale = bare.moment_of_inertia
-    for frame in range(90):
-        if frame % 30 == 10:
-            balance.kick(scale * random.normal(size=12))
-        if frame % 30 == 20:
-            balance.turn(Gravity(9.81, random.uniform(-0.5, 0.5)))
-        pulse = 20 * scale * random.normal(size=12) if 30 <= frame < 60 else np.zeros(12)
-        balance.advance(pulse)
-        assert balance.imbalance < 1e-9
-    assert abs(simulation.energy_drift) < 1e-9
-    assert (simulation.dissipated > 0) == (damping > 0)
+    for damping in [0.0, 0.5]:
+        bare = chain_of(example, 12)
+        chain = dataclasses.replace(bare, damping=damping * bare.moment_of_inertia)
+        chain = deviating(chain, 5, 0.01)
+        state = with_soliton(chain, 4.2, 0.5)
+        simulation = mechanics(chain, state.angles, state.rates, PERIOD, 1e-12, Gravity(9.81, 0.2))
+        balance = EnergyBalance(simulation)
+        random = np.random.default_rng(2)
+        scale = bare.moment_of_inertia
+        for frame in range(90):
+            if frame % 30 == 10:
+                balance.kick(scale * random.normal(size=12))
+            if frame % 30 == 20:
+                balance.turn(Gravity(9.81, random.uniform(-0.5, 0.5)))
+            pulse = 20 * scale * random.normal(size=12) if 30 <= frame < 60 else np.zeros(12)
+            balance.advance(pulse)
+            assert balance.imbalance < 1e-9
+        assert abs(simulation.energy_drift) < 1e-9
+        assert (simulation.dissipated > 0) == (damping > 0)
 
 
 def test_unrecorded_work_is_missing() -> None:
@@ -73,32 +73,32 @@ def test_without_energy_none_is_missing() -> None:
     assert EnergyBalance(simulation).imbalance == 0
 
 
-@pytest.mark.parametrize('example', EXAMPLES[:1] + EXAMPLES[2:3] + EXAMPLES[4:5])
 @pytest.mark.parametrize('mechanics', [ElasticSimulation, RigidSimulation])
 @pytest.mark.parametrize('order', ORDERS, ids=lambda order: order.kind.value)
 def test_the_work_entered_is_the_energy_that_the_chain_gains(
-    order: EdgeCommand, mechanics: type[Simulation], example: tuple[float, float]
+    order: EdgeCommand, mechanics: type[Simulation]
 ) -> None:
-    chain = chain_of(example, 10)
-    simulation = mechanics(chain, chain.uniform_state(-1), period=0.005)
-    drive = TorqueDrive(chain, PNEUMATICS, timeout=0.0)
-    drive.edges.command(order, Edge.FIRST, 0.0)
-    drive.joints.follow(
-        np.array([4, 2]), np.array([0.1, 0.2]), np.array([[1e-3, -2e-3], [0.0, 0.0]]), 0.0
-    )
-    ledger = TorqueLedger(10)
-    before = simulation.energy
-    for _ in range(80):
-        start, angles = simulation.time, simulation.angles
-        torques = drive.torques(angles, start, start + simulation.period).torques
-        simulation.hold(torques)
-        simulation.advance()
-        ledger.add(torques, simulation.angles - angles, simulation.period)
-    gained = simulation.energy - before
-    assert gained > 1e-6
-    assert ledger.totals.work == pytest.approx(gained, rel=1e-8)
-    assert 0 < ledger.totals.peak_torque < 0.02
-    assert 0.1 < ledger.totals.duration <= 0.4 + 1e-9
+    for example in EXAMPLES[:1] + EXAMPLES[2:3] + EXAMPLES[4:5]:
+        chain = chain_of(example, 10)
+        simulation = mechanics(chain, chain.uniform_state(-1), period=0.005)
+        drive = TorqueDrive(chain, PNEUMATICS, timeout=0.0)
+        drive.edges.command(order, Edge.FIRST, 0.0)
+        drive.joints.follow(
+            np.array([4, 2]), np.array([0.1, 0.2]), np.array([[1e-3, -2e-3], [0.0, 0.0]]), 0.0
+        )
+        ledger = TorqueLedger(10)
+        before = simulation.energy
+        for _ in range(80):
+            start, angles = simulation.time, simulation.angles
+            torques = drive.torques(angles, start, start + simulation.period).torques
+            simulation.hold(torques)
+            simulation.advance()
+            ledger.add(torques, simulation.angles - angles, simulation.period)
+        gained = simulation.energy - before
+        assert gained > 1e-6
+        assert ledger.totals.work == pytest.approx(gained, rel=1e-8)
+        assert 0 < ledger.totals.peak_torque < 0.02
+        assert 0.1 < ledger.totals.duration <= 0.4 + 1e-9
 
 
 def test_a_torque_of_known_size_gives_its_impulse() -> None:

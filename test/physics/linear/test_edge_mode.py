@@ -9,62 +9,65 @@ from chains import EXAMPLES, FLIPPER, chain_of
 from linkage_motion import wall_between
 
 from soliton_linkage.dynamics.elastic import simulate
-from soliton_linkage.linear.rigidity import Edge, edge_mode, mode_towards_last, resolved_edge_mode
+from soliton_linkage.linear.rigidity import Edge, edge_mode, mode_towards_last
 from soliton_linkage.linkage.chain import Motion
 from soliton_linkage.solitons.track import follow
 
 
-@pytest.mark.parametrize('example', EXAMPLES)
-def test_the_nearest_edge_is_the_one_that_the_wall_is_nearer_to(
-    example: tuple[float, float],
-) -> None:
-    chain = chain_of(example, 20)
-    for rotor, nearest in ((3, Edge.FIRST), (15, Edge.LAST)):
-        assert Edge.NEAREST.resolved(chain, wall_between(chain, rotor)) is nearest
-    assert Edge.NEAREST.resolved(chain, chain.uniform_state(-1)) is Edge.FIRST
-    assert Edge.NEAREST.resolved(chain, chain.uniform_state(1)) is Edge.LAST
+def test_the_nearest_edge_is_the_one_that_the_wall_is_nearer_to() -> None:
+    for example in EXAMPLES:
+        chain = chain_of(example, 20)
+        for rotor, nearest in ((3, Edge.FIRST), (15, Edge.LAST)):
+            assert Edge.NEAREST.resolved(chain, wall_between(chain, rotor)) is nearest
+        assert Edge.NEAREST.resolved(chain, chain.uniform_state(-1)) is Edge.FIRST
+        assert Edge.NEAREST.resolved(chain, chain.uniform_state(1)) is Edge.LAST
 
 
-@pytest.mark.parametrize('edge', [Edge.FIRST, Edge.LAST])
-def test_an_edge_that_is_named_is_meant_wherever_the_wall_is(edge: Edge) -> None:
-    chain = chain_of(FLIPPER, 20)
-    for rotor in (3, 15):
-        assert edge.resolved(chain, wall_between(chain, rotor)) is edge
+def test_an_edge_that_is_named_is_meant_wherever_the_wall_is() -> None:
+    for edge in [Edge.FIRST, Edge.LAST]:
+        chain = chain_of(FLIPPER, 20)
+        for rotor in (3, 15):
+            assert edge.resolved(chain, wall_between(chain, rotor)) is edge
 
 
-@pytest.mark.parametrize(('lean', 'rotors'), [(-1, 12), (1, 13)])
-@pytest.mark.parametrize('sense', [-1, 1])
 @pytest.mark.parametrize('example', EXAMPLES)
 def test_a_push_or_a_pull_at_an_edge_sends_the_wall_across_the_chain(
-    example: tuple[float, float], sense: int, lean: int, rotors: int
+    example: tuple[float, float],
 ) -> None:
-    chain = chain_of(example, rotors)
-    start = chain.uniform_state(lean)
-    speed = 0.8 if chain.motion is Motion.SPINNER else 0.06
-    rate = sense * speed * chain.spacing / chain.rotor_length / chain.time_unit
-    duration = 120 * chain.time_unit
-    recording = simulate(
-        chain, start, rate * edge_mode(chain, start, Edge.NEAREST), duration, duration / 40, 1e-6
-    )
-    places = follow(chain, recording).sites
-    seen = places[np.isfinite(places)]
-    from_edge = seen if lean < 0 else rotors - 1 - seen
-    assert from_edge[0] < rotors / 3
-    assert from_edge.max() > from_edge[0] + 1
+    for sense in [-1, 1]:
+        for lean, rotors in [(-1, 12), (1, 13)]:
+            chain = chain_of(example, rotors)
+            start = chain.uniform_state(lean)
+            speed = 0.8 if chain.motion is Motion.SPINNER else 0.06
+            rate = sense * speed * chain.spacing / chain.rotor_length / chain.time_unit
+            duration = 120 * chain.time_unit
+            recording = simulate(
+                chain,
+                start,
+                rate * edge_mode(chain, start, Edge.NEAREST),
+                duration,
+                duration / 40,
+                1e-6,
+            )
+            places = follow(chain, recording).sites
+            seen = places[np.isfinite(places)]
+            from_edge = seen if lean < 0 else rotors - 1 - seen
+            assert from_edge[0] < rotors / 3
+            assert from_edge.max() > from_edge[0] + 1
 
 
-@pytest.mark.parametrize('example', EXAMPLES)
-def test_a_push_at_either_edge_points_away_from_it(example: tuple[float, float]) -> None:
-    chain = chain_of(example, 20)
-    near_first, near_last = wall_between(chain, 3), wall_between(chain, 15)
-    for angles, edge, sense in (
-        (near_first, Edge.FIRST, 1),
-        (near_first, Edge.NEAREST, 1),
-        (near_last, Edge.LAST, -1),
-        (near_last, Edge.NEAREST, -1),
-    ):
-        towards_last = mode_towards_last(chain, angles)
-        assert np.array_equal(edge_mode(chain, angles, edge), sense * towards_last)
+def test_a_push_at_either_edge_points_away_from_it() -> None:
+    for example in EXAMPLES:
+        chain = chain_of(example, 20)
+        near_first, near_last = wall_between(chain, 3), wall_between(chain, 15)
+        for angles, edge, sense in (
+            (near_first, Edge.FIRST, 1),
+            (near_first, Edge.NEAREST, 1),
+            (near_last, Edge.LAST, -1),
+            (near_last, Edge.NEAREST, -1),
+        ):
+            towards_last = mode_towards_last(chain, angles)
+            assert np.array_equal(edge_mode(chain, angles, edge), sense * towards_last)
 
 
 def test_an_edge_that_the_mode_is_far_from_is_rejected_unless_it_may_be_anywhere() -> None:
@@ -78,13 +81,3 @@ def test_an_edge_that_the_mode_is_far_from_is_rejected_unless_it_may_be_anywhere
         edge_mode(chain, angles, Edge.LAST)
     pushed = edge_mode(chain, angles, Edge.LAST, anywhere=True)
     assert np.array_equal(pushed, -mode_towards_last(chain, angles))
-
-
-@pytest.mark.parametrize('rotor', [3, 15])
-@pytest.mark.parametrize('edge', list(Edge))
-def test_the_edge_of_a_mode_is_the_one_that_is_meant(edge: Edge, rotor: int) -> None:
-    chain = chain_of(FLIPPER, 20)
-    angles = wall_between(chain, rotor)
-    end, mode = resolved_edge_mode(chain, angles, edge, anywhere=True)
-    assert end is edge.resolved(chain, angles)
-    assert np.array_equal(mode, edge_mode(chain, angles, end, anywhere=True))

@@ -16,8 +16,6 @@ from chains import (
     SPINNER,
     STRONG_WOBBLER,
     WIDE_SPINNER,
-    WOBBLER,
-    any_chain,
     any_configuration,
     chain_of,
 )
@@ -30,22 +28,18 @@ from deviating_chains import (
 )
 from hypothesis import assume, given
 from hypothesis import strategies as st
-from linkage_motion import closed_orbit, walls_over_a_site
+from linkage_motion import closed_orbit
 
-from soliton_linkage.linear.bands import couplings, winding_number
+from soliton_linkage.linear.bands import couplings
 from soliton_linkage.linear.rigidity import (
-    dynamical_matrix,
     mode_centre,
-    mode_towards_last,
     rigidity_bands,
     rigidity_matrix,
     states_of_self_stress,
     zero_mode,
     zero_modes,
 )
-from soliton_linkage.linear.statics import rest_state
-from soliton_linkage.linkage.chain import Array, Chain, Motion, staggered
-from soliton_linkage.solitons.tanh_fit import find_solitons
+from soliton_linkage.linkage.chain import Array, Chain, staggered
 
 SMALLEST = float(np.finfo(np.float64).tiny)
 
@@ -160,44 +154,27 @@ def test_the_zero_mode_is_the_vector_of_maximal_minors(
     assert zero_mode(chain, angles) == pytest.approx(maximal_minors(chain, angles), abs=limit)
 
 
-@given(any_chain(most=40), st.sampled_from([-1, 1]))
-def test_a_uniform_state_has_exactly_one_zero_mode_at_the_edge_of_the_winding_number(
-    chain: Chain, lean: int
-) -> None:
-    angles = chain.uniform_state(lean)
-    plus, minus = map(abs, couplings(chain))
-    singular = np.linalg.svd(rigidity_matrix(chain, angles).toarray(), compute_uv=False)
-    # The free chain's spectrum: no length can be kept but by the one mode of N angles that
-    # N - 1 springs leave.
-    assert singular.min() >= abs(plus - minus) - 100 * EPS * (plus + minus)
-    assume(abs(plus - minus) > 1e4 * EPS * (plus + minus))
-    middle = (chain.number_of_rotors - 1) / 2
-    centre = mode_centre(zero_mode(chain, angles))
-    assert (centre < middle) == (winding_number(chain, lean) == 1)
-    assert (centre > middle) == (winding_number(chain, lean) == 0)
-
-
-@pytest.mark.parametrize('rotors', [2, 3, 4, 10_000])
 @pytest.mark.parametrize('example', EXAMPLES)
-@pytest.mark.parametrize('lean', [-1, 1])
 def test_the_zero_mode_of_a_uniform_state_decays_by_the_ratio_of_the_couplings(
-    example: tuple[float, float], rotors: int, lean: int
+    example: tuple[float, float],
 ) -> None:
-    chain = chain_of(example, rotors)
-    plus, minus = map(abs, couplings(chain))
-    mode = zero_mode(chain, chain.uniform_state(lean))
-    from_edge = np.abs(mode if lean < 0 else mode[::-1])
-    places = np.arange(rotors)
-    expected = np.exp(places * np.log(minus / plus))
-    expected /= np.linalg.norm(expected)
-    seen = expected > SMALLEST / EPS
-    # Couplings of the state are rounded by 32 EPS at most, and n of them multiplied.
-    allowed = 64 * EPS * (places + 1) * max(1, plus / (plus - minus))
-    assert (np.abs(from_edge[seen] / expected[seen] - 1) <= allowed[seen]).all()
-    assert leftovers(chain, chain.uniform_state(lean), mode).max() <= 4 * EPS
+    for lean in [-1, 1]:
+        for rotors in [2, 3, 4, 10_000]:
+            chain = chain_of(example, rotors)
+            plus, minus = map(abs, couplings(chain))
+            mode = zero_mode(chain, chain.uniform_state(lean))
+            from_edge = np.abs(mode if lean < 0 else mode[::-1])
+            places = np.arange(rotors)
+            expected = np.exp(places * np.log(minus / plus))
+            expected /= np.linalg.norm(expected)
+            seen = expected > SMALLEST / EPS
+            # Couplings of the state are rounded by 32 EPS at most, and n of them multiplied.
+            allowed = 64 * EPS * (places + 1) * max(1, plus / (plus - minus))
+            assert (np.abs(from_edge[seen] / expected[seen] - 1) <= allowed[seen]).all()
+            assert leftovers(chain, chain.uniform_state(lean), mode).max() <= 4 * EPS
 
 
-@pytest.mark.parametrize('example', [FLIPPER, STRONG_WOBBLER, WIDE_SPINNER])
+@pytest.mark.parametrize('example', [STRONG_WOBBLER, WIDE_SPINNER])
 def test_ten_thousand_rotors_in_disorder_have_the_zero_mode_of_exact_arithmetic(
     example: tuple[float, float],
 ) -> None:
@@ -243,7 +220,7 @@ def test_the_centre_of_a_mode_is_reflected_with_the_chain(
 @pytest.mark.parametrize(
     ('example', 'rotors'),
     [
-        *((example, rotors) for example in EXAMPLES for rotors in (3, 10)),
+        *((example, 10) for example in EXAMPLES),
         (FLIPPER, 2),
         (SPINNER, 11),
     ],
@@ -260,57 +237,10 @@ def test_the_zero_mode_turns_without_a_jump_along_the_whole_orbit_of_the_linkage
     assert np.abs(chain.spring_extensions(orbit)).max() < 1e-7 * chain.rotor_length
 
 
-@pytest.mark.parametrize('rotors', [2, 3, 10, 11])
-@pytest.mark.parametrize('example', EXAMPLES)
-def test_the_wall_turns_back_at_each_edge_once_a_round_trip(
-    example: tuple[float, float], rotors: int
-) -> None:
-    chain = chain_of(example, rotors)
-    orbit = closed_orbit(chain)
-    senses = [
-        np.sign(mode_towards_last(chain, angles) @ zero_mode(chain, angles)) for angles in orbit
-    ]
-    round_trips = 1 if chain.motion is Motion.SPINNER else 2
-    assert np.count_nonzero(np.diff(senses)) == 2 * round_trips
-
-
-@pytest.mark.parametrize('rotors', [10, 11])
-@pytest.mark.parametrize('example', EXAMPLES)
-def test_a_push_towards_the_last_rotor_moves_the_wall_there(
-    example: tuple[float, float], rotors: int
-) -> None:
-    chain = chain_of(example, rotors)
-    seen = 0
-    for angles in closed_orbit(chain)[::5]:
-        push = 1e-4 * mode_towards_last(chain, angles)
-        walls = [find_solitons(chain, angles + sign * push) for sign in (-1, 1)]
-        if all(len(found) == 1 for found in walls):
-            assert walls[1][0].rotor > walls[0][0].rotor
-            seen += 1
-    assert seen > 10
-
-
-@pytest.mark.parametrize('rotors', [20, 21])
-@pytest.mark.parametrize('turned', [False, True])
-@pytest.mark.parametrize('crossed', [False, True])
-@pytest.mark.parametrize('example', EXAMPLES)
-def test_walls_move_on_by_a_spacing_towards_the_last_rotor_and_keep_every_length(
-    example: tuple[float, float], crossed: bool, turned: bool, rotors: int
-) -> None:
-    chain = chain_of(example, rotors)
-    walls, arc = walls_over_a_site(chain, rotors // 2, turned, crossed, samples=5)
-    assert np.abs(chain.spring_extensions(walls)).max() < 1e-8 * chain.rotor_length
-    modes = np.array([mode_towards_last(chain, angles) for angles in walls[:-1]])
-    chords = np.diff(walls, axis=0)
-    assert np.sum(modes * chords, axis=1).min() > 0
-    assert np.linalg.norm(chords, axis=1).sum() == pytest.approx(arc, rel=0.05)
-
-
 @pytest.mark.parametrize(
     ('example', 'last'),
     [
-        *((FLIPPER, last) for last in (79_999.0, 79_999.6, 80_000.6)),
-        (STRONG_WOBBLER, 79_999.6),
+        (FLIPPER, 79_999.0),
         (WIDE_SPINNER, 80_000.6),
     ],
 )
@@ -353,53 +283,30 @@ def test_zero_modes_outnumber_states_of_self_stress_as_rotors_outnumber_springs(
         assert basis.T @ basis == pytest.approx(np.eye(basis.shape[1]), abs=32 * EPS)
 
 
-@pytest.mark.parametrize('seed', range(4))
-@pytest.mark.parametrize(('m', 'n'), [(0, 0), (3, 3), (0, 7), (2, 3), (1, 6)])
-def test_rotors_that_point_outwards_trap_a_stress_between_them_and_free_a_motion(
-    m: int, n: int, seed: int
-) -> None:
-    chain = chain_of((0.4, 0.8), 9)
-    angles = trapping(chain, m, n, seed)
-    first, second = rigidity_bands(chain, angles)
-    assert max(abs(first[m]), abs(second[n])) <= 8 * EPS * chain.rotor_length
-    assert zero_modes(chain, angles).shape[1] == 2
-    stresses = states_of_self_stress(chain, angles)
-    assert stresses.shape[1] == 1
-    outside = np.delete(stresses[:, 0], np.arange(m, n + 1))
-    assert np.abs(outside).max(initial=0) <= 1e-10
-    mode = zero_mode(chain, angles)
-    assert np.abs(rigidity_matrix(chain, angles) @ mode).max() <= 8 * EPS * chain.rotor_length
+def test_rotors_that_point_outwards_trap_a_stress_between_them_and_free_a_motion() -> None:
+    for m, n in [(0, 0), (3, 3), (0, 7), (2, 3), (1, 6)]:
+        for seed in range(2):
+            chain = chain_of((0.4, 0.8), 9)
+            angles = trapping(chain, m, n, seed)
+            first, second = rigidity_bands(chain, angles)
+            assert max(abs(first[m]), abs(second[n])) <= 8 * EPS * chain.rotor_length
+            assert zero_modes(chain, angles).shape[1] == 2
+            stresses = states_of_self_stress(chain, angles)
+            assert stresses.shape[1] == 1
+            outside = np.delete(stresses[:, 0], np.arange(m, n + 1))
+            assert np.abs(outside).max(initial=0) <= 1e-10
+            mode = zero_mode(chain, angles)
+            assert (
+                np.abs(rigidity_matrix(chain, angles) @ mode).max() <= 8 * EPS * chain.rotor_length
+            )
 
 
-@pytest.mark.parametrize('example', EXAMPLES)
-@pytest.mark.parametrize('seed', range(3))
-def test_a_ring_that_is_its_own_mirror_image_has_one_of_each(
-    example: tuple[float, float], seed: int
-) -> None:
-    # There B_n = -A_{N-2-n}, so that det R = A_0 A_1 ... - B_0 B_1 ... vanishes.
-    ring = dataclasses.replace(chain_of(example, 8), periodic=True)
-    half = np.random.default_rng(seed).uniform(-3, 3, 4)
-    angles = np.concatenate([half, -half[::-1]])
-    assert zero_modes(ring, angles).shape[1] == 1
-    assert states_of_self_stress(ring, angles).shape[1] == 1
-
-
-@pytest.mark.parametrize('periodic', [False, True])
-@pytest.mark.parametrize('example', [FLIPPER, WOBBLER, SPINNER])
-def test_the_dynamical_matrix_is_the_stiffness_of_relaxed_springs_over_the_inertia(
-    example: tuple[float, float], periodic: bool
-) -> None:
-    even = dataclasses.replace(chain_of(example, 8), periodic=periodic)
-    chain = deviating(even, seed=2, largest=0.01)
-    angles = rest_state(chain, 1)
-    roots = np.sqrt(chain.moments_of_inertia)
-    matrix = dynamical_matrix(chain, angles).toarray()
-    estimates = []
-    for step in (4e-3, 2e-3):
-        shifts = step * np.eye(8)
-        change = chain.spring_torques(angles - shifts) - chain.spring_torques(angles + shifts)
-        estimates.append(change / (2 * step) / np.outer(roots, roots))
-    errors = [np.abs(estimate - matrix).max() for estimate in estimates]
-    assert np.log2(errors[0] / errors[1]) == pytest.approx(2, abs=0.05)
-    extrapolated = (4 * estimates[1] - estimates[0]) / 3
-    assert np.abs(extrapolated - matrix).max() <= 0.01 * errors[1]
+def test_a_ring_that_is_its_own_mirror_image_has_one_of_each() -> None:
+    for seed in range(3):
+        for example in EXAMPLES:
+            # There B_n = -A_{N-2-n}, so that det R = A_0 A_1 ... - B_0 B_1 ... vanishes.
+            ring = dataclasses.replace(chain_of(example, 8), periodic=True)
+            half = np.random.default_rng(seed).uniform(-3, 3, 4)
+            angles = np.concatenate([half, -half[::-1]])
+            assert zero_modes(ring, angles).shape[1] == 1
+            assert states_of_self_stress(ring, angles).shape[1] == 1

@@ -6,7 +6,6 @@ from __future__ import annotations
 import dataclasses
 import math
 import re
-from collections.abc import Callable
 
 import numpy as np
 import pytest
@@ -102,20 +101,18 @@ def test_the_smallest_change_is_that_of_the_pseudo_inverse(
     )
 
 
-@pytest.mark.parametrize('periodic', [False, True])
-@pytest.mark.parametrize('example', EXAMPLES)
-def test_unstretched_relaxes_every_spring_and_moves_nothing_that_is(
-    example: tuple[float, float], periodic: bool
-) -> None:
-    for rotors in (2, 4, 30):
-        bare = dataclasses.replace(chain_of(example, rotors), periodic=periodic)
-        chain = deviating(bare, rotors, 0.01)
-        near = chain.uniform_state(-1) + 0.02 * np.sin(np.arange(rotors))
-        found = unstretched(chain, near)
-        assert relaxed(chain, found)
-        again = unstretched(chain, found)
-        assert np.array_equal(again, found)
-        assert again is not found
+def test_unstretched_relaxes_every_spring_and_moves_nothing_that_is() -> None:
+    for example in EXAMPLES:
+        for periodic in [False, True]:
+            for rotors in (2, 4, 30):
+                bare = dataclasses.replace(chain_of(example, rotors), periodic=periodic)
+                chain = deviating(bare, rotors, 0.01)
+                near = chain.uniform_state(-1) + 0.02 * np.sin(np.arange(rotors))
+                found = unstretched(chain, near)
+                assert relaxed(chain, found)
+                again = unstretched(chain, found)
+                assert np.array_equal(again, found)
+                assert again is not found
 
 
 @pytest.mark.parametrize('example', EXAMPLES)
@@ -147,22 +144,21 @@ def test_without_deviations_the_rest_state_is_the_uniform_state(
     assert np.array_equal(rest_state(chain, lean), chain.uniform_state(lean))
 
 
-@pytest.mark.parametrize('lean', LEANS)
-@pytest.mark.parametrize('example', EXAMPLES)
-def test_rest_states_move_in_proportion_to_small_deviations(
-    example: tuple[float, float], lean: int
-) -> None:
-    chain = chain_of(example, 20)
-    moves = []
-    for largest in (1e-4, 1e-5):
-        drawn = deviating(chain, 9, largest)
-        rest = rest_state(drawn, lean)
-        assert relaxed(drawn, rest)
-        moves.append((rest - chain.uniform_state(lean)) / largest)
-    size = float(np.abs(moves[1]).max())
-    # The second order: (1 + size)^2 times the fraction, and curvatures of the smaller gaps.
-    assert moves[0] == pytest.approx(moves[1], rel=0, abs=100 * 1e-4 * (1 + size) ** 2)
-    assert size > 0.1
+def test_rest_states_move_in_proportion_to_small_deviations() -> None:
+    for example in EXAMPLES:
+        for lean in LEANS:
+            chain = chain_of(example, 20)
+            moves = []
+            for largest in (1e-4, 1e-5):
+                drawn = deviating(chain, 9, largest)
+                rest = rest_state(drawn, lean)
+                assert relaxed(drawn, rest)
+                moves.append((rest - chain.uniform_state(lean)) / largest)
+            size = float(np.abs(moves[1]).max())
+            # The second order: (1 + size)^2 times the fraction, and curvatures of the smaller
+            # gaps.
+            assert moves[0] == pytest.approx(moves[1], rel=0, abs=100 * 1e-4 * (1 + size) ** 2)
+            assert size > 0.1
 
 
 def antikink(spacings: float, chain: Chain) -> Array:
@@ -177,71 +173,55 @@ def antikink(spacings: float, chain: Chain) -> Array:
     return staggered(np.arcsin(lean * profile / chain.rotor_length))
 
 
-def energy_of_antikink(rest_angle: float, rotors: int) -> tuple[float, float]:
-    """Energy over (16/3) k_e a ub^3 / lbar^2 of an anti-kink in a ring, and its lean ratio."""
-    chain = dataclasses.replace(chain_of((0.5, rest_angle), rotors), periodic=True)
-    found = equilibrium(chain, antikink(rotors // 4 - 0.5, chain))
-    scale = float(chain.stiffness * chain.rest_length * chain.rotor_length)
-    assert np.abs(chain.spring_torques(found)).max() <= 1e-12 * scale
-    lean = chain.rotor_length * math.sin(rest_angle)
-    continuum = 16 / 3 * chain.stiffness * chain.spacing * lean**3 / chain.rest_length**2
-    return float(chain.elastic_energy(found)) / continuum, chain.lean_ratio
+def test_a_free_chain_near_rest_is_balanced_with_every_spring_relaxed() -> None:
+    for example in EXAMPLES:
+        for lean in LEANS:
+            chain = deviating(chain_of(example, 8), 2, 0.01)
+            start = rest_state(chain, lean) + 0.01 * np.sin(5 * np.arange(8))
+            found = equilibrium(chain, start)
+            # Torques below 1e-12 leave extensions of that over the levers, none under a tenth of r
+            # here.
+            scale = (
+                1e-12
+                * chain.rest_lengths.max()
+                / chain.stiffnesses.min()
+                * chain.stiffnesses.max()
+            )
+            assert np.abs(chain.spring_extensions(found)).max() <= 100 * scale
+            assert np.abs(found - start).max() <= 0.1
 
 
-def test_an_antikink_in_a_ring_has_the_energy_of_the_continuum_up_to_d_squared() -> None:
-    ratios, leans = np.transpose(
-        [
-            energy_of_antikink(angle, rotors)
-            for angle, rotors in ((0.05, 400), (0.1, 200), (0.2, 120))
-        ]
-    )
-    order = np.polyfit(np.log(leans), np.log(1 - ratios), 1)[0]
-    assert order == pytest.approx(2, abs=0.02)
+def test_balance_is_found_at_second_order() -> None:
+    for example in [FLIPPER, SPINNER]:
+        chain = dataclasses.replace(chain_of(example, 6), periodic=True)
+        chain = deviating(chain, 3, 0.02)
+        rest = rest_state(chain, 1)
+        for distance in (1e-2, 1e-3):
+            found = equilibrium(chain, rest + distance * np.sin(np.arange(6)))
+            assert found == pytest.approx(rest, rel=0, abs=1e-9)
 
 
-@pytest.mark.parametrize('lean', LEANS)
-@pytest.mark.parametrize('example', EXAMPLES)
-def test_a_free_chain_near_rest_is_balanced_with_every_spring_relaxed(
-    example: tuple[float, float], lean: int
-) -> None:
-    chain = deviating(chain_of(example, 8), 2, 0.01)
-    start = rest_state(chain, lean) + 0.01 * np.sin(5 * np.arange(8))
-    found = equilibrium(chain, start)
-    # Torques below 1e-12 leave extensions of that over the levers, none under a tenth of r here.
-    scale = 1e-12 * chain.rest_lengths.max() / chain.stiffnesses.min() * chain.stiffnesses.max()
-    assert np.abs(chain.spring_extensions(found)).max() <= 100 * scale
-    assert np.abs(found - start).max() <= 0.1
+def test_a_spring_that_cannot_be_relaxed_is_named() -> None:
+    for rotors in [2, 5]:
+        for fraction in [-0.6, 1.0]:
+            spring = rotors - 2
+            fractions = (0.0,) * spring + (fraction,)
+            chain = Chain(rotors, rotor_length=0.01, deviations=Deviations(rest_length=fractions))
+            longest = chain.spacing + 2 * chain.rotor_length
+            assert not longest - 4 * chain.rotor_length < chain.rest_lengths[spring] < longest
+            complaint = (
+                rf'spring {spring} between rotors {spring} and {spring + 1} .*: no configuration'
+            )
+            with pytest.raises(ValueError, match=complaint):
+                rest_state(chain, 1)
 
 
-@pytest.mark.parametrize('example', [FLIPPER, SPINNER])
-def test_balance_is_found_at_second_order(example: tuple[float, float]) -> None:
-    chain = dataclasses.replace(chain_of(example, 6), periodic=True)
-    chain = deviating(chain, 3, 0.02)
-    rest = rest_state(chain, 1)
-    for distance in (1e-2, 1e-3):
-        found = equilibrium(chain, rest + distance * np.sin(np.arange(6)))
-        assert found == pytest.approx(rest, rel=0, abs=1e-9)
-
-
-@pytest.mark.parametrize('fraction', [-0.6, 1.0])
-@pytest.mark.parametrize('rotors', [2, 5])
-def test_a_spring_that_cannot_be_relaxed_is_named(rotors: int, fraction: float) -> None:
-    spring = rotors - 2
-    fractions = (0.0,) * spring + (fraction,)
-    chain = Chain(rotors, rotor_length=0.01, deviations=Deviations(rest_length=fractions))
-    longest = chain.spacing + 2 * chain.rotor_length
-    assert not longest - 4 * chain.rotor_length < chain.rest_lengths[spring] < longest
-    complaint = rf'spring {spring} between rotors {spring} and {spring + 1} .*: no configuration'
-    with pytest.raises(ValueError, match=complaint):
-        rest_state(chain, 1)
-
-
-@pytest.mark.parametrize('angle', [0.0, np.pi / 2])
-def test_a_ring_with_a_state_of_self_stress_is_not_relaxed(angle: float) -> None:
-    # Whether a singular matrix is found to be one is up to rounding.
-    complaint = r'self-stress at \[.*\] rad|spring \d .* stays .*: no configuration'
-    with pytest.raises(ValueError, match=complaint):
-        unstretched(Chain(4, periodic=True), np.full(4, angle))
+def test_a_ring_with_a_state_of_self_stress_is_not_relaxed() -> None:
+    for angle in [0.0, np.pi / 2]:
+        # Whether a singular matrix is found to be one is up to rounding.
+        complaint = r'self-stress at \[.*\] rad|spring \d .* stays .*: no configuration'
+        with pytest.raises(ValueError, match=complaint):
+            unstretched(Chain(4, periodic=True), np.full(4, angle))
 
 
 def test_a_chain_with_a_motion_that_nothing_resists_has_no_balance() -> None:
@@ -269,41 +249,41 @@ def test_torques_are_in_balance_or_rejected_by_rotor() -> None:
         assert re.match(r'the torque on rotor \d+ stays .* N m: there is no equilibrium', refusal)
 
 
-@pytest.mark.parametrize('law', [unstretched, equilibrium])
-def test_angles_that_do_not_fit_are_rejected(law: Callable[[Chain, Array], Array]) -> None:
-    with pytest.raises(ValueError, match=r'angles of shape \(3,\) do not fit a chain of 4 rotors'):
-        law(Chain(4), np.zeros(3))
-    with pytest.raises(ValueError, match='angle of rotor 1 = nan must be a finite number'):
-        law(Chain(4), np.array([0, math.nan, 0, 0]))
+def test_angles_that_do_not_fit_are_rejected() -> None:
+    for law in [unstretched, equilibrium]:
+        with pytest.raises(
+            ValueError, match=r'angles of shape \(3,\) do not fit a chain of 4 rotors'
+        ):
+            law(Chain(4), np.zeros(3))
+        with pytest.raises(ValueError, match='angle of rotor 1 = nan must be a finite number'):
+            law(Chain(4), np.array([0, math.nan, 0, 0]))
 
 
-@pytest.mark.parametrize('edge', [Edge.FIRST, Edge.LAST])
-@pytest.mark.parametrize('example', EXAMPLES)
-def test_a_toggled_edge_rotor_keeps_its_bar_and_toggles_back(
-    example: tuple[float, float], edge: Edge
-) -> None:
-    lengths = Deviations(rest_length=(0.02, -0.01, 0.01, 0.0, 0.02, -0.02, 0.01))
-    for chain in (
-        chain_of(example, 8),
-        dataclasses.replace(chain_of(example, 8), deviations=lengths),
-    ):
-        angles = rest_state(chain, 1)
-        toggled, rotor = angles.copy(), 0 if edge is Edge.FIRST else -1
-        toggled[rotor] = toggled_angle(chain, angles, edge)
-        assert np.abs(chain.spring_extensions(toggled)).max() <= 4 * length_rounding(chain)
-        again = math.remainder(toggled_angle(chain, toggled, edge) - angles[rotor], math.tau)
-        assert abs(again) < 1e-11
+def test_a_toggled_edge_rotor_keeps_its_bar_and_toggles_back() -> None:
+    for example in EXAMPLES:
+        for edge in [Edge.FIRST, Edge.LAST]:
+            lengths = Deviations(rest_length=(0.02, -0.01, 0.01, 0.0, 0.02, -0.02, 0.01))
+            for chain in (
+                chain_of(example, 8),
+                dataclasses.replace(chain_of(example, 8), deviations=lengths),
+            ):
+                angles = rest_state(chain, 1)
+                toggled, rotor = angles.copy(), 0 if edge is Edge.FIRST else -1
+                toggled[rotor] = toggled_angle(chain, angles, edge)
+                assert np.abs(chain.spring_extensions(toggled)).max() <= 4 * length_rounding(chain)
+                again = math.remainder(
+                    toggled_angle(chain, toggled, edge) - angles[rotor], math.tau
+                )
+                assert abs(again) < 1e-11
 
 
-@pytest.mark.parametrize('turned', [False, True])
-@pytest.mark.parametrize('rotors', [20, 21])
-def test_toggling_an_edge_rotor_leads_to_the_leg_beyond_its_reflection(
-    rotors: int, turned: bool
-) -> None:
-    chain = chain_of(FLIPPER, rotors)
-    # Leg 0 ends at the last rotor, 1 at the first, 2 at the last and 3 at the first.
-    for leg, edge in enumerate([Edge.LAST, Edge.FIRST, Edge.LAST, Edge.FIRST]):
-        angles = static_wall(chain, 9.3, leg, turned)
-        angles[0 if edge is Edge.FIRST else -1] = toggled_angle(chain, angles, edge)
-        following = static_wall(chain, 9.3, (leg + 1) % 4, turned)
-        assert np.cos(angles - following) == pytest.approx(1.0, abs=1e-15)
+def test_toggling_an_edge_rotor_leads_to_the_leg_beyond_its_reflection() -> None:
+    for rotors in [20, 21]:
+        for turned in [False, True]:
+            chain = chain_of(FLIPPER, rotors)
+            # Leg 0 ends at the last rotor, 1 at the first, 2 at the last and 3 at the first.
+            for leg, edge in enumerate([Edge.LAST, Edge.FIRST, Edge.LAST, Edge.FIRST]):
+                angles = static_wall(chain, 9.3, leg, turned)
+                angles[0 if edge is Edge.FIRST else -1] = toggled_angle(chain, angles, edge)
+                following = static_wall(chain, 9.3, (leg + 1) % 4, turned)
+                assert np.cos(angles - following) == pytest.approx(1.0, abs=1e-15)

@@ -27,16 +27,16 @@ def readings(reader: Encoders, frames: int = 200) -> Array:
     return np.array([reader.read(frame, ANGLES)[0] for frame in range(frames)])
 
 
-@pytest.mark.parametrize('noise', [1e-6, 0.01, 0.05, 2.0])
-def test_noise_is_white_and_normal_with_the_deviation_asked_for(noise: float) -> None:
-    drawn = (readings(encoders(noise=noise, seed=3)) - ANGLES) / noise
-    count = drawn.size
-    # Five standard errors of each moment of a normal draw.
-    assert abs(drawn.mean()) < 5 / math.sqrt(count)
-    assert abs(drawn.var() - 1) < 5 * math.sqrt(2 / count)
-    assert abs((drawn**4).mean() - 3) < 5 * math.sqrt(96 / count)
-    for shifted in (drawn[1:] * drawn[:-1], drawn[:, 1:] * drawn[:, :-1]):
-        assert abs(shifted.mean()) < 5 / math.sqrt(shifted.size)
+def test_noise_is_white_and_normal_with_the_deviation_asked_for() -> None:
+    for noise in [1e-6, 0.01, 0.05, 2.0]:
+        drawn = (readings(encoders(noise=noise, seed=3)) - ANGLES) / noise
+        count = drawn.size
+        # Five standard errors of each moment of a normal draw.
+        assert abs(drawn.mean()) < 5 / math.sqrt(count)
+        assert abs(drawn.var() - 1) < 5 * math.sqrt(2 / count)
+        assert abs((drawn**4).mean() - 3) < 5 * math.sqrt(96 / count)
+        for shifted in (drawn[1:] * drawn[:-1], drawn[:, 1:] * drawn[:, :-1]):
+            assert abs(shifted.mean()) < 5 / math.sqrt(shifted.size)
 
 
 @given(SEEDS)
@@ -49,11 +49,11 @@ def test_the_noise_of_a_frame_depends_on_the_seed_and_its_number_alone(seed: int
     assert not np.array_equal(other.read(2, ANGLES)[0], expected)
 
 
-@pytest.mark.parametrize('step', [2 * math.pi / 4096, 0.1, 1.0])
-def test_quantised_readings_are_whole_steps_and_within_half_of_one(step: float) -> None:
-    reading, _ = encoders(quantisation=step).read(0, ANGLES)
-    assert reading / step == pytest.approx(np.round(reading / step), rel=0, abs=1e-9)
-    assert np.abs(reading - ANGLES).max() <= step / 2 * (1 + 1e-9)
+def test_quantised_readings_are_whole_steps_and_within_half_of_one() -> None:
+    for step in [2 * math.pi / 4096, 0.1, 1.0]:
+        reading, _ = encoders(quantisation=step).read(0, ANGLES)
+        assert reading / step == pytest.approx(np.round(reading / step), rel=0, abs=1e-9)
+        assert np.abs(reading - ANGLES).max() <= step / 2 * (1 + 1e-9)
 
 
 def test_errors_of_fine_steps_have_the_variance_of_a_twelfth() -> None:
@@ -82,14 +82,14 @@ def test_rates_are_differences_of_readings_over_the_period() -> None:
         before = reading
 
 
-@pytest.mark.parametrize('forget', [False, True])
-def test_without_the_frame_before_there_are_no_rates(forget: bool) -> None:
-    reader = encoders(noise=0.01)
-    reader.read(0, ANGLES)
-    if forget:
-        reader.forget()
-    _, rates = reader.read(1 if forget else 2, ANGLES + 1)
-    assert not rates.any()
+def test_without_the_frame_before_there_are_no_rates() -> None:
+    for forget in [False, True]:
+        reader = encoders(noise=0.01)
+        reader.read(0, ANGLES)
+        if forget:
+            reader.forget()
+        _, rates = reader.read(1 if forget else 2, ANGLES + 1)
+        assert not rates.any()
 
 
 def test_errors_of_nothing_are_none() -> None:
@@ -99,9 +99,8 @@ def test_errors_of_nothing_are_none() -> None:
         assert not EncoderErrors(**errors).none
 
 
-@pytest.mark.parametrize(
-    ('errors', 'complaint'),
-    [
+def test_errors_out_of_their_range_are_rejected() -> None:
+    for errors, complaint in [
         ({'noise': -0.1}, r'EncoderErrors\.noise = -0\.1 must lie in the range 0 to 10 rad'),
         ({'quantisation': math.nan}, r'quantisation = nan must be a finite number'),
         ({'seed': -1}, r'seed = -1 must lie'),
@@ -109,13 +108,9 @@ def test_errors_of_nothing_are_none() -> None:
             {'offsets': (0.0, math.inf)},
             'offset of rotor 1 = inf rad must lie in the range',
         ),
-    ],
-)
-def test_errors_out_of_their_range_are_rejected(
-    errors: dict[str, float | int | tuple[float, ...]], complaint: str
-) -> None:
-    with pytest.raises(ValueError, match=complaint):
-        EncoderErrors(**errors)
+    ]:
+        with pytest.raises(ValueError, match=complaint):
+            EncoderErrors(**errors)
 
 
 def test_offsets_must_fit_the_chain() -> None:

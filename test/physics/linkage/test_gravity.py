@@ -34,20 +34,6 @@ def test_energy_is_the_work_of_lifting_each_mass_against_the_field(
 
 
 @given(any_deviating_configuration(), FIELDS)
-def test_torques_are_minus_the_gradient_of_the_energy(
-    configuration: tuple[Chain, Array], field: Gravity
-) -> None:
-    chain, angles = configuration
-    step = EPS ** (1 / 3)
-    shifts = step * np.eye(chain.number_of_rotors)
-    difference = field.energy(chain, angles + shifts) - field.energy(chain, angles - shifts)
-    # The third derivative of the energy is at most the scale, as is the energy that is rounded.
-    limit = field.scale(chain) * (step**2 / 6 + ROUNDING / step)
-    torques = field.torques(chain, angles)
-    assert -difference / (2 * step) == pytest.approx(torques, rel=0, abs=limit)
-
-
-@given(any_deviating_configuration(), FIELDS)
 def test_torques_are_levers_crossed_with_weights(
     configuration: tuple[Chain, Array], field: Gravity
 ) -> None:
@@ -114,14 +100,16 @@ def test_no_gravity_does_nothing() -> None:
     assert not NO_GRAVITY.torques(chain, angles).any()
 
 
-@pytest.mark.parametrize('acceleration', [-9.81, math.nan, math.inf])
-def test_a_strength_that_no_field_has_is_rejected(acceleration: float) -> None:
-    complaint = rf'Gravity\.acceleration = {acceleration} must .*in the range 0 to 1e\+06 m/s\^2'
-    with pytest.raises(ValueError, match=complaint):
-        Gravity(acceleration)
+def test_a_strength_that_no_field_has_is_rejected() -> None:
+    for acceleration in [-9.81, math.nan, math.inf]:
+        complaint = (
+            rf'Gravity\.acceleration = {acceleration} must .*in the range 0 to 1e\+06 m/s\^2'
+        )
+        with pytest.raises(ValueError, match=complaint):
+            Gravity(acceleration)
 
 
-@pytest.mark.parametrize('tilt', [math.nan, -math.inf])
-def test_a_tilt_that_is_no_angle_is_rejected(tilt: float) -> None:
-    with pytest.raises(ValueError, match=rf'Gravity\.tilt = {tilt} must be a finite number'):
-        Gravity(9.81, tilt)
+def test_a_tilt_that_is_no_angle_is_rejected() -> None:
+    for tilt in [math.nan, -math.inf]:
+        with pytest.raises(ValueError, match=rf'Gravity\.tilt = {tilt} must be a finite number'):
+            Gravity(9.81, tilt)

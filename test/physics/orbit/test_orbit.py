@@ -8,7 +8,7 @@ import math
 
 import numpy as np
 import pytest
-from chains import EXAMPLES, FLIPPER, SPINNER, STRONG_WOBBLER, WIDE_SPINNER, WOBBLER, chain_of
+from chains import EXAMPLES, FLIPPER, SPINNER, STRONG_WOBBLER, WOBBLER, chain_of
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from linkage_motion import distance
@@ -36,14 +36,13 @@ EXTREMES = (
 )
 UNIFORM = [
     *((example, 1001, None) for example in EXAMPLES),
-    *((example, rotors, None) for example in CLASSES for rotors in (3, 8)),
-    *((example, 1000, None) for example in (FLIPPER, SPINNER)),
+    *((example, 3, None) for example in CLASSES),
+    (FLIPPER, 1000, None),
 ]
 DEVIATING = [
     *((example, rotors, 5) for example in CLASSES for rotors in (3, 20)),
-    *((example, 60, 5) for example in (FLIPPER, SPINNER)),
+    (SPINNER, 60, 5),
     (STRONG_WOBBLER, 20, 1),
-    (WIDE_SPINNER, 20, 0),
 ]
 UNUSUAL = [
     *((example, 5, None) for example in EXTREMES),
@@ -241,11 +240,11 @@ def test_orbit_of_takes_deviations_into_account() -> None:
     assert orbit.chain == deviating
 
 
-@pytest.mark.parametrize('orbit', [UniformOrbit, DeviatingOrbit])
-@pytest.mark.parametrize(('rotors', 'periodic'), [(2, False), (2, True), (20, True)])
-def test_chains_that_cannot_have_a_wall_are_rejected(
-    orbit: type[UniformOrbit | DeviatingOrbit], rotors: int, periodic: bool
-) -> None:
-    chain = dataclasses.replace(chain_of(FLIPPER, rotors), periodic=periodic)
-    with pytest.raises(ValueError, match=f'chain of {rotors} rotors .* give it 3 rotors or more'):
-        orbit(chain)
+def test_chains_that_cannot_have_a_wall_are_rejected() -> None:
+    for rotors, periodic in [(2, False), (2, True), (20, True)]:
+        for orbit in [UniformOrbit, DeviatingOrbit]:
+            chain = dataclasses.replace(chain_of(FLIPPER, rotors), periodic=periodic)
+            with pytest.raises(
+                ValueError, match=f'chain of {rotors} rotors .* give it 3 rotors or more'
+            ):
+                orbit(chain)

@@ -30,88 +30,97 @@ from soliton_linkage.solitons.tanh_fit import (
 )
 
 
-@pytest.mark.parametrize('sense', [-1, 1])
-@pytest.mark.parametrize('charge', [-1, 1])
-def test_flippers_lean_right_before_a_wall_of_charge_1_and_left_after_it(
-    charge: int, sense: int
-) -> None:
-    chain = chain_of(WIDEST_FLIPPER, 200)
-    theory = FlipperTheory(chain)
-    angles, rates = theory.state(100 * chain.spacing, sense * 0.5 * theory.speed_of_sound, charge)
-    later, _ = theory.state(
-        100 * chain.spacing + sense * 0.5 * theory.speed_of_sound * 1e-6,
-        sense * 0.5 * theory.speed_of_sound,
-        charge,
-    )
-    assert (later - angles) / 1e-6 == pytest.approx(rates, rel=0, abs=1e-5 * abs(rates).max())
-    assert angles[:10] == pytest.approx(chain.uniform_state(charge)[:10], abs=1e-6)
-    assert angles[-10:] == pytest.approx(chain.uniform_state(-charge)[-10:], abs=1e-6)
-    assert topological_charge(chain, angles) == charge
-    field_charge = charge_of_field(displacement(chain, angles), theory.lean)
-    assert field_charge == pytest.approx(charge, abs=1e-6)
+def test_flippers_lean_right_before_a_wall_of_charge_1_and_left_after_it() -> None:
+    for charge in [-1, 1]:
+        for sense in [-1, 1]:
+            chain = chain_of(WIDEST_FLIPPER, 200)
+            theory = FlipperTheory(chain)
+            angles, rates = theory.state(
+                100 * chain.spacing, sense * 0.5 * theory.speed_of_sound, charge
+            )
+            later, _ = theory.state(
+                100 * chain.spacing + sense * 0.5 * theory.speed_of_sound * 1e-6,
+                sense * 0.5 * theory.speed_of_sound,
+                charge,
+            )
+            assert (later - angles) / 1e-6 == pytest.approx(
+                rates, rel=0, abs=1e-5 * abs(rates).max()
+            )
+            assert angles[:10] == pytest.approx(chain.uniform_state(charge)[:10], abs=1e-6)
+            assert angles[-10:] == pytest.approx(chain.uniform_state(-charge)[-10:], abs=1e-6)
+            assert topological_charge(chain, angles) == charge
+            field_charge = charge_of_field(displacement(chain, angles), theory.lean)
+            assert field_charge == pytest.approx(charge, abs=1e-6)
 
 
-@pytest.mark.parametrize('example', [SPINNER, WIDE_SPINNER])
-@pytest.mark.parametrize('charge', [-1, 1])
-@pytest.mark.parametrize('turn', [-1, 1])
-@pytest.mark.parametrize('family', [-1, 1])
-@pytest.mark.parametrize('sense', [-1, 1])
-def test_spinners_turn_by_half_a_turn_across_a_wall(
-    example: tuple[float, float], charge: int, turn: int, family: int, sense: int
-) -> None:
-    chain = chain_of(example, 60)
-    theory = SpinnerTheory(chain, family=family)
-    velocity = sense * 0.3 * theory.speed_of_sound
-    angles, rates = theory.state(30 * chain.spacing, velocity, charge, turn)
-    later, _ = theory.state(30 * chain.spacing + velocity * 1e-6, velocity, charge, turn)
-    assert (later - angles) / 1e-6 == pytest.approx(rates, rel=0, abs=1e-4 * abs(rates).max())
-    positions = chain.spacing * np.arange(60)
-    for sublattice in (0, 1):
-        expected = theory.staggered_angles(
-            positions, sublattice, 30 * chain.spacing, velocity, charge, turn
-        )
-        assert staggered(angles)[sublattice::2] == pytest.approx(expected[sublattice::2])
-    for image in (angles, -angles[::-1], angles + 4 * np.pi):
-        assert topological_charge(chain, image) == charge
-        assert half_turns(chain, image) == charge * turn
-    assert find_solitons(chain, angles, rates)[0].charge == charge
-    assert math.copysign(1, find_solitons(chain, angles, rates)[0].velocity) == sense
+def test_spinners_turn_by_half_a_turn_across_a_wall() -> None:
+    for sense in [-1, 1]:
+        for family in [-1, 1]:
+            for turn in [-1, 1]:
+                for charge in [-1, 1]:
+                    for example in [SPINNER, WIDE_SPINNER]:
+                        chain = chain_of(example, 60)
+                        theory = SpinnerTheory(chain, family=family)
+                        velocity = sense * 0.3 * theory.speed_of_sound
+                        angles, rates = theory.state(30 * chain.spacing, velocity, charge, turn)
+                        later, _ = theory.state(
+                            30 * chain.spacing + velocity * 1e-6, velocity, charge, turn
+                        )
+                        assert (later - angles) / 1e-6 == pytest.approx(
+                            rates, rel=0, abs=1e-4 * abs(rates).max()
+                        )
+                        positions = chain.spacing * np.arange(60)
+                        for sublattice in (0, 1):
+                            expected = theory.staggered_angles(
+                                positions, sublattice, 30 * chain.spacing, velocity, charge, turn
+                            )
+                            assert staggered(angles)[sublattice::2] == pytest.approx(
+                                expected[sublattice::2]
+                            )
+                        for image in (angles, -angles[::-1], angles + 4 * np.pi):
+                            assert topological_charge(chain, image) == charge
+                            assert half_turns(chain, image) == charge * turn
+                        assert find_solitons(chain, angles, rates)[0].charge == charge
+                        assert (
+                            math.copysign(1, find_solitons(chain, angles, rates)[0].velocity)
+                            == sense
+                        )
 
 
-@pytest.mark.parametrize(('charge', 'fraction'), [(-1, 0.0), (-1, 0.6), (1, 0.6)])
-def test_extensions_of_a_flipper_wall_agree_with_the_chain(charge: int, fraction: float) -> None:
-    errors = []
-    for rest_angle in (0.1, 0.05):
-        chain = chain_of((0.5, rest_angle), 401)
-        theory = FlipperTheory(chain, exact_sound=False)
-        velocity = fraction * theory.speed_of_sound
-        angles, _ = theory.state(200.3 * chain.spacing, velocity, charge)
-        between = chain.spacing * (np.arange(400) + 0.5)
-        expected = theory.extensions(between, 200.3 * chain.spacing, velocity, charge)
-        found = chain.spring_extensions(angles)
-        errors.append(np.abs(found - expected).max() / np.abs(expected).max())
-        assert (expected * charge <= 0).all()
-    # The continuum is exact to the second order in d.
-    assert errors[0] < 3 * FlipperTheory(chain_of((0.5, 0.1), 3)).chain.lean_ratio ** 2
-    assert errors[1] == pytest.approx(errors[0] / 4, rel=0.1)
+def test_extensions_of_a_flipper_wall_agree_with_the_chain() -> None:
+    for charge, fraction in [(-1, 0.0), (-1, 0.6), (1, 0.6)]:
+        errors = []
+        for rest_angle in (0.1, 0.05):
+            chain = chain_of((0.5, rest_angle), 401)
+            theory = FlipperTheory(chain, exact_sound=False)
+            velocity = fraction * theory.speed_of_sound
+            angles, _ = theory.state(200.3 * chain.spacing, velocity, charge)
+            between = chain.spacing * (np.arange(400) + 0.5)
+            expected = theory.extensions(between, 200.3 * chain.spacing, velocity, charge)
+            found = chain.spring_extensions(angles)
+            errors.append(np.abs(found - expected).max() / np.abs(expected).max())
+            assert (expected * charge <= 0).all()
+        # The continuum is exact to the second order in d.
+        assert errors[0] < 3 * FlipperTheory(chain_of((0.5, 0.1), 3)).chain.lean_ratio ** 2
+        assert errors[1] == pytest.approx(errors[0] / 4, rel=0.1)
 
 
-@pytest.mark.parametrize('turn', [-1, 1])
-@pytest.mark.parametrize('family', [-1, 1])
-def test_extensions_of_a_spinner_wall_agree_with_the_chain(turn: int, family: int) -> None:
-    errors = []
-    for ratio in (10.0, 20.0):
-        chain = chain_of((ratio, 0.9), 401)
-        theory = SpinnerTheory(chain, False, family)
-        angles, _ = theory.state(200.3 * chain.spacing, 0.0, -1, turn)
-        between = chain.spacing * (np.arange(400) + 0.5)
-        expected = theory.extensions(between, 200.3 * chain.spacing, 0.0, -1, turn)
-        expected = expected * (-1.0) ** np.arange(400)
-        found = chain.spring_extensions(angles)
-        errors.append(np.abs(found - expected).max() / np.abs(expected).max())
-    # The continuum is exact to the first order in a / r.
-    assert errors[0] < 0.3
-    assert errors[1] == pytest.approx(errors[0] / 2, rel=0.1)
+def test_extensions_of_a_spinner_wall_agree_with_the_chain() -> None:
+    for family in [-1, 1]:
+        for turn in [-1, 1]:
+            errors = []
+            for ratio in (10.0, 20.0):
+                chain = chain_of((ratio, 0.9), 401)
+                theory = SpinnerTheory(chain, False, family)
+                angles, _ = theory.state(200.3 * chain.spacing, 0.0, -1, turn)
+                between = chain.spacing * (np.arange(400) + 0.5)
+                expected = theory.extensions(between, 200.3 * chain.spacing, 0.0, -1, turn)
+                expected = expected * (-1.0) ** np.arange(400)
+                found = chain.spring_extensions(angles)
+                errors.append(np.abs(found - expected).max() / np.abs(expected).max())
+            # The continuum is exact to the first order in a / r.
+            assert errors[0] < 0.3
+            assert errors[1] == pytest.approx(errors[0] / 2, rel=0.1)
 
 
 def pair_on_a_ring(rest_angle: float, rotors: int) -> tuple[FlipperTheory, Array]:
@@ -170,10 +179,8 @@ def kicked(
     ('example', 'kick', 'since', 'until', 'limits'),
     [
         (WIDEST_FLIPPER, 0.006, 200, 400, (0.005, 0.01)),
-        (WIDEST_FLIPPER, 0.010, 150, 270, (0.005, 0.01)),
         (WIDEST_FLIPPER, 0.016, 100, 200, (0.005, 0.01)),
         (WIDE_SPINNER, 0.2, 200, 500, (0.01, 0.04)),
-        (WIDE_SPINNER, 0.6, 80, 160, (0.01, 0.04)),
         (WIDE_SPINNER, 1, 50, 100, (0.01, 0.04)),
     ],
 )
@@ -223,21 +230,20 @@ def test_the_exact_speed_of_sound_fits_a_fast_flipper_better_than_its_limit() ->
     assert errors[0] < 0.01
 
 
-@pytest.mark.parametrize('family', [-1, 1])
-@pytest.mark.parametrize('turn', [-1, 1])
-def test_the_exact_wall_between_two_spinners_converges_to_the_theory(
-    family: int, turn: int
-) -> None:
-    errors = []
-    for ratio in (8.0, 16.0, 32.0):
-        # In the first family the masses beside the wall have crossed where it turns backwards.
-        chain = chain_of((ratio, 0.9), round(40 * ratio))
-        rotor = chain.number_of_rotors // 2 - 1
-        wall = wall_between(chain, rotor, family > 0, family * turn < 0)
-        theory = SpinnerTheory(chain, family=family)
-        angles, _ = theory.state((rotor + 0.5) * chain.spacing, 0.0, 1, turn)
-        errors.append(distance(angles, wall))
-        assert half_turns(chain, wall) == half_turns(chain, angles) == turn
-    assert errors[0] < 0.01
-    assert errors[0] / errors[1] == pytest.approx(4, rel=0.05)
-    assert errors[1] / errors[2] == pytest.approx(4, rel=0.05)
+def test_the_exact_wall_between_two_spinners_converges_to_the_theory() -> None:
+    for turn in [-1, 1]:
+        for family in [-1, 1]:
+            errors = []
+            for ratio in (8.0, 16.0, 32.0):
+                # In the first family the masses beside the wall have crossed where it turns
+                # backwards.
+                chain = chain_of((ratio, 0.9), round(40 * ratio))
+                rotor = chain.number_of_rotors // 2 - 1
+                wall = wall_between(chain, rotor, family > 0, family * turn < 0)
+                theory = SpinnerTheory(chain, family=family)
+                angles, _ = theory.state((rotor + 0.5) * chain.spacing, 0.0, 1, turn)
+                errors.append(distance(angles, wall))
+                assert half_turns(chain, wall) == half_turns(chain, angles) == turn
+            assert errors[0] < 0.01
+            assert errors[0] / errors[1] == pytest.approx(4, rel=0.05)
+            assert errors[1] / errors[2] == pytest.approx(4, rel=0.05)

@@ -14,10 +14,8 @@ from chains import EPS, EXAMPLES, FLIPPER, SPINNER, WOBBLER, any_chain, chain_of
 from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 
-from soliton_linkage.dynamics.rigid import RigidSimulation
-from soliton_linkage.linear.rigidity import Edge, rigidity_bands
-from soliton_linkage.linear.statics import rest_state
-from soliton_linkage.linkage.chain import Array, Chain, Motion
+from soliton_linkage.linear.rigidity import Edge
+from soliton_linkage.linkage.chain import Chain
 from soliton_linkage.linkage.deviations import Deviations, drawn_deviations
 from soliton_linkage.solitons.passage import (
     blocked_bonds,
@@ -167,27 +165,6 @@ def test_the_wall_passes_any_chain_without_obstacles(
     assert passes(chain)
 
 
-def levers_along(chain: Chain, turns: float) -> Array:
-    """A_n and B_n of all springs along the motion of the bars from rest, (T, 2, springs)."""
-    angles = rest_state(chain, -1)
-    kick = np.ones(chain.number_of_rotors)
-    simulation = RigidSimulation(chain, angles, kick, 0.1, 1e-8)
-    speed = float(np.linalg.norm(simulation.rates))
-    recording = simulation.record(2 * math.pi * turns / speed)
-    return np.stack(rigidity_bands(chain, recording.angles), axis=1)
-
-
-@pytest.mark.parametrize('seed', [1, 2])
-@pytest.mark.parametrize('example', CLASSES)
-def test_rotors_line_up_with_bars_in_flippers_and_never_in_spinners(
-    example: tuple[float, float], seed: int
-) -> None:
-    chain = deviating(chain_of(example, 5), seed, 0.03)
-    levers = levers_along(chain, 3)
-    in_line = bool((np.sign(levers) != np.sign(levers[0])).any())
-    assert in_line == (motion_of_bonds(chain) is not Motion.SPINNER)
-
-
 @pytest.mark.parametrize(
     ('example', 'fraction', 'relation'), [(FLIPPER, -0.2, 'longer'), (SPINNER, 1.0, 'shorter')]
 )
@@ -224,11 +201,13 @@ def test_a_chain_whose_wall_reverses_is_rejected_with_the_bond_and_its_limit() -
     assert refused
 
 
-@pytest.mark.parametrize('example', CLASSES)
-def test_rings_are_rejected_because_they_have_no_edges(example: tuple[float, float]) -> None:
-    ring = dataclasses.replace(chain_of(example, 8), periodic=True)
-    complaint = 'Chain.periodic = True joins rotor 7 to rotor 0, .*; free the ends of the chain'
-    with pytest.raises(ValueError, match=complaint):
-        follow_wall(ring)
-    with pytest.raises(ValueError, match=complaint):
-        check_passable(ring)
+def test_rings_are_rejected_because_they_have_no_edges() -> None:
+    for example in CLASSES:
+        ring = dataclasses.replace(chain_of(example, 8), periodic=True)
+        complaint = (
+            'Chain.periodic = True joins rotor 7 to rotor 0, .*; free the ends of the chain'
+        )
+        with pytest.raises(ValueError, match=complaint):
+            follow_wall(ring)
+        with pytest.raises(ValueError, match=complaint):
+            check_passable(ring)

@@ -9,7 +9,7 @@ from itertools import pairwise, product
 
 import numpy as np
 import pytest
-from chains import EPS, EXAMPLES, FLIPPER, SPINNER, WIDE_SPINNER, WOBBLER, any_chain, chain_of
+from chains import EXAMPLES, FLIPPER, SPINNER, WIDE_SPINNER, WOBBLER, any_chain, chain_of
 from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 from linkage_motion import distance, wall_between
@@ -72,19 +72,17 @@ def test_a_wall_is_relaxed_at_any_site(wall: tuple[Chain, float, int, bool]) -> 
     assert chain.elastic_energy(angles) <= springs * chain.stiffness * rounding**2 / 2
 
 
-@pytest.mark.parametrize(('inverted', 'rotor'), [(False, 9), (True, 10)])
 @pytest.mark.parametrize('example', EXAMPLES)
-def test_a_wall_between_two_rotors_is_symmetric(
-    example: tuple[float, float], rotor: int, inverted: bool
-) -> None:
-    chain = chain_of(example, 21)
-    spinner = chain.motion is Motion.SPINNER
-    for leg in legs_of(chain):
-        crossed = spinner and (leg + rotor + inverted) % 2 == 1
-        twin = wall_between(chain, rotor, inverted != spinner, crossed)
-        angles = static_wall(chain, rotor + 0.5, leg, inverted)
-        inner = slice(None) if spinner else slice(1, -1)
-        assert distance(angles[inner], twin[inner]) < 1e-11
+def test_a_wall_between_two_rotors_is_symmetric(example: tuple[float, float]) -> None:
+    for inverted, rotor in [(False, 9), (True, 10)]:
+        chain = chain_of(example, 21)
+        spinner = chain.motion is Motion.SPINNER
+        for leg in legs_of(chain):
+            crossed = spinner and (leg + rotor + inverted) % 2 == 1
+            twin = wall_between(chain, rotor, inverted != spinner, crossed)
+            angles = static_wall(chain, rotor + 0.5, leg, inverted)
+            inner = slice(None) if spinner else slice(1, -1)
+            assert distance(angles[inner], twin[inner]) < 1e-11
 
 
 @settings(deadline=None, max_examples=15)
@@ -160,48 +158,24 @@ def arc_of_wide_spinner(chain: Chain) -> float:
     return math.sqrt(2 * chain.spacing / chain.wall_width)
 
 
-@pytest.mark.parametrize('rest_angle', [0.1, 0.77, 1.3])
-def test_the_arc_converges_to_phi_4_theory_as_d_squared(rest_angle: float) -> None:
-    errors = []
-    for lean_ratio in (0.2, 0.1, 0.05):
-        chain = chain_of((lean_ratio / 2 / math.sin(rest_angle), rest_angle), 3)
-        errors.append(site_arc(chain) / arc_of_wide_flipper(chain) - 1)
-    for coarse, fine in pairwise(errors):
-        assert math.log2(coarse / fine) == pytest.approx(2, abs=0.1)
+def test_the_arc_converges_to_phi_4_theory_as_d_squared() -> None:
+    for rest_angle in [0.1, 0.77, 1.3]:
+        errors = []
+        for lean_ratio in (0.2, 0.1, 0.05):
+            chain = chain_of((lean_ratio / 2 / math.sin(rest_angle), rest_angle), 3)
+            errors.append(site_arc(chain) / arc_of_wide_flipper(chain) - 1)
+        for coarse, fine in pairwise(errors):
+            assert math.log2(coarse / fine) == pytest.approx(2, abs=0.1)
 
 
-@pytest.mark.parametrize('rest_angle', [0.6, 0.9, 1.4])
-def test_the_arc_converges_to_sine_gordon_theory_as_1_over_d_squared(
-    rest_angle: float,
-) -> None:
-    errors = []
-    for ratio in (16, 32, 64):
-        chain = chain_of((ratio, rest_angle), 3)
-        errors.append(site_arc(chain) / arc_of_wide_spinner(chain) - 1)
-    for coarse, fine in pairwise(errors):
-        assert math.log2(coarse / fine) == pytest.approx(2, abs=0.1)
-
-
-@pytest.mark.parametrize('example', [(0.1, 0.2), *EXAMPLES, (1.45, 0.5), (20.0, 1.2)])
-@pytest.mark.parametrize('site', [0.0, 0.3])
-def test_tails_decay_by_a_constant_factor_per_rotor(
-    example: tuple[float, float], site: float
-) -> None:
-    chain = chain_of(example, 1201)
-    theta = staggered(static_wall(chain, 600 + site))
-    factor = -(chain.lean_ratio - 1) / (chain.lean_ratio + 1)
-    beyond = chain.rest_angle + math.pi if chain.motion is Motion.SPINNER else -chain.rest_angle
-    before = np.remainder(theta[599:0:-1] - chain.rest_angle + 1, 2 * math.pi) - 1
-    after = np.remainder(theta[601:-1] - beyond + 1, 2 * math.pi) - 1
-    for tail in (before, after):
-        # The next order of the tail is its square; the angles are rounded, and so are bars.
-        far = np.flatnonzero((np.abs(tail[:-1]) < 1e-6) & (np.abs(tail[:-1]) > 1e-9))
-        assert len(far) > 1
-        limit = 10 * np.abs(tail[far]) + 200 * EPS / np.abs(tail[far])
-        limit *= 1 + chain.rotor_length / chain.spacing
-        assert (np.abs(tail[far + 1] / tail[far] - factor) < limit).all()
-        signs = np.sign(tail[far[0] : far[-1]])
-        assert (signs[1:] == math.copysign(1, factor) * signs[:-1]).all()
+def test_the_arc_converges_to_sine_gordon_theory_as_1_over_d_squared() -> None:
+    for rest_angle in [0.6, 0.9, 1.4]:
+        errors = []
+        for ratio in (16, 32, 64):
+            chain = chain_of((ratio, rest_angle), 3)
+            errors.append(site_arc(chain) / arc_of_wide_spinner(chain) - 1)
+        for coarse, fine in pairwise(errors):
+            assert math.log2(coarse / fine) == pytest.approx(2, abs=0.1)
 
 
 def largest_lean(chain: Chain) -> float:
@@ -215,35 +189,12 @@ def of_lean_ratio(lean_ratio: float, rest_angle: float) -> Chain:
     return chain_of((lean_ratio / 2 / math.sin(rest_angle), rest_angle), 101)
 
 
-@pytest.mark.parametrize('rest_angle', [0.2, 0.77, 1.4])
-@pytest.mark.parametrize('lean_ratio', [0.3, 0.8, 0.99])
-def test_a_flipper_does_not_overshoot(lean_ratio: float, rest_angle: float) -> None:
-    assert largest_lean(of_lean_ratio(lean_ratio, rest_angle)) <= lean_ratio / 2 * (1 + 1e-14)
-
-
-@pytest.mark.parametrize(('rest_angle', 'scale'), [(0.5, 0.21), (0.77, 0.165), (1.1, 0.075)])
-def test_a_wobbling_flipper_overshoots_as_a_power_of_d_less_1(
-    rest_angle: float, scale: float
-) -> None:
-    # The power is measured, and so is its scale to two digits; both are good to a tenth.
-    for excess in (0.3, 0.5, 0.9):
-        overshoot = largest_lean(of_lean_ratio(1 + excess, rest_angle)) - (1 + excess) / 2
-        assert overshoot == pytest.approx(scale * excess**2.1, rel=0.1)
-
-
-@pytest.mark.parametrize('rest_angle', [0.2, 0.65])
-@pytest.mark.parametrize('lean_ratio', [0.1, 0.3, 1.0, 3.0])
-def test_a_wall_deviates_from_a_tanh_as_d_cubed(lean_ratio: float, rest_angle: float) -> None:
-    chain = of_lean_ratio(lean_ratio, rest_angle)
-    rotors = np.arange(1, 100)
-    worst = 0.0
-    for k in range(16):
-        site = 50 + k / 16
-        leaning = np.sin(static_wall(chain, site)[1:-1]) * chain.rotor_length / chain.spacing
-        tanh = -lean_ratio / 2 * np.tanh((rotors - site) * lean_ratio)
-        worst = max(worst, float(np.abs(leaning - tanh).max()))
-    # Measured for d from 0.1 to 3: largest for small rest angles and d of 2.
-    assert 0.026 < worst / lean_ratio**3 < 0.040
+def test_a_flipper_does_not_overshoot() -> None:
+    for lean_ratio in [0.3, 0.8, 0.99]:
+        for rest_angle in [0.2, 0.77, 1.4]:
+            assert largest_lean(of_lean_ratio(lean_ratio, rest_angle)) <= lean_ratio / 2 * (
+                1 + 1e-14
+            )
 
 
 def shown_leg(chain: Chain, angles: Array, site: float, inverted: bool) -> int:
@@ -271,17 +222,15 @@ def test_a_wall_is_found_on_its_leg(
         assert soliton.charge == 1
 
 
-@pytest.mark.parametrize('rest_angle', [0.3, 0.77, 1.5])
-@pytest.mark.parametrize('beyond', [-1e-8, 1e-8])
-def test_walls_near_the_transition_to_spinners_are_symmetric(
-    beyond: float, rest_angle: float
-) -> None:
-    chain = chain_of(((1 + beyond) / math.sin(rest_angle) ** 2, rest_angle), 20)
-    assert (chain.motion is Motion.SPINNER) == (beyond > 0)
-    leg = mirrored_leg(chain, 0)
-    angles = static_wall(chain, 9.2)
-    image = static_wall(chain, 9.8, leg, chain.motion is not Motion.SPINNER)
-    assert distance(angles, -image[::-1]) < 1e-6
+def test_walls_near_the_transition_to_spinners_are_symmetric() -> None:
+    for beyond in [-1e-8, 1e-8]:
+        for rest_angle in [0.3, 0.77, 1.5]:
+            chain = chain_of(((1 + beyond) / math.sin(rest_angle) ** 2, rest_angle), 20)
+            assert (chain.motion is Motion.SPINNER) == (beyond > 0)
+            leg = mirrored_leg(chain, 0)
+            angles = static_wall(chain, 9.2)
+            image = static_wall(chain, 9.8, leg, chain.motion is not Motion.SPINNER)
+            assert distance(angles, -image[::-1]) < 1e-6
 
 
 @pytest.mark.parametrize('example', EXAMPLES)
@@ -331,11 +280,11 @@ def test_a_bar_that_does_not_reach_is_rejected() -> None:
         static_wall(other, 3.0)
 
 
-@pytest.mark.parametrize('beyond', [0.0, 5e-10, -5e-10])
-def test_a_chain_at_the_transition_to_spinners_is_rejected(beyond: float) -> None:
-    chain = chain_of(((1 + beyond) / math.sin(0.77) ** 2, 0.77), 9)
-    with pytest.raises(ValueError, match=r'd = 2\.873.* too near to d_c = 2\.873.*; take d'):
-        static_wall(chain, 4.0)
+def test_a_chain_at_the_transition_to_spinners_is_rejected() -> None:
+    for beyond in [0.0, 5e-10, -5e-10]:
+        chain = chain_of(((1 + beyond) / math.sin(0.77) ** 2, 0.77), 9)
+        with pytest.raises(ValueError, match=r'd = 2\.873.* too near to d_c = 2\.873.*; take d'):
+            static_wall(chain, 4.0)
 
 
 def test_a_too_wide_wall_is_rejected() -> None:
@@ -346,9 +295,8 @@ def test_a_too_wide_wall_is_rejected() -> None:
 RING = dataclasses.replace(chain_of(FLIPPER, 8), periodic=True)
 
 
-@pytest.mark.parametrize(
-    ('chain', 'site', 'leg', 'message'),
-    [
+def test_sites_legs_and_chains_without_a_wall_are_rejected() -> None:
+    for chain, site, leg, message in [
         *(
             (chain_of(FLIPPER, 9), site, 0, r'site = .* must lie in the range 0 to .* = 8')
             for site in (-0.01, 8.01, -3.0, math.nan, math.inf)
@@ -358,10 +306,6 @@ RING = dataclasses.replace(chain_of(FLIPPER, 8), periodic=True)
         (chain_of(WIDE_SPINNER, 9), 4.0, 2, 'leg = 2 must be one of 0 to'),
         (chain_of(SPINNER, 2), 0.5, 0, '2 rotors with free ends; give it 3'),
         (RING, 3.0, 0, r'periodic ends; .* free ends'),
-    ],
-)
-def test_sites_legs_and_chains_without_a_wall_are_rejected(
-    chain: Chain, site: float, leg: int, message: str
-) -> None:
-    with pytest.raises(ValueError, match=message):
-        static_wall(chain, site, leg)
+    ]:
+        with pytest.raises(ValueError, match=message):
+            static_wall(chain, site, leg)

@@ -17,19 +17,9 @@ from linkage_motion import walls_over_a_site
 
 from soliton_linkage.dynamics.elastic import simulate
 from soliton_linkage.linear.rigidity import mode_towards_last
-from soliton_linkage.linkage.chain import Chain
-from soliton_linkage.linkage.recording import Recording
 from soliton_linkage.solitons.track import Track, find_crossings, follow
 
 CHAIN = chain_of(FLIPPER, 21)
-
-
-def nudged(chain: Chain, speed: float, duration: float, period: float) -> Recording:
-    """Motion after a kick from the left-leaning state, in the units of docs/physics.md."""
-    start = chain.uniform_state(-1)
-    rate = speed * chain.spacing / chain.rotor_length / chain.time_unit
-    rates = rate * mode_towards_last(chain, start)
-    return simulate(chain, start, rates, duration * chain.time_unit, period * chain.time_unit)
 
 
 def zigzag(speed: float, period: float, legs: int) -> Track:
@@ -39,16 +29,16 @@ def zigzag(speed: float, period: float, legs: int) -> Track:
     return Track(times, rotors, np.gradient(rotors, times))
 
 
-@pytest.mark.parametrize('legs', [1, 2, 5])
-@pytest.mark.parametrize('speed', [0.5, 3.0])
-def test_a_path_up_and_down_the_chain_has_one_crossing_per_leg(speed: float, legs: int) -> None:
-    period = 0.01 / speed
-    crossings = find_crossings(CHAIN, zigzag(speed, period, legs))
-    assert [crossing.direction for crossing in crossings] == [1, -1, 1, -1, 1][:legs]
-    for leg, crossing in enumerate(crossings):
-        assert crossing.site_rate == pytest.approx(speed, rel=1e-9)
-        assert crossing.start == pytest.approx((20 * leg + 4) / speed, abs=1.01 * period)
-        assert crossing.end == pytest.approx((20 * leg + 16) / speed, abs=1.01 * period)
+def test_a_path_up_and_down_the_chain_has_one_crossing_per_leg() -> None:
+    for speed in [0.5, 3.0]:
+        for legs in [1, 2, 5]:
+            period = 0.01 / speed
+            crossings = find_crossings(CHAIN, zigzag(speed, period, legs))
+            assert [crossing.direction for crossing in crossings] == [1, -1, 1, -1, 1][:legs]
+            for leg, crossing in enumerate(crossings):
+                assert crossing.site_rate == pytest.approx(speed, rel=1e-9)
+                assert crossing.start == pytest.approx((20 * leg + 4) / speed, abs=1.01 * period)
+                assert crossing.end == pytest.approx((20 * leg + 16) / speed, abs=1.01 * period)
 
 
 def test_a_path_that_reverses_half_way_is_no_crossing() -> None:
@@ -65,30 +55,6 @@ def test_frames_without_a_soliton_do_not_divide_a_crossing() -> None:
     crossings = find_crossings(CHAIN, Track(track.times, rotors, track.site_rates))
     assert [crossing.direction for crossing in crossings] == [1, -1]
     assert [crossing.site_rate for crossing in crossings] == pytest.approx([2, 2], rel=1e-9)
-
-
-@pytest.mark.parametrize(
-    ('example', 'rotors', 'kick', 'speed', 'leg'),
-    [
-        (FLIPPER, 20, 0.10, 0.193, 110),
-        (WIDE_FLIPPER, 60, 0.08, 0.55, 122),
-        (WOBBLER, 20, 0.08, 0.068, 303),
-        (SPINNER, 20, 0.3, 0.137, 163),
-        (WIDE_SPINNER, 50, 1.0, 0.29, 185),
-    ],
-)
-def test_speeds_agree_with_an_independent_program(
-    example: tuple[float, float], rotors: int, kick: float, speed: float, leg: float
-) -> None:
-    chain = chain_of(example, rotors)
-    recording = nudged(chain, kick, 2.2 * leg, leg / 100)
-    there, back = find_crossings(chain, follow(chain, recording))[:2]
-    assert (there.direction, back.direction) == (1, -1)
-    # The table has two digits.
-    for crossing in (there, back):
-        assert crossing.site_rate * chain.time_unit == pytest.approx(speed, rel=0.03)
-    middles = [(crossing.start + crossing.end) / 2 for crossing in (there, back)]
-    assert (middles[1] - middles[0]) / chain.time_unit == pytest.approx(leg, rel=0.03)
 
 
 @pytest.mark.parametrize('example', [FLIPPER, WIDE_FLIPPER, WOBBLER, SPINNER, WIDE_SPINNER])

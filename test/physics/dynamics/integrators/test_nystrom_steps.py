@@ -6,7 +6,6 @@ import numpy as np
 import pytest
 from chain_motions import MOTIONS, lively_state, unit_chain
 from naive_nystrom import NaiveNystrom
-from scipy.linalg import expm
 
 from soliton_linkage.dynamics.equation_of_motion import EquationOfMotion
 from soliton_linkage.dynamics.integrators.nystrom_loops import LARGEST_TURN, Checks
@@ -19,7 +18,6 @@ from soliton_linkage.dynamics.integrators.nystrom_steps import (
 )
 from soliton_linkage.dynamics.terms import tension
 from soliton_linkage.linkage.chain import Array
-from soliton_linkage.linkage.gravity import Gravity
 
 
 def all_checked(state: Array, absolute: float = 1.0, relative: float = 0.0) -> Checks:
@@ -43,15 +41,15 @@ def test_the_loops_take_the_steps_of_the_equations(name: str) -> None:
         np.testing.assert_allclose(fast, plain, rtol=0, atol=3e-13)
 
 
-@pytest.mark.parametrize('name', MOTIONS)
-def test_the_loops_interpolate_as_the_equations_have_it(name: str) -> None:
-    motion = MOTIONS[name]
-    states, _ = NaiveNystrom(motion).advance(lively_state(motion), 0.4, 3)
-    places = np.array([0.0, 0.3, 0.5, 1.0, 2.9, 2.1, 3.0])
-    fast = NystromSteps(motion).interpolated(states, 0.4, places)
-    plain = NaiveNystrom(motion).interpolated(states, 0.4, places)
-    np.testing.assert_allclose(fast, plain, rtol=0, atol=1e-12)
-    np.testing.assert_allclose(fast[[0, 3, 6]], states[[0, 1, 3]], rtol=0, atol=1e-14)
+def test_the_loops_interpolate_as_the_equations_have_it() -> None:
+    for name in MOTIONS:
+        motion = MOTIONS[name]
+        states, _ = NaiveNystrom(motion).advance(lively_state(motion), 0.4, 3)
+        places = np.array([0.0, 0.3, 0.5, 1.0, 2.9, 2.1, 3.0])
+        fast = NystromSteps(motion).interpolated(states, 0.4, places)
+        plain = NaiveNystrom(motion).interpolated(states, 0.4, places)
+        np.testing.assert_allclose(fast, plain, rtol=0, atol=1e-12)
+        np.testing.assert_allclose(fast[[0, 3, 6]], states[[0, 1, 3]], rtol=0, atol=1e-14)
 
 
 def test_the_pull_of_a_spring_is_exact_up_to_rounding() -> None:
@@ -147,15 +145,15 @@ def test_the_error_is_of_order_six(name: str) -> None:
     assert -6.5 < slope < -5.5
 
 
-@pytest.mark.parametrize('name', MOTIONS)
-def test_steps_back_undo_steps_forth(name: str) -> None:
-    motion = MOTIONS[name]
-    state = lively_state(motion)
-    taken = NystromSteps(motion)
-    forth, _ = taken.advance(state, 0.7, 20)
-    back, _ = taken.advance(forth[-1], -0.7, 20)
-    assert np.abs(forth[-1] - state).max() > 0.1
-    np.testing.assert_allclose(back, forth[::-1], rtol=0, atol=1e-10)
+def test_steps_back_undo_steps_forth() -> None:
+    for name in MOTIONS:
+        motion = MOTIONS[name]
+        state = lively_state(motion)
+        taken = NystromSteps(motion)
+        forth, _ = taken.advance(state, 0.7, 20)
+        back, _ = taken.advance(forth[-1], -0.7, 20)
+        assert np.abs(forth[-1] - state).max() > 0.1
+        np.testing.assert_allclose(back, forth[::-1], rtol=0, atol=1e-10)
 
 
 def jacobian(motion: EquationOfMotion, state: Array, step: float) -> Array:
@@ -204,64 +202,3 @@ def test_a_step_is_bounded_for_vibrations_up_to_the_stable_one() -> None:
     stable = np.linspace(0.01, STABLE_STEP, 3000)
     assert max(abs(trace(angle)) for angle in stable) <= 2
     assert abs(trace(np.pi)) > 2
-
-
-def test_a_relaxed_chain_stays_at_rest() -> None:
-    motion = EquationOfMotion(unit_chain(30))
-    state = motion.state(motion.chain.uniform_state(-1), np.zeros(30))
-    states, _ = NystromSteps(motion).advance(state, 2.0, 200)
-    np.testing.assert_allclose(states[-1], state, rtol=0, atol=1e-13)
-
-
-def test_a_fixed_rotor_does_not_move() -> None:
-    motion = MOTIONS['fixed']
-    states, _ = NystromSteps(motion).advance(lively_state(motion), 0.5, 50)
-    for rotor in motion.fixed:
-        assert np.ptp(states[:, rotor]) == 0
-        assert np.ptp(states[:, motion.rotors + rotor]) == 0
-
-
-def test_whole_turns_make_no_difference_to_the_motion() -> None:
-    motion = MOTIONS['spinner']
-    state = lively_state(motion)
-    turned = state.copy()
-    turned[3] += 200 * np.pi
-    plain, _ = NystromSteps(motion).advance(state, 0.5, 20)
-    far, _ = NystromSteps(motion).advance(turned, 0.5, 20)
-    far[:, 3] -= 200 * np.pi
-    np.testing.assert_allclose(far, plain, rtol=0, atol=1e-10)
-
-
-def test_small_vibrations_decay_as_the_linear_theory_has_it() -> None:
-    motion = EquationOfMotion(unit_chain(5, damping=0.02), gravity=Gravity(0.05))
-    number, at_rest = motion.rotors, np.full(5, np.pi)
-    upside_down = EquationOfMotion(unit_chain(5, (0.1, 1.5), damping=0.02), gravity=Gravity(0.05))
-    rest = _equilibrium(upside_down, at_rest)
-    shift = 1e-6 * np.random.default_rng(3).normal(size=2 * number)
-    linear = _linear(upside_down, rest)
-    state = upside_down.state(rest + shift[:number], shift[number:])
-    states, _ = NystromSteps(upside_down).advance(state, 0.5, 20)
-    found = states[-1][: 2 * number] - np.concatenate([rest, np.zeros(number)])
-    np.testing.assert_allclose(found, expm(10.0 * linear) @ shift, rtol=0, atol=1e-10)
-
-
-def _equilibrium(motion: EquationOfMotion, start: Array) -> Array:
-    angles = start.copy()
-    for _ in range(50):
-        angles -= np.linalg.solve(_stiffness(motion, angles), motion.accelerations(angles))
-    assert np.abs(motion.accelerations(angles)).max() < 1e-13
-    return angles
-
-
-def _stiffness(motion: EquationOfMotion, angles: Array) -> Array:
-    shifts = 1e-5 * np.eye(motion.rotors)
-    rows = [motion.accelerations(angles + s) - motion.accelerations(angles - s) for s in shifts]
-    return np.array(rows).T / 2e-5
-
-
-def _linear(motion: EquationOfMotion, rest: Array) -> Array:
-    number = motion.rotors
-    decay = -np.diag(motion.decay_rates)
-    return np.block(
-        [[np.zeros((number, number)), np.eye(number)], [_stiffness(motion, rest), decay]]
-    )
