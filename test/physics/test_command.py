@@ -74,7 +74,7 @@ def test_a_study_without_its_package_names_the_package_to_install(
         command.main(['figures', '--quick'])
     assert capsys.readouterr().err == (
         'soliton-linkage figures: the package soliton_linkage_studies is missing; '
-        'pip install soliton_linkage_studies, or the rosdep key soliton_linkage_studies\n'
+        'install it with pip, or by the rosdep key soliton_linkage_studies\n'
     )
 
 

@@ -36,8 +36,8 @@ _STUDIES = [
     'waves',
 ]
 _INSTALL_STUDIES = (
-    'the package soliton_linkage_studies is missing; pip install soliton_linkage_studies, '
-    'or the rosdep key soliton_linkage_studies'
+    'the package soliton_linkage_studies is missing; install it with pip, or by the rosdep key '
+    'soliton_linkage_studies'
 )
 _REQUIREMENTS = {
     'matplotlib': ('matplotlib', 'python3-matplotlib'),
@@ -61,7 +61,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         if given[0] in _STUDIES:
             parser.exit(1, f'{PROGRAM} {given[0]}: {_INSTALL_STUDIES}\n')
         known = ', '.join(commands) or 'none here'
-        more = 'source the setup.bash of a workspace for further commands'
+        more = 'source the setup.bash of a workspace to add its commands'
         parser.error(f'unknown command {given[0]}; known commands are {known}; {more}')
     parser.parse_args(given)
     parser.print_help()

@@ -3,7 +3,7 @@
 
 If argument types are given, a loop is compiled at import, so that no compilation delays a frame.
 Later processes load the compiled code from the cache. With NUMBA_DISABLE_JIT=1 loops run as plain
-Python. They are then slow, and their results agree to rounding.
+Python: slowly, and with the same results except for rounding.
 """
 
 from __future__ import annotations
@@ -64,7 +64,7 @@ def records(dtype: np.dtype[np.void], writable: bool = False) -> Any:
 
 
 def named_tuple(row: type[tuple[Any, ...]], *fields: Any) -> Any:
-    """Return the numba type of a named tuple from the types of its fields, or one common type."""
+    """Return the numba type of a named tuple, given one type per field or one for all fields."""
     untyped = cast(Any, types)
     if len(fields) == 1:
         fields *= len(cast(Any, row)._fields)
@@ -105,8 +105,8 @@ def compile_loop(
         loop._cache = LoopCache(function, [*sorted(fastmath), inlined])
     except RuntimeError:
         report_once(
-            'no folder for compiled loops can be written; set NUMBA_CACHE_DIR to one, or every '
-            'start compiles the loops again'
+            'no folder for compiled loops is writable, so that every start compiles the loops '
+            'again; set NUMBA_CACHE_DIR to a writable folder'
         )
     if arguments is not None:
         loop.compile(arguments)
@@ -127,7 +127,7 @@ def _hint(intrinsic_function: Callable[[Any], Any]) -> Callable[[], None]:
 
 
 def _wide(_typing: Any) -> Any:
-    """Use the full vector width in the calling function. LLVM would use 256 bits.
+    """Use the full vector width in the calling function, because LLVM would use only 256 bits.
 
     Sensitivity, with AVX-512: without this hint `SymplecticNystrom` takes 0.74 ms instead of
     0.56 ms for 5 s of 40 rotors, and 3.5 ms instead of 2.3 ms for 1 s of 1000 rotors.

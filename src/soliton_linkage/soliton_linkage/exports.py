@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """Lazy import of the public names of a package (Scientific Python, SPEC 1).
 
-The stub file `__init__.pyi` of the package lists these names, also for type checkers. Programs
-start faster, because they do not import unused modules.
+The stub file `__init__.pyi` of the package lists these names, which type checkers read too.
+Programs start faster because unused modules are not imported.
 """
 
 from __future__ import annotations

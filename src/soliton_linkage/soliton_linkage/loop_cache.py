@@ -1,10 +1,11 @@
 # SPDX-License-Identifier: Apache-2.0
 """Cache of compiled loops: one checked file for each loop, signature and processor.
 
-Numba keeps an index beside its files. An index that is empty or truncated raises at import, two
-processes can write two loops to one file, and a change of a called function in another module
-leaves the old code in use. Private members of numba are used because it has no public way to
-replace its cache. Digests and checks add 0.05 s to the 1 s in which all loops are loaded.
+The cache of numba has three faults. An empty or truncated index file raises an error at import.
+Two processes can write two loops to one file. After a change of a called function in another
+module, the old code stays in use. This module uses private members of numba, because numba has no
+public way to replace its cache. Digests and checks add 0.05 s to the 1 s that loading all loops
+takes.
 """
 
 from __future__ import annotations
@@ -32,7 +33,7 @@ _CONSTANTS = (bool, int, float, str, tuple, frozenset)
 
 
 class LoopCache(FunctionCache):  # type: ignore[misc]
-    """Cache of one loop. A file that cannot be used is ignored, and written again."""
+    """Cache of one loop; an unusable file is ignored and replaced."""
 
     def __init__(self, function: Callable[..., Any], options: object) -> None:
         """Choose a folder; raises RuntimeError if none can be written."""
@@ -41,7 +42,7 @@ class LoopCache(FunctionCache):  # type: ignore[misc]
         self._cache_file = _LoopFiles(Path(self.cache_path), self._impl.filename_base)
 
     def _index_key(self, sig: Any, codegen: Any) -> tuple[str, str]:
-        """Return the name of a loop's file, and all that its content depends on."""
+        """Return the file name of a loop, and a text with all that its content depends on."""
         target = repr((sig, codegen.magic_tuple()))
         versions = f'numba {numba.__version__} llvmlite {version("llvmlite")}'
         enclosed = super()._index_key(sig, codegen)[2:]
@@ -53,11 +54,11 @@ class LoopCache(FunctionCache):  # type: ignore[misc]
         try:
             super().save_overload(sig, data)
         except OSError as error:
-            report_once(f'compiled loops are not kept for the next start: {error}')
+            report_once(f'compiled loops cannot be saved and will be compiled again: {error}')
 
 
 class _LoopFiles:
-    """Files of a loop: a checksum, a checksum of the key, and numba's data."""
+    """Files of a loop; each has a checksum, a checksum of the key, and the data of numba."""
 
     def __init__(self, folder: Path, name: str) -> None:
         self._folder = folder
@@ -70,7 +71,7 @@ class _LoopFiles:
         except OSError:
             return None
         if _checksum(content[_CHECKSUM:]) != content[:_CHECKSUM]:
-            report_once(f'{path} is damaged; its loop is compiled again')
+            report_once(f'{path} is damaged and is replaced; its loop is compiled again')
             return None
         stored = content[_CHECKSUM:]
         if stored[:_CHECKSUM] != _checksum(key[1].encode()):
@@ -97,7 +98,7 @@ class _LoopFiles:
 
 @functools.cache
 def report_once(text: str) -> None:
-    """Log a warning, unless this process has logged one about the cache."""
+    """Log a warning, unless this process has already logged one about the cache."""
     if report_once.cache_info().currsize == 0:
         logging.getLogger(__name__).warning(text)
 

@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """Progress of a long computation, as one line on stderr.
 
-tqdm is not used, because it writes carriage returns into log files and cannot shorten the title
-when a remark needs the space.
+The package tqdm is not used, because it writes carriage returns into log files and cannot shorten
+the title when a remark needs the space.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ _TERMINAL_INTERVAL = 0.1
 _LOG_INTERVAL = 2.0
 """Shortest time between lines in a file [s]."""
 _DEFAULT_COLUMNS = 80
-"""Line width if stderr is no terminal or reports no width [characters]."""
+"""Line width if stderr is not a terminal or reports no width [characters]."""
 
 
 def line_width() -> int:

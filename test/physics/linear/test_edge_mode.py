@@ -74,8 +74,8 @@ def test_an_edge_that_the_mode_is_far_from_is_rejected_unless_it_may_be_anywhere
     chain = chain_of(FLIPPER, 20)
     angles = wall_between(chain, 3)
     complaint = (
-        r'the zero mode sits at rotor 3\.5 of 0 to 19, nearer the first edge than the last; '
-        'choose the first edge'
+        r'the centre of the zero mode is at rotor 3\.5 of 0 to 19, nearer the first edge than the '
+        'last; choose the first edge'
     )
     with pytest.raises(ValueError, match=complaint):
         edge_mode(chain, angles, Edge.LAST)

@@ -29,12 +29,12 @@ class ElasticSettings(SimulationSettings):
     """Tuning of `ElasticSimulation`."""
 
     longest_step: float = 5.0
-    """Longest step of scipy's solvers, times the fastest rate [1]. DOP853 is stable up to 6.
+    """Longest step of the solvers of scipy, multiplied by the fastest rate [1]; DOP853 is stable
+    up to 6.
 
-    The limit is needed for chains at rest, in which the tolerance does not limit the step and a
-    longer step would amplify rounding errors. Sensitivity: at 0.5x, the computing time is 1.6
-    times as long for a soliton and twice as long at rest. At 2x, it is the same for a soliton and
-    half as long at rest.
+    In a chain at rest the tolerance does not limit the step, and longer steps would amplify
+    rounding errors. Sensitivity: at 0.5x, the computing time is 1.6 times as long for a soliton
+    and twice as long at rest. At 2x, it is the same for a soliton and half as long at rest.
     """
     symplectic_fraction: float = 0.1
     """Tolerance of `SymplecticNystrom`, relative to the tolerance of the simulation [1].
@@ -45,7 +45,7 @@ class ElasticSettings(SimulationSettings):
     rotors_per_step: int = 400
     """Number of rotors times number of method steps in one solver step [1].
 
-    Other callbacks run between solver steps, each of which takes 0.05 to 0.07 ms. Sensitivity: at
+    A solver step takes 0.05 to 0.07 ms; other callbacks run between solver steps. Sensitivity: at
     0.5x, frames of 40 rotors take 20 to 60 % longer; at 2x, 10 to 30 % less, with solver steps of
     0.12 ms.
     """

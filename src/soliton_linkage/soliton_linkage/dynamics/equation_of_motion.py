@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Equation of motion of a chain of springs, as the right-hand side of scipy's solvers."""
+"""Equation of motion of a chain of springs, as the right-hand side for the solvers of scipy."""
 
 from __future__ import annotations
 
@@ -52,7 +52,7 @@ class EquationOfMotion:
     forces: tuple[Term | TorqueFunction, ...] = ()
     """Further terms."""
     start: float = 0.0
-    """Time argument of Python functions in `forces` when the solver time is 0 [s]."""
+    """Time that Python functions in `forces` receive when the solver time is 0 [s]."""
 
     def __post_init__(self) -> None:
         """Reject torques and fixed rotors that do not fit the chain."""
@@ -88,7 +88,7 @@ class EquationOfMotion:
         return (SpringTorques(self.chain), *self.loads)
 
     def table(self, terms: Sequence[Term]) -> TermTable:
-        """Return the kinds and parameters of those terms that are compiled."""
+        """Return the kinds and parameters of the compiled terms among some terms."""
         return term_table([t for t in terms if isinstance(t, CompiledTerm)], self.rotors)
 
     @cached_property
@@ -139,7 +139,7 @@ class EquationOfMotion:
 
     @property
     def external_scale(self) -> float:
-        """Scale of the external energy [J]: gravity over the rotors' lengths, wells of sites."""
+        """Scale of the external energy [J], from gravity and the on-site potential."""
         wells = np.abs(self.chain.on_site_torques).sum() / self.chain.on_site_order
         return self.gravity.scale(self.chain) + float(wells)
 
@@ -154,7 +154,7 @@ class EquationOfMotion:
         return self(0.0, at_rest)[self.rotors : 2 * self.rotors]
 
     def __call__(self, time: float, state: Array) -> Array:
-        """Return the time derivative of a state, of its shape."""
+        """Return the time derivative of a state, in the same shape."""
         state = np.ascontiguousarray(state)
         rotors = self.rotors
         angles, rates = state[:rotors], state[rotors : 2 * rotors]
@@ -164,9 +164,9 @@ class EquationOfMotion:
         return np.concatenate([rates, torques / self.inertias, [power] * (state.size % 2)])
 
     def add_loads(self, torques: Array, time: float, angles: Array, rates: Array) -> float:
-        """Add the torques of all terms but springs [N m], shape (N,).
+        """Add the torques of all terms except springs [N m], shape (N,).
 
-        Return the power that they dissipate [W].
+        Return the power that these terms dissipate [W].
         """
         power = torques_of(angles, rates, *self._table_of_loads, torques)
         return power + self._add_plain(torques, time, angles, rates)
@@ -201,7 +201,7 @@ def of_chain(chain: Chain) -> list[Term]:
 
 
 def checked_rotors(chain: Chain, rotors: Sequence[int]) -> tuple[int, ...]:
-    """Return the indices of rotors, sorted and unique; raise ValueError for one out of range."""
+    """Return sorted unique indices of rotors; raise ValueError for an index out of range."""
     for rotor in rotors:
         if rotor not in range(chain.number_of_rotors):
             raise ValueError(

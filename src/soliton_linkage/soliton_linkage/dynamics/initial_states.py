@@ -25,8 +25,8 @@ class State:
 def leaning(chain: Chain, lean: int) -> State:
     """Return the state at rest that leans right (+1) or left (-1), with relaxed springs.
 
-    If the deviations allow no such state, return an equilibrium of the springs. Raises ValueError
-    if there is no equilibrium either.
+    If no such state exists because of deviations, return an equilibrium of the springs. Raises
+    ValueError if there is no equilibrium either.
     """
     # Import scipy here, because modules that only use `State` do not need it.
     from soliton_linkage.linear.statics import equilibrium, rest_state

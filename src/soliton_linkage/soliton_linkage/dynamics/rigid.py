@@ -30,7 +30,7 @@ from soliton_linkage.linkage.chain import Array, Chain
 from soliton_linkage.linkage.gravity import NO_GRAVITY, Gravity
 
 _FLUSHED = -1100
-"""Binary exponent below which a component underflows to 0 [1]."""
+"""Binary exponent below which a component of the mode is set to 0 [1]."""
 
 
 @dataclass(frozen=True)
@@ -40,14 +40,15 @@ class RigidSettings(SimulationSettings):
     max_bar_error: float = 1e-6
     """Largest relative error of the length of a bar in the initial state [1]."""
     jammed: float = 1e-5
-    """Smallest singular value of R in units of r [1] below which an error reports jammed bars."""
+    """Smallest singular value of R in units of r [1], below which an error reports jammed bars."""
     longest_step: float = 100.0
     """Longest solver step in frame periods, which is also the largest number of frames per step.
 
     Sensitivity: at 0.5x or 2x, the same run time and energy drift.
     """
     max_corrections: int = 3
-    """Largest number of energy corrections after a step. 1 and 6 give the same energy drift."""
+    """Largest number of energy corrections after a step; with 1 or 6 the energy drift is the
+    same."""
 
 
 DEFAULTS = RigidSettings()
@@ -202,7 +203,7 @@ class RigidSimulation(Simulation):
         return speed**2 / 2 + potential - work + self._dissipated_before + dissipated
 
     def _stuck(self, complaint: str) -> ArithmeticError:
-        """Return the error, which reports jammed bars if R nearly has a second null vector."""
+        """Return the error; it reports jammed bars if R nearly has a second null vector."""
         bands = rigidity_bands(self.chain, self._solver.y[:-2])
         squares = eigvals_banded(gram_matrix_bands(*bands), select='i', select_range=(0, 0))
         jammed = squares[0] <= (self._settings.jammed * self.chain.rotor_length) ** 2

@@ -30,10 +30,7 @@ class SimulationSettings:
     """Tuning of every simulation."""
 
     max_steps: int = 1000
-    """Number of solver steps per `Chain.time_unit` above which the simulation reports a failure.
-
-    Sensitivity: at 0.5x or 2x, the solver fails earlier or later in proportion.
-    """
+    """Limit of the number of solver steps per `Chain.time_unit`; above it the solver fails [1]."""
 
 
 DEFAULTS = SimulationSettings()
@@ -189,7 +186,7 @@ class Simulation(ABC):
 
     @property
     def steps_per_frame(self) -> float:
-        """Smallest number of solver steps per frame [1]; 0 before the first step."""
+        """Least number of solver steps per frame, by the longest step [1]; 0 before a step."""
         return 0.0 if self._stale else self.period / self._longest_step
 
     @property
@@ -206,7 +203,7 @@ class Simulation(ABC):
     def step(self) -> None:
         """Take one solver step towards the next frame; the current frame does not change."""
         if self._stale:
-            # Create the solver once, even after several changes at one frame.
+            # Creating the solver here creates it only once after several changes at one frame.
             self._solver, longest_step = self._solver_from(self._packed())
             self._longest_step = longest_step
             self._time_unit = min(self.chain.time_unit, longest_step)

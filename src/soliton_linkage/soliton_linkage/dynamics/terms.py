@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """Terms of the equation of motion: each adds a torque on every rotor.
 
-A compiled term has rows of parameters and a kernel, which `sum_terms` selects by the term's
-`kind`. All integrators and rigid bars call the same kernels. To add a compiled term, write a
+A compiled term has rows of parameters and a kernel, which `sum_terms` selects by the `kind` of the
+term. All integrators and rigid bars call the same kernels. To add a compiled term, write a
 subclass of `CompiledTerm`, its kernel, and a line in `sum_terms`. A Python function `f(time,
 angles, rates) -> torques` is also a term, but only for the solvers of scipy.
 
@@ -43,8 +43,8 @@ VECTOR = 8
 """Largest number of doubles in a vector register."""
 
 ANGLES, RATES, COSINES, SINES, TORQUES, TORQUES_ON_RIGHT, ACTIVE = range(7)
-"""Rows of `work`. TORQUES_ON_RIGHT has at n + 1 the torque of spring n on its right rotor, and
-ACTIVE the torques of the active terms, which TORQUES includes."""
+"""Rows of `work`. Element n + 1 of TORQUES_ON_RIGHT is the torque of spring n on its right rotor.
+ACTIVE is the part of TORQUES that is due to active terms."""
 
 SPRINGS, GRAVITY, CONSTANT, LINEAR_DAMPING, DRY_FRICTION = range(5)
 QUADRATIC_DAMPING, ON_SITE, NON_RECIPROCAL = range(5, 8)
@@ -52,13 +52,12 @@ QUADRATIC_DAMPING, ON_SITE, NON_RECIPROCAL = range(5, 8)
 
 
 class Term(ABC):
-    """Torque on each rotor that is one summand in the equation of motion."""
+    """One summand of the torque on each rotor in the equation of motion."""
 
     dissipative = False
     """Whether the power of the term counts as dissipated."""
     active = False
-    """Whether the term depends on the angles and its work, counted as dissipated, is negative or
-    positive."""
+    """Whether the term depends on the angles, and counts as dissipation of either sign."""
 
     @abstractmethod
     def add(self, torques: Array, time: float, angles: Array, rates: Array) -> float:
@@ -68,13 +67,13 @@ class Term(ABC):
         """
 
     def energy(self, angles: Array) -> float:
-        """Return the potential energy [J], 0 for a term without one."""
+        """Return the potential energy [J], 0 if the term has none."""
         del angles
         return 0.0
 
 
 class CompiledTerm(Term):
-    """Term with a kernel that all integrators call.
+    """Term with a compiled kernel that all integrators call.
 
     The torques of a dissipative term depend only on the rates. The torques of a conservative term
     depend only on the angles.
@@ -181,8 +180,8 @@ class QuadraticDamping(CompiledTerm):
 class OnSitePotential(CompiledTerm):
     """Torques of a periodic potential of each rotor, as in the Frenkel-Kontorova model.
 
-    V = sum_n (A_n / m) [1 - cos(m (q_n - q_0))], with the coordinate q = s phi + (1 - s) pi / 2
-    of `Chain.signs`, has m wells per turn, one of them at q_0.
+    V = sum_n (A_n / m) [1 - cos(m (q_n - q_0))], with the coordinate q = s phi + (1 - s) pi / 2 of
+    `Chain.signs`, has m wells per turn, one of them at q_0.
     """
 
     kind = ON_SITE
@@ -204,12 +203,12 @@ class OnSitePotential(CompiledTerm):
 
 
 class NonReciprocal(CompiledTerm):
-    """Torques of motors that break reciprocity, the same on both rotors of a bond.
+    """Torques of motors that break reciprocity: the same torque on both rotors of a bond.
 
-    The bond of rotors n and n + 1 adds kappa (q_n - q_{n+1}) to the torque on each of both
-    coordinates, with the difference wrapped to (-pi, pi] and q of `Chain.signs`. In angles, with
-    D = phi_n + sigma phi_{n+1} - (1 + sigma) pi / 2 and sigma = 1 for flippers, -1 for spinners,
-    the torque is kappa D on rotor n and -sigma kappa D on rotor n + 1.
+    The bond between rotors n and n + 1 adds kappa (q_n - q_{n+1}) to the torque on each of the two
+    coordinates q of `Chain.signs`, with the difference wrapped to (-pi, pi]. In angles, with D =
+    phi_n + sigma phi_{n+1} - (1 + sigma) pi / 2 and sigma = 1 for flippers, -1 for spinners, the
+    torque is kappa D on rotor n and -sigma kappa D on rotor n + 1.
 
     Brandenbourger et al., Nature Communications 10, 4608 (2019).
     """
@@ -247,7 +246,7 @@ class TermTable(NamedTuple):
 
 
 def term_table(terms: Sequence[CompiledTerm], rotors: int) -> TermTable:
-    """Return the table of terms that act on a number of rotors."""
+    """Return the table of terms that act on `rotors` rotors."""
     kinds, first = np.empty((len(terms), 2), dtype=np.int64), 0
     parameters = np.zeros((sum(len(term.rows) for term in terms), padded_size(rotors)))
     for index, term in enumerate(terms):
@@ -261,15 +260,15 @@ def term_table(terms: Sequence[CompiledTerm], rotors: int) -> TermTable:
 
 
 def padded_size(rotors: int) -> int:
-    """Return P, the number of rotors in whole vectors."""
+    """Return P, the number of rotors rounded up to a multiple of VECTOR."""
     return -(-rotors // VECTOR) * VECTOR
 
 
 @inlined
 def sum_terms(work: Array, rotors: int, kinds: NDArray[np.int64], parameters: Array) -> float:
-    """Set the torques to the sum of terms; return the power that they dissipate [W].
+    """Set the torques to the sum of all terms; return the power that the terms dissipate [W].
 
-    If springs act they are the first term. An active term is the last one.
+    Springs, if any, must be the first term, an active term the last.
     """
     power, start = 0.0, 0
     if kinds.shape[0] and kinds[0, 0] == SPRINGS:
@@ -300,7 +299,7 @@ def sum_terms(work: Array, rotors: int, kinds: NDArray[np.int64], parameters: Ar
 
 @inlined
 def active_power(work: Array, rotors: int) -> float:
-    """Return the power that active torques take out at the current rates [W]."""
+    """Return the power that active torques remove at the current rates [W]."""
     power = 0.0
     for n in range(rotors):
         power -= work[ACTIVE, n] * work[RATES, n]
@@ -314,13 +313,13 @@ def _estimating(function: Callable[[float], float]) -> Callable[[float], float]:
 
 @_estimating
 def _inverse_root_estimate(w: float) -> float:
-    """Return 1 / sqrt(w) in single precision, by one processor instruction and a Newton step."""
+    """Return 1 / sqrt(w) in single precision, which takes one instruction and a Newton step."""
     return float(np.float32(1) / np.sqrt(np.float32(w)))
 
 
 @inlined
 def tension(w: float) -> float:
-    """Return 1 - 1 / sqrt(w), which is force / (k l) of a spring of length l = lbar sqrt(w).
+    """Return 1 - 1 / sqrt(w), the force of a spring of length l = lbar sqrt(w) divided by k l.
 
     With an estimate y of 1 / sqrt(w) and d = 1 - w y^2, the series y (1 + d / 2 + 3 d^2 / 8)
     equals 1 / sqrt(w) in double precision. A division and a root would take as long as the rest of

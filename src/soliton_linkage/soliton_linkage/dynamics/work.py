@@ -6,7 +6,7 @@ torque tau does the work
 
     W = integral of tau . phi_dot dt = tau . (phi(t_1) - phi(t_0))
 
-for any motion in between, so that frames with exact angles give the exact work.
+for any motion between t_0 and t_1, so that frames with exact angles give the exact work.
 """
 
 from __future__ import annotations

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Simulations of a chain as parameters specify them: mechanics, solver and initial state."""
+"""Simulations of a chain from parameters: mechanics, solver and initial state."""
 
 from __future__ import annotations
 
@@ -23,25 +23,25 @@ _SOLITON = 'soliton'
 
 @dataclass(frozen=True)
 class WorldParameters:
-    """Parameters of the simulation besides the chain and gravity."""
+    """Parameters of the simulation, without those of the chain and of gravity."""
 
     mechanics: str = quantity(
         'elastic', 'whether rotors are joined by springs or by rigid bars', choices=_MECHANICS
     )
     integrator: str = quantity(
         'symplectic',
-        "solver of springs in motion: symplectic, or one of scipy's",
+        'solver for chains of springs: symplectic, or a solver of scipy',
         choices=tuple(INTEGRATORS),
     )
     tolerance: float = quantity(
         1e-11, 'error allowed in each angle at each step of the solver', 'rad', 1e-13, 1e-2
     )
     fixed_rotors: tuple[str, ...] = quantity(
-        (), 'joints that do not turn, by name or number; empty for none'
+        (), 'names or numbers of joints that do not turn; empty if all turn'
     )
     initial_state: str = quantity(
         'left_leaning',
-        'initial state: uniform, or with a soliton',
+        'initial state: one of the uniform states, or a soliton',
         choices=(*_LEANS, _SOLITON),
     )
     initial_place: float = quantity(
@@ -51,7 +51,7 @@ class WorldParameters:
 
 
 class World:
-    """Simulations of one chain. Raises ValueError if its mechanics do not allow a state."""
+    """Simulations of one chain; raises ValueError for states that the mechanics do not allow."""
 
     def __init__(
         self,
@@ -60,7 +60,7 @@ class World:
         parameters: WorldParameters,
         period: float,
     ) -> None:
-        """Prepare simulations whose frames are a period [s] apart."""
+        """Prepare simulations with a frame period [s]."""
         self._chain = chain
         self._parameters = parameters
         self._period = period
@@ -93,7 +93,7 @@ class World:
 def joint_numbers(
     parameter: str, joints: Sequence[str], joint_names: Sequence[str]
 ) -> tuple[int, ...]:
-    """Return the numbers of joints given by name or number; ValueError for an unknown joint."""
+    """Return the numbers of joints given by name or number; raise ValueError if one is unknown."""
     numbers = {str(rotor): rotor for rotor in range(len(joint_names))}
     numbers |= {name: rotor for rotor, name in enumerate(joint_names)}
     for joint in joints:

@@ -38,11 +38,11 @@ def couplings(chain: Chain, lean: int = 1) -> tuple[float, float]:
 def bloch_matrix(chain: Chain, wave_numbers: ArrayLike, lean: int = 1) -> ComplexArray:
     """Return the rigidity matrix R(k) of the cell of two rotors [m/rad], shape (..., 2, 2).
 
-    R(k) = -[[q+, q-], [q- e^(2 i k a), q+]], with det R(k) = q+^2 - q-^2 e^(2 i k a). It maps the
-    amplitudes of the two staggered angles in a cell to the extensions of its two springs. Wave
-    numbers [rad/m] may be complex. The paper (section 1) prints the phase in the lower right
-    corner; that matrix has the winding number of the other lean. Raises ValueError for wave
-    numbers that are not finite.
+    R(k) = -[[q+, q-], [q- e^(2 i k a), q+]], with det R(k) = q+^2 - q-^2 e^(2 i k a). R(k) maps
+    the amplitudes of the two staggered angles in a cell to the extensions of its two springs. Wave
+    numbers [rad/m] may be complex. In the paper (section 1) the phase factor is in the lower right
+    corner, which gives the winding number of the opposite lean. Raises ValueError for wave numbers
+    that are not finite.
     """
     plus, minus = couplings(chain, lean)
     phases = _phases(chain, np.asarray(wave_numbers, dtype=np.complex128))
@@ -234,12 +234,12 @@ def density_of_states(chain: Chain, frequencies: ArrayLike) -> Array:
 
 
 def winding_number(chain: Chain, lean: int) -> int:
-    """Return how often det R(k) = q+^2 - q-^2 e^(2 i k a) winds around 0 across the zone.
+    """Return how often det R(k) winds around 0 while k crosses the Brillouin zone.
 
     The winding number is 1 in the left-leaning state (-1), whose zero mode is at the first edge,
     and 0 in the right-leaning state (+1), whose zero mode is at the last edge (paper, section 1).
-    The determinant traverses once a circle about q+^2 with the radius q-^2. Raises ValueError for
-    any other lean.
+    The determinant q+^2 - q-^2 e^(2 i k a) makes one turn on a circle of radius q-^2 about q+^2.
+    Raises ValueError for any other lean.
 
     >>> [winding_number(Chain(), lean) for lean in (+1, -1)]
     [0, 1]
@@ -253,8 +253,8 @@ def check_frequencies(frequencies: Array) -> None:
     wrong = frequencies[~(np.isfinite(frequencies) & (frequencies >= 0))]
     if wrong.size:
         raise ValueError(
-            f'frequency = {wrong[0]} rad/s must be a finite number of 0 or more; frequencies of '
-            'either sign belong to the same mode'
+            f'frequency = {wrong[0]} rad/s must be a finite number of 0 or more; omit the sign, '
+            f'because both signs mean the same mode'
         )
 
 

@@ -2,9 +2,9 @@
 """Normal modes of small vibrations about any configuration with relaxed springs.
 
 With I = M r^2 and the rigidity matrix R of the configuration, the modes are the right singular
-vectors of B = k_e^(1/2) R I^(-1/2), and the angular frequencies are its singular values. Singular
-values have rounding errors of 1e-16 of the largest. Frequencies from the eigenvalues of the
-dynamical matrix B^T B would have errors of 1e-8 of the largest.
+vectors of B = k_e^(1/2) R I^(-1/2), and the angular frequencies are its singular values. Rounding
+errors of the singular values are 1e-16 of the largest value. Frequencies from the eigenvalues of
+the dynamical matrix B^T B would have errors of 1e-8 of the largest.
 """
 
 from __future__ import annotations
@@ -40,7 +40,7 @@ class NormalModes:
 
 
 def normal_modes(chain: Chain, angles: ArrayLike) -> NormalModes:
-    """Return the normal modes about a configuration with relaxed springs, with their shapes.
+    """Return the normal modes about a configuration with relaxed springs.
 
     With free ends the slowest mode is the zero mode with frequency 0. The algorithm is dense, with
     time O(N^3) and memory O(N^2). Raises ValueError for angles [rad] at which a spring is
@@ -129,8 +129,8 @@ def phonon_energy(chain: Chain, angles: ArrayLike, rates: ArrayLike) -> float:
     everything except the motion of rigid bars, not only phonons. For example, it includes the
     strain of the springs in a moving wall, which is a fraction of the energy of the wall that
     grows as the square of its speed. For several walls it excludes only their common motion along
-    the zero mode. With periodic ends there is no zero mode, and it includes all energy. Raises
-    ValueError as `phonon_energies`.
+    the zero mode. With periodic ends it includes all energy, because there is no zero mode. Raises
+    ValueError in the cases of `phonon_energies`.
     """
     relaxed, displacement = _departure(chain, angles)
     left = chain.check_angles(rates, 'rate')
@@ -156,8 +156,8 @@ def _relaxed(chain: Chain, angles: ArrayLike) -> Array:
     if stretches[spring] > _MOST_STRETCH:
         raise ValueError(
             f'spring {spring} is stretched by {stretches[spring]:.3g} of its rest length, more '
-            f'than {_MOST_STRETCH:g}; take the modes of a configuration with relaxed springs, as '
-            'unstretched gives them'
+            f'than {_MOST_STRETCH:g}; give a configuration with relaxed springs, for example the '
+            f'result of unstretched'
         )
     return given
 

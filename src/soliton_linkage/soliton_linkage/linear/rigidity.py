@@ -11,12 +11,13 @@ from numpy.typing import NDArray
 
 from soliton_linkage.linkage.chain import Array, Chain, Motion, uprightness
 
-# Actuators need only edges and zero modes, without scipy, whose import takes 1 s and 50 MB.
+# scipy is imported where it is needed, because its import takes 1 s and 50 MB, and actuators need
+# only edges and zero modes.
 if TYPE_CHECKING:
     from scipy.sparse import csr_array
 
 VANISHING = 1e-280
-"""Replacement of a vanishing lever [m^2/rad], far below the rounding error of other levers."""
+"""Replacement for a vanishing lever [m^2/rad], far below the rounding error of other levers."""
 _BLOCK = 500
 """Number of factors between 1/2 and 1 whose product does not underflow, 2^-1022 [1]."""
 _FAR_FROM_OVERFLOW = 1e100
@@ -24,14 +25,14 @@ _FAR_FROM_OVERFLOW = 1e100
 
 
 class Edge(enum.Enum):
-    """End of the chain: the first, the last, or the end that is nearer to the zero mode."""
+    """Edge of the chain: the first, the last, or the one nearer to the centre of the zero mode."""
 
     NEAREST = 'nearest'
     FIRST = 'first'
     LAST = 'last'
 
     def resolved(self, chain: Chain, angles: Array) -> Edge:
-        """Return FIRST or LAST; NEAREST is resolved for a configuration."""
+        """Return FIRST or LAST; a configuration decides which edge is NEAREST."""
         return self if self is not Edge.NEAREST else _nearest(zero_mode(chain, angles))
 
 
@@ -142,13 +143,13 @@ def edge_mode(chain: Chain, angles: Array, edge: Edge, anywhere: bool = False) -
 def resolved_edge_mode(
     chain: Chain, angles: Array, edge: Edge, anywhere: bool = False
 ) -> tuple[Edge, Array]:
-    """Return the resolved edge, and the mode as `edge_mode`."""
+    """Return the resolved edge, FIRST or LAST, and the `edge_mode` of this edge."""
     mode = mode_towards_last(chain, angles)
     nearest = _nearest(mode)
     end = nearest if edge is Edge.NEAREST else edge
     if end is not nearest and not anywhere:
         raise ValueError(
-            f'the zero mode sits at rotor {mode_centre(mode):.1f} of 0 to '
+            f'the centre of the zero mode is at rotor {mode_centre(mode):.1f} of 0 to '
             f'{chain.number_of_rotors - 1}, nearer the {nearest.value} edge than the '
             f'{end.value}; choose the {nearest.value} edge'
         )

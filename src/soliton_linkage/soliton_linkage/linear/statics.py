@@ -67,8 +67,8 @@ def toggled_angle(chain: Chain, angles: Array, edge: Edge) -> float:
     """Return the second angle of an edge rotor with the same bar length [rad].
 
     phi_t = 2 psi - phi is the reflection at the line from the pivot of the edge rotor to the mass
-    of its neighbour, whose direction is psi. The reflection of a wall at the edge leaves the edge
-    rotor at this angle.
+    of its neighbour, whose direction is psi. After the reflection of a wall at the edge, the edge
+    rotor has this angle.
     """
     checked = chain.check_angles(angles)
     last = edge.resolved(chain, checked) is Edge.LAST
@@ -159,7 +159,7 @@ def equilibrium(chain: Chain, angles: Array) -> Array:
 
 
 def _yielding(chain: Chain, angles: Array, torques: Array) -> Array:
-    """Return the change of the angles under torques to first order [rad], shape (N,)."""
+    """Return the first-order change of the angles under torques [rad], shape (N,)."""
     try:
         return np.asarray(splu(stiffness_matrix(chain, angles)).solve(torques))
     except RuntimeError:

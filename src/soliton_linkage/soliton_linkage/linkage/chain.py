@@ -213,10 +213,10 @@ class Chain:
 
     @cached_property
     def signs(self) -> Array:
-        """Sign of each angle in the coordinate of its rotor, shape (N,).
+        """Sign s of the angle in the coordinate of each rotor, shape (N,).
 
-        The coordinate q is the angle phi of a spinner and the staggered angle theta of a flipper,
-        which is pi - phi for odd rotors.
+        The coordinate q is phi for a spinner and the staggered angle theta for a flipper, so that
+        s is -1 for odd rotors of a flipper.
         """
         signs = np.ones(self.number_of_rotors)
         if self.motion is not Motion.SPINNER:
@@ -230,7 +230,7 @@ class Chain:
         return staggered(np.full(self.number_of_rotors, lean * self.rest_angle))
 
     def check_angles(self, angles: ArrayLike, what: str = 'angle') -> Array:
-        """Return one finite number per rotor as an array of shape (N,), or raise ValueError.
+        """Return finite values of shape (N,) as an array; raise ValueError for other values.
 
         `what` is the name of the quantity in the error message.
         """
@@ -289,7 +289,7 @@ class Chain:
 
     @cached_property
     def offsets(self) -> Array:
-        """Return c of each spring [m^2], without cancellation in chains without deviations."""
+        """Offset c of each spring, see above [m^2], shape (springs,)."""
         uniform = -2 * self.rotor_length**2 * math.cos(2 * self.rest_angle)
         r_left, r_right = self._joined(self.rotor_lengths)
         deviating = (self.spacings**2 - self.spacing**2) + (r_left**2 - self.rotor_length**2)
@@ -298,7 +298,7 @@ class Chain:
 
     @cached_property
     def spring_parameters(self) -> Array:
-        """Return rows r of each rotor and a, c, lbar of each spring [m, m, m^2, m], shape (4, N).
+        """Rows r of each rotor and a, c, lbar of each spring [m, m, m^2, m], shape (4, N).
 
         With free ends the entries of the missing last spring are 0.
         """
@@ -334,8 +334,8 @@ def displacement(chain: Chain, angles: ArrayLike) -> Array:
 def uprightness(angles: ArrayLike) -> int:
     """Return +1 if the even inner rotors point up on average, -1 if they point down.
 
-    The sign of a flipper never changes, because its inner rotors pass only the top, or only the
-    bottom if it was assembled upside down.
+    For a flipper this sign is constant, because its inner rotors pass only the top, or only the
+    bottom if the chain was assembled upside down.
     """
     vertical = np.cos(angles)
     return -1 if vertical[2:-1:2].sum() < vertical[1:-1:2].sum() else 1

@@ -109,7 +109,7 @@ _NAMES = tuple(f.name for f in fields(Deviations))
 _OF_SPRINGS = ('spacing', 'stiffness', 'rest_length', 'non_reciprocity')
 NO_DEVIATIONS = Deviations()
 _LARGEST_SPREAD = 0.5
-"""Largest standard deviation [1]; with it one value in forty would be negative."""
+"""Largest standard deviation [1]; at this value one parameter in forty would be negative."""
 
 
 def _spread(of: str) -> Any:
@@ -142,7 +142,7 @@ class Disorder:
         check_quantities(self)
 
     def drawn(self, number_of_rotors: int, periodic: bool = False) -> Deviations:
-        """Draw random deviations; quantities with the standard deviation 0 get none."""
+        """Draw random deviations; quantities with the standard deviation 0 have none."""
         fractions = {name: getattr(self, name) for name in _NAMES if getattr(self, name)}
         return drawn_deviations(number_of_rotors, self.seed, periodic, **fractions)
 
@@ -154,8 +154,8 @@ def drawn_deviations(
 
     The values of one quantity do not depend on the other quantities. For a given seed they are
     proportional to the standard deviation. Raises ValueError for fewer than 2 rotors, a seed that
-    is not a whole number >= 0, a name that is no field of `Deviations`, a negative standard
-    deviation, and a drawn deviation of -1 or less.
+    is not a whole number of 0 or more, an unknown name, a negative standard deviation, and a drawn
+    deviation of -1 or less.
     """
     _check_whole('number_of_rotors', number_of_rotors, 2)
     _check_whole('seed', seed, 0)

@@ -27,7 +27,7 @@ class EncoderErrors:
         0.0, 'standard deviation of each reading', 'rad', 0.0, 10.0, adjustable=True
     )
     quantisation: float = quantity(
-        0.0, 'resolution of the readings; 0 for none', 'rad', 0.0, 10.0, adjustable=True
+        0.0, 'resolution of the readings; 0 for exact readings', 'rad', 0.0, 10.0, adjustable=True
     )
     offsets: tuple[float, ...] = quantity(
         (), 'constant offset of each reading, one per rotor [rad]; empty for none'
@@ -35,7 +35,7 @@ class EncoderErrors:
     seed: int = quantity(0, 'seed of the noise', '', 0, LARGEST_SEED)
 
     def __post_init__(self) -> None:
-        """Refuse values out of their range."""
+        """Raise ValueError for values out of their range."""
         check_quantities(self)
         _check_offsets(self.offsets)
 
@@ -59,7 +59,7 @@ class KnownEncoders:
     )
 
     def __post_init__(self) -> None:
-        """Refuse values out of their range."""
+        """Raise ValueError for values out of their range."""
         _check_offsets(self.offsets)
 
 

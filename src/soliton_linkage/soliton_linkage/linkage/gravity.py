@@ -32,7 +32,7 @@ class Gravity:
     )
 
     def __post_init__(self) -> None:
-        """Refuse values out of their range."""
+        """Raise ValueError for values out of their range."""
         check_quantities(self)
 
     def energy(self, chain: Chain, angles: Array) -> Array:

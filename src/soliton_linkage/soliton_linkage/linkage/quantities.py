@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Dataclass fields with unit, meaning and range, and checks of their values."""
+"""Dataclass fields with unit, meaning and range, and validation of their values."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ Described = TypeVar('Described')
 
 @dataclass(frozen=True)
 class Quantity:
-    """Meaning and range of a parameter, including the bounds."""
+    """Meaning, unit and range of a parameter; the range includes its bounds."""
 
     description: str
     unit: str = ''
@@ -30,7 +30,7 @@ class Quantity:
     adjustable: bool = False
 
     def complaint(self, value: object) -> str | None:
-        """Return the error of a value with its remedy, or None if it is allowed."""
+        """Return what is wrong with a value, or None if it is allowed."""
         if self.choices and value not in self.choices:
             return f'must be one of {", ".join(map(repr, self.choices))}'
         if isinstance(value, numbers.Real) and not isinstance(value, bool):

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Angles over time, from a simulation, a bag or a live stream."""
+"""Recorded angles of a chain, from a simulation, a bag or a live stream."""
 
 from __future__ import annotations
 
@@ -12,14 +12,14 @@ from soliton_linkage.linkage.chain import Array
 
 @dataclass(frozen=True)
 class Recording:
-    """T frames of a chain of N rotors. The array of rates is empty if they are unknown."""
+    """T frames of a chain of N rotors."""
 
     times: Array
     """Times of the frames [s], increasing, shape (T,)."""
     angles: Array
     """Angles phi [rad], shape (T, N)."""
     rates: Array
-    """Angular velocities [rad/s], shape (T, N) or (0, N)."""
+    """Angular velocities [rad/s], shape (T, N), or (0, N) if they are unknown."""
 
     def __post_init__(self) -> None:
         """Raise ValueError for inconsistent shapes and for times that do not increase."""

@@ -22,8 +22,8 @@ def spring_between(
 ) -> tuple[Any, Any, Any]:
     """Return the extension [m] of a spring and its levers A and B [m/rad].
 
-    The masses are at (h, v) [m] from their pivots. The distance of the pivots is `spacing` [m],
-    and `offset` [m^2] is an element of `Chain.offsets`. With (dh, dv) = (a + h_right - h_left,
+    The masses are at (h, v) [m] from their pivots. The distance between the pivots is `spacing`
+    [m]; `offset` [m^2] is an element of `Chain.offsets`. With (dh, dv) = (a + h_right - h_left,
     v_right - v_left) the length is l = hypot(dh, dv). Its derivatives are A = (h_left dv - v_left
     dh) / l by the angle of the left rotor and B = (v_right dh - h_right dv) / l by the angle of
     the right rotor. Both are set to 0 if the masses coincide.

@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """Chain in the Unified Robot Description Format (URDF) of ROS, Gazebo and MuJoCo.
 
-A URDF describes a tree of rigid bodies, without springs. The positions of the joints are the
-angles phi of `joint_states`, for even and odd rotors.
+A URDF describes a tree of rigid bodies, without springs. The position of each joint is the angle
+phi in `joint_states`, for even and odd rotors.
 """
 
 from __future__ import annotations
@@ -70,7 +70,7 @@ def robot_description(
 
 
 def link_name(joint: str) -> str:
-    """Return the name of the link of a joint, which is also the name of its frame."""
+    """Return the name of the link that a joint moves, which is also the name of its frame."""
     return f'{joint}_link'
 
 

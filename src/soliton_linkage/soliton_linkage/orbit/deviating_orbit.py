@@ -27,7 +27,8 @@ from soliton_linkage.orbit.uniform_orbit import UniformOrbit
 _SAMPLES_A_SITE = 4
 """Samples of the median of |t|^2 per rotor spacing [1], which bracket the arcs at the bonds."""
 _SAME_MODE = 1 - 1e-6
-"""Smallest cosine between tangent and zero mode [1]. A smaller cosine indicates missing rotors."""
+"""Smallest cosine between tangent and zero mode [1]; it is smaller if moving rotors are
+missing."""
 
 
 def orbit_of(chain: Chain) -> Orbit:
@@ -143,9 +144,9 @@ class DeviatingOrbit(Orbit):
                 raise blocked_wall_error(self.chain, piece.seed)
 
     def _relaxed(self, leg: int) -> tuple[Array, Array]:
-        """Return the background of a leg: the angles of the rotors after the wall has passed.
+        """Return the background of a leg: the angles left and right of the wall [rad], (N,) each.
 
-        The angles of the edge rotors are as close as possible to those without deviations.
+        Of their possible angles, edge rotors have those closest to the chain without deviations.
         """
         last = self.chain.number_of_rotors - 1
         left, right = self._uniform.background(self._uniform.leg_arcs(leg)[0])

@@ -21,7 +21,7 @@ class OrbitSegment(NamedTuple):
     """Rotors near the wall in a configuration, and their motion along the orbit."""
 
     first: int
-    """Number of the first rotor."""
+    """Index of the first rotor."""
     angles: Array
     """Actual angles [rad], shape (n,)."""
     tangent: Array
@@ -56,9 +56,9 @@ class Orbit(ABC):
     The element of the arc length [rad] is ds = sqrt(sum_n dphi_n^2). All real arguments are
     allowed, because the orbit is periodic. At arc 0 the wall is reflected at the first rotor and
     leg 0 begins. In leg 0 no edge rotor of a flipper has toggled. The wall moves towards the last
-    rotor in even legs, and towards the first rotor in odd legs. The uniform right-leaning state of
-    the chain is theta = theta_bar. A chain that was assembled upside down is the image phi -> pi -
-    phi. Angles are defined up to whole turns.
+    rotor in even legs, and towards the first rotor in odd legs. The uniform right-leaning state is
+    theta = theta_bar, not its mirror image phi -> pi - phi, a chain that was assembled upside
+    down. Angles are defined up to whole turns.
     """
 
     chain: Chain

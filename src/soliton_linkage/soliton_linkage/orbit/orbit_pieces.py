@@ -2,7 +2,8 @@
 """Orbit of a chain with deviations of rotors and springs, as pieces with Chebyshev series.
 
 A linkage has one degree of freedom. The angle of one rotor in the wall, called the seed,
-determines the angles of its neighbours, and so on outwards. With t_{n+1} = -(A_n / B_n) t_n,
+determines the angles of its neighbours, these determine the next angles, and so on. With t_{n+1} =
+-(A_n / B_n) t_n,
 
     ds = dphi_seed / t_seed,    |t| = 1.
 
@@ -38,7 +39,7 @@ _ROTORS_BESIDE = 6
 _NEWTON_STEPS = 30
 """Largest number of Newton steps [1], far more than necessary."""
 _BATCH = 2_000_000
-"""Numbers that are computed in one batch [1], 16 MB. Larger batches are not faster."""
+"""Number of values in one batch [1], 16 MB; larger batches are not faster."""
 _MOST_NUMBERS = 20_000_000
 """Largest number of computed values for an orbit [1], which takes about a minute."""
 

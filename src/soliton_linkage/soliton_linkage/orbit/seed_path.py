@@ -2,10 +2,10 @@
 """The path of a wall from rotor to rotor through a chain whose rotors and springs deviate.
 
 A linkage has one degree of freedom: given the angle of one rotor, the seed, the bars determine all
-others. The seed is the rotor that moves most. Where its neighbour moves as much, |A_n| = |B_n|,
-that one becomes the seed. Rotor n has two positions on the bar to its right neighbour; the branch
-is sign(A_n) from the time when the seed moved from n to n + 1. The branch on the bar to its left
-neighbour is sign(B_{n-1}) from the time when the seed moved back. Neither lever vanishes while the
+others. The seed is the rotor that moves most. When a neighbour moves as much, |A_n| = |B_n|, the
+neighbour becomes the seed. Given the right neighbour, rotor n has two possible angles; sign(A_n)
+at the instant when the seed changed from n to n + 1 selects one. For the left neighbour
+sign(B_{n-1}) at the instant of the opposite change does the same. Neither lever vanishes while the
 seed is beyond the bar.
 """
 
@@ -34,16 +34,17 @@ Numbers = NDArray[np.int64]
 Branches = NDArray[np.int8]
 
 _LONGEST_STEP = 0.1
-"""Step of a seed's angle over the smaller of rest angle and 1 rad [1]: within one step no other
-rotor becomes the seed and loses that role again."""
+"""Largest step of the angle of the seed, relative to the smaller of rest angle and 1 rad [1]. In
+such a step no rotor becomes the seed and stops being the seed again."""
 _SHORTEST_STEP = 1e-10
-"""Step of a seed's angle [rad] below which only rounding makes bars reach."""
+"""Step of the angle of the seed [rad], at which rounding decides whether a bar is long enough."""
 _CLEAR_LEAD = 1e-9
-"""Lead with which another rotor becomes the seed [1], above the rounding of a logarithm."""
+"""Value of `_Bond.lead` above which another rotor becomes the seed [1], above rounding errors."""
 _NEGLIGIBLE_LEAD = -4.0
-"""Lead below which a side is not searched [1]: no rotor beyond gains a factor e^4."""
+"""Value of `_Bond.lead` below which a side is not searched further [1], because motion does not
+grow by e^4 again."""
 _MOST_PIECES_A_ROTOR = 20
-"""Pieces per rotor of a closed path [1]: flippers take about 4, spinners 2."""
+"""Largest number of pieces per rotor of a closed path [1]: flippers need about 4, spinners 2."""
 
 
 class SeedPath(NamedTuple):
@@ -112,8 +113,8 @@ class _Seed:
     def _start(self, left: Array, right: Array) -> tuple[int, float, float]:
         """Return number and angle [rad] of the first seed, and its sense of rotation.
 
-        The seed is in the same position in a wall as without deviations. Of all such rotors it is
-        nearest to the middle. It turns in this sense if the wall moves towards the last rotor.
+        The seed has the same position in the wall as without deviations and is nearest to the
+        middle of the chain. It turns in this sense while the wall moves towards the last rotor.
         """
         nominal = replace(self._chain, number_of_rotors=8, deviations=NO_DEVIATIONS)
         rotors = np.arange(1, self._last)
@@ -134,10 +135,10 @@ class _Seed:
         return left.tobytes(), right.tobytes()
 
     def lead(self, towards: int, angle: float) -> tuple[float, int]:
-        """Return the maximum of log |t_n / t_seed| [1] on one side, and its rotor number n.
+        """Return the maximum of log |t_n / t_seed| [1] on one side, and the index n of its rotor.
 
         `towards` is +1 for the right side and -1 for the left side. `angle` is the angle of the
-        seed [rad]. Without rotors on this side the maximum is -inf.
+        seed [rad]. If there are no rotors on this side, the maximum is -inf.
         """
         rotor, lead = self.rotor, 0.0
         best = -math.inf, rotor
@@ -149,7 +150,7 @@ class _Seed:
         return best
 
     def _bond(self, rotor: int, towards: int, angle: float) -> _Bond:
-        """Return the bar from a rotor at an angle [rad] to the next on the right or left."""
+        """Return the bar from a rotor with an angle [rad] to its right or left neighbour."""
         bar, far = min(rotor, rotor + towards), rotor + towards
         branch = (self.right_branches if towards > 0 else self.left_branches)[bar]
         spacing = towards * self._spacings[bar]
@@ -161,7 +162,7 @@ class _Seed:
         return _Bond(far_angle, h * up - v * across, v_far * across - h_far * up)
 
     def turn(self, most: float) -> int:
-        """Turn by a step of at most `most` [rad], or until another rotor moves as much.
+        """Turn the seed by a step of at most `most` [rad], or until another rotor moves as much.
 
         Returns the number of the next seed. Raises ArithmeticError if a bar cannot reach.
         """
@@ -181,7 +182,9 @@ class _Seed:
             ahead, towards = min(ends)
             self.angle += self.sense * ahead
             return self.lead(towards, self.angle)[1]
-        raise ArithmeticError(f'the bars of rotor {self.rotor} cannot reach further')
+        raise ArithmeticError(
+            f'the bars of rotor {self.rotor} are too short or too long for a further step'
+        )
 
     def _equal_motion(self, towards: int, beyond: float) -> float:
         """Return the angle at which a rotor on one side moves as much as the seed [rad]."""

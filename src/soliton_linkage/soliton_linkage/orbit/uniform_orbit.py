@@ -1,17 +1,18 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The orbit of a chain of any length without deviations, composed from the orbit of a short chain.
+"""Orbit of a chain of any length without deviations, composed from the orbit of a short chain.
 
-Away from the edges a wall has the same shape at every second rotor. The orbit of a chain that is
-long enough for a wall in its middle to be independent of the edges therefore contains the orbit
-of a long chain: the reflections at the edges, and in the middle of each leg a passage that is
-repeated, shifted by an even number of rotors. Time and memory to compute it do not depend on N.
+Far from the edges a wall has the same shape at every second rotor. A short chain suffices if a
+wall in its middle is not affected by the edges. The orbit of a longer chain has the same
+reflections at the edges; in each leg the motion past the two middle rotors is repeated, shifted by
+an even number of rotors. Time and memory do not depend on N.
 
-The wall is known exactly in the middle of each leg. The orbit is followed from one middle to the
-next, and only through the reflection at the last rotor: the other one is its mirror image.
+The wall is known exactly in the middle of each leg. The orbit is integrated from one middle to the
+next through the reflection at the last rotor; the reflection at the first rotor is the mirror
+image.
 
-The site coordinate is the argument x of `static_wall`, at the arc at which that configuration lies
-on the orbit. It is proportional to the arc, except near an edge, where the part of the motion that
-belongs to absent rotors does not count in the arc.
+The site coordinate is the argument `site` of `static_wall`. It is proportional to the arc except
+near an edge, where the arc does not include the motion of rotors that the finite chain does not
+have.
 """
 
 from __future__ import annotations
@@ -44,14 +45,14 @@ _TOLERANCE = 1e-9
 _SAMPLES_A_STEP = 3
 """Points of the spline in a step of the solver [1]: interpolation errors are below step errors."""
 _DEPTHS_OF_EDGE = 8.0
-"""Range of an edge beyond its two rotors [penetration depths]: arc and site are then
-proportional to a relative error of e^-16."""
+"""Range of an edge beyond its two rotors [penetration depths]. Further away, arc and site are
+proportional with a relative error of e^-16."""
 _SAMPLES_A_SITE = 16
 """Samples of the site near an edge per spacing or penetration depth [1]: errors are 1e-6."""
 _STEP = 1e-5
 """Step of the site for the derivative of a wall at rest [rotor spacings]."""
 _SHORT = 0.3
-"""Last step over the step before below which both are sampled as one [1]."""
+"""Ratio of the last step to the step before, below which the two steps are merged [1]."""
 _EXACT = 1e-12
 """Step below which the search of an arc has converged [rad, rotor spacings]."""
 _STEPS = 20
@@ -61,12 +62,11 @@ _DEGREE = 7
 
 
 class UniformOrbit(Orbit):
-    """The orbit of a chain without deviations; deviations of the given chain are ignored.
+    """Orbit of a chain without deviations; deviations of the given chain are ignored.
 
-    Angles are accurate to 1e-6 rad. The time to compute it is proportional to the length of the
-    short chain's orbit and to the width of a wall: below a second, except for wobbling flippers
-    close to d_c and for walls that extend over 1000 rotors. Raises ValueError for a chain of two
-    rotors or with periodic ends, and as `site_arc` does.
+    Angles are accurate to 1e-6 rad. The computation takes less than a second, except for wobbling
+    flippers close to d_c and for walls that extend over 1000 rotors. Raises ValueError for a chain
+    of two rotors or with periodic ends, and as `site_arc` does.
     """
 
     def __init__(self, chain: Chain) -> None:
@@ -154,7 +154,7 @@ class UniformOrbit(Orbit):
     def background(self, arc: float) -> tuple[Array, Array]:
         """Return the uniform angles left and right of the wall [rad], (N,) each.
 
-        Edge rotors of flippers have toggled or not, as the leg has it.
+        The leg determines which edge rotors of flippers have toggled.
         """
         left, right = self.chain.uniform_state(1), self.chain.uniform_state(-1)
         if self.chain.motion is Motion.SPINNER:
@@ -177,9 +177,9 @@ class _HalfLegs(NamedTuple):
     def mirrored(self, chain: Chain) -> _HalfLegs:
         """Return the mirror image, n -> N - 1 - n and phi -> -phi, in reverse order.
 
-        For an odd number of spinners or an even one of flippers this is the orbit of the chain
-        assembled upside down, and phi -> pi + phi is applied too. The latter also exchanges the
-        legs of spinners, so that the order is not reversed.
+        For an even number of rotors of a flipper or an odd number of a spinner, this is the orbit
+        of the chain assembled upside down; therefore pi is added to phi. In a spinner this
+        exchanges the legs, so that the order is not reversed.
         """
         spinner, odd = chain.motion is Motion.SPINNER, chain.number_of_rotors % 2 == 1
         angles, tangents = self.angles[:, ::-1], self.tangents[:, ::-1]
@@ -192,12 +192,7 @@ class _HalfLegs(NamedTuple):
 
 
 class _ShortOrbit:
-    """The orbit of a short chain, from the middle of leg 0 through all legs, as a spline.
-
-    Attributes: the walls in the middles of the legs [rad]; the arcs of these middles, followed by
-    the length of the orbit; the length; knots and coefficients of the spline; the arcs at which
-    the legs end [rad]; and the sites near the edges.
-    """
+    """Orbit of a short chain as a spline, from the middle of leg 0 through all legs."""
 
     def __init__(self, chain: Chain, legs: int) -> None:
         self._chain = chain
@@ -221,11 +216,11 @@ class _ShortOrbit:
             for leg in range(legs)
         ]
         self.edges = [[self._edge(leg, first) for first in (False, True)] for leg in range(legs)]
-        """Distance of the wall from the last and from the first rotor in each leg [spacings], over
-        the same distance without an edge, from the arc alone."""
+        """Distance of the wall from the last and from the first rotor in each leg, as a function
+        of the distance that the arc alone gives [rotor spacings]."""
 
     def _edge(self, leg: int, at_first: bool) -> PiecewiseCubic:
-        """Return the map, from the arc |dPhi/dx| of static walls up to a site without edges."""
+        """Return the distance of the wall from an edge as a function of the distance by arc."""
         chain, last = self._chain, self._chain.number_of_rotors - 1
         depth = penetration_depth(chain) / chain.spacing
         reach = min(last / 2, 2 + _DEPTHS_OF_EDGE * depth)
@@ -250,8 +245,8 @@ class _ShortOrbit:
     def _tangent(self, angles: Array) -> Array:
         """Return the unit zero mode in the direction of the orbit [1], (N,).
 
-        It is faster than `zero_mode`: t_n ~ (-1)^n A_0 ... A_{n-1} B_n ... B_{N-2}. In units of
-        the larger coupling no product of a short chain overflows.
+        The formula t_n ~ (-1)^n A_0 ... A_{n-1} B_n ... B_{N-2} is faster than `zero_mode`. In
+        units of the larger coupling, no product overflows in a short chain.
         """
         first, second = rigidity_bands(self._chain, angles)
         mode = self._signs.copy()
@@ -264,7 +259,7 @@ class _ShortOrbit:
         return np.asarray(mode / math.sqrt(square))
 
     def _logarithmic_tangent(self, first: Array, second: Array) -> Array:
-        """Return the same by logarithms, for products that overflow."""
+        """Return the result of `_tangent` by logarithms, for products that overflow."""
         signs, logarithms = self._signs.copy(), np.zeros(len(self._signs))
         with np.errstate(divide='ignore'):
             logarithms[1:] += np.cumsum(np.log(np.abs(first)))
@@ -277,9 +272,8 @@ class _ShortOrbit:
     def _pieces(self) -> list[_HalfLegs]:
         """Return all pieces in the order of the orbit; those at the first rotor are mirrored.
 
-        An edge rotor has toggled relative to the left-leaning state at both ends. For d > 1 its
-        coupling A_0 differs from the mirrored right-leaning state, so that leg 2 of flippers is
-        the mirror image of leg 0; for d < 1, leg 3 is the mirror image of leg 1.
+        For d > 1, leg 2 of flippers is the mirror image of leg 0; for d < 1, leg 3 is that of leg
+        1, because `toggled_edges` counts from the left-leaning state.
         """
         legs = len(self.walls)
         last = [self._followed(leg) for leg in range(0, legs, 2)]
@@ -307,10 +301,10 @@ class _ShortOrbit:
         return _HalfLegs(arcs, angles, np.array([self._tangent(each) for each in angles]))
 
     def _rate(self, arc: float, leg: int) -> float:
-        """Return a quantity that changes sign where the wall is reflected at the end of a leg.
+        """Return a quantity that changes its sign when the wall is reflected at the end of a leg.
 
-        At a reflection a flipper's edge rotor is in line with its bar, and the sum of a spinner's
-        horizontal positions reverses.
+        At a reflection the edge rotor of a flipper is in line with its bar; in a spinner the rate
+        of the sum of the horizontal positions reverses.
         """
         angles, tangent = np.split(np.asarray(self._spline(arc)), 2)
         if self._chain.motion is Motion.SPINNER:
@@ -320,8 +314,8 @@ class _ShortOrbit:
 
 
 _short_orbit = lru_cache(maxsize=4)(_ShortOrbit)
-"""Recently computed orbits of short chains [1]. The analyser and the steering share them, as do
-chains that differ only in their length or deviations."""
+"""Cache of orbits of short chains. The analyser and the steering share it, and so do chains that
+differ only in length or deviations."""
 
 
 def _short_chain(chain: Chain) -> Chain:
@@ -335,7 +329,7 @@ def _short_chain(chain: Chain) -> Chain:
 def _closed_spline(pieces: list[_HalfLegs], middles: list[float]) -> BSpline:
     """Return a spline of angles and tangents, shape (2 N,), over one cycle.
 
-    It extends into the next cycle and the previous one, so that it is smooth at the seam.
+    It extends into the previous and the next cycle, so that it is smooth where the cycle closes.
     """
     arcs, rows, end = [], [], pieces[0].angles[0]
     for piece, middle in zip(pieces, middles[:-1], strict=True):
@@ -399,11 +393,12 @@ def set_near_wall(
 ) -> tuple[int, int, int]:
     """Set the angles [rad], up to whole turns, and tangents [1] of a short chain, shape (2 n,).
 
-    The arc [rad] belongs to a long chain, in whose legs the passage occurs `repeats` more times.
-    The rows of `legs`, (3, legs), are the arcs at which legs begin in the long chain and in the
-    short one, and the arc from there to the middle of the short leg [rad]. The length [rad]
-    belongs to the short orbit, whose angles and tangents are a spline. Returns the number of a
-    rotor of the long chain, and the range of the short chain's rotors that begins with it.
+    `arc` [rad] is that of a long chain with 2 `repeats` more rotors than the short one. `legs`,
+    shape (3, legs), has these rows [rad]: start of each leg in the long chain, the same in the
+    short chain, and arc from there to the middle of the short leg. `length` is that of the orbit
+    of the short chain [rad]; `knots` and `coefficients` are its spline. Returns the index of a
+    rotor of the long chain, and the range of rotors of the short chain that begins with this
+    rotor.
     """
     leg = legs.shape[1] - 1
     while leg > 0 and arc < legs[0, leg]:
@@ -414,7 +409,7 @@ def set_near_wall(
     offset = 2 * (passed if leg % 2 == 0 else repeats - passed)
     within = (legs[1, leg] + beyond - 2 * passed * site_arc) % length
     spline(knots, coefficients, within, values)
-    # Inside the long chain an edge rotor of the short chain has no counterpart.
+    # An edge rotor of the short chain has no counterpart inside the long chain.
     low = 0 if offset == 0 else 1
     end = values.size // 2
     high = end if offset == 2 * repeats else end - 1

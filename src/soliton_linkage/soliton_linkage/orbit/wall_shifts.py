@@ -1,11 +1,10 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Displacement and rate of a wall under small unmodelled deviations, to first order.
+"""First-order errors of the position and rate of a wall due to small unmodelled deviations.
 
 Let p be the relative deviations of the rotor lengths and spacings. Bars keep their lengths if the
-angles change by dphi with R dphi + E p = 0, dphi orthogonal to the zero mode t. The site
-coordinate of a wall is fixed by the part S_b of |t|^2 on the left of its bond b
-(`DeviatingOrbit`). With the parts S_n on the left of all bonds and t_{n+1} / t_n = -A_n / B_n, S_b
-changes by
+angles change by dphi with R dphi + E p = 0, dphi orthogonal to the zero mode t. The part S_b of
+|t|^2 on the left of the bond b of a wall determines its site coordinate (`DeviatingOrbit`). With
+the parts S_n on the left of bonds n and t_{n+1} / t_n = -A_n / B_n, ln(S_b / (1 - S_b)) changes by
 
     dQ = -sum_n w_n d ln|A_n / B_n|,   w_n = min(S_n / S_b, (1 - S_n) / (1 - S_b)),
 
@@ -15,9 +14,9 @@ bond is
 
     (ds_{b+1} - ds_b) / (s_{b+1} - s_b) - Phi'' . dphi + sum_n t_n^2 (p_n + m_n / 2),
 
-with the relative deviations p_n of rotor lengths and m_n of masses: the change of the arc between
-the nearest points, of the arc element, and of inertia. R^+ E need not be computed: for any q,
-q . R^+ E = u . E with (R R^T) u = R q. Stiffnesses have no effect.
+with the relative deviations p_n of rotor lengths and m_n of masses. The three terms are the
+changes of the arc between the bonds, of the arc element, and of the inertia. R^+ E need not be
+computed: for any q, q . R^+ E = u . E with (R R^T) u = R q. Stiffnesses have no effect.
 """
 
 from __future__ import annotations
@@ -38,11 +37,11 @@ from soliton_linkage.orbit.orbit import Orbit, OrbitSegment
 from soliton_linkage.orbit.uniform_orbit import UniformOrbit
 
 _SAMPLES = 4
-"""Samples of the arc element and of inertia between two bonds [1]."""
+"""Number of samples of the arc element and of the inertia between two bonds [1]."""
 
 
 class Shifts(NamedTuple):
-    """Standard deviations of errors of a wall over the standard deviation of a far rotor."""
+    """Standard deviations of a wall, divided by the standard deviation of a far rotor."""
 
     arc: float
     """Ratio for the arc [1]."""
@@ -51,11 +50,11 @@ class Shifts(NamedTuple):
 
 
 class WallShifts:
-    """Errors of a wall by deviations, in units of the effect on a rotor far from the wall.
+    """Errors of a wall due to deviations, in units of the effect on a rotor far from the wall.
 
-    That effect is the angle of the rotor beyond the tail of the next one towards the wall. All
-    lengths and masses have equal independent relative deviations. Deviations of the orbit's chain
-    itself are ignored.
+    This effect is the angle of the rotor without the part that continues the tail of the next
+    rotor towards the wall. All lengths and masses have independent relative deviations of equal
+    variance. Known deviations of the chain of the orbit are ignored.
     """
 
     def __init__(self, orbit: Orbit) -> None:
@@ -67,8 +66,8 @@ class WallShifts:
     def at(self, site: float, leg: int) -> Shifts:
         """Return the errors at a site coordinate [rotor spacings].
 
-        Variances of the arc are interpolated between the bonds on either side. Bonds are computed
-        when they are needed first.
+        Variances of the arc are interpolated between the bonds on either side of the site. The
+        values of a bond are computed when they are first needed.
         """
         bonds = self._orbit.chain.number_of_rotors - 1
         before = min(max(site - 0.5, 0.0), bonds - 1)
@@ -105,14 +104,14 @@ class WallShifts:
         return self._whole(segment.first, bars.arc_effect(bond - segment.first))
 
     def _whole(self, first: int, effects: Array) -> Array:
-        """Return effects of lengths near a wall as effects of all lengths of the chain."""
+        """Extend effects of lengths near a wall to all lengths of the chain, with zeros."""
         whole = np.zeros(2 * self._orbit.chain.number_of_rotors - 1)
         whole[2 * first : 2 * first + len(effects)] = effects
         return whole
 
 
 class _BarsNearWall:
-    """Effects of lengths of the n rotors near a wall and of their spacings, (2 n - 1,).
+    """Effects of the lengths of the n rotors near a wall and of their spacings, (2 n - 1,).
 
     Rotors and spacings alternate. With c = h v' - v h' of the masses that a bar joins, its levers
     are l A = c - a v and l B = a v' - c, so that all derivatives are products of positions.
@@ -131,7 +130,7 @@ class _BarsNearWall:
         self._second = a * right[1] - self._cross
 
     def far_rotor_effect(self, tail: float) -> Array:
-        """Return the effects on the second rotor beyond the tail of the third [rad].
+        """Return the effects on the second rotor, without the tail of the third rotor [rad].
 
         The first rotor may be an edge rotor and is not used.
         """
@@ -146,7 +145,7 @@ class _BarsNearWall:
         return effects
 
     def arc_effect(self, bond: int) -> Array:
-        """Return the effects on the arc with a fixed part of the mode left of a bond [rad]."""
+        """Return the effects on the arc at which a given part of |t|^2 is left of a bond [rad]."""
         left = np.cumsum(self._tangent**2)[:-1]
         right = np.cumsum(self._tangent[::-1] ** 2)[-2::-1]
         weights = np.minimum(left / left[bond], right / right[bond])
@@ -183,7 +182,7 @@ class _BarsNearWall:
 
 
 def _rotor_sums(lefts: Array, rights: Array) -> Array:
-    """Return the sums of what bars contribute to the rotors on their left and right, (n,)."""
+    """Add the contributions of bars to the rotors on their left and right, shape (n,)."""
     sums = np.append(lefts, 0.0)
     sums[1:] += rights
     return sums

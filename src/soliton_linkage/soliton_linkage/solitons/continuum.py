@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """Continuum theories of the wall: phi^4 for flippers with d << 1, sine-Gordon for d >> d_c.
 
-In both the energy density is a perfect square. The wall of charge Q = +1, which leans right on the
-side of rotor 0 and left beyond, therefore has zero energy at rest; a wall of charge Q = -1 has the
+In both the energy density is a perfect square. Therefore the wall of charge Q = +1 (right-leaning
+before the wall, left-leaning after it) has zero energy at rest; a wall of charge Q = -1 has the
 energy 2 E_s. Both theories are invariant under Lorentz boosts with the speed of sound c,
 
     w = w_0 / gamma,    gamma = 1 / sqrt(1 - v^2 / c^2),
@@ -136,7 +136,7 @@ class WallTheory(ABC):
         return (gamma * self._ratio(velocity)) ** 2 / (gamma + 1)
 
     def _misfit(self, velocity: float, charge: int) -> float:
-        """Return Q gamma - 1, the relative excess of the slope above the slope at rest [1]."""
+        """Return Q gamma - 1, the relative excess over the slope at rest [1]."""
         excess = self._excess(velocity)
         return excess if _checked_sign('charge', charge) > 0 else -2 - excess
 

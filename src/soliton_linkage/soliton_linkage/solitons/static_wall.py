@@ -44,13 +44,13 @@ def static_wall(chain: Chain, site: float, leg: int = 0, inverted: bool = False)
 
     The site coordinate [rotor spacings] defines the position of a wall in the whole suite. In an
     infinite chain it is proportional to the arc of the zero-energy orbit, and it is n + 1/2 if the
-    wall is symmetric about the middle between rotors n and n + 1. A finite chain has the angles of
-    its rotors in the infinite one, except for edge rotors that have toggled. `Orbit` defines the
-    legs. The toggled edge rotors of flippers are: none on leg 0, the last on leg 1, both on
-    leg 2, the first on leg 3. Legs 0 and 1 of spinners differ by the side on which the rotors in
-    the wall turn over. `inverted` selects the image phi -> pi - phi, a chain that was assembled
-    upside down. In a chain with deviations, the rotor nearest to the wall has its angle without
-    deviations, and the other angles follow from the lengths of the bars.
+    wall is symmetric about the middle between rotors n and n + 1. In a finite chain the rotors
+    have the same angles as in the infinite chain, except for edge rotors that have toggled.
+    `Orbit` defines the legs. The toggled edge rotors of flippers are: none on leg 0, the last on
+    leg 1, both on leg 2, the first on leg 3. Legs 0 and 1 of spinners differ by the side on which
+    the rotors in the wall turn over. `inverted` selects the image phi -> pi - phi, a chain that
+    was assembled upside down. In a chain with deviations, the rotor nearest to the wall has the
+    same angle as without deviations, and the other angles follow from the lengths of the bars.
 
     Raises ValueError for a chain of two rotors or with periodic ends, a site outside 0 ... N - 1,
     an unknown leg, and bars that are too short or too long. It also raises the errors of
@@ -85,7 +85,7 @@ def static_wall(chain: Chain, site: float, leg: int = 0, inverted: bool = False)
 def site_arc(chain: Chain) -> float:
     """Return the arc length Lambda of the zero-energy orbit per rotor spacing of the wall [rad].
 
-    It is the integral of sqrt(sum_n dphi_n^2) while a wall moves by one spacing, without
+    It is the integral of sqrt(sum_n dphi_n^2) while a wall moves by one spacing in a chain without
     deviations. A slow wall has the speed v = a |phi_dot| / Lambda and the mass M_eff = M r^2
     Lambda^2 / a^2. Raises ValueError if d differs from d_c by less than 1e-9 d_c, because the
     orbits of flippers and spinners meet at d_c. Also raises ValueError for d below 2e-4, because

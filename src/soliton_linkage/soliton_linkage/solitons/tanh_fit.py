@@ -42,7 +42,7 @@ class Soliton:
     position: centre [m] from the pivot of rotor 0.
     velocity: velocity of the centre [m/s], positive towards the last rotor.
     width: width w of tanh(x / w) [m].
-    charge: +1 if the chain leans right on the side of rotor 0 and left beyond; else -1.
+    charge: +1 if the chain leans right on the side of rotor 0 and left on the other side, else -1.
     position_deviation: standard deviation of the position [m].
     velocity_deviation: standard deviation of the velocity [m/s].
     width_deviation: standard deviation of the width [m].
@@ -59,7 +59,7 @@ class Soliton:
 
 
 def polarisation(chain: Chain, angles: Array) -> Array:
-    """Return the side on which the zero mode grows across each bond, shape (..., springs).
+    """Return the direction in which the zero mode grows across each bond, shape (..., springs).
 
     It is (A^2 - B^2) / (A^2 + B^2), divided by its value in the uniform right-leaning state. It is
     +1 in this state and -1 in the left-leaning state, and does not depend on whole turns of the
@@ -271,11 +271,10 @@ def _deviation(residual: Array, parameters: int, information: float) -> float:
 
 
 def _spinner_lean(chain: Chain, angles: Array) -> int:
-    """Return a spinner's family of states: +1 around theta_bar, -1 around -theta_bar.
+    """Return the assembly of a spinner: +1 for states around theta_bar, -1 around -theta_bar.
 
-    The families are the two ways to assemble a spinner. (-1)^n A_n and (-1)^n B_n never change
-    their signs while the wall moves. They are negative and positive in the family +1, positive and
-    negative in the family -1.
+    (-1)^n A_n and (-1)^n B_n never change their signs while the wall moves. They are negative and
+    positive for +1, positive and negative for -1.
     """
     first, second = rigidity_bands(chain, angles)
     levers = second - first

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Path of a soliton along the chain, with the number and speed of its crossings."""
+"""Track of a soliton along the chain, and its crossings of the chain."""
 
 from __future__ import annotations
 
@@ -15,8 +15,8 @@ from soliton_linkage.linkage.recording import Recording
 from soliton_linkage.solitons.tanh_fit import find_solitons
 
 _EDGE_PART = 0.2
-"""Fraction of the chain at each end [1] that is not part of a crossing, because walls are
-reflected there."""
+"""Fraction of the chain at each end that a crossing excludes [1], because walls are reflected
+there."""
 
 
 @dataclass(frozen=True)
@@ -37,7 +37,7 @@ class Track:
 
 @dataclass(frozen=True)
 class Crossing:
-    """One passage of a soliton between the outer fifths of the chain."""
+    """One passage of a soliton from one outer fifth of the chain to the other."""
 
     start: float
     """Time at which the soliton left the first fifth [s]."""
@@ -46,7 +46,7 @@ class Crossing:
     direction: int
     """+1 towards the last rotor, -1 towards rotor 0."""
     site_rate: float
-    """Absolute slope of a straight line through the passage [rotor spacings / s]."""
+    """Speed [rotor spacings / s]: absolute slope of a line fitted to the passage."""
 
 
 class MeasuredWall(Protocol):
@@ -70,7 +70,7 @@ class MeasuredWall(Protocol):
 
 
 def measured_track(chain: Chain, times: Array, walls: Sequence[Sequence[MeasuredWall]]) -> Track:
-    """Return the track of the first wall of each frame with its uncertainties; times [s], (T,)."""
+    """Return the track of the first wall of each frame, at given times [s], shape (T,)."""
     rows = np.full((len(walls), 4), np.nan)
     for row, found in zip(rows, walls, strict=True):
         if found:
@@ -81,7 +81,7 @@ def measured_track(chain: Chain, times: Array, walls: Sequence[Sequence[Measured
 
 
 def follow(chain: Chain, recording: Recording) -> Track:
-    """Find the soliton in every frame of a recording."""
+    """Return the track of the first soliton in a recording."""
     rates = recording.rates if len(recording.rates) else [None] * len(recording.times)
     found = [
         find_solitons(chain, angles, rate)

@@ -3,7 +3,7 @@
 
 The state of a rotor includes the angle, its cosine and its sine. A drift rotates by a small angle,
 whose cosine and sine are polynomials. Therefore no loop calls a function, and all loops are
-vectorised. The first rows of `work` are the rows of `terms`. TURNS and the rows below follow.
+vectorised. The array `work` begins with the rows of `terms`, followed by the rows below.
 """
 
 from __future__ import annotations
@@ -31,8 +31,8 @@ from soliton_linkage.linkage.chain import Array
 Numbers = NDArray[np.int64]
 
 TURNS, RATES_BEFORE, MEAN_OF_TURN, MEAN, SAVED = range(7, 12)
-"""Rows of `work`: the rotation in a drift [rad], three rows for drifts with nonlinear damping, and
-the first row of a copy of the four rows ANGLES to SINES."""
+"""Rows of `work`: rotation in a drift [rad]; three rows for drifts with nonlinear damping; first
+row of a copy of the four rows ANGLES to SINES."""
 
 WORK_ROWS = SAVED + 4
 """Number of rows of `work`."""
@@ -73,7 +73,7 @@ class Step(NamedTuple):
     kicks: Array
     """Times of the kicks [s], shape (14,)."""
     decays: Array
-    """Factor of the rates, and angle per rate [s], of each drift in a half step and a whole step.
+    """Factor of the rates, and angle per rate [s], for each drift in a half step and a whole step.
     Shape (2, 2, 15, P), or (2, 2, 15, 0) if a damping is not linear."""
 
 
@@ -124,7 +124,7 @@ def turn(work: Array, rates: int, time: float) -> None:
 
 @inlined
 def kick(work: Array, forces: Forces, time: float) -> None:
-    """Change the rates by torques that act for a time."""
+    """Change the rates by the torques acting for a time."""
     for n in range(forces.inverse_inertias.size):
         torque = work[TORQUES, n] + work[TORQUES_ON_RIGHT, n]
         work[RATES, n] += time * forces.inverse_inertias[n] * torque
@@ -144,7 +144,7 @@ def decay(work: Array, forces: Forces, decays: Array, stage: int) -> float:
 
 @inlined
 def damp(work: Array, rotors: int, forces: Forces, time: float) -> float:
-    """Damp the rates in a drift by any law, with a classical Runge-Kutta step; see `decay`."""
+    """Damp the rates in a drift by any damping law, with a Runge-Kutta step; see `decay`."""
     size = forces.half_inertias.size
     for n in range(size):
         work[RATES_BEFORE, n] = work[RATES, n]
@@ -187,7 +187,8 @@ def take_step(work: Array, rotors: int, forces: Forces, step: Step, length: int)
             time = share * step.kicks[stage]
             kick(work, forces, time)
             if forces.active:
-                # An impulse does the work of its mean rate.
+                # The work of an impulse is the impulse times the mean of the rates before and
+                # after it.
                 dissipated += time * (power + active_power(work, rotors)) / 2
     return dissipated
 
@@ -237,7 +238,7 @@ def advance(
     plain_checks: PlainChecks,
     states: Array,
 ) -> tuple[int, float]:
-    """Fill states[1:] with the state after each step; return step count and largest error.
+    """Fill states[1:] with the state after each step; return number of steps and largest error.
 
     Stop before a step that rotates a rotor too far or whose error exceeds 1.
     """
@@ -334,8 +335,8 @@ def put_knot(
         knots[first + 1, rotors] = unit * (active_before + sum_terms(work, rotors, *table))
         for n in range(rotors):
             knots[first + 2, n] += unit**2 * forces.inverse_inertias[n] * work[TORQUES, n]
-        # The powers of linear damping and active terms are of degree 2 in the rates and angles,
-        # and their central differences are exact.
+        # The powers of linear damping and active terms are quadratic in the rates and angles, so
+        # that their central differences are exact.
         power = 0.0
         for sign in (-0.5, 0.5):
             for n in range(rotors):

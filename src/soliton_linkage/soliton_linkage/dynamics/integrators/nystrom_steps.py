@@ -52,7 +52,7 @@ ORDER = 6
 STABLE_STEP = 3.14
 """Longest step in units of 1 / omega for which vibrations of frequency omega stay bounded.
 
-Near pi vibrations grow by less than a thousandth per step. Above 6.15 they grow without bound.
+Near pi vibrations grow by less than 0.1 % per step; above 6.15 they grow without bound.
 """
 
 _HALF_OF_DRIFTS = (
@@ -88,7 +88,7 @@ class SolverSettings:
     """Tuning of `SymplecticNystrom`."""
 
     rotors_per_call: int = 16_000
-    """Rotors times steps per compiled call [1]. Sensitivity: 0.5x, 2x change times by 10 %."""
+    """Rotors times steps per compiled call [1]. Sensitivity: at 0.5x or 2x, 10 % slower."""
     safety: float = 0.8
     """Largest rotation of the fastest rotor in one step, as a fraction of LARGEST_TURN.
 
@@ -98,20 +98,24 @@ class SolverSettings:
     aim: float = 0.3
     """Expected error of a new step length, as a fraction of the tolerance.
 
-    Sensitivity: at 0.5x, 10 % more evaluations and half the error; at 2x, 10 % fewer and twice.
+    Sensitivity: at 0.5x, 10 % more evaluations and half the error; at 2x, 10 % fewer and twice the
+    error.
     """
     min_growth: float = 1.25
-    """Smallest factor by which steps are lengthened. 1.13 and 1.5 change evaluations by 6 %."""
+    """Smallest factor by which steps are lengthened. Sensitivity: 6 % of evaluations at 1.13,
+    1.5."""
     max_shrinkage: float = 0.95
-    """Factor below which the first step length is shortened. 0.9 and 0.975 have no effect."""
+    """Factor below which the first step length is shortened. Sensitivity: none from 0.9 to
+    0.975."""
     measured_every: int = 32
-    """Number of steps between error measurements. 16: 6 % more evaluations; 64: 3 % fewer."""
+    """Number of steps between error measurements. At 16, 6 % more evaluations; at 64, 3 %
+    fewer."""
     steps_until_exact: int = 1000
     """Number of steps after which cosines and sines are recomputed, to limit rounding errors."""
     shortest: float = 1e-6
     """Smallest step length before the solver fails, as a fraction of the longest stable step."""
     trials: int = 60
-    """Number of step lengths that are tried before the solver fails. One to three are usual."""
+    """Number of step lengths that are tried before the solver fails; one to three are usual."""
 
 
 DEFAULTS = SolverSettings()
@@ -121,7 +125,7 @@ _NONE: Numbers = np.empty(0, dtype=np.int64)
 
 
 def steps_to_measure(taken: int, count: int, every: int) -> Numbers:
-    """Return which of the next steps have their error measured, counted from 1.
+    """Return the steps whose error is to be measured, counted from 1 for the next step.
 
     After a change of the length these are the steps 1, 4 and 16, and then every `every`-th step.
     `taken` is the number of earlier steps of this length.
@@ -159,11 +163,11 @@ class NystromSteps:
     def advance(
         self, state: Array, length: float, count: int, checks: Checks | None = None
     ) -> tuple[Array, float]:
-        """Return the states at the start and after each of some steps [s], and the largest error.
+        """Return the states at the start and after each of `count` steps, and the largest error.
 
-        Stop before a step in which a rotor would turn by more than LARGEST_TURN in a drift, or
-        whose error against two steps of half the length exceeds 1. The states have the shape
-        (steps taken + 1, len(state)).
+        `length` is that of a step [s]. Stop before a step in which a rotor would turn by more than
+        LARGEST_TURN in a drift, or whose error, compared with two steps of half the length,
+        exceeds 1. The states have the shape (steps taken + 1, len(state)).
         """
         rotors = self._motion.rotors
         states = np.empty((count + 1, len(state)))
@@ -218,7 +222,7 @@ class NystromSteps:
 
 
 def zeros_in_line(rows: int, columns: int) -> Array:
-    """Return zeros of shape (rows, columns) that begin at a cache line.
+    """Return zeros of shape (rows, columns), aligned with a cache line.
 
     Access to vectors that cross two cache lines takes longer. All pages are written immediately,
     so that the system allocates them before the first loop.

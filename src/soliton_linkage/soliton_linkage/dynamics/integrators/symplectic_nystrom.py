@@ -53,7 +53,8 @@ class SymplecticNystrom(OdeSolver):
     """
 
     _tried = 4
-    """Number of steps after which the first step length is accepted; the fourth is measured."""
+    """Number of steps after which the first step length is accepted, because the fourth is
+    measured."""
 
     n: int
     t: float
