@@ -3,7 +3,6 @@ from __future__ import annotations
 
 import itertools
 import math
-import os
 import shutil
 import sys
 from collections.abc import Callable, Generator, Iterator
@@ -33,7 +32,8 @@ BROWSERS = ('chromium', 'chromium-browser', 'google-chrome')
 BAGS = Path(__file__).parents[4] / 'bags'
 COMMANDS = (interfaces.NUDGE, interfaces.EDGE_COMMAND, interfaces.TILT)
 FAILED = pytest.StashKey[bool]()
-_domains = itertools.count(101 + int(os.environ.get('PYTEST_XDIST_WORKER', 'gw0')[2:]), 20)
+# Domains above 101 use ports that the system gives to any socket.
+_domains = itertools.cycle(range(81, 102))
 
 
 @pytest.hookimpl(wrapper=True)
@@ -105,10 +105,15 @@ def live_view(stage: Stage) -> LiveView:
     folders = [str(stage.folder / 'bags'), str(BAGS)]
     made: LiveView = stage.start(LiveView, {'port': 0, 'bag_folders': folders, 'frame_rate': 10.0})
     chain = made.view.chains['/'].model
-    until(lambda: chain.numbers.get('walls') == 1, 'the soliton')
+    until(lambda: chain.numbers.get('walls') == 1, 'the soliton', lambda: _seen(made.view))
     commands = made.view.commands('/')
     until(lambda: all(commands.subscribers(t.name) == 2 for t in COMMANDS), 'the subscribers')
     return made
+
+
+def _seen(view: View) -> Any:
+    model = view.chains['/'].model
+    return model.numbers, model.state_age, model.error, model.angles
 
 
 @pytest.fixture(scope='package')
@@ -168,7 +173,11 @@ def at_rest(view: View, visit: Visit, stage: Stage) -> Visit:
     stage.call(Trigger, 'soliton_steering/release')
     assert stage.call(Reset, 'simulator/reset').success
     model, reports = view.chains['/'].model, view.finder.reports
-    until(lambda: abs(model.numbers.get('rotor', math.nan) - PLACE) < 0.1, 'the reset')
+    until(
+        lambda: abs(model.numbers.get('rotor', math.nan) - PLACE) < 0.1,
+        'the reset',
+        lambda: _seen(view),
+    )
     reports.pop('/soliton_steering', None)
     until(
         lambda: (
@@ -176,5 +185,6 @@ def at_rest(view: View, visit: Visit, stage: Stage) -> Visit:
             and abs(float(reports['/soliton_steering'][1].figures['rotor']) - PLACE) < 0.1
         ),
         'the steering to see the soliton',
+        lambda: (reports, _seen(view)),
     )
     return visit

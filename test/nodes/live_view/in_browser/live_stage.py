@@ -36,12 +36,13 @@ SIMULATED = {
 }
 
 
-def until(condition: Callable[[], Any], what: str) -> Any:
-    """Wait until a condition is true and return its value."""
+def until(condition: Callable[[], Any], what: str, found: Callable[[], Any] | None = None) -> Any:
+    """Wait until a condition is true and return its value; on timeout, fail with what is found."""
     deadline = time.monotonic() + LONGEST_WAIT
     while not (value := condition()):
         if time.monotonic() > deadline:
-            pytest.fail(f'waited {LONGEST_WAIT:g} s for {what}')
+            instead = '' if found is None else f' and found {found()}'
+            pytest.fail(f'waited {LONGEST_WAIT:g} s for {what}{instead}')
         time.sleep(0.01)
     return value
 
@@ -57,9 +58,11 @@ class Stage(Graph):
         self._thread = threading.Thread(target=self._spin)
         self._thread.start()
 
-    def until(self, condition: Callable[[], Any], what: str, _: Any = None) -> None:
+    def until(
+        self, condition: Callable[[], Any], what: str, found: Callable[[], Any] | None = None
+    ) -> None:
         """Wait until a condition is true, while the thread spins."""
-        until(condition, what)
+        until(condition, what, found)
 
     def subscribe(self, topic: interfaces.Topic, namespace: str = '/') -> Any:
         """Subscribe to a topic for `record`, and return the subscription."""
