@@ -141,6 +141,37 @@ def test_a_change_of_a_called_loop_in_another_module_compiles_the_caller_again(
     assert loops.run() == ('41.0 63 10.5', [])
 
 
+def test_comments_docstrings_and_line_numbers_compile_nothing_again(loops: Loops) -> None:
+    described = LOOPS.replace('return', '"""Return it."""\n    return')
+    (loops.folder / 'loops.py').write_text(described, encoding='utf-8')
+    loops.run()
+    files = loops.files()
+    described = '# A comment.\n' + described.replace('Return it', 'Return a number')
+    (loops.folder / 'loops.py').write_text(described, encoding='utf-8')
+    assert loops.run() == (RIGHT, [])
+    assert loops.files() == files
+
+
+def test_a_change_of_the_fields_of_a_named_tuple_compiles_again(loops: Loops) -> None:
+    record = """
+from typing import NamedTuple
+from soliton_linkage.compiling import compile_loop
+
+class Pair(NamedTuple):
+    {0}: float
+    {1}: float
+
+@compile_loop
+def first(x):
+    return Pair(x, 2.0 * x).a
+"""
+    printed = []
+    for fields in (('a', 'b'), ('b', 'a')):
+        (loops.folder / 'pairs.py').write_text(record.format(*fields), encoding='utf-8')
+        printed.append(loops.run('import pairs; print(pairs.first(1.0))'))
+    assert printed == [('1.0', []), ('2.0', [])]
+
+
 def test_processes_that_write_at_once_do_not_disturb_each_other(loops: Loops) -> None:
     orders = ('loops.lazy(3), loops.lazy(0.5)', 'loops.lazy(0.5), loops.lazy(3)')
     processes = [loops.start(f'import loops; print({order})') for order in 2 * orders]

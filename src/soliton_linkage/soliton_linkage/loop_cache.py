@@ -3,9 +3,9 @@
 
 The cache of numba has three faults. An empty or truncated index file raises an error at import.
 Two processes can write two loops to one file. After a change of a called function in another
-module, the old code stays in use. This module uses private members of numba, because numba has no
-public way to replace its cache. Digests and checks add 0.05 s to the 1 s that loading all loops
-takes.
+module, the old code stays in use. Here a loop is compiled again only if its code, a loop that it
+calls or a constant of either changes; comments, docstrings and line numbers do not matter. This
+module uses private members of numba, because numba has no public way to replace its cache.
 """
 
 from __future__ import annotations
@@ -14,6 +14,7 @@ import functools
 import hashlib
 import logging
 import pickle
+import re
 from collections.abc import Callable, Iterator
 from importlib.metadata import version
 from pathlib import Path
@@ -39,15 +40,14 @@ class LoopCache(FunctionCache):  # type: ignore[misc]
         """Choose a folder; raises RuntimeError if none can be written."""
         super().__init__(function)
         self._options = repr(options)
-        self._cache_file = _LoopFiles(Path(self.cache_path), self._impl.filename_base)
+        name = re.sub(r'-\d+(?=\.py)', '', self._impl.filename_base)  # without the line number
+        self._cache_file = _LoopFiles(Path(self.cache_path), name)
 
     def _index_key(self, sig: Any, codegen: Any) -> tuple[str, str]:
         """Return the file name of a loop, and a text with all that its content depends on."""
         target = repr((sig, codegen.magic_tuple()))
         versions = f'numba {numba.__version__} llvmlite {version("llvmlite")}'
-        enclosed = super()._index_key(sig, codegen)[2:]
-        digest = sources_digest(self._py_func)
-        return target, f'{target} {versions} {self._options} {enclosed} {digest}'
+        return target, f'{target} {versions} {self._options} {_code_digest(self._py_func)}'
 
     def save_overload(self, sig: Any, data: Any) -> None:
         """Save a compiled loop; if the folder cannot be written, log this once."""
@@ -103,7 +103,7 @@ def report_once(text: str) -> None:
         logging.getLogger(__name__).warning(text)
 
 
-def sources_digest(function: Any) -> str:
+def _code_digest(function: Any) -> str:
     """Return a digest of the code and constants of a loop and of all loops that it calls."""
     found: dict[str, None] = {}
     waiting, seen = [function], set()
@@ -112,15 +112,35 @@ def sources_digest(function: Any) -> str:
         if loop in seen:
             continue
         seen.add(loop)
-        found[_file_digest(loop.__code__.co_filename)] = None
+        found[f'{loop.__qualname__} {loop.__defaults__} {_instructions(loop)}'] = None
         for name, value in _used(loop):
             if isinstance(value, _CONSTANTS):
                 found[f'{name} = {value!r}'] = None
             elif isinstance(value, np.ndarray):
                 found[f'{name} = {value.dtype} {value.shape} {value.tobytes().hex()}'] = None
+            elif isinstance(value, type):
+                found[f'{name} {getattr(value, "_fields", ())}'] = None
             elif isinstance(plain := getattr(value, 'py_func', None), FunctionType):
                 waiting.append(plain)
     return _checksum('\n'.join(sorted(found)).encode()).hex()
+
+
+def _instructions(function: Any) -> list[Any]:
+    """Return what the code objects of a function hold, but for the docstring and line numbers."""
+    return [
+        (
+            code.co_code.hex(),
+            code.co_names,
+            code.co_varnames,
+            code.co_freevars,
+            [
+                constant
+                for constant in code.co_consts
+                if not isinstance(constant, CodeType) and constant != function.__doc__
+            ],
+        )
+        for code in _codes(function.__code__)
+    ]
 
 
 def _used(function: Any) -> Iterator[tuple[str, Any]]:
@@ -138,14 +158,6 @@ def _codes(code: CodeType) -> Iterator[CodeType]:
     for constant in code.co_consts:
         if isinstance(constant, CodeType):
             yield from _codes(constant)
-
-
-@functools.cache
-def _file_digest(path: str) -> str:
-    try:
-        return _checksum(Path(path).read_bytes()).hex()
-    except OSError:  # an archive, or input of an interpreter
-        return path
 
 
 def _checksum(data: bytes) -> bytes:
