@@ -112,7 +112,7 @@ def of_simulator(listeners: int, arguments: Any) -> tuple[Spent, int]:
         'chain.number_of_rotors': arguments.rotors,
         'publish_rate': float(arguments.rate),
         'initial_state': 'soliton',
-        'initial_place': 2.0,
+        'initial_position': 2.0,
         'initial_velocity': 0.3,
         'integrator': arguments.integrator,
         'subscribers': listeners,

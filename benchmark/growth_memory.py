@@ -40,7 +40,7 @@ def simulator_memory(rotors: int) -> float:
     settings = {
         'chain.number_of_rotors': rotors,
         'initial_state': 'soliton',
-        'initial_place': rotors / 2,
+        'initial_position': rotors / 2,
         'initial_velocity': SPEED,
     }
     with running(node_command('simulator', settings)) as simulator:

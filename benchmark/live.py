@@ -164,7 +164,7 @@ def scene(
         'chain.number_of_rotors': rotors,
         'publish_rate': hertz,
         'initial_state': 'soliton',
-        'initial_place': rotors / 2 - 0.5,
+        'initial_position': rotors / 2 - 0.5,
     }
     with ExitStack() as stack:
         yield Scene(stack, settings, rate, nodes)

@@ -196,7 +196,7 @@ def ours(integrator: str) -> Command:
             'publish_rate': float(rate),
             'integrator': integrator,
             'initial_state': 'soliton',
-            'initial_place': min(PLACE, rotors - PLACE),
+            'initial_position': min(PLACE, rotors - PLACE),
             'initial_velocity': VELOCITY,
             'subscribers': 1,
             'real_time': 'true',

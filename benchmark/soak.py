@@ -59,7 +59,7 @@ NODES: dict[str, dict[str, Any]] = {
         'publish_rate': RATE,
         'integrator': 'symplectic',
         'initial_state': 'soliton',
-        'initial_place': ROTORS / 2,
+        'initial_position': ROTORS / 2,
     },
     'edge_actuator': {},
     'soliton_analyser': {},

@@ -17,7 +17,7 @@ SPEED = 0.5
 SPACING = 0.1
 MOVING = {
     'initial_state': 'soliton',
-    'initial_place': 5.0,
+    'initial_position': 5.0,
     'initial_velocity': SPEED,
     'chain.spacing': SPACING,
     'publish_rate': 250.0,

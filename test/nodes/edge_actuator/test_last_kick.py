@@ -123,9 +123,9 @@ def test_a_pulse_is_reported_with_its_command_and_effect(graph: Graph) -> None:
     rig.say(topic, command)
     kick = rig.next_kick()
     assert kick.source == '/edge_command'
-    assert kick.asked.edge == EdgeCommand.FIRST
+    assert kick.command.edge == EdgeCommand.FIRST
     for field in ('kind', 'value', 'duration', 'ramp_up', 'ramp_down'):
-        assert getattr(kick.asked, field) == getattr(command, field)
+        assert getattr(kick.command, field) == getattr(command, field)
     assert 0 < kick.peak_torque <= 5e-3 * (1 + 1e-9)
     assert kick.duration > 0.1
     assert kick.header.stamp.sec > 0
@@ -153,7 +153,7 @@ def test_a_command_that_takes_over_cuts_the_last_one_short(graph: Graph) -> None
     rig.say(*edge(EdgeCommand.PULSE, 1e-3, duration=0.05))
     first, second = rig.next_kick(), rig.next_kick()
     assert (first.cut_short, second.cut_short) == (True, False)
-    assert first.asked.duration == 600.0
+    assert first.command.duration == 600.0
     assert first.work + second.work == pytest.approx(rig.energy, rel=1e-8)
 
 

@@ -61,7 +61,7 @@ def test_the_speed_is_the_slope_of_the_track() -> None:
 def test_the_speeds_of_three_nudges_are_compared() -> None:
     answer = measured('speed')
     assert '5 rad/s: 2.50 rotors/s, 10 rad/s: 5.00 rotors/s, 20 rad/s: 10.00' in answer
-    assert answer.endswith('A nudge 4 times as strong is 4.00 times as fast.')
+    assert answer.endswith('With 4 times the nudge the soliton is 4.00 times as fast.')
 
 
 @pytest.mark.parametrize(('turn_back', 'kind'), [(0.0, 'flips back'), (2 * math.pi, 'spins')])

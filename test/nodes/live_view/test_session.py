@@ -33,7 +33,7 @@ def test_a_killed_node_is_started_again_and_named(
     ]
     os.kill(analyser, signal.SIGKILL)
     graph.until(
-        lambda: 'soliton_analyser ended with exit code -9; it is started again.' in program.said,
+        lambda: 'soliton_analyser ended with exit code -9; restarting it.' in program.said,
         'the restart',
     )
     states.clear()

@@ -66,12 +66,12 @@ def test_a_kick_names_the_joints_that_it_acted_on() -> None:
     assert message.header.stamp.nanosec == 123_456_789
     for field in ('source', 'duration', 'work', 'peak_torque', 'saturated', 'measured'):
         assert getattr(message, field) == getattr(kick(), field)
-    assert conversions.edge_command_from_msg(message.asked) == PULSE
+    assert conversions.edge_command_from_msg(message.command) == PULSE
 
 
 def test_torques_of_joints_were_not_asked_of_an_edge() -> None:
     message = conversions.last_kick_to_msg(NAMED, kick(command=None, source='~/commands'))
-    assert message.asked == msg.EdgeCommand()
+    assert message.command == msg.EdgeCommand()
 
 
 @pytest.mark.parametrize('names', [(), ('rotor_3', 'rotor_0')])

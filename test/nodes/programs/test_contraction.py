@@ -56,7 +56,7 @@ def test_it_reports_why_a_wall_is_recorded_again(
     monkeypatch.setattr(contraction, 'record', fail)
     with pytest.raises(SystemExit) as end:
         main([str(settings), '--output', str(tmp_path)])
-    said = 'wide, kick 0.6, is recorded again, because: the first bag shows no wall'
+    said = 'recording wide, kick 0.6 again, because: the first bag shows no wall'
     assert f'contraction: {said}' in capsys.readouterr().err.splitlines()
     assert 'the second bag shows no wall' in str(end.value)
 

@@ -56,7 +56,7 @@ def test_a_bag_becomes_a_file_that_nodes_take(
     for name in ('lengths.csv', 'identification.png', 'identification.pdf', 'identification.txt'):
         assert (folder / name).stat().st_size > 100, name
     said = capsys.readouterr()
-    assert 'bonds with the largest' in said.out
+    assert 'noisiest bonds' in said.out
 
 
 def test_all_frames_of_the_selected_time_of_a_long_bag_are_kept(tmp_path: Path) -> None:

@@ -49,14 +49,16 @@ def test_it_reports_the_results_of_the_actuator_and_the_simulator(graph: Graph) 
     assert said.endswith(f'a work of {kicks[0].work:.3g} J, measured by the simulator')
     # Neither an earlier kick nor a subscribed recorder counts as a report.
     refused = 'speed = 500 rad/s must lie in the range -100 to 100 rad/s'
-    assert f'/edge_actuator rejected it: {refused}' in nudged(graph, 500.0)
+    assert f'/edge_actuator rejected the nudge: {refused}' in nudged(graph, 500.0)
     assert [message.data for message in nudges] == [-2.5, 500.0]
 
 
 def test_an_actuator_without_a_simulator_names_it(graph: Graph) -> None:
     graph.start(EdgeActuator)
     said = nudged(graph, 10.0)
-    assert said.startswith('/edge_actuator rejected it: nothing subscribes to rotor_impulses')
+    assert said.startswith(
+        '/edge_actuator rejected the nudge: nothing subscribes to rotor_impulses'
+    )
 
 
 def test_a_subscriber_that_is_no_actuator_does_not_do(graph: Graph) -> None:
@@ -68,7 +70,7 @@ def test_a_subscriber_that_is_no_actuator_does_not_do(graph: Graph) -> None:
 
 
 def test_a_kick_that_the_simulator_did_not_execute_is_a_failure() -> None:
-    with pytest.raises(ValueError, match='the simulator did not execute it'):
+    with pytest.raises(ValueError, match='the simulator did not execute the command'):
         describe_kick(LastKick(cut_short=True, measured=True))
 
 

@@ -114,7 +114,7 @@ def test_unknown_arguments_are_rejected_with_a_proposal(
         check_arguments(node, arguments)
     assert ended.value.code == 2
     (line,) = capsys.readouterr().err.splitlines()
-    assert line.startswith(f'{executable_name(node)} does not know ')
+    assert line.startswith(f'{executable_name(node)}: unknown argument ')
     command = f'{executable_name(node)} {meant}' if meant else f'{executable_name(node)} --help'
     assert line.endswith(command)
 

@@ -131,5 +131,5 @@ def test_a_flood_of_reasons_is_bounded_in_lines_and_memory(clock: list[float]) -
     clock[0] += 1.0
     throttle.log('no joint at all')
     assert said[MOST_LINES] == (
-        f'no joint at all (and {20_000 - MOST_LINES} other messages in the second before)'
+        f'no joint at all (and {20_000 - MOST_LINES} other messages in the previous second)'
     )

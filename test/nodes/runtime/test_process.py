@@ -35,7 +35,7 @@ MINUTE = 60 * 10**9
 MOST_HEARD = 50_000
 FIRST_WORDS = {
     'simulator': 'simulating a chain of 40 rotors (flipper, a = 0.1 m, r = 0.05 m, rest angle '
-    '0.97 rad), elastic by symplectic, at 500 Hz',
+    '0.97 rad), elastic, integrator symplectic, at 500 Hz',
     'edge_actuator': 'pneumatic actuators on the chain of /chain; a nudge is a kick at the',
     'soliton_analyser': 'analysing /joint_states of the chain of /chain',
     'soliton_steering': 'steering the soliton of the chain of /chain by all joints',

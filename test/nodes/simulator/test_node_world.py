@@ -193,7 +193,7 @@ def test_periodic_ends_and_fixed_rotors(graph: Graph) -> None:
 @pytest.mark.parametrize('velocity', [0.5, -0.5])
 def test_a_reset_to_a_soliton_and_to_angles_by_name(graph: Graph, velocity: float) -> None:
     paused = Paused(graph)
-    response = paused.reset(state=Reset.Request.SOLITON, place=3.2, velocity=velocity)
+    response = paused.reset(state=Reset.Request.SOLITON, rotor=3.2, velocity=velocity)
     assert (response.success, response.message) == (
         True,
         f'soliton at rotor 3.2 with {velocity} m/s',
@@ -216,15 +216,15 @@ def test_a_reset_to_a_soliton_and_to_angles_by_name(graph: Graph, velocity: floa
     ('request_', 'complaint'),
     [
         (
-            {'state': Reset.Request.SOLITON, 'place': 7.5},
+            {'state': Reset.Request.SOLITON, 'rotor': 7.5},
             'site = 7.5 must lie in the range 0 to',
         ),
         (
-            {'state': Reset.Request.SOLITON, 'place': 3.0, 'velocity': float('inf')},
+            {'state': Reset.Request.SOLITON, 'rotor': 3.0, 'velocity': float('inf')},
             'velocity of the soliton = inf m/s must be a finite number',
         ),
         (
-            {'state': Reset.Request.SOLITON, 'place': 3.0, 'velocity': 1e300},
+            {'state': Reset.Request.SOLITON, 'rotor': 3.0, 'velocity': 1e300},
             'gives an energy that is not finite; start with smaller rates',
         ),
         (
@@ -242,7 +242,7 @@ def test_an_impossible_reset_changes_nothing(
     graph: Graph, request_: dict[str, Any], complaint: str
 ) -> None:
     paused = Paused(graph, {'mechanics': 'rigid'})
-    paused.reset(state=Reset.Request.SOLITON, place=3.0, velocity=0.5)
+    paused.reset(state=Reset.Request.SOLITON, rotor=3.0, velocity=0.5)
     response = paused.reset(**request_)
     assert not response.success
     assert complaint in response.message
@@ -260,7 +260,7 @@ def test_joint_states_equal_the_sensor_model(graph: Graph) -> None:
         'missing_joints': ['rotor_3', '6'],
     }
     paused = Paused(graph, given)
-    paused.reset(state=Reset.Request.SOLITON, place=3.2, velocity=0.5)
+    paused.reset(state=Reset.Request.SOLITON, rotor=3.2, velocity=0.5)
     start = paused.node.control.status.frames
     frames = paused.taken(30)
     state = with_soliton(CHAIN, 3.2, 0.5)

@@ -154,7 +154,7 @@ def test_it_resets_the_state_but_not_the_time(scope: int, result: int) -> None:
     response = client.call('reset_simulation', scope=scope)
     assert response.result.result == result
     assert client.services.resets == [Reset.Request.INITIAL] * (result == OK)
-    assert ('ask for SCOPE_STATE = 2' in response.result.error_message) == (result != OK)
+    assert ('request SCOPE_STATE = 2' in response.result.error_message) == (result != OK)
 
 
 def test_impossible_requests_are_rejected_with_a_reason() -> None:

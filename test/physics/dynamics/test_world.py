@@ -41,7 +41,7 @@ def test_it_starts_leaning_to_a_side() -> None:
 
 
 def test_it_starts_with_a_soliton() -> None:
-    one = world(initial_state='soliton', initial_place=3.25, initial_velocity=-0.5)
+    one = world(initial_state='soliton', initial_position=3.25, initial_velocity=-0.5)
     expected = with_soliton(CHAIN, 3.25, -0.5)
     assert np.array_equal(one.initial_state().angles, expected.angles)
     assert np.array_equal(one.initial_state().rates, expected.rates)

@@ -44,7 +44,7 @@ class WorldParameters:
         'initial state: one of the uniform states, or a soliton',
         choices=(*_LEANS, _SOLITON),
     )
-    initial_place: float = quantity(
+    initial_position: float = quantity(
         1.0, 'initial position of the soliton, from 0.5 to N - 1.5', 'rotor spacings', 0.5, 1e5
     )
     initial_velocity: float = quantity(0.0, 'initial velocity of the soliton', 'm/s', -1e6, 1e6)
@@ -78,7 +78,7 @@ class World:
         """Return the state that the parameters specify."""
         given = self._parameters
         if given.initial_state == _SOLITON:
-            return self.soliton(given.initial_place, given.initial_velocity)
+            return self.soliton(given.initial_position, given.initial_velocity)
         return self.leaning(_LEANS[given.initial_state])
 
     def leaning(self, lean: int) -> State:

@@ -56,14 +56,15 @@ class ChainIdentifierParameters:
     most_frames: int = quantity(
         4000,
         'largest number of frames that are kept; beyond it the least informative frames are '
-        'dropped. Sensitivity: at 0.5x, lengths are 1.4 times as uncertain and take half the time',
+        'dropped. Sensitivity: at 0.5x, an identification takes half the time, and its standard '
+        'deviations are 1.4 times as large',
         '',
         100,
         100_000,
     )
     tolerance: float = quantity(
         0.0,
-        'relative standard deviation of lengths of one kind; 0 to estimate it from the angles',
+        'relative standard deviation of the lengths of one kind; 0 to estimate it',
         '',
         0.0,
         1.0,
@@ -75,9 +76,7 @@ class ChainIdentifierParameters:
     mass: float = quantity(
         0.02, 'mean mass of the rotors, which angles do not determine', 'kg', 1e-9, 1e6
     )
-    gravity: float = quantity(
-        0.0, 'acceleration of a free mass in the plane of the chain', 'm/s^2', 0.0, 1e6
-    )
+    gravity: float = quantity(0.0, 'gravity in the plane of the chain', 'm/s^2', 0.0, 1e6)
     joint_names: tuple[str, ...] = quantity(
         (), 'names of the joints, rotor 0 first; empty to use the names in the first joint_states'
     )

@@ -33,17 +33,17 @@ def _list(visitor: Visitor, _: argparse.Namespace) -> None:
 def _info(visitor: Visitor, options: argparse.Namespace) -> None:
     node, wanted = visitor.node, full_name(options.node)
     namespace, _, name = wanted.rpartition('/')
-    place = (name, namespace or '/')
-    if not visitor.until(lambda: place in node.get_node_names_and_namespaces()):
+    key = (name, namespace or '/')
+    if not visitor.until(lambda: key in node.get_node_names_and_namespaces()):
         raise RuntimeError(f'there is no node {wanted}; list all with: soliton-linkage node list')
     found = visitor.settled(
         lambda: {
-            'Subscribers': node.get_subscriber_names_and_types_by_node(*place),
-            'Publishers': node.get_publisher_names_and_types_by_node(*place),
-            'Service Servers': node.get_service_names_and_types_by_node(*place),
-            'Service Clients': node.get_client_names_and_types_by_node(*place),
-            'Action Servers': get_action_server_names_and_types_by_node(node, *place),
-            'Action Clients': get_action_client_names_and_types_by_node(node, *place),
+            'Subscribers': node.get_subscriber_names_and_types_by_node(*key),
+            'Publishers': node.get_publisher_names_and_types_by_node(*key),
+            'Service Servers': node.get_service_names_and_types_by_node(*key),
+            'Service Clients': node.get_client_names_and_types_by_node(*key),
+            'Action Servers': get_action_server_names_and_types_by_node(node, *key),
+            'Action Clients': get_action_client_names_and_types_by_node(node, *key),
         }
     )
     print(wanted)

@@ -92,11 +92,11 @@ class Visitor:
         full = self.node.resolve_topic_name(name)
         found: dict[str, list[str]] = {}
 
-        def look() -> bool:
+        def is_found() -> bool:
             found.update(there())
             return full in found
 
-        if not self.until(look):
+        if not self.until(is_found):
             raise RuntimeError(
                 f'there is no {kind} {full}; list all with: soliton-linkage {kind} list'
             )

@@ -30,7 +30,7 @@ class EdgeActuatorParameters:
     )
     nudge_as: str = quantity(
         'kick',
-        'effect of a nudge: a kick at once, or a pressure of nudge_duration with the same impulse',
+        'effect of a nudge: an instantaneous kick, or a pressure with the same impulse',
         choices=(CommandKind.KICK.value, CommandKind.PRESSURE.value),
         adjustable=True,
     )
@@ -38,7 +38,7 @@ class EdgeActuatorParameters:
         0.1, 'duration of the pressure of a nudge', 's', 1e-3, 60.0, adjustable=True
     )
     state_timeout: float = quantity(
-        0.2, 'age beyond which joint_states are too old to act on', 's', 1e-3, 60.0
+        0.2, 'largest age of joint_states for a command', 's', 1e-3, 60.0
     )
     command_timeout: float = quantity(
         0.5,
@@ -50,7 +50,7 @@ class EdgeActuatorParameters:
     )
     longest_command: float = quantity(
         600.0,
-        'largest duration of a command, and largest time that its stamp may lie ahead',
+        'largest duration of a command, and largest time of its stamp in the future',
         's',
         1e-3,
         86_400.0,

@@ -28,8 +28,8 @@ _LOOPBACK = ('127.0.0.1', '::1', 'localhost')
 class FoxgloveServerParameters:
     """Parameters of the server."""
 
-    host: str = quantity('127.0.0.1', 'address to serve at; 0.0.0.0 for all networks')
-    port: int = quantity(8765, 'port to serve at; 0 for any free port', '', 0, 65535)
+    host: str = quantity('127.0.0.1', 'address of the server, 0.0.0.0 for all networks')
+    port: int = quantity(8765, 'port of the server, 0 for any free port', '', 0, 65535)
     read_only: bool = quantity(
         False,
         'whether clients may only read topics; they then publish nothing and call no services',

@@ -93,7 +93,7 @@ class OfferedService:
             # A request without fields is sent as one byte or none.
             empty = not kind.get_fields_and_field_types()
             message = kind() if empty else deserialize_message(request.payload, kind)
-        except Exception:  # rclpy's own has no public name
+        except Exception:  # the type of rclpy has no public name
             reason = f'{len(request.payload)} bytes are not a request of type {self.type}'
             self._reject(self.name, reason)
             _set_result(answer, ValueError(reason))

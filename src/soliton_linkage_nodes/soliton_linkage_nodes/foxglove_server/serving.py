@@ -53,7 +53,7 @@ class IncomingTopic:
         else:
             try:
                 message = deserialize_message(data, self._type)
-            except Exception as error:  # rclpy's own has no public name
+            except Exception as error:  # the type of rclpy has no public name
                 raise ValueError(f'{len(data)} bytes are not a message of its type') from error
         self._publisher.publish(message)
 
@@ -92,7 +92,7 @@ class Serving:
                 server_listener=_Listener(self, queue),
                 context=context,
             )
-        except Exception as error:  # the SDK's own has no public name
+        except Exception as error:  # the type of the SDK has no public name
             raise OSError(
                 f'cannot serve at {host}:{port}: {error}; set another host or port'
             ) from error

@@ -34,7 +34,7 @@ class CataloguedBag:
     """Contents of a bag according to its metadata."""
 
     name: str
-    """Name of its folder."""
+    """Name of the folder of the bag."""
     path: Path
     start: int
     """Time of the first message [ns]."""
@@ -62,7 +62,7 @@ class BagTrack:
 
 
 class BagCatalogue:
-    """Bags directly in the configured folders; other bags are not opened."""
+    """Bags in the configured folders, without their subfolders."""
 
     def __init__(self, folders: Sequence[Path]) -> None:
         self.folders = tuple(folder.resolve() for folder in folders)
@@ -85,7 +85,7 @@ class BagCatalogue:
                 return bag
         folders = ', '.join(map(str, self.folders)) or 'none is set'
         raise ValueError(
-            f'no folder of bag_folders ({folders}) contains the bag {name!r}; add its folder'
+            f'no folder of bag_folders ({folders}) contains the bag {name!r}; add the folder'
         )
 
 

@@ -48,7 +48,7 @@ class _BagProgram:
         self._processes: ChildProcesses | None = None
 
     def poll(self) -> str:
-        """Check for the end of the process; return its new failure, empty for none."""
+        """Check whether the process has ended; return a new failure as text, or ''."""
         if self._processes is None or not self.running:
             return ''
         try:
@@ -136,7 +136,7 @@ class BagRecording(_BagProgram):
         return f'recording to {name}_0'
 
     def begin(self, namespace: str, snapshot: float = 0.0) -> str:
-        """Record the chain of a namespace; `snapshot` > 0 keeps only that last duration [s]."""
+        """Record the chain of a namespace, or with `snapshot` > 0 keep only the last seconds."""
         if self._folder is None or self.rejection:
             raise ValueError(self.rejection)
         if self.running:
@@ -152,7 +152,7 @@ class BagRecording(_BagProgram):
         """Finish the bag."""
         self._check_writable()
         if not self.running:
-            raise ValueError('this page is not recording')
+            raise ValueError('this page is not recording; press Record first')
         code = await self._stop()
         self.finished += 1
         self._finder.reports.pop(f'{self.namespace}{_RECORDER}', None)
@@ -185,7 +185,7 @@ class BagReplay(_BagProgram):
 
     @property
     def namespace(self) -> str:
-        """Namespace of the replayed chain, with the namespace that it has in the bag."""
+        """Namespace of the replayed chain: /replay/, then the namespace in the bag."""
         frames = [n for n in (self.bag.played if self.bag else []) if n.endswith('/joint_states')]
         return REPLAY + (frames[0].removesuffix('joint_states').lstrip('/') if frames else '')
 

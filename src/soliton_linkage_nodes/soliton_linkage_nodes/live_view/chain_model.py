@@ -104,7 +104,7 @@ class ChainModel:
         return self.numbers.get('state_stamp', self.stamp)
 
     def set_chain(self, named: NamedChain) -> None:
-        """Use the parameters of this chain."""
+        """Set the parameters of the chain."""
         if named != self.named:
             self.named = named
             self._reset(FrameReader(named.joint_names))
@@ -144,7 +144,7 @@ class ChainModel:
             self._counted = (now, sequence)
 
     def packed(self, index: int, first: int, last: int) -> bytes:
-        """Return a frame with a range of rotors, given the index of the chain in the status."""
+        """Return a frame of rotors `first` to `last`; `index` is that of the chain in `status`."""
         first = max(0, min(first, self.rotors - 1))
         last = max(first, min(last, self.rotors - 1))
         shown = slice(first, last + 1) if last - first < MOST_ANGLES else slice(0, 0)

@@ -178,7 +178,7 @@ class ChainCommands:
             if self._tilt != angle:
                 return ''
             if rejection := _new_rejection(before, report, 'tilt'):
-                raise ValueError(f'simulator rejected it: {rejection}')
+                raise ValueError(f'simulator rejected the tilt: {rejection}')
             tilt = views.figure(report.figures, 'tilt [rad]') if report else math.nan
             return f'tilt of {tilt:.4g} rad' if abs(tilt - angle) < _TILT_RESOLUTION else None
 
@@ -199,9 +199,10 @@ class ChainCommands:
         velocity: float = 0.0,
         joints: Mapping[str, float] | None = None,
     ) -> str:
-        """Reset the chain to a state, a soliton at a site [rotor spacings] with a velocity [m/s].
+        """Reset the chain to a state.
 
-        `joints` gives angles [rad] by joint name.
+        `position` [rotor spacings] and `velocity` [m/s] are those of a soliton; `joints` contains
+        angles [rad] by joint name.
         """
         request = views.reset_request(state, position, velocity, joints)
         answer = await self._call_own('simulator/reset', request)
@@ -254,7 +255,7 @@ class ChainCommands:
         raise ValueError(f'{move.state}: {move.message}')
 
     def follow(self, received_at: float, figures: Mapping[str, str]) -> None:
-        """Show a move of another client, from a report of the steering and its reception time."""
+        """Show a move of another client; `figures` are the values of a steering report."""
         if received_at <= self._reported_at or 'moves begun' not in figures:
             return
         self._reported_at = received_at
@@ -334,7 +335,7 @@ class ChainCommands:
     async def _actuate(
         self, topic: str, act: Callable[[], Awaitable[None]], lasting: bool = False
     ) -> str:
-        """Publish on a topic of the edge actuator by `act`, and return the answer."""
+        """Publish a command to the edge actuator by calling `act`, and return the answer."""
         # Send one command at a time, so that each answer belongs to its command.
         async with self._edge:
             before, kicks = self._report('edge_actuator'), self._kicks()[0]
@@ -344,7 +345,7 @@ class ChainCommands:
             def answer() -> str | None:
                 report = self._report('edge_actuator')
                 if rejection := _new_rejection(before, report, topic):
-                    raise ValueError(f'edge_actuator rejected it: {rejection}')
+                    raise ValueError(f'edge_actuator rejected the command: {rejection}')
                 count, kick = self._kicks()
                 if kick is not None and count > kicks:
                     return views.describe_kick(kick)
@@ -354,13 +355,13 @@ class ChainCommands:
                     views.figure(each.figures, _CARRIED_OUT) if each else math.nan
                     for each in (before, report)
                 )
-                accepted = 'edge_actuator accepted it; last_kick reports its effect at its end'
+                accepted = 'edge_actuator accepted it; last_kick will report the effect'
                 return accepted if now > earlier else None
 
             return await self._until(answer, 'edge_actuator')
 
     async def _until(self, answer: Callable[[], str | None], node: str) -> str:
-        """Wait for an answer, which raises ValueError for a rejection."""
+        """Poll `answer` until it returns a text; it raises ValueError for a rejection."""
         deadline = time.monotonic() + _ANSWER_TIMEOUT
         while time.monotonic() < deadline:
             if (text := answer()) is not None:

@@ -43,7 +43,7 @@ FIELDS = (
     'winding_beyond',
     'charge',
     'zero_mode_rotor',
-    'goal',  # of the present move [rotor spacings]
+    'goal',  # of the current move [rotor spacings]
 )
 ARRAYS = (
     'overview',  # lean u of each rotor [m], or smallest and largest u of groups of equal size
@@ -63,7 +63,7 @@ class Column(NamedTuple):
 
 
 def pack(numbers: Mapping[str, float], arrays: Mapping[str, Array | Floats]) -> bytes:
-    """Return a frame; missing fields are NaN, missing arrays empty, large floats infinite."""
+    """Return a frame. Missing fields are NaN, missing arrays empty, too large floats infinite."""
     empty = np.zeros(0, dtype='<f4')
     with np.errstate(over='ignore'):
         parts = [np.asarray(arrays.get(name, empty), dtype='<f4') for name in ARRAYS]

@@ -43,7 +43,7 @@ class Sample(NamedTuple):
     rotor: float
     """Position [rotor spacings]."""
     zero_mode: float
-    """Rotor of the zero mode [rotor spacings]."""
+    """Centre of the zero mode [rotor spacings]."""
     turn: float
     """Unwrapped angle of the middle rotor [rad]."""
 
@@ -85,7 +85,10 @@ class Laboratory:
         measured = ', '.join(f'{s:g} rad/s: {v:.2f} rotors/s' for s, v in pairs)
         ratio = speeds[-1] / speeds[0]
         factor = _SPEEDS[-1] / _SPEEDS[0]
-        return f'{measured}. A nudge {factor:g} times as strong is {ratio:.2f} times as fast.'
+        return (
+            f'{measured}. With {factor:g} times the nudge the soliton is {ratio:.2f} times as '
+            'fast.'
+        )
 
     async def turns(self) -> str:
         """Determine whether the rotors flip back or spin."""
@@ -95,8 +98,8 @@ class Laboratory:
         back = second.samples[-1].turn
         kind = 'spins' if abs(back - before) > _TURN else 'flips back'
         return (
-            f'The middle rotor turned by {there - before:+.2f} rad, and when the soliton returned '
-            f'by {back - there:+.2f} rad. It {kind}.'
+            f'The middle rotor turned by {there - before:+.2f} rad, and by '
+            f'{back - there:+.2f} rad when the soliton returned. It {kind}.'
         )
 
     async def reflection(self) -> str:
@@ -106,8 +109,8 @@ class Laboratory:
         ends = [passage.samples[-1].zero_mode for passage in (there, back)]
         return (
             f'The velocity was {there.velocity:+.2f} rotors/s before the edge and '
-            f'{back.velocity:+.2f} rotors/s after it. The zero mode was at rotor {ends[0]:.1f} '
-            f'and at rotor {ends[1]:.1f}, where the soliton was.'
+            f'{back.velocity:+.2f} rotors/s after it. The zero mode moved with the soliton: it '
+            f'was at rotor {ends[0]:.1f} before and at rotor {ends[1]:.1f} after the reflection.'
         )
 
     async def disorder(self) -> str:
@@ -136,15 +139,16 @@ class Laboratory:
             except TimeoutError:
                 rotor = self._view.chains[DISORDERED].model.numbers.get('rotor', math.nan)
                 return (
-                    f'Lengths that deviate by {_DISORDER:.0%} stopped the soliton at {rotor:.1f}.'
+                    f'Lengths that deviate by {_DISORDER:.0%} stopped the soliton at rotor '
+                    f'{rotor:.1f}.'
                 )
         finally:
             self._watch(self._namespace)
             processes.stop()
             self._view.finder.drop(DISORDERED)
         return (
-            f'The regular chain carried the soliton at {abs(regular.velocity):.2f} rotors/s, the '
-            f'chain whose lengths deviate by {_DISORDER:.0%} at {abs(passage.velocity):.2f}.'
+            f'In the regular chain the soliton moved at {abs(regular.velocity):.2f} rotors/s, and '
+            f'with lengths that deviate by {_DISORDER:.0%} at {abs(passage.velocity):.2f}.'
         )
 
     def _ready(self, namespace: str) -> bool:

@@ -32,14 +32,15 @@ class LiveViewParameters:
 
     host: str = quantity(
         '127.0.0.1',
-        'address to serve at; if other machines can reach it, the printed address has a token',
+        'address of the web server; if other machines can reach it, the page needs the token in '
+        'the printed address',
     )
-    port: int = quantity(8080, 'port to serve at; 0 for any free port', '', 0, 65535)
+    port: int = quantity(8080, 'port of the web server, 0 for any free port', '', 0, 65535)
     frame_rate: float = quantity(60.0, 'largest rate of drawn frames', 'Hz', 1.0, 240.0)
     processor_share: float = quantity(
-        0.15, 'largest share of a core for all browsers together', '', 0.01, 1.0
+        0.15, 'largest fraction of a processor core for all browsers together', '', 0.01, 1.0
     )
-    read_only: bool = quantity(False, 'whether the page only shows, and sends no commands')
+    read_only: bool = quantity(False, 'whether the page sends no commands')
     bag_folders: tuple[str, ...] = quantity(
         (), 'folders whose bags are listed; the first one receives recordings; empty for no bags'
     )
@@ -149,9 +150,9 @@ class LiveView(GuardedNode):
                 'address': f'http://{self.settings.host}:{self.port}/',
                 'browsers': browsers,
                 'chains': ' '.join(self.view.chains),
-                'pictures sent [1/s]': (sent - sent_before) / (now - before),
-                'share of time taking messages': (self._busy - busy_before) / (now - before),
-                'pictures in transit': sum(stream.pending for stream in self.streams),
+                'frames sent [1/s]': (sent - sent_before) / (now - before),
+                'fraction of time for messages [1]': (self._busy - busy_before) / (now - before),
+                'frames in transit': sum(stream.pending for stream in self.streams),
             },
         )
 

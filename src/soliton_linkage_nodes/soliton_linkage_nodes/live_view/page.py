@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Page with plots, which its script draws, and controls."""
+"""Page with controls, and with plots that a script in the browser draws."""
 
 from __future__ import annotations
 

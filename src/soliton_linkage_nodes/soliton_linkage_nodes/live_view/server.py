@@ -206,7 +206,7 @@ class Gate:
             if reason:
                 answer = PlainTextResponse(f'{reason}\n', 403)
             elif scope['type'] == 'http' and self._token and in_address:
-                # The cookie hides the token from other pages and from the history.
+                # A redirect to an address without the token keeps it out of the history.
                 answer = redirection = RedirectResponse(scope['path'], 303)
                 redirection.set_cookie(_COOKIE, self._token, httponly=True, samesite='strict')
             elif scope['type'] == 'http' and not scope['path'].strip('/' + _PUNCTUATION):

@@ -29,7 +29,7 @@ _PAGE = 'live_view'
 _RESTART_DELAY = 1.0
 """Time from the end of a node to its restart [s]."""
 _MOST_RESTARTS = 100
-"""Largest number of restarts [1], a limit for nodes that fail again and again."""
+"""Largest number of restarts [1], a limit for nodes that fail repeatedly."""
 _POLL_INTERVAL = 0.1
 """Poll interval for ended processes [s]."""
 
@@ -79,7 +79,7 @@ def _respawn(processes: ChildProcesses, stopping: threading.Event) -> None:
             if restarts == _MOST_RESTARTS:
                 raise RuntimeError(f'{how} after {restarts} restarts of nodes; see its log')
             restarts += 1
-            print(f'{how}; it is started again.', flush=True)
+            print(f'{how}; restarting it.', flush=True)
             if stopping.wait(_RESTART_DELAY):
                 return
             processes.restart(node)

@@ -19,13 +19,13 @@ REPLAY = '/replay/'
 _DROP_AGE = 30.0
 """Age after which the report of a silent node is dropped [s]."""
 _LONGEST_DELAY = 0.2
-"""Largest unreported delay of soliton_state behind joint_states [s]; a larger one is visible."""
+"""Delay of soliton_state behind joint_states above which the page warns [s]."""
 _FRAMES_BEHIND = 2
-"""Largest unreported delay in frames [1]; the state of one frame is in transit."""
+"""Delay above which the page warns [frames]. The state of one frame is always in transit."""
 _LATE = re.compile('deadlines missed in the last second')
-"""Part of a warning that `late` shows."""
+"""Part of a warning that the page omits, because it shows the share of late frames."""
 _ACTUATOR = 'start edge_actuator'
-_SIMULATOR = 'only a simulator can do this, and none is running here'
+_SIMULATOR = 'only a simulator can do this; no simulator of this chain is running'
 _STEERING = 'no node serves {}; start soliton_steering'
 _TOPICS = {
     'nudge': ('nudge', _ACTUATOR),

@@ -28,7 +28,7 @@ if TYPE_CHECKING:
     from fastapi import WebSocket
 
 _MOST_PENDING = 2
-"""Largest number of frames of a chain that are not drawn yet: one drawn now, one in transit."""
+"""Largest number of frames that are not drawn yet: one being drawn, one in transit."""
 _HEARTBEAT = 0.2
 """Time after which a frame is sent again with its new age [s]."""
 _MOST_TILE_ANGLES = 200
@@ -201,7 +201,7 @@ class BrowserStream:
                 self._pull.point_to(*place)
             text, good = await carry_out(self._source, name, arguments), True
         except KeyError as error:
-            text, good = f'action {name!r} needs {error}', False
+            text, good = f'action {name!r} needs the argument {error}', False
         except (ValueError, TypeError, ArithmeticError) as error:
             text, good = str(error), False
         await self._answer(text, good, number)

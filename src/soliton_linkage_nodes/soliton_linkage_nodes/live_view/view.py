@@ -19,7 +19,7 @@ from soliton_linkage_nodes.live_view.commands import ChainCommands
 from soliton_linkage_nodes.live_view.status import reasons, status
 
 ALL = '*'
-"""All chains side by side, in place of a namespace."""
+"""Value of a namespace that selects all chains side by side."""
 _STATUS_PERIOD = 0.25
 """Time between two updates of the status [s]; nodes report once a second."""
 _MOST_FAILURES = 3
@@ -32,7 +32,7 @@ class View:
     def __init__(
         self, node: Node, finder: ChainFinder, folders: Sequence[Path], logs: Path, read_only: bool
     ) -> None:
-        """Send commands by a node, list bags of folders, and write the player's log to `logs`."""
+        """Send commands with a node, list the bags in folders, and write logs to `logs`."""
         self.finder = finder
         self.read_only = read_only
         self.logs = logs
@@ -78,9 +78,9 @@ class View:
         return {'chains': chains, 'track': self.replay.track.points}
 
     def shared(self, namespace: str) -> str:
-        """Return the last minute of a chain as an HTML page; ValueError if nothing is known."""
+        """Return the last minute of a chain as an HTML page; ValueError without frames."""
         if namespace not in self.chains:
-            raise ValueError('select one chain; no node publishes joint_states of this one')
+            raise ValueError('select another chain; no node publishes joint_states of this one')
         title = f'Soliton chain {namespace.strip("/")}'.strip()
         return self.chains[namespace].model.shared(
             f'{title}, {time.strftime("%Y-%m-%d %H:%M:%S")}'

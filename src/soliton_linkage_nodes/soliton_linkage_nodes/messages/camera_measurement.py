@@ -38,7 +38,7 @@ class CameraParameters:
         1e-3,
     )
     exposure: float = quantity(0.0, 'exposure time of each row, 0 if unknown', 's', 0.0, 1.0)
-    markers_worn: bool = quantity(
+    has_markers: bool = quantity(
         True,
         'whether pivots and masses carry markers; otherwise the rotors must be dark on a light '
         'background and must not touch',
@@ -106,7 +106,7 @@ class CameraMeasurement:
         camera = replace(camera, row_time=parameters.row_time, exposure=parameters.exposure)
         layout = MarkerLayout(self._named.chain, self._markers)
         return (
-            AngleCamera(layout, camera) if parameters.markers_worn else DarkRotors(layout, camera)
+            AngleCamera(layout, camera) if parameters.has_markers else DarkRotors(layout, camera)
         )
 
 

@@ -100,7 +100,7 @@ class Layout:
 
 
 class JointStateDecoder:
-    """Decoder of joint states, fast if frame and names equal the message before."""
+    """Decoder of joint states, fast if frame id and names equal those of the previous message."""
 
     def __init__(self) -> None:
         self._layout: Layout | None = None
@@ -120,7 +120,7 @@ class JointStateDecoder:
         return joints
 
     def same_joints(self, serialized: bytes) -> bool:
-        """Return whether joint states have the frame id and names of those decoded before."""
+        """Return whether frame id and names equal those of the previous joint states."""
         return self._layout is not None and self._layout.fits(serialized)
 
     def stamp(self, serialized: bytes) -> int:
@@ -141,7 +141,7 @@ def stamp_of(serialized: bytes) -> int:
 
 
 class _RotorDecoder:
-    """Decoder of one value for each rotor, fast if frame and names equal the message before."""
+    """Decoder of one value for each rotor, fast if frame id and names have not changed."""
 
     _type: Any
     _topic: str

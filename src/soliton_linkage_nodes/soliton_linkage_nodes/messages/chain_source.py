@@ -162,7 +162,7 @@ class ChainSource:
         else:
             self._logger.warning(
                 f'{text}, joints {self.named.joint_names[0]!r} to {self.named.joint_names[-1]!r}: '
-                f'the chain has changed, before it was {describe_chain(before.chain)}'
+                f'the chain has changed; it was {describe_chain(before.chain)}'
             )
 
     def _set(self, named: NamedChain) -> None:

@@ -39,9 +39,9 @@ class JointActuators:
         missing, not finite or beyond the limit of its joint.
         """
         check_names(source, names)
-        places = {name: place for place, name in enumerate(self.names)}
+        index_of = {name: index for index, name in enumerate(self.names)}
         for name in names:
-            if name not in places:
+            if name not in index_of:
                 raise ValueError(
                     f'{source} names joint {name!r}, which has no actuator; choose from '
                     f'{self.names[0]!r} to {self.names[-1]!r}, or add it to the parameter joints'
@@ -51,7 +51,7 @@ class JointActuators:
                 f'{source} has {torques.shape[-1]} efforts for {len(names)} joints; give '
                 'one effort for each joint'
             )
-        order = np.array([places[name] for name in names], dtype=np.intp)
+        order = np.array([index_of[name] for name in names], dtype=np.intp)
         for name, limit, column in zip(names, self.limits[order], torques.T, strict=True):
             worst = np.atleast_1d(column)[np.argmax(~(np.abs(np.atleast_1d(column)) <= limit))]
             if not np.isfinite(worst):
@@ -192,7 +192,7 @@ def last_kick_to_msg(named: NamedChain, kick: KickReport) -> msg.LastKick:
     return msg.LastKick(
         header=Header(stamp=time_to_msg(kick.stamp), frame_id=FRAME),
         source=kick.source,
-        asked=msg.EdgeCommand() if kick.command is None else edge_command_to_msg(kick.command),
+        command=msg.EdgeCommand() if kick.command is None else edge_command_to_msg(kick.command),
         duration=kick.duration,
         name=[named.joint_names[rotor] for rotor in acted_on],
         impulse=kick.impulse[acted_on].tolist(),

@@ -220,16 +220,16 @@ def check_names(source: str, names: Sequence[str]) -> None:
 def _order(joint_names: Sequence[str], names: Sequence[str]) -> NDArray[np.intp] | slice:
     if tuple(names) == joint_names:
         return slice(None)
-    place = {name: index for index, name in enumerate(names)}
-    if len(place) != len(names):
+    index_of = {name: index for index, name in enumerate(names)}
+    if len(index_of) != len(names):
         check_names('joint_states.name', names)
-    missing = [name for name in joint_names if name not in place]
+    missing = [name for name in joint_names if name not in index_of]
     if missing:
         raise ValueError(
             f'joint_states.name lacks {len(missing)} of {len(joint_names)} rotors, '
             f'first {missing[0]!r}; publish every rotor of the chain in each message'
         )
-    return np.array([place[name] for name in joint_names], dtype=np.intp)
+    return np.array([index_of[name] for name in joint_names], dtype=np.intp)
 
 
 def _by_rotor(

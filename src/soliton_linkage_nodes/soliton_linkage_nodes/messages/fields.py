@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Messages as plain numbers, texts, lists and dictionaries, and as YAML; and back."""
+"""Conversion of messages to plain values and YAML, and back."""
 
 from __future__ import annotations
 

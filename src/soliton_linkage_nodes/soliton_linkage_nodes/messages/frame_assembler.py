@@ -26,8 +26,8 @@ class FrameAssembler:
     """Assembler of joint states with equal stamps and disjoint joints into frames.
 
     A frame is complete when it has all joints of the chain, or all joints of the frames before it.
-    Otherwise it is complete when a message with another stamp arrives. After a stamp that had a
-    single message of some joints, messages are frames until two of them share a stamp.
+    Otherwise it is complete when a message with another stamp arrives. If that frame consisted of
+    one message, each later message is a frame until two messages share a stamp.
     """
 
     def __init__(self, joint_names: Sequence[str] = ()) -> None:
@@ -49,7 +49,7 @@ class FrameAssembler:
     def add(self, joints: JointStates) -> list[JointStates]:
         """Add a message and return the frames that are complete now, none to two.
 
-        A message without a joint of the chain is returned as it is. Raises ValueError if a joint
+        A message without a joint of the chain is returned unchanged. Raises ValueError if a joint
         is named twice, or an array and the names of a part of a frame differ in length.
         """
         if not self._parts and joints.name is self.whole:

@@ -98,7 +98,7 @@ class JointStateAnalysis:
             del self._deviations[next(iter(self._deviations))]
 
     def analyse(self, joints: JointStates) -> Analysis | None:
-        """Analyse a frame; return None if it is not later than the one before.
+        """Analyse a frame; return None if it is not later than the previous frame.
 
         Raises ValueError for invalid joint states, and before a chain or joints are set.
         """

@@ -83,7 +83,7 @@ class AdjustableParameter:
     value: bool | int | float | str
     description: str
     range: Quantity
-    """Its allowed values."""
+    """Allowed values."""
 
 
 def state_numbers(message: msg.SolitonState) -> Numbers:
@@ -130,7 +130,7 @@ def reports_from_msg(message: DiagnosticArray) -> list[NodeReport]:
 
 
 def figure(figures: Mapping[str, str], name: str) -> float:
-    """Return a reported figure as a number, NaN if it is missing or no finite number."""
+    """Return a reported value as a number, NaN if it is missing or not finite."""
     try:
         value = float(figures.get(name, 'nan'))
     except ValueError:
@@ -151,7 +151,7 @@ def torque_to_msg(joint: str, torque: float) -> JointState:
 def edge_command_of(
     kind: str, edge: str, value: float, duration: float, ramp_up: float, ramp_down: float
 ) -> msg.EdgeCommand:
-    """Return a command to an edge actuator; ValueError for an unknown name or infinite number."""
+    """Return a command to an edge actuator; ValueError for an unknown name or invalid number."""
     return msg.EdgeCommand(
         kind=_chosen('kind', kind, _KINDS),
         edge=_chosen('edge', edge, _EDGES),
@@ -164,15 +164,19 @@ def edge_command_of(
 
 def reset_request(
     state: str,
-    place: float,
+    rotor: float,
     velocity: float,
     joints: Mapping[str, float] | None = None,
 ) -> Reset.Request:
-    """Return a request to reset the chain; `joints` holds angles [rad] by joint name."""
+    """Return a request to reset the chain.
+
+    A soliton is put at the position `rotor` [rotor spacings] with `velocity` [m/s]. The keys of
+    `joints` are joint names, its values are angles [rad].
+    """
     named = joints or {}
     return Reset.Request(
         state=_chosen('state', state, STATES),
-        place=_finite('place', place),
+        rotor=_finite('rotor', rotor),
         velocity=_finite('velocity', velocity),
         name=list(named),
         angle=[_finite(f'angle of {name}', angle) for name, angle in named.items()],
@@ -189,8 +193,8 @@ def step_request(periods: float) -> Step.Request:
 def describe_kick(kick: msg.LastKick) -> str:
     """Return the effect of a kick as text; raises ValueError if nothing was delivered."""
     if kick.cut_short and not kick.name:
-        raise ValueError('the simulator did not execute it; see its log')
-    command = kick.asked
+        raise ValueError('the simulator did not execute the command; see its log')
+    command = kick.command
     edge = next((e for e, code in _EDGES.items() if code == command.edge), 'nearest')
     kind = next((k for k, code in _KINDS.items() if code == command.kind), 'kick')
     lasting = f' for {kick.duration:.3g} s' if kick.duration else ''
@@ -201,10 +205,10 @@ def describe_kick(kick: msg.LastKick) -> str:
     parts = [
         what,
         f'an impulse of {math.hypot(*kick.impulse):.3g} N m s and a work of {kick.work:.3g} J, '
-        + ('measured by the simulator' if kick.measured else 'estimated, without a measurement'),
+        + ('measured by the simulator' if kick.measured else 'estimated by the actuator'),
     ]
     parts += ['less than requested, because the actuator saturated'] if kick.saturated else []
-    parts += ['shortened'] if kick.cut_short else []
+    parts += ['ended early'] if kick.cut_short else []
     return '; '.join(parts)
 
 
@@ -228,7 +232,7 @@ def adjustable_parameters(
         kind, field = _TYPES[descriptor.type]
         ranges = [*descriptor.floating_point_range, *descriptor.integer_range]
         ends = (ranges[0].from_value, ranges[0].to_value) if ranges else ()
-        # Descriptors have no open ends.
+        # A descriptor states a missing limit as the largest number of its type.
         low, high = (
             each if abs(each) < _INT64_END - 1 else None for each in ends or (math.inf,) * 2
         )

@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """Analyse bags without any node: write tables of soliton states and events, and pictures.
 
-Of several bags each gets a folder and a row in bags.csv. They are analysed in parallel. An
-interrupted command continues when you repeat it.
+Several bags are analysed in parallel. Each bag gets a folder, and a row in bags.csv. Repeat an
+interrupted command to analyse the remaining bags.
 """
 
 from __future__ import annotations
@@ -80,7 +80,7 @@ COLUMNS = (
 
 @dataclass(frozen=True)
 class BagBatch:
-    """Bags by the name of the output folder of each, and the function that analyses them."""
+    """Bags with the names of their output folders, and the function that analyses a bag."""
 
     bags: tuple[tuple[str, Path], ...]
     folder: Path
@@ -125,7 +125,7 @@ class BagBatch:
 
 
 def summary(states: Iterable[dict[str, str]]) -> list[str]:
-    """Return the cells from `motion` to `mean noise` for the rows of a table of states."""
+    """Summarise the rows of a table of states in the cells from `motion` to `mean noise`."""
     motions: Counter[str] = Counter()
     stamps: list[int] = []
     tracked = seen = 0
@@ -145,14 +145,14 @@ def summary(states: Iterable[dict[str, str]]) -> list[str]:
 
 
 def named_bags(paths: Sequence[Path]) -> tuple[tuple[str, Path], ...]:
-    """Return the bags by unique names; equal names are extended by the name of the parent folder.
+    """Return a unique name for each bag. Bags of equal name include the names of their folders.
 
     Raises ValueError if a bag is given twice.
     """
     bags = [path.resolve() for path in paths]
     twice = [str(bag) for bag, count in Counter(bags).items() if count > 1]
     if twice:
-        raise ValueError(f'bag {twice[0]} is given twice; give each once')
+        raise ValueError(f'bag {twice[0]} is given twice; give each bag once')
     names = Counter(bag.name for bag in bags)
     common = Path(os.path.commonpath(bags))
     return tuple(
@@ -196,7 +196,7 @@ def _fill(study: BagBatch, table: Table, pool: Pool) -> None:
 
 
 _MOST_DRAWN = 4000
-"""Largest number of frames in a picture [1]. A picture has fewer columns."""
+"""Largest number of frames in a picture [1], more than a picture has pixel columns."""
 
 
 class PictureFrames:
@@ -217,7 +217,7 @@ class PictureFrames:
         self._count += 1
 
     def draw(self, chain: Chain, folder: Path) -> None:
-        """Draw kymograph.png and track.png, with their captions beside them."""
+        """Write kymograph.png and track.png, each with its caption in a text file."""
         stamps, angles, walls = zip(*self._kept, strict=True)
         times = (np.array(stamps) - stamps[0]) * 1e-9
         track = measured_track(chain, times, walls)
@@ -225,7 +225,7 @@ class PictureFrames:
         save_run(chain, recording, track, find_crossings(chain, track), folder)
 
     def share(self, title: str, chain: Chain, path: Path) -> None:
-        """Write a page with the frames and a viewer into one HTML file."""
+        """Write one HTML file with the frames and a viewer."""
         stamps, angles, walls = zip(*self._kept, strict=True)
         times = (np.array(stamps) - stamps[0]) * 1e-9
         solitons = [soliton_numbers(each) for each in walls]
@@ -243,12 +243,11 @@ def analyse(
     missing_joints: bool = False,
     html: bool = False,
 ) -> int:
-    """Write soliton_state.csv, soliton_events.csv, two pictures; return the number of frames.
+    """Write soliton_state.csv, soliton_events.csv and two pictures; return the number of frames.
 
     With `html`, also write view.html, a page with the frames and a viewer. With `log_time`, the
-    receive times replace the stamps. Raises ValueError if there are no frames or if several frames
-    have the stamp 0. Without `missing_joints`, also raises ValueError if a joint of the given
-    chain has no angle.
+    receive times replace the stamps. Raises ValueError if the bag has no frames, or several frames
+    with the stamp 0, or, without `missing_joints`, no angle of a joint of the given chain.
     """
     frames = late = unstamped = 0
     analysed = JointStateAnalysis(noise)
@@ -280,7 +279,7 @@ def analyse(
     if unstamped > 1:
         raise ValueError(
             f'bag {str(bag)!r}: {unstamped} of {frames + late} frames have the stamp 0; '
-            'add --stamps log to use their receive times'
+            'add --stamps log to use the receive times'
         )
     _report_absent(bag, analysed, given is not None and not missing_joints)
     drawn.draw(named.chain, folder)
@@ -318,7 +317,7 @@ def check_override(
     if changed and not override:
         raise ValueError(
             f'--chain differs from the chain of bag {str(bag)!r}: {changed}; '
-            'omit --chain, or add --override if the chain of the bag is wrong'
+            'omit --chain, or add --override to replace the chain of the bag'
         )
     if changed:
         print(f'analyse_bag: --chain replaces the chain of the bag: {changed}', file=sys.stderr)
@@ -374,7 +373,7 @@ def _parser() -> PlainParser:
     parser.add_argument(
         '--html',
         action='store_true',
-        help='also write view.html, one file in which a browser shows the run without a server',
+        help='also write view.html, one file that shows the run in a browser without a server',
     )
     parser.add_argument(
         '--chain',
@@ -383,7 +382,7 @@ def _parser() -> PlainParser:
         help='parameter file with chain.* in SI units, for a bag without the topic chain',
     )
     parser.add_argument(
-        '--override', action='store_true', help='let --chain replace the chain of the bag'
+        '--override', action='store_true', help='replace the chain of the bag by --chain'
     )
     parser.add_argument(
         '--noise',
@@ -395,8 +394,8 @@ def _parser() -> PlainParser:
         '--stamps',
         choices=('header', 'log'),
         default='header',
-        help='times of the frames: their stamps, or for a driver without stamps the times at '
-        'which the recorder received them (%(default)s)',
+        help='source of the times: header, the stamps of the messages, or log, the receive times, '
+        'for drivers that publish no stamps (%(default)s)',
     )
     parser.add_argument(
         '--missing-joints',
@@ -409,7 +408,7 @@ def _parser() -> PlainParser:
         '--workers',
         type=process_count,
         default=os.cpu_count() or 1,
-        help='number of processes for several bags (one for each core)',
+        help='number of parallel processes for several bags (one for each core)',
     )
     where.add_argument('--scheduler', help='address of a Dask cluster that shares the files')
     return parser
@@ -422,6 +421,6 @@ def _noise(text: str) -> float:
         noise = math.nan
     if not 0 < noise <= 1:
         raise argparse.ArgumentTypeError(
-            f'noise {text.strip()} must be above 0 and at most 1 rad; omit it to have it estimated'
+            f'noise {text.strip()} must be above 0 and at most 1 rad; omit --noise to estimate it'
         )
     return noise

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Analysis of the frames of a bag with the same methods as in the node soliton_analyser."""
+"""Analysis of the frames of a bag, by the same methods as in the node soliton_analyser."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ from soliton_linkage_nodes.messages.frame_assembler import FrameAssembler
 from soliton_linkage_nodes.messages.joint_state_analysis import JointStateAnalysis
 from soliton_linkage_nodes.runtime import interfaces
 
-_NO_CHAIN = 'specify the chain with --chain, or record its topic with bag_recorder'
+_NO_CHAIN = 'specify the chain with --chain, or record the topic chain'
 _MAX_LINES = 3
 """Largest number of lines about rejected messages of a topic."""
 

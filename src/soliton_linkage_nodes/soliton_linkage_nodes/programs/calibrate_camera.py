@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """Calibrate a camera with pictures or a film of a chessboard, such as print_markers makes.
 
-Take a dozen pictures of the whole board, tilted differently in each, and in all parts of the
-picture. The file has the format of ROS's camera_calibration, which camera drivers read too.
+Take a dozen pictures of the whole board, with different tilts and positions of the board. The
+output file has the format of ROS's camera_calibration, which camera drivers also read.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ from soliton_linkage_nodes.runtime.process import interrupt_on_signals
 
 _PICTURES = ('.jpg', '.jpeg', '.png', '.tif', '.tiff', '.bmp')
 _STRIDE = 10
-"""Interval of the pictures that are used from a film, because finding the board takes 0.1 s."""
+"""Interval of the used pictures of a film [pictures]; the search for the board takes 0.1 s."""
 _CORNERS = Quantity('inner corners', '', 2, 100)
 """Number of inner corners in a row or column of the board [1]."""
 _SQUARE = Quantity('side of a square', 'm', 1e-4, 10.0)
@@ -34,12 +34,17 @@ _SQUARE = Quantity('side of a square', 'm', 1e-4, 10.0)
 def main(arguments: Sequence[str] | None = None) -> None:
     """Calibrate."""
     parser = PlainParser(prog='calibrate_camera', description=__doc__)
-    parser.add_argument('paths', type=Path, nargs='+', metavar='picture', help='or one film')
     parser.add_argument(
-        '--columns', type=number(_CORNERS, int), default=8, help='of inner corners (%(default)s)'
+        'paths', type=Path, nargs='+', metavar='picture', help='pictures, or one film'
     )
     parser.add_argument(
-        '--rows', type=number(_CORNERS, int), default=5, help='of inner corners (%(default)s)'
+        '--columns',
+        type=number(_CORNERS, int),
+        default=8,
+        help='columns of inner corners (%(default)s)',
+    )
+    parser.add_argument(
+        '--rows', type=number(_CORNERS, int), default=5, help='rows of inner corners (%(default)s)'
     )
     parser.add_argument(
         '--square', type=number(_SQUARE), default=0.025, help='side of a square [m] (%(default)s)'
@@ -54,7 +59,8 @@ def main(arguments: Sequence[str] | None = None) -> None:
         found = calibrate(pictures, int(options.columns), int(options.rows), options.square)
         write_camera(options.output, found.camera)
         print(
-            f'{options.output}: {found.pictures} pictures, corners to {found.misfit:.2f} pixels',
+            f'{options.output}: rms residual of {found.misfit:.2f} pixels in '
+            f'{found.pictures} pictures',
             file=sys.stderr,
         )
 

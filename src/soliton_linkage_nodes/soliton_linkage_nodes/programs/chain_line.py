@@ -23,7 +23,7 @@ from soliton_linkage_nodes.runtime import interfaces
 
 LEGEND = '/ leans right, \\ leans left, | is upright, ? is missing, O is a soliton'
 _UPRIGHT = 1 / 3
-"""Displacement relative to the rest state below which a rotor is drawn upright [1]."""
+"""Lean relative to the uniform state below which a rotor is drawn upright [1]."""
 _FEWEST = 10
 """Smallest number of marks in the line, even if the remark is long [1]."""
 
@@ -34,7 +34,7 @@ class ChainLine:
     def __init__(self, node: Node, joint_names: tuple[str, ...] = ()) -> None:
         """Subscribe with a node, also to best-effort publishers.
 
-        `joint_names` are by default those of the chain.
+        By default `joint_names` are the names in the topic `chain`.
         """
         self._joint_names = joint_names
         self._node = node
@@ -108,7 +108,7 @@ class ChainLine:
             self._line.note(f'rejected chain: {error}')
 
     def use(self, named: NamedChain) -> None:
-        """Draw this chain; ValueError if the number of its rotors is not that of the joints."""
+        """Set the chain to draw; ValueError if it has another number of rotors than of joints."""
         named = with_joints(named, self._joint_names)
         self._chain = (named, FrameReader(named.joint_names, named.encoder_offsets))
         self._explained = False
@@ -120,8 +120,8 @@ class ChainLine:
 def drawn(leans: Array, solitons: Sequence[float], room: int) -> str:
     """Return one mark per rotor, or one per group of rotors if the line is too short.
 
-    `leans` are sines of the angles over the sine of the rest angle, shape (N,), NaN for missing
-    rotors. `solitons` are site coordinates [rotor spacings].
+    `leans` are sines of the angles divided by the sine of the rest angle, shape (N,), NaN for
+    missing rotors. `solitons` are site coordinates [rotor spacings].
     """
     shares = np.array_split(leans, min(room, len(leans)))
     marks = [_mark(share) for share in shares]

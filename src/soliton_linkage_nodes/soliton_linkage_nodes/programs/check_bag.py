@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Report the content of a bag, whether it is complete, and the messages lost during recording.
 
-The first lines have the layout of `ros2 bag info`, but they describe the messages that were read.
+The first lines have the layout of `ros2 bag info`; their numbers come from the messages.
 """
 
 from __future__ import annotations
@@ -32,14 +32,14 @@ _LABEL_WIDTH = 19
 _EVENTS = 'soliton_linkage_msgs/msg/SolitonEvent'
 _SERVICE_EVENT, _SERVICE_SUFFIX = '_Event', '/_service_event'
 _TopicRow = tuple[tuple[str, str, str], int, int]
-"""Name, type and encoding of a topic, number of messages, and number lost during recording."""
+"""Name, type and encoding of a topic, number of messages, and number of lost messages."""
 
 
 def main() -> None:
     """Check a bag; exit with 1 if it is damaged or messages were lost."""
     parser = PlainParser(
         prog='check_bag',
-        description=f'{__doc__} The exit code is 1 if it is damaged or messages were lost.',
+        description=f'{__doc__} The exit code is 1 if the bag is damaged or messages were lost.',
     )
     parser.add_argument('bag', type=Path, help='directory of the bag, or one file of it')
     parser.add_argument('--json', action='store_true', help='print the report as JSON')
@@ -94,7 +94,7 @@ def _lines(report: BagReport) -> Iterator[tuple[str, list[str]]]:
         if key in report.custom_data:
             yield f'{key.replace("_", " ").capitalize()}:', [report.custom_data[key]]
     if report.unverified:
-        yield 'Checksums:', [f'{report.unverified} messages have none: changes are not detected']
+        yield 'Checksums:', [f'missing for {report.unverified} messages; damage is not detected']
     if report.damage:
         yield 'Damage:', report.damage
         remedy = f'recover_bag {report.path} writes the intact messages to a new bag'
@@ -205,7 +205,7 @@ def _lost_when_recorded(report: BagReport) -> dict[str, int]:
 
 
 def _counts_in(report: BagReport, key: str) -> dict[str, int]:
-    """Return a number for each topic from the custom data; empty if these are damaged."""
+    """Return a number for each topic from the custom data, {} if the data are damaged."""
     try:
         counts = load_json(report.custom_data.get(key, '{}'))
     except ValueError:

@@ -28,7 +28,7 @@ _SOURCE_LOCATION = re.compile(r', at /\S+:\d+')
 def parse_own_arguments(
     parser: PlainParser, arguments: Sequence[str] | None = None
 ) -> argparse.Namespace:
-    """Return the options of the program, without the arguments of ROS."""
+    """Parse the options of the program, without the arguments of ROS."""
     given = sys.argv[1:] if arguments is None else arguments
     try:
         check_files(given)

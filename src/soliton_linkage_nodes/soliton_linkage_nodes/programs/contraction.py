@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """Measure the Lorentz contraction of walls at a dozen speeds with the analyser.
 
-For each speed, the nodes nudge a wall into a simulated chain with noisy encoders and record a bag.
-Then the bags are analysed, and the measured speeds and widths are compared with theory.
+For each speed, the program starts a simulator with noisy encoders, nudges a wall into its chain
+and records a bag. Then it analyses the bags and compares the speeds and widths with theory.
 """
 
 from __future__ import annotations
@@ -46,7 +46,7 @@ _RATE = 250.0
 _SECONDS = 6.0
 """Duration of a recording [s]."""
 _WAY = 0.8
-"""Duration relative to the simulation of the study [1]. The wall must not reach the far edge."""
+"""Duration relative to that of the study [1], so that the wall does not reach the far edge."""
 _POLL_INTERVAL = 0.1
 """Poll interval while the nudge is sent [s]."""
 _UNLIMITED = 1e6
@@ -111,12 +111,12 @@ def measure(bag: Path) -> ContractedWall:
 def main(arguments: Sequence[str] | None = None) -> None:
     """Record, measure and draw; exit with 1 if that fails, 130 on Ctrl-C."""
     parser = PlainParser(prog='contraction', description=__doc__)
-    settings = 'settings, such as config/studies/accuracy.yaml (those of the suite)'
+    settings = 'settings file (config/studies/accuracy.yaml of the suite)'
     default = installed_settings('accuracy')
     parser.add_argument('config', type=Path, nargs='?', default=default, help=settings)
     output = 'folder for the bags, the table and the picture (%(default)s)'
     parser.add_argument('--output', type=Path, default=Path('out/contraction'), help=output)
-    parser.add_argument('--quick', action='store_true', help='every fourth wall only')
+    parser.add_argument('--quick', action='store_true', help='only every fourth wall')
     options = parser.parse(arguments)
     stopping = stop_on_signals()
     with exit_on_failure('contraction'):
@@ -138,9 +138,9 @@ def main(arguments: Sequence[str] | None = None) -> None:
 def _measured(
     study: ContractionStudy, folder: Path, stopping: threading.Event
 ) -> list[ContractedWall]:
-    """Record and measure all walls; repeat a failed recording once.
+    """Record and measure all walls.
 
-    A recording may fail on a busy machine.
+    A failed recording is repeated once, because it can fail on a busy machine.
     """
 
     def measured(walls: int, kick: int) -> ContractedWall:
@@ -161,7 +161,7 @@ def _measured(
         try:
             passages.append(measured(number, kick))
         except (RuntimeError, ValueError) as error:
-            print(f'\ncontraction: {which}, is recorded again, because: {error}', file=sys.stderr)
+            print(f'\ncontraction: recording {which} again, because: {error}', file=sys.stderr)
             passages.append(measured(number, kick))
     progress.end(f'{len(runs)} walls recorded and measured')
     return passages

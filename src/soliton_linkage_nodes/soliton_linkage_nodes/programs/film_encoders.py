@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
 """Measure the angles of a chain in a film, and write them to a bag for analyse_bag.
 
-The bag has the topics chain, joint_states and joint_state_deviations, which contains the standard
-deviation of each angle. The stamps come from the film, which may have any frame rate. With
---overlay, the program also writes the film with the detected markers and the walls.
+The bag has the topics chain, joint_states and joint_state_deviations (the standard deviation of
+each angle). The stamps are the times of the pictures in the film, which may have any frame rate.
+With --overlay, the program also writes the film with the detected markers and the walls.
 """
 
 from __future__ import annotations
@@ -55,19 +55,19 @@ from soliton_linkage_nodes.runtime.stamps import SECOND, time_to_msg
 from soliton_linkage_nodes.start import INTERRUPTED
 
 _OVERLAY_QUALITY = 23
-"""Quality of H.264 [1], the default of encoders for players."""
+"""Constant rate factor of H.264 [1], the default of x264."""
 
 
 class FilmSummary(NamedTuple):
-    """Summary of a film."""
+    """Summary of the angles measured in a film."""
 
     bag: Path
     pictures: int
     """Number of pictures with visible rotors."""
     shares: float
-    """Mean fraction of visible rotors in these pictures [1]."""
+    """Mean fraction of the rotors that are visible in these pictures [1]."""
     deviation: float
-    """Median of the standard deviations [rad]."""
+    """Median of the standard deviations of the angles [rad]."""
     last: str
     """Description of the last picture and of earlier problems."""
     ended_by: str
@@ -88,7 +88,7 @@ def film_to_bag(
     """
     bag = _AngleBag(output, named)
     seen: list[tuple[float, float]] = []
-    last, ended_by = 'it has no pictures', ''
+    last, ended_by = 'the film has no pictures', ''
     failure: ValueError | None = None
     progress = ProgressLine('measuring', video.frames)
 
@@ -121,7 +121,7 @@ def film_to_bag(
         progress.clear()
         bag.close(ended_by)
     if not seen:
-        raise failure or ValueError(f'the film shows no angle: {last}')
+        raise failure or ValueError(f'no angle was measured: {last}')
     share, deviation = np.mean([each for each, _ in seen]), np.median([each for _, each in seen])
     return FilmSummary(bag.path, len(seen), float(share), float(deviation), last, ended_by)
 
@@ -152,7 +152,7 @@ class _AngleBag:
         self._topics: dict[str, StoredTopic] = {}
 
     def write(self, seen: CameraReading) -> None:
-        """Write the angles in a picture; before the first angles, write the chain."""
+        """Write the angles of a picture, and before the first angles the chain."""
         if self._writer is None:
             self._writer = BagWriter(self.path)
             self.path = self._writer.path
@@ -194,9 +194,9 @@ def main(arguments: Sequence[str] | None = None) -> None:
         )
         option = f' --chain {options.chain}' if named.encoder_offsets else ''
         print(
-            f'{result.pictures} pictures, with {result.shares:.1%} of the rotors visible, to '
-            f'{1e3 * result.deviation:.2g} mrad; {result.last}\n{result.bag} has the '
-            f'angles: analyse_bag {result.bag}{option}',
+            f'{result.pictures} pictures, {result.shares:.1%} of the rotors visible, standard '
+            f'deviation {1e3 * result.deviation:.2g} mrad; {result.last}\n'
+            f'next: analyse_bag {result.bag}{option}',
             file=sys.stderr,
         )
         if stopping.is_set():
@@ -216,7 +216,10 @@ def _parser() -> PlainParser:
     source = parser.add_mutually_exclusive_group(required=True)
     source.add_argument('film', type=Path, nargs='?', help='file of a film, such as film.mp4')
     source.add_argument(
-        '--camera', type=int, metavar='NUMBER', help='a camera of this machine, until Ctrl-C'
+        '--camera',
+        type=int,
+        metavar='NUMBER',
+        help='number of a camera; the program measures until Ctrl-C',
     )
     parser.add_argument(
         '--chain',
@@ -229,11 +232,14 @@ def _parser() -> PlainParser:
         '--markers',
         type=Path,
         metavar='FILE',
-        help='parameter file with which the markers were printed, if --chain is another one, '
-        'such as a file of identify_chain',
+        help='parameter file for which the markers were printed, if --chain is another file, '
+        'such as one of identify_chain',
     )
     parser.add_argument(
-        '--overlay', type=Path, metavar='FILM', help='film to write, such as out/overlay.mp4'
+        '--overlay',
+        type=Path,
+        metavar='FILM',
+        help='also write a film with the detected markers, such as out/overlay.mp4',
     )
     parser.add_argument(
         '--camera-info', type=Path, metavar='FILE', help='calibration by calibrate_camera'

@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Identify the chain of a bag in which a soliton has passed: each length with its deviation.
+"""Estimate the lengths of a chain, with standard deviations, from bags in which a soliton passes.
 
-Several bags must show the same chain with the same encoders, for example at different tilts.
-Writes chain.yaml for all nodes, lengths.csv, and a report with the residuals of each bond.
+Several bags must show the same chain with the same encoders, for example at different tilts. The
+program writes chain.yaml for all nodes, lengths.csv, and a report with the residuals of each bond.
 """
 
 from __future__ import annotations
@@ -53,7 +53,7 @@ class IdentificationOptions:
     spacing: float | None = None
     """Mean distance of neighbouring pivots [m]; None for the spacing of the given chain."""
     tolerance: float | None = None
-    """Relative standard deviation of lengths of one kind [1], None to estimate it."""
+    """Relative standard deviation of the lengths of one kind [1], None to estimate it."""
     span: tuple[float, float] = (0.0, math.inf)
     """First and last time of the used frames, relative to the first frame of the bag [s]."""
     gravity: float = 0.0
@@ -69,23 +69,23 @@ def identify_bags(
     assumptions: IdentificationOptions = IdentificationOptions(),
     limits: BagLimits = DEFAULT_LIMITS,
 ) -> Identification:
-    """Write chain.yaml, lengths.csv and identification.png and .pdf; return the result."""
+    """Identify a chain; write chain.yaml, lengths.csv, identification.png and .pdf."""
     spacing = assumptions.spacing
     recordings = []
-    told = given
+    reference = given
     for bag, tilt in _tilted(bags, assumptions.tilts):
         with open_bag(bag, limits) as reader:
-            told = told or _recorded_chain(reader)
-            record = read_joints(reader, told, assumptions.span)
+            reference = reference or _recorded_chain(reader)
+            record = read_joints(reader, reference, assumptions.span)
         recordings.append(record.readings(Gravity(assumptions.gravity, tilt)))
-    chain = Chain() if told is None else told.chain
-    known = not (spacing is None and told is None)
+    chain = Chain() if reference is None else reference.chain
+    known = not (spacing is None and reference is None)
     if spacing is not None:
         chain = dataclasses.replace(chain, spacing=spacing)
     elif not known and not assumptions.gravity:
         print(
-            'identify_chain: angles do not determine the scale of a chain; lengths assume a mean '
-            f'spacing of {chain.spacing:g} m; give the true one with --spacing',
+            'identify_chain: angles do not determine the scale of a chain; the lengths assume a '
+            f'mean spacing of {chain.spacing:g} m; give the true spacing with --spacing',
             file=sys.stderr,
         )
     readings = join_recordings(recordings)
@@ -150,8 +150,8 @@ def _parser() -> PlainParser:
         '--chain',
         type=Path,
         metavar='FILE',
-        help='parameter file with the names of the joints, chain.spacing, chain.mass, ..., in '
-        'place of the topic chain of the bag; its other lengths are ignored',
+        help='parameter file with the joint names, chain.spacing, chain.mass, ...; it replaces '
+        'the topic chain of the bag; lengths other than chain.spacing are ignored',
     )
     _add_assumptions(parser)
     _add_span(parser)
@@ -173,7 +173,7 @@ def _add_assumptions(parser: PlainParser) -> None:
         type=number(fields['acceleration']),
         default=0.0,
         metavar='ACCELERATION',
-        help='gravity in the plane of the chain [m/s^2], 9.81 if it stands upright (%(default)s)',
+        help='gravity in the plane of the chain [m/s^2], 9.81 for an upright chain (%(default)s)',
     )
     parser.add_argument(
         '--tilt',
@@ -181,15 +181,15 @@ def _add_assumptions(parser: PlainParser) -> None:
         nargs='+',
         default=[],
         metavar='RADIANS',
-        help='tilt of the chain in each bag, positive if the last rotor is lower [rad] (0, then '
-        'the topic tilt)',
+        help='tilt of the chain at the start of each bag [rad], positive if the last rotor is '
+        'lower (0); later tilts come from the topic tilt',
     )
     parser.add_argument(
         '--tolerance',
         type=number(Quantity('tolerance', '', 1e-4, 1.0)),
         metavar='FRACTION',
-        help='standard deviation by which lengths of one kind differ from each other [1] '
-        '(estimated from the angles)',
+        help='relative standard deviation of the lengths of one kind [1] (estimated from the '
+        'angles)',
     )
 
 
@@ -213,7 +213,7 @@ def _add_span(parser: PlainParser) -> None:
 
 
 _FEWEST_FRAMES = 50
-"""Smallest number of frames [1], during which a wall passes one or two rotors."""
+"""Smallest number of frames [1]. In so many frames a wall passes one or two rotors."""
 _MOST_FRAMES = 8000
 """Largest number of frames in a fit [1]. A fit of 40 rotors with rigid bars takes about 10 s."""
 
@@ -279,8 +279,8 @@ def read_joints(
     if unused := record.frames - len(record):
         print(
             f'identify_chain: {unused} of {record.frames} frames are not used, mostly with all '
-            'rotors at rest and none near impulses; select a part of the recording by --begin and '
-            '--end to use more of its frames',
+            'rotors at rest and none near impulses; to use more frames, select a part of the '
+            'recording by --begin and --end',
             file=sys.stderr,
         )
     return record
@@ -319,8 +319,8 @@ def summary(found: Identification) -> str:
     lines = [
         f'standard deviations (median): {deviations}',
         f'lengths of one kind have a standard deviation of {found.tolerance:.2%}',
-        f'noise of the readings: {found.noise:.3g} rad by the residuals, '
-        f'{found.reading_noise:.3g} rad from frame to frame; bonds with the largest: {bonds}',
+        f'noise of the readings: {found.noise:.3g} rad from the residuals, '
+        f'{found.reading_noise:.3g} rad from frame to frame; noisiest bonds: {bonds}',
         '; '.join(_forces(found)),
     ]
     if found.outliers:
@@ -345,9 +345,9 @@ def _forces(found: Identification) -> Iterator[str]:
     if springs:
         yield 'the soliton strains the springs'
     elif found.rigid:
-        yield 'all bonds close, as with rigid bars'
+        yield 'the angles fit rigid bars of constant length'
     else:
-        yield 'bonds do not close'
+        yield 'the angles fit neither springs nor rigid bars'
     if masses:
         yield f'damping {chain.damping:.2g} +- {found.damping_deviation:.1g} N m s/rad'
         yield f'dry friction {found.friction:.2g} +- {found.friction_deviation:.1g} N m'
@@ -365,4 +365,4 @@ def _forces(found: Identification) -> Iterator[str]:
     if not springs:
         missing.append('stiffnesses')
     if missing:
-        yield f'not determined by this recording: {", ".join(missing)}; given values are kept'
+        yield f'not determined by this recording: {", ".join(missing)}; the given values are kept'

@@ -35,7 +35,7 @@ from soliton_linkage_nodes.start import INTERRUPTED
 _ROTOR = Quantity('destination, counted from rotor 0', 'rotor spacings')
 _SPEED = Quantity('largest speed of the move', 'rotor spacings/s', minimum=0.0)
 """Speed limit of the move. With 0, soliton_steering selects the speed."""
-_WAIT = Quantity('longest wait for a steering that is ready', 's', 0.0, 3600.0)
+_WAIT = Quantity('longest wait for soliton_steering to be ready', 's', 0.0, 3600.0)
 """Wait for the steering node, at most one hour."""
 _LONGEST_WAIT = 5.0
 """Default wait for a ready steering node, and longest wait for the answer to the goal [s]."""
@@ -59,7 +59,7 @@ class MoveClient(WaitingNode):
         interfaces.DIAGNOSTICS.subscribe(self, self._on_diagnostics)
 
     def move(self, rotor: float, speed: float, wait: float = _LONGEST_WAIT) -> MoveSoliton.Result:
-        """Move the soliton and return the result; wait at most `wait` [s] for a ready steering.
+        """Move the soliton and return the result; wait at most `wait` [s] for the steering node.
 
         Raises ValueError if the action server is missing or disappears, and KeyboardInterrupt if
         the move is interrupted and does not end soon.
@@ -71,7 +71,7 @@ class MoveClient(WaitingNode):
             'start soliton_steering first',
             wait,
         )
-        # A steering that is not ready rejects the goal with its reason.
+        # A steering node that is not ready rejects the goal and states the reason.
         self.wait(self._ready, deadline - time.monotonic())
         if self.stopping.is_set():
             raise KeyboardInterrupt
@@ -117,7 +117,7 @@ class MoveClient(WaitingNode):
         self._line.show([on_the_way.rotor], progress_of(on_the_way))
 
     def _ready(self) -> bool:
-        """Return whether the steering reports a soliton that it can move."""
+        """Return whether the steering node reports a soliton that it can move."""
         return bool(self._steering.name) and self._steering.level == DiagnosticStatus.OK
 
     def _on_diagnostics(self, message: DiagnosticArray) -> None:

@@ -2,7 +2,7 @@
 """Nudge an edge of the chain and print the result; needs no `ros2 topic pub`.
 
 The program waits for the edge actuator, publishes on the topic nudge, and prints the answer of
-the actuator on last_kick, or the reason why there is none.
+the actuator on last_kick, or the reason of a failure.
 """
 
 from __future__ import annotations
@@ -29,9 +29,9 @@ from soliton_linkage_nodes.runtime import interfaces
 from soliton_linkage_nodes.runtime.process import WaitingNode, initialise, stop_on_signals
 from soliton_linkage_nodes.start import INTERRUPTED
 
-_SPEED = Quantity('speed of the kick along the zero mode; the sign is its direction', 'rad/s')
-_TIMEOUT = Quantity('longest wait, for the actuator and then for its answer', 's', 0.0, 3600.0)
-"""At most an hour."""
+_SPEED = Quantity('speed of the kick along the zero mode, positive away from the edge', 'rad/s')
+_TIMEOUT = Quantity('longest wait for the actuator, and again for its answer', 's', 0.0, 3600.0)
+"""Longest wait for the actuator or its answer, at most one hour."""
 _SUBSCRIBERS = Quantity('number of subscribers to wait for', minimum=1)
 """Number of subscribers of the topic nudge, including the edge actuator."""
 _LONGEST_WAIT = 5.0
@@ -81,7 +81,7 @@ class NudgeClient(WaitingNode):
         return answer
 
     def _actuators(self) -> set[str]:
-        """Return the nodes that subscribe to nudges and also publish kicks, unlike a recorder."""
+        """Return the actuators, which subscribe to `nudge` and publish `last_kick`."""
         subscribed = self.get_subscriptions_info_by_topic(self._nudges.topic_name)
         publishing = self.get_publishers_info_by_topic(self._answers.topic_name)
         return _names(subscribed) & _names(publishing)
@@ -122,14 +122,14 @@ class NudgeClient(WaitingNode):
             report = self._reports[name]
             source, _, reason = _figure(report, 'last rejection').partition(': ')
             if _rejections(report) > before[name] and interfaces.NUDGE.name in source:
-                return f'{name} rejected it: {reason}'
+                return f'{name} rejected the nudge: {reason}'
         return ''
 
     def _silence(self, timeout: float) -> str:
         who = ' '.join(sorted(self._actuators())) or 'the actuator, which has stopped,'
         return (
             f'{who} published no answer on {self._answers.topic_name} within {timeout:g} s; see '
-            'its log, or raise --timeout if nudges are long pressures'
+            'its log. If it converts nudges to long pressures, raise --timeout'
         )
 
     def _on_diagnostics(self, message: DiagnosticArray) -> None:
@@ -160,7 +160,7 @@ def _parser() -> PlainParser:
         '--subscribers',
         type=number(_SUBSCRIBERS, int),
         default=1,
-        help='number of subscribers to wait for; the actuator and a recorder are 2 (%(default)s)',
+        help='number of subscribers to wait for, 2 with an actuator and a recorder (%(default)s)',
     )
     parser.add_argument(
         '--timeout',

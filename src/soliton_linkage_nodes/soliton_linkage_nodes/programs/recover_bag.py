@@ -55,6 +55,6 @@ def main() -> None:
     for damage in report.damage:
         print(damage)
     if report.damage and report.unverified:
-        print(f'{report.unverified} messages have no checksum and may have changed')
+        print(f'{report.unverified} messages have no checksum and may be damaged')
     lost = f', {report.lost} lost' if report.lost else ''
     print(f'recovered {report.messages} messages{lost} into {new}')

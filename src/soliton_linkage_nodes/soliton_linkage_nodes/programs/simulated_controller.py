@@ -1,8 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Simulate a microcontroller with a chain at its encoders and valves, for serial_encoders.
+"""Simulate a microcontroller with the encoders and valves of a chain, for serial_encoders.
 
-The program opens a pseudo-terminal, prints its path, and sends and receives there the frames of a
-controller, until Ctrl-C. The chain starts left-leaning and at rest; its valves drive it.
+The program opens a pseudo-terminal and prints its path. Until Ctrl-C it exchanges the frames of
+the serial protocol with serial_encoders. The simulated chain starts at rest, left-leaning. The
+commands to the valves drive it.
 """
 
 from __future__ import annotations
@@ -31,23 +32,23 @@ from soliton_linkage_nodes.programs.command_line import exit_on_failure, number
 from soliton_linkage_nodes.runtime.process import interrupt_on_signals
 
 _RATE = Quantity('frames per second', 'Hz', 1.0, 1000.0)
-"""Frames of 40 rotors take at most 1.8 Mbaud."""
+"""Frame rate. At the upper limit a chain of 40 rotors needs 1.8 Mbaud."""
 _COUNTS = Quantity('counts of an encoder per turn', '', 2, 65536)
-"""At most 16 bits."""
+"""Resolution of an encoder, at most 16 bits."""
 
 _TOLERANCE = 1e-6
-"""Error of the angles in a step of the solver [rad]: a hundredth of a count of 16 bits."""
+"""Tolerance of the solver per step [rad], a hundredth of one count of a 16-bit encoder."""
 _REPORTED_DELAY = 1.0
-"""Delay behind the clock that is reported [s]: the machine is too slow for the chain."""
+"""Delay behind the clock above which the program warns that the machine is too slow [s]."""
 _MOST_BYTES = 2**16
-"""Bytes per read [1]: more than the system buffers."""
+"""Largest number of bytes per read [1], more than the system buffers."""
 
 
 class PseudoTerminal:
-    """Serial port without a wire: bytes pass between its path and this end."""
+    """Pseudo-terminal, which a client opens as a serial port and this program reads and writes."""
 
     def __init__(self, link: Path | None = None) -> None:
-        """Open the terminal, and a link to it whose name can stay the same."""
+        """Open the terminal; `link` is the path of a symbolic link to create."""
         self._here, self._there = pty.openpty()
         tty.setraw(self._there)
         os.set_blocking(self._here, False)
@@ -82,7 +83,7 @@ class PseudoTerminal:
 
 
 class RealTimeChain:
-    """A simulated chain on a line, frame by frame."""
+    """Simulated chain with a simulated controller on a serial port."""
 
     def __init__(
         self,
@@ -91,7 +92,7 @@ class RealTimeChain:
         terminal: PseudoTerminal,
         rate: float,
     ) -> None:
-        """Start with a chain at rest, with a frame rate [Hz]."""
+        """Start with the chain at rest; `rate` is the frame rate [Hz]."""
         world = World(
             named.chain, named.joint_names, WorldParameters(tolerance=_TOLERANCE), 1 / rate
         )
@@ -105,7 +106,7 @@ class RealTimeChain:
         return self._simulation.time
 
     def play(self) -> None:
-        """Apply the commands since the last frame, send the angles, and advance."""
+        """Apply the received commands, send the angles, and advance by one frame."""
         simulation = self._simulation
         self._controller.receive(simulation.time, self._terminal.read())
         simulation.hold(self._controller.torques(simulation.time))
@@ -164,7 +165,7 @@ def _parser() -> PlainParser:
         '--protocol',
         choices=('binary', 'text'),
         default='binary',
-        help='protocol of its frames (binary)',
+        help='serial protocol (binary)',
     )
     parser.add_argument(
         '--rate', type=number(_RATE), default=250.0, help=f'{_RATE.description} [Hz] (250)'
@@ -182,5 +183,7 @@ def _parser() -> PlainParser:
         metavar='COUNTS',
         help=f'{_COUNTS.description} (4096)',
     )
-    parser.add_argument('--link', type=Path, metavar='PATH', help='also make a link to the port')
+    parser.add_argument(
+        '--link', type=Path, metavar='PATH', help='path of a symbolic link to the port'
+    )
     return parser

@@ -2,9 +2,9 @@
 """Run several nodes of the suite in one process, which needs less memory and processor time.
 
 Each node keeps its name, topics, services, parameters and diagnostics. Ctrl-C stops all nodes and
-closes the bag. With -p port:=/dev/ttyACM0, serial_encoders replaces the simulator. To use other
-encoders, name the other nodes. Name nodes of several chains with their namespaces, such as
-left/soliton_analyser.
+closes the bag. With -p port:=/dev/ttyACM0, serial_encoders replaces the simulator. If another
+program publishes joint_states, list only the nodes to run. For several chains, list each node with
+its namespace, for example left/soliton_analyser.
 """
 
 from __future__ import annotations
@@ -53,9 +53,9 @@ def main() -> None:
         usage='%(prog)s [NODE ...] [--ros-args ...]',
         description=__doc__,
         epilog=(
-            'After --ros-args: --params-file FILE, -p NAME:=VALUE for each node that has such a '
-            'parameter, -p NODE:NAME:=VALUE for one, -r __ns:=/NAME. --help of a node lists its '
-            'parameters.'
+            'After --ros-args: -p NAME:=VALUE sets a parameter of all nodes that have it, '
+            '-p NODE:NAME:=VALUE of one node; --params-file FILE reads parameters; -r __ns:=/NAME '
+            'sets the namespace. --help of a node lists its parameters.'
         ),
     )
     # argparse would print a rejected choice as a list.
@@ -73,14 +73,15 @@ def main() -> None:
             parser.error(f'unknown node {name!r}; choose from {", ".join(NODES)}')
     if any(each.startswith(_NAMESPACE_RULE) for each in sys.argv) and '/' in ''.join(names):
         parser.error(
-            f'{_NAMESPACE_RULE} applies to all nodes, but some names have a namespace; use one way'
+            f'{_NAMESPACE_RULE} applies to all nodes, but some names have a namespace; '
+            'use only one of both'
         )
     names.sort(key=lambda name: list(NODES).index(_kind(name)))
     classes = {name: _class_of(_kind(name)) for name in names}
     try:
-        of_controllers = any(_kind(name) == _SERIAL for name in names)
-        told = _CHAIN_SOURCE if of_controllers else ()
-        rest, given = addressed([sys.argv[0], *told, *sys.argv[1:]], classes)
+        has_controller = any(_kind(name) == _SERIAL for name in names)
+        defaults = _CHAIN_SOURCE if has_controller else ()
+        rest, given = addressed([sys.argv[0], *defaults, *sys.argv[1:]], classes)
     except (TypeError, ValueError) as error:
         parser.error(str(error))
     components = [
@@ -92,7 +93,7 @@ def main() -> None:
 
 
 def of_one_chain(arguments: Sequence[str]) -> list[str]:
-    """Return all nodes of a chain, with a simulator or, if a port is given, serial_encoders."""
+    """Return all nodes of one chain; serial_encoders replaces the simulator if a port is given."""
     port = re.compile(rf'({_SERIAL}:)?port:=.+')
     rules = [rule for each, rule in pairwise(arguments) if each in _PARAMETER_OPTIONS]
     unused = 'simulator' if any(map(port.fullmatch, rules)) else _SERIAL
@@ -127,7 +128,7 @@ def addressed(
 
 
 def _known_to_ros(arguments: Sequence[str]) -> list[str]:
-    """Return the arguments without parameters for nodes in namespaces, which ROS rejects."""
+    """Return the arguments without parameters of nodes in namespaces, which ROS would reject."""
     known: list[str] = []
     for argument in arguments:
         if known and known[-1] in _PARAMETER_OPTIONS and '/' in argument.partition(':=')[0]:

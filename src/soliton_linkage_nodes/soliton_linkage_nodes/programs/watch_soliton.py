@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
 """Show the chain in the terminal: the lean of its rotors, and the position of the soliton.
 
-The picture comes from the topics chain and joint_states. Beside it are the position of the first
-soliton in soliton_state, in rotor spacings from rotor 0, and its velocity. Without the topic
-chain, add --ros-args -p chain_from:=parameters and the parameters chain.* or their file.
+The line shows the topics chain and joint_states, and the first soliton of soliton_state: its
+position in rotor spacings from rotor 0, and its velocity. If no node publishes chain, add
+--ros-args -p chain_from:=parameters and the parameters chain.* or a parameter file.
 """
 
 from __future__ import annotations
@@ -29,7 +29,7 @@ from soliton_linkage_nodes.start import INTERRUPTED
 _PERIOD = 0.1
 """Interval between drawings [s]."""
 _LONGEST_SILENCE = 1.0
-"""Silence after which a topic is reported as stopped [s]; no simulator is that slow."""
+"""Time without messages after which a topic is reported as stopped [s]."""
 _STARTED_BY = {
     interfaces.CHAIN.name: 'simulator',
     interfaces.JOINT_STATES.name: 'simulator',
@@ -38,9 +38,9 @@ _STARTED_BY = {
 
 
 class WatchSoliton(Node):
-    """Node that draws `chain` and `joint_states` on a line, and the first soliton.
+    """Node that draws the chain and the first soliton in one line of the terminal.
 
-    With `chain_from` = parameters, its parameters `chain.*` describe the chain.
+    If `chain_from` is "parameters", the parameters `chain.*` describe the chain.
     """
 
     def __init__(self, **kwargs: Any) -> None:

@@ -33,7 +33,7 @@ _WIDTH = 96
 _ROS_OPTIONS = ('--params-file', '-p', '--param', '-r', '--remap', '--log-level')
 _EXAMPLES = ('-p NAME:=VALUE', '--params-file FILE', '-r NAME:=OTHER_NAME')
 _PATHS = ('bag', 'output')
-"""Parameters that the proposal for an argument without a name may set."""
+"""Parameters that are proposed for an argument without a name."""
 
 
 def check_arguments(node: NodeClass, arguments: Sequence[str]) -> None:
@@ -58,7 +58,7 @@ def check_arguments(node: NodeClass, arguments: Sequence[str]) -> None:
             f'try: {_command(node)} {proposal}' if proposal else f'see {_command(node)} --help'
         )
         text = ' '.join(unknown)
-        print(f'{executable_name(node)} does not know {text!r}; {remedy}', file=sys.stderr)
+        print(f'{executable_name(node)}: unknown argument {text!r}; {remedy}', file=sys.stderr)
         sys.exit(USAGE)
 
 

@@ -63,7 +63,7 @@ class LogThrottle:
         others, self._others_before = self._others_before, 0
         if alike:
             return f' (and {alike} more of this kind)'
-        return f' (and {others} other messages in the second before)' if others else ''
+        return f' (and {others} other messages in the previous second)' if others else ''
 
 
 @dataclass(frozen=True)

@@ -36,13 +36,13 @@ _DEEPEST_QUEUE = 1000
 _QUEUE_BYTES = 64 * 2**20
 """Largest memory of the queue of a stream in the publisher, and in each subscriber [B]."""
 _LONGEST_RECORD = 100_000
-"""Queue depth for a whole record [messages], 100 s at 1000 Hz. Unused places take no memory."""
+"""Queue depth for a whole record [messages], 100 s at 1000 Hz. Unused slots take no memory."""
 ACKNOWLEDGEMENT_LIMIT = 0.5
 """Longest wait for acknowledgements when a node ends [s], enough on a busy machine."""
 _POLL_INTERVAL = 0.02
 """Poll interval while waiting for subscribers [s]."""
 _DISCOVERY_TIME = 1.0
-"""Time without a new subscriber after which all are discovered [s]."""
+"""Time without a new subscriber after which discovery is assumed complete [s]."""
 
 
 def reliable_qos(depth: int) -> QoSProfile:

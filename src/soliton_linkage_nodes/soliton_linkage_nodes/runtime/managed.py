@@ -198,8 +198,8 @@ class ManagedNode(GuardedNode, LifecycleNode):
                 transition = request.transition.label or request.transition.id
                 _, state = self._state_machine.current_state
                 self.get_logger().warning(
-                    f'rejected transition {transition}: state {state} does not have it; ask '
-                    '~/get_available_transitions for those that it has'
+                    f'rejected transition {transition}, which state {state} does not allow; '
+                    '~/get_available_transitions lists the allowed transitions'
                 )
                 response.success = False
                 return response

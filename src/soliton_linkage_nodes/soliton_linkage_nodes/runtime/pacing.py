@@ -40,8 +40,8 @@ def raise_priority(raised: bool, threads: Sequence[int] = (0,)) -> None:
 def yield_core() -> None:
     """Yield the core to other real-time threads; this has no effect in an ordinary thread.
 
-    Without this, a SCHED_FIFO thread delays the threads that it has woken until it sleeps, if the
-    other cores are busy.
+    If the other cores are busy, a SCHED_FIFO thread would otherwise delay the threads that it has
+    woken until it sleeps.
     """
     if os.sched_getscheduler(0) == os.SCHED_FIFO:
         os.sched_yield()
@@ -83,7 +83,7 @@ def _middleware_threads() -> list[int]:
 
 
 _LONGEST_LAG = 10**8
-"""Largest lateness without a change of later deadlines [ns]; above it they are postponed."""
+"""Lateness above which all later deadlines are postponed [ns]."""
 _LONGEST_SLEEP = 0.1
 """Longest time between two checks for a stop or a changed rate [s]."""
 _IDLE = 0.005

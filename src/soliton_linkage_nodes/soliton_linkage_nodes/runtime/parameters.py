@@ -165,7 +165,7 @@ def _convert(kind: Parameter.Type, value: Any) -> Any:
     """Convert a value to the declared type of a parameter.
 
     Whole numbers become floats. An empty list becomes an empty list of the declared type, because
-    it has no value in a file and the type bytes or bools elsewhere.
+    ROS gives it no type or a wrong type.
     """
     if kind in _LISTS and isinstance(value, (NoneType, list, tuple, array)):
         elements = list(value or ())

@@ -128,7 +128,7 @@ def initialise(arguments: list[str] | None = None) -> None:
 
 
 def run(create_node: Callable[[], Node], finished: Callable[[Any], bool] | None = None) -> None:
-    """Spin a node of a class until SIGINT, SIGTERM or its end, and end the process.
+    """Create a node, spin it until SIGINT, SIGTERM or its end, and end the process.
 
     `finished` returns whether the node has finished, or raises the error that stopped the node. An
     error must not be raised in a callback, because executors then print a traceback. The exit code
@@ -227,7 +227,7 @@ def _spin(
 class SpinSlices:
     """Thread that ends each slice of spinning after 0.1 s.
 
-    One slice for each callback would be slower by ten lines of Python. The time limit of the
+    A slice for each callback would add ten lines of Python to the callback. The time limit of the
     executor does not suffice, because it is checked only while no message waits.
     """
 

@@ -1,8 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Detection of lost messages, of several publishers and of lag.
-
-The sequence numbers and source times of the messages are used.
-"""
+"""Detection of lost messages, several publishers and lag, by sequence numbers and source times."""
 
 from __future__ import annotations
 
@@ -142,7 +139,7 @@ class _Publisher:
     def time_mismatch(self, number: int, sent: int) -> float:
         """Return the absolute log ratio of elapsed to expected time since the last message.
 
-        The value is 0 for a message that continues the numbers on time.
+        The value is 0 for the next message of a publisher if it is on time.
         """
         count, took = number - self.number, sent - self.sent
         if count <= 0:

@@ -68,8 +68,8 @@ class SerialEncodersParameters:
     )
     least_delay: float = quantity(
         0.0,
-        'shortest time from a measurement to its arrival, which the node subtracts from stamps '
-        'because it cannot measure it; a UART needs at least ten bits per byte',
+        'shortest time from a measurement to its arrival, which the node cannot measure and '
+        'subtracts from the stamps; a UART needs ten bit times per byte',
         's',
         0.0,
         1.0,
@@ -77,7 +77,7 @@ class SerialEncodersParameters:
 
 
 class _LineCounts(NamedTuple):
-    """Counts of what arrived on the serial line."""
+    """Counts of bytes, frames and errors on the serial line."""
 
     bytes: int = 0
     frames: int = 0

@@ -167,8 +167,8 @@ class Simulator(ManagedNode):
         apart = min(abs(clock - stamp), abs(frames - stamp)) / SECOND
         if apart > limit:
             raise ValueError(
-                f'{source} has a stamp {apart:.3g} s {"ahead" if stamp > clock else "ago"}, the '
-                f'limit is {limit:g} s; use the present time or 0, or raise stamp_tolerance'
+                f'the stamp is {apart:.3g} s in the {"future" if stamp > clock else "past"}, the '
+                f'limit is {limit:g} s; use the current time or 0, or raise stamp_tolerance'
             )
 
     def _on_tilt(self, message: Float64) -> None:

@@ -22,7 +22,7 @@ class SimulatorParameters(WorldParameters):
     )
     real_time_factor: float = quantity(
         1.0,
-        'simulated time over clock time, 0 for as fast as possible',
+        'simulated time per clock time, 0 for as fast as possible',
         '',
         0.0,
         1000.0,
@@ -33,15 +33,15 @@ class SimulatorParameters(WorldParameters):
     )
     command_timeout: float = quantity(
         0.5,
-        'time after which torques are dropped without a new message, 0 for never',
+        'time without a new message after which torques end, 0 for never',
         's',
         0.0,
         86_400.0,
     )
     stamp_tolerance: float = quantity(
         10.0,
-        'largest difference between the stamp of a command and both clock and last frame, 0 for '
-        'no limit. Sensitivity: at 0.5x messages may wait half as long',
+        'largest difference between the stamp of a command and the nearer of clock and last '
+        'frame, 0 for no limit. Sensitivity: at 0.5x, messages may be half as old',
         's',
         0.0,
         86_400.0,

@@ -97,7 +97,7 @@ class SimulationReport:
 def describe_simulation(chain: Chain, settings: SimulatorParameters) -> str:
     """Return a description of the chain, the mechanics and the frame rate."""
     elastic = settings.mechanics == 'elastic'
-    how = f'elastic by {settings.integrator}' if elastic else settings.mechanics
+    how = f'elastic, integrator {settings.integrator}' if elastic else settings.mechanics
     return f'simulating {describe_chain(chain)}, {how}, at {settings.publish_rate:g} Hz'
 
 

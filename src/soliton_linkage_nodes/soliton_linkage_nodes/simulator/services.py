@@ -75,7 +75,7 @@ class SimulationServices:
         if request.state in (Reset.Request.LEFT_LEANING, Reset.Request.RIGHT_LEANING):
             return world.leaning(-1 if request.state == Reset.Request.LEFT_LEANING else 1)
         if request.state == Reset.Request.SOLITON:
-            return world.soliton(request.place, request.velocity)
+            return world.soliton(request.rotor, request.velocity)
         if request.state == Reset.Request.ANGLES:
             return state_from_reset(self._named, request, self.control.state)
         raise ValueError(f'state = {request.state} must be one of 0 to {Reset.Request.ANGLES}')
@@ -95,7 +95,7 @@ class SimulationServices:
             Reset.Request.LEFT_LEANING: 'at rest, left-leaning',
             Reset.Request.RIGHT_LEANING: 'at rest, right-leaning',
             Reset.Request.SOLITON: (
-                f'soliton at rotor {request.place:g} with {request.velocity:g} m/s'
+                f'soliton at rotor {request.rotor:g} with {request.velocity:g} m/s'
             ),
             Reset.Request.ANGLES: f'{len(request.name)} joints at their angles',
         }
@@ -183,8 +183,8 @@ class StandardServices:
         if request.scope not in (scopes.SCOPE_STATE, scopes.SCOPE_STATE | scopes.SCOPE_SPAWNED):
             return self._unsupported(
                 response,
-                f'scope = {request.scope} includes the time, which never runs backwards, or not '
-                f'the state; ask for SCOPE_STATE = {scopes.SCOPE_STATE}',
+                f'scope = {request.scope} must include the state and exclude the time, which '
+                f'never decreases; request SCOPE_STATE = {scopes.SCOPE_STATE}',
             )
         complaint = self._services.reset(Reset.Request(state=Reset.Request.INITIAL))
         return self._answered(response, complaint)

@@ -71,7 +71,7 @@ class AnalyserParameters:
     )
     stamps: str = quantity(
         'header',
-        'time of a frame: the stamp in its header, or for a driver without stamps its arrival',
+        'time of a frame: header, its stamp, or arrival, for drivers that publish no stamps',
         choices=('header', 'arrival'),
     )
 

@@ -119,7 +119,7 @@ class SolitonSteering(ManagedNode):
     def _on_chain(self, named: NamedChain) -> None:
         """Set the chain; a replaced chain ends its move."""
         if self.chain is None or named != self.chain.named:
-            self._release('the chain has been replaced by another')
+            self._release('the chain has changed')
             self._recent.clear()
             self.chain = None
             self.chain = SteeredChain(named, self.settings)

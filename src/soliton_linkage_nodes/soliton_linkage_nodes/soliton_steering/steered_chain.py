@@ -30,13 +30,17 @@ class SolitonSteeringParameters:
     torque_limit: float = quantity(0.1, 'largest torque of an actuator', 'N m', 1e-9, 1e6)
     strain_limit: float = quantity(
         0.1,
-        'largest strain angle of the springs, if some joints have no actuator',
+        'largest deflection of a rotor against the springs, if some joints have no actuator',
         'rad',
         1e-6,
         1.0,
     )
     tolerance: float = quantity(
-        0.1, 'distance from the goal at which a move has succeeded', 'rotor spacings', 1e-3, 1.0
+        0.1,
+        'largest distance from the goal at the end of a successful move',
+        'rotor spacings',
+        1e-3,
+        1.0,
     )
     state_timeout: float = quantity(
         0.5, 'time without joint_states after which a soliton is released as lost', 's', 1e-2, 60.0

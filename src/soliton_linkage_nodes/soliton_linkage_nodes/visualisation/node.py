@@ -149,7 +149,7 @@ class Visualisation(GuardedNode):
         return Report('drawing', values)
 
     def destroy_node(self) -> None:
-        """Destroy the inbox too."""
+        """Destroy the node and the node of its subscriptions."""
         self._inbox.destroy_node()
         super().destroy_node()
 

@@ -61,7 +61,7 @@ class DrawingPublisher:
 
 
 class MarkerPublisher(DrawingPublisher):
-    """Publisher of the chain in space."""
+    """Publisher of markers that show the chain in space."""
 
     name = 'markers'
 

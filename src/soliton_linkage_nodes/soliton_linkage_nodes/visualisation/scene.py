@@ -20,8 +20,8 @@ _SHORTEST_ARROW = 0.02
 _HEAD = (0.3, 0.15)
 """Length and half width of an arrow head, relative to the length of the arrow [1]."""
 _WALL_HEIGHT = 2.5
-"""Height of the box that marks a wall, over the length of the longest rotor [1]. Above 2, it
-extends above and below the rotors."""
+"""Height of the box that marks a wall, relative to the length of the longest rotor [1]. Above 2,
+the box extends beyond the rotors."""
 _LETTERS = 40
 """Length of a chain, relative to the height of letters [1]; a text line takes half the length."""
 _AT_REST = 1e-4
@@ -31,7 +31,7 @@ _DECAY = 0.98
 
 
 class Shape(NamedTuple):
-    """Lines, each from an even point to the next, or spheres at the points."""
+    """Lines from point 0 to 1, 2 to 3, and so on, or spheres at the points."""
 
     name: str
     points: Array

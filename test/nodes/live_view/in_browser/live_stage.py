@@ -32,7 +32,7 @@ SIMULATED = {
     'chain.number_of_rotors': ROTORS,
     'publish_rate': 50.0,
     'initial_state': 'soliton',
-    'initial_place': PLACE,
+    'initial_position': PLACE,
 }
 
 

@@ -66,7 +66,7 @@ def test_a_rejected_nudge_is_shown_with_the_reason_of_the_actuator(
     visit.fill('speed', 1000)
     visit.click('nudge')
     visit.wait('live.answers.last && live.answers.last.good === null')
-    visit.answers('edge_actuator rejected it: ')
+    visit.answers('edge_actuator rejected the command: ')
     figures = view.finder.reports['/edge_actuator'][1].figures
     assert figures['last rejection'].removeprefix('/nudge: ') in visit.js('live.answers.text')
     assert not kicks
@@ -74,7 +74,7 @@ def test_a_rejected_nudge_is_shown_with_the_reason_of_the_actuator(
     visit.click('nudge')
     visit.answers('a kick of 3 rad/s at the ')
     until(lambda: kicks, 'the kick')
-    assert kicks[-1].asked.value == 3.0
+    assert kicks[-1].command.value == 3.0
     assert '1000' not in visit.text('answer')
 
 

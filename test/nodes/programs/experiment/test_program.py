@@ -36,7 +36,7 @@ SUMMARY: dict[str, Any] = {
         ({'speed_rotors_per_s': None}, 'a flipper, 2 times.'),
         ({}, '4734 messages were recorded, none lost.'),
         ({'lost_messages': 3}, '4734 messages were recorded, 3 lost.'),
-        ({}, 'Replay and live agree to the last digit, in all 2344 frames.'),
+        ({}, 'Live and replayed positions agree to the last digit in all 2344 frames.'),
         ({'largest_replay_difference_rotors': 0.125}, 'differ, by up to 0.12 rotor spacings.'),
         ({'largest_replay_difference_rotors': math.inf}, 'differ, by up to inf rotor spacings.'),
         (

@@ -23,17 +23,17 @@ export class Answers {
     return this.count;
   }
 
-  // Expects the answer of an action that took long, such as a pull that ends.
+  // Starts the time limit for the answer when a long action ends, such as a pull.
   expect() {
     if (this.last) Object.assign(this.last, { long: false, since: performance.now() });
   }
 
-  // Shows the state of an action; `good` is null while it waits for its answer. A long action may
-  // take more time than an answer should.
+  // Shows the state of an action; `good` is null while the answer is pending. The time limit for
+  // answers does not apply to a long action.
   show({ id, name, answer, good, long }) {
     if (good && (name || this.last)) this.succeeded(name || this.last.name);
     if (good !== null) this.log = [...this.log, answer].slice(-20);
-    // An older action does not hide a newer one that still waits.
+    // The answer to an older action does not hide a newer pending action.
     const waits = this.last && this.last.good === null && good !== null && id !== this.last.id;
     if (waits) return;
     if (good !== null && !answer) this.last = null;
@@ -56,9 +56,9 @@ export class Answers {
 
   refresh() {
     const { text } = this;
-    document.querySelectorAll('.live-answer').forEach((place) => {
-      setText(place, text);
-      place.dataset.state = text ? text[0] : '';
+    document.querySelectorAll('.live-answer').forEach((line) => {
+      setText(line, text);
+      line.dataset.state = text ? text[0] : '';
     });
   }
 }

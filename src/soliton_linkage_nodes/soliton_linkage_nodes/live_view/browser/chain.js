@@ -5,7 +5,7 @@ import { Canvas, finite, leanColour, scaled, theme, ticks } from './drawing.js';
 import { solitonsOf } from './frames.js';
 
 const NEAR = 22; // distance [pixels] within which a rotor is grabbed
-const STILL = 5; // distance [pixels] that a click may move
+const STILL = 5; // largest movement [pixels] of a click
 
 export class ChainView {
   // act(name, arguments) sends an action; window(first, last) requests a range of rotors.
@@ -44,7 +44,7 @@ export class ChainView {
     this.sendWindow();
   }
 
-  // Makes the strip as high as the rotors of the whole chain need.
+  // Sets the height of the strip so that all rotors of the chain fit.
   heighten() {
     const { element } = this.canvas;
     if (!element.id) return;
@@ -392,9 +392,9 @@ export class ChainView {
     const { pull } = this;
     if (!pull.sent && Math.hypot(x - pull.fromX, y - pull.fromY) <= STILL) return;
     Object.assign(pull, { x, y });
-    const place = [this.rotorAt(x) * this.spacing, (this.middle - y) / this.perMetre];
-    if (pull.sent) this.send({ pull: place });
-    else this.act('pull', { rotor: pull.rotor, x: place[0], z: place[1] });
+    const target = [this.rotorAt(x) * this.spacing, (this.middle - y) / this.perMetre];
+    if (pull.sent) this.send({ pull: target });
+    else this.act('pull', { rotor: pull.rotor, x: target[0], z: target[1] });
     pull.sent = true;
   }
 

@@ -52,7 +52,7 @@ export function theme() {
   return {
     dark, ink: get('--ink'), soft: get('--soft'), line: get('--line'), panel: get('--panel'),
     ...COLOURS,
-    // Only the dark blue has too little contrast on black.
+    // On black, only the dark blue is replaced, because its contrast is too low.
     blue: dark ? COLOURS.sky : COLOURS.blue,
   };
 }
@@ -124,7 +124,7 @@ export class Canvas {
   }
 }
 
-// Returns round numbers between two ends, about as many as wanted.
+// Returns round numbers between two ends, about `wanted` of them.
 export function ticks(low, high, wanted) {
   const rough = (high - low) / Math.max(wanted, 1);
   if (!(rough > 0) || !Number.isFinite(rough)) return [];

@@ -110,7 +110,7 @@ export class Track {
     const first = firstFilled(this.newestState, number);
     const before = first > this.newestState + 1 ? NaN : this.positions[this.at(first - 1)];
     for (let n = first; n <= number; n += 1) {
-      // Straight lines fill the gaps, because the soliton moves on between two frames.
+      // Straight lines fill the gaps, because the soliton moves between two frames.
       const share = (n - first + 1) / (number - first + 1);
       const between = Number.isFinite(before) && n < number;
       this.positions[this.at(n)] = between ? before + share * (position - before) : position;

@@ -1,10 +1,10 @@
 // SPDX-License-Identifier: Apache-2.0
-// First steps: one sentence and one button at a time, until the user has done or hidden them.
+// First steps: one sentence and one button at a time, until the user has done or closed all.
 
 import { setText } from './drawing.js';
 
 const KEY = 'soliton-linkage-first-steps';
-// Each step is done after a successful action of its name.
+// A successful action completes the step of the same name.
 const STEPS = [
   ['Nudge', 'Nudge the edge to send a soliton.', 'Nudge'],
   ['Move', 'Click on the chain to move the soliton there.', 'Move it to the middle'],
@@ -13,7 +13,7 @@ const STEPS = [
 ];
 
 export class Guide {
-  // Each of `acts` carries out the button of the step of its name.
+  // acts[name]() performs the action of the button of the step of this name.
   constructor(element, acts) {
     this.element = element;
     [this.text, this.button, this.close] = element.children;
@@ -33,7 +33,7 @@ export class Guide {
     try { return JSON.parse(localStorage.getItem(KEY)) || []; } catch { return []; }
   }
 
-  // Shows the present step if the chain can be driven.
+  // Shows the current step if the chain can be driven.
   refresh(able) {
     const { step } = this;
     this.element.hidden = !step || !able;

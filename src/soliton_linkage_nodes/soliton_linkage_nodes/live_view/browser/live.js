@@ -12,7 +12,7 @@ import { Dial, EnergyPlot, Kymograph, LeanPlot, TimeLine, TopologyPlot } from '.
 
 const SILENCE = 1; // seconds without a message after which the page warns
 const ALL = '*';
-const LATE = 0.05; // share of missed deadlines from which the header is amber
+const LATE = 0.05; // share of missed deadlines above which the header is amber
 const element = (id) => document.getElementById(`live-${id}`);
 
 class Live {
@@ -258,7 +258,7 @@ class Live {
       else if (health.replay) add(`replay of ${health.replay}`, 'badge');
       if (health.rate) add(`${health.rate} frames/s`);
       if (health.factor) add(`${Number(health.factor).toFixed(2)} × real time`);
-      if (health.late !== null) add(`${(100 * health.late).toFixed(0)} % late`, health.late > LATE ? 'late' : '');
+      if (health.late !== null) add(`${(100 * health.late).toFixed(0)} % late frames`, health.late > LATE ? 'late' : '');
       if (health.lost) add(`${health.lost} lost messages`, 'warning');
     }
     if (this.status.recorder) add(`● recorder: ${this.status.recorder.message}`);
@@ -274,13 +274,13 @@ class Live {
       Object.assign(document.createElement('span'), { textContent, className }))));
   }
 
-  // Warns if the shown frame is old, so that a still picture does not look alive.
+  // Warns if the shown frame is old, because it does not show the present state.
   refreshWarning(index, newest) {
     const banner = element('stale');
     const silence = (performance.now() - this.received) / 1000;
     let text = '';
     let expected = false;
-    if (silence > SILENCE) text = `live_view has not answered for ${silence.toFixed(1)} s`;
+    if (silence > SILENCE) text = `no message from live_view for ${silence.toFixed(1)} s`;
     else if (this.watched !== ALL && newest) {
       const age = newest.frame.age + (performance.now() - newest.arrival) / 1000;
       const { paused, status } = this.known(index);
@@ -298,17 +298,17 @@ class Live {
   }
 
   refreshMove({ status: { move } }) {
-    const place = element('move');
+    const line = element('move');
     const key = move ? `${move.state}|${move.message}|${move.progress}` : '';
-    if (place.dataset.key === key) return;
-    place.dataset.key = key;
-    if (!move || !move.state) { place.replaceChildren(); return; }
-    if (move.state !== 'under way') { place.replaceChildren(`${move.state}: ${move.message}`); return; }
+    if (line.dataset.key === key) return;
+    line.dataset.key = key;
+    if (!move || !move.state) { line.replaceChildren(); return; }
+    if (move.state !== 'under way') { line.replaceChildren(`${move.state}: ${move.message}`); return; }
     const bar = Object.assign(document.createElement('progress'), { value: move.progress });
     bar.setAttribute('aria-label', 'completed fraction of the move');
     const client = move.foreign ? ', requested by another program ' : ' ';
     const goal = Number(move.goal).toFixed(2);
-    place.replaceChildren(`moving the soliton to rotor ${goal}${client}`, bar, ` ${Math.round(100 * move.progress)} %`);
+    line.replaceChildren(`moving the soliton to rotor ${goal}${client}`, bar, ` ${Math.round(100 * move.progress)} %`);
   }
 
   refreshReplay(chain, frame) {

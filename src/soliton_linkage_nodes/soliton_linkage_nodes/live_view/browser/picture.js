@@ -17,18 +17,18 @@ export function picture(plots) {
   c.scale(ratio, ratio);
   c.fillStyle = look.panel;
   c.fillRect(0, 0, whole.width, bottom - whole.top);
-  const place = (element) => {
+  const boxOf = (element) => {
     const box = element.getBoundingClientRect();
     return [box.left - whole.left, box.top - whole.top, box.width, box.height];
   };
   c.textBaseline = 'middle';
   figures.forEach((figure) => {
     c.strokeStyle = look.line;
-    c.strokeRect(...place(figure));
+    c.strokeRect(...boxOf(figure));
     const plot = figure.querySelector('canvas');
-    c.drawImage(plot, ...place(plot));
+    c.drawImage(plot, ...boxOf(plot));
     figure.querySelectorAll('figcaption, figcaption span, .live-legend span').forEach((label) => {
-      const [x, y, , height] = place(label);
+      const [x, y, , height] = boxOf(label);
       const text = label.tagName === 'FIGCAPTION' ? label.firstChild.textContent : label.textContent;
       c.fillStyle = label.parentElement.className === 'live-legend' ? getComputedStyle(label, '::before').borderTopColor : look.ink;
       c.font = label.tagName === 'FIGCAPTION' ? '600 16px system-ui, sans-serif' : '15px system-ui, sans-serif';

@@ -38,7 +38,7 @@ class SharedRun {
 
   frameAngles(n) { return this.angles.subarray(n * this.rotors, (n + 1) * this.rotors); }
 
-  // Returns a frame as the stream of the live page has it.
+  // Returns a frame in the format of the stream of the live page.
   frame(n) {
     const angles = this.frameAngles(n);
     const { chain } = this;

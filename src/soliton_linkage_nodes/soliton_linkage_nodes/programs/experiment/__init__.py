@@ -1,2 +1,2 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The demo: an experiment from the first node to the pictures."""
+"""Demo: run an experiment with all nodes, and draw the recorded motion."""

@@ -43,7 +43,7 @@ _REPORT = 'soliton_linkage_nodes.programs.experiment.report'
 _NODES = ('bag_recorder', 'soliton_analyser', 'edge_actuator', 'simulator')
 _PAGE = 'live_view'
 _ALL_FRAMES = ['-p', 'longest_lag:=0.0']
-"""Argument with which analysers skip no frame, so that their results agree."""
+"""Argument that makes analysers skip no frame, so that their results agree."""
 _UNUSED = (
     interfaces.IDENTIFIED_CHAIN,
     interfaces.JOINT_STATE_DEVIATIONS,
@@ -58,7 +58,7 @@ _RECORDED_TOPICS = {f'/{topic.name}' for topic in interfaces.SUITE_TOPICS if top
 _REPORT_LIMIT = 6.2
 """Time limit for the report of a node that reports once a second [s]."""
 _QUIET = 0.5
-"""Time without a state after which all states have arrived [s]."""
+"""Time without a new state after which no more are expected [s]."""
 
 
 class Experiment:
@@ -87,7 +87,7 @@ class Experiment:
         self._executor.add_node(observer)
         self._report: Any = None
         self._processes = ChildProcesses(output / 'log')
-        # A killed experiment leaves its recording.
+        # An experiment that was killed may have left a recording.
         if self.bag.exists():
             shutil.rmtree(self.bag)
 
@@ -115,9 +115,9 @@ class Experiment:
         self._start('soliton_analyser', _ALL_FRAMES)
         self._start('edge_actuator', [])
         self._page = self._page and self._serve_page()
-        # The simulator waits for all of them: replay and live analysis start at the same frame.
+        # The simulator waits for its subscribers: live analysis and replay use the same frames.
         self._start('simulator', ['-p', f'subscribers:={len(_NODES) - 1 + self._page}'])
-        # The import takes seconds; meanwhile the nodes start, and signals are handled.
+        # The import takes seconds. In a thread it delays neither the nodes nor signals.
         importing = threading.Thread(target=import_module, args=(_REPORT,), daemon=True)
         importing.start()
         self._wait_until(
@@ -150,8 +150,8 @@ class Experiment:
 
     def _ready(self) -> bool:
         received = set(self._observer.figures('bag_recorder').get('topics received', '').split())
-        # The summary has the missed deadlines of the simulator and the lost messages of the
-        # recorder. Messages that the recorder missed at its start are older than the nudge.
+        # Warnings of the simulator and the recorder are acceptable. The summary states missed
+        # deadlines and lost messages, and messages lost at the start are older than the nudge.
         return (
             all(self._observer.well(node) for node in ('soliton_analyser', 'edge_actuator'))
             and received >= _RECORDED_TOPICS
@@ -167,11 +167,11 @@ class Experiment:
             else f'{node}: no report'
             for node in _NODES
         ]
-        return 'the nodes were not ready; their reports: ' + '; '.join(reports)
+        return f'the nodes were not ready after {START_LIMIT:g} s: ' + '; '.join(reports)
 
     def _nudge(self) -> None:
         speed = self._settings.nudge
-        _say(f'Nudging the edge with {speed:g} rad/s along its zero mode.')
+        _say(f'Nudging the edge: a kick of {speed:g} rad/s along the zero mode.')
         self._observer.nudge_publisher.publish(Float64(data=speed))
 
     def _watch(self) -> None:
@@ -193,10 +193,10 @@ class Experiment:
         self._wait_until(
             lambda: 'simulator' in self._observer.reports,
             _REPORT_LIMIT,
-            lambda: 'the simulator stopped reporting',
+            lambda: f'no report of the simulator for {_REPORT_LIMIT:g} s; see its log',
         )
         pacing = self._observer.figures('simulator')
-        # The simulator first, so that no frame is analysed but not recorded.
+        # Stop the simulator first, so that every analysed frame is recorded.
         codes = self._processes.stop(['simulator'])
         codes |= self._processes.stop([node for node in _NODES if node != 'simulator'])
         wrong = {node: code for node, code in codes.items() if code}
@@ -205,8 +205,8 @@ class Experiment:
         return pacing
 
     def _start_replay(self) -> None:
-        """Start a fresh analyser, and a player that waits to be resumed."""
-        _say(f'Replaying {self.bag} into a second analyser, and drawing its content.')
+        """Start a second analyser and a paused player."""
+        _say(f'Replaying {self.bag} into a second analyser, and drawing the motion.')
         self._observer.forget()
         self._start('soliton_analyser', _ALL_FRAMES)
         topics_played = (interfaces.CHAIN, interfaces.DELIVERED_IMPULSES, interfaces.JOINT_STATES)
@@ -238,7 +238,7 @@ class Experiment:
         self._wait_until(
             lambda: self._replay_connected() and resuming.service_is_ready(),
             START_LIMIT,
-            lambda: 'the analyser and the player did not find each other',
+            lambda: f'analyser and player not connected after {START_LIMIT:g} s; see their logs',
         )
         resuming.call_async(service.Request())
         line = ProgressLine('replaying', 0)
@@ -255,7 +255,7 @@ class Experiment:
         return dict(self._observer.states)
 
     def _replay_connected(self) -> bool:
-        """Whether the second analyser has all its subscribers and no frames yet."""
+        """Whether the second analyser has its subscribers and has received no frame."""
         figures = self._observer.figures('soliton_analyser')
         wanted = str(2 + self._page)
         return figures.get('subscribers') == wanted and figures.get('frames') == '0'
@@ -374,7 +374,7 @@ class Observer(Node):
         self.rotors, self._spacing = named.rotors, named.chain.spacing
 
     def _on_state(self, message: SolitonState) -> None:
-        self.states[time_from_msg(message.header.stamp)] = places(message)
+        self.states[time_from_msg(message.header.stamp)] = soliton_sites(message)
         self.rotor = message.solitons[0].rotor if message.solitons else math.nan
         if message.solitons:
             self.velocity = message.solitons[0].velocity / self._spacing
@@ -410,17 +410,19 @@ class RoundTrip:
         return f'rotor {rotor:5.1f}  {velocity:+6.1f} rotors/s  {leg}'
 
     def missing(self) -> str:
-        """Return the error if the soliton is not back in time."""
+        """Return the error message for a soliton that is not back in time."""
         rotor, settings = self._observer.rotor, self._observer.settings
         where = (
-            'no soliton is visible now' if math.isnan(rotor) else f'it is at rotor {rotor:.1f} now'
+            'no soliton is visible now'
+            if math.isnan(rotor)
+            else f'the soliton is at rotor {rotor:.1f} now'
         )
         return (
             f'no soliton crossed the chain and came back within {settings.time_limit:g} s after a '
-            f'nudge of {settings.nudge:g} rad/s, {where}; raise nudge or time_limit'
+            f'nudge of {settings.nudge:g} rad/s; {where}; raise the parameter nudge or time_limit'
         )
 
 
-def places(state: SolitonState) -> tuple[float, ...]:
+def soliton_sites(state: SolitonState) -> tuple[float, ...]:
     """Return the site coordinates of the solitons of a state [rotor spacings]."""
     return tuple(soliton.rotor for soliton in state.solitons)

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The filmed experiment: from a film of an unmeasured chain to the track of its soliton."""
+"""Filmed experiment: film a chain with unknown lengths, identify it, and track its soliton."""
 
 from __future__ import annotations
 
@@ -41,12 +41,12 @@ _FROM_EDGES = 4.0
 
 @dataclass(frozen=True)
 class PositionErrors:
-    """Errors of the soliton's position, away from the edges."""
+    """Errors of the angles and of the soliton position in a film, without frames near edges."""
 
     angle_noise: float
-    """Standard deviation of the errors of measured angles, about their means [rad]."""
+    """Standard deviation of the angle errors, without the mean error of each rotor [rad]."""
     stated_angle_noise: float
-    """Median of the stated deviations of the angles [rad]."""
+    """Median of the stated standard deviations of the angles [rad]."""
     places: int
     """Number of frames that were compared."""
     error: float
@@ -54,16 +54,16 @@ class PositionErrors:
     stated: float
     """Root mean square of the stated deviation of the position [rotor spacings]."""
     allowed: float
-    """Bound for one frame from the noise of the angles [rotor spacings]: noise over the site arc,
-    root mean square."""
+    """Cramer-Rao bound for one frame [rotor spacings]: the noise divided by the arc length of the
+    orbit per site, root mean square."""
     with_true_chain: float
     """Error of an analyser with the true chain [rotor spacings]."""
     hidden: float
-    """Share of the angles that were hidden [1]."""
+    """Fraction of the angles that were hidden [1]."""
     by_hidden: float
-    """Error of an analyser with the true chain and the true angles of all visible rotors
-    [rotor spacings]. Strained springs move the hidden rotors off the orbit, so that the visible
-    ones are nearest to another point of it."""
+    """Error of an analyser with the true chain and the true angles of the visible rotors
+    [rotor spacings]. Because of strained springs the chain is not exactly on its orbit, and the
+    visible rotors alone are nearest to another point of the orbit than all rotors."""
 
 
 @dataclass(frozen=True)
@@ -96,7 +96,7 @@ class FilmedExperiment:
     """Experiment that films a chain, identifies it, and tracks its soliton."""
 
     def __init__(self, configuration: Path, parameters: BenchParameters, output: Path) -> None:
-        """Create the chain of a configuration; results are written to a folder."""
+        """Create the chain of a parameter file; results are written to the folder `output`."""
         self._plan = chain_of_file(configuration)
         self._markers = markers_of_file(configuration)
         self._bench = FilmedBench(self._plan.chain, self._markers, parameters)
@@ -109,10 +109,10 @@ class FilmedExperiment:
         write_camera(lens, CAMERA)
         seen = self._seen(film, lens, self._plan, 'seen')
         _say(
-            f'{seen.pictures} pictures show {seen.shares:.1%} of the rotors, with an error of '
-            f'{1e3 * seen.deviation:.2g} mrad.'
+            f'Measured {seen.shares:.1%} of the angles in {seen.pictures} pictures, with a '
+            f'standard deviation of {1e3 * seen.deviation:.2g} mrad.'
         )
-        _say('Identifying the chain from the angles; this takes longest.')
+        _say('Identifying the chain from the angles; this is the longest step.')
         found = identify_bags([seen.bag], self._folder)
         _say(summary(found))
         identified = chain_of_file(self._folder / 'chain.yaml')
@@ -157,24 +157,26 @@ class FilmedExperiment:
                 [message.position for _, message in read_topic(reader, _DEVIATIONS)]
             )
             frames = list(analyse_frames(reader, identified))
-        found = np.array([_place(analysis) for _, analysis in frames])
+        found = np.array([_position(analysis) for _, analysis in frames])
         angles = np.array([joints.position for joints, _ in frames])
         stamps = np.array([joints.stamp for joints, _ in frames])
         times = (stamps - stamps[0]) / SECOND
         exact = self._bench.angles(times)
-        true = _places(self._bench.chain, times, exact)[:, 0]
-        informed = _places(self._bench.chain, times, angles)[:, 0]
+        true = _positions(self._bench.chain, times, exact)[:, 0]
+        informed = _positions(self._bench.chain, times, angles)[:, 0]
         shown = np.where(np.isnan(angles), np.nan, exact)
-        partly = _places(self._bench.chain, times, shown)[:, 0]
+        partly = _positions(self._bench.chain, times, shown)[:, 0]
         last = self._bench.chain.number_of_rotors - 1
         inside = np.isfinite(true) & np.isfinite(found[:, 0]) & np.isfinite(informed)
         inside &= (true > _FROM_EDGES) & (true < last - _FROM_EDGES)
         if not inside.any():
-            raise ValueError('no soliton was tracked in the film; kick harder, or film longer')
+            raise ValueError(
+                'no soliton was tracked in the film; raise the parameter kick or duration'
+            )
         errors = angles - exact
         noise = float(np.nanstd(errors - np.nanmean(errors, axis=0)))
         orbit = orbit_of(self._bench.chain)
-        arcs = [orbit.site_arc_at(orbit.arc_at(float(place), 0)) for place in true[inside]]
+        arcs = [orbit.site_arc_at(orbit.arc_at(float(site), 0)) for site in true[inside]]
         return PositionErrors(
             noise,
             float(np.nanmedian(deviations)),
@@ -198,25 +200,25 @@ def describe_errors(errors: PositionErrors, spread: float) -> str:
     )
     return (
         f'The angles have a noise of {1e3 * errors.angle_noise:.2g} mrad. In {errors.places} '
-        f'pictures the rms error of the soliton position is {errors.error:.2g} rotor spacings on '
-        f'the chain that was identified from the film, and {errors.with_true_chain:.2g} on the '
-        f'true chain, whose lengths deviate by {spread:.0%}. With this noise and all rotors '
-        f'visible, one picture cannot do better than {errors.allowed:.2g}. {hidden}'
+        f'pictures the rms error of the soliton position is {errors.error:.2g} rotor spacings '
+        f'with the chain that was identified from the film, and {errors.with_true_chain:.2g} with '
+        f'the true chain, whose lengths deviate by {spread:.0%}. With this noise and all rotors '
+        f'visible, the Cramer-Rao bound for one picture is {errors.allowed:.2g}. {hidden}'
     )
 
 
-def _places(chain: Chain, times: Array, angles: Array) -> Array:
+def _positions(chain: Chain, times: Array, angles: Array) -> Array:
     """Return position and deviation of the soliton in each frame, shape (T, 2)."""
     analyser = Analyser(chain)
     return np.array(
         [
-            _place(analyser.analyse(round(time * SECOND), of_frame))
+            _position(analyser.analyse(round(time * SECOND), of_frame))
             for time, of_frame in zip(times, angles, strict=True)
         ]
     )
 
 
-def _place(analysis: Analysis | None) -> tuple[float, float]:
+def _position(analysis: Analysis | None) -> tuple[float, float]:
     """Return position [rotor spacings] and deviation [m] if there is one soliton, else NaN."""
     if analysis is None or len(analysis.solitons) != 1:
         return math.nan, math.nan
@@ -269,7 +271,7 @@ _FIGURES = (
 
 
 def write_film_page(folder: Path, text: str) -> None:
-    """Write index.html into a folder that has the films and pictures."""
+    """Write index.html into the folder of the films and pictures."""
     figures = ''.join(_figure(name, caption) for name, caption in _FIGURES)
     page = _PAGE.format(text=html.escape(text), figures=figures)
     (folder / 'index.html').write_text(page, encoding='utf-8')

@@ -2,9 +2,10 @@
 """Run an experiment: nudge the chain, watch a soliton cross it and return, record and replay.
 
 The program starts simulator, actuator, analyser and recorder in a private domain of this
-machine. It writes a bag, two pictures and a summary. With a configuration of a filmed_experiment
-it films an unmeasured chain, identifies it from the film, follows its soliton, and writes a page
-with film, overlay, report and track.
+machine. It writes a bag, two pictures, a page and a summary. If the parameter file has a section
+filmed_experiment, the program instead renders a film of a chain with unknown lengths, identifies
+the chain from the film and tracks its soliton. It writes a page with the film, the detected
+markers, the identified chain and the track.
 """
 
 from __future__ import annotations
@@ -38,7 +39,7 @@ from soliton_linkage_nodes.start import INTERRUPTED
 
 _FILMED = 'filmed_experiment'
 _WRITTEN = '.written'
-"""File in a folder of results with the names of all that an experiment wrote there."""
+"""File that lists the results of an experiment in their folder."""
 
 
 def main() -> None:
@@ -50,7 +51,7 @@ def main() -> None:
         with _plain_end():
             _run_filmed(options, filmed)
         return
-    # An exception in a signal handler can be lost in callbacks, for example during a fork.
+    # An exception that a signal handler raises can be lost in a callback, for example at a fork.
     stopping = stop_on_signals()
     with private_domain():
         _run(options, stopping)
@@ -112,8 +113,7 @@ def _run_filmed(options: argparse.Namespace, given: dict[str, Any]) -> None:
 def claimed(folder: Path) -> Iterator[Path]:
     """Yield a folder that no other experiment uses: this one, or the first free of _1, _2, ...
 
-    What an earlier experiment wrote there is removed first, so that no result of another
-    configuration remains.
+    Results of an earlier experiment in this folder are removed first.
     """
     candidates = (folder.with_name(f'{folder.name}_{n}') if n else folder for n in count())
     claims = ((each, _claim(each)) for each in candidates)
@@ -172,7 +172,7 @@ A soliton crossed the chain of {summary['rotors']} rotors, {kind}, {summary['cro
   {folder / 'kymograph.png'}   displacement of the rotors in space and time, and the soliton
   {folder / 'track.png'}       position and velocity of the soliton
   {folder / 'view.html'}       the run in a browser, in one file to share
-  {folder / 'summary.json'}    these numbers
+  {folder / 'summary.json'}    the numbers above
   {bag}/      the bag; play it with bag_player
 """
 
@@ -183,8 +183,8 @@ def _agreement(summary: dict[str, Any]) -> str:
         return f'{missing} frames of the live analysis are missing in the replay.'
     difference = summary['largest_replay_difference_rotors']
     if difference:
-        return f'Replay and live differ, by up to {difference:.2g} rotor spacings.'
-    return f'Replay and live agree to the last digit, in all {frames} frames.'
+        return f'Live and replayed positions differ by up to {difference:.2g} rotor spacings.'
+    return f'Live and replayed positions agree to the last digit in all {frames} frames.'
 
 
 def _suggestions(configuration: Path) -> list[str]:
@@ -205,7 +205,7 @@ def _suggestions(configuration: Path) -> list[str]:
 
 
 def other_scenarios(configuration: Path) -> list[Path]:
-    """Return the other configurations in the folder that are named after their scenario."""
+    """Return the other files in the folder whose name is that of their scenario."""
     return [
         path
         for path in sorted(configuration.parent.glob('*.yaml'))
@@ -222,7 +222,7 @@ def _scenario(configuration: Path) -> object:
 
 
 def _named(configuration: Path, node: str) -> dict[str, Any]:
-    """Return the parameters of a node in a file; ValueError or OSError if it has none at all."""
+    """Return the parameters of a node in a parameter file, {} if it has none for this node."""
     sections = read_sections(configuration)
     return next((sections[name] for name in sections if name.split('/')[-1] == node), {})
 

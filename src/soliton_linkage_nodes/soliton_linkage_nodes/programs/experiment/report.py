@@ -22,7 +22,7 @@ from soliton_linkage_nodes.live_view.sharing import shared_page
 from soliton_linkage_nodes.messages.conversions import NamedChain
 from soliton_linkage_nodes.messages.state_conversions import solitons_from_msg
 from soliton_linkage_nodes.programs.bag_analysis import read_recording
-from soliton_linkage_nodes.programs.experiment.experiment import places
+from soliton_linkage_nodes.programs.experiment.experiment import soliton_sites
 from soliton_linkage_nodes.runtime import interfaces
 from soliton_linkage_nodes.runtime.stamps import time_from_msg
 from soliton_linkage_studies.pictures import save_run
@@ -40,9 +40,9 @@ class RecordedRun:
     track: Track
     crossings: tuple[Crossing, ...]
     states: Mapping[int, tuple[float, ...]]
-    """Rotors at which the live analyser saw solitons, by the stamp of the frame [ns]."""
+    """Sites of the solitons from the live analyser, by stamp of the frame [ns]."""
     events: tuple[str, ...]
-    """Names of the events of walls."""
+    """Kinds of the events, for example 'reflection'."""
     messages: int
     lost: int
     publish_rate: float
@@ -50,7 +50,7 @@ class RecordedRun:
 
 
 def read_run(bag: Path) -> RecordedRun:
-    """Read the bag of an experiment; raises ValueError if it has none."""
+    """Read the bag of an experiment; ValueError if a topic of the experiment is missing."""
     with open_bag(bag) as reader:
         named, recording = read_recording(reader)
         received, frames = zip(*read_topic(reader, 'joint_states'), strict=True)
@@ -68,9 +68,9 @@ def read_run(bag: Path) -> RecordedRun:
         track=track,
         crossings=find_crossings(named.chain, track),
         states={
-            stamp: places(state)
+            stamp: soliton_sites(state)
             for state in states
-            # The recorder may have received the analyser before the simulator.
+            # The recorder may receive states before the first frame.
             if (stamp := time_from_msg(state.header.stamp)) >= first
         },
         events=events,
@@ -83,9 +83,10 @@ def read_run(bag: Path) -> RecordedRun:
 def largest_difference(
     live: Mapping[int, tuple[float, ...]], replayed: Mapping[int, tuple[float, ...]]
 ) -> float:
-    """Return the largest distance of solitons in frames of one stamp [rotor spacings].
+    """Return the largest difference between live and replayed sites [rotor spacings].
 
-    It is infinite if the number of solitons differs. Frames in only one of them are ignored.
+    It is infinite if a frame has different numbers of solitons. Frames that only one analysis has
+    are ignored.
     """
     largest = 0.0
     for stamp in live.keys() & replayed.keys():
