@@ -54,13 +54,13 @@ COMMANDS = [
     'service',
     'topic',
 ]
-# colcon puts programs where `ros2 run` looks. A wheel would put them on the path, where such names
-# are anybody's: there `soliton-linkage run` starts them.
+# colcon installs programs where `ros2 run` finds them. A wheel would install them on PATH, where
+# such general names can conflict with others. There `soliton-linkage run` starts them.
 EXECUTABLES = [] if {'install', 'develop'}.isdisjoint(sys.argv) else [*NODES, *PROGRAMS]
 
 
 def files(*patterns):
-    """Return the files of patterns, by the folder under share/ to which each goes."""
+    """Return the files that match the patterns, by their folder under share/."""
     found = {}
     for pattern in patterns:
         for path in sorted(HOME.glob(pattern)):

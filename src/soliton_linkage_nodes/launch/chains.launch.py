@@ -19,7 +19,7 @@ NAMED = {path.stem: path for path in sorted(EXAMPLES.glob('*.yaml'))}
 BAGS = ('each', 'one')
 SUITE = ('simulator', 'edge_actuator', 'soliton_analyser', 'soliton_steering')
 RESPAWN = {'respawn': True, 'respawn_delay': 1.0, 'respawn_max_retries': 100}
-"""Restart of processes that died, after 1 s; limited, for processes that cannot start."""
+"""Restart of ended processes after 1 s; the limit is for processes that cannot start."""
 
 
 def chains_of(path):
@@ -104,12 +104,12 @@ def generate_launch_description():
             DeclareLaunchArgument(
                 'bags',
                 default_value='each',
-                description='each: one bag for each chain, its name appended; one: one for all',
+                description='each: one bag for each chain, with its name appended; one: one for all',
             ),
             DeclareLaunchArgument(
                 'processes',
                 default_value=str(len(os.sched_getaffinity(0))),
-                description='number of processes; more than the number of cores is slower',
+                description='number of processes; values above the number of cores are slower',
             ),
             OpaqueFunction(function=processes),
         ]

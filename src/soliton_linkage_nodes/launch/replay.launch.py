@@ -70,7 +70,7 @@ def generate_launch_description():
             DeclareLaunchArgument(
                 'rate',
                 default_value='1.0',
-                description='rate of playback over the rate of recording',
+                description='playback rate relative to the recording',
             ),
             OpaqueFunction(function=nodes),
         ]

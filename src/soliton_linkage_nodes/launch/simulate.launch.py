@@ -26,7 +26,7 @@ NAMED = {path.stem: path for path in sorted(CONFIGURATIONS.glob('*.yaml'))}
 IN_ORDER = ('bag_recorder', 'soliton_analyser', 'soliton_steering', 'edge_actuator')
 """Subscribing nodes in the order of their start, before the publisher of joint states."""
 RESPAWN = {'respawn': True, 'respawn_delay': 1.0, 'respawn_max_retries': 100}
-"""Restart of processes that died, after 1 s; limited, for processes that cannot start."""
+"""Restart of ended processes after 1 s; the limit is for processes that cannot start."""
 
 
 def nodes(context):

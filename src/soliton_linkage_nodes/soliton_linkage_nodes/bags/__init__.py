@@ -1,2 +1,2 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Bags, of any topics: recording, playing, reading and rescue. Knows no linkage."""
+"""Record, play, read and recover bags of any topics, independently of the linkage."""

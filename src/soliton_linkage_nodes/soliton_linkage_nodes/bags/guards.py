@@ -152,7 +152,7 @@ def regular_file(path: Path, folder: Path | None = None) -> Path:
     resolved = path.resolve(strict=True)
     if folder is not None and not resolved.is_relative_to(folder.resolve()):
         raise ValueError(
-            f'{str(path)!r} links to {str(resolved)!r} outside its bag; copy that file here'
+            f'{str(path)!r} links to {str(resolved)!r} outside its bag; copy the file into the bag'
         )
     mode = resolved.stat().st_mode
     if not stat.S_ISREG(mode):

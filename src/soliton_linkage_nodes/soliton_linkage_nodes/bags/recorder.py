@@ -50,7 +50,7 @@ class BagRecorderParameters:
     )
     sync_interval: float = quantity(
         1.0,
-        'interval of synchronising to disk, the most a loss of power costs; 0: never',
+        'interval of synchronising to disk; a power failure loses at most so long; 0: never',
         's',
         0.0,
         3600.0,

@@ -105,7 +105,10 @@ def test_there_is_no_burst_without_a_pause(
     bag = write_bag(tmp_path / 'run', run_of(named, 2, gap=60 * 10**9))
     graph.start(BagPlayer, {'bag': str(bag)})
     assert burst(services, 1) == 0
-    assert 'rejected ~/burst: it is not paused; call ~/pause first' in capfd.readouterr().err
+    assert (
+        'rejected ~/burst: the playback is not paused; call ~/pause first'
+        in capfd.readouterr().err
+    )
 
 
 def test_a_part_of_the_bag_is_played_after_a_stop(

@@ -39,7 +39,7 @@ def start_analyser(graph: Graph, hears: bool = True) -> Node:
 @pytest.mark.parametrize(
     ('given', 'states', 'said'),
     [
-        ({}, 0, '/another_analyser publishes /soliton_state: the recorded one is left out; '),
+        ({}, 0, '/another_analyser publishes /soliton_state: the recorded topic is omitted; '),
         (
             {'topics': ['joint_states', 'soliton_state']},
             30,

@@ -97,7 +97,7 @@ class PlayerControls:
         playing: PlaybackThread,
         part: PlaybackRange,
     ) -> None:
-        """Offer the services; ~/play without a range in its request plays `part`."""
+        """Offer the services; a request of ~/play without a range plays `part`."""
         self._clock = clock
         self._playing = playing
         self._range = part
@@ -146,7 +146,7 @@ class PlayerControls:
     def _play_next(self) -> Reply:
         if not self._clock.play_next():
             raise ValueError(self._no_step())
-        return Reply('one message')
+        return Reply('played one message')
 
     def _burst(self, request: Any) -> Reply:
         wanted = getattr(request, 'num_messages', 0)
@@ -154,12 +154,12 @@ class PlayerControls:
         if not passed:
             raise ValueError(self._no_step())
         more = ', the rest follows' if self._clock.stepping else ''
-        return Reply(f'{passed} messages{more}', {'actually_burst': passed})
+        return Reply(f'played {passed} messages{more}', {'actually_burst': passed})
 
     def _no_step(self) -> str:
         if self._clock.paused:
             return 'no message is left, or none is ready yet; call it again, ~/seek or ~/play'
-        return 'it is not paused; call ~/pause first'
+        return 'the playback is not paused; call ~/pause first'
 
     def _seek(self, stamp: int) -> Reply:
         first, last = self._range.origin, self._range.end

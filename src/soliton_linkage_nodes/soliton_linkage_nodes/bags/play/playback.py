@@ -341,7 +341,7 @@ class PlaybackThread:
     def play(self, part: PlaybackRange) -> None:
         """Start playing a part of the bag; ValueError if it is playing already."""
         if self.playing:
-            raise ValueError('it is playing; call ~/stop first, or ~/seek')
+            raise ValueError('the bag is already playing; call ~/stop first, or ~/seek')
         self.stop()
         self._clock.reopen()
         self._publishers.reset()

@@ -349,8 +349,8 @@ class RecordedStates:
             )
         else:
             log.info(
-                f'{self._analyser} publishes {self._states}: the recorded one is left out; '
-                f'name {name} in parameter topics to play both'
+                f'{self._analyser} publishes {self._states}: the recorded topic is omitted; '
+                f'add {name} to the parameter topics to play both'
             )
 
 

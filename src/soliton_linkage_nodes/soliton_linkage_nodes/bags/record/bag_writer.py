@@ -56,10 +56,9 @@ class BagWriter:
 
     The files are named `<directory>_0`, `<directory>_1`, ... Every `flush_interval` [s], the
     writer passes pending messages to the system, so that they survive if the process is killed.
-    Every
-    `sync_interval` [s] (0: never) it synchronises the file to disk. A power failure loses at most
-    the messages since then. If the disk is full, the writer deletes a reserved file of 1 MiB to
-    make space for the index.
+    Every `sync_interval` [s] (0: never) it synchronises the file to disk. A power failure loses at
+    most the messages since the last synchronisation. If the disk is full, the writer deletes a
+    reserved file of 1 MiB to make space for the index.
 
     Not thread-safe. Methods raise OSError if the bag cannot be written.
     """

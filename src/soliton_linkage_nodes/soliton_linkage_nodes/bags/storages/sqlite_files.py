@@ -192,7 +192,7 @@ class StoredSqlite(LimitedReader):
     ) -> Generator[tuple[Connection, int, bytes], None, None]:
         """Yield topic, stamp [ns] and bytes for stamps in [start, stop)."""
         if self._tables is None:
-            raise sqlite3.ProgrammingError('it is not open')
+            raise sqlite3.ProgrammingError('the file is not open')
         wanted = {each.id: each for each in connections}
         numbers = list(wanted) if len(wanted) <= _MOST_SELECTED else []
         clauses = [f'topic_id IN ({", ".join("?" for _ in numbers)})'] if numbers else []
