@@ -104,7 +104,7 @@ def generate_launch_description():
             DeclareLaunchArgument(
                 'bags',
                 default_value='each',
-                description='each: one bag for each chain, with its name appended; one: one for all',
+                description='each: one bag for each chain, named after it; one: one for all',
             ),
             DeclareLaunchArgument(
                 'processes',

@@ -55,8 +55,8 @@ Displacement of each rotor over time, for a kink ahead of an anti-kink. Both run
 last rotor. Colours as in the kymographs; the black line is the track of the kink. (c) The same
 for a kink behind an anti-kink. They meet and annihilate.
 
-(d) What becomes of an anti-kink of the first chain with fixed ends, against κ / c and the decay
-rate c / (M r²): it runs (sky blue dots), is pinned (crosses), breaks up (red triangles) or
+(d) Fate of an anti-kink of the first chain with fixed ends, against κ / c and the decay rate
+c / (M r²): the anti-kink runs (sky blue dots), is pinned (crosses), breaks up (red triangles) or
 vanishes (black squares). Below the solid line a resting anti-kink is pinned. To the right of
 the dashed line, waves grow in a uniform chain without ends. (e) Power of the motors (blue) and
 of the damping (red), for a kink that starts at rest. The dashed green line is the theory at the

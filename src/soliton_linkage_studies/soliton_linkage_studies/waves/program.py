@@ -37,8 +37,8 @@ from soliton_linkage_studies.waves.runs import (
 _CAPTION = """
 Wave packets that a torque on rotor 0 sends into a chain with a resting kink, and into a uniform
 chain. (a) Energy of each rotor over time, logarithmic, dark where it is large. The dashed lines
-have the group velocity of linear theory and start at the begin and at the end of the burst. The
-red line is the zero of the displacement u, the position of the kink. (b) Displacement of the
+have the group velocity of linear theory and start at the beginning and at the end of the burst.
+The red line is the zero of the displacement u, the position of the kink. (b) Displacement of the
 kink against the angular frequency of the burst, for each amplitude. The grey band is the phonon
 band. (c) The same against the number of cycles. (d) Number of walls in a uniform chain after a
 burst, against amplitude and angular frequency. (e) Angular frequencies of small vibrations
