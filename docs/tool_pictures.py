@@ -185,8 +185,10 @@ def draw_markers(axes: Axes, received: Any) -> None:
                 plt.Rectangle(corner, size.x, size.z, color=(own.r, own.g, own.b), alpha=own.a)
             )
         elif marker.type == Marker.TEXT_VIEW_FACING:
-            place = marker.pose.position
-            axes.text(place.x, place.z, marker.text, fontsize=7, ha='center', color='#7f7f7f')
+            position = marker.pose.position
+            axes.text(
+                position.x, position.z, marker.text, fontsize=7, ha='center', color='#7f7f7f'
+            )
     axes.set_aspect('equal')
     axes.set_xlim(-0.1, 4.0)
     axes.set_ylim(-0.2, 0.6)
@@ -223,7 +225,7 @@ def foxglove(received: Any, series: Any) -> Figure:
     figure = plt.figure(figsize=(10, 6))
     panels = held['configById']
 
-    def place(tree: Any, spot: SubplotSpec) -> None:
+    def add_panels(tree: Any, spot: SubplotSpec) -> None:
         if not isinstance(tree, str):
             share = tree['splitPercentage']
             shares = (share, 100 - share)
@@ -232,8 +234,8 @@ def foxglove(received: Any, series: Any) -> Figure:
             shape |= {} if row else {'height_ratios': shares}
             shape = {'nrows': 1, 'ncols': 1, **shape}
             grid = GridSpecFromSubplotSpec(subplot_spec=spot, wspace=0.14, hspace=0.3, **shape)
-            place(tree['first'], grid[0])
-            place(tree['second'], grid[1])
+            add_panels(tree['first'], grid[0])
+            add_panels(tree['second'], grid[1])
             return
         axes, panel = figure.add_subplot(spot), panels[tree]
         kind = tree.partition('!')[0]
@@ -252,7 +254,7 @@ def foxglove(received: Any, series: Any) -> Figure:
             draw_diagnostics(axes, received)
 
     outer = figure.add_gridspec(1, 1, left=0.04, right=0.99, top=0.99, bottom=0.05)
-    place(held['layout'], outer[0])
+    add_panels(held['layout'], outer[0])
     return figure
 
 

@@ -24,7 +24,7 @@ def read(bag: Path) -> tuple[sl.Chain, sl.Recording, dict[str, np.ndarray]]:
     stamps = [state.header.stamp.sec + 1e-9 * state.header.stamp.nanosec for state in seen]
     columns = {
         'time [s]': np.array(stamps),
-        'place [rotor spacings]': np.array([state.solitons[0].rotor for state in seen]),
+        'position [rotor spacings]': np.array([state.solitons[0].rotor for state in seen]),
         'velocity [m/s]': np.array([state.solitons[0].velocity for state in seen]),
         'kinetic energy [J]': np.array([state.energies.kinetic for state in seen]),
         'phase [rad]': np.array([state.cycle.phase for state in seen]),

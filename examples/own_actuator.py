@@ -30,7 +30,7 @@ class VoiceCoil:
         """Raise ValueError if a current [A] exceeds the limit."""
         if not (math.isfinite(current) and abs(current) <= self.largest_current):
             raise ValueError(
-                f'current = {current:g} A must be at most {self.largest_current:g} A either way; '
+                f'current = {current:g} A must lie within +-{self.largest_current:g} A; '
                 'command a lower current, or change largest_current'
             )
 
@@ -49,7 +49,7 @@ class VoiceCoil:
         return False
 
     def pulse_command(self, impulse: float, duration: float) -> float:
-        """Return the current [A] that gives an impulse [N m s] within a duration [s]."""
+        """Return the current [A] that delivers an impulse [N m s] in a duration [s]."""
         return impulse / (self.torque_per_current * duration)
 
 

@@ -25,10 +25,10 @@ def read_angles(time: float) -> list[float]:
     """Return the angle of each rotor [rad] from +z towards +x, NaN if an encoder has no reading.
 
     Instead of a bus, this example simulates a wall of width 2 rotor spacings, which moves from
-    rotor 0 to the last at 5 rotors/s. Odd rotors report their actual angle, phi = pi - theta.
+    rotor 0 to the last rotor at 5 rotors/s. Odd rotors report phi = pi - theta.
     """
-    place = 5 * time % ROTORS
-    lean = [0.97 * math.tanh((place - rotor) / 2) for rotor in range(ROTORS)]
+    site = 5 * time % ROTORS
+    lean = [0.97 * math.tanh((site - rotor) / 2) for rotor in range(ROTORS)]
     return [theta if rotor % 2 == 0 else math.pi - theta for rotor, theta in enumerate(lean)]
 
 

@@ -19,7 +19,7 @@ def parameter_rows(described: str, prefix: str = '') -> Iterator[tuple[str, str,
         if field.name in quantities:
             one = quantities[field.name]
             unit = f' [{one.unit}]' if one.unit else ''
-            running = '; can be set while it runs' if one.adjustable else ''
+            running = '; adjustable at run time' if one.adjustable else ''
             meaning = f'{one.description}{unit}{running}'
             yield f'`{prefix}{field.name}`', shown(field.default), allowed(one), meaning
 

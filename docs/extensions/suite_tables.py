@@ -3,7 +3,7 @@
 
 {parameters} MODULE:CLASS [PREFIX]    a table of the parameters that a dataclass describes
 {notebook} PATH                       the cells of a notebook, one after the other
-{captioned} PICTURE a picture with the caption of its .txt file
+{captioned} PICTURE                   a picture with the caption in its .txt file
 """
 
 from __future__ import annotations

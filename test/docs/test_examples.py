@@ -50,7 +50,7 @@ def test_a_bag_becomes_columns_of_one_length(capsys: pytest.CaptureFixture[str])
     (length,) = {len(column) for column in columns.values()}
     assert length > 500
     assert np.all(np.diff(columns['time [s]']) > 0)
-    place = columns['place [rotor spacings]']
+    place = columns['position [rotor spacings]']
     assert 0 <= place.min() < place.max() <= 19
     assert 'of 20 rotors, a flipper' in capsys.readouterr().out
 

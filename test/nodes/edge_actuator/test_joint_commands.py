@@ -206,7 +206,7 @@ WRONG: list[tuple[interfaces.Topic, Any, str]] = [
     (
         JOINTS,
         JointState(header=FAR_AHEAD, name=['rotor_1'], effort=[1e-3]),
-        'ahead, the limit is 0.05 s; synchronise the clocks',
+        'in the future, the limit is 0.05 s; synchronise the clocks',
     ),
     (TRAJECTORY, trajectory(['wheel'], GOOD_POINT), "'wheel', which has no actuator"),
     (

@@ -35,7 +35,7 @@ class RotaryEncoders:
         (), '1 if readings increase from +z towards +x, else -1, for each rotor; empty for 1 [1]'
     )
     offsets: tuple[float, ...] = quantity(
-        (), 'readings less angles for each rotor; empty for 0 [rad]'
+        (), 'readings minus angles for each rotor; empty for 0 [rad]'
     )
     wrapped: bool = quantity(
         True,

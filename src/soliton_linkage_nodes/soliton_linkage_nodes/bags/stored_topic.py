@@ -130,7 +130,7 @@ def _not_installed(kind: str, name: str, error: Exception) -> str:
 
 
 def completed(topic: StoredTopic) -> StoredTopic:
-    """Return a topic; a CDR topic without a definition gets that of the installed type."""
+    """Return a topic; add the installed definition to a CDR topic without a definition."""
     if topic.serialization != CDR or (topic.definition and topic.digest):
         return topic
     known, digest, _ = _installed(topic.type_name)

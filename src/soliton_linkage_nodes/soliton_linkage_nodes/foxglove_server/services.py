@@ -104,7 +104,7 @@ class OfferedService:
 
 
 class OfferedServices:
-    """All services of the graph except those of this node and of actions."""
+    """All services of the graph except the services of this node and of actions."""
 
     def __init__(self, node: Node, server: WebSocketServer, queue: Queue, reject: Reject) -> None:
         """Offer services on a server; call `reject` with name and reason of each rejected one."""

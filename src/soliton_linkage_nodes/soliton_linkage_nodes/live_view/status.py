@@ -32,7 +32,7 @@ _TOPICS = {
     'drive': ('edge_command', _ACTUATOR),
     'tilt': ('tilt', _SIMULATOR),
 }
-"""Topic of each control that publishes, and the remedy if there is no subscriber."""
+"""Topic of each publishing control, and the remedy if the topic has no subscriber."""
 _SERVICES = {
     'pause': ('simulator/pause', _SIMULATOR),
     'step': ('simulator/step', _SIMULATOR),

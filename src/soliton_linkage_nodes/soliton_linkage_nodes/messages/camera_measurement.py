@@ -81,8 +81,8 @@ class CameraMeasurement:
     def measure(self, stamp: int, picture: Picture) -> CameraReading:
         """Return the angles in a picture whose exposure began at a stamp [ns].
 
-        Raises ValueError if the picture is not later than the one before, or its size differs from
-        the calibration.
+        Raises ValueError if the picture is not later than the previous one, or if it has another
+        size than the calibration.
         """
         if stamp <= self._last:
             raise ValueError(

@@ -209,14 +209,14 @@ class StampRule:
     """Limits of the stamps and durations of commands; a stamp of 0 means now.
 
     oldest: largest age of a command [s], 0 for the value of `longest`.
-    longest: largest duration of a command, and largest time that it may lie ahead [s].
+    longest: largest duration of a command, and largest time of its stamp in the future [s].
     """
 
     oldest: float
     longest: float
 
     def check_at_once(self, source: str, stamp: int, now: int) -> None:
-        """Raise ValueError if an immediate command is too old or too far ahead; times in [ns]."""
+        """Raise ValueError if an immediate command is too old or too early; times in [ns]."""
         age = self._age(stamp, now)
         limit = self.oldest or self.longest
         if age > limit:
@@ -226,8 +226,8 @@ class StampRule:
             )
         if -age > limit:
             raise ValueError(
-                f'{source} has a stamp {-age:.3g} s ahead, the limit is {limit:g} s; synchronise '
-                'the clocks, or send it with stamp 0, which means now'
+                f'{source} has a stamp {-age:.3g} s in the future, the limit is {limit:g} s; '
+                'synchronise the clocks, or send it with stamp 0, which means now'
             )
 
     def delay(self, source: str, stamp: int, now: int, duration: float) -> float:

@@ -18,7 +18,7 @@ from soliton_linkage_nodes.messages.frame_assembler import FrameAssembler
 from soliton_linkage_nodes.messages.frame_reader import FrameReader
 
 _MOST_WAITING = 1000
-"""Largest number of deviations that wait for their frames [1], as for frames."""
+"""Largest number of messages with standard deviations that wait for their frames [1]."""
 
 
 class JointStateAnalysis:

@@ -64,7 +64,7 @@ def _is_sound(report: BagReport) -> bool:
 
 
 def _lines(report: BagReport) -> Iterator[tuple[str, list[str]]]:
-    """Yield labels with lines, first those of `ros2 bag info`."""
+    """Yield each label with its lines; the first labels are the same as in `ros2 bag info`."""
     start = report.start or 0
     topics, services = _topics(report)
     yield 'Files:', [file.name for file in report.files]

@@ -98,7 +98,7 @@ class ReopenedPort:
         try:
             port.write(data)
         except TypeError as error:
-            # The thread closed the port meanwhile; pyserial then writes to a file that is None.
+            # If the thread has closed the port, pyserial writes to a file that is None.
             raise OSError('the port was closed') from error
 
     def close(self) -> None:
@@ -164,7 +164,7 @@ def _remedy(error: Exception, path: str) -> str:
 
 
 def _reason(error: Exception) -> str:
-    """Return the error of the system in one line, which pyserial wraps into its own."""
+    """Return, in one line, the error of the system that an error of pyserial contains."""
     for each in (error.__context__, error):
         if isinstance(each, OSError) and each.strerror:
             return str(each.strerror)

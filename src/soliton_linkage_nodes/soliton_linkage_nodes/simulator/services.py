@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Services that pause, step and reset a simulation, and those of simulation_interfaces."""
+"""Services that pause, step and reset a simulation, and services of simulation_interfaces."""
 
 from __future__ import annotations
 

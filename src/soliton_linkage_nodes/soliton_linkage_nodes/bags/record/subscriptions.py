@@ -94,7 +94,7 @@ class TopicFinder:
     def __init__(self, node: GuardedNode, names: Sequence[str], regex: str, exclude: str) -> None:
         """Select the topics in `names`, by default all topics of the suite.
 
-        `regex` adds topics whose full names contain a match. `exclude` removes topics likewise.
+        `regex` adds topics whose full names contain a match. `exclude` removes those with a match.
         """
         self._node = node
         self._regex = _compiled('regex', regex)

@@ -1,2 +1,2 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Controls of the page beside its canvases."""
+"""Tabs of the page with controls."""

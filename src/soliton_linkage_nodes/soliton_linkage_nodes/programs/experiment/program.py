@@ -205,7 +205,7 @@ def _suggestions(configuration: Path) -> list[str]:
 
 
 def other_scenarios(configuration: Path) -> list[Path]:
-    """Return the other files in the folder whose name is that of their scenario."""
+    """Return the other parameter files in the folder that are named after their scenario."""
     return [
         path
         for path in sorted(configuration.parent.glob('*.yaml'))
