@@ -121,8 +121,8 @@ def plotjuggler(namespace, layout):
         return [Node(package='plotjuggler', executable='plotjuggler', arguments=arguments)]
     return [
         LogInfo(
-            msg='view:=plotjuggler needs PlotJuggler; install the package plotjuggler4 of its '
-            'releases, or run: sudo apt install ros-jazzy-plotjuggler-ros'
+            msg='view:=plotjuggler needs PlotJuggler; install version 4 from its releases, or '
+            'run: sudo apt install ros-jazzy-plotjuggler-ros'
         )
     ]
 

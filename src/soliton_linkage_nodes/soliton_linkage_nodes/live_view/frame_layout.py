@@ -88,8 +88,8 @@ def pack_history(chain: int, columns: Iterable[Column]) -> bytes:
     """Return the history of a chain, given its index in the status.
 
     Doubles: kind, index of the chain, number of columns, values per column, numbers per column,
-    and the numbers of all columns; then the values of all columns as float32. Columns whose
-    length differs from the latest are left out.
+    and the numbers of all columns; then the values of all columns as float32. Columns
+    with another length than the latest column are omitted.
     """
     kept = list(columns)
     height = kept[-1].overview.size if kept else 0

@@ -128,7 +128,8 @@ _POLL_INTERVAL = Duration(seconds=0.02)
 _MOST_REASONS = 3
 """Largest number of reasons in one error about topics that cannot be played [1]."""
 _MOST_TOPICS = 1000
-"""Largest number of topics that are played [1]. A publisher takes 1 ms to create and 100 kB."""
+"""Largest number of topics that are played [1]. A publisher needs 100 kB of memory, and 1 ms to
+be created."""
 _LONGEST_DELIVERY = 10.0
 """Longest wait for a subscriber to acknowledge the last messages [s]."""
 _REFUSED = (ValueError, NameValidationException, rclpy_implementation.RCLError)

@@ -165,7 +165,7 @@ def chunk_record(
 
 
 def message_index_record(channel: int, entries: Sequence[int]) -> bytes:
-    """Return the index of a channel in a chunk; entries alternate stamp [ns] and offset [B]."""
+    """Return the index of a channel in a chunk from stamps [ns] and offsets [B] in turn."""
     packed = struct.pack(f'<{len(entries)}Q', *entries)
     return record(Opcode.MESSAGE_INDEX, struct.pack('<H', channel), sized(packed))
 
