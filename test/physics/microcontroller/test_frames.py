@@ -233,7 +233,7 @@ def test_lines_without_checksum_are_rejected_after_one_with_checksum() -> None:
     assert len(decoder.feed(b'counts 0 1 2\n' + checked + b'counts 2 3 4\n')) == 2
     assert (decoder.corrupted, decoder.complaint) == (
         1,
-        'a line has no checksum, unlike a line before; send one with each line',
+        'a line has no checksum, unlike an earlier line; send a checksum with each line',
     )
     decoder.reset()
     assert len(decoder.feed(b'counts 2 3 4\n')) == 1

@@ -44,7 +44,7 @@ def test_other_files_are_rejected(tmp_path: Path, content: bytes, message: str) 
 
 
 def test_a_directory_is_reported_as_one(tmp_path: Path) -> None:
-    with pytest.raises(ValueError, match='is a directory; give a file in it'):
+    with pytest.raises(ValueError, match='is a directory; give a file'):
         read_video(tmp_path)
 
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Commands, torques, impulses and work of the actuators at the edges and on the joints.
+"""Actuators at the edges and on the joints: commands, torques, impulses and work.
 
 A `ChainDriver` accepts commands and returns the torques for each frame of a chain. `Actuator` is
 the interface of an actuator model, and `ACTUATORS` lists the available models.

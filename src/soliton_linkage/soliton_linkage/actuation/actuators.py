@@ -118,11 +118,11 @@ class PneumaticActuator:
         return abs(self.torque_per_pressure * pressure) > self.saturation_torque
 
     def pulse_command(self, impulse: float, duration: float) -> float:
-        """Return the pressure [Pa] whose pulse of a duration [s] gives an impulse [N m s].
+        """Return the commanded pressure [Pa] of a pulse of a duration [s] and an impulse [N m s].
 
         A pulse u of duration T, followed by venting, gives the impulse k u [T + (tau_2 - tau_1) (1
-        - exp(-T / tau_1))]. The pressure approaches u with the time constant tau_1 and then 0 with
-        tau_2.
+        - exp(-T / tau_1))]. The pressure approaches u with the time constant tau_1, and then 0
+        with tau_2.
         """
         towards, back = self._time_constant(impulse), self._time_constant(-impulse)
         effective_duration = duration - (back - towards) * math.expm1(-duration / towards)
@@ -165,7 +165,7 @@ class Actuator(Protocol):
         """Return whether the torque of a level is limited."""
 
     def pulse_command(self, impulse: float, duration: float) -> float:
-        """Return the command whose pulse of a duration [s] gives an impulse [N m s]."""
+        """Return the command of a pulse of a duration [s] and an impulse [N m s]."""
 
 
 ACTUATORS: dict[str, type[Actuator]] = {'pneumatic': PneumaticActuator}

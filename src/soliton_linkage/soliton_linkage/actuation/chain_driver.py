@@ -26,7 +26,7 @@ class _PendingCommand:
 
 
 class ChainDriver:
-    """Conversion of the commands to all actuators of a chain into torques, and their record.
+    """Converter of the commands to all actuators of a chain into torques, with a record of kicks.
 
     A command starts at the stamp of the next frame. The torques for a frame are the means of the
     commanded torques over the period after it. The driver assumes that this period is as long as
@@ -58,7 +58,7 @@ class ChainDriver:
 
     @property
     def busy(self) -> bool:
-        """Whether the driver has to process the next frame."""
+        """Whether the driver needs the next frame."""
         return bool(self._pending) or self._driving or self.record.open
 
     @property
@@ -116,7 +116,7 @@ class ChainDriver:
         return drive.torques
 
     def abandon(self) -> None:
-        """Report the current torques as cut short, because no further frame will come."""
+        """Report the current torques as cut short, because no further frame is expected."""
         self.record.abandon(self._last)
 
     def _begin(self, time: float, stamp: int) -> None:

@@ -38,7 +38,7 @@ class EdgeLimits:
 
 @dataclass(frozen=True)
 class EdgeCommand:
-    """Command to the actuator at an edge; raises ValueError for times that do not fit the kind.
+    """Command to the actuator at an edge; raises ValueError for times that do not fit its kind.
 
     The value rises from 0 during `ramp_up`, is constant for `duration` and falls to 0 during
     `ramp_down` [s]. A pressure with duration 0 is held until the next command.
@@ -52,7 +52,7 @@ class EdgeCommand:
     ramp_down: float = 0.0
 
     def __post_init__(self) -> None:
-        """Reject times that do not fit the kind."""
+        """Raise ValueError for times that the kind does not allow."""
         for name in ('duration', 'ramp_up', 'ramp_down'):
             time = getattr(self, name)
             if self.kind is CommandKind.KICK and time != 0:
@@ -81,7 +81,7 @@ class EdgeCommand:
 
     @property
     def vents(self) -> bool:
-        """Whether the command is pressure 0, which is valid at both edges in any configuration."""
+        """Whether the pressure is 0, which may be commanded at both edges in any configuration."""
         return self.kind is CommandKind.PRESSURE and self.value == 0
 
     @property
@@ -116,7 +116,7 @@ class EdgeCommand:
         return np.asarray(period * self.value * mode)
 
     def as_pressure(self, chain: Chain, actuator: Actuator, duration: float) -> EdgeCommand:
-        """Return the actuator command of a duration [s] that gives the impulse of this kick."""
+        """Return the pressure command of a duration [s] that has the impulse of this kick."""
         impulse = chain.moment_of_inertia * self.value
         pressure = actuator.pulse_command(impulse, duration)
         return EdgeCommand(self.edge, CommandKind.PRESSURE, pressure, duration)

@@ -13,8 +13,8 @@ from soliton_linkage.dynamics.work import TorqueLedger
 from soliton_linkage.linkage.chain import Array
 
 _DELIVERY_TIMEOUT = 10**9 // 2
-"""Longest wait for the simulator's delivery totals, in frame time [ns]. It covers many frames of
-the slowest simulator and is short for an operator."""
+"""Longest wait for the delivery totals of the simulator, in frame time [ns]: many frames of the
+slowest simulator, and a short time for an operator."""
 
 
 @dataclass(frozen=True)
@@ -109,12 +109,12 @@ class KickRecord:
 
     @property
     def open(self) -> bool:
-        """Whether a report is outstanding."""
+        """Whether a report is pending."""
         return bool(self._impulses or self._ended or self._episode)
 
     @property
     def waiting(self) -> int:
-        """Number of impulses that were sent and not yet measured."""
+        """Number of impulses whose measurement is pending."""
         return len(self._impulses)
 
     def kicked(
@@ -128,7 +128,7 @@ class KickRecord:
             self._report_impulses([kick], kick.work, measured=False)
 
     def begin(self, stamp: int, source: str, command: EdgeCommand | None) -> None:
-        """Start an episode of torques, or add a source to the current one."""
+        """Start an episode of torques, or add a source to the current episode."""
         if self._episode is None:
             before = None if self._ended else self.delivered
             self._episode = _TorqueEpisode(stamp, TorqueLedger(self._rotors), before)
@@ -137,7 +137,7 @@ class KickRecord:
         self._episode.command = command or self._episode.command
 
     def interrupt(self) -> None:
-        """Mark the current torques as cut short, because of a gap between frames."""
+        """Mark the current torques as cut short by a gap between frames."""
         if self._episode is not None:
             self._episode.cut_short = True
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Torques over time of the edge actuators, of the joint actuators, and of both together."""
+"""Torques of the edge actuators and of the joint actuators as functions of time."""
 
 from __future__ import annotations
 
@@ -53,7 +53,7 @@ class EdgeDrive:
 
     @property
     def active(self) -> bool:
-        """Whether there is a torque now or later."""
+        """Whether a torque acts now or will act later."""
         return any(end.active for end in self._ends.values()) or self._pulse is not None
 
     @property
@@ -82,7 +82,7 @@ class EdgeDrive:
         self._pulse, self._over = None, -math.inf
 
     def mean_torque(self, start: float, end: float) -> MeanTorque:
-        """Advance to `start` and return the mean torque from `start` to `end` [s]."""
+        """Advance to `start` [s] and return the mean torque from `start` to `end` [s]."""
         torque, saturated = 0.0, False
         for edge, actuated in self._ends.items():
             level = actuated.mean_level(start, end)
@@ -167,7 +167,7 @@ class JointDrive:
 
     @property
     def active(self) -> bool:
-        """Whether there is a torque now or later."""
+        """Whether a torque acts now or will act later."""
         return bool(self._commands)
 
     @property
@@ -189,7 +189,7 @@ class JointDrive:
 
         `times` are the increasing times of the points after the instant [s], shape (points,).
         `torques` has a torque [N m] for each rotor, shape (points, named). If the first point is
-        later than the instant, the trajectory starts from the current torques. Otherwise its part
+        later than the instant, the trajectory starts from the current torques; otherwise the part
         before the instant is skipped.
         """
         now = self._now(time)[rotors]
@@ -202,7 +202,7 @@ class JointDrive:
         self._commands.clear()
 
     def mean_torques(self, start: float, end: float) -> Array:
-        """Drop ended commands; return the mean torques from `start` to `end` [N m], shape (N,)."""
+        """Drop finished commands; return mean torques from `start` to `end` [N m], shape (N,)."""
         torques = np.zeros(self._number)
         self._commands = [
             command for command in self._commands if start < command.ends - RESOLUTION
@@ -254,7 +254,7 @@ class TorqueDrive:
 
     @property
     def active(self) -> bool:
-        """Whether there is a torque now or later."""
+        """Whether a torque acts now or will act later."""
         return self.edges.active or self.joints.active
 
     def unfinished(self, time: float) -> bool:

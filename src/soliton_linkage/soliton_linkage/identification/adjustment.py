@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Estimation of the lengths of all bonds, such that the bonds of all frames close.
+"""Estimation of all lengths and offsets, such that every bond closes in every frame.
 
-The estimated lengths of a bond may exceed a limit of `solitons.passage`, although no bond stopped
-the wall in the recording. `passable` corrects such lengths by constrained least squares. With the
-violations s, their derivatives G, and the covariance C of the lengths,
+Noise may put the estimated lengths of a bond beyond a limit of `solitons.passage`, although no
+bond stopped the wall in the recording. `passable` corrects such lengths by constrained least
+squares. With the violations s, their derivatives G, and the covariance C of the lengths,
 
     dp = C G^T (G C G^T)^-1 s.
 """
@@ -29,15 +29,16 @@ from soliton_linkage.identification.readings import repeat_counts
 from soliton_linkage.linkage.chain import Array, Chain
 
 _MOST_STEPS = 30
-"""Largest number of Gauss-Newton steps [1]: 6 to 15 are usual."""
+"""Largest number of Gauss-Newton steps [1]; usually 6 to 15 are taken."""
 _RESTARTS = 3
-"""Largest number of runs [1]: 2 suffice except for chains with several bonds near a limit."""
+"""Largest number of runs [1]; 2 suffice except for chains with several bonds near a limit."""
 _HALVINGS = 8
 """Number of fractions 1, 1/2, 1/4, ... of a step that are tried [1]."""
 _NOISE_OF_COST = 1.0
 """Largest accepted increase of -2 log likelihood [1], because derivatives are first-order."""
 _CONVERGED = 0.05
-"""Length of the last step, relative to the standard deviation of all unknowns together [1]."""
+"""Step below which the iteration has converged, relative to the standard deviation of all unknowns
+together [1]."""
 _TOLERANCE_CHANGE = 0.05
 """Relative change of the tolerances below which they have converged [1]."""
 
@@ -75,11 +76,12 @@ def adjust(
     """Estimate lengths and offsets from readings of frames [rad], NaN if missing, shape (T, N).
 
     The tolerance of lengths [1] is estimated unless it is given. Relative deviations, (T, N), are
-    standard deviations of readings, divided by the usual standard deviation [1].
+    standard deviations of readings, divided by the typical standard deviation [1].
 
     If a bond is collinear with a rotor, the closure of a frame has two nearby solutions. With the
-    initial lengths the wrong one may be found. After convergence all frames are therefore closed
-    again, starting from the readings. If this changes the result, the iteration is repeated.
+    initial lengths the wrong solution may be found. After convergence, all frames are therefore
+    closed again, starting from the readings. If this changes the result, the iteration is
+    repeated.
     """
     for _ in range(_RESTARTS):
         found = _adjust_once(readings, start, tolerance, relative_deviations)
@@ -134,9 +136,9 @@ def _adjust_once(
 
 
 def _stepped(bundle: Bundle, change: Array, prior: Array, noise: float) -> tuple[Bundle, bool]:
-    """Return the bundle after a step, halved until the cost falls, and whether it improved.
+    """Return the bundle after a step, halved until the cost decreases, and whether it decreased.
 
-    Levenberg-Marquardt steps end far from the minimum if bonds are in line with rotors.
+    Levenberg-Marquardt steps would end far from the minimum if bonds are in line with rotors.
     """
     before = _cost(bundle, prior, noise)
     for halvings in range(_HALVINGS):
@@ -154,7 +156,7 @@ def _cost(bundle: Bundle, prior: Array, noise: float) -> float:
 
 
 def observable_basis(lengths: Lengths) -> Array:
-    """Return orthonormal changes of the unknowns that keep the mean spacing, shape (P, P - 1).
+    """Return orthonormal changes of the unknowns with constant mean spacing, shape (P, P - 1).
 
     Angles do not depend on the scale of all lengths.
     """
@@ -190,14 +192,13 @@ def _covariance(bundle: Bundle, basis: Array, tolerances: Tolerances) -> tuple[f
 _CHANCE = 3.0
 """Largest violation of a limit that noise can explain, in standard deviations [1]."""
 _MARGIN = 1e-3
-"""Distance to its limit of a corrected bond, relative to its spacing [1]."""
+"""Distance of a corrected bond from its limit, relative to its spacing [1]."""
 _ROUNDS = 5
-"""Largest number of corrections [1]: a correction may move a neighbouring bond beyond its
-limit."""
+"""Largest number of corrections [1]; each may move a neighbouring bond beyond its limit."""
 
 
 def passable(lengths: Lengths, covariance: Array) -> Lengths:
-    """Return the nearest lengths with which no bond stops a wall, given the covariance (P, P).
+    """Return the nearest lengths for which no bond stops a wall, given their covariance, (P, P).
 
     Violations that noise cannot explain are not corrected.
     """

@@ -14,8 +14,8 @@ chain by
 
     dphi = -R^T (R R^T)^-1 (df/dp) dp.
 
-Offset errors do shift the measured arcs of frames by t . do. Independent combinations of these
-errors, each of unit variance, are therefore unknowns of the fit too.
+Errors do of the offsets also shift the measured arcs of frames by t . do. Independent combinations
+of the errors of lengths and offsets, each of unit variance, are therefore unknowns of the fit too.
 """
 
 from __future__ import annotations
@@ -53,19 +53,20 @@ _ROUNDS = 2
 _KNOWN = 1e-6
 """Standard deviation of the logarithm of known gravity [1]."""
 _LARGEST_EXCESS = 1.5
-"""Residual noise of arcs, relative to the reading noise, above which the motion is not free
+"""Ratio of the residual noise of arcs to the reading noise, above which the motion is not free
 [1]."""
 _MOST_STEPS = 15
 """Largest number of evaluations of a fit [1]; 4 to 6 are usual."""
 _CONVERGED = 1e-4
-"""Relative decrease of the squares below which a fit ends [1], 0.1 times the noise of 1000
-frames."""
+"""Relative decrease of the squares below which a fit ends [1]; noise in 1000 frames causes ten
+times as much."""
 _RATE_FRAMES = 8
 """Number of frames from which the initial rate is estimated [1]."""
 _STEP = 1e-4
 """Step of the unknowns for finite differences [1]."""
 _INFORMED = 1e-9
-"""Smallest variance of a combination, relative to the largest [1]; smaller ones are rounding."""
+"""Smallest variance of a combination, relative to the largest [1]; smaller ones are rounding
+errors."""
 
 
 def _acceleration(
@@ -117,9 +118,10 @@ def move_along(
 ) -> None:
     """Set the arcs of K motions along an orbit at times, (T, K), by the Runge-Kutta method.
 
-    Motions begin with arcs and speeds u, (2, K). A grid of G arcs begins at grid[0] with the step
-    grid[1]. It has the square roots of the inertias and the forces of gravity, (G, K), and the
-    sums of |t_n|, (G,). `drags` are damping and dry friction, (2, K); grid[2] is the rate w.
+    `begin` has the initial arcs and speeds u, (2, K). `grid` is (first arc, step, rate w) of a
+    table of G arcs with these rows: `roots`, square roots of the inertias, and `gravity`, forces
+    of gravity, (G, K); `friction`, sums of |t_n|, (G,). `drags` are damping and dry friction, (2,
+    K).
     """
     for k in range(begin.shape[1]):
         s, u = begin[0, k], begin[1, k]
@@ -169,7 +171,7 @@ class _OrbitTable:
         """sum |t|, shape (G,)."""
 
     def locate(self, arcs: Array) -> tuple[NDArray[np.intp], Array]:
-        """Return the row before each arc [rad], and the fraction of the step from it [1]."""
+        """Return the row before each arc [rad], and the fraction of a step to the arc [1]."""
         at = (arcs - self.begin) / _GRID
         row = np.clip(at, 0, len(self.friction) - 2).astype(np.intp)
         return row, np.clip(at - row, 0.0, 1.0)
@@ -237,8 +239,8 @@ def bar_motion(
 ) -> BarMotion | None:
     """Estimate masses and forces from free motions of bars; return None if other forces act.
 
-    Lengths in units of the mean spacing have a covariance (P, P); gravity is in the same units.
-    The noise of a reading is in [rad].
+    Lengths and gravity are in units of the mean spacing; `covariance` is that of the unknowns, (P,
+    P). The noise of a reading is in [rad].
     """
     orbit = orbit_of(lengths.chain(Chain()))
     intervals = free_intervals(readings.times, readings.interruptions)
@@ -273,8 +275,8 @@ class _Fit:
     """Least squares between the arcs of motions and the arcs of frames.
 
     The unknowns are logarithms of masses, forces, the initial state of each interval, and
-    combinations of lengths and offsets. The excess is the residual noise of arcs over the noise
-    of readings [1].
+    combinations of lengths and offsets. The excess is the ratio of the residual noise of arcs to
+    the noise of readings [1].
     """
 
     def __init__(
@@ -375,7 +377,7 @@ class _Fit:
     def _moved(self, unknowns: Array, number: int, changes: _Sums | None = None) -> Array:
         """Return arcs in the frames of an interval [rad], (T, K), for K columns of unknowns.
 
-        All columns except the first include a step of the changes of the sums, if given.
+        If changes of the sums are given, all columns except the first include one step of them.
         """
         table = self._table
         damping, friction, log_gravity = unknowns[self._rotors : self._size]

@@ -2,13 +2,12 @@
 """Bundle adjustment of lengths and offsets: least squares with errors in all readings.
 
 Each frame has N unknown angles and N - 1 conditions, because every bond closes. The angles are
-eliminated frame by frame. With the derivatives J of the misclosures w by the unknowns p,
-
-    sum over frames of (w + J dp)^T M^-1 (w + J dp) = minimum,    v = S R^T M^-1 (w + J dp)
+eliminated frame by frame. With the derivatives J of the misclosures w by the unknowns p, sum over
+frames of (w + J dp)^T M^-1 (w + J dp) = minimum,    v = S R^T M^-1 (w + J dp)
 
 gives the change dp of the unknowns and the errors v of the readings (Gauss-Helmert model). At the
 true angles and lengths, sum J^T M^-1 J is the Fisher information on p. It requires no assumption
-about the motion. Its inverse is the Cramer-Rao bound.
+about the motion. The inverse of this matrix is the Cramer-Rao bound.
 
 The misclosure of a bond is the distance of its masses minus the length of its spring or bar. With
 h = r sin(phi), v = r cos(phi) and phi = y - o for a reading y,
@@ -34,11 +33,11 @@ from soliton_linkage.linkage.chain import Array
 from soliton_linkage.linkage.springs import spring_between
 
 _BATCH = 256
-"""Frames of a batch [1], whose arrays fit into the cache."""
+"""Number of frames in a batch [1], whose arrays fit into the cache."""
 _MISSING_VARIANCE = 1e4
-"""Variance of a missing reading, relative to a usual one [1]."""
+"""Variance of a missing reading, relative to that of a typical reading [1]."""
 _CLOSINGS = 8
-"""Largest number of corrections of the angles after a step [1]; 2 or 3 are usual."""
+"""Largest number of corrections of the angles after a step [1]; usually 2 or 3 are needed."""
 _CLOSED = 1e-4
 """Change of an angle below which bonds are closed [rad], far below the noise."""
 _LARGEST_ERROR = 0.3
@@ -59,7 +58,7 @@ class Misclosures(NamedTuple):
     """Derivatives of f_n by the unknowns r_n, o_n, a_n, l_n, r_{n+1}, o_{n+1}."""
 
     def torques(self, forces: Array) -> Array:
-        """Return R^T forces: torques on the rotors, (N, T), by forces in bonds, (N - 1, T)."""
+        """Return R^T f: torques on the rotors, (N, T), for forces f in bonds, (N - 1, T)."""
         torques = np.zeros((len(forces) + 1, forces.shape[1]))
         torques[:-1] = self.first * forces
         torques[1:] += self.second * forces
@@ -146,7 +145,7 @@ class Bundle:
     ) -> None:
         """Start with initial lengths and readings [rad], NaN if missing, shape (T, N).
 
-        Relative deviations, (T, N), are standard deviations of readings, divided by the usual
+        Relative deviations, (T, N), are standard deviations of readings, divided by the typical
         standard deviation [1]. A run of equal readings has the weight of one reading;
         `repeat_counts`, (T, N), are the lengths of the runs [1].
         """
@@ -168,7 +167,7 @@ class Bundle:
         """Normal equations of a bundle that `closed` returned."""
 
     def closed(self, lengths: Lengths) -> Bundle:
-        """Return a bundle with other lengths and with angles at which all bonds close."""
+        """Return a bundle with other lengths and with the angles at which all bonds close."""
         moved = copy(self)
         moved.lengths, moved.angles = lengths, self.angles.copy()
         for _ in range(_CLOSINGS):

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Warnings about an identified chain, and causes if no model explains the readings."""
+"""Warnings about an identified chain, and likely causes if no model explains the readings."""
 
 from __future__ import annotations
 
@@ -15,29 +15,28 @@ from soliton_linkage.linkage.chain import Array, Chain
 from soliton_linkage.solitons.passage import find_obstacles
 
 _LARGEST_SPREADS = 0.2, 0.25
-"""Largest plausible spreads of lengths, and of masses and stiffnesses [1]. A single rotor of
-twice the usual mass among 12 gives 0.2."""
+"""Largest plausible relative spreads of lengths, and of masses and stiffnesses [1]. A single rotor
+of twice the mass among 12 rotors gives 0.2."""
 _USUAL_OF_ROTOR, _USUAL_OF_FRAMES = 1.3, 0.3
-"""Squared residuals of the worst rotor over the mean, and the part of a tenth of the frames [1],
-if chance has distributed them."""
+"""Typical random values [1]: squared residuals of the worst rotor relative to the mean, and share
+of a tenth of the frames in the squared residuals."""
 _SCALE_PARTS = {'rotor_length', 'spacing', 'rest_length'}
 _MOST_NAMED = 4
 """Largest number of weakly observable combinations that are named [1]."""
 _NOT_OBSERVABLE = 1e-4
 """Information of an unobservable combination [1]; its standard deviation is 100."""
 _WEAK = 0.1
-"""Standard deviation of a combination by the angles alone above which it is weakly observable
-[1]."""
+"""Standard deviation from the angles alone, above which a combination is weakly observable [1]."""
 
 
 def check_explained(
     model: str, noise: float, spreads: tuple[float, float], residuals: Array, readings: Readings
 ) -> None:
-    """Raise ValueError, with the most likely causes in their order, if a model is no explanation.
+    """Raise ValueError with the most likely causes if the model does not explain the readings.
 
-    The noise of its residuals is relative to the noise of the readings [1]. The spreads are the
-    standard deviations of lengths and of masses and stiffnesses, relative to their means [1]. With
-    springs of any stiffness and rotors of any mass, a motion follows many wrong readings.
+    `noise` is the ratio of the residuals to the noise of the readings [1]. The spreads are the
+    standard deviations of lengths and of masses and stiffnesses, relative to their means [1];
+    large spreads indicate wrong readings, because the fit adapts masses and stiffnesses to them.
     """
     lengths, masses = spreads
     faults = []
@@ -64,15 +63,15 @@ def check_explained(
     causes = [
         (
             of_rotor * len(by_rotor) / _USUAL_OF_ROTOR,
-            f'{readings.joints[rotor]} ({of_rotor:.0%} of the squared residuals) has a wrong sign '
-            'or zero, or play',
+            f'{readings.joints[rotor]} ({of_rotor:.0%} of the squared residuals) has a wrong '
+            'sign, a wrong zero, or play',
         ),
         (
             of_frames / _USUAL_OF_FRAMES,
             f'a kick or a hand acts near {readings.times[frame] - readings.times[0]:.3g} s (10 % '
             f'of the frames have {of_frames:.0%})',
         ),
-        (1.0, 'joints are absent or not in the order of the rotors'),
+        (1.0, 'joints are missing or not in the order of the rotors'),
     ]
     named = '; '.join(cause for _, cause in sorted(causes, key=lambda each: -each[0]))
     raise ValueError(
@@ -91,9 +90,9 @@ def obstacle_warnings(chain: Chain, lengths: Lengths, covariance: Array) -> list
     if near:
         bonds = ', '.join(f'{bond} ({chance:.1%})' for bond, chance in near.items())
         warnings.append(
-            'bonds close to a limit beyond which they may stop walls, and the probability that '
-            f'they are beyond it: {bonds}; record more crossings to reduce the uncertainty, or '
-            'adjust these bonds'
+            'these bonds are close to a limit beyond which they may stop walls (in brackets: the '
+            f'probability that they are beyond it): {bonds}; record more crossings to reduce the '
+            'uncertainty, or adjust these bonds'
         )
     return warnings
 

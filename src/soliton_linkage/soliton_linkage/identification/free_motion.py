@@ -4,20 +4,20 @@
     m_n r_n^2 phi_n'' = -sum over both springs of k f df/dphi_n + g m_n r_n sin(phi_n + tilt)
                         - c phi_n' - b tanh(phi_n' / w),
 
-where f is the extension of a spring and b the dry friction, which is nearly constant at rates
-above w. The unknowns q are the unknowns of `Lengths`, log k of each spring, log m of each rotor,
-c, b, log g, the initial angles and the initial rates. The sensitivities X = dphi/dq and V = X'
-satisfy
+where f is the extension of a spring and b the dry friction, whose torque is nearly constant at
+rates above w. The unknowns q are the unknowns of `Lengths`, log k of each spring, log m of each
+rotor, c, b, log g, the initial angles and the initial rates. The sensitivities X = dphi/dq and V =
+X' satisfy
 
     X' = V,    V' = (dphi''/dphi) X + (dphi''/dphi') V + dphi''/dq,
 
 and are integrated together with the motion, by the classical Runge-Kutta method.
 
-Compiled loops take these arrays: `table`, (5, N), has r, a, l, k of rotors and springs, and the
-inertias; `columns`, (5, N), has the positions of r, a, l, log k and log m among the unknowns;
-`forces`, (6,), has the damping, the dry friction, the rate w, and the components of gravity along
-the chain and down from it. Angles and rates have the shape (N,), their sensitivities x and v the
-shape (N, Q). With Q = 0 only the motion is integrated.
+Arguments of the compiled loops: `table`, (5, N), has r, a, l, k of rotors and springs, and the
+inertias; `columns`, (5, N), has the indices of r, a, l, log k and log m among the unknowns;
+`forces`, (6,), has the entries `DAMPING` to `LONGEST`: c, b, w, the components of gravity along
+the chain and down from it, and the longest step. Angles and rates have the shape (N,), their
+sensitivities x and v the shape (N, Q). With Q = 0 only the motion is integrated.
 """
 
 from __future__ import annotations
@@ -226,10 +226,10 @@ def integrate(
 
 
 _LONGEST_STEP = 0.4
-"""Longest step, relative to the shortest vibration time [1]. Errors in a crossing of 40 rotors are
-at most 2e-5 rad. Sensitivity: at 0.5x, they are 2e-6 rad in twice the time."""
+"""Longest step, relative to the shortest vibration time [1]. Errors after a crossing of 40 rotors
+are at most 2e-5 rad. Sensitivity: at 0.5x, they are 2e-6 rad, and the computing time doubles."""
 _BATCH = 32
-"""Frames whose sensitivities are integrated at once [1]; 40 rotors take 3 MB."""
+"""Number of frames whose sensitivities are integrated at once [1]; 40 rotors take 3 MB."""
 _SLIDING = 0.1
 """Rate w above which dry friction is nearly constant [rad/s], small compared with walls.
 Sensitivity: at 0.5x, friction takes more steps."""
@@ -238,7 +238,7 @@ FORCE_UNKNOWNS = 3
 
 
 class UnknownSlices(NamedTuple):
-    """Positions of the unknowns of a motion."""
+    """Indices of the unknowns of a motion."""
 
     lengths: slice
     stiffnesses: slice
@@ -249,7 +249,7 @@ class UnknownSlices(NamedTuple):
 
 
 def unknown_slices(rotors: int) -> UnknownSlices:
-    """Return the positions of the unknowns of N rotors: the chain, then the initial state."""
+    """Return the indices of the unknowns of N rotors: the chain, then the initial state."""
     sizes = [UNKNOWNS_PER_ROTOR * rotors - 2, rotors - 1, rotors, FORCE_UNKNOWNS, rotors, rotors]
     ends = np.cumsum(sizes).tolist()
     return UnknownSlices(*map(slice, [0, *ends[:-1]], ends))
@@ -282,7 +282,7 @@ class FreeMotion:
 
     @property
     def slices(self) -> UnknownSlices:
-        """Positions of its unknowns."""
+        """Indices of the unknowns."""
         return unknown_slices(len(self.masses))
 
     @property
@@ -332,7 +332,7 @@ class FreeMotion:
 
 
 def split_chain(unknowns: Array) -> dict[str, Array]:
-    """Return the parts of the unknowns of a chain, with the names of `Deviations` if possible."""
+    """Return the parts of the unknowns of a chain by name; `Deviations` has the same names."""
     at = unknown_slices((len(unknowns) + 3 - FORCE_UNKNOWNS) // (UNKNOWNS_PER_ROTOR + 2))
     damping, friction, gravity = np.split(unknowns[at.forces], FORCE_UNKNOWNS)
     return {
@@ -402,7 +402,7 @@ def _table(motion: FreeMotion) -> Array:
 
 
 def _columns(motion: FreeMotion) -> Columns:
-    """Return the positions of r, a, l, log k and log m among the unknowns, shape (5, N)."""
+    """Return the indices of r, a, l, log k and log m among the unknowns, shape (5, N)."""
     own, at = np.arange(len(motion.masses)), motion.slices
     r = UNKNOWNS_PER_ROTOR * own
     columns = [r, r + 2, r + 3, at.stiffnesses.start + own, at.masses.start + own]

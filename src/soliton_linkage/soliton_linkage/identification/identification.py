@@ -48,31 +48,32 @@ from soliton_linkage.linkage.chain import Array, Chain
 
 _NOT_CLOSED = (
     'no lengths close the bonds of this recording; check the order, the signs and the zeros of '
-    'the joints, and that no rotor was held'
+    'the joints, and whether a rotor was held'
 )
 _MOST_KICKS = 3
-"""Largest number of kicks that are searched [1]; each takes another fit."""
+"""Largest number of kicks in the search [1]; each requires another fit."""
 _KICK_FRAMES = 7
-"""Frames whose residuals are averaged to find a kick [1]."""
+"""Number of frames whose residuals are averaged to find a kick [1]."""
 _BEFORE_KICK = 0.06
 """Time before the estimated time of a kick that is not used [s]; after it 0.05 s are not used."""
 _SUSPICIOUS = 1.05
-"""Noise of residuals over the noise of readings above which a kick is searched [1]."""
+"""Ratio of residual noise to reading noise, above which a kick is searched [1]."""
 _KICKED = 5.5
-"""Mean residual of these frames near a kick, over its standard deviation [1]. In 2000 frames of
-40 rotors, noise exceeds it once in 300 recordings."""
+"""Mean residual of `_KICK_FRAMES` frames near a kick, in standard deviations [1]. With 2000 frames
+of 40 rotors, noise exceeds this value in one of 300 recordings."""
 _KICK = (
     'a kick that was not recorded acts near {}; the frames near it were not used for masses, '
     'springs and drag'
 )
 _ADJUSTMENTS = 6
-"""Largest number of adjustments [1]; each may find outliers that larger ones have hidden."""
+"""Largest number of adjustments [1]; each may reveal outliers that larger outliers have hidden."""
 _MOST_FITTED = 3000
 """Largest number of frames in the fit of a motion [1]; 40 rotors then take one or two minutes."""
 _STRAINED = 1.1
-"""Noise from misclosures over the noise of readings above which bonds do not close [1]."""
+"""Ratio of the noise from misclosures to the reading noise, above which bonds do not close [1]."""
 _WORSE = 1.25
-"""Noise of a bond, relative to the median, above which it is reported [1]; 1.1 is chance."""
+"""Noise of a bond, relative to the median, above which the bond is reported [1]; random values
+reach 1.1."""
 
 
 @dataclass(frozen=True)
@@ -80,7 +81,8 @@ class Identification:
     """An identified chain with its uncertainties."""
 
     chain: Chain
-    """Chain with the given mean spacing, mass, stiffness and damping unless they are estimated."""
+    """Identified chain; mean spacing, mass, stiffness and damping are the given ones unless
+    estimated."""
     deviations: dict[str, Array]
     """Relative standard deviation of each length [1], by the names of `Deviations`."""
     offsets: Array
@@ -88,18 +90,19 @@ class Identification:
     offset_deviations: Array
     """Standard deviations of the offsets [rad], shape (N,)."""
     noise: float
-    """Standard deviation of a reading by the residuals [rad]."""
+    """Standard deviation of a reading, from the residuals [rad]."""
     reading_noise: float
-    """Standard deviation of a reading by its changes from frame to frame [rad]."""
+    """Standard deviation of a reading, from changes from frame to frame [rad]."""
     bond_noise: Array
-    """Standard deviation of a reading by each bond alone [rad], shape (N - 1,)."""
+    """Standard deviation of a reading, from each bond alone [rad], shape (N - 1,)."""
     tolerance: float
     """Standard deviation of the relative differences of lengths of one kind [1]."""
     rigid: bool
     """Whether all bonds close within the noise, as for rigid bars; then stiffnesses are
     unknown."""
     unused_frames: int
-    """Frames of a long recording that were not used for masses, stiffnesses and drag [1]."""
+    """Number of frames of a long recording that were not used for masses, stiffnesses and drag
+    [1]."""
     weakly_observable: tuple[str, ...]
     """Weakly observable combinations of lengths."""
     warnings: tuple[str, ...]
@@ -131,7 +134,7 @@ def identify(
 ) -> Identification:
     """Identify a chain from a recording.
 
-    Angles alone do not determine the mean spacing and the scale of masses and stiffnesses, and
+    Angles alone determine neither the mean spacing nor the scale of masses and stiffnesses, and
     sometimes not the damping. The given chain supplies these values; its number of rotors and its
     other lengths are ignored. If the mean spacing is unknown, it is estimated from gravity. The
     mean mass is estimated from known impulses. The tolerance of lengths [1] is estimated unless it
@@ -160,7 +163,7 @@ def _by_model(
     tolerance: float | None,
     spacing_known: bool,
 ) -> Identification:
-    """Return the chain by the model that explains the readings best."""
+    """Return the chain of the model that explains the readings best."""
     impulses = [impulse.time for impulse in readings.impulses]
     frames = informative_frames(readings.times, readings.unwrapped, impulses, _MOST_FITTED)
     unused = len(readings.times) - len(frames)
@@ -236,9 +239,9 @@ def _scaled(given: Chain, readings: Readings, gravity: float) -> Chain:
 def _fit_around_kicks(
     some: Readings, inputs: tuple[Any, ...], noise: float
 ) -> tuple[MotionFit | None, list[float]]:
-    """Return the fit of springs to the motion between kicks that were not recorded, and kicks [s].
+    """Fit springs to the motion between unrecorded kicks; return the fit and the kicks [s].
 
-    A kick changes rates suddenly, so that no free motion follows the frames near it.
+    A kick changes rates suddenly, so that no free motion fits the frames near it.
     """
     kicks: list[float] = []
     fitted = _fit_springs(some, *inputs)
@@ -252,7 +255,7 @@ def _fit_around_kicks(
         better = _fit_springs(without, *inputs)
         if better is None:
             break
-        # Another initial state reduces the squares by 2 N, with a variance of 4 N.
+        # An additional initial state reduces the squares by 2 N, with a variance of 4 N.
         gain = some.angles.size * (1 - (better.noise / fitted.noise) ** 2)
         states = 2 * some.angles.shape[1]
         if gain < states + _KICKED * math.sqrt(2 * states):
@@ -263,7 +266,7 @@ def _fit_around_kicks(
 
 
 def _worst_frames(fitted: MotionFit) -> tuple[int, float]:
-    """Return the frame with the largest mean residual of a rotor, and it over its limit [1]."""
+    """Return the frame with the largest mean residual of a rotor, and its ratio to the limit."""
     means = np.abs(uniform_filter1d(fitted.residuals, _KICK_FRAMES, axis=0))
     frame = int(np.argmax(means.max(axis=1)))
     return frame, float(means[frame].max() * math.sqrt(_KICK_FRAMES) / (_KICKED * fitted.noise))
@@ -322,7 +325,7 @@ def _by_springs(
     scale: tuple[float, float] | None,
     unused_frames: int,
 ) -> Identification:
-    """Return the chain of springs with its lengths, stiffnesses, masses and drag."""
+    """Return the chain from a fit of springs, with lengths, stiffnesses, masses and drag."""
     motion = fitted.motion
     deviations = split_chain(np.sqrt(np.diag(fitted.covariance)))
     geometry = motion.slices.lengths
@@ -341,14 +344,14 @@ def _by_springs(
     if fitted.stamp_deviation:
         warnings.append(
             f'stamps have errors of {1e3 * fitted.stamp_deviation:.2g} ms, which the standard '
-            'deviations include; stamp frames when they are measured'
+            'deviations include; stamp each frame at the time of its measurement'
         )
     if excess > _STRAINED:
         warnings.insert(
             0,
-            f'the residuals of the motion are {excess:.2g} times the noise of the readings, and '
-            'standard deviations are too small; record a slower soliton, or select a part of the '
-            'recording by --begin and --end',
+            f'the residuals of the motion are {excess:.2g} times the noise of the readings, so '
+            'that the standard deviations are too small; record a slower soliton, or select a '
+            'part of the recording by --begin and --end',
         )
     return Identification(
         chain=chain,
@@ -396,7 +399,7 @@ def _by_bonds(
     moved: BarMotion | None,
     unused_frames: int,
 ) -> Identification:
-    """Return the chain from the closure of its bonds, with masses and drag if bars move freely."""
+    """Return the chain from the closure of its bonds, with masses and drag of free motions."""
     deviations = split_lengths(found.deviations)
     offsets = deviations.pop('offset')
     chain = found.lengths.scaled(given.spacing).chain(given)
@@ -423,8 +426,9 @@ def _by_bonds(
         excess = found.noise / max(reading_noise, LEAST_NOISE)
         warnings.append(
             f'bonds do not close: their misclosures are {excess:.2g} times the noise of the '
-            'readings, and standard deviations are too small. A fast soliton strains springs, and '
-            'pivots may have play; record a slower soliton, with its kick before the first frame'
+            'readings, so that the standard deviations are too small. Possible causes are a fast '
+            'soliton, which strains springs, and play in pivots; record a slower soliton, and '
+            'kick it before the first frame'
         )
     usual = float(np.median(found.bond_noise))
     warnings += [

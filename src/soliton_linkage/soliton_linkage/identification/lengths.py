@@ -1,12 +1,13 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Lengths of a chain and offsets of its encoders: the unknowns, their prior and initial values.
+"""Unknown lengths of a chain and offsets of its encoders, their prior and their initial values.
 
 The order of the unknowns is r_0, o_0, a_0, l_0, r_1, o_1, a_1, l_1, ..., r_{N-1}, o_{N-1}. The six
 unknowns of a bond are then consecutive: r_n, o_n, a_n, l_n, r_{n+1}, o_{n+1}. A change of a length
-means the change of its logarithm [1]. A change of an offset is in [rad].
+is the change of its logarithm [1]; a change of an offset is in [rad].
 
-In the prior, logarithms of lengths of one kind have a normal distribution about their common mean,
-and offsets about 0. The standard deviations of this prior, called tolerances, are estimated.
+In the prior, the logarithms of all lengths of one kind have a normal distribution about their
+common mean, and offsets about 0. The standard deviations of this prior are called tolerances and
+are estimated.
 """
 
 from __future__ import annotations
@@ -19,9 +20,9 @@ import numpy as np
 from soliton_linkage.linkage.chain import Array, Chain
 
 UNKNOWNS_PER_ROTOR = 4
-"""Unknowns from one rotor to the next [1]: r, o, a and l."""
+"""Number of unknowns per rotor [1]: r, o, a and l."""
 UNKNOWNS_PER_BOND = 6
-"""Unknowns that determine the length of a bond [1]."""
+"""Number of unknowns that affect a bond [1]."""
 _LONGEST_STEP = 0.2
 """Largest change of a logarithm or offset in one step [1], [rad]."""
 
@@ -45,7 +46,7 @@ class Lengths:
         return len(self.rotor_lengths)
 
     def changed(self, change: Array) -> Lengths:
-        """Return the lengths after a change of the unknowns, which is limited in size."""
+        """Return the lengths after a change of the unknowns, limited to `_LONGEST_STEP`."""
         largest = float(np.abs(change).max(initial=0.0))
         rotor, offset, spacing, rest = split(change * min(1.0, _LONGEST_STEP / max(largest, 1e-9)))
         return Lengths(
@@ -68,7 +69,8 @@ class Lengths:
     def chain(self, template: Chain) -> Chain:
         """Return a chain with these lengths and all other parameters of a template.
 
-        Its parameters are the means of the lengths. Deviations are fractions of these means.
+        The parameters of the chain are the means of the lengths; its deviations are relative to
+        them.
         """
         spacing, length = float(self.spacings.mean()), float(self.rotor_lengths.mean())
         rest = float(self.rest_lengths.mean())
@@ -108,12 +110,12 @@ def split_lengths(unknowns: Array) -> dict[str, Array]:
 
 
 _PASSING = 0.2
-"""Smallest difference of the sines of neighbours near a wall, relative to the usual maximum
+"""Smallest difference of the sines of neighbours near a wall, relative to a typical maximum
 [1]."""
 
 
 def initial_lengths(angles: Array) -> Lengths:
-    """Return lengths of equal rotors on pivots a distance of 1 apart, for angles [rad], (T, N).
+    """Return lengths of equal rotors with spacing 1 that fit angles [rad], shape (T, N).
 
     The bond of equal rotors closes if
 
@@ -135,8 +137,8 @@ def initial_lengths(angles: Array) -> Lengths:
     constant = float(np.median(constants))
     if ratio < 0:
         raise ValueError(
-            'the angles are those of a chain viewed from behind; name the joints from the '
-            'first rotor to the last, and measure angles from upright towards the last rotor'
+            'the angles are those of a chain seen from behind; name the joints from the first '
+            'rotor to the last, and measure angles from upright towards the last rotor'
         )
     squared = ratio**2 + 2 * (1 - constant)
     if not squared > ratio**2 > 0:
@@ -152,9 +154,9 @@ def initial_lengths(angles: Array) -> Lengths:
 
 
 _INITIAL = 0.04
-"""Initial tolerances [1], [rad]; with larger values single lengths diverge at first."""
+"""Initial tolerances [1], [rad]; with larger values, single lengths diverge in the first steps."""
 _SMALLEST, _LARGEST = 1e-4, 0.3
-"""Limits of the tolerances [1], [rad]; workshops achieve ten times the lower limit."""
+"""Limits of the tolerances [1], [rad]; typical machining achieves ten times the lower limit."""
 
 
 @dataclass(frozen=True)
@@ -179,7 +181,7 @@ class Tolerances:
         return information
 
     def is_close(self, other: Tolerances, fraction: float) -> bool:
-        """Return whether both tolerances differ from others by at most a fraction [1]."""
+        """Return whether both tolerances equal those of `other` up to a fraction [1]."""
         return (
             abs(self.lengths - other.lengths) <= fraction * other.lengths
             and abs(self.offsets - other.offsets) <= fraction * other.offsets

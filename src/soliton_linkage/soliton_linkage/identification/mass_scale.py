@@ -4,8 +4,8 @@
 Free motion determines masses and stiffnesses except for a common factor. An angular impulse J_n
 changes the rate of rotor n by J_n / (M m_n r_n^2), with the mean mass M. A least-squares fit to
 the readings near a sequence of impulses estimates M, the state before the impulses, and their
-delay. A torque is treated as one impulse per frame. For long torques, the initial value of M comes
-from the work of the impulses, because nearly all work becomes kinetic energy. The changes of the
+delay. A torque is treated as one impulse per frame. The initial value of M follows from the work
+of the impulses, nearly all of which becomes kinetic energy. For long torques, the changes of the
 rates would give a wrong initial value, because the chain moves far from its free motion.
 """
 
@@ -31,14 +31,15 @@ from soliton_linkage.identification.windows import FreeWindow
 from soliton_linkage.linkage.chain import Array
 
 _BEFORE = 50
-"""Number of frames before the impulses in the fit [1]; at 2x, rates are 3 times as precise."""
+"""Number of frames before the impulses that are fitted [1]; at 2x, rates are 3 times as
+precise."""
 _AFTER = 25
-"""Number of frames after the impulses in the fit [1]; they show most of the effect."""
+"""Number of frames after the impulses that are fitted [1]; they show most of the effect."""
 _MOST = 5
 """Largest number of sequences of impulses in the fit [1]; each takes a second."""
 _LONGEST = 500
-"""Largest number of frames between free motions [1]. For longer gaps, the motion before the
-impulses does not determine the motion after them."""
+"""Largest number of frames between two free motions [1]. After a longer time, the motion before
+the impulses no longer determines the motion after them."""
 
 
 def mass_scale(
@@ -46,8 +47,8 @@ def mass_scale(
 ) -> tuple[float, float] | None:
     """Estimate the mean mass [kg] and the standard deviation of its logarithm [1].
 
-    Return None if no known impulses act between two free motions. `motion` is a fit to the
-    readings; the mean spacing of pivots [m] defines its unit of length.
+    Return None if no known impulses act between two free motions. `fitted` is a fit to the
+    readings; its unit of length is the mean spacing of the pivots [m].
     """
     found: list[tuple[float, float, float]] = []
     for before, after in pairwise(fitted.windows):
@@ -66,9 +67,9 @@ def mass_scale(
 def _impulses_between(
     readings: Readings, before: FreeWindow, after: FreeWindow
 ) -> list[tuple[float, Array]]:
-    """Return times and values of the impulses between windows.
+    """Return times and values of the impulses between two windows.
 
-    Return none if an impulse is unknown or if they last too long.
+    The list is empty if an impulse is unknown or if the impulses last too long.
     """
     first, last = before.frames.stop, after.frames.start
     begin, end = readings.times[first - 1], readings.times[last]
@@ -90,7 +91,7 @@ def _by_impulses(
 ) -> tuple[float, float, float] | None:
     """Return log(1 / M), its variance from the readings, and its variance from the chain.
 
-    Return None if rates and energy change in the opposite sense.
+    Return None if the changes of rates and of energy have opposite signs.
     """
     times = readings.times
     first, last = before.frames.stop, after.frames.start
@@ -142,7 +143,7 @@ def _by_impulses(
 
 
 def _work(times: Array, angles: Array, impulses: Sequence[tuple[float, Array]]) -> float:
-    """Return the work of impulses on rotors with given angles [J], infinite if it is 0."""
+    """Return the work of impulses while the rotors have given angles [J]; infinite if it is 0."""
     rates = np.gradient(angles, times, axis=0)
     frames = np.searchsorted(times, [time for time, _ in impulses])
     work = float(np.sum(np.array([values for _, values in impulses]) * rates[frames]))

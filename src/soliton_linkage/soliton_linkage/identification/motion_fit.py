@@ -1,15 +1,15 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Estimation of a chain and its forces from the free motion of springs in all frames.
+"""Estimation of a chain of springs and its forces from its free motion in all frames.
 
 Springs near a moving wall are strained in proportion to the square of its speed, so that bonds do
-not close. The equation of motion gives all angles from the initial state. The most likely chain
-minimises the squared differences between these angles and the readings. Frames are divided into
-windows with separate initial states, so that angles are nearly linear in all unknowns (multiple
-shooting, after Bock). Windows grow as the estimate improves, and end at impulses.
+not close. The equation of motion determines all angles from the initial state. The most likely
+chain minimises the squared differences between these angles and the readings. Frames are divided
+into windows with separate initial states, so that angles are nearly linear in all unknowns
+(multiple shooting, after Bock). Windows grow as the estimate improves, and end at impulses.
 
 The initial states are eliminated from the normal equations of the chain.
-`scipy.optimize.least_squares` is not used, because it needs the Jacobian of all unknowns, 10 GB
-for 3000 frames of 40 rotors.
+`scipy.optimize.least_squares` is not used, because its Jacobian of all unknowns takes 10 GB for
+3000 frames of 40 rotors.
 """
 
 from __future__ import annotations
@@ -46,10 +46,11 @@ _GROWTH_MASS_DEVIATION = 0.03
 two of ten fits of wobbling flippers converged to a local minimum, with stiffness errors of 8 to 10
 %."""
 _STEPS = 6
-"""Largest number of steps with windows of one length [1]; 2 or 3 are usual."""
+"""Largest number of steps with windows of one length [1]; usually 2 or 3 are taken."""
 _LAST_STEPS = 40
-"""Largest number of steps with the longest windows for given tolerances [1]. 2 to 6 steps are
-usual; 20 are needed if lengths and stiffnesses compensate each other along curved valleys."""
+"""Largest number of steps with the longest windows for given tolerances [1]. Usually 2 to 6 steps
+are taken; 20 are needed in curved valleys of the cost, along which lengths and stiffnesses
+compensate each other."""
 _ROUNDS = 4
 """Largest number of estimates of the tolerances [1]."""
 _CONVERGED = 0.1
@@ -66,19 +67,20 @@ _SAMPLES = 4
 """Number of samples of the posterior [1]. Sensitivity: at 0.5x, the time is half as long, and the
 uncertainty of standard deviations is 1.4 times as large."""
 _SAMPLED_STEPS = 20
-"""Largest number of steps for a sample [1]; 3 to 10 are usual."""
+"""Largest number of steps for a sample [1]; usually 3 to 10 are taken."""
 _FITTING = 0.5
-"""Largest rms difference between motion and readings of a window that can be merged [rad]. It is a
-third of the rotation of a rotor by a wall, from which least squares still converges."""
+"""Largest rms difference between motion and readings with which a window can be merged [rad].
+Least squares converges from this value, a third of the rotation of a rotor by a wall."""
 UNEXPLAINED = 1.5
 """Ratio of residual noise to reading noise above which the model does not explain the readings
 [1]. The posterior is then not sampled, because this would take most of the time."""
 _SIGNIFICANT = 3.0
-"""Significant difference of the residuals of bars and springs, in standard deviations [1]."""
+"""Number of standard deviations above which residuals of bars and springs differ significantly
+[1]."""
 _SIGNIFICANT_STAMPS = 6.0
-"""Variance of the errors of stamps over its standard deviation that is significant [1]."""
+"""Number of standard deviations above which the variance of stamp errors is significant [1]."""
 _DAMPINGS = 12
-"""Damping factors that are tried for one step [1]; the last is 100."""
+"""Number of damping factors that are tried for one step [1]; the last factor is 100."""
 _DAMPED = 1e-3
 """Damping factor above which a small expected gain may be due to a short step [1]."""
 
@@ -93,9 +95,9 @@ class MotionFit:
     information: Array
     """Information of the readings on the same unknowns, without the prior."""
     basis: Array
-    """Orthonormal changes of a chain that keep the mean spacing and the mean mass."""
+    """Orthonormal changes of a chain with constant mean spacing and mean mass."""
     noise: float
-    """Standard deviation of a reading by the residuals [rad]."""
+    """Standard deviation of a reading, from the residuals [rad]."""
     residuals: Array
     """Residuals divided by the relative deviations of the readings [rad], 0 if missing, (T, N)."""
     prior: MotionPrior
@@ -140,7 +142,7 @@ class MotionFitter:
         self._basis = observable_changes(motion, gravity_known)
 
     def fit(self, bar_noise: float) -> MotionFit | None:
-        """Fit the chain to all readings; None if bars, with a noise [rad], fit as well."""
+        """Fit the chain to all readings; return None if bars with a noise [rad] fit as well."""
         if not self._begin(bar_noise):
             return None
         while (windows := merge_windows(self._windows, self._fits)) != self._windows:
@@ -178,7 +180,7 @@ class MotionFitter:
         )
 
     def _samples(self) -> Array:
-        """Return changes to chains that are samples of the posterior, (S, Q - 2 N).
+        """Return S samples of the posterior, as changes of the chain, shape (S, Q - 2 N).
 
         For each sample, random errors are added to the readings and to the prior mean, and the
         cost is minimised again. If motions are linear in all unknowns, these are exact samples of
@@ -223,23 +225,23 @@ class MotionFitter:
         return bool(found)
 
     def _squared_noise(self) -> float:
-        """Return the variance of readings by the residuals [rad^2]."""
+        """Return the variance of readings from the residuals [rad^2]."""
         squares = sum(float(np.sum(self._whitened(window) ** 2)) for window in self._windows)
         return float(squares / max(self._freedom() - self._motion.slices.forces.stop, 1.0))
 
     def _freedom(self) -> float:
-        """Return the number of independent readings beyond those that determine initial states."""
+        """Return the number of independent readings, less those that initial states require."""
         counts = (self._counts(window).sum(axis=0) for window in self._windows)
         return sum(float(np.maximum(each - 2, 0).sum()) for each in counts)
 
     def _counts(self, window: FreeWindow) -> Array:
-        """Return the weight of each reading in independent readings [1], (T, N)."""
+        """Return the number of independent readings that each reading counts as [1], (T, N)."""
         return np.asarray(self._seen(window) / self._repeats[window.frames])
 
     def _scatter(self) -> float:
         """Return the standard deviation of the ratio of the variances of bars and springs [1].
 
-        Per frame the two models differ in one independent number.
+        The two models differ by one independent number per frame.
         """
         count = sum(float(self._counts(window).sum()) for window in self._windows)
         return math.sqrt(2 / (count * self._rotors))
@@ -255,7 +257,7 @@ class MotionFitter:
         return np.asarray(residuals / self._deviations[window.frames])
 
     def _whitened(self, window: FreeWindow, residuals: Array | None = None) -> Array:
-        """Return the residuals of a window without the part by errors of stamps, 0 if missing."""
+        """Return the residuals of a window without the effect of stamp errors, 0 if missing."""
         if residuals is None:
             residuals = self._residuals(window)
         errors = np.nan_to_num(residuals)
@@ -265,15 +267,15 @@ class MotionFitter:
         return errors
 
     def _pulls(self, window: FreeWindow) -> Array:
-        """Return the rates over the deviations of readings in a window [1/s], (T, N)."""
+        """Return the rates over the relative deviations of readings in a window [1/s], (T, N)."""
         rates = states_at(window.motion, self._times[window.frames])[:, 1]
         return np.asarray(rates / self._deviations[window.frames])
 
     def _correct_stamps(self) -> bool:
         """Estimate the errors of stamps; return whether they are significant.
 
-        The delay of each frame follows from its residuals along the rates. Errors of the model
-        give delays that change slowly, so that the variance follows from second differences.
+        The component of the residuals along the rates gives the delay of each frame. Model errors
+        cause slowly varying delays, so that the variance is computed from second differences.
         """
         delays, weights = np.zeros((2, len(self._times)))
         sums, squares = 0.0, 0.0
@@ -300,7 +302,7 @@ class MotionFitter:
         return True
 
     def _fits(self, window: FreeWindow, frames: slice) -> bool:
-        """Whether the motion of a window is close to the readings of its last frames."""
+        """Return whether the motion of a window is close to the readings of some later frames."""
         errors = self._residuals(window)[frames.start - window.frames.start :]
         errors = errors * self._deviations[frames]
         return bool(np.nansum(errors**2) < _FITTING**2 * len(errors))
@@ -377,11 +379,12 @@ class MotionFitter:
 
 
 def inflated_covariance(covariance: Array, samples: Array, at: UnknownSlices) -> Array:
-    """Return the covariance of a chain, (P, P), inflated to the spread of samples, (S, P).
+    """Return the covariance of a chain, (P, P), inflated to the scatter of samples, (S, P).
 
-    Lengths, stiffnesses and masses compensate each other along curved valleys, so that samples
-    scatter more than the first-order covariance. Because there are few samples, only three factors
-    are estimated: for lengths and offsets, for stiffnesses, and for masses. Each is at least 1.
+    Lengths, stiffnesses and masses compensate each other along curved valleys of the cost, so that
+    samples scatter more than the first-order covariance states. Because there are few samples,
+    only three factors are estimated: for lengths and offsets, for stiffnesses, and for masses.
+    Each is at least 1.
     """
     variances, factors = np.diag(covariance), np.ones(len(covariance))
     for part in (at.lengths, at.stiffnesses, at.masses):

@@ -1,15 +1,15 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Order and mounting of encoders, by the curve that the angles of each two neighbours follow.
+"""Order and mounting of encoders, from the curve that the angles of two neighbours follow.
 
 The bond of two neighbours closes if
 
     cos(phi_1 - phi_2) = K_0 + K_1 sin(phi_2) - K_2 sin(phi_1),
     K_0 = (a^2 + r_1^2 + r_2^2 - l^2) / (2 r_1 r_2),    K_1 = a / r_1,    K_2 = a / r_2,
 
-(Freudenstein's equation of four-bar linkages), with K_1, K_2 > 0. If the second angle is half a
-turn off, K_0 and K_1 change their signs. If it is reversed, the angles follow another curve, or
-belong to a bond that no wall can pass: for equal rotors its K_0 is near 1. The same holds for the
-angles of rotors that are no neighbours.
+(Freudenstein's equation of four-bar linkages), with K_1, K_2 > 0. If the second angle has an error
+of half a turn, K_0 and K_1 change their signs. If its sign is reversed, the angles follow another
+curve, or a curve of a bond that no wall can pass: for equal rotors its K_0 is near 1. The same
+holds for the angles of two rotors that are not neighbours.
 """
 
 from __future__ import annotations
@@ -23,36 +23,37 @@ from numpy.typing import NDArray
 from soliton_linkage.linkage.chain import Array
 
 _LARGEST_MISFIT = 0.04
-"""Misfit of inner neighbours above which a bond that no wall passes is no bond [rad]."""
+"""Misfit of inner neighbours [rad], above which a bond that no wall can pass is not accepted."""
 _LEAST_SWING = 0.15
-"""Smallest range of sin(phi) of rotors that a wall has passed, over the median [1]."""
+"""Smallest range of sin(phi) of a rotor that a wall has passed, relative to the median [1]."""
 _QUANTILES = 0.02, 0.98
-"""Quantiles of sin(phi) whose difference is its range."""
+"""Quantiles of sin(phi); the range is their difference."""
 _WEIGHTINGS = 4
-"""Fits of a curve with weights that follow from the fit before [1]."""
+"""Number of fits of a curve, with weights from the previous fit [1]."""
 _FLATTEST = 0.1
-"""Smallest slope of the equation by the angles [1]; with a smaller one single frames dominate."""
+"""Smallest derivative of the equation by the angles [1]; at smaller values single frames would
+dominate."""
 _BETTER = 0.8
-"""Misfit of a better curve over the misfit of the readings as they are [1]."""
+"""Largest misfit of a better curve, relative to that of the readings as recorded [1]."""
 _AS_GOOD = 1.25
-"""The same, if no wall passes the bond of the readings as they are [1]."""
+"""The same, if no wall can pass the bond of the readings as recorded [1]."""
 _IMPASSABLE = 0.95
-"""Square of the length l over its limit [1] below which no wall passes a bond. Noise changes the
-limit by 0.03."""
+"""Square of l relative to its limit [1], below which no wall can pass a bond; noise changes it by
+0.03."""
 _MOST_WRONG = 1 / 4
-"""Largest fraction of rotors that are named one by one [1]."""
+"""Largest fraction of rotors that an error names one by one [1]."""
 
 
 class Mounting(NamedTuple):
-    """Relation of readings and angles, or of one rotor to another."""
+    """Mounting of an encoder, or of one encoder relative to another."""
 
     reversed: bool = False
     turned: bool = False
-    """Whether the zero is half a turn off."""
+    """Whether the zero has an error of half a turn."""
 
     @property
     def remedy(self) -> str:
-        """Formula of the angle, given a reading phi."""
+        """Formula of the angle for a reading phi."""
         return {
             (False, True): 'phi - pi',
             (True, False): '-phi',
@@ -62,22 +63,22 @@ class Mounting(NamedTuple):
 
 class _Curve(NamedTuple):
     mounting: Mounting
-    """Second rotor relative to the first."""
+    """Mounting of the second encoder relative to the first."""
     misfit: float
     """Root mean square distance of the readings from the curve [rad]."""
     room: float
-    """Square of l over its smallest value in a bond that a wall passes [1]."""
+    """Square of l, relative to its smallest value in a bond that a wall can pass [1]."""
     backward: bool
-    """Whether the first rotor follows the second one, or both are turned."""
+    """Whether the two joints are exchanged, or both have an error of half a turn."""
 
     @property
     def strange(self) -> bool:
-        """Whether no bond has this curve."""
+        """Whether no bond can have this curve."""
         return self.room < _IMPASSABLE and self.misfit > _LARGEST_MISFIT
 
 
 def check_mounting(readings: Array, names: Sequence[str]) -> None:
-    """Raise ValueError for swapped joints and for single rotors with a wrong sign or half a turn.
+    """Raise ValueError for exchanged joints, wrong signs, and errors of half a turn.
 
     Readings [rad] have the shape (T, N).
     """
@@ -103,7 +104,7 @@ def check_mounting(readings: Array, names: Sequence[str]) -> None:
         return
     faults = []
     for rotor, mounting in wrong.items():
-        how = 'is mounted backwards' if mounting.reversed else 'is half a turn off'
+        how = 'is mounted backwards' if mounting.reversed else 'has an error of half a turn'
         faults.append(f'{names[rotor]} {how}: publish {mounting.remedy} for it')
     rotor, last = min(wrong), readings.shape[1] - 1
     hint = ''
@@ -128,12 +129,12 @@ def check_neighbours(readings: Array, names: Sequence[str]) -> None:
 
 
 def _isolated(rotors: list[int], count: int) -> bool:
-    """Whether no two of some rotors are neighbours, and they are few."""
+    """Return whether some rotors are few and none of them are neighbours."""
     return len(rotors) <= _MOST_WRONG * count and bool((np.diff(rotors) > 1).all())
 
 
 def _wrong_rotors(curves: Sequence[_Curve]) -> dict[int, Mounting]:
-    """Return the rotors that are mounted unlike most, and their mountings."""
+    """Return the rotors whose mounting differs from that of most rotors, and their mountings."""
     states = [Mounting()]
     for curve in curves:
         relative = zip(states[-1], curve.mounting, strict=True)
@@ -147,7 +148,7 @@ def _wrong_rotors(curves: Sequence[_Curve]) -> dict[int, Mounting]:
 
 
 def _curves(readings: Array) -> list[_Curve]:
-    """Return the curve of each bond; bonds that no wall has passed are as they should be."""
+    """Return the curve of each bond, without a fault for bonds that no wall has passed."""
     low, high = np.quantile(np.sin(readings), _QUANTILES, axis=0)
     swings = high - low > _LEAST_SWING * np.median(high - low)
     return [
@@ -159,7 +160,7 @@ def _curves(readings: Array) -> list[_Curve]:
 
 
 def _curve(first: Array, second: Array) -> _Curve:
-    """Return the better one of the curves of the readings as they are and with one reversed."""
+    """Return the better of two curves: as recorded, and with the second rotor reversed."""
     plain = _fitted(first, second, False)
     other = _fitted(first, -second, True)
     passable = other.room > _IMPASSABLE
@@ -189,25 +190,25 @@ def _fitted(first: Array, second: Array, is_reversed: bool) -> _Curve:
 
 
 _CHECKED_FRAMES = 9
-"""Number of frames whose unit is checked [1]."""
+"""Number of frames in which the unit is checked [1]."""
 _SMALLEST_IN_DEGREES = 4.0
-"""Value that every frame in degrees exceeds, because one of two neighbours has 90 or more."""
+"""Value that every frame in degrees exceeds, because one of two neighbours is at 90 or more."""
 _LARGEST_STAGGER = 0.2
-"""Largest median of 1 + cos(phi_n + phi_{n+1}) in the right unit [1], even if a wall covers half
-the chain. Degrees that are read as radians give 0.4 or more."""
+"""Largest median of 1 + cos(phi_n + phi_{n+1}) for angles in radians [1], even if a wall covers
+half the chain. Degrees give 0.4 or more."""
 
 
 def check_unit(readings: Array) -> None:
-    """Raise ValueError if most of some frames look like degrees; readings (T, N) [rad]."""
+    """Raise ValueError if most of the checked frames seem to be in degrees; readings (T, N)."""
     some = readings[:: max(1, len(readings) // _CHECKED_FRAMES)]
     if np.mean([in_degrees(frame) for frame in some]) > 0.5:
         raise ValueError('the angles look like degrees; publish radians')
 
 
 def in_degrees(angles: Array) -> bool:
-    """Return whether angles fit a chain only if they are read as degrees.
+    """Return whether angles fit a chain only in degrees.
 
-    Most neighbours of any chain satisfy phi_n + phi_{n+1} = pi.
+    In any chain most neighbours satisfy phi_n + phi_{n+1} = pi.
     """
     largest = np.nanmax(np.abs(angles), initial=0.0)
     return bool(

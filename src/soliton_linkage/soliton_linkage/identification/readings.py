@@ -1,10 +1,10 @@
 # SPDX-License-Identifier: Apache-2.0
 """Readings of a recording: angles with standard deviations, impulses and tilts.
 
-Readings that are rounded to multiples of q have uniform errors of variance q^2 / 12. If an angle
-changes by more than q from frame to frame, these errors are independent, like noise (B. Widrow, I.
-Kollar, Quantization Noise, Cambridge, 2008). While a rotor is at rest, all its readings have the
-same error.
+Rounding to multiples of q causes uniform errors of variance q^2 / 12. If an angle changes by more
+than q from frame to frame, these errors are independent, like noise (B. Widrow, I. Kollar,
+Quantization Noise, Cambridge, 2008). While a rotor is at rest, all its readings have the same
+error.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ from soliton_linkage.linkage.chain import Array
 from soliton_linkage.linkage.gravity import NO_GRAVITY, Gravity
 
 _FEWEST_ROTORS = 4
-"""Smallest number of rotors [1], because the bonds at the edges give little information."""
+"""Smallest number of rotors [1]; the bonds at the edges contain little information."""
 _LEAST_PRESENT = 0.5
 """Smallest fraction of frames with a reading of a rotor [1]."""
 _MOST_NAMED = 4
@@ -31,7 +31,8 @@ _MOST_NAMED = 4
 _PAUSE = 1.0
 """Time between joined recordings [s]."""
 _LARGEST_RELATIVE_DEVIATION = 100.0
-"""Limit of the standard deviation of a reading, relative to the usual one [1]."""
+"""Largest ratio of the standard deviation of a reading to the typical one, and of the inverse
+[1]."""
 
 
 class RecordedImpulse(NamedTuple):
@@ -59,7 +60,7 @@ class Readings:
     times: Array
     """Times of the frames [s], shape (T,)."""
     angles: Array
-    """Readings as they were recorded [rad], NaN if missing, shape (T, N)."""
+    """Recorded readings [rad], NaN if missing, shape (T, N)."""
     deviations: Array | None = None
     """Reported standard deviation of each reading [rad], NaN if unknown, (T, N)."""
     names: Sequence[str] = ()
@@ -104,7 +105,7 @@ class Readings:
 
     @cached_property
     def relative_deviations(self) -> Array:
-        """Ratio of each standard deviation to the usual one [1], 1 if unknown, shape (T, N)."""
+        """Ratio of each standard deviation to the typical one [1], 1 if unknown, shape (T, N)."""
         deviations = self.deviations
         if deviations is None:
             return np.ones_like(self.angles)
@@ -184,13 +185,14 @@ def join_recordings(recordings: Sequence[Readings]) -> Readings:
 
 
 _SMALLEST_STEP = 1e-9
-"""Smallest step of readings that are rounded [rad]; smaller ones are numerical."""
+"""Smallest step of rounded readings [rad]; smaller steps are rounding errors of the computer."""
 
 
 def rounding_noise(readings: Array) -> float:
-    """Return the standard deviation of rounding to the smallest step of readings, (T, N) [rad].
+    """Return the standard deviation due to rounding of readings [rad], shape (T, N).
 
-    It is 0 if readings do not change.
+    The smallest change of a reading is the rounding step. The result is 0 if readings do not
+    change.
     """
     steps = np.abs(np.diff(readings, axis=0))
     smallest = float(steps[steps > _SMALLEST_STEP].min(initial=np.inf))
@@ -198,10 +200,10 @@ def rounding_noise(readings: Array) -> float:
 
 
 def repeat_counts(readings: Array) -> Array:
-    """Return the length of the run of equal readings for each reading [1], (T, N).
+    """Return, for each reading, the length of its run of equal readings [1], shape (T, N).
 
-    Gaps are ignored. A run contains as much information as one reading, so that the variances are
-    multiplied by its length.
+    Gaps are ignored. A run contains the information of one reading, so that variances are
+    multiplied by this length.
     """
     counts = np.ones_like(readings)
     for column, values in zip(counts.T, readings.T, strict=True):
@@ -213,19 +215,19 @@ def repeat_counts(readings: Array) -> Array:
 
 
 _NEAR = 100
-"""Frames before an impulse, and after it, that are kept [1]."""
+"""Number of frames before an impulse, and after it, that are kept [1]."""
 _NEAR_IMPULSES = 0.5
 """Largest fraction of the kept frames that are near impulses [1]."""
 _AVERAGED = 8
-"""Frames of a moving average, by which turning rotors are recognised [1]."""
+"""Number of frames of the moving average that shows turning rotors [1]."""
 _TURNING = 0.05
-"""Change between averages of a turning rotor [rad]. With a noise of 0.03 rad one of 40 rotors at
-rest exceeds it in one of thirty recordings."""
+"""Change between two averages that shows a turning rotor [rad]. With a noise of 0.03 rad, rotors
+at rest exceed it in one of thirty recordings of 40 rotors."""
 _AT_REST = 0.1
-"""Density of kept frames without a turning rotor, relative to others [1]. A tenth of these frames
-suffices to determine offsets and bonds."""
+"""Density of kept frames in which no rotor turns, relative to that of other frames [1]. A tenth of
+these frames suffices to determine offsets and bonds."""
 _FILLINGS = 5
-"""Redistributions of densities that exceed one frame [1]."""
+"""Number of redistributions of densities that exceed 1 [1]."""
 
 
 def informative_frames(
@@ -233,9 +235,9 @@ def informative_frames(
 ) -> NDArray[np.intp]:
     """Return the numbers of the most informative frames, at most `most`, shape (K,), in order.
 
-    All frames near impulses are kept, because they show the rates before and after. Other frames
-    are kept with a larger density in time while a rotor turns. Angles [rad] are NaN if missing,
-    (T, N), at times [s], (T,), with impulses at times [s].
+    All frames near impulses are kept, because they show the rates before and after. The density of
+    the other kept frames is larger while a rotor turns. Angles [rad], (T, N), NaN if missing, are
+    at times [s], (T,); `impulses` are times of impulses [s].
     """
     if len(times) <= most:
         return np.arange(len(times))

@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """Checks of a recording before identification, and of the residuals afterwards.
 
-All rotors on one side of a wall lean to the same side. The staggered angles of the two sides are
-symmetric about 0, or about pi for all rotors, for any lengths.
+All rotors on one side of a wall lean in the same direction. For any lengths, the staggered angles
+on the two sides of the wall are symmetric about 0, or about pi for all rotors.
 """
 
 from __future__ import annotations
@@ -25,48 +25,48 @@ from soliton_linkage.identification.readings import (
 from soliton_linkage.linkage.chain import Array, staggered
 
 _LEANING = 0.5
-"""sin(phi) of a rotor that clearly leans to one side, over its median [1]."""
+"""Smallest |sin(phi)| of a rotor that clearly leans to one side, relative to its median [1]."""
 _FAR_OFF = 2.0
-"""Error beyond which a rotor belongs to another place of the chain [rad]."""
+"""Zero error above which a joint belongs to another position in the chain [rad]."""
 _LARGEST_ZERO_ERROR = 0.5
-"""Largest zero error of an encoder with which least squares converges [rad]. Deviations of 5 % in
-every length and offsets of 0.05 rad appear as zero errors of 0.3 rad."""
+"""Largest zero error of an encoder for which least squares converges [rad]. Deviations of 5 % in
+every length with offsets of 0.05 rad look like zero errors of 0.3 rad."""
 _TRIMMINGS = 6
 """Iterations of the robust mean angle at rest [1]."""
 _SHARPNESS = 20.0
-"""Sharpness of its weights, 1 / (0.22 rad)^2 [1/rad^2]."""
+"""Sharpness of the weights of this mean, 1 / (0.22 rad)^2 [1/rad^2]."""
 
 
 def check_motion(readings: Array, names: Sequence[str]) -> None:
-    """Raise ValueError unless a wall passes all rotors, in their order; readings (T, N) [rad]."""
+    """Raise ValueError unless a wall passes all rotors in their order; readings [rad], (T, N)."""
     check_mounting(readings, names)
     check_zeros(readings, names)
     inner = _leaning_over(readings)[1:-1]
     if not inner.any():
         raise ValueError(
-            'no soliton passes in this recording: no rotor leans over from one side to the '
-            'other; nudge the chain while it records'
+            'no soliton passes in this recording, because no rotor changes its side; nudge the '
+            'chain during the recording'
         )
     if not inner.all():
         still = 1 + np.flatnonzero(~inner)
         between = np.convolve(inner, [1, 0, 1], 'same')[still - 1] == 2
         if between.any():
             raise ValueError(
-                f'{names[int(still[np.argmax(between)])]} does not lean over although the soliton '
-                'passes both its neighbours: it is held, or the zero of its encoder is wrong by '
-                'more than it leans; free it and set the zero'
+                f'{names[int(still[np.argmax(between)])]} does not change its side although the '
+                'soliton passes both neighbours: the rotor is held, or the zero error of its '
+                'encoder exceeds its lean; release the rotor and set the zero'
             )
         raise ValueError(
             f'the soliton passes only {len(inner) - still.size} of {len(inner)} inner rotors, '
-            f'not {names[int(still[0])]}; record until it has been at both edges'
+            f'not {names[int(still[0])]}; record until it has reached both edges'
         )
     check_neighbours(readings, names)
 
 
 def check_zeros(readings: Array, names: Sequence[str]) -> None:
-    """Raise ValueError for inner rotors whose mean angle on both sides of a wall is not upright.
+    """Raise ValueError for inner rotors whose mean angle over both sides of a wall is not upright.
 
-    Edge rotors of flippers toggle and have two angles on each side.
+    Edge rotors are excluded, because those of flippers toggle between two angles on each side.
     """
     errors = _zero_errors(readings)
     wrong = 1 + np.flatnonzero(np.abs(errors[1:-1]) > _LARGEST_ZERO_ERROR)
@@ -80,10 +80,10 @@ def check_zeros(readings: Array, names: Sequence[str]) -> None:
 
 
 def _zero_errors(readings: Array) -> Array:
-    """Return the approximate error of the staggered angles of each rotor [rad], shape (N,).
+    """Return the approximate zero error of each encoder, in staggered angles [rad], shape (N,).
 
-    For flippers it is the mean of both sides, which depends on offsets and not on lengths.
-    Spinners turn by half a turn, so that both sides have the same error.
+    For flippers it is the mean of both sides, which depends on offsets and not on lengths. Rotors
+    of spinners make half a turn, so that both sides have the same error.
     """
     sine = np.sin(readings)
     clear = np.abs(sine) > _LEANING * np.median(np.abs(sine), axis=0)
@@ -101,7 +101,7 @@ def _zero_errors(readings: Array) -> Array:
 def _direction_at_rest(
     turns: NDArray[np.complex128], some: NDArray[np.bool_]
 ) -> NDArray[np.complex128]:
-    """Return the usual direction of each rotor in some frames, 0 without frames, (N,)."""
+    """Return the most frequent direction of each rotor in some frames, 0 without frames, (N,)."""
     weights = some.astype(np.float64)
     for _ in range(_TRIMMINGS):
         means = np.sum(turns * weights, axis=0)
@@ -111,27 +111,29 @@ def _direction_at_rest(
 
 
 def _leaning_over(readings: Array) -> NDArray[np.bool_]:
-    """Return which rotors clearly lean to both sides, shape (N,)."""
+    """Return which rotors clearly lean to both sides during the recording, shape (N,)."""
     sine = np.sin(readings)
     clear = np.abs(sine) > _LEANING * np.median(np.abs(sine), axis=0)
     return np.asarray((clear & (sine > 0)).any(axis=0) & (clear & (sine < 0)).any(axis=0))
 
 
 LEAST_NOISE = 1e-4
-"""Smallest noise with which a motion is fitted [rad]."""
+"""Smallest noise assumed in the fit of a motion [rad]."""
 _OUTLIER = 7.0
-"""Distance of a wrong reading from a smooth motion, over its standard deviation [1]."""
+"""Distance of a wrong reading from a smooth motion, in standard deviations [1]."""
 _OF_RANGE = 0.25
-"""The same over the range of the readings beside it [1], because fast motions are less smooth."""
+"""The same relative to the range of the adjacent readings [1], because fast motions are less
+smooth."""
 _PASSES = 6
-"""Largest number of searches for wrong readings [1]: those near larger ones are found later."""
+"""Largest number of searches for wrong readings [1]; readings near larger errors are found
+later."""
 
 
 def without_outliers(recording: Readings) -> Readings:
     """Return a recording without isolated wrong readings, which become NaN.
 
     An isolated reading differs from the cubic curve through the two readings before and the two
-    after it. Steps that last, as of a slipping encoder, remain.
+    after it. Lasting steps, for example of a slipping encoder, remain.
     """
     noise = noise_of(recording.unwrapped, recording.relative_deviations)
     noise = max(noise, LEAST_NOISE)
@@ -145,7 +147,7 @@ def without_outliers(recording: Readings) -> Readings:
 
 
 def isolated(values: Array, limits: Array) -> NDArray[np.bool_]:
-    """Return which values differ from those before and after them by a limit, shape (T, N)."""
+    """Return which values differ from the values before and after by more than a limit, (T, N)."""
     errors = np.zeros_like(values)
     near, far = values[1:-3] + values[3:-1], values[:-4] + values[4:]
     errors[2:-2] = np.abs(values[2:-2] - (4 * near - far) / 6)
@@ -158,13 +160,13 @@ def isolated(values: Array, limits: Array) -> NDArray[np.bool_]:
 
 
 _STRAY = 6.0
-"""Distance of a residual from those before and after it, over the noise, of an outlier [1]."""
+"""Distance of an outlier from the residuals before and after it, relative to the noise [1]."""
 _MEDIAN_FRAMES = 9
-"""Frames of the median of residuals [1], which outliers in up to four of them do not change."""
+"""Number of frames in the median of residuals [1]; up to four outliers do not change it."""
 
 
 def stray_residuals(residuals: Array, noise: float) -> NDArray[np.bool_]:
-    """Return the outliers among residuals with a noise [rad], at most one of a frame, (T, N)."""
+    """Return the outliers among residuals with a noise [rad], at most one per frame, (T, N)."""
     usual = median_filter(residuals, (_MEDIAN_FRAMES, 1), mode='nearest')
     distances = np.abs(residuals - usual)
     largest = distances == distances.max(axis=1, keepdims=True)
@@ -172,26 +174,27 @@ def stray_residuals(residuals: Array, noise: float) -> NDArray[np.bool_]:
 
 
 _SLIP_RANGE = 3.0
-"""Largest sum of n independent numbers over sqrt(n) [1]; among 40 rotors noise exceeds it in one
-of a million recordings."""
+"""Largest sum of n independent numbers divided by sqrt(n) [1]; with 40 rotors, noise exceeds it in
+one of a million recordings."""
 _SMALLEST_SLIP = 2.0
 """Smallest reported slip, relative to the noise of a reading [1]."""
 _JUMP_FRAMES = 15
-"""Frames that are averaged before and after a jump [1]."""
+"""Number of frames that are averaged before and after a jump [1]."""
 _JUMP_OVER_NOISE = 12.0
 """Second difference of a jump, relative to the noise of a reading [1]; noise alone gives 2.2."""
 _SMALLEST_JUMP = 0.1
-"""Second difference that no motion reaches from frame to frame [rad]."""
+"""Second difference that no motion reaches between frames [rad]."""
 _JUMP_OVER_NEIGHBOURS = 3.0
-"""Jump, relative to the larger jump of both neighbours [1]; a wall moves neighbours similarly."""
+"""Jump, relative to the larger jump of the two neighbours [1]; a wall moves neighbours
+similarly."""
 
 
 def noise_of(readings: Array, relative_deviations: Array) -> float:
     """Return the noise of readings with a relative deviation of 1 [rad]; both of shape (T, N).
 
-    It follows from the second differences of readings. Their median ignores the few rotors that
-    move. The result is at least the noise of rounding to the smallest step of readings, and NaN
-    without three successive readings.
+    It follows from the second differences of readings. The median of the differences ignores the
+    few rotors that move. The result is at least the noise due to rounding, and NaN without three
+    successive readings.
     """
     bends = readings[2:] - 2 * readings[1:-1] + readings[:-2]
     squares = relative_deviations**2
@@ -206,7 +209,7 @@ def noise_of(readings: Array, relative_deviations: Array) -> float:
 def check_jumps(recording: Readings, noise: float) -> None:
     """Raise ValueError for an inner rotor that jumps while its neighbours do not.
 
-    The noise [rad] belongs to a reading with a relative deviation of 1.
+    The noise is that of a reading with a relative deviation of 1 [rad].
     """
     times, readings, deviations = recording.times, recording.filled, recording.relative_deviations
     width = min(_JUMP_FRAMES, len(readings) // 4)
@@ -229,8 +232,8 @@ def check_jumps(recording: Readings, noise: float) -> None:
 def check_slips(recording: Readings, residuals: Array, noise: float) -> None:
     """Raise ValueError for an encoder whose residuals have a step.
 
-    Residuals [rad], (T, N), are divided by the relative deviations of the readings. The noise
-    [rad] belongs to one reading.
+    Residuals [rad], (T, N), are divided by the relative deviations of the readings. The noise is
+    that of one reading [rad].
     """
     single = residuals / np.sqrt(repeat_counts(recording.unwrapped))
     sums = np.cumsum(single - single.mean(axis=0), axis=0) / (noise * math.sqrt(len(residuals)))

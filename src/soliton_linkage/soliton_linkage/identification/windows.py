@@ -7,7 +7,7 @@ equations in blocks,
     (A_qq - A_qs A_ss^-1 A_sq) dq = b_q - A_qs A_ss^-1 b_s
 
 is the contribution of a window to the equations of the chain, and ds = A_ss^-1 (b_s - A_sq dq).
-The prior of lengths is `Tolerances`. Logarithms of stiffnesses and of masses have normal
+`Tolerances` is the prior of lengths. Logarithms of stiffnesses and of masses have normal
 distributions about a mean, with a standard deviation that is estimated.
 """
 
@@ -28,7 +28,7 @@ from soliton_linkage.linkage.chain import Array
 
 _INITIAL_FRAMES = 25
 """Number of frames of an initial window [1]. Sensitivity: at 0.5x, initial rates are uncertain; at
-2x, a simulated wall may depart from the readings if lengths have errors of 5 %."""
+2x, the simulated wall may deviate too far from the readings if lengths have errors of 5 %."""
 _RATE_FRAMES = 8
 """Number of frames from which the initial rates of a window are estimated [1]."""
 _FEWEST_FRAMES = 30
@@ -36,9 +36,10 @@ _FEWEST_FRAMES = 30
 _ARRIVAL = 0.05
 """Delay of an impulse after its command [s]."""
 _MERGED = 4
-"""Number of windows that are merged to one [1]. 2 need more rounds; 8 may lose the wall."""
+"""Number of windows that are merged into one [1]. With 2, more rounds are needed; with 8, the fit
+may lose the wall."""
 _DENSE_FRAMES = 0.05
-"""Smallest fraction of frames of a window that are consecutive in the recording [1]."""
+"""Smallest density of the frames of a window, relative to successive frames [1]."""
 
 
 class FreeWindow(NamedTuple):
@@ -69,8 +70,8 @@ def initial_windows(
 ) -> list[FreeWindow]:
     """Return short windows between interruptions [s], with initial states from the angles.
 
-    Angles [rad], (T, N), are at times [s]. The chain has a tilt [rad] at each time [s]. No window
-    extends over a gap that is too long to estimate rates.
+    Angles [rad], (T, N), are at times [s]. `tilt_at` returns the tilt of the chain [rad] at a time
+    [s]. No window extends over a gap that is too long to estimate rates.
     """
     windows = []
     intervals = free_intervals(times, interruptions)
@@ -88,7 +89,7 @@ def initial_windows(
 
 
 def _without_gaps(times: Array, interval: slice) -> list[slice]:
-    """Return the parts of an interval between gaps, without those that are too short."""
+    """Return the parts of an interval between gaps, without short parts."""
     averages = (times[_RATE_FRAMES:] - times[:-_RATE_FRAMES]) / _RATE_FRAMES
     gaps = np.diff(times) > _RATE_FRAMES * np.quantile(averages, _DENSE_FRAMES)
     inner = 1 + interval.start + np.flatnonzero(gaps[interval.start : interval.stop - 1])
@@ -100,10 +101,9 @@ def _without_gaps(times: Array, interval: slice) -> list[slice]:
 def merge_windows(
     windows: Sequence[FreeWindow], fits: Callable[[FreeWindow, slice], bool]
 ) -> tuple[FreeWindow, ...]:
-    """Merge some adjacent windows.
+    """Merge adjacent windows.
 
-    Two windows are merged if the continued motion of the first window fits the frames of the
-    second.
+    Two windows are merged if the motion of the first, continued, fits the frames of the second.
     """
     merged: list[FreeWindow] = []
     count = 0
@@ -125,10 +125,10 @@ INITIAL_MASS_DEVIATION = 0.1
 _SMALLEST, _LARGEST = 1e-3, 0.3
 """Limits of the estimated standard deviation [1]."""
 _DAMPING_RATE = 1.0
-"""Prior standard deviation of damping divided by a rotor's moment of inertia [1/s]."""
+"""Prior standard deviation of damping divided by the moment of inertia of a rotor [1/s]."""
 _FRICTION_DECELERATION = 10.0
-"""Prior standard deviation of dry friction divided by a rotor's moment of inertia [rad/s^2]; it
-stops the rotors of a wall in a second."""
+"""Prior standard deviation of dry friction divided by the moment of inertia of a rotor [rad/s^2];
+this friction stops the rotors of a wall in a second."""
 _LOG_GRAVITY = 1.0
 """Prior standard deviation of the logarithm of g [1], where g is in mean spacings per s^2."""
 _INFORMED = 1e-12
@@ -137,7 +137,7 @@ rounding."""
 
 
 def force_deviations(inertia: float) -> Array:
-    """Return prior standard deviations of damping, friction and log gravity, given an inertia."""
+    """Return prior deviations of damping, friction and log gravity, given an inertia."""
     return np.array([_DAMPING_RATE * inertia, _FRICTION_DECELERATION * inertia, _LOG_GRAVITY])
 
 
@@ -159,7 +159,7 @@ class MotionPrior:
     """Shift of the mean, in the order of the unknowns, (Q - 2 N,)."""
 
     def evaluate(self, motion: FreeMotion) -> tuple[Array, Array]:
-        """Return the information, (Q - 2 N, Q - 2 N), and the unknowns less the mean."""
+        """Return the information, (Q - 2 N, Q - 2 N), and the unknowns minus their prior mean."""
         at, rotors = motion.slices, len(motion.masses)
         size = at.forces.stop
         information, values = np.zeros((size, size)), np.zeros(size)
@@ -177,7 +177,7 @@ class MotionPrior:
         return information, values - self.shift
 
     def sampled(self, motion: FreeMotion, random: np.random.Generator) -> MotionPrior:
-        """Return the prior with a random mean that is drawn from the prior itself.
+        """Return the prior with a random mean, drawn from the prior itself.
 
         Combinations without information are not drawn. With the symmetric root of the covariance,
         the sample does not depend on the choice of eigenvectors for equal eigenvalues.
@@ -206,9 +206,9 @@ class MotionPrior:
 
 
 def observable_changes(motion: FreeMotion, gravity_known: bool) -> Array:
-    """Return orthonormal changes of a chain that keep the mean spacing and the mean mass.
+    """Return orthonormal changes of a chain with constant mean spacing and mean mass.
 
-    They also keep gravity if it is known or 0.
+    Gravity is also constant if it is known or 0.
     """
     at, rotors = motion.slices, len(motion.masses)
     basis = np.eye(at.forces.stop)
@@ -230,9 +230,9 @@ _STATE_DEVIATION = 10.0
 class Eliminated(NamedTuple):
     """Reduced normal equations of the chain, and the solution for the initial state.
 
-    `matrix` and `vector` are the equations of the chain, and the other arrays are A_ss^-1 (b_s,
-    A_sq). The gain, b_s A_ss^-1 b_s, is the decrease of the squares by the initial state alone
-    [1].
+    `matrix` and `vector` are the equations of the chain, `state` is A_ss^-1 b_s, and `coupling` is
+    A_ss^-1 A_sq. The gain, b_s A_ss^-1 b_s, is the decrease of the squares due to the initial
+    state alone [1].
     """
 
     matrix: Array
@@ -242,7 +242,7 @@ class Eliminated(NamedTuple):
     gain: float
 
     def change(self, chain: Array) -> Array:
-        """Return the change of all unknowns of the window, (Q,), given the chain's."""
+        """Return the change of all unknowns of the window, (Q,), given that of the chain."""
         return np.concatenate([chain, self.state - self.coupling @ chain])
 
 
@@ -257,7 +257,7 @@ class WindowEquations(NamedTuple):
     squares: float
 
     def eliminated(self, rotors: int, noise: float, damping: float) -> Eliminated:
-        """Eliminate the initial state, with a noise of readings [rad] and a damping [1]."""
+        """Eliminate the initial state, given the noise of readings [rad] and a damping [1]."""
         matrix, vector = self.matrix / noise**2, self.vector / noise**2
         size = len(vector) - 2 * rotors
         own = matrix[size:, size:] * (1 + damping * np.eye(2 * rotors))
@@ -276,20 +276,21 @@ class WindowEquations(NamedTuple):
 class StampErrors(NamedTuple):
     """Errors of the stamps of T frames, of unknown variance.
 
-    A stamp that is late by d moves the readings by -d times the rates, the same d for all rotors.
-    With u the rates over the deviations of readings, an error of variance v adds v u u^T to their
-    covariance. The inverse root of I + v u u^T reduces residuals along u.
+    A stamp that is late by d changes the readings of all rotors by -d times their rates. Let u be
+    the rates divided by the deviations of the readings. An error of variance v adds v u u^T to the
+    covariance of the weighted readings. The inverse square root of I + v u u^T reduces residuals
+    along u.
     """
 
     variance: float
-    """Variance of the errors over the variance of a reading [s^2/rad^2], 0 if negligible."""
+    """Variance of the errors divided by the variance of a reading [s^2/rad^2], 0 if negligible."""
     delays: Array
-    """Estimated times of the readings less their stamps [s], shape (T,)."""
+    """Estimated times of the readings minus their stamps [s], shape (T,)."""
 
     def whiten(self, frames: slice, pulls: Array, errors: Array, slopes: Array) -> None:
         """Whiten weighted residuals, (B, N), and sensitivities, (B, N, Q), in place.
 
-        `pulls` are the rates over the deviations of readings, 0 if missing, (B, N).
+        `pulls` are the rates divided by the deviations of readings, 0 if missing, (B, N).
         """
         if not self.variance:
             return

@@ -1,15 +1,15 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Offset and drift of a microcontroller's clock, by the arrival times of its messages.
+"""Offset and drift of the clock of a microcontroller, from the arrival times of its messages.
 
-A message is sent at the time x of the sender's clock. The difference of the receiver's clock at
-arrival and x is
+A message is sent when the clock of the sender shows x. When it arrives, the clock of the receiver
+shows x + y with
 
     y = a + b x + d,    d >= 0.
 
-Here a is the difference of the clocks plus the smallest delay, b the drift, and d the waiting
+Here a is the offset between the clocks plus the smallest delay, b the drift, and d the waiting
 time. The estimate of a + b x is the line below all points (x, y) with the least mean distance from
-them. It contains the edge of the lower convex hull at the mean of x (S. Moon, P. Skelly and D.
-Towsley, INFOCOM 1999, doi:10.1109/INFCOM.1999.749287). The points are the messages with the
+these points. It contains the edge of the lower convex hull at the mean of x (S. Moon, P. Skelly
+and D. Towsley, INFOCOM 1999, doi:10.1109/INFCOM.1999.749287). The points are the messages with the
 smallest delay in successive intervals.
 """
 
@@ -36,10 +36,10 @@ _LONGEST_INTERVAL = 2.0
 """Duration of the later intervals [s]; together they cover two minutes. Sensitivity: at 0.5x, the
 line follows the drift of a warming clock faster; at 2x, a steady clock is known more precisely."""
 LARGEST_DRIFT = 0.01
-"""Largest drift of a clock [1], twice the drift of an Arduino Uno's ceramic resonator."""
+"""Largest drift of a clock [1], twice that of the ceramic resonator of an Arduino Uno."""
 _FROM_THE_FUTURE = 0.25
-"""Largest time by which a measurement may appear to be in the future [s]: a drift of 1 % in 25 s
-without a frame. A larger time means that the clock has restarted."""
+"""Largest apparent time of a measurement in the future [s], the effect of a drift of 1 % in 25 s
+without a frame. A larger value means that the clock has restarted."""
 _FROM_THE_PAST = 10.0
 """Largest delay [s]; the system's buffer holds four seconds of a line at 9600 baud. A larger delay
 means that the clock has stopped or does not count microseconds."""
@@ -47,18 +47,19 @@ _SMALLEST_JUMP = 1e-3
 """Smallest jump of a clock that is detected [s]. Sensitivity: at 0.5x, an unusually early message
 may look like a jump; at 2x, smaller jumps bias the drift."""
 _EARLY, _LATE = 3.0, 10.0
-"""Deviation below and above the line that is implausible, in medians of the delay [1]. Ten medians
-of an exponential distribution are exceeded by one delay in a thousand, three in a row by none."""
+"""Smallest implausible deviations below and above the line, in medians of the delay [1]. One delay
+in a thousand exceeds ten medians of an exponential distribution; three successive delays never
+do."""
 _UNUSUAL = 8.0
-"""Deviation of an unusual sampling interval in median deviations [1]."""
+"""Deviation of an unusual sampling interval, in median deviations [1]."""
 _CLOCK_RESOLUTION = 1e-4
 """Smallest deviation of an unusual sampling interval [s]: 25 ticks of an Arduino's micros()."""
 _CONFIRMATIONS = 3
-"""Number of implausible times that agree with each other and so show a jump or a restart [1]."""
+"""Number of consistent implausible times that prove a jump or a restart [1]."""
 
 
 class DelayEnvelope:
-    """Line below the delays of messages."""
+    """Line below the delays of all messages."""
 
     def __init__(self) -> None:
         self.drift = 0.0
@@ -68,9 +69,9 @@ class DelayEnvelope:
         self.scatter = math.nan
         """Mean height of the earliest messages above the line [s], NaN if unknown.
 
-        It is computed as median / ln 2, the mean of an exponential distribution, because a
-        stalling machine causes a few very large delays. For exponential delays, the error of the
-        line is this number divided by the number of intervals.
+        It is computed as median / ln 2, the mean of an exponential distribution, because an
+        overloaded computer causes a few very large delays. For exponential delays, the error of
+        the line is this value divided by the number of intervals.
         """
         self._points: list[tuple[float, float]] = []
         self._interval = _FIRST_INTERVAL
@@ -78,7 +79,7 @@ class DelayEnvelope:
         self._best = (0.0, math.inf)
 
     def add(self, x: float, y: float) -> None:
-        """Add a message, later than the previous one, with sending time x and delay y [s]."""
+        """Add the next message, with sending time x and delay y [s]."""
         if x >= self._end:
             if self._points or math.isfinite(self._best[1]):
                 self._fit()
@@ -127,11 +128,12 @@ class DeviceClock:
     """Conversion of times of the controller's clock to time stamps of the host's clock.
 
     Offset and drift are estimated from the arrival times, because no message arrives before it was
-    sent. The offset includes the smallest delay, because the receiver cannot measure it. Stamps
+    sent. The offset includes the smallest delay, which the receiver cannot measure. Stamps
     increase from measurement to measurement.
 
-    A measurement with an implausible time is rejected. Three of them in a row that agree with each
-    other show that the clock has jumped or restarted; then the estimate starts again.
+    A measurement with an implausible time is rejected. Three successive implausible times that are
+    consistent with each other show that the clock has jumped or restarted; then the estimate
+    restarts.
     """
 
     def __init__(self) -> None:
@@ -147,16 +149,16 @@ class DeviceClock:
 
     @property
     def drift(self) -> float:
-        """Drift of the controller's clock [1]: its second lasts 1 + drift by the host's clock."""
+        """Drift of the clock of the controller [1]: its second takes 1 + drift host seconds."""
         return self._envelope.drift
 
     @property
     def scatter(self) -> float:
-        """Uncertainty of stamps without the smallest delay [s], NaN if unknown."""
+        """Uncertainty of stamps, except for the smallest delay [s], NaN if unknown."""
         return self._envelope.scatter
 
     def reset(self) -> None:
-        """Discard the estimate, because the controller has restarted or was exchanged."""
+        """Discard the estimate, because the controller has restarted or has been replaced."""
         if self._last is not None:
             self.restarts += 1
         self._discard()
@@ -170,9 +172,9 @@ class DeviceClock:
         self._suspects: deque[tuple[int, int]] = deque(maxlen=_CONFIRMATIONS)
 
     def stamp(self, time: int, arrival: int) -> int:
-        """Return the stamp [ns] of a measurement at a controller time [us], arrived at [ns].
+        """Return the stamp [ns] of a measurement, given controller time [us] and arrival [ns].
 
-        Raises ValueError if the time is implausible or repeats the measurement before.
+        Raises ValueError if the time is implausible or equals that of the previous measurement.
         """
         if self._last is not None:
             self._advance(time, arrival)
@@ -188,7 +190,7 @@ class DeviceClock:
         return self._stamp
 
     def stamp_of_arrival(self, arrival: int) -> int:
-        """Return the stamp [ns] of a measurement without a time: its arrival."""
+        """Return the stamp [ns] of a measurement without a time, from its arrival."""
         self._stamp = max(arrival, self._stamp + 1)
         return self._stamp
 
@@ -225,7 +227,7 @@ class DeviceClock:
             self.reset()
 
     def _late(self, elapsed: int, arrival: int) -> float:
-        """Return the delay above the line [s], for a time since the first measurement [us]."""
+        """Return the delay above the line [s], given the time since the first measurement [us]."""
         x = elapsed * _MICROSECOND / _SECOND
         return (arrival - self._begun) / _SECOND - x - self._envelope.at(x)
 
@@ -233,7 +235,7 @@ class DeviceClock:
         """Return whether a time since the first measurement [us] agrees with its arrival [ns].
 
         A message cannot arrive early. A late message is plausible unless its sampling interval is
-        unusual too, because a waiting message keeps its interval.
+        unusual too, because waiting does not change the sampling interval.
         """
         if math.isnan(self.scatter):
             return True
@@ -247,12 +249,12 @@ class DeviceClock:
         return late <= tolerance or unusual <= max(_UNUSUAL * spread, _CLOCK_RESOLUTION)
 
     def _tolerance(self, gap: int) -> float:
-        """Return the plausible deviation of a time after a gap [ns] without measurements [s]."""
+        """Return the largest plausible deviation of a time [s] after a gap [ns]."""
         usual = float(np.median(self._delays)) if self._delays else 0.0
         return max(_LATE * usual, _SMALLEST_JUMP) + LARGEST_DRIFT * abs(gap) / _SECOND
 
     def _confirmed(self) -> bool:
-        """Return whether the implausible times agree with each other."""
+        """Return whether the implausible times are consistent with each other."""
         if len(self._suspects) < _CONFIRMATIONS:
             return False
         times, arrivals = np.diff(np.array(self._suspects, dtype=np.int64), axis=0).T

@@ -27,10 +27,10 @@ CLOCK_RANGE = 2**32
 VERSION = 1
 """Version of the binary layout [1]; other versions are rejected."""
 LONGEST_FRAME = 2**16
-"""Longest frame [bytes], 2500 rotors in text. Longer input without an end is noise."""
+"""Longest frame [bytes], 2500 rotors in text; longer input without an end is noise."""
 _LINE_END, _FRAME_END = b'\n', b'\0'
 _HEADER = struct.Struct('<cBHI')
-"""Letter of the kind, version, frame number, time [us]; the values after it are aligned."""
+"""Letter of the kind, version, frame number, time [us]; the values that follow are aligned."""
 _CHECKSUM = struct.Struct('<I')
 _LONGEST_BLOCK = 254
 """Longest block without a zero in byte stuffing [bytes]."""
@@ -53,7 +53,7 @@ class FrameKind(Enum):
     RADIANS = 'radians'
     """Angles [rad]."""
     HELLO = 'hello'
-    """No values: the controller has restarted."""
+    """No values; the controller has restarted."""
     TORQUES = 'torques'
     """Commands to the valves [N m]."""
     PRESSURES = 'pressures'
@@ -94,11 +94,11 @@ class SerialFrame:
     """For a reading: time of measurement by the controller's clock modulo `CLOCK_RANGE` [us], None
     if it is not sent. For a command: duration for which the command is valid [us]."""
     values: Array = field(default_factory=lambda: np.zeros(0))
-    """One value per rotor, NaN for a missing one."""
+    """One value per rotor, NaN for a missing value."""
 
 
 def encode(frame: SerialFrame, protocol: Protocol) -> bytes:
-    """Return the bytes of a frame, its end included."""
+    """Return the bytes of a frame, including its end."""
     return encode_binary(frame) if protocol is Protocol.BINARY else encode_text(frame)
 
 
@@ -140,7 +140,7 @@ def _counter(word: str, period: int) -> int | None:
     if word == _MISSING:
         return None
     if not _COUNTER.fullmatch(word):
-        raise ValueError(f'{word!r} is not a frame number or a time; send - for none')
+        raise ValueError(f'{word!r} is not a frame number or a time; send - if it is unknown')
     return int(word) % period
 
 
@@ -154,7 +154,7 @@ def _value(word: str, kind: FrameKind) -> float:
 
 
 def encode_binary(frame: SerialFrame) -> bytes:
-    """Return a frame as bytes, counts in the shortest integers that hold them."""
+    """Return a frame as bytes, with counts in the shortest sufficient integer type."""
     for letter, (kind, type_) in _LAYOUTS.items():
         packed = _packed(frame.values, type_) if kind is frame.kind else None
         if packed is not None:
@@ -201,7 +201,7 @@ def decode_binary(piece: bytes) -> SerialFrame:
     if type_.kind == 'i':
         values[values == np.iinfo(type_).min] = np.nan
     elif np.isinf(values).any():
-        raise ValueError(f'a value of {kind.value} is infinite; send NaN for a missing one')
+        raise ValueError(f'a value of {kind.value} is infinite; send NaN for a missing value')
     return SerialFrame(kind, sequence, time, values)
 
 
@@ -238,8 +238,8 @@ class FrameDecoder:
     """Decoder of a stream of text or binary frames that arrives in arbitrary chunks.
 
     The last valid frame determines the protocol. Input before the first valid frame is ignored,
-    because it may be part of a frame or come from another program. After the first line of text
-    with a checksum, lines without a checksum are rejected.
+    because it may be part of a frame or come from another program. After the first text line with
+    a checksum, lines without a checksum are rejected.
     """
 
     def __init__(self) -> None:
@@ -248,19 +248,19 @@ class FrameDecoder:
         self.frames = 0
         """Number of valid frames."""
         self.corrupted = 0
-        """Number of invalid frames of the protocol."""
+        """Number of invalid frames in this protocol."""
         self.complaint = ''
         """Error of the last invalid frame."""
         self.reset()
 
     def reset(self) -> None:
-        """Prepare for another controller, without a reset of the counts."""
+        """Prepare for another controller; the counts are not reset."""
         self.protocol = None
         self._checked = False
         self._lines, self._pieces = _Splitter(_LINE_END), _Splitter(_FRAME_END)
 
     def feed(self, chunk: bytes) -> list[SerialFrame]:
-        """Return the frames that end in a chunk, in their order."""
+        """Return the frames that end in a chunk of bytes, in their order."""
         ended = [(end, Protocol.TEXT, line) for end, line in self._lines.feed(chunk)]
         ended += [(end, Protocol.BINARY, piece) for end, piece in self._pieces.feed(chunk)]
         ended.sort(key=lambda each: each[0])
@@ -281,7 +281,8 @@ class FrameDecoder:
                 frame, checked = decode_text(written)
                 if self._checked and not checked:
                     raise ValueError(
-                        'a line has no checksum, unlike a line before; send one with each line'
+                        'a line has no checksum, unlike an earlier line; send a checksum with '
+                        'each line'
                     )
                 self._checked = checked
             elif written:
@@ -309,7 +310,7 @@ class _Splitter:
     def feed(self, chunk: bytes) -> list[tuple[int, bytes | None]]:
         """Return the pieces that end in a chunk, with the offsets of their ends.
 
-        A piece that becomes too long is returned once as None.
+        A piece that becomes too long is returned as None, only once.
         """
         found: list[tuple[int, bytes | None]] = []
         *whole, rest = (self._rest + chunk).split(self._end)

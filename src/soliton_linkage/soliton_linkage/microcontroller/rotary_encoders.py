@@ -16,7 +16,7 @@ from soliton_linkage.microcontroller.device_clock import DeviceClock
 from soliton_linkage.microcontroller.frames import READINGS, SEQUENCES, FrameKind, SerialFrame
 
 _COMPARED_NUMBERS = 4
-"""Number of earlier frame numbers that a number is compared with [1]."""
+"""Number of earlier frame numbers with which a frame number is compared [1]."""
 
 
 @dataclass(frozen=True)
@@ -29,17 +29,18 @@ class RotaryEncoders:
     """
 
     counts_per_turn: tuple[float, ...] = quantity(
-        (4096.0,), 'counts per turn, one value for all encoders or one for each rotor [1]'
+        (4096.0,), 'counts per turn, one value for all encoders or one per rotor [1]'
     )
     signs: tuple[float, ...] = quantity(
-        (), '1 if readings increase from +z towards +x, else -1, for each rotor; empty for 1 [1]'
+        (),
+        '1 if readings increase from +z towards +x, else -1, one per rotor; empty for 1 [1]',
     )
     offsets: tuple[float, ...] = quantity(
-        (), 'readings minus angles for each rotor; empty for 0 [rad]'
+        (), 'reading minus angle, one per rotor; empty for 0 [rad]'
     )
     wrapped: bool = quantity(
         True,
-        'whether readings wrap after a turn; then a turn must take more than two frames',
+        'whether readings wrap after a turn; a turn must then take more than two frames',
     )
 
     def __post_init__(self) -> None:
@@ -77,7 +78,7 @@ class AngleReader:
     """Conversion of readings to unwrapped angles."""
 
     def __init__(self, encoders: RotaryEncoders, rotors: int) -> None:
-        """Prepare a number of rotors; raise ValueError if the encoders do not match it."""
+        """Prepare for a number of rotors; raise ValueError if the encoders do not match it."""
         encoders.check_fit(rotors)
         self.rotors = rotors
         self._wrapped = encoders.wrapped
@@ -114,9 +115,9 @@ class StampedAngles(NamedTuple):
     """Angles of a frame."""
 
     stamp: int
-    """Time of the measurement by the host's clock [ns]."""
+    """Time of the measurement by the clock of the host [ns]."""
     angles: Array
-    """Rotor angles [rad], shape (N,), NaN for a missing one."""
+    """Rotor angles [rad], shape (N,), NaN for a missing angle."""
 
 
 class AngleStream:
@@ -147,8 +148,8 @@ class AngleStream:
     def take(self, frame: SerialFrame, arrival: int) -> StampedAngles | None:
         """Return the angles of a frame with its arrival time [ns]; None for a `hello` frame.
 
-        Raises ValueError for a frame that is no reading, does not match the chain, repeats one or
-        has an implausible time.
+        Raises ValueError for a frame that contains no readings, does not match the chain, repeats
+        an earlier frame, or has an implausible time.
         """
         if frame.kind is FrameKind.HELLO:
             self.reset()
@@ -175,9 +176,9 @@ class AngleStream:
     def _count_lost(self, number: int) -> None:
         """Count the frames that are missing before a frame number.
 
-        The count is the smallest one since any of the last few frames, so that a wrong number adds
-        nothing once the next frame has arrived. A smaller number comes from a controller without a
-        clock that has restarted.
+        The count is the smallest difference from any of the last few frame numbers, so that a
+        wrong frame number has no effect after the next frame. A smaller frame number means that a
+        controller without a clock has restarted.
         """
         totals = [
             lost + missing

@@ -31,7 +31,11 @@ class ControllerSettings:
         'binary', 'encoding of its frames', choices=tuple(each.value for each in Protocol)
     )
     drift: float = quantity(
-        0.0, 'relative error of its clock, above 0 if fast', '', -LARGEST_DRIFT, LARGEST_DRIFT
+        0.0,
+        'relative error of its clock, positive if it is fast',
+        '',
+        -LARGEST_DRIFT,
+        LARGEST_DRIFT,
     )
     torque_per_pressure: float = quantity(
         5e-8, 'torque on a rotor per pressure of its valve', 'N m/Pa', 0.0, 1.0
@@ -43,7 +47,7 @@ class ControllerSettings:
 
 
 class SimulatedController:
-    """Simulated controller of a chain. A valve command is valid for the duration it contains."""
+    """Simulated controller of a chain; a valve command is valid for its duration."""
 
     def __init__(
         self,
@@ -59,17 +63,17 @@ class SimulatedController:
         self._decoder = FrameDecoder()
         self._rotors = rotors
         self.commands = 0
-        """Number of commands carried out."""
+        """Number of executed commands."""
         self.start(0.0)
 
     def start(self, now: float) -> bytes:
-        """Start or restart at a time [s]; return the sent bytes."""
+        """Start or restart at a time [s]; return the bytes that are sent."""
         self._begun, self._sequence = now, 0
         self._torques, self._hold_until = np.zeros(self._rotors), now
         return encode(SerialFrame(FrameKind.HELLO), self._protocol)
 
     def measure(self, now: float, angles: Array) -> bytes:
-        """Return the sent bytes for angles [rad], shape (N,), at a time [s]."""
+        """Return the bytes that are sent for angles [rad], shape (N,), at a time [s]."""
         readings = (angles + (self._encoders.offsets or 0.0)) * self._encoders.per_radian()
         if self._encoders.wrapped:
             readings %= self._encoders.counts_per_turn

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Tuned parameters of the steering, and the sensitivity of moves to each of them.
+"""Tuned parameters of the steering, with the sensitivity of moves to each parameter.
 
 Sensitivities were measured with flippers, wobbling flippers and spinners of 12 rotors. The frames
 had a period of 10 ms and a noise of 0.01 to 0.02 rad, with friction and deviations of 3 to 6 %.
@@ -28,8 +28,8 @@ class SteeringSettings:
     holding accuracy does not change."""
 
     latency: int = quantity(1, 'delay from a frame until its torques act', 'frames', 0)
-    """Latency of the loop. An error of 2 frames does not matter; with 5 frames a wall may be
-    lost."""
+    """Latency of the loop. Sensitivity: an error of 2 frames has no effect; at 5 frames a wall may
+    be lost."""
 
     radiated_share: float = quantity(
         1e-5, 'fraction of the energy of a wall that one rotor may radiate', '', 1e-12, 1.0
@@ -38,11 +38,15 @@ class SteeringSettings:
     28 % less and leave 2000 times the phonon energy, still 1e-6 of the energy of the wall."""
 
     adiabatic_fraction: float = quantity(
-        0.5, 'ratio of the adiabatic rate to the rate that radiates radiated_share', '', 1e-3, 1.0
+        0.5,
+        'ratio of the adiabatic rate to the rate at which radiated_share is radiated',
+        '',
+        1e-3,
+        1.0,
     )
     """Sensitivity: at 0.5x, moves take up to twice as long; at 2x, down to half as long. At 2x the
-    phonon energy rises from 3e-11 to 5e-8 of the energy of a flipper, and from 3e-10 to 2e-4 for
-    a wobbling flipper."""
+    phonon energy, relative to the energy of the wall, rises from 3e-11 to 5e-8 for a flipper and
+    from 3e-10 to 2e-4 for a wobbling flipper."""
 
     bandwidth_share: float = quantity(
         0.125, 'ratio of the bandwidth of the feedback to the phonon gap', '', 1e-3, 1.0
@@ -53,9 +57,9 @@ class SteeringSettings:
     bandwidth_step: float = quantity(
         0.1, 'largest bandwidth of the feedback times the frame period', '', 1e-3, 1.0
     )
-    """Stability margin: the loop is stable if torques are 3 frames late. Sensitivity for a frame
-    period of 50 ms: at 0.5x, moves take twice as long; at 2x, a delay of 3 frames destabilises a
-    flipper. For shorter periods the parameter has no effect."""
+    """The loop is stable for delays of up to 3 frames. Sensitivity for a frame period of 50 ms: at
+    0.5x, moves take twice as long; at 2x, a delay of 3 frames destabilises a flipper. For shorter
+    periods the parameter has no effect."""
 
     observer_ratio: float = quantity(
         3.0, 'ratio of the bandwidths of observer and feedback', '', 0.1, 100.0
@@ -124,8 +128,8 @@ class SteeringSettings:
     detection_timeout: float = quantity(
         0.2, 'time without a frame that shows the wall, after which it is lost', 's', 0.0
     )
-    """Sensitivity: at 0.5x, a gap of 0.15 s loses the wall. At 2x, a gap of 0.35 s does not, and
-    the error is the same."""
+    """Sensitivity: at 0.5x, the wall is lost after a gap of 0.15 s; at 2x, it is not lost after
+    0.35 s, and the error is the same."""
 
     min_noise: float = quantity(
         3e-3, 'lower limit of the noise of an angle in the observer', 'rad', 1e-9
@@ -135,9 +139,12 @@ class SteeringSettings:
     effect at 0.5x and 2x."""
 
     phonon_periods: float = quantity(
-        4.0, 'memory of the phonon energy over the longest phonon period', 'periods', 0.1
+        4.0,
+        'number of the longest phonon periods over which the phonon energy is averaged',
+        'periods',
+        0.1,
     )
-    """The kinetic energy oscillates about half of the total within half a period. Sensitivity: at
+    """The kinetic energy of a phonon oscillates about half of its total energy. Sensitivity: at
     0.5x, the estimate has twice this ripple and converges twice as fast."""
 
     def __post_init__(self) -> None:

@@ -145,7 +145,7 @@ class Steering:
 
     @property
     def estimate(self) -> WallEstimate | None:
-        """Estimate of the wall in the last frame, None if unknown."""
+        """Estimated wall in the last frame, None if unknown."""
         return self._observer.estimate
 
     @property
@@ -241,7 +241,7 @@ class Steering:
         self._moving = False
 
     def torques(self) -> Array:
-        """Return the torques that act from the latency after the last frame [N m], shape (N,)."""
+        """Return the torques [N m], shape (N,), which act when the latency has passed."""
         estimate = self._observer.estimate
         if estimate is None or self._trajectory is None:
             self._sent.append(_NO_TORQUES)
@@ -280,7 +280,7 @@ class Steering:
         self._resting_since = None
 
     def _jumped(self, last: WallEstimate, found: WallEstimate) -> bool:
-        """Return whether a wall moved farther than twice its last rate explains."""
+        """Return whether a wall has moved farther than twice its last rate allows."""
         distance = abs(math.remainder(found.arc - last.arc, self.orbit.length))
         explained = 2 * abs(last.rate) * (found.time - last.time)
         return distance > explained + self.settings.max_error * self.orbit.site_arc
@@ -365,7 +365,9 @@ class Steering:
     def _lost(self, message: str) -> MoveResult | None:
         held = self.holding
         self.release()
-        return self._ended(Outcome.SOLITON_LOST, f'{message}; it is released') if held else None
+        return (
+            self._ended(Outcome.SOLITON_LOST, f'{message}; the wall is released') if held else None
+        )
 
     def _rejection(
         self, site: float, speed: float, estimate: WallEstimate | None

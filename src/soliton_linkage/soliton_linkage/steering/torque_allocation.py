@@ -1,14 +1,15 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Allocation of a force on a wall to actuators on some of the rotors.
+"""Torques of actuators on some rotors, for a given force on a wall.
 
-A force F along the orbit needs torques tau with t . tau = F. On the actuated rotors S the minimum-
-norm torques are tau_n = F t_n / q, with the coupling q = sum of t_n^2 over S. With actuators on
-all rotors q is 1 and tau excites no phonon. With fewer actuators tau also deflects the springs by
+A force F along the orbit needs torques tau with t . tau = F. On the set S of actuated rotors, the
+torques of least norm are tau_n = F t_n / q, with the coupling q = sum of t_n^2 over S. With
+actuators on all rotors, q is 1 and tau excites no phonon. With fewer actuators tau also deflects
+the springs by
 
     dphi = R^T (R R^T)^(-1) f / k_e,    R^T f = tau - F t.
 
 The deflection diverges as q tends to 0. For actuators at an edge it grows as e^(2 x / ell) with
-the distance x of the wall.
+the distance x from the wall.
 """
 
 from __future__ import annotations
@@ -27,12 +28,12 @@ from soliton_linkage.orbit.orbit import Orbit
 _SAMPLES_PER_SITE = 4
 """Samples of the path of a wall [1/site]; t_n^2 varies smoothly between them."""
 _MIN_COUPLING = 1e-12
-"""Coupling q below which no actuator acts on the wall [1]; the orbit omits all |t_n| < 1e-6."""
+"""Coupling q below which actuators have no effect on the wall [1]; |t_n| < 1e-6 is omitted."""
 
 
 @dataclass(frozen=True)
 class Effort:
-    """Torque and deflection that a force on a wall needs.
+    """Torque and deflection that a force on a wall requires.
 
     torque: largest torque of an actuator [N m].
     strain: largest deflection of a rotor against the springs [rad]; 0 with actuators on all
@@ -85,9 +86,9 @@ class TorqueAllocation:
             self._actuated[:] = True
 
     def torques(self, arc: float, force: float) -> tuple[Array, float]:
-        """Return the torques [N m], shape (N,), of a force along the orbit [N m], and their force.
+        """Return the torques for a force along the orbit, shape (N,), and the actual force [N m].
 
-        If a torque exceeds its limit, all torques are scaled down by the same factor.
+        If a torque exceeds its limit, all torques are reduced by the same factor.
         """
         unit = self._unit_torques(self.orbit.tangent(arc))
         required = force * unit
@@ -120,7 +121,7 @@ class TorqueAllocation:
         return float((tangents[:, self._actuated] ** 2).sum(axis=1).min())
 
     def reach(self, arc: float, force: float) -> Reach:
-        """Return the range within one leg that a force [N m] reaches from an arc length [rad]."""
+        """Return the sites of one leg to which a force [N m] moves a wall from an arc [rad]."""
         orbit = self.orbit
         here, leg = orbit.site(arc), orbit.leg(arc)
         last = orbit.chain.number_of_rotors - 1
@@ -138,7 +139,7 @@ class TorqueAllocation:
         return Reach(*ends)
 
     def _path(self, start: float, goal: float) -> list[float]:
-        """Return sampled arc lengths from one to another [rad]."""
+        """Return sampled arc lengths between two arc lengths [rad]."""
         steps = math.ceil(abs(goal - start) / self.orbit.site_arc * _SAMPLES_PER_SITE)
         return [float(arc) for arc in np.linspace(start, goal, steps + 1)]
 
@@ -147,7 +148,7 @@ class TorqueAllocation:
         return effort.torque <= self.torque_limit and effort.strain <= self.strain_limit
 
     def _unit_torques(self, tangent: Array) -> Array:
-        """Return the minimum-norm torques of a unit force, 0 if no actuator acts on the wall."""
+        """Return the minimum-norm torques for a unit force, 0 if no actuator acts on the wall."""
         actuated = np.where(self._actuated, tangent, 0.0)
         coupling = float(actuated @ actuated)
         return actuated / coupling if coupling > _MIN_COUPLING else 0 * actuated

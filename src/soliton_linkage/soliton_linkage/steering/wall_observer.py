@@ -7,8 +7,8 @@ unmodelled deviations of the chain. With
 
     s'' = u + d,
 
-a constant force causes no steady error. The poles of the Kalman filter are set by the bandwidth
-and do not depend on the noise or the motion of the wall.
+a constant force causes no steady error. The bandwidth determines the poles of the Kalman filter,
+independent of the noise and of the motion of the wall.
 """
 
 from __future__ import annotations
@@ -33,7 +33,7 @@ class WallEstimate:
     rate: rate of the arc length [rad/s].
     disturbance: acceleration that is not due to the known torques [rad/s^2].
     seen: instant of the last frame that showed the wall [s].
-    upside_down: whether the configuration is the image phi -> pi - phi of one on the orbit.
+    upside_down: whether the chain is the mirror image phi -> pi - phi of the chain of the orbit.
     """
 
     time: float
@@ -44,7 +44,7 @@ class WallEstimate:
     upside_down: bool
 
     def after(self, elapsed: float, acceleration: float) -> WallEstimate:
-        """Predict the state after a time [s] under an acceleration [rad/s^2]."""
+        """Return the state after a time [s] of constant acceleration [rad/s^2]."""
         gained = (acceleration + self.disturbance) * elapsed
         return replace(
             self,
@@ -57,8 +57,8 @@ class WallEstimate:
 class WallObserver:
     """Estimator of the arc of a wall, its rate, and the disturbance.
 
-    The estimate is None before the wall is detected, and after `detection_timeout` without a
-    detection.
+    The estimate is None before the first detection of the wall, and after `detection_timeout`
+    without a detection.
     """
 
     def __init__(

@@ -2,10 +2,10 @@
 """Measurement of angles in pictures of a chain with markers.
 
 The angle of a rotor is the direction from its pivot to the dot on its mass. The position of the
-pivot is a mean over all pictures. The fitted centre of a moving dot is its mean position during
-the exposure time T of its row. The time t of the frame is the middle of the exposure of the mean
-row of the pivots. With the rate omega and the acceleration alpha from the last measurements, the
-angle at t is
+pivot is a mean over all pictures. The fitted centre of a moving dot is the mean of its positions
+during the exposure time T of its row. The time t of the frame is the middle of the exposure of the
+mean row of the pivots. With the rate omega and the acceleration alpha from the last measurements,
+the angle at t is
 
     phi(t) = phi_measured - alpha T^2 / 24 + omega (t - t_row) + alpha (t - t_row)^2 / 2.
 """
@@ -36,14 +36,14 @@ _MIN_RADIUS = 1.5
 
 @dataclass(frozen=True)
 class AngleFrame:
-    """Measurement of N rotors in a picture, NaN for hidden ones."""
+    """Measurement of N rotors in a picture, NaN for hidden rotors."""
 
     delay: float
     """Time from the start of the picture to the angles [s]."""
     angles: Array
     """Angles phi, unwrapped [rad], shape (N,)."""
     deviations: Array
-    """Standard deviations of the angles [rad], shape (N,): noise, and placing of markers."""
+    """Standard deviations of the angles [rad], shape (N,), from noise and marker positions."""
     masses: Array
     """Dots of the masses [pixels], shape (N, 2)."""
     pivots: Array
@@ -51,7 +51,8 @@ class AngleFrame:
     frame_dots: Array
     """Dots of the frame markers [pixels], shape (K, 2)."""
     status: str
-    """Error of the print of the markers, and reason why rotors are hidden; empty for neither."""
+    """Error of the printed marker sizes, and reason why rotors are hidden; empty if there is
+    none."""
 
     @property
     def seen(self) -> int:
@@ -92,7 +93,7 @@ class AngleCamera:
         self._known: ChainPlane | None = None
 
     def measure(self, time: float, picture: Picture) -> AngleFrame:
-        """Return the angles in a picture whose exposure began at a time [s].
+        """Return the angles in a picture whose exposure starts at a time [s].
 
         The times must increase. Raises ValueError if the picture does not have the size of the
         camera.
@@ -103,7 +104,7 @@ class AngleCamera:
         if not self.frame_markers.update(grey):
             return self._hidden(
                 f'{self.frame_markers.seen} dots of frame markers are visible, and {FEWEST_DOTS} '
-                'are needed; show two markers or more, whole, sharp and well lit'
+                'are needed; show two or more complete markers, sharp and well lit'
             )
         plane = self.frame_markers.plane
         assert plane is not None
@@ -119,7 +120,7 @@ class AngleCamera:
         if not self.pivots.known.any():
             return self._hidden(
                 f'{self.pivots.candidates} black dots are visible in a row for {self._rotors} '
-                'pivots; uncover the others, and check chain.spacing'
+                'pivots; uncover the other pivots, and check chain.spacing'
             )
         return self._frame(time, grey, plane, dots, points)
 
@@ -182,7 +183,7 @@ class AngleCamera:
         noise: Array,
         arms: Array,
     ) -> tuple[Array, Array]:
-        """Return errors of lengths [m] and angles [rad] of visible rotors from pixel noise."""
+        """Return errors of lengths [m] and angles [rad] of visible rotors due to pixel noise."""
         steps = plane.metres_per_pixel(pixels, self._layout.heights[seen])
         noise = noise + self.frame_markers.deviation**2 * np.eye(2)
         covariances = steps @ noise @ np.swapaxes(steps, 1, 2)
@@ -196,7 +197,7 @@ class AngleCamera:
         return radial, tangential / lengths
 
     def _find_dots(self, time: float, grey: Picture, picture: Picture, plane: ChainPlane) -> Dots:
-        """Return the dots, each fitted with the motion smear of the nearest predicted dot."""
+        """Return the dots; each fit uses the motion smear of the nearest predicted dot."""
         angles, _ = self.tracks.predict_angles(np.full(self._rotors, time + self._delay))
         rates, _, _ = self.tracks.motion()
 

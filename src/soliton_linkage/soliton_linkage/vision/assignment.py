@@ -22,14 +22,14 @@ HIDDEN = -1
 _CANDIDATES = 6
 """Largest number of candidate dots of a rotor [1]."""
 _HIDDEN_COST = 14.0
-"""Cost of a hidden rotor [1]: between the costs of 3 and 4 standard deviations."""
+"""Cost of a hidden rotor [1], between the costs of deviations of 3 and 4 sigma."""
 _MAX_ANGLE_COST = 30.0
 """Largest cost of an unexpected angle [1], because rotors may be kicked."""
 _MAX_BOND_COST = 12.0
 """Largest cost of a bond length [1]. It is smaller than `_HIDDEN_COST`, so that one wrong
 neighbour does not hide a rotor."""
 _PIVOT_COST = 8.0
-"""Cost of a dot at a pivot [1]: one such dot in fifty is a mass in front of the pivot."""
+"""Cost of a dot at a pivot [1], if one such dot in fifty is a mass in front of the pivot."""
 _MAX_LENGTH_ERROR = 4.0
 """Largest error of a rotor length in standard deviations [1]."""
 
@@ -58,8 +58,8 @@ def assign_dots(
 ) -> NDArray[np.intp]:
     """Return the dot number of each rotor, or `HIDDEN`, shape (N,).
 
-    `points` are the dots at the heights of even and odd rotors [m], shape (2, K, 2), with
-    standard deviations [m], (K,), and costs of each colour, (K, C).
+    `points` are the dots at the heights of even and odd rotors [m], shape (2, K, 2). They have
+    standard deviations [m], (K,), and a cost for each colour, (K, C).
     """
     rotors = len(predicted.pivots)
     if not points.shape[1]:
@@ -85,7 +85,7 @@ def assign_dots(
 def _own_costs(
     points: Array, point_deviations: Array, colour_costs: Array, predicted: Prediction
 ) -> Array:
-    """Return the cost of each dot for each rotor without neighbours, (N, K)."""
+    """Return the cost of each dot for each rotor, without the costs of bonds, (N, K)."""
     arms = points[np.arange(len(predicted.pivots)) % 2] - predicted.pivots[:, None]
     lengths = np.hypot(arms[..., 0], arms[..., 1])
     angles = np.arctan2(arms[..., 0], arms[..., 1])

@@ -26,8 +26,9 @@ _MAX_PIXELS = 32_768
 _COEFFICIENTS = 8
 """Number of distortion coefficients of the model rational_polynomial [1]."""
 _MAX_ITERATIONS, _TOLERANCE = 50, 1e-6
-"""Limits of the inverse lens iteration [1], [pixels]. OpenCV's default of 5 iterations leaves
-an error of 0.01 pixels for the lens of a phone and 0.8 pixels for a wide-angle lens."""
+"""Limits of the iteration that inverts the lens equation [1], [pixels]. The 5 iterations that are
+the default of OpenCV leave an error of 0.01 pixels for the lens of a phone and 0.8 pixels for a
+wide-angle lens."""
 _MIN_PICTURES, _MAX_PICTURES = 3, 60
 """Numbers of calibration pictures [1]: fewer do not separate focal lengths from distortion, and
 more increase the computing time but not the accuracy."""
@@ -51,7 +52,7 @@ class Camera:
     distortion: tuple[float, ...] = ()
     """First coefficients of k1, k2, p1, p2, k3, k4, k5, k6 [1]; the others are 0."""
     row_time: float = 0.0
-    """Delay between the exposures of consecutive rows [s]; 0 for a global shutter."""
+    """Delay between the exposures of successive rows [s]; 0 for a global shutter."""
     exposure: float = 0.0
     """Exposure time of a row [s]; 0 if it is unknown."""
 
@@ -122,7 +123,7 @@ class Calibration:
 
 
 def calibrate(pictures: Iterable[Picture], columns: int, rows: int, square: float) -> Calibration:
-    """Calibrate a camera with pictures of a chessboard with squares of a side [m].
+    """Calibrate a camera with pictures of a chessboard; `square` is the side of a square [m].
 
     The board has `columns` x `rows` inner corners. Raises ValueError if fewer than 3 pictures
     show the board, or if the sizes of the pictures differ.

@@ -5,9 +5,9 @@ The second moments of the darkness of a rotor define its middle and length, and 
 defines its axis. The ends that lie on one line are the pivots; the other ends are the masses. The
 camera faces the chain with rotor 0 on the left, and bonds are thinner than rotors.
 
-Bonds along a rotor, pixels and compression cause errors of the angle that are as large as those of
-the length. Therefore the stated standard deviation from pixel noise is scaled by a factor: the
-observed changes of rotor lengths divided by the changes that pixel noise explains.
+Bonds near a rotor, pixels and compression cause errors of the angle as large as those of the
+length. Therefore the stated standard deviation is that from pixel noise, multiplied by the ratio
+of the observed changes of rotor lengths to the changes that pixel noise explains.
 """
 
 from __future__ import annotations
@@ -26,16 +26,16 @@ from soliton_linkage.vision.opencv import Picture, opencv
 from soliton_linkage.vision.rotor_tracks import RotorTracks
 
 _AREA_RANGE = (0.4, 1.8)
-"""Range of the area of a rotor, relative to the median [1]: hidden parts are smaller, and two
-touching rotors are larger."""
+"""Range of the area of a rotor, relative to the median [1]. A partly hidden rotor is smaller, and
+two touching rotors are larger."""
 _MIN_ASPECT = 2.0
 """Smallest length of a rotor, relative to its width [1], so that its axis is defined."""
 _MAX_PIVOT_SHIFT = 0.35
 """Largest shift of a pivot since the first picture, relative to the spacing [1]."""
 _ITERATIONS = 3
-"""Iterations of directions [1]; each one reduces the change tenfold or more."""
+"""Number of iterations of directions [1]; each reduces the change tenfold or more."""
 _RANK_TOLERANCE = 1e-3
-"""Relative variation of the heights of arms below which their length is not fitted [1]."""
+"""Relative variation of the heights of arms, below which their length is not fitted [1]."""
 _MIN_NOISE = 0.3
 """Smallest noise of a pixel, caused by rounding [grey levels]."""
 _MAX_MEASUREMENTS = 1000
@@ -113,7 +113,7 @@ class DarkRotors:
     def _error_factor(
         self, rotors: NDArray[np.intp], bars: _Bars, which: NDArray[np.bool_]
     ) -> float:
-        """Return the ratio of errors to the errors by pixel noise, from rotor lengths [1]."""
+        """Return the ratio of errors to errors due to pixel noise, from rotor lengths [1]."""
         lengths = np.hypot(*bars.halves[which].T)
         known = self._counts[rotors] > 0
         errors = (lengths - self._lengths[rotors]) / bars.deviations[which, 1]
@@ -181,8 +181,9 @@ def _bar(
 def _fit_axis(points: Array, weights: Array, axis: Array, reach: float) -> tuple[Array, float]:
     """Return the direction of a line through points (P, 2), and its error per unit noise [rad].
 
-    The weights of this least-squares fit taper off to zero at the reach along the axis. So pixels
-    do not enter or leave abruptly when the rotor turns, and the ends with the bonds count little.
+    The weights of this least-squares fit decrease to zero at the distance `reach` along the axis.
+    Thus pixels do not enter or leave abruptly when the rotor turns, and the ends with the bonds
+    have little weight.
     """
     for _ in range(_ITERATIONS):
         normal = np.array([-axis[1], axis[0]])
@@ -199,8 +200,8 @@ def _fit_axis(points: Array, weights: Array, axis: Array, reach: float) -> tuple
 def _find_pivots(bars: _Bars) -> tuple[Array, Array, Array]:
     """Return pivots, arms to the masses [pixels], (K, 2) each, and the direction of the chain.
 
-    Fits the line of the pivots together with the ratio of their distances from the middles to the
-    half lengths.
+    The fit determines the line of the pivots and the ratio of their distances from the middles to
+    the half lengths.
     """
     pivots, arms = bars.middles, bars.halves
     middle, along = _line(pivots)

@@ -7,15 +7,16 @@ error. The error along the circle is assumed to be equally large. In compressed 
 dots have larger errors than resting dots.
 
 A video codec stores only changes of a picture that exceed a threshold. Elsewhere it repeats the
-pixels of the previous picture exactly; with camera noise this never happens by itself. A repeated
-dot is not a new measurement. The mass may have moved by up to the threshold since the last update.
-At the next update the dot jumps along its circle by this error. If some dots are repeated while
-others move, the video has a dead zone, in which slow motion is invisible. The errors of dots that
-move beyond the dead zone in each picture are estimated as follows:
+pixels of the previous picture exactly; without a codec, camera noise prevents exact repetition. A
+repeated dot is not a new measurement. The mass may have moved by up to the threshold since the
+last update. At the next update the dot jumps along its circle by this error. If some dots are
+repeated while others move, the video has a dead zone, in which slow motion is invisible. The
+errors of dots that move beyond the dead zone in each picture are estimated as follows:
 
 * Along the path, the sixth divided difference of seven pictures contains only errors, because slow
-  motions and the usual waves do not contribute to it. * This difference reduces correlated errors.
-  The factor is assumed to be that of the errors across the path, which are also known directly.
+    motions and the usual waves do not contribute to it. * This difference reduces correlated
+    errors. The reduction factor is assumed to be that of the errors across the path, which are
+    also measured directly.
 
 Let s^2 be the variance of resting dots, e^2 the variance of moving dots, and t the usual number of
 repeats. A dot that was repeated in n pictures has the variance
@@ -41,19 +42,19 @@ MEMORY = 300
 _PRIOR_WEIGHT = 30.0
 """Weight of the expected mean square, in values [1]."""
 _MAX_VALUE = 5.0
-"""Largest value that counts, in root mean squares [1]; larger ones belong to another dot."""
+"""Limit of a value, in root mean squares [1]; larger values belong to another dot."""
 _MOVING = 0.1
 """Displacement between two pictures above which a dot moves [pixels], ten times the noise."""
 _ORDER = 6
 """Order of the divided difference [1]. It reduces waves of a tenth of the picture rate to a
 thousandth, and errors that last for two pictures to a half."""
 _RECORDED_STEP = 0.4
-"""Displacement between two pictures above which every usable video updates a dot [pixels]. It is
-several times the errors of good videos."""
+"""Displacement between two pictures above which every usable video updates a dot [pixels], several
+times the errors of good videos."""
 
 
 def _faded(total: float) -> float:
-    """Return a sum over pictures, one picture later."""
+    """Return the fading sum of pictures, one picture later."""
     return total * (1 - 1 / MEMORY)
 
 
@@ -71,7 +72,7 @@ class FadingMeanSquare:
         self._count = _faded(self._count) + len(valid)
 
     def add_weighted(self, values: Array, weights: Array) -> None:
-        """Add values with weights in pictures, (K,) each, clipped to the largest value."""
+        """Add values with weights in pictures, (K,) each, clipped to `_MAX_VALUE`."""
         squares = np.minimum(values**2, _MAX_VALUE**2 * self.value())
         self._squares = _faded(self._squares) + float(weights @ squares)
         self._count = _faded(self._count) + float(weights.sum())
@@ -82,13 +83,13 @@ class FadingMeanSquare:
 
 
 class RepeatDetector:
-    """Comparison of the dots of each picture with the picture before."""
+    """Comparison of the dots of each picture with the previous picture."""
 
     def __init__(self) -> None:
         self._before: Picture | None = None
 
     def compare(self, grey: Picture, centres: Array, radius: float) -> NDArray[np.bool_]:
-        """Return which dots have exactly the pixels of the picture before, shape (N,).
+        """Return which dots have exactly the pixels of the previous picture, shape (N,).
 
         Compares the pixels within a radius [pixels] of the centres [pixels], (N, 2). Centres are
         NaN for hidden dots.
@@ -115,19 +116,19 @@ class DotMeasurements:
     angles: Array
     """Actual angles [rad]."""
     noise: Array
-    """Standard deviations of the angles by pixel noise [rad]."""
+    """Standard deviations of the angles from pixel noise [rad]."""
     length_errors: Array
-    """Errors of the distances from the pivots, relative to the errors by pixel noise [1]."""
+    """Errors of the distances from the pivots, relative to the errors from pixel noise [1]."""
     pixels_per_radian: Array
     """Derivatives of the centres by the angles [pixels/rad]."""
     displacements: Array
-    """Displacements since the picture before [pixels]."""
+    """Displacements since the previous picture [pixels]."""
     repeated: NDArray[np.bool_]
-    """Whether the dot has exactly the pixels of the picture before."""
+    """Whether the dot has exactly the pixels of the previous picture."""
 
 
 class ErrorScale:
-    """Ratios of the errors of dots to the errors by pixel noise, estimated from the pictures."""
+    """Ratios of the errors of dots to the errors from pixel noise, estimated from the pictures."""
 
     def __init__(self, rotors: int) -> None:
         self._resting, self._moving, self._jumps = (FadingMeanSquare() for _ in range(3))
@@ -135,7 +136,7 @@ class ErrorScale:
         self._repeats, self._before = np.zeros(rotors), np.full(rotors, np.nan)
 
     def update(self, dots: DotMeasurements) -> Array:
-        """Return the ratios of the standard deviations to those by pixel noise, shape (N,)."""
+        """Return the ratios of the standard deviations to those from pixel noise, shape (N,)."""
         moving = dots.displacements > _MOVING
         self._resting.add(dots.length_errors[~dots.repeated & ~moving])
         self._moving.add(dots.length_errors[~dots.repeated & moving])
@@ -185,7 +186,8 @@ class DeadZone:
     def add(self, dots: DotMeasurements, jumps: float) -> None:
         """Add the errors of a picture.
 
-        The mean square of the jumps of repeated dots [1] is the expected error until dots move.
+        `jumps`, the mean square of the jumps of repeated dots [1], is the expected error until
+        dots move.
         """
         self._times = np.append(self._times[1:], dots.time)
         self._angles = np.vstack([self._angles[1:], dots.angles])
@@ -200,7 +202,7 @@ class DeadZone:
         self._across.add(self._length_errors[_ORDER // 2, always])
 
     def variances(self, resting: float, jumps: float) -> Array:
-        """Return the ratios of error variances to variances by pixel noise [1], shape (N,)."""
+        """Return the ratios of error variances to variances from pixel noise [1], shape (N,)."""
         along = self._along.value(jumps)
         along *= max(1.0, self._across.value() / self._across_difference.value())
         usual = math.exp(self._log_repeats / max(self._ended, 1.0))

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Least-squares fit of dots to pixels, with the covariance of their centres.
+"""Least-squares fit of dots to pixels, with the covariance of the centres.
 
 A dot with the centre p and the radius R is fitted to the pixels of its label:
 
@@ -7,10 +7,10 @@ A dot with the centre p and the radius R is fitted to the pixels of its label:
     T(y) = mean_k erfc((|S (y - s_k)| - R) / (b sqrt 2)) / 2,
 
 with the white level w, contrast c, gradient of the light g, blur b, and the offsets s_k along the
-motion during the exposure. R and b are fitted, too. The matrix S, of determinant 1, maps the
+motion during the exposure. R and b are fitted too. The matrix S, of determinant 1, maps the
 ellipse in the image to a circle. If all pixels have the same noise, the fit reaches the Cramer-Rao
 bound, and the covariance of the centre follows from the normal matrix. Pixels at the edge of the
-label do not count, because uneven surroundings would bias the centre.
+label are excluded, because uneven surroundings would bias the centre.
 """
 
 from __future__ import annotations
@@ -41,34 +41,35 @@ _RADII = (0.7, 1.4)
 _PARAMETERS = 8
 """Number of parameters [1]: w, c, g (2), p (2), R and b."""
 _LABEL_MARGIN = 1.4
-"""Margin of a label in which pixels do not count [pixels], more than twice the blur."""
+"""Margin of a label whose pixels are excluded [pixels], more than twice the blur."""
 _MAX_DISTANCE = 4.0
-"""Distance from the edge of a dot beyond which pixels do not count [pixels]."""
+"""Distance from the edge of a dot beyond which pixels are excluded [pixels]."""
 _MAX_ITERATIONS = 6
 """Limit of Gauss-Newton iterations [1]; the first centres are within a pixel."""
 _TOLERANCE = 3e-4
-"""Length of the last step [pixels]; the remaining error is a hundredth of the noise."""
+"""Step below which a fit has converged [pixels]; the remaining error is a hundredth of the
+noise."""
 _MAX_STEP = 0.7
 """Longest step of an iteration [pixels], within which the model is linear."""
 _OFFSETS = 5
 """Number of averaged offsets along the motion during the exposure [1]."""
 _HALF_WIDTH = 4.0
-"""Half width of an edge in deviations of the blur [1]; the rest is 3e-5 of the contrast."""
+"""Half width of an edge in units of the blur [1]; the remainder is 3e-5 of the contrast."""
 _STEPS = 64
-"""Steps of the edge tables per deviation [1]; interpolation errors are below 1e-5."""
+"""Points of the edge tables per unit of the blur [1]; interpolation errors are below 1e-5."""
 _DISTANCES = np.arange(2 * int(_HALF_WIDTH) * _STEPS + 1) / _STEPS - _HALF_WIDTH
-"""Distances from an edge in the tables, in deviations of the blur [1]."""
+"""Distances from an edge in the tables, in units of the blur [1]."""
 _COVERS: Array = erfc(_DISTANCES / math.sqrt(2)) / 2
 """Coverage of a pixel at these distances from a blurred edge [1]."""
 _EDGES: Array = np.exp(-(_DISTANCES**2) / 2) / math.sqrt(2 * math.pi)
 """Negative slopes of this coverage [1]."""
 _MIN_SMEAR = 0.3
-"""Motion during the exposure below which a dot counts as at rest [pixels]."""
+"""Motion during the exposure below which a dot is treated as at rest [pixels]."""
 
 
 @compiled(const_u1_2d, f8_1d, f8_1d)
 def begin_loop(grey: NDArray[np.uint8], dot: Array, state: Array) -> None:
-    """Set the initial state of a fit from the lightest and darkest pixels within the reach."""
+    """Set the initial state of a fit from the lightest and the darkest pixels near the dot."""
     start, reach = dot, dot[3]
     height, width = grey.shape
     low, high = 255.0, 0.0
@@ -86,7 +87,7 @@ def begin_loop(grey: NDArray[np.uint8], dot: Array, state: Array) -> None:
 def _cover(
     x: float, y: float, offsets: int, dot: Array, radius: float, blur: float
 ) -> tuple[float, float, float, float, float]:
-    """Return the coverage T of a pixel at (x, y) from the dot and its derivatives by p, R, b."""
+    """Return the coverage T of a pixel at (x, y), and its derivatives by p, R and b."""
     sxx, sxy, syx, syy, smear_x, smear_y = dot[4:]
     cover = by_x = by_y = by_radius = by_blur = 0.0
     for k in range(offsets):
@@ -147,7 +148,7 @@ def normal_loop(
 ) -> tuple[float, float]:
     """Fill the normal equations; return the sums of squared residuals and of weights.
 
-    With `last`, fill the matrix with squared weights, too.
+    With `last`, also fill `squared`, the matrix with squared weights.
     """
     height, width = grey.shape
     white, contrast, by_column, by_row, x0, y0, radius, blur = state
@@ -156,7 +157,7 @@ def normal_loop(
     offsets = _OFFSETS if math.hypot(smear_x, smear_y) > _MIN_SMEAR else 1
     derivatives = np.empty(_PARAMETERS)
     whole = sxx * sxx + sxy * sxy + syx * syx + syy * syy
-    # Half of the major axis sigma of an ellipse of area pi, from sigma^2 + 1 / sigma^2 = whole.
+    # Semi-major axis sigma of an ellipse of area pi, from sigma^2 + 1 / sigma^2 = whole.
     box = reach * math.sqrt((whole + math.sqrt(max(whole * whole - 4.0, 0.0))) / 2)
     normal[:] = 0.0
     right[:] = 0.0
@@ -207,9 +208,9 @@ def solve_loop(matrix: Array, right: Array) -> None:
 
 @compiled(const_u1_2d, f8_2d, f8_2d)
 def fit_loop(grey: NDArray[np.uint8], dots: Array, found: Array) -> None:
-    """Fit dots: rows of first centre (2), radius, reach, S (xx, xy, yx, yy) and smear (2).
+    """Fit dots, given rows of initial centre (2), radius, reach, S (4) and smear (2).
 
-    Fill rows of centre (2), white, contrast, covariance (xx, xy, yy) and residual.
+    Rows of `found` are centre (2), white, contrast, covariance (xx, xy, yy) and residual.
     """
     state, right = np.empty(_PARAMETERS), np.empty(_PARAMETERS)
     normal = np.empty((_PARAMETERS, _PARAMETERS))
@@ -275,7 +276,7 @@ def fit_dots(
     """Fit dots near starts [pixels] with motion smears during the exposure [pixels], (K, 2) each.
 
     `outlines`, (K, 2, 2), map the outline of each dot around its centre to the unit circle
-    [1/pixel]. `dot_share` is the radius of a dot over the radius of its label [1].
+    [1/pixel]. `dot_share` is the ratio of the radius of a dot to the radius of its label [1].
     """
     radii = 1 / np.sqrt(np.abs(np.linalg.det(outlines)))
     shapes = (radii[:, None, None] * outlines).reshape(-1, 4)

@@ -16,16 +16,16 @@ from soliton_linkage.vision.opencv import Picture, opencv
 MIN_CONTRAST = 20.0
 """Smallest contrast of a dot [grey levels of 256], a tenth of the contrast in good light."""
 _THRESHOLD = 0.3 * MIN_CONTRAST
-"""Smallest darkness of the pixels of a dot below their surroundings [grey levels]."""
+"""Smallest difference between a dot and its surroundings [grey levels]."""
 _AREAS = (0.2, 4.0)
 """Smallest and largest area of a spot, relative to the area of a dot at rest [1]."""
 _MAX_RELATIVE_RESIDUAL, _MAX_RESIDUAL = 2.0, 0.02
-"""Largest residual of a dot: so many medians of all dots, plus a fraction of its contrast [1].
-Partly hidden dots have larger residuals."""
+"""Largest residual of a dot [1]: multiple of the median of all dots, plus fraction of its
+contrast. Partly hidden dots have larger residuals."""
 _MAX_SHIFT = 2.5
 """Largest distance of a fitted dot from its spot, in addition to half its smear [pixels]."""
 _GREY_SATURATION = 0.25
-"""Saturation from which a dot is not black at all [1]."""
+"""Saturation above which a dot is certainly not black [1]."""
 _HUE_DEVIATION = 0.5
 """Standard deviation of a measured hue [rad]."""
 MAX_COLOUR_COST = 20.0

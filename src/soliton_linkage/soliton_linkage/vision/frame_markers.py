@@ -25,24 +25,24 @@ from soliton_linkage.vision.plane import ChainPlane, fit_plane
 _MAX_PICTURES = 1000
 """Largest number of pictures in a mean [1]; the mean then follows slow motions of the frame."""
 _FIT_PERIOD = 30
-"""Number of pictures with a fit each, and the period of later fits [1]: means change slowly."""
+"""Number of first pictures with a fit each, and period of later fits [1]; means change slowly."""
 FEWEST_DOTS = 6
 """Smallest number of dots that defines a plane and its residual [1]."""
 _MOTION_THRESHOLD = 6.0
-"""Mean shift of the dots that is a motion of the camera, in standard deviations [1]. At 60
-pictures a second, noise never reaches it."""
+"""Mean shift of the dots above which the camera has moved, in standard deviations [1]. At 60
+pictures per second, noise never reaches it."""
 _MIN_MOTION = 0.1
-"""Smallest motion of the camera [pixels]; flickering lamps shift dots by less."""
+"""Smallest detected motion of the camera [pixels]; flickering lamps shift dots by less."""
 _MIN_OUTLIER = 0.5
-"""Smallest deviation from the common shift of a dot that counts as hidden [pixels]."""
+"""Deviation from the common shift above which a dot is treated as hidden [pixels]."""
 _MAX_RESIDUAL = 0.12
-"""Largest residual of a dot, relative to its contrast [1]; half hidden dots have larger
+"""Largest residual of a dot, relative to its contrast [1]; partly hidden dots have larger
 residuals."""
 _MAX_SCALE_ERROR = 0.02
-"""Largest difference of sizes and distances of frame markers [1]; errors of positions cause
-less, and a print that was fitted to the paper differs by more."""
+"""Largest relative difference between the scales of sizes and of distances of frame markers [1].
+Position errors cause smaller differences, a print scaled to the paper larger ones."""
 _SEARCH_PERIOD = 60
-"""Period of the search for missing markers [pictures]; a search takes as long as a picture."""
+"""Period of the search for missing markers [pictures]; a search takes one picture period."""
 
 
 class FrameMarkers:
@@ -54,9 +54,10 @@ class FrameMarkers:
         self.deviation = 0.0
         """Standard deviation of a common shift of the plane [pixels]."""
         self.placing: PlacingErrors | None = None
-        """Errors by the positions of the frame markers, None before the plane is known."""
+        """Errors due to the positions of the frame markers, None before the plane is known."""
         self.print_scale = 1.0
-        """Size of the frame markers relative to their distances, each relative to the layout."""
+        """Ratio of the scale of marker sizes to the scale of their distances, relative to the
+        layout [1]."""
         self.seen = 0
         """Number of visible dots in the latest picture."""
         self.moves = 0
@@ -73,7 +74,7 @@ class FrameMarkers:
 
     @property
     def complaint(self) -> str:
-        """Error of the print and its remedy, empty if the sizes match the distances."""
+        """Error of the printed sizes and its remedy, empty if the sizes match the distances."""
         if abs(self.print_scale - 1) < _MAX_SCALE_ERROR:
             return ''
         return (
@@ -131,7 +132,7 @@ class FrameMarkers:
         return True
 
     def _relocate(self, grey: Picture) -> bool:
-        """Detect the markers again: either the camera has moved, or the markers are hidden."""
+        """Detect the markers again, because the camera has moved or markers are hidden."""
         kept = self.plane, self._centres, self._known, self._pictures
         found, distance = self._find(grey), np.nan
         both = kept[2] & self._known
@@ -190,7 +191,7 @@ class FrameMarkers:
 
 
 def _spreads(dots: Array) -> tuple[float, float]:
-    """Return the extent of the dots within markers and of the markers [m], for (M, 4, 2)."""
+    """Return the extent of the dots within markers and that of the markers [m]."""
     centres = dots.mean(axis=1)
     within = np.linalg.norm(dots - centres[:, None]) / np.sqrt(len(dots))
     return float(within), float(np.linalg.norm(centres - centres.mean(axis=0)))

@@ -27,8 +27,8 @@ DOT_SHARE = 0.48
 """Diameter of a dot, relative to the diameter of its label [1]; the white margin allows for
 blur."""
 COLOURS = ((0, 0, 0), (200, 30, 40), (0, 120, 60), (30, 60, 190))
-"""Red, green and blue [0 to 255] of the dots of pivots (first) and of masses. Their
-luminances differ from white, and their hues differ from each other."""
+"""Red, green and blue [0 to 255] of the dots of pivots (first) and of masses. They are much darker
+than white and have different hues."""
 _LABEL_OF_SPACING, _LABEL_OF_ROTOR = 0.45, 0.9
 """Largest diameter of a label, relative to the smaller of spacing and rotor length [1]."""
 _MARKER_OF_SPACING = 0.9
@@ -45,10 +45,10 @@ class MarkerSettings:
     """Sizes and positions of markers; raises ValueError for values out of range."""
 
     label_diameter: float = quantity(
-        0.0, 'diameter of the white labels; 0: derived from the chain', 'm', 0.0, 1.0
+        0.0, 'diameter of the white labels; 0 derives it from the chain', 'm', 0.0, 1.0
     )
     frame_marker_size: float = quantity(
-        0.0, 'side of the black frame markers; 0: derived from the chain', 'm', 0.0, 10.0
+        0.0, 'side of the black frame markers; 0 derives it from the chain', 'm', 0.0, 10.0
     )
     frame_columns: int = quantity(3, 'pairs of frame markers along the chain', '', 2, 25)
     frame_x: tuple[float, ...] = quantity(
@@ -71,7 +71,7 @@ class MarkerSettings:
         if len(self.frame_x) != len(self.frame_z) or len(self.frame_x) not in (0, *range(2, 51)):
             raise ValueError(
                 f'markers.frame_x has {len(self.frame_x)} values and markers.frame_z '
-                f'{len(self.frame_z)}; give each the same number, 2 to 50, or none'
+                f'{len(self.frame_z)}; give both the same number of values, 2 to 50, or none'
             )
 
 
@@ -122,7 +122,7 @@ class MarkerLayout:
         distance = _MIN_DISTANCE * self.paper_size
         half = max((length + size) / 2, distance / 2)
         columns = min(self.settings.frame_columns, 1 + int(2 * half / distance))
-        # Positions in whole millimetres can be set with a ruler.
+        # Whole millimetres can be set with a ruler.
         first = math.floor(round(1e3 * (length / 2 - half), 6))
         step = math.ceil(round(2e3 * half / max(columns - 1, 1), 6))
         row = math.ceil(round(1e3 * away, 6))

@@ -19,27 +19,27 @@ _FONT_SIZE = 1 / 1800
 _SHADOW = (20, 20, 20)
 """Blue, green and red of the shadow of letters, for contrast on any background."""
 _WALL_LENGTH = 1.35
-"""Half length of the line across the chain at a wall, relative to the length of the rotors [1]."""
+"""Half length of the line at a wall across the chain, relative to the rotor length [1]."""
 _NAME_DISTANCE = 0.95
-"""Distance of a rotor's name from its pivot, relative to the spacing [1]: outside the label, and
-closer to its own pivot than to most others."""
+"""Distance of the name of a rotor from its pivot, relative to the spacing [1], outside the label
+and nearer to its own pivot than to most others."""
 _WALL_DEVIATIONS = 2.0
-"""Half width of a wall in standard deviations [1]."""
+"""Half width of the band that marks a wall, in standard deviations of the position [1]."""
 _OPACITY = 0.35
-"""Opacity of a wall [1]."""
+"""Opacity of the band that marks a wall [1]."""
 _SHIFT = 4
 """Fractional bits of coordinates in OpenCV [1]."""
 
 
 class WallMark(NamedTuple):
-    """A wall to be drawn."""
+    """A wall to draw."""
 
     rotor: float
     """Position [rotor spacings from rotor 0]."""
     deviation: float
     """Standard deviation of the position [rotor spacings], NaN if it is unknown."""
     charge: int
-    """1 for a kink, -1 for an anti-kink."""
+    """+1 for a kink, -1 for an anti-kink."""
 
 
 def draw_overlay(
@@ -50,8 +50,8 @@ def draw_overlay(
 ) -> Picture:
     """Return a copy of a picture with its measurement drawn on it.
 
-    Rings mark dots, lines connect pivots and masses, and hidden rotors are orange. If the names
-    of the rotors do not fit, numbers replace them.
+    Rings mark dots, lines connect pivots and masses, and hidden rotors are orange. Names that do
+    not fit are replaced by numbers.
     """
     cv2 = opencv()
     drawn = cv2.cvtColor(picture, cv2.COLOR_GRAY2BGR) if picture.ndim == 2 else picture.copy()
@@ -99,7 +99,7 @@ class _Pen:
             part[:] = self._cv2.addWeighted(filled, _OPACITY, part, 1 - _OPACITY, 0.0)
 
     def write(self, text: str, corner: Array, colour: str) -> None:
-        """Write letters with a shadow; the corner is the lower left one [pixels]."""
+        """Write text with a shadow from its lower left corner [pixels]."""
         x, y = (round(float(each)) for each in corner)
         font, style = self._cv2.FONT_HERSHEY_SIMPLEX, (self.thickness, self._cv2.LINE_AA)
         for shift, paint in ((1, _SHADOW), (0, _bgr(colour))):
@@ -107,7 +107,7 @@ class _Pen:
             self._cv2.putText(self.picture, text, at, font, self.size, paint, *style)
 
     def extent(self, text: str) -> Array:
-        """Return the width and height of letters [pixels]."""
+        """Return the width and height of a text [pixels]."""
         font = self._cv2.FONT_HERSHEY_SIMPLEX
         size, _ = self._cv2.getTextSize(text, font, self.size, self.thickness)
         return np.array(size, dtype=np.float64)

@@ -1,8 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Errors of angles because frame markers do not lie exactly at their stated positions.
+"""Errors of angles due to errors in the stated positions of the frame markers.
 
 The plane of the chain is fitted to the dots of the frame markers. Small displacements of the
-markers change it by a field that is linear in them. To first order a homography has the field
+markers displace the fitted plane by a field u, which is linear in these displacements. For a
+homography the field is, to first order,
 
     u_x = p0 + p1 x + p2 z + p6 x^2 + p7 x z,
     u_z = p3 + p4 x + p5 z + p6 x z + p7 z^2.
@@ -29,14 +30,14 @@ class PlacingErrors:
         self._parameters = np.linalg.lstsq(fields, moved, rcond=None)[0]
 
     def deviations(self, pivots: Array, arms: Array) -> Array:
-        """Return the deviation of the angle of each rotor [rad/m], from pivots and arms [m]."""
+        """Return the deviation of the angle of each rotor [rad/m], given pivots and arms [m]."""
         change = self._fields(pivots + arms) - self._fields(pivots)
         across = np.stack([arms[:, 1], -arms[:, 0]], axis=1) / np.sum(arms**2, axis=1)[:, None]
         turns = np.einsum('ni,nij->nj', across, change) @ self._parameters
         return np.asarray(np.sqrt(np.sum(turns**2, axis=1)))
 
     def _fields(self, points: Array) -> Array:
-        """Return the field of each parameter at points [m], shape (K, 2, 8)."""
+        """Return the derivative of the field by each parameter at points [m], shape (K, 2, 8)."""
         x, z = ((points - self._centre) / self._scale).T
         one, none = np.ones_like(x), np.zeros_like(x)
         along = [one, x, z, none, none, none, x * x, x * z]

@@ -1,10 +1,10 @@
 # SPDX-License-Identifier: Apache-2.0
 """Plane of a chain in front of a camera.
 
-The camera sees a point (x, z) of the plane along the ray g1 x + g2 z + g3. The columns g1 and g2
-are the axes of the plane in the camera's frame; their length is 1 if the lens is calibrated. A
-point at a height h above the plane, towards the camera, has the ray g1 x + g2 z + g3 +
-h (g1 x g2).
+The ray from the camera to a point (x, z) of the plane is g1 x + g2 z + g3. The columns g1 and g2
+are the axes of the plane in the frame of the camera; they are unit vectors if the lens is
+calibrated. A point at a height h above the plane, towards the camera, has the ray g1 x + g2 z + g3
++ h (g1 x g2).
 """
 
 from __future__ import annotations
@@ -68,9 +68,10 @@ class ChainPlane:
         return np.stack([points[0] - points[1], points[2] - points[3]], axis=-1)
 
     def circle_centres(self, image_centres: Array, radius: float) -> Array:
-        """Return the pixels of circle centres from the centres of their images, shape (K, 2).
+        """Return the pixels of circle centres, given the centres of the images, shape (K, 2).
 
-        The image of a circle is an ellipse whose centre is not the image of the circle's centre.
+        The image of a circle is an ellipse whose centre is not the image of the centre of the
+        circle.
         """
         turns = np.arange(16) * (np.pi / 8)
         circle = radius * np.column_stack([np.cos(turns), np.sin(turns)])

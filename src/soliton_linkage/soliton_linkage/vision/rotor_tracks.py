@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""State of rotors and pivots over the pictures: predictions, turns and measured lengths."""
+"""Tracks of rotors and pivots through the pictures: predictions, turns and measured lengths."""
 
 from __future__ import annotations
 
@@ -15,14 +15,14 @@ _MEMORY = 3
 _MAX_GAP = 0.25
 """Longest time between measurements that define a rate [s]."""
 _ACCELERATION = 300.0
-"""Typical acceleration of a rotor at rest after a kick [rad/s^2]. In any chain, the acceleration
+"""Typical acceleration after a kick of a rotor at rest [rad/s^2]. In any chain, the acceleration
 of a turning rotor is about the square of its rate."""
 _INITIAL_RATE = 10.0
 """Standard deviation of the rate of a rotor before its second measurement [rad/s]."""
 _MIN_DEVIATION = 0.03
-"""Standard deviation of a prediction for the time of the last measurement [rad]."""
+"""Standard deviation of a prediction at the time of the last measurement [rad]."""
 _MAX_DEVIATION = 1.5
-"""Largest standard deviation of a prediction that defines the turns of a rotor [rad]."""
+"""Largest standard deviation of a prediction from which the turns of a rotor follow [rad]."""
 _UNMEASURED = 0.07
 """Relative standard deviation of configured lengths [1], typical for handmade parts."""
 _MEASURED_ROTOR, _MEASURED_BOND = 0.02, 0.03
@@ -30,11 +30,12 @@ _MEASURED_ROTOR, _MEASURED_BOND = 0.02, 0.03
 _MAX_LENGTH_ERROR = 0.2
 """Largest relative deviation of a length from its configured value [1]."""
 _MIN_MEASUREMENTS, _MAX_MEASUREMENTS = 5, 300
-"""Numbers of pictures before the mean of a length is used, and in that mean [1]."""
+"""Smallest number of pictures in the mean of a length, and largest one [1]."""
 _PIVOT_TOLERANCE = 0.25
 """Largest distance of a pivot from its configured line, relative to the spacing [1]."""
 _SPACING_TOLERANCE = 0.4
-"""Largest deviation of a pivot distance from a multiple of the spacing, in spacings [1]."""
+"""Largest deviation of a pivot distance from a multiple of the spacing, relative to the spacing
+[1]."""
 _MIN_VISIBLE = 0.8
 """Fraction of the pivots that must be visible before they are numbered [1]."""
 _MAX_PIVOT_PICTURES = 1000
@@ -44,7 +45,7 @@ _MAX_BLACK_COST = 4.0
 
 
 class RotorTracks:
-    """Angles, rates and lengths of the rotors over the pictures."""
+    """Angles, rates and lengths of the rotors, tracked through the pictures."""
 
     def __init__(self, layout: MarkerLayout) -> None:
         chain = layout.chain
@@ -52,7 +53,7 @@ class RotorTracks:
         self.lengths = chain.rotor_lengths.copy()
         """Lengths of the rotors [m], shape (N,): measured means, initially configured values."""
         self.bonds = chain.rest_lengths[: rotors - 1].copy()
-        """Distances of the masses of neighbours [m], shape (N - 1,), likewise."""
+        """Distances of the masses of neighbours [m], shape (N - 1,), measured in the same way."""
         self._colours = layout.colours
         self._length_counts, self._bond_counts = np.zeros(rotors), np.zeros(rotors - 1)
         self._times = np.full((_MEMORY, rotors), -np.inf)
@@ -118,10 +119,11 @@ class RotorTracks:
         return rates, acceleration, np.where(two, errors, max(_INITIAL_RATE, fastest))
 
     def unwrap(self, times: Array, angles: Array) -> Array:
-        """Return angles [rad] with their full turns, shape (N,).
+        """Return angles [rad] with whole turns, shape (N,).
 
-        A rotor of a spinner that was hidden for long gets the turns of its neighbours, because a
-        passing wall turns all rotors in the same sense. Rotors of flippers do not turn over.
+        A rotor of a spinner that was hidden for a long time gets the turns of its neighbours,
+        because a passing wall turns all rotors in the same sense. Rotors of flippers do not turn
+        over.
         """
         expected, deviations = self.predict_angles(times)
         known = np.isfinite(angles) & (deviations < _MAX_DEVIATION)
@@ -163,12 +165,12 @@ def _update_means(means: Array, counts: Array, configured: Array, values: Array)
 
 
 class Pivots:
-    """Mean positions of the pivots, numbered once most of them were visible."""
+    """Mean positions of the pivots, which are numbered when most of them have been visible."""
 
     def __init__(self, layout: MarkerLayout) -> None:
         chain = layout.chain
         self.known = np.zeros(chain.number_of_rotors, dtype=bool)
-        """Whether each pivot is known, shape (N,); none before most were visible."""
+        """Whether each pivot is known, shape (N,); none is known until most have been visible."""
         self.positions = np.column_stack([chain.pivots, np.zeros(chain.number_of_rotors)])
         """Positions [m], shape (N, 2): measured, interpolated, or initially configured."""
         self.candidates = 0

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Printable sheets with the markers of a chain, to scale: one PDF, or one SVG per sheet."""
+"""Printable sheets with the markers of a chain, to scale, as one PDF or one SVG per sheet."""
 
 from __future__ import annotations
 
@@ -31,13 +31,13 @@ _BOARD = (9, 6, 0.025)
 """Columns and rows of squares of the chessboard, and their side [m]: 8 x 5 inner corners."""
 
 _DrawMarker = Callable[[Any, int, Array], None]
-"""Function that draws a marker, given by its number, with its centre at a point of a sheet [m]."""
+"""Function that draws a marker of a number with its centre at a point of a sheet [m]."""
 
 
 def write_sheets(layout: MarkerLayout, path: Path, paper: str = 'a4') -> list[Path]:
     """Write the sheets of a chain and return the paths of the files.
 
-    Raises ValueError if a marker does not fit on the paper, or for another suffix than .pdf and
+    Raises ValueError if a marker does not fit on the paper, and for a suffix other than .pdf and
     .svg.
     """
     figures = list(_sheets(layout, paper))
@@ -119,7 +119,7 @@ def _draw_label(axes: Any, layout: MarkerLayout, name: str, colour: int, centre:
 
 
 def _chessboard(paper: str) -> Figure:
-    """Return the chessboard, upright because sheets are higher than wide."""
+    """Return the chessboard in portrait orientation, like the sheets."""
     columns, rows, square = _BOARD
     title = f'chessboard of {columns - 1} x {rows - 1} inner corners, squares of 25 mm'
     figure, axes = _sheet(paper, title)
@@ -145,7 +145,7 @@ def _sheet(paper: str, title: str) -> tuple[Figure, Any]:
     for tick in range(11):
         x = _MARGIN + tick * _RULER / 10
         axes.plot([x, x], [top - 0.010, top - 0.008], color='black', lw=0.5)
-    text = '100 mm: print without scaling, then measure this ruler'
+    text = '100 mm: print without scaling and check the length of this ruler'
     axes.text(_MARGIN + _RULER + 0.003, top - 0.010, text, fontsize=7)
     return figure, axes
 

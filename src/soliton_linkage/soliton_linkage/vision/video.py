@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Pictures with times, from video files and cameras of this computer.
+"""Pictures with times, from video files and from cameras of this computer.
 
-The times are read from the file, so videos with a variable frame rate keep their times. PyAV reads
+The times are read from the file, so that they are correct for a variable frame rate. PyAV reads
 the files, or OpenCV if PyAV is not installed.
 """
 
@@ -21,19 +21,19 @@ import numpy as np
 from soliton_linkage.vision.opencv import Picture, opencv, pyav
 
 _TICKS = 90_000
-"""Time base of written videos [Hz], the one of MPEG."""
+"""Time base of written videos [Hz], as in MPEG."""
 _SILENT = 0
 """Log level of OpenCV for no output [1]."""
 _GAP = 1.6
-"""Interval above which pictures are missing, relative to the usual interval [1]."""
+"""Interval above which pictures are missing, relative to the typical interval [1]."""
 _MEMORY = 31
-"""Number of intervals that define the usual one [1]."""
+"""Number of intervals that define the typical interval [1]."""
 _PERCENTILE = 75
-"""Percentile of these intervals that is the usual one; the rates of phones vary [%]."""
+"""Percentile of these intervals that is the typical interval [%]; the rates of phones vary."""
 _CUT = 3.0
-"""Missing time at the end above which a film was cut, in intervals of pictures [1]."""
+"""Missing time at the end above which a film is incomplete, in intervals of pictures [1]."""
 _SOUND = 1.0
-"""Time by which the sound may be longer than the film [s]."""
+"""Largest time by which the sound may be longer than the film [s]."""
 _SYNC, _PACKET = b'G', 188
 """First byte and length [bytes] of each packet of an MPEG transport stream."""
 
@@ -82,7 +82,7 @@ class GapCounter:
 def read_video(path: Path) -> Video:
     """Return the pictures of a video file; raise ValueError or OSError if it is unreadable."""
     if path.is_dir():
-        raise ValueError(f'film {str(path)!r} is a directory; give a file in it')
+        raise ValueError(f'film {str(path)!r} is a directory; give a file')
     if not path.is_file():
         raise ValueError(f'film {str(path)!r} does not exist; check the path')
     try:
@@ -111,7 +111,7 @@ def write_video(
     """Write pictures with their times as H.264, and return their number.
 
     A lower `quality` number (CRF) gives better pictures. With `alone`, each picture is a key
-    frame: the file is larger and contains all small motions.
+    frame; the file is larger but contains all small motions.
     """
     av: Any = pyav()
     count = 0
@@ -163,7 +163,7 @@ def _read_by_av(path: Path) -> Video:
     created = container.metadata.get('creation_time', '')
     length = float(container.duration or 0) / av.time_base
     own = float(stream.duration * stream.time_base) if stream.duration else math.nan
-    # The duration of the file may be the one of its sound.
+    # The duration of the file may be that of its sound.
     slack = _SOUND if math.isnan(own) and container.streams.audio else 0.0
     film = _checked(path, pictures(), length if math.isnan(own) else own, slack)
     return Video(_start(path, created, length), int(stream.frames), film)
@@ -176,7 +176,7 @@ def _read_by_opencv(path: Path) -> Video:
         raise ValueError(
             f'film {str(path)!r} cannot be read; install PyAV, which reads more formats'
         )
-    # Rows must be rows of the sensor, as with PyAV, because each has its own exposure time.
+    # The rows must be those of the sensor, as with PyAV, because each has its own exposure time.
     source.set(cv2.CAP_PROP_ORIENTATION_AUTO, 0)
     frames = max(int(source.get(cv2.CAP_PROP_FRAME_COUNT)), 0)
     rate = float(source.get(cv2.CAP_PROP_FPS)) or 30.0
@@ -215,7 +215,7 @@ def _checked(
 
 
 def _opened_camera(number: int) -> Any:
-    """Return a capture of OpenCV, without its log output if there is no camera."""
+    """Return an OpenCV capture; suppress its log output if there is no camera."""
     cv2 = opencv()
     log = cv2 if hasattr(cv2, 'setLogLevel') else cv2.utils.logging
     level = log.getLogLevel()
