@@ -202,4 +202,4 @@ def test_a_folder_that_becomes_unwritable_stops_no_program(loops: Loops) -> None
     )
     assert result == RIGHT
     assert len(warnings) == 1
-    assert 'not kept' in warnings[0]
+    assert 'cannot be saved' in warnings[0]

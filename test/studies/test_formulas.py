@@ -57,5 +57,5 @@ def test_a_printed_formula_is_parsed_with_its_number(speed: float, sound: float)
 
 
 def test_a_text_without_a_formula_is_rejected() -> None:
-    with pytest.raises(ValueError, match='is no formula'):
+    with pytest.raises(ValueError, match='is not a printed formula'):
         read_formula('as set')

@@ -39,7 +39,7 @@ def test_another_module_may_add_entries(package: str) -> None:
     words: Registry[int] = importlib.import_module(package).WORDS
     words.add('two')(2)
     assert dict(words) == {'one': 1, 'two': 2}
-    with pytest.raises(ValueError, match="has a 'two' already; choose another name"):
+    with pytest.raises(ValueError, match="already has an entry 'two'; choose another name"):
         words.add('two')(2)
 
 

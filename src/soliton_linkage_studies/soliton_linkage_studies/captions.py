@@ -14,7 +14,7 @@ LINKAGE = (
 MODE = 'green arrows are the velocities of the masses in this mode, all drawn to the same scale'
 """Description of the zero-mode arrows, a clause that is inserted into captions."""
 PROJECTIONS = (
-    'Arrows beneath the pivots are the horizontal displacements u = r sin φ of the masses, in '
+    'Arrows below the pivots are the horizontal displacements u = r sin φ of the masses, in '
     'several rows if they would overlap. Arrows to the right are purple, arrows to the left are '
     'orange, and short arrows are paler.'
 )

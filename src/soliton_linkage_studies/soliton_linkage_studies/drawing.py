@@ -41,7 +41,7 @@ from soliton_linkage_studies.palette import (
 )
 
 _OUTSIDE = matplotlib.__version_info__ >= (3, 7)
-"""Whether matplotlib can place a legend outside the panels; older versions cover them."""
+"""Whether matplotlib can put a legend outside the panels; in older versions it covers them."""
 LEGEND_ABOVE: Literal['outside upper center', 'upper center'] = (
     'outside upper center' if _OUTSIDE else 'upper center'
 )
@@ -78,7 +78,7 @@ def mass_points(chain: Chain, angles: Array) -> Array:
 def mode_arrows(chain: Chain, angles: Array, mode: Array) -> Array:
     """Return the mass velocities r t_n (cos(phi_n), -sin(phi_n)) in a mode t [m], shape (N, 2).
 
-    They are perpendicular to the rotors. The mode is in [rad].
+    The velocities are perpendicular to the rotors. The mode is in [rad].
     """
     horizontal, vertical = chain.positions(angles)
     return np.column_stack([mode * vertical, -mode * horizontal])
@@ -95,7 +95,7 @@ def limits(
 
 
 def lean_norm(chain: Chain) -> FuncNorm:
-    """Return the norm that maps displacements u [m] to `LEAN_COLOURS`."""
+    """Return the matplotlib norm that maps displacements u [m] to `LEAN_COLOURS`."""
     places, shares = lean_colour_scale(chain)
     return FuncNorm(
         (partial(_between, places, shares), partial(_between, shares, places)),
@@ -105,7 +105,7 @@ def lean_norm(chain: Chain) -> FuncNorm:
 
 
 class ChainPicture:
-    """Artists of one chain, which `update` moves. The axis limits are set to fit the chain."""
+    """Artists of one chain, which `update` moves; the axis limits fit the chain."""
 
     def __init__(
         self,
@@ -384,7 +384,7 @@ def _turned(tilt: float) -> Array:
 
 
 def _between(places: Array, values: Array, wanted: ArrayLike) -> Array:
-    """Interpolate linearly between places and extrapolate linearly beyond both ends."""
+    """Interpolate linearly between positions and extrapolate linearly beyond both ends."""
     at = np.asarray(np.ma.filled(wanted, np.nan), dtype=np.float64)
     inside = np.interp(at, places, values)
     slopes = np.diff(values)[[0, -1]] / np.diff(places)[[0, -1]]

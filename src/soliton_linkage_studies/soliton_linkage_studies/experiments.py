@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Experiments of the paper: kick a chain at rest along its zero mode and measure its wall."""
+"""Experiments of the paper: a kick along the zero mode of a chain at rest, and its wall."""
 
 from __future__ import annotations
 
@@ -26,17 +26,16 @@ DISTANCE_LABEL = 'n - X [rotor spacings]'
 _ARCTANH_REACH = 0.9
 """Largest order field whose arctanh is fitted [1].
 
-Closer to 1, arctanh would amplify rounding errors and phonons behind the wall.
+Above this value, arctanh would amplify rounding errors and phonons behind the wall.
 """
 _FRAMES = 600
 """Number of frames in a recording of a crossing."""
 _SLACK = 1.1
-"""Recording time relative to the theoretical crossing time of a slow wall; it includes a margin
-[1]."""
+"""Recording time relative to the theoretical crossing time of a slow wall [1], with a margin."""
 _TRANSIENT = 1.5
 """Shortest recording time, relative to the time that sound needs from edge to edge [1].
 
-The fastest walls have crossed by then.
+In this time the fastest walls have crossed the chain.
 """
 
 
@@ -65,7 +64,7 @@ def record_kick(chain: Chain, kick: float, duration: float, frames: int) -> Reco
 
 
 def record_moving_wall(chain: Chain, kick: float) -> tuple[Recording, float]:
-    """Record a kicked chain until its wall has crossed; return the wall speed [spacings/s] too."""
+    """Record a kicked chain until its wall has crossed; return also the speed [spacings/s]."""
     recording = record_kick(chain, kick, crossing_duration(chain, kick), _FRAMES)
     return recording, snapshots(chain, recording, 2).speed
 
@@ -115,7 +114,7 @@ def snapshots(chain: Chain, recording: Recording, count: int, share: float = MID
     if left - entered < count:
         raise ValueError(
             f'the wall was in the middle of the chain in {left - entered} frames, but {count} are '
-            'required; kick it, record for longer, or record more frames'
+            'required; kick the wall, or record for longer or with more frames'
         )
     slope = np.polyfit(recording.times[entered:left], walls[entered:left], 1)[0]
     chosen = np.linspace(entered, left - 1, count).round().astype(int)
@@ -163,7 +162,7 @@ def zero_crossing(field: Array) -> float:
 
 
 def arctanh_width(places: Array, fields: Array) -> float:
-    """Estimate the width w of a wall m = -tanh(x / w) from the slope of arctanh(m) over x.
+    """Estimate the width w of a wall m = -tanh(x / w) from the slope of arctanh(m) against x.
 
     Returns rotor spacings. The fit is linear least squares over all points with |m| < 0.9
     (paper, Fig. 5).

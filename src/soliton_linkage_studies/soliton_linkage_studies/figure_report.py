@@ -24,7 +24,7 @@ _DIGITS = 5
 _LINE = 95
 """Largest number of characters in a line of a caption."""
 _ROUNDING = 1e-11
-"""Relative error below which a table shows 0: the rounding error of a sum of 1000 terms [1]."""
+"""Relative error below which a table shows 0 [1], the rounding error of a sum of 1000 terms."""
 
 
 @dataclass(frozen=True)
@@ -36,20 +36,20 @@ class Comparison:
     paper: str | Formula
     """Value or formula of the paper, with the number of its equation."""
     theory: str | Formula
-    """Formula for the discrete chain, or a text that names the source of `stated`."""
+    """Formula for the discrete chain, or name of the source of `stated`."""
     measured: float
     """Value measured on the simulated chain."""
     stated: float = math.nan
-    """Theoretical value if the theory is given as text; NaN if it has none."""
+    """Theoretical value if `theory` is a text; NaN if there is none."""
 
     @property
     def expected(self) -> float:
-        """Number of the theory: the value of its formula, or `stated`; NaN without either."""
+        """Theoretical value: that of the formula, or `stated`; NaN if neither exists."""
         return self.theory.value if isinstance(self.theory, Formula) else self.stated
 
     @property
     def error(self) -> str:
-        """Relative error of the measured value against the theory [%], as text."""
+        """Deviation of the measured value from theory, relative to theory [%], as text."""
         if not math.isfinite(self.expected):
             return ''
         if self.expected == 0:
@@ -60,7 +60,7 @@ class Comparison:
 
 @dataclass
 class FigureReport:
-    """Figure with the data drawn on it and the comparisons for the table."""
+    """Figure with its caption, its data and its rows of the table of comparisons."""
 
     figure: Figure
     caption: str

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Formulas that are printed and evaluated from the same text.
+"""Formulas as texts that can be both printed and evaluated.
 
 The text is in mathematical notation, such as `√(1 − v²/c²)`, `4 r² sin² θ̄` or `||q₊| − |q₋|| / r`.
 Adjacent factors are multiplied before any division.
@@ -51,7 +51,7 @@ class Formula:
 
 
 def chain_formula(text: str, chain: Chain, remark: str = '', **more: float) -> Formula:
-    """Return a formula with the symbol values of a chain; only the symbols used are printed."""
+    """Return a formula with the symbol values of a chain; only used symbols are printed."""
     plus, minus = couplings(chain)
     values = {
         'r': chain.rotor_length,
@@ -75,7 +75,9 @@ def read_formula(printed: str) -> tuple[Formula, float]:
     """
     found = _VALUE.fullmatch(printed)
     if found is None:
-        raise ValueError(f'{printed!r} is no formula; write it as formula = value for symbols')
+        raise ValueError(
+            f'{printed!r} is not a printed formula; write: formula = value for symbols'
+        )
     pairs = (each.split(' = ') for each in (found['values'] or '').split(', ') if each)
     return Formula(found['text'], {name: float(value) for name, value in pairs}), float(
         found['value']
@@ -173,7 +175,7 @@ class _Parser:
         raise self._error()
 
     def _inside(self) -> float:
-        """Evaluate a sum in parentheses, in which a vertical bar opens a new absolute value."""
+        """Evaluate a sum in parentheses; a vertical bar inside opens a new absolute value."""
         outer, self._bars = self._bars, 0
         value = self._sum()
         self._bars = outer

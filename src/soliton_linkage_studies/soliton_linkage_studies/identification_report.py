@@ -75,5 +75,7 @@ def _draw_bonds(axes: Axes, found: Identification) -> None:
     top = float(np.max(found.bond_noise))
     for bond in found.worst_bonds[:_WORST]:
         axes.text(bond + 0.5, found.bond_noise[bond] + 0.02 * top, f'{bond}', ha='center')
-    axes.set(xlabel='rotor n [1]', ylabel='noise by bond [rad]', ylim=(0, 1.15 * top))
+    axes.set(
+        xlabel='rotor n [1]', ylabel='noise estimated from each bond [rad]', ylim=(0, 1.15 * top)
+    )
     axes.xaxis.set_major_locator(MaxNLocator(integer=True))

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Measurements of a sweep on one chain: the numbers and classes of a table row."""
+"""Measurements of a sweep on one chain; each returns the values of a table row."""
 
 from __future__ import annotations
 
@@ -40,14 +40,11 @@ Value = float | int | str
 
 @dataclass(frozen=True)
 class SweepTrial:
-    """Parameters of a trial that sends a wall through a chain.
-
-    Raises ValueError for values out of range.
-    """
+    """Parameters of a trial that sends a wall through a chain."""
 
     kick: float = quantity(
         0.1,
-        'size of the kick: norm of the initial velocities r phi_dot of all masses',
+        'norm of the velocities r phi_dot of all masses after the kick',
         'a sqrt(k_e / M)',
         1e-9,
         1e3,
@@ -65,7 +62,7 @@ class SweepTrial:
 
 @dataclass(frozen=True)
 class Measure:
-    """Measurement of a chain and the column that its picture shows."""
+    """Measurement of a chain, and the column that its picture shows."""
 
     take: Callable[[Chain, SweepTrial], dict[str, Value]]
     columns: tuple[str, ...]
@@ -101,7 +98,7 @@ def measure_speed(chain: Chain, trial: SweepTrial) -> dict[str, Value]:
 
 
 def measure_survival(chain: Chain, trial: SweepTrial) -> dict[str, Value]:
-    """Determine whether a wall crosses the chain and returns, with springs or rigid bars."""
+    """Measure whether a wall crosses a chain of springs or rigid bars and returns."""
     if trial.mechanics == 'elastic':
         crossed = len(send_wall(chain, trial)[2])
     else:
@@ -112,9 +109,9 @@ def measure_survival(chain: Chain, trial: SweepTrial) -> dict[str, Value]:
 def send_wall(chain: Chain, trial: SweepTrial) -> tuple[Recording, Track, tuple[Crossing, ...]]:
     """Kick the wall of an elastic chain off its right edge; simulate until it returns.
 
-    The frame period is one time unit, in which a wall moves by at most two spacings. After a
-    larger jump the track belongs to another wall, and the crossing is discarded. If the wall does
-    not return, the simulation ends at the time limit.
+    The frame period is one time unit, in which a wall moves by at most two spacings. A larger jump
+    means that the track has changed to another wall, and the crossing is discarded. If the wall
+    does not return, the simulation ends at the time limit.
     """
     angles = rest_state(chain, 1)
     rates = kick_rates(chain, angles, trial.kick, anywhere=True)
@@ -134,7 +131,7 @@ def send_wall(chain: Chain, trial: SweepTrial) -> tuple[Recording, Track, tuple[
 
 
 def phonon_share(chain: Chain, recording: Recording, track: Track, crossing: Crossing) -> float:
-    """Return the fraction of the energy outside the wall at the middle of a crossing [1].
+    """Return the fraction of the energy outside the wall in the middle of a crossing [1].
 
     Rotors and springs are outside the wall if their distance exceeds four times the wall width and
     four times the penetration depth. Returns NaN if less than half of the rotors are outside.

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Steer walls to goals along simulated chains; measure position errors and excited phonons.
+"""Move walls to goals in simulated chains; measure position errors and excited phonons.
 
 Writes a table as Markdown and a picture as PNG and PDF with its data as CSV.
 """
@@ -36,7 +36,8 @@ MoveKey = tuple[str, str]
 """Names of a chain and of a condition."""
 
 _TOLERANCE = 1e-8
-"""Integration error of an angle per time unit [rad], far below the noise and the move errors."""
+"""Integration error of an angle per time unit [rad], far below the noise and the errors of
+moves."""
 _OBSERVATION_TIME = 0.2
 """Duration for which the steering observes a wall at rest before it receives a goal [s]."""
 _TIME_LIMIT = 120.0
@@ -150,7 +151,7 @@ def simulate_move(task: MoveTask) -> MoveRun:
 def _started(task: MoveTask, orbit: UniformOrbit) -> tuple[Chain, Array]:
     """Return the chain with damping and disorder, and its rest angles with the wall at the start.
 
-    Deviations that may stop the wall, or have no such rest state, are drawn again.
+    Deviations are drawn again if they may stop the wall or if the chain has no such rest state.
     """
     damping = task.condition.decay * task.chain.moment_of_inertia
     chain = replace(task.chain, damping=damping)
@@ -333,9 +334,9 @@ def _draw_run(
     distance = np.maximum(np.abs(run.positions - task.goal), _LEAST_ERROR)
     share = np.maximum(run.phonon_energies / run.peak_energy, _LEAST_SHARE)
     for axes, name, values in (
-        (column[0], 'place [rotor spacings]', run.positions),
+        (column[0], 'position [rotor spacings]', run.positions),
         (column[1], 'distance from the goal [rotor spacings]', distance),
-        (column[2], 'phonons over the peak energy of the wall [1]', share),
+        (column[2], 'phonons / peak energy of the wall [1]', share),
     ):
         axes.plot(run.times, values, color=colour, linewidth=0.9, alpha=0.8)
         report.add_points(series, f'to {task.goal:.3f}', ('time [s]', name), run.times, values)

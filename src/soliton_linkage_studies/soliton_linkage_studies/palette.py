@@ -41,7 +41,7 @@ NAMES = {
 MEASURED, PAPER, THEORY = BLUE, RED, BLACK
 """Colours of simulated results, of the paper and of the corrected theory."""
 COLOURS = (BLUE, RED, GREEN, PURPLE, BLACK)
-"""Colours of series that have no fixed colour."""
+"""Colours of series without a fixed colour."""
 MARKERS = 'os^Dv'
 """Markers of series of points."""
 CURVE_COLOURS = (BLUE, PURPLE)
@@ -54,9 +54,8 @@ OUTCOME_COLOURS = {'returns': GREEN, 'crosses': SKY, 'lost': DARK}
 LEAN_COLOURS = 'PuOr'
 """Colour map of u: orange where the rotors lean left, purple where they lean right."""
 _REST = 0.30
-"""Distance of a uniform rest state from the middle of the colour map [1].
-
-Larger displacements are darker.
+"""Distance of a uniform rest state from the middle of the colour map [1]; larger displacements are
+darker.
 """
 _NEAR_REST = ((0.95, 0.24), (1.0, _REST), (1.02, 0.36), (1.05, 0.41), (1.2, 0.46))
 """Pairs (displacement / rest displacement, distance from the middle of the map) [1].

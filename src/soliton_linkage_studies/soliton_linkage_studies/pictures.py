@@ -35,7 +35,7 @@ example beside the wall of a wobbling flipper. The black line with a white borde
 the soliton, where it is detected.
 
 An edge rotor has two rest angles, because it has only one spring. After a reflection it rests at
-the other angle, so that its row may have a different colour from the neighbouring rows.
+the other angle, so that the colour of its row may differ from that of the neighbouring rows.
 """
 _TRACK = """
 Top: position of the soliton. Middle: its velocity, positive towards the last rotor. Thin blue
@@ -48,14 +48,14 @@ reflections.
 """
 _NOTE = (
     'An edge rotor has two rest angles, so its row may be paler. '
-    'Colours darker than at rest: the rotor leans beyond its rest angle.'
+    'A colour darker than at rest means that the rotor leans beyond its rest angle.'
 )
 _MOST_COLUMNS = 2000
-"""Largest number of drawn frames; more would not be resolved by pixels [1]."""
+"""Largest number of drawn frames [1]; pixels would not resolve more."""
 
 
 def kymograph(axes: Axes, chain: Chain, recording: Recording, track: Track) -> Axes:
-    """Draw u_n(t) as an image of rotors over time, with the track of the soliton on it."""
+    """Draw u_n(t) as an image of rotors over time, with the track of the soliton."""
     every = max(1, len(recording.times) // _MOST_COLUMNS)
     image = axes.imshow(
         displacement(chain, recording.angles[::every]).T,

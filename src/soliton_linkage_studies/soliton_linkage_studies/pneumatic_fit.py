@@ -23,20 +23,20 @@ The fit itself uses all readings.
 
 @dataclass(frozen=True)
 class StepResponse:
-    """Record of a response to steps of the commanded pressure up and down."""
+    """Recorded response to steps of the commanded pressure up and down."""
 
     times: Array
     """Times of the readings [s], shape (readings,), increasing."""
     commands: Array
-    """Pressure commanded from each reading until the next [Pa], shape (readings,)."""
+    """Commanded pressure from each reading to the next [Pa], shape (readings,)."""
     pressures: Array
-    """Pressure read in the chamber [Pa], shape (readings,)."""
+    """Measured pressure in the chamber [Pa], shape (readings,)."""
 
     def __post_init__(self) -> None:
         """Raise ValueError for a record that does not determine the time constants."""
         columns = (self.times, self.commands, self.pressures)
         if len({column.shape for column in columns}) != 1 or self.times.ndim != 1:
-            raise ValueError('times, commands and pressures must have one shape, (readings,)')
+            raise ValueError('times, commands and pressures must have the same shape, (readings,)')
         if len(self.times) < _FEWEST_READINGS:
             raise ValueError(
                 f'a step response has {len(self.times)} readings, but must have at least '
@@ -46,7 +46,7 @@ class StepResponse:
             raise ValueError('times, commands and pressures must be finite; remove other readings')
         if np.any(np.diff(self.times) <= 0):
             raise ValueError(
-                'the times of a step response must increase; sort them, remove duplicates'
+                'the times of a step response must increase; sort them and remove duplicates'
             )
 
 
@@ -69,9 +69,9 @@ class PneumaticFit:
 def fit_step_response(response: StepResponse) -> PneumaticFit:
     """Estimate the time constants of filling and venting by least squares.
 
-    The initial guess integrates dp/dt = (u - p) / tau over all intervals of rising pressure,
-    tau_fill = sum (u - p) dt / sum dp, and likewise over falling pressure for tau_vent.
-    Raises ValueError if the command never stays above or never stays below the pressure.
+    The initial guess is the integral of dp/dt = (u - p) / tau over all intervals of rising
+    pressure, tau_fill = sum (u - p) dt / sum dp, and over falling pressure for tau_vent. Raises
+    ValueError if the command is never above or never below the pressure.
 
     >>> times = np.linspace(0, 1, 201)
     >>> commands = np.where(times < 0.5, 1e5, 0.0)
@@ -107,8 +107,8 @@ def fit_torque(pressures: Array, torques: Array) -> tuple[float, float]:
 
     Both arrays contain steady readings of shape (readings,). The model clip(k p, -limit, limit) is
     fitted by least squares. The returned limit is infinite unless it halves the residual of a
-    straight line; larger pressures are then needed to determine the limit. Raises ValueError for
-    fewer than two readings or without a pressure other than 0.
+    straight line; to determine it, read torques at larger pressures. Raises ValueError for fewer
+    than two readings and if all pressures are 0.
     """
     order = np.argsort(np.abs(pressures))
     pressed, twisted = np.abs(pressures[order]), np.sign(pressures[order]) * torques[order]
@@ -116,12 +116,12 @@ def fit_torque(pressures: Array, torques: Array) -> tuple[float, float]:
         raise ValueError(
             'torques must be read at two pressures or more, one of them not 0; add readings'
         )
-    # The fit is linear for a given number of saturated readings (those at the largest pressures).
+    # For a given number of saturated readings, those at the largest pressures, the fit is linear.
     fits = [_split_fit(pressed, twisted, count) for count in range(1, len(pressed) + 1)]
     straight = fits[-1]
     best = min((fit for fit in fits if fit is not None), default=None)
     if straight is None or best is None:
-        raise ValueError('torques must be read at pressures that are not 0; add readings')
+        raise ValueError('torques must be read at pressures other than 0; add readings')
     rounding = float(np.finfo(np.float64).eps * np.linalg.norm(twisted) * len(twisted)) ** 2
     _, slope, limit = best if 2 * best[0] + rounding < straight[0] else straight
     return slope, limit

@@ -59,7 +59,7 @@ def study_parser(
         type=Path,
         nargs='?' if default else None,
         default=default,
-        help=f'settings file, such as the files in config/studies [{shown}]',
+        help=f'settings file, like those in config/studies [{shown}]',
     )
     folder = None if output else Path('out') / name
     parser.add_argument(
@@ -67,7 +67,7 @@ def study_parser(
     )
     parser.add_argument('--quick', action='store_true', help=f'{quick}, for a first test')
     if selective:
-        help_only = 'full names, or their parts before the first _ [all]'
+        help_only = 'names, or the parts of names before the first _ [all]'
         parser.add_argument('--only', nargs='+', default=[], metavar='NAME', help=help_only)
     where = parser.add_mutually_exclusive_group()
     cores = os.cpu_count() or 1
@@ -88,7 +88,7 @@ def run_study(
     """Run a study and print the text that it returns; return the exit status.
 
     The status is 1 if the study fails, and 130 after Ctrl-C or SIGTERM. After an interruption the
-    program prints the text `left`, which describes the files that remain.
+    program prints `left`, a description of the files that remain.
     """
     complete(parser)
     options = parser.parse_args(arguments)
@@ -118,7 +118,7 @@ def installed_settings(name: str) -> Path | None:
 
 
 def select_names(known: Sequence[str], asked: Sequence[str], option: str = '--only') -> list[str]:
-    """Return the known names that an option selects, all names if it is empty.
+    """Return the known names that an option selects, or all names if the option is empty.
 
     The part of a name before its first _ suffices. Raises ValueError for an unknown name.
     """

@@ -28,7 +28,9 @@ class Registry(Mapping[str, Entry]):
 
         def added(entry: Entry) -> Entry:
             if name in self._entries:
-                raise ValueError(f'{self._package} has a {name!r} already; choose another name')
+                raise ValueError(
+                    f'{self._package} already has an entry {name!r}; choose another name'
+                )
             self._entries[name] = entry
             return entry
 
@@ -46,7 +48,8 @@ class Registry(Mapping[str, Entry]):
     def _all(self) -> dict[str, Entry]:
         if not self._complete:
             for module in pkgutil.iter_modules(importlib.import_module(self._package).__path__):
-                # The program module uses the registry and may run as __main__, so it is skipped.
+                # The module `program` is skipped, because it uses the registry and may run as
+                # __main__.
                 if module.name != 'program':
                     importlib.import_module(f'{self._package}.{module.name}')
             self._complete = True

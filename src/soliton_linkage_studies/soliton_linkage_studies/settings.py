@@ -35,7 +35,7 @@ class Section:
     values: Mapping[str, object]
 
     def error(self, key: str, what: str) -> ValueError:
-        """Return an error that names the file, the key and its value if it has one."""
+        """Return an error that names the file, the key and its value, if any."""
         place = f'{self.file}: {self._full(key)}'
         value = f' = {self.values[key]!r}' if key in self.values else ''
         return ValueError(f'{place}{value} {what}')
@@ -88,7 +88,7 @@ class Section:
         return tuple(self._checked(key, value, minimum, maximum, wanted) for value in values)
 
     def text(self, key: str, choices: tuple[str, ...] = (), default: str | None = None) -> str:
-        """Return a text, limited to the choices if any, or the default if the key is absent."""
+        """Return a text, one of the choices if any, or the default if the key is absent."""
         if default is not None and key not in self.values:
             return default
         wanted = f'one of {", ".join(choices)}' if choices else 'a text'

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Simulation of a wall from edge to edge of a rigid-bar chain, whose deviations may stop it."""
+"""Simulation of a wall from edge to edge of a chain of rigid bars; deviations may stop it."""
 
 from __future__ import annotations
 
@@ -19,10 +19,10 @@ _TOLERANCE = 1e-8
 _FRAMES_A_SPACING = 4.0
 """Number of frames while a wall moves by a rotor spacing, or by its width [1]."""
 _FRAMES_A_SWING = 40.0
-"""Number of frames while an edge rotor swings by 1 rad or by spacing / rotor length, whichever is
-less [1]."""
+"""Number of frames while an edge rotor swings by 1 rad, or by spacing / rotor length if this is
+smaller [1]."""
 _DEPARTED = 1.5
-"""Distance from a spinner's edge at which its wall has left it [rotor spacings]."""
+"""Distance at which the wall of a spinner has left an edge [rotor spacings]."""
 
 
 @dataclass(frozen=True)
@@ -34,7 +34,7 @@ class Leg:
     crossed: bool
     """Whether the wall reached the other edge."""
     furthest: float
-    """Wall position furthest from the edge that it left [rotor spacings]."""
+    """Largest distance of the wall from its first edge, as a position [rotor spacings]."""
     arc: float
     """Arc length of the motion [rad], the norm over all rotors."""
 
@@ -42,14 +42,12 @@ class Leg:
 def follow_wall(chain: Chain, edge: Edge = Edge.FIRST, legs: int = 2) -> tuple[Leg, ...]:
     """Simulate the chain with rigid bars until its wall has crossed it `legs` times.
 
-    From the first edge the simulation starts in the left-leaning rest state, from the last edge in
+    For the first edge the simulation starts in the left-leaning rest state, for the last edge in
     the right-leaning rest state. It ends early if the wall turns back, or if the arc length
-    exceeds 4 pi [rad] per rotor.
-
-    The wall position is the centre of the zero mode. The wall of a flipper reaches an edge when
-    the edge rotor passes the line from its pivot to the mass of its neighbour. At this instant the
-    mode is localised on this rotor. A flipper first moves to the nearest edge. The wall of a
-    spinner reaches an edge when the mode is largest there.
+    exceeds 4 pi [rad] per rotor. The wall position is the centre of the zero mode. The wall of a
+    flipper reaches an edge when the edge rotor passes the line from its pivot to the mass of its
+    neighbour. At this instant the mode is localised on this rotor. A flipper first moves to the
+    nearest edge. The wall of a spinner reaches an edge when the mode is largest there.
 
     Raises:
         ValueError: If the ends are periodic, `legs` is less than 1 or no rest state exists.
@@ -124,7 +122,7 @@ class _Walker:
         return Leg(direction, arrived == self._last - left, furthest, arc)
 
     def _update(self) -> None:
-        """Update the centre and peak of the mode and the side of each edge rotor."""
+        """Update the centre and the peak of the mode, and the side of each edge rotor."""
         chain, angles = self._simulation.chain, self._simulation.angles
         mode = zero_mode(chain, angles)
         first, second = rigidity_bands(chain, angles)
@@ -144,8 +142,8 @@ class _Walker:
 def _frame_arc(chain: Chain) -> float:
     """Return the arc length of a frame [rad], which is also its duration [s] at 1 rad/s.
 
-    The rotors of a flipper turn by 2 theta_bar while the wall moves by its width. The lower limit
-    resolves the swing of an edge rotor at a reflection, about a / r but at most a radian.
+    The rotors of a flipper turn by 2 theta_bar while the wall moves by its width. A lower limit of
+    the arc resolves the swing of an edge rotor at a reflection, about a / r but at most 1 rad.
     """
     spacings = 1 + chain.wall_width / chain.spacing
     of_wall = chain.rest_angle / (_FRAMES_A_SPACING * math.sqrt(spacings))

@@ -32,7 +32,8 @@ from soliton_linkage.linkage.chain import Array, Chain, Motion
 Integers = NDArray[np.int64]
 
 _ARC_TOLERANCE = 1e-12
-"""Relative and absolute [rad] tolerance along a curve, near rounding for curves near d_c."""
+"""Relative and absolute [rad] tolerance along a curve, near the rounding error for curves near
+d_c."""
 _CLOSED = 1e-6
 """Largest distance between the ends of a closed curve [turns]."""
 
@@ -47,7 +48,7 @@ def partner_angles(chain: Chain, theta_1: ArrayLike) -> Array:
         p^2 + q^2 - g^2 = (lbar - 2 r cos(theta_bar)^2 - a sin(theta_1))
                           (lbar + 2 r cos(theta_bar)^2 + a sin(theta_1)),
 
-    whose first factor is computed from its value at theta_1 = pi / 2, which is 0 at d_c.
+    whose first factor is computed from its value at theta_1 = pi / 2; this value is 0 at d_c.
     """
     factor, partners = _partners(chain, np.asarray(theta_1, dtype=np.float64))
     return np.where(factor[..., None] >= 0, partners, np.nan)
@@ -196,7 +197,7 @@ def _solved(rate: Callable[..., Array], span: tuple[float, float], start: float)
 def _partners(chain: Chain, theta_1: Array) -> tuple[Array, Array]:
     """Return the first factor of the radicand [m] and both theta_2 [rad], shape (..., 2).
 
-    A negative factor counts as 0 in theta_2.
+    A negative factor is replaced by 0 in theta_2.
     """
     r, a, lbar = chain.rotor_length, chain.spacing, chain.rest_length
     sine, cosine = np.sin(theta_1), np.cos(theta_1)

@@ -28,9 +28,9 @@ _MAXIMUM_COUNT = 1000
 """Largest number of processes; a larger number is a typing error [1]."""
 _INTERRUPTS = (signal.SIGINT, signal.SIGTERM)
 _CHUNK_DURATION = 1.0
-"""Duration of a chunk of rows [s], which is the work that a worker loses at an interruption."""
+"""Duration of a chunk of rows [s]; at an interruption a worker loses one chunk."""
 _CHUNK_GROWTH = 4
-"""Largest ratio of successive chunk sizes [1], because the first rows may be untypically fast."""
+"""Largest ratio of successive chunk sizes [1], because the first rows may be unusually fast."""
 _CHUNKS_PER_WORKER = 2
 """Number of chunks queued for each worker [1]: one is measured while the next one waits."""
 
@@ -81,7 +81,7 @@ class Processes:
 
     @property
     def unfinished(self) -> int:
-        """Number of tasks that `next_finished` has not returned yet."""
+        """Number of tasks that `next_finished` has not returned."""
         return len(self._waiting) + len(self._busy)
 
     def start(
@@ -89,7 +89,8 @@ class Processes:
     ) -> None:
         """Start single-threaded processes, which first call `prepare` if it is given."""
         context = multiprocessing.get_context('spawn')
-        # Otherwise it would start together with the first process, which would receive Ctrl-C.
+        # Otherwise the resource tracker would start with the first process, and would receive
+        # Ctrl-C.
         resource_tracker.ensure_running()
         with defer_interrupts(), _environment(_ONE_THREAD):
             for _ in range(count):
@@ -159,7 +160,11 @@ class Processes:
         process = self._processes[connection]
         process.join()
         code = process.exitcode or 0
-        how = f'ended with {code}' if code >= 0 else f'was ended: {signal.strsignal(-code)},'
+        how = (
+            f'ended with {code}'
+            if code >= 0
+            else f'was ended by a signal ({signal.strsignal(-code)})'
+        )
         advice = '; if memory ran out, use fewer --workers' if code == -signal.SIGKILL else ''
         return ChildProcessError(f'process {process.pid} {how} before its task was done{advice}')
 
@@ -207,7 +212,7 @@ def cluster(address: str, timeout: float = 10.0) -> Iterator[Pool]:
         distributed: Any = importlib.import_module('distributed')
     except ImportError:
         raise ValueError(
-            f'--scheduler {address} needs the package distributed, which is not installed; '
+            f'--scheduler {address} needs the package distributed, which is not installed; run '
             'pip install distributed, or use --workers'
         ) from None
     try:
@@ -275,9 +280,9 @@ def measure_chunk(table: Rows, rows: list[int]) -> Chunk:
 
 @contextmanager
 def defer_interrupts() -> Iterator[None]:
-    """Defer SIGINT and SIGTERM; block SIGINT permanently in processes started meanwhile."""
+    """Defer SIGINT and SIGTERM; processes that start meanwhile block SIGINT permanently."""
     received: list[int] = []
-    # A blocked signal alone does not suffice, because another thread can receive it.
+    # Blocking the signal alone is not sufficient, because another thread can receive it.
     handlers = [
         signal.signal(number, lambda *call: received.append(call[0])) for number in _INTERRUPTS
     ]
@@ -294,7 +299,7 @@ def defer_interrupts() -> Iterator[None]:
 
 @contextmanager
 def _environment(values: dict[str, str]) -> Iterator[None]:
-    """Set environment variables for the processes that are started meanwhile."""
+    """Set environment variables for the processes that start in the `with` block."""
     before = dict(os.environ)
     os.environ.update(values)
     try:

@@ -192,7 +192,7 @@ def test_insignificant_changes_and_improvements_are_not_reported(
 def test_tables_of_other_cells_are_rejected() -> None:
     study = CellStudy(1, 3, 10)
     cell = study.all[1]
-    with pytest.raises(ValueError, match='is no table of cells; give a cells'):
+    with pytest.raises(ValueError, match='does not contain cells; give a file cells'):
         check_comparable(study.all, study.seed, [{'cell': '1'}])
     same = row() | {'cell': cell.name} | dict(zip(CELL_COLUMNS, cell_values(cell), strict=True))
     check_comparable(study.all, study.seed, [row(**same)])

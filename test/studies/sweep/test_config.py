@@ -180,18 +180,18 @@ def test_floats_are_written_without_loss_of_digits() -> None:
         (
             'measure: motion\nchain: {spacing: 1000.0}\nsweep: {rotor_length_ratio: [2.0]}',
             'sweep.rotor_length_ratio = 2.0 gives Chain.rotor_length = 2000.0 must lie in the '
-            'range 1e-06 to 1000 m; change one of them',
+            'range 1e-06 to 1000 m; change this value or a parameter of the chain',
         ),
         (
             'measure: motion\nchain: {periodic: true}\n' + GRID,
-            'chain.periodic = True is not known; sweeps use chains with free ends, remove it',
+            'chain.periodic = True is not known, because sweeps use chains with free ends; remove it',
         ),
         (f'measure: motion\nseeds: 0\n{GRID}', 'seeds = 0 must be a whole number in the range 1'),
         (f'measure: motion\nseeds: [1, 1]\n{GRID}', 'must be a list of different seeds, or'),
         (f'measure: motion\nseeds: []\n{GRID}', 'must be a list of different seeds, or'),
         (
             'measure: motion\nseeds: 10000\nsweep: {kick: {from: 0.1, to: 1.0, points: 5000}}',
-            'makes 50000000 rows, over 10000000; reduce the points or seeds',
+            'gives 50000000 rows, more than 10000000; reduce the points or the seeds',
         ),
     ],
 )

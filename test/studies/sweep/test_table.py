@@ -99,7 +99,7 @@ def test_rows_of_another_configuration_are_rejected(
 
 
 def test_two_sweeps_cannot_write_to_the_same_table(tmp_path: Path) -> None:
-    busy = pytest.raises(ValueError, match=r'another sweep is writing to .*; wait for it')
+    busy = pytest.raises(ValueError, match=r'another program is writing to .*; wait until')
     with Table(STUDY, tmp_path), busy:
         Table(STUDY, tmp_path)
     with Table(STUDY, tmp_path):

@@ -21,7 +21,7 @@ _ROTORS = (10, 200)
 _NOISES = (0.001, 0.1)
 """Range of the standard deviation of an angle [rad]."""
 _SPEEDS = (0.02, 0.9)
-"""Range of the wall speed over the speed of sound [1]."""
+"""Range of the wall speed relative to the speed of sound [1]."""
 _PERIODS = (0.05, 0.5)
 """Range of the frame period [time units]: 1000 to 100 Hz for 0.02 kg and 50 N/m."""
 _RUNS = (50, 400)
@@ -35,13 +35,13 @@ _NEAREST = 0.02
 _FLIPPERS = (0.1, 1.0)
 """Range of the lean ratio d of flippers [1]."""
 _WIDEST = 3.0
-"""Largest d of spinners, over d_c [1]."""
+"""Largest d of spinners, relative to d_c [1]."""
 _LONGEST = 4.0
 """Largest r / a, as in the paper [1]."""
 _APART = 1.6
-"""Rotors per wall with several walls, over the rotors that a single wall requires [1].
+"""Ratio of the rotors per wall for several walls to the rotors that a single wall requires [1].
 
-The walls need room to move.
+Several walls need space to move.
 """
 _SEVERAL = (1, 1, 1, 2, 4)
 """Numbers of walls, drawn with equal probability."""
@@ -57,7 +57,7 @@ class AccuracyCell:
     noise: float
     """Standard deviation of an angle [rad]."""
     speed: float
-    """Nominal wall speed over the speed of sound [1]."""
+    """Nominal wall speed relative to the speed of sound [1]."""
     period: float
     """Frame period [time units]."""
     run: int
@@ -66,7 +66,7 @@ class AccuracyCell:
     """Rms rotor rate of the phonons [rad / time unit]."""
     walls: int = 1
     nudged: bool = False
-    """Whether the wall starts by a kick at the first edge, which also excites phonons."""
+    """Whether a kick at the first edge starts the wall; the kick also excites phonons."""
     outliers: float = 0.0
     """Fraction of readings that are replaced by uniformly random angles [1]."""
     wrong_reading: float = 0.0
@@ -74,7 +74,7 @@ class AccuracyCell:
     disorder: float = 0.0
     """Relative standard deviation of r, a, k and M, unknown to the analyser [1]."""
     impulses: int = 0
-    """Number of impulses on the wall in all records together [1]."""
+    """Total number of impulses on the wall in all records [1]."""
     impulses_known: bool = False
     """Whether the analyser receives the impulses."""
     unseen: str = ''
@@ -84,11 +84,11 @@ class AccuracyCell:
     noise_only: bool = False
     """Whether angles are uniformly random."""
     degrees: bool = False
-    """Whether the analyser receives degrees in place of radians."""
+    """Whether the analyser receives degrees instead of radians."""
     start: float = math.nan
-    """Position at the start [rotor spacings]; NaN for a random one."""
+    """Initial position [rotor spacings]; NaN for a random position."""
     jitter: float = 0.0
-    """Standard deviation of the stamps over the frame period [1]."""
+    """Standard deviation of the stamps relative to the frame period [1]."""
     offsets: float = 0.0
     """Offset of the encoders of every tenth rotor [rad]."""
     damping: float = 0.0
@@ -98,16 +98,13 @@ class AccuracyCell:
     length_error: float = 0.0
     """Relative error of the configured rotor length [1]."""
     largest_impulse: float = 0.5
-    """Largest change of the speed by an impulse, over the speed [1]."""
+    """Largest change of the speed by an impulse, relative to the speed [1]."""
     configured_chain: Chain | None = None
-    """Wrong chain with which the analyser is configured, if not None.
-
-    Then, as with degrees, the analyser should state no wall position.
-    """
+    """Wrong chain with which the analyser is configured, or None for the true chain."""
 
     @property
     def invalid_input(self) -> bool:
-        """Whether the readings do not match the configured chain, so that any wall is false."""
+        """Whether readings do not match the configured chain, so that every wall is false."""
         return self.noise_only or self.degrees or self.configured_chain is not None
 
     @property
@@ -125,7 +122,7 @@ class AccuracyCell:
 
 
 def random_cells(seed: int, count: int) -> list[AccuracyCell]:
-    """Draw cells at random from the ranges; the motion classes alternate."""
+    """Draw random cells from the ranges; the motion classes alternate."""
     return [_drawn(number, np.random.default_rng([seed, number])) for number in range(count)]
 
 
@@ -171,27 +168,27 @@ def chain_of(rotors: int, rest_angle: float, lean_ratio: float) -> Chain:
 
 
 def _between(ends: tuple[float, float], random: np.random.Generator) -> float:
-    """Draw a number from a range, uniform in its logarithm."""
+    """Draw a number from a range with a uniform logarithm."""
     return float(np.exp(random.uniform(*np.log(ends))))
 
 
 _LEANS = {'flipper': (33, 0.9, 0.7), 'wobbler': (33, 0.8, 1.6), 'spinner': (33, 1.1, 3.4)}
 """Rotors, rest angle [rad] and lean ratio d of a chain of each class."""
 _OTHER = 1.3
-"""Lean ratio of the wrong configured chain, over the lean ratio of the true chain [1]."""
+"""Ratio of the lean ratio of the wrong configured chain to that of the true chain [1]."""
 _DISORDERS = (0.01, 0.03, 0.05, 0.1)
 """Relative standard deviations of r, a, k and M [1]."""
 
 
 def hard_cells() -> list[AccuracyCell]:
-    """Return the hard cells, whose names describe the difficulty."""
+    """Return the hard cells; their names describe the difficulty."""
     chains = {name: chain_of(*lean) for name, lean in _LEANS.items()}
     each = [cell for name, chain in chains.items() for cell in _of_class(name, chain)]
     return each + _of_few() + _of_model(chains)
 
 
 def _of_model(chains: dict[str, Chain]) -> list[AccuracyCell]:
-    """Return cells in which one part of the generative model determines the stated deviations."""
+    """Return cells in which one effect dominates the stated deviations."""
     edge, narrow = chain_of(40, 0.9, 0.2), chain_of(30, 1.1, 4.39)
     slow, wide = chain_of(40, 1.1, 1.25 * 2 / math.sin(1.1)), chain_of(30, 0.8, 1.6)
     cells = [
@@ -310,7 +307,7 @@ _CELL_VALUES: dict[str, Callable[[AccuracyCell], object]] = {
 CELL_COLUMNS = tuple(_CELL_VALUES)
 """Columns that describe a cell.
 
-Units: noise [rad], speed over the speed of sound [1], period [time units], run [frames of a
+Units: noise [rad], speed relative to the speed of sound [1], period [time units], run [frames per
 record], phonons [rad / time unit].
 """
 

@@ -27,15 +27,14 @@ from soliton_linkage_studies.formulas import Formula
 from soliton_linkage_studies.palette import BLACK, MEASURED, PAPER
 from soliton_linkage_studies.settings import Section, chain_from
 
-_CAPTION = """
-Lorentz contraction of walls (paper, Figs. 5 and 6), measured by the analyser from {source} with
-encoder noise of {noise:g} rad. Each panel is a chain, named by its class and (r/a, θ̄). Blue dots
-show the width over the width at rest, and the speed over the speed of sound, while the wall is in
-the middle of its chain. The width is the mean of the widths that the analyser reports, the speed
-is the slope of a line fitted to the positions. Error bars are two standard deviations on both
-sides; invisible bars are smaller than the dot. The red line is √(1 − v²/c²) from the paper.
-Diamonds are walls of the same chains, simulated without noise by an independent integrator; their
-widths are from fits of tanh.
+_CAPTION = """ Lorentz contraction of walls (paper, Figs. 5 and 6), measured by the analyser from
+{source} with encoder noise of {noise:g} rad. Each panel is a chain, named by its class and (r/a,
+θ̄). Blue dots show the width w relative to the width at rest, against the speed v relative to the
+speed of sound c, while the wall is in the middle of its chain. The width is the mean of the widths
+that the analyser reports; the speed is the slope of a line fitted to the positions. Error bars are
+two standard deviations on both sides; invisible bars are smaller than the dot. The red line is √(1
+− v²/c²) from the paper. Diamonds are walls of the same chains, simulated without noise by an
+independent integrator; their widths are from fits of tanh.
 """
 SIMULATED, RECORDED = 'contraction_simulated', 'contraction_recorded'
 """File names of results for simulated walls and for walls recorded by the nodes."""
@@ -53,11 +52,11 @@ class ContractedWall:
     """Measured speed and width of one wall."""
 
     speed: float
-    """Speed over the speed of sound [1]."""
+    """Speed relative to the speed of sound [1]."""
     speed_deviation: float
     """Standard deviation of the speed [1]."""
     width: float
-    """Width over the width at rest [1]."""
+    """Width relative to the width at rest [1]."""
     width_deviation: float
     """Standard deviation of the width [1]."""
 
@@ -72,7 +71,7 @@ class Walls:
     reference: Mapping[float, tuple[float, float]]
     """Speed [a sqrt(k_e / M)] and relative width [1] of noiseless walls, by kick.
 
-    They were simulated by an independent integrator. The width is from a tanh fit, relative to a
+    An independent integrator simulated these walls. The width is from a tanh fit, relative to a
     slow wall in the continuum.
     """
 
@@ -132,7 +131,7 @@ def measured_passage(chain: Chain, times: Array, angles: Array) -> ContractedWal
     """Measure speed and width of a wall with the analyser, in the middle of the chain.
 
     `times` [s] has shape (T,), the noisy `angles` [rad] have shape (T, N). Raises ValueError if
-    the wall is there in fewer than ten frames.
+    the wall is in the middle in fewer than ten frames.
     """
     analyser = Analyser(chain)
     stamps = np.rint(1e9 * times).astype(np.int64).tolist()
@@ -148,10 +147,11 @@ def passage_of(
     """Measure speed and width of a wall on its first passage through the middle of the chain.
 
     `times` [s] has shape (T,); only frames with exactly one wall are used. The speed is the slope
-    of a line fitted to the positions. Its deviation is from the median position deviation at
-    both ends of the path, because a common error of all positions does not change the slope. The
-    width is the mean over the frames. Its deviation is the smallest deviation of a frame, because
-    the widths of successive frames are correlated. Raises ValueError for fewer than ten frames.
+    of a line fitted to the positions. The deviation of the speed follows from the median position
+    deviation at the two ends of the path, because a common error of all positions does not change
+    the slope. The width is the mean over the frames. The deviation of the width is the smallest
+    deviation of a frame, because the widths of successive frames are correlated. Raises ValueError
+    for fewer than ten frames.
     """
     middle = (chain.number_of_rotors - 1) / 2
     alone = [
@@ -183,9 +183,9 @@ def passage_of(
 
 
 def rest_width(chain: Chain) -> float:
-    """Return the tanh width of a static wall over its width in the continuum [1].
+    """Return the tanh width of a static wall relative to its width in the continuum [1].
 
-    The result is a mean over positions within one period of the chain, which is two spacings.
+    The result is a mean over positions in one period of the chain, two spacings.
     """
     middle = chain.number_of_rotors // 2 - 1
     walls = np.array([static_wall(chain, middle + place) for place in np.arange(0, 2, 0.1)])
@@ -226,7 +226,7 @@ def _walls(name: str, section: Section, quick: bool) -> Walls:
 
 
 def _widths(chain: Chain, angles: Array) -> Array:
-    """Return the finite tanh widths of frames with exactly one wall, over w_0 [1]."""
+    """Return the finite tanh widths of frames with exactly one wall, relative to w_0 [1]."""
     found = [find_solitons(chain, frame) for frame in angles]
     widths = np.array([walls[0].width for walls in found if len(walls) == 1])
     return np.asarray(widths[np.isfinite(widths)] / chain.wall_width)
@@ -274,7 +274,7 @@ def _draw(
 def _comparisons(
     walls: Walls, passages: Sequence[ContractedWall], rest: float
 ) -> list[Comparison]:
-    """Return the table rows: speed and width of each passage, and the reference if any."""
+    """Return the table rows: speed and width of each passage, and reference values if known."""
     chain = walls.chain
     sound = speed_of_sound(chain) / chain.spacing * chain.time_unit
     lines = []

@@ -27,16 +27,16 @@ ZERO_CROSSING = 'zero crossing of u'
 SHIFTED_CROSSING = 'zero crossing of cos(θ − θ̄)'
 TANH_FIT = 'tanh fit'
 ORBIT_NEAR = 'nearest point of the orbit'
-ORBIT_COLD = 'the same, cold'
+ORBIT_COLD = 'the same, without a guess'
 
 _FROM_EDGE = 2.0
 """Distance from an edge, in wall widths, at which the edge changes the wall shape by 2 % [1]."""
 _LOST_WIDTHS = 2.0
 """Largest position error of a successful estimate [wall widths]."""
 _LOST_BOUNDS = 6.0
-"""Largest position error of a successful estimate, in Cramer-Rao bounds, if this is larger [1]."""
+"""The same limit in Cramer-Rao bounds [1]; the larger limit applies."""
 _QUANTILE = 0.975
-"""Probability below the upper limit of a 95 % interval [1]."""
+"""Probability of values below the upper limit of a 95 % interval [1]."""
 
 
 @dataclass(frozen=True)
@@ -61,7 +61,7 @@ class EstimatorTrial:
     coarse_start: float
     """Largest error of the initial guess of a fit [rotor spacings]."""
     cold_every: int
-    """Frames per test of the search without a guess, which is slow [1]."""
+    """Number of frames per test of the search without a guess, which is slow [1]."""
 
 
 Estimator = Callable[[UniformOrbit, Array, float], Estimate]
@@ -94,8 +94,8 @@ def errors(
     """Return errors and margins [rotor spacings] by estimator, shape (tested frames, 2) each.
 
     Walls are at random positions within `inner_positions`, on all legs. An error is NaN if the
-    estimator failed: it found no wall or several walls, its error exceeds both two wall widths
-    and six times the bound, or its leg is wrong.
+    estimator fails: it finds no wall or several walls, its error exceeds both two wall widths and
+    six times the bound, or its leg is wrong.
     """
     orbit = orbit_of(chain)
     lost = max(
@@ -123,8 +123,8 @@ def errors(
 def bias_by_place(chain: Chain, points: int) -> tuple[Array, dict[str, Array]]:
     """Return the noiseless bias of each estimator over one period of the chain.
 
-    Returns positions relative to an even rotor and errors by estimator, each [rotor spacings]
-    and of shape (points,). The walls are from `static_wall`, which is independent of the orbit.
+    Returns positions relative to an even rotor and errors by estimator, each [rotor spacings] and
+    of shape (points,). `static_wall` computes the walls, independently of the orbit.
     """
     orbit = orbit_of(chain)
     rotor = 2 * (chain.number_of_rotors // 4)

@@ -27,14 +27,11 @@ from soliton_linkage_studies.accuracy.statistics import Line, accuracy_of, write
 from soliton_linkage_studies.settings import Section, chain_from
 
 _CHUNK = 250
-"""Frames per task, about one second of work [1].
-
-A different number changes the frames that a seed gives.
-"""
+"""Number of frames per task, about one second of work [1]; it determines the frames of a seed."""
 _QUICK_FRAMES = 400
 """Largest number of frames per chain and noise in a quick study [1]."""
 _POINTS = 81
-"""Wall positions over two spacings, 40 per spacing [1]."""
+"""Number of wall positions in two spacings, 40 per spacing [1]."""
 
 
 @dataclass(frozen=True)
@@ -117,7 +114,8 @@ def _chain_of(section: Section) -> Chain:
         fewest = math.floor(2 * low) + 2
         raise section.error(
             'number_of_rotors',
-            f'leaves no position two wall widths ({low:.3g} spacings) from both edges; use '
+            f'leaves no position at a distance of two wall widths ({low:.3g} spacings) from both '
+            'edges; use '
             f'{fewest} or more',
         )
     return chain

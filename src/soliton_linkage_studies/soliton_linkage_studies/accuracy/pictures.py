@@ -33,28 +33,25 @@ from soliton_linkage_studies.palette import (
 )
 from soliton_linkage_studies.sweep.table import markdown_table
 
-_ESTIMATORS = """
-Each estimator has a colour and a marker: the zero crossing of u; for spinners also the zero
-crossing of cos(θ − θ̄); a tanh fit; the nearest point of the orbit of the chain, found from an
-initial guess; and the same found without a guess ("cold"). Chains are named by class and (r/a,
-θ̄).
+_ESTIMATORS = """ Each estimator has a colour and a marker: the zero crossing of u; for spinners
+also the zero crossing of cos(θ − θ̄); a tanh fit; the nearest point of the orbit of the chain,
+found from an initial guess; and the same point found without a guess. Chains are named by class
+and (r/a, θ̄).
 """
-_FRAMES = f"""
-Errors of the wall position estimated from single noisy frames, one column per noise.
-(a) Standard deviation of the error over the Cramér-Rao bound. The dashed line at 1 is the bound; a
-biased estimator may be below it. (b) Absolute bias. Markers are hollow if the bias is within
-{{significant:g}} standard errors of 0 and therefore not significant. The dashed line marks
-{{unbiased:g}} rotor spacings, below which an estimator counts as unbiased. (c) Fraction of frames
-whose stated 95 % interval contains the position. The dashed line marks 95 %. Estimators without an
-interval have no point. Thin pale grey lines separate the chains.
+_FRAMES = f""" Errors of the wall position estimated from single noisy frames, one column per
+noise. (a) Standard deviation of the error, divided by the Cramér-Rao bound. The dashed line at 1
+is the bound; a biased estimator may be below it. (b) Absolute bias. Markers are hollow if the bias
+is within {{significant:g}} standard errors of 0 and therefore not significant. The dashed line
+marks {{unbiased:g}} rotor spacings, below which an estimator is regarded as unbiased. (c) Fraction
+of frames whose stated 95 % interval contains the position. The dashed line marks 95 %. Estimators
+without an interval have no point. Thin pale grey lines separate the chains.
 
 {_ESTIMATORS}
 """
-_BIASES = f"""
-Absolute bias of estimators without noise over the wall position between two even rotors, one panel
-per chain. The bias changes sign where a line dips: by symmetry at a rotor and half way between
-rotors. The thin dashed grey line marks {{unbiased:g}} rotor spacings, below which an estimator
-counts as unbiased. Values below {{rounding:g}} are drawn at this limit.
+_BIASES = f""" Absolute bias of estimators without noise against the wall position between two even
+rotors, one panel per chain. The bias changes sign where a line dips: by symmetry at a rotor and
+half way between rotors. The thin dashed grey line marks {{unbiased:g}} rotor spacings, below which
+an estimator is regarded as unbiased. Values below {{rounding:g}} are drawn at this limit.
 
 {_ESTIMATORS}
 """
@@ -63,7 +60,7 @@ _STYLES = dict(zip(ESTIMATORS, cycle(zip(COLOURS, MARKERS, strict=True)), strict
 _SIZE = 6
 """Marker size [points]."""
 _OFFSET = 0.15
-"""Horizontal offset between the estimators of a chain; the distance of chains is 1."""
+"""Horizontal offset between the estimators of a chain; the distance between chains is 1."""
 _SIGNIFICANT = 3.0
 """Threshold of a significant bias [standard errors]; its false-positive rate is 0.3 %."""
 _UNBIASED = 0.002
@@ -72,11 +69,11 @@ _LEAST_BIAS = 1e-5
 """Lower limit of the bias axis [rotor spacings]."""
 _ROUNDING = 1e-12
 """Lower limit of a drawn noiseless bias [rotor spacings]."""
-_BEYOND = 'place beyond an even rotor [rotor spacings]'
+_BEYOND = 'position beyond an even rotor [rotor spacings]'
 
 
 def draw_accuracy(lines: Sequence[Line]) -> FigureReport:
-    """Draw standard deviation over its bound, bias and coverage, one column per noise."""
+    """Draw the ratio of standard deviation and bound, bias and coverage, one column per noise."""
     noises = sorted({line.noise for line in lines})
     chains = list(dict.fromkeys(line.chain for line in lines))
     width = 1.5 + 0.6 * (len(chains) + 1) * len(noises)
@@ -107,7 +104,7 @@ def draw_accuracy(lines: Sequence[Line]) -> FigureReport:
 
 
 def draw_bias(biases: Sequence[tuple[Chain, tuple[Array, dict[str, Array]]]]) -> FigureReport:
-    """Draw the noiseless bias over the position between rotors, one panel per chain."""
+    """Draw the noiseless bias against the position between rotors, one panel per chain."""
     rows = (len(biases) + 2) // 3
     caption = _BIASES.format(unbiased=_UNBIASED, rounding=_ROUNDING)
     report = FigureReport(Figure(figsize=(13, 1 + 3.6 * rows), layout='constrained'), caption)
@@ -166,7 +163,7 @@ def _dress(column: Sequence[Axes], noise: float, names: Sequence[str]) -> None:
 
 
 def _dashes(name: str) -> Literal['-', ':']:
-    """Return the line style; the dotted cold search lets the line below it show."""
+    """Return the line style; dots for the search without a guess show the line below."""
     return ':' if name == ORBIT_COLD else '-'
 
 
@@ -178,19 +175,19 @@ def _level(label: str) -> Line2D:
     return Line2D([], [], color=GREY, linewidth=0.8, linestyle='--', label=label)
 
 
-_CAPTION = """
-Errors of the analyser in cells of {frames} frames each. Random cells, drawn with seed {seed}, are
-on the left, and named hard cases on the right. Flippers are blue, wobbling flippers orange and
-spinners green. (a) Root mean square of the position error over its stated standard deviation.
-(b) The same for the rate. Error bars are jackknife standard errors over records. Dashed lines mark
-0.95 and 1.05. (c) Failures per 10,000 frames, if any: lost walls (discs), false walls (triangles)
-and frames with the wrong leg (black crosses). The true position is the point of the static path
-nearest to the noiseless frame, averaged over a period of the slowest phonon, or over the passage
-of a rotor if that is shorter. The true rate is the slope over three times this duration.
+_CAPTION = """ Errors of the analyser in cells of {frames} frames each. Random cells, drawn with
+seed {seed}, are on the left, and named hard cases on the right. Flippers are blue, wobbling
+flippers orange and spinners green. (a) Root mean square of the position error divided by its
+stated standard deviation. (b) The same for the rate. Error bars are jackknife standard errors over
+records. Dashed lines mark 0.95 and 1.05. (c) Failures per 10,000 frames, if any: lost walls
+(discs), false walls (triangles) and frames with the wrong leg (black crosses). The true position
+is the point of the static path nearest to the noiseless frame, averaged over a period of the
+slowest phonon, or over the passage of a rotor if that is shorter. The true rate is the slope over
+three times this duration.
 """
 _COLOURS = {Motion.FLIPPER: BLUE, Motion.WOBBLING_FLIPPER: ORANGE, Motion.SPINNER: GREEN}
 _LIMITS = (0.95, 1.05)
-"""Range of the root mean square for consistent stated deviations [1]."""
+"""Range of the root mean square in which stated deviations are consistent with errors [1]."""
 _MOST = 20.0
 """Largest drawn normalised error; larger errors are drawn at this limit [1]."""
 _SHOWN = (
@@ -202,7 +199,7 @@ _SHOWN = (
     ('v / c', 'speed', '.2g'),
     ('walls', 'walls', ''),
     ('phonons', 'phonons', '.2g'),
-    ('place rms', 'place_rms', '.2f'),
+    ('position rms', 'place_rms', '.2f'),
     ('±', 'place_rms_error', '.2f'),
     ('99 %', 'place_99', '.2f'),
     ('in 1, 2 σ [%]', 'place_coverage', ''),

@@ -2,9 +2,9 @@
 """Measure the errors of estimators, and check the deviations that the analyser states.
 
 The study compares estimators with their bound, the contraction of walls with theory, and stated
-deviations with errors, in random and hard cells. It also runs a million steps of rigid bars.
-Writes tables as Markdown and CSV and pictures as PNG and PDF. They depend only on the settings and
-the seed of the cells, not on the number of processes or on interruptions.
+deviations with errors, in random and hard cells. It also simulates a million steps of rigid bars.
+Tables are written as Markdown and CSV, pictures as PNG and PDF. They depend only on the settings
+and the seed of the cells, not on the number of processes or on interruptions.
 """
 
 from __future__ import annotations
@@ -31,10 +31,10 @@ from soliton_linkage_studies.sweep.table import fill_table, read_rows
 
 
 class AccuracyPart(Protocol):
-    """Study that a settings file can contain."""
+    """Part of the study, a section of the settings file."""
 
     def tasks(self) -> list[Callable[[], Any]]:
-        """Return the measurements, as tasks for other processes."""
+        """Return the measurements as tasks for other processes."""
 
     def write(self, results: Sequence[Any], folder: Path) -> None:
         """Write tables and pictures into a folder, from the results of the tasks in order."""
@@ -47,14 +47,14 @@ PARTS: dict[str, Callable[[Section, bool], AccuracyPart]] = {
     'rigid_steps': read_rigid_steps,
 }
 CELLS = 'cells'
-_LEFT = 'finished cells are kept; the same command with the same --seed continues'
+_LEFT = 'finished cells are kept; the same command with the same --seed continues the measurement'
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run the studies of a settings file; return 1 on failure, 130 after Ctrl-C."""
     parser = study_parser('accuracy', __doc__, 'fewer frames', selective=True)
     cells = parser.add_argument_group(
-        'cells of the analyser (with any of these options only the cells are measured)'
+        'cells of the analyser (each of these options selects only the cells)'
     )
     cells.add_argument(
         '--cells', nargs='+', default=[], metavar='NAME', help='cells to measure [all]'
@@ -102,7 +102,7 @@ def read_parts(
 def _measure(parts: Sequence[AccuracyPart], folder: Path, workers: int) -> None:
     """Measure and write parts.
 
-    The task order is random, so that the estimate of the remaining time is realistic.
+    The order of the tasks is random, so that the estimate of the remaining time is realistic.
     """
     tasks = [task for part in parts for task in part.tasks()]
     order = np.random.default_rng(0).permutation(len(tasks)).tolist()
@@ -113,7 +113,7 @@ def _measure(parts: Sequence[AccuracyPart], folder: Path, workers: int) -> None:
 
 
 def _fill_cells(study: CellStudy, folder: Path, workers: int, against: Path | None) -> list[str]:
-    """Measure the cells that are missing in a folder and draw all cells; return a summary."""
+    """Measure the cells that a folder does not contain, and draw all cells; return a summary."""
     earlier = read_rows(against) if against else []
     if against:
         check_comparable(study.all, study.seed, earlier)

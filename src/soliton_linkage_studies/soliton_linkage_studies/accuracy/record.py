@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Errors of the recursive estimator on a wall at constant velocity, over the number of frames.
+"""Errors of the recursive estimator for a wall at constant velocity, against the frame number.
 
-The Cramer-Rao bound is the bound of a line fit to n frames with period dt, each with the position
-variance s^2 = (sigma / Lambda)^2. The variance is 2 (2 n - 1) / (n (n + 1)) s^2 for the position
-at the last frame, and 12 / (n (n^2 - 1) dt^2) s^2 for the velocity.
+The Cramer-Rao bound is that of a line fit to n frames with period dt, each with the position
+variance s^2 = (sigma / Lambda)^2. It is 2 (2 n - 1) / (n (n + 1)) s^2 for the position in the last
+frame, and 12 / (n (n^2 - 1) dt^2) s^2 for the velocity.
 """
 
 from __future__ import annotations
@@ -27,22 +27,21 @@ from soliton_linkage_studies.figure_report import FigureReport, write_table
 from soliton_linkage_studies.palette import MEASURED, RED, THEORY
 from soliton_linkage_studies.settings import Section, chain_from
 
-_CAPTION = """
-Errors of the recursive estimator over the time since the first frame, for a wall at a constant
-velocity of {speed:g} rotor spacings/s, angle noise of {noise:g} rad and {rate:g} frames/s. Each
-column is a chain, named by its class and (r/a, θ̄). (a) Error of the position. (b) Relative error
-of the velocity. Blue lines are root mean squares over {runs} runs. Dashed red lines are the
-standard deviations stated by the estimator. Dotted black lines are the Cramér-Rao bound.
+_CAPTION = """ Errors of the recursive estimator against the time since the first frame, for a wall
+at a constant velocity of {speed:g} rotor spacings/s, angle noise of {noise:g} rad and {rate:g}
+frames/s. Each column is a chain, named by its class and (r/a, θ̄). (a) Error of the position. (b)
+Relative error of the velocity. Blue lines are root mean squares over {runs} runs. Dashed red lines
+are the standard deviations stated by the estimator. Dotted black lines are the Cramér-Rao bound.
 """
 _CLEAR = 8.0
-"""Distance from the edges at which a run starts and ends, if its path allows it [rotors]."""
+"""Distance from the edges at which a run starts and ends, if its path is short enough [rotors]."""
 _QUICK_RUNS = 4
 """Largest number of runs per chain in a quick study [1]."""
 _SHOWN = 60
 """Number of evaluated frame counts, before duplicates are removed [1]."""
 _FEWEST = 3
-"""Smallest evaluated frame count [1]; two frames determine a line without residuals."""
-_QUANTITIES = ('place [rotor spacings]', 'velocity, relative')
+"""Smallest evaluated frame count [1]; two frames give a line without residuals."""
+_QUANTITIES = ('position [rotor spacings]', 'velocity, relative')
 
 
 @dataclass(frozen=True)
@@ -55,7 +54,7 @@ class RecordStudy:
     speed: float
     """Wall speed [rotor spacings / s]."""
     frame_rate: float
-    """Frames a second [Hz]."""
+    """Frame rate [Hz]."""
     frames: int
     """Frames per run [1]."""
     runs: int
@@ -99,7 +98,7 @@ class RecordStudy:
         relative to the true velocity. The leg of the orbit is random. The distance from the edges
         is as large as the path allows, up to eight rotors.
         """
-        # This import is slow, and the other parts of the command do not need it.
+        # This slow import is not needed by the other parts of the command.
         from soliton_linkage.estimation.orbit_filter import OrbitFilter
 
         orbit = orbit_of(self.chains[chain])

@@ -22,12 +22,11 @@ from soliton_linkage_studies.figure_report import FigureReport, write_table
 from soliton_linkage_studies.palette import GREY, MARKERS, chain_colours
 from soliton_linkage_studies.settings import Section, chain_from
 
-_CAPTION = """
-Chains of rigid bars that swing in tilted gravity, for up to {steps:,} solver steps. Each class of
-chain has a colour and a marker. (a) Largest relative error of a bar length. (b) Absolute error of
-the energy over the largest kinetic or potential energy so far. Each point is the maximum since the
-previous point. The dashed grey line is the rounding error {rounding:.1e} of a number. Values below
-a hundredth of it are drawn at this limit.
+_CAPTION = """ Chains of rigid bars that swing in tilted gravity, for up to {steps:,} solver steps.
+Each class of chain has a colour and a marker. (a) Largest relative error of a bar length. (b)
+Absolute error of the energy, divided by the largest kinetic or potential energy so far. Each point
+is the maximum since the previous point. The dashed grey line is the rounding error {rounding:.1e}
+of a number. Values below a hundredth of it are drawn at this limit.
 """
 _ROUNDING = float(np.finfo(np.float64).eps)
 _POINTS = 60
@@ -83,7 +82,7 @@ class RigidSteps:
         )
 
     def errors(self, chain: Chain) -> tuple[Array, Array, Array]:
-        """Return step counts, and the largest length and energy errors after the previous."""
+        """Return step counts, and the largest length and energy errors since the last count."""
         angles = chain.uniform_state(-1)
         rates = self.speed / chain.time_unit * mode_towards_last(chain, angles)
         period = _PERIOD * chain.time_unit

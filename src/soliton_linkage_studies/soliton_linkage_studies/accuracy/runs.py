@@ -33,27 +33,27 @@ from soliton_linkage_studies.settings import Section
 from soliton_linkage_studies.sweep.table import fingerprint
 
 _LOST_WIDTHS = 2.0
-"""Largest error of an estimate that counts as found [wall widths]."""
+"""Largest error of a wall that is regarded as found [wall widths]."""
 _LOST = 1.0
 """The same in rotor spacings; the largest of the three limits applies."""
 _LOST_DEVIATIONS = 6.0
 """The same in stated standard deviations."""
 _LARGEST_DEVIATION = 0.25
-"""Stated deviation over the chain length above which a wall counts as false [1]."""
+"""Stated deviation, relative to the chain length, above which a wall is false [1]."""
 _FALSE_MISFIT = 0.5
-"""Rms misfit of the rotors about a stated wall above which it is false [rad]."""
+"""Rms misfit of the rotors near a reported wall, above which the wall is false [rad]."""
 _CORE = 2.5
-"""Distance from the wall of the rotors in this misfit [rotor spacings]."""
+"""Largest distance from the wall of the rotors in this misfit [rotor spacings]."""
 _SCENES = 8
 """Largest number of scenes per cell, from which records are drawn [1]."""
 _LONGER = 2
-"""Frames of a scene over frames of a record [1]."""
+"""Ratio of the number of frames of a scene to that of a record [1]."""
 _NEAR = 3.0
 """Largest distance of the wrong reading from the wall in half of the records [rotor spacings]."""
 
 
 def records(cell: AccuracyCell, frames: int, random: np.random.Generator) -> Iterator[Scores]:
-    """Simulate records with `frames` frames in total; yield the scores of each record."""
+    """Simulate records of `frames` frames in total; yield the scores of each record."""
     run = min(cell.run, frames)
     left, template = frames, Analyser(cell.analysed_chain)
     scenes: list[WallScene] = []
@@ -128,7 +128,7 @@ def _rotors_with_encoder(
 
 
 def _wrong_rotor(place: float, rotors: int, random: np.random.Generator) -> int:
-    """Draw the rotor with the wrong reading: with equal chance any rotor or one near the wall."""
+    """Draw the rotor with the wrong reading: any rotor or one near the wall, equally probable."""
     if random.integers(2):
         return int(random.integers(rotors))
     return min(max(round(place + random.uniform(-_NEAR, _NEAR)), 0), rotors - 1)
@@ -164,7 +164,7 @@ def _score(
 
 
 def _matches(cell: AccuracyCell, wall: AnalysedSoliton, place: float) -> bool:
-    """Return whether a stated wall matches the true wall at a position."""
+    """Return whether a reported wall matches the true wall at a position."""
     chain = cell.chain
     deviation = wall.position_deviation / chain.spacing
     if deviation > _LARGEST_DEVIATION * chain.number_of_rotors:
@@ -193,7 +193,7 @@ def _wall_values(
 
 
 def _is_false(cell: AccuracyCell, angles: Array, wall: AnalysedSoliton) -> bool:
-    """Return whether the rotors about a stated wall match no wall configuration."""
+    """Return whether the rotors near a reported wall match no wall configuration."""
     chain = cell.chain
     if (
         cell.invalid_input
@@ -212,7 +212,7 @@ def _is_false(cell: AccuracyCell, angles: Array, wall: AnalysedSoliton) -> bool:
 
 
 def _score_shift(cell: AccuracyCell, analysis: Analysis, clean: Analysis, scores: Scores) -> None:
-    """Score the shift of the only wall by a wrong reading, in stated deviations."""
+    """Score the shift of a single wall by a wrong reading, in stated deviations."""
     if len(clean.solitons) != 1:
         return
     before = clean.solitons[0]

@@ -3,9 +3,9 @@
 
 The position of a wall is the point of its static path nearest to the noiseless frame. It is
 averaged over one period of the slowest phonon, or over the passage of a rotor if that is shorter,
-so that oscillations by phonons do not count. The rate is the slope of a line fitted to positions
-over three times this duration. For slow walls, whose speed varies between rotors, it is the slope
-of a cubic. Averages never extend across an impulse.
+so that oscillations due to phonons are removed. The rate is the slope of a line fitted to
+positions over three times this duration. For slow walls, whose speed varies between rotors, it is
+the slope of a cubic. Averages never extend across an impulse.
 """
 
 from __future__ import annotations
@@ -53,24 +53,25 @@ The edge absorbs the wall there.
 _BEGIN = 2.0
 """Least distance from an edge at the start [rotor spacings]."""
 _SAMPLES = 200
-"""Samples of the orbit near the first edge, to locate the rest state on it [1]."""
+"""Number of samples of the orbit near the first edge, to locate the rest state on the orbit
+[1]."""
 _LEGS = 2.0
-"""Longest path of a nudged wall before the scene starts [legs]."""
+"""Longest path of a kicked wall before the scene starts [legs]."""
 _CHAINS = 200
 """Largest number of disorder draws until a wall can pass through the chain [1]."""
 _IMPULSE_REACH = 1.5
-"""Reach of an impulse beside the wall [rotor spacings]."""
+"""Range of an impulse on either side of the wall [rotor spacings]."""
 # Scenes with several walls:
 _FEWEST = 20
-"""Fewest frames of a scene [1]."""
+"""Smallest number of frames of a scene [1]."""
 _DRAWS = 20
 """Largest number of draws until the walls stay intact and apart for `_FEWEST` frames [1]."""
 _SLOWER = 0.7
 """Factor on the speed of anti-kinks after each draw [1]."""
 _JITTER = 0.05
-"""Random shift of the initial wall positions, over their distance [1]."""
+"""Random shift of the initial wall positions, relative to their distance [1]."""
 _CORE = 3.0
-"""Distance from a wall of the rotors that determine whether it is intact [rotor spacings]."""
+"""Largest distance from a wall of the rotors that show whether it is intact [rotor spacings]."""
 
 
 @dataclass(frozen=True)
@@ -84,14 +85,14 @@ class WallScene:
     places: Array
     """Averaged positions of the walls [rotor spacings], shape (T, K)."""
     instants: Array
-    """Positions without average over time [rotor spacings], shape (T, K)."""
+    """Positions without the average over time [rotor spacings], shape (T, K)."""
     site_rates: Array
     """Velocities of the walls [rotor spacings / s], shape (T, K)."""
     charges: tuple[int, ...]
     legs: Array
     """Leg of the orbit for a single wall, otherwise -1, shape (T,)."""
     scored: NDArray[np.bool_]
-    """Whether a wall is far enough from the edges and from others, shape (T, K)."""
+    """Whether a wall is far enough from edges and other walls, shape (T, K)."""
     impulse_frames: tuple[int, ...] = ()
     """First frames after an impulse."""
     impulses: tuple[Array, ...] = ()
@@ -129,7 +130,7 @@ def _without_walls(angles: Array, kinetic: Array) -> WallScene:
 
 
 def frames_beside(speed: float, cell: AccuracyCell) -> int:
-    """Return the half-width of the average [frames] for a wall speed [rotor spacings / s]."""
+    """Return the half width of the average [frames] for a wall speed [rotor spacings / s]."""
     time = 1 / max(abs(speed), gap(cell.chain) / (2 * math.pi))
     return max(round(time / (cell.period * cell.chain.time_unit) / 2), 1)
 
@@ -137,9 +138,10 @@ def frames_beside(speed: float, cell: AccuracyCell) -> int:
 def averages_and_slopes(
     values: Array, beside: int, breaks: list[int] | None = None, cubic: bool = False
 ) -> tuple[Array, Array]:
-    """Return averages over `beside` values on both sides, and slopes over three times as many.
+    """Return averages over `beside` values on either side, and slopes over three times as many.
 
-    Windows do not extend across `breaks`. Slopes are from lines, or from cubics if `cubic`.
+    Windows do not extend across `breaks`. Slopes are those of fitted lines, or of cubics if
+    `cubic`.
     """
     means, slopes = np.empty_like(values), np.empty_like(values)
     for begin, end in pairwise([0, *(breaks or []), len(values)]):
@@ -319,10 +321,7 @@ def _uniform_orbit(chain: Chain) -> Orbit:
 
 
 def _several_walls(cell: AccuracyCell, frames: int, random: np.random.Generator) -> WallScene:
-    """Simulate alternating kinks and anti-kinks until they meet.
-
-    Raises ArithmeticError if they meet too early.
-    """
+    """Simulate alternating kinks and anti-kinks until they meet; ArithmeticError if too early."""
     for draw in range(_DRAWS):
         begins = 1 if random.integers(2) else -1
         charges = tuple(begins * (-1) ** number for number in range(cell.walls))

@@ -23,11 +23,11 @@ from soliton_linkage.linkage.springs import spring_between
 _spring = compile_loop(spring_between, inlined=True)
 
 _STEP = 0.1
-"""Largest step [time units]; with it a wall at v = 0.9 c conserves energy to 1e-6."""
+"""Largest step [time units]; the energy of a wall at v = 0.9 c is then constant to 1e-6."""
 _SHARE = 1 / (4 - 4 ** (1 / 3))
 """Weight p of a leapfrog [1]."""
 _WEIGHTS = np.array([_SHARE, _SHARE, 1 - 4 * _SHARE, _SHARE, _SHARE])
-"""Weights of the five leapfrog steps, over the step [1]."""
+"""Weights of the five leapfrog steps, relative to the whole step [1]."""
 
 
 class Springs:
@@ -64,7 +64,7 @@ class Springs:
 
 @compiled(const_f8_1d, const_f8_1d, const_f8_2d, f8_1d)
 def _pull(angles: Array, lengths: Array, bonds: Array, torques: Array) -> None:
-    """Compute the spring torques [N m]; the force k (l - lbar) acts between the masses."""
+    """Compute the spring torques [N m] of forces k (l - lbar) between the masses."""
     torques[:] = 0.0
     right, up = lengths[0] * math.sin(angles[0]), lengths[0] * math.cos(angles[0])
     for n in range(len(angles) - 1):

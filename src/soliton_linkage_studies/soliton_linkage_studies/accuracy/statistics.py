@@ -47,20 +47,21 @@ COLUMNS = (
 )
 """Measured columns of a cell.
 
-`speed` is the speed of the fastest wall over the speed of sound. `place` and `rate` are errors
-over their stated deviations: root mean square and its standard error, 99 % quantile and maximum of
-the absolute value, fractions beyond 4 and within 1 and 2 [%], and mean. `instant` compares with
-the position without average over time. `error_rms` and `deviation_median` are the position error
-and its stated deviation [rotor spacings]. `shift_max` is the largest shift by a wrong reading, in
-stated deviations. `lost` and `false` count walls, `wrong_leg` counts frames.
+`speed` is the speed of the fastest wall relative to the speed of sound. `place` and `rate` are
+errors of the position and of the rate, divided by their stated deviations: root mean square and
+its standard error, 99 % quantile and maximum of the absolute value, fractions beyond 4 and within
+1 and 2 [%], and mean. `instant` compares with the position without the average over time.
+`error_rms` and `deviation_median` are the position error and its stated deviation [rotor
+spacings]. `shift_max` is the largest shift by a wrong reading, in stated deviations. `lost` and
+`false` count walls, `wrong_leg` counts frames.
 """
 
 WALL_VALUES = ('place', 'instant', 'rate', 'error', 'deviation', 'rate_error')
 """Values of each found wall.
 
-`place`, `instant` (position without average over time) and `rate` are errors over their stated
-deviations [1]. `error` and `deviation` are the position error and its stated deviation [rotor
-spacings]. `rate_error` is the relative error of the rate [1].
+`place`, `instant` (position without the average over time) and `rate` are errors divided by their
+stated deviations [1]. `error` and `deviation` are the position error and its stated deviation
+[rotor spacings]. `rate_error` is the relative error of the rate [1].
 """
 
 _COLUMNS = (
@@ -91,7 +92,7 @@ _USEFUL = 2.0
 _FEWER = 0.01
 """Decrease of the lost fraction above which errors are not compared [1].
 
-The errors then include walls that were lost in the earlier table.
+Otherwise the errors would include walls that were lost in the earlier table.
 """
 _FAILURES = ('lost', 'false', 'wrong_leg')
 _ERRORS = ('place_rms', 'place_rms_error', 'rate_rms', 'rate_rms_error', 'error_rms')
@@ -117,11 +118,11 @@ class Scores:
     walls: list[tuple[float, ...]] = field(default_factory=list)
     """Values `WALL_VALUES` of found walls."""
     kinetic: list[float] = field(default_factory=list)
-    """Errors of the kinetic energy over its stated deviation [1]."""
+    """Errors of the kinetic energy, divided by its stated deviation [1]."""
     shifts: list[float] = field(default_factory=list)
     """Shifts of the position by a wrong reading, in stated deviations [1]."""
     speed: float = 0.0
-    """Speed of the fastest wall of the scene over the speed of sound [1]."""
+    """Speed of the fastest wall of the scene relative to the speed of sound [1]."""
     frames: int = 0
     expected: int = 0
     """Number of true walls in the scored frames [1]."""
@@ -153,9 +154,10 @@ def line_of(scores: Sequence[Scores]) -> dict[str, float]:
 
 
 def _normalised(name: str, errors: list[Array]) -> dict[str, float]:
-    """Return statistics of errors over their deviations, from arrays of one record each.
+    """Return statistics of errors divided by their deviations, from one array per record.
 
-    The error of the root mean square is a jackknife over records, because their frames correlate.
+    The error of the root mean square is from a jackknife over records, because frames of a record
+    are correlated.
     """
     pieces = [_finite(each) for each in errors]
     whole = np.concatenate(pieces)
@@ -197,7 +199,7 @@ def _finite(values: Array) -> Array:
 class Accuracy:
     """Accuracy of an estimator over many frames.
 
-    Bias, deviation and coverage leave out failures; they are NaN if fewer than two frames remain.
+    Bias, deviation and coverage exclude failures; they are NaN if fewer than two frames remain.
     """
 
     frames: int
@@ -209,13 +211,13 @@ class Accuracy:
     deviation: float
     """Standard deviation of the error [rotor spacings]."""
     bound: float
-    """Least standard deviation of an unbiased estimator [rotor spacings]."""
+    """Smallest standard deviation of any unbiased estimator [rotor spacings]."""
     coverage: float
-    """Fraction of frames whose stated interval contains the position; NaN without interval."""
+    """Fraction of frames whose stated interval contains the position; NaN without intervals."""
 
     @property
     def ratio(self) -> float:
-        """Standard deviation over its bound [1]."""
+        """Standard deviation divided by its bound [1]."""
         return self.deviation / self.bound
 
 
@@ -285,14 +287,14 @@ def write_lines(lines: Sequence[Line], folder: Path) -> None:
 
 
 def number_text(number: float) -> str:
-    """Return a number with six digits, or nothing for NaN."""
+    """Return a number with six digits as text, empty for NaN."""
     return '' if math.isnan(number) else f'{number:.6g}'
 
 
 def check_comparable(cells: Sequence[AccuracyCell], seed: int, earlier: Sequence[Row]) -> None:
     """Raise ValueError if an earlier table contains none of the cells of a seed."""
     if not earlier or not {'cell', *CELL_COLUMNS, *_COMPARED} <= earlier[0].keys():
-        raise ValueError('the earlier table is no table of cells; give a cells.csv')
+        raise ValueError('the earlier table does not contain cells; give a file cells.csv')
     known = {_key(row) for row in earlier}
     if known.isdisjoint((cell.name, *cell_values(cell)) for cell in cells):
         raise ValueError(
@@ -342,7 +344,7 @@ def _less_consistent(name: str, row: Row, old: Row, useful: bool) -> list[str]:
 
 
 def _more_failures(name: str, row: Row, old: Row) -> list[str]:
-    """Report a significant increase of failures; a misplaced wall counts as lost."""
+    """Report a significant increase of failures; a wall with a large error counts as lost."""
     share, earlier = _rate(row, name), _rate(old, name)
     misplaced = _misplaced(row), _misplaced(old)
     if name == 'lost' and math.isfinite(sum(misplaced)):

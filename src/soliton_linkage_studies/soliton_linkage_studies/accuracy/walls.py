@@ -29,7 +29,7 @@ from soliton_linkage.solitons.static_wall import static_wall
 from soliton_linkage_studies.accuracy.springs import Springs
 
 _SAMPLES = 65
-"""Samples of a path over its period of two spacings; the spline error is 1e-6 [1]."""
+"""Number of samples of a path in its period of two spacings [1]; the spline error is 1e-6."""
 _LONGEST = 0.3
 """Largest Gauss-Newton step to the nearest point [rad]."""
 _GAUSS_STEPS = 6
@@ -39,7 +39,7 @@ _CLOSE = 1e-6
 
 
 def reach(chain: Chain) -> float:
-    """Return the half-width in which a wall changes the angles by over 1 % [rotor spacings]."""
+    """Return the half width in which a wall changes angles by more than 1 % [rotor spacings]."""
     return 2.5 * max(chain.wall_width, penetration_depth(chain)) / chain.spacing + 3
 
 
@@ -54,10 +54,11 @@ class WallPath:
 
     charge: int
     base: int
-    """Wall position at which the path starts, from the first of the M rotors around the wall
+    """Wall position at which the path starts, relative to the first of the M rotors of the window
     [rotor spacings]. The path covers the next two spacings."""
     spline: CubicSpline | None
-    """Angles of the window [rad], shape (M,), over the position in it [rotor spacings]."""
+    """Angles of the window [rad], shape (M,), as a function of the wall position [rotor
+    spacings]."""
     resting: Array
     """Angles of the window at `rest_position` [rad], shape (M,)."""
     rest_position: float
@@ -71,7 +72,7 @@ class WallPath:
         return self.spline is None
 
     def window(self, place: float) -> tuple[int, Array, Array]:
-        """Return first rotor, angles [rad] and their derivative [rad/spacing], (M,) each."""
+        """Return first rotor, angles [rad] and their derivatives [rad/spacing], (M,) each."""
         if self.spline is None:
             shift = 2 * round((place - self.rest_position) / 2)
             return shift, self.resting, np.zeros_like(self.resting)
@@ -189,11 +190,11 @@ _SETTLING = (60.0, 400.0)
 _ABSORPTION = 0.5
 """Damping of the rotors outside a settling wall [1 / time unit]."""
 _BROKEN = 0.15
-"""Misfit above which a wall is destroyed, over the swing of a rotor [1]."""
+"""Misfit above which a wall is destroyed, relative to the swing of a rotor [1]."""
 _STEP = 0.5
 """Period at which the position of a settling wall is measured [time units]."""
 _SLOWER = 0.8
-"""Factor on the speed after an attempt in which the wall is destroyed [1]."""
+"""Factor by which the speed is reduced after an attempt that destroys the wall [1]."""
 _TRIES = 25
 """Number of attempted speeds; the last one is 1 / 200 of the first [1]."""
 
@@ -227,8 +228,8 @@ def launch_speed(chain: Chain, share: float) -> float:
 def steady_wall(chain: Chain, leg: int, share: float) -> SteadyWall:
     """Return a moving wall without phonons, at the given or the largest stable speed.
 
-    `share` is the speed over the speed of sound [1]. Raises ArithmeticError if every attempted
-    speed destroys the wall.
+    `share` is the speed relative to the speed of sound [1]. Raises ArithmeticError if every
+    attempted speed destroys the wall.
     """
     speed = launch_speed(chain, share)
     for _ in range(_TRIES):
@@ -296,7 +297,7 @@ def add_motion(wall: SteadyWall, shift: int, angles: Array, rates: Array, sense:
 
 
 def left_of(chain: Chain, charge: int) -> Array:
-    """Return the domain left of a wall of a charge [rad], shape (N,)."""
+    """Return the uniform state left of a wall of a charge [rad], shape (N,)."""
     if charge > 0:
         return chain.uniform_state(1)
     if chain.motion is Motion.SPINNER:

@@ -47,20 +47,20 @@ from soliton_linkage_studies.settings import Section, chain_from, load_settings
 _CAPTION = """
 Walls in chains whose motors put a torque κ (q_n − q_(n+1)) on both rotors of each bond.
 
-(a) Terminal velocity of kinks (filled marks) and anti-kinks (open marks) against κ / c, where c
-is the linear damping. Lines are the theory: κ / c times a ratio of two sums along the orbit of
-the wall. Error bars show standard errors and are smaller than most marks. Fast walls are slower
-than the theory, because they radiate phonons. Slow anti-kinks of the wobbler are pinned. (b)
-Displacement of each rotor over time, for a kink ahead of an anti-kink. Both run towards the
-last rotor. Colours as in the kymographs; the black line is the track of the kink. (c) The same
+(a) Terminal velocity of kinks (filled marks) and anti-kinks (open marks) against κ / c, where c is
+the linear damping. Lines are the theory: κ / c times a ratio of two sums along the orbit of the
+wall. Error bars show standard errors and are smaller than most marks. Fast walls are slower than
+the theory, because they radiate phonons. Slow anti-kinks of the wobbler are pinned. (b)
+Displacement of each rotor over time, for a kink ahead of an anti-kink. Both move towards the last
+rotor. Colours are those of the kymographs; the black line is the track of the kink. (c) The same
 for a kink behind an anti-kink. They meet and annihilate.
 
-(d) Fate of an anti-kink of the first chain with fixed ends, against κ / c and the decay rate
-c / (M r²): the anti-kink runs (sky blue dots), is pinned (crosses), breaks up (red triangles) or
-vanishes (black squares). Below the solid line a resting anti-kink is pinned. To the right of
-the dashed line, waves grow in a uniform chain without ends. (e) Power of the motors (blue) and
-of the damping (red), for a kink that starts at rest. The dashed green line is the theory at the
-terminal velocity. (f) Site of a kink that is sent against the motors. It turns round.
+(d) Fate of an anti-kink of the first chain with fixed ends, against κ / c and the decay rate c /
+(M r²): it runs (sky blue dots), is pinned (crosses), breaks up (red triangles) or vanishes (black
+squares). Below the solid line a resting anti-kink is pinned. To the right of the dashed line,
+waves grow in an infinite uniform chain. (e) Power of the motors (blue) and of the damping (red),
+for a kink that starts at rest. The dashed green line is the theory at the terminal velocity. (f)
+Site of a kink that starts against the motors and turns back.
 """
 _TITLES = {
     'a': 'a  Terminal velocity',
@@ -68,7 +68,7 @@ _TITLES = {
     'c': 'c  Kink behind an anti-kink',
     'd': 'd  Anti-kink',
     'e': 'e  Power balance of a kink from rest',
-    'f': 'f  Kink sent against the motors',
+    'f': 'f  Kink that starts against the motors',
 }
 _OUTCOME_MARKS = {
     'runs': ('o', SKY),
@@ -81,7 +81,7 @@ _VELOCITY = 'velocity [rotors/s]'
 _TIME = 'time [s]'
 _SITE = 'site [rotor spacings]'
 _FRAMES = 600
-"""Frames of each run [1]."""
+"""Number of frames of each run [1]."""
 _LONGEST = 60.0
 """Longest duration of a run [s], for walls that are pinned."""
 
@@ -121,7 +121,7 @@ class ActiveStudy:
 
     @property
     def drives(self) -> dict[tuple[str, int], WallDrive]:
-        """Drive of each wall by chain and charge, without anti-kinks that have no path."""
+        """Drive of each wall by chain and charge, without anti-kinks that have no stable path."""
         found = {}
         for name, chain in self.chains.items():
             for charge in (1, -1):

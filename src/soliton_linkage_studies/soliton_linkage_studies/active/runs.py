@@ -6,12 +6,13 @@ t = dq/dx. In equilibrium the motors provide the power that linear damping c dis
 
     kappa x_dot g(x) = c x_dot^2 sum_n t_n^2,    g = sum_n (q_n - q_{n+1}) (t_n + t_{n+1}).
 
-The sum of the squares is the same at all sites, which gives the terminal velocity
+The sum of the squares is the same at all sites, so that the terminal velocity is
 
     v = (kappa / c) <g> / sum_n t_n^2,
 
-with the mean of g over two rotors. Both sums tend to the ratio 2 for wide walls. The sign of the
-charge cancels. An anti-kink has an elastic energy V(x) and is pinned if kappa g < dV/dx at a site.
+with the mean of g over two rotors. For wide walls the ratio of the two sums tends to 2. The sign
+of the charge cancels. An anti-kink has an elastic energy V(x) and is pinned if kappa g < dV/dx at
+a site.
 """
 
 from __future__ import annotations
@@ -33,30 +34,30 @@ from soliton_linkage.solitons.static_wall import static_wall
 _SAMPLES = 65
 """Samples of the orbit over two rotors [1]: splines through them are accurate to 1e-6."""
 _FROM_END = 8
-"""Rotors near the ends that a measured velocity leaves out [1]."""
+"""Number of rotors near each end that a measured velocity excludes [1]."""
 _STARTUP = 4.0
-"""Time that a velocity leaves out, in units of the decay time M r^2 / c of the rates [1]."""
+"""Initial time that a measured velocity excludes, in decay times M r^2 / c of the rates [1]."""
 _PIECES = 8
-"""Pieces of a track whose slopes give the standard error of a velocity [1]."""
+"""Number of pieces of a track whose slopes give the standard error of a velocity [1]."""
 _TOLERANCE = 1e-11
 """Integration error per step [rad]: the energy balance of a run then closes to 1e-6."""
 
 
 @dataclass(frozen=True)
 class WallDrive:
-    """How motors drive a wall, computed along its orbit."""
+    """Effect of motors on a wall, computed along its orbit."""
 
     ratio: float
-    """Terminal velocity over kappa / c [rotor spacings]."""
+    """Terminal velocity divided by kappa / c [rotor spacings]."""
     pinning: float
     """Non-reciprocity below which a resting wall is pinned [N m/rad]; 0 for kinks."""
 
 
 def wall_drive(chain: Chain, charge: int) -> WallDrive:
-    """Return how motors drive a kink (+1) or an anti-kink (-1).
+    """Return the effect of motors on a kink (+1) or an anti-kink (-1).
 
-    The chain must be so long that the tails of a wall in its middle end inside. Raises
-    ArithmeticError for an anti-kink without a path of stable states.
+    The chain must be so long that the tails of a wall in its middle have decayed at the ends.
+    Raises ArithmeticError for an anti-kink without a path of stable states.
     """
     begin = chain.number_of_rotors / 2 - 1
     if charge > 0:
@@ -92,7 +93,7 @@ def coordinates(chain: Chain, angles: Array) -> Array:
 def wall_sites(chain: Chain, angles: Array) -> list[tuple[float, int]]:
     """Return site [rotor spacings] and charge of each zero of the displacement, in order.
 
-    Edge rotors are left out, because each has two rest angles.
+    Edge rotors are excluded, because each has two rest angles.
     """
     u = displacement(chain, angles)[1:-1]
     left = np.flatnonzero(np.signbit(u[1:]) != np.signbit(u[:-1]))
@@ -106,7 +107,7 @@ class ActiveRun:
 
     recording: Recording
     sites: Array
-    """Site of the followed wall [rotor spacings], NaN after it has vanished, shape (T,)."""
+    """Site of the tracked wall [rotor spacings], NaN after it has vanished, shape (T,)."""
     injected: Array
     """Power of the motors [W], shape (T,)."""
     dissipated: Array
@@ -114,7 +115,7 @@ class ActiveRun:
     walls: int
     """Number of walls in the last frame."""
     imbalance: float
-    """Error of the energy with the work of motors and damping, over the largest energy [1]."""
+    """Error of the energy balance with motors and damping, relative to the largest energy [1]."""
 
 
 @dataclass(frozen=True)
@@ -129,12 +130,13 @@ class ActiveTask:
     period: float
     """[s]."""
     charge: int
-    """Charge of the followed wall, which is the first one of this charge."""
+    """Charge of the tracked wall, the first wall of this charge."""
     fixed: bool = False
-    """Whether the end rotors are fixed. Kinks can enter a free end that leans away from a wall."""
+    """Whether the end rotors are fixed; otherwise kinks may enter at an end that leans away from a
+    wall."""
 
     def __call__(self) -> ActiveRun:
-        """Run the simulation and follow the wall."""
+        """Run the simulation and track the wall."""
         chain = self.chain
         start = chain, self.angles, self.rates, self.period, _TOLERANCE
         ends = (0, chain.number_of_rotors - 1) if self.fixed else ()
@@ -158,9 +160,9 @@ class ActiveTask:
 
 
 def follow_charge(found: Sequence[Sequence[tuple[float, int]]], charge: int) -> Array:
-    """Return the site of the first wall of a charge in each frame, NaN once it has vanished.
+    """Return the site of the first wall of a charge in each frame, NaN after it has vanished.
 
-    From frame to frame a wall is the nearest one of its charge within two rotors.
+    In the next frame, the same wall is the nearest wall of this charge within two rotors.
     """
     sites, last = np.full(len(found), math.nan), math.nan
     for frame, walls in enumerate(found):
@@ -177,7 +179,7 @@ def follow_charge(found: Sequence[Sequence[tuple[float, int]]], charge: int) -> 
 def terminal_velocity(task: ActiveTask, run: ActiveRun) -> tuple[float, float]:
     """Return the velocity of the wall after its startup and its standard error [rotors/s].
 
-    NaN if the wall does not last for eight frames beyond the startup and away from the ends.
+    Both are NaN if fewer than eight frames show the wall after the startup and far from the ends.
     """
     decay = task.chain.moment_of_inertia / task.chain.damping
     last = task.chain.number_of_rotors - 1 - _FROM_END
@@ -219,7 +221,7 @@ def motorised(chain: Chain, decay: float, ratio: float) -> Chain:
 
 
 def outcome(task: ActiveTask, run: ActiveRun) -> str:
-    """Return what became of a wall: 'runs', 'is pinned', 'breaks up' or 'vanishes'.
+    """Return the fate of a wall: 'runs', 'is pinned', 'breaks up' or 'vanishes'.
 
     A wall runs if it reaches the last rotors or moves by a rotor in the last quarter of the time.
     """

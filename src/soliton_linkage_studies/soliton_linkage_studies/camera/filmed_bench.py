@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Simulated home-made chain in front of a camera, with known deviations from its plan."""
+"""Simulated handmade chain in front of a camera, with known deviations from its plan."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ from soliton_linkage_studies.camera.runs import (
 
 @dataclass(frozen=True)
 class BenchParameters:
-    """Parameters of the manufacture, the kick and the film of a chain."""
+    """Manufacturing deviations, kick and film of a chain."""
 
     spread: float = quantity(0.05, 'relative standard deviation of every length', '', 0.0, 0.2)
     seed: int = quantity(
@@ -45,7 +45,7 @@ class BenchParameters:
 
 @dataclass(frozen=True)
 class FilmedBench:
-    """Chain with manufacturing deviations, and markers that were printed for its plan."""
+    """Chain with manufacturing deviations, and markers printed for its plan."""
 
     plan: Chain
     markers: MarkerSettings
@@ -76,12 +76,12 @@ class FilmedBench:
             yield TimedPicture(time, self._renderer.picture(self._begin + time))
 
     def angles(self, times: Array) -> Array:
-        """Return the true angles [rad] at times since the stamp of the first picture [s]."""
+        """Return the true angles [rad] at times after the stamp of the first picture [s]."""
         return self._motion(times + self._renderer.stamp(self._begin))[0]
 
     @property
     def _begin(self) -> float:
-        """Time of the first picture [s], late enough for its first row."""
+        """Time of the first picture [s], late enough for the exposure of its first row."""
         return CAMERA.row_time * CAMERA.height
 
     @cached_property

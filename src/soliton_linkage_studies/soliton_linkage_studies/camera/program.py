@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Film simulated chains and measure their angles: errors compared with the Cramer-Rao bound.
+"""Measure angles in films of simulated chains, and compare their errors with the Cramer-Rao bound.
 
 Write a table as Markdown. After an interruption, the same command continues with the next clip.
 """
@@ -23,7 +23,7 @@ from soliton_linkage_studies.settings import Section, chain_from, load_settings
 from soliton_linkage_studies.sweep.table import RESUMES, fill_table, fingerprint, markdown_table
 
 _QUICK_FRAMES = 120
-"""Number of pictures of a quick film, two seconds [1]."""
+"""Number of pictures of a quick film [1], two seconds."""
 _KICKS = 0.7, 1.3
 """Range of the random factor on the kick of each clip [1], so that clips differ."""
 COLUMNS = (
@@ -70,7 +70,7 @@ class FilmStudy:
         return [str(row), name, str(clip), *(f'{figure:.9g}' for figure in run.figures)]
 
     def described(self) -> dict[str, Any]:
-        """Return all settings on which the rows depend, and a fingerprint of the vision code."""
+        """Return all settings that determine the rows, and a fingerprint of the vision code."""
         return {
             'films': {name: str(task) for name, task in self.films.items()},
             'clips': self.clips,

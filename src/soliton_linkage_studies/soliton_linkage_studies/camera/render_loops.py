@@ -44,7 +44,7 @@ _PIXELS = named_tuple(Pixels, f8_2d, f8_2d, f8_2d)
 
 
 def _covered(distance: float, spread: float) -> float:
-    """Return the share of a pixel inside an edge at a distance [m], negative inside."""
+    """Return the fraction of a pixel inside an edge at a distance [m], negative if inside."""
     share = distance / spread
     if share > 4.0:
         return 0.0
@@ -54,14 +54,14 @@ def _covered(distance: float, spread: float) -> float:
 
 
 def _from_arm(x: float, z: float, across: float, up: float) -> float:
-    """Return the distance of a point from the segment from the origin to (across, up)."""
+    """Return the distance of a point from the line segment between the origin and (across, up)."""
     along = (x * across + z * up) / (across * across + up * up)
     along = min(max(along, 0.0), 1.0)
     return math.hypot(x - along * across, z - along * up)
 
 
 def _mass_of(rotors: Array, rotor: int, time: float) -> tuple[float, float]:
-    """Return the mass of a rotor from its pivot at a time [m], rows of `rotors` as below."""
+    """Return the position of a mass relative to its pivot at a time [m]; see `paint_rotors`."""
     angle = rotors[0, rotor] + time * (rotors[1, rotor] + time * rotors[2, rotor] / 2)
     return rotors[4, rotor] * math.sin(angle), rotors[4, rotor] * math.cos(angle)
 
@@ -81,7 +81,7 @@ def _shares_of_rotor(
     arm: float,
     spread: float,
 ) -> tuple[float, float, float, float]:
-    """Return the shares of arm, label, dot and rest in a pixel, summed over the samples."""
+    """Return the fractions of a pixel in arm, label, dot and background, summed over samples."""
     of_arm = of_label = of_dot = of_rest = 0.0
     for k in range(len(across)):
         from_mass = math.hypot(x - across[k], z - up[k])
@@ -112,9 +112,9 @@ def paint_rotors(
 ) -> None:
     """Paint every other rotor with its arm and dots.
 
-    `rotors` has rows of angles, rates and accelerations at time 0, pivots and lengths; `shape` the
-    radii of labels and dots and the half width of arms [m]; `moments` the times of the samples of
-    each row [s].
+    `rotors` has rows of angles, rates and accelerations at time 0, pivots and lengths. `shape` has
+    the radii of labels and dots and the half width of arms [m]. `moments` has the times of the
+    samples of each row [s].
     """
     label, dot, arm = shape[0], shape[1], shape[2]
     samples = moments.shape[1]
@@ -205,7 +205,7 @@ def paint_bonds(
 def expose(
     canvas: Canvas, light: Canvas, noise: Canvas, shift: int, picture: NDArray[np.uint8]
 ) -> None:
-    """Expose a canvas under a light [1], and add noise that is shifted sideways."""
+    """Expose a canvas under a light [1], and add noise with a horizontal shift."""
     height, width, colours = canvas.shape
     for row in range(height):
         for column in range(width):

@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
 """Rendered films of a chain, with known angles.
 
-The plane has its frame markers and, from back to front, the bonds, the rotors 0, 2, ..., and the
+A picture shows the frame markers and, from back to front, the bonds, the rotors 0, 2, ..., and the
 rotors 1, 3, ..., each with the dots of its pivot and mass. Each pixel is the mean over its
-exposure. The exposure of row v begins `row_time` v after the start of the picture.
+exposure. The exposure of row v starts at `row_time` v after the start of the picture.
 """
 
 from __future__ import annotations
@@ -105,12 +105,12 @@ class Renderer:
         return float(self._plane.pixels(pivots, layout.heights)[:, 1].mean())
 
     def stamp(self, time: float) -> float:
-        """Return the middle of the exposure of the middle row of a picture [s]."""
+        """Return the middle of the exposure of the mean row of the pivots in a picture [s]."""
         camera = self._camera
         return time + camera.exposure / 2 + self.middle_row * camera.row_time
 
     def picture(self, time: float) -> Picture:
-        """Return the picture that begins at a time [s]."""
+        """Return the picture whose exposure starts at a time [s]."""
         canvas = self._background.copy()
         self._paint_chain(canvas, time)
         noise = self._noise[self._pictures % _NOISES]

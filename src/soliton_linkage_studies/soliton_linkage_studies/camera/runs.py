@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Film of a chain, and the errors of the angles that are measured in it."""
+"""Film of a chain, and the errors of the angles measured in the film."""
 
 from __future__ import annotations
 
@@ -48,11 +48,11 @@ _TILTS = (0.06, -0.09, 0.01)
 _FILLED = 1.12
 """Width of the picture, relative to the width of chain and frame markers [1]."""
 _SWAPPED = 0.1
-"""Error above which the measurement belongs to another rotor [rad]."""
+"""Error above which a measurement is attributed to another rotor [rad]."""
 _SETTLING = 10
 """Number of pictures after which the plane and the pivots are averaged [1]."""
 _HAND_EVERY, _HAND_FOR = 10.0, 0.7
-"""Interval at which a hand covers part of the view, and the time for which it does [s]."""
+"""Period at which a hand covers part of the view, and duration of the cover [s]."""
 _TURN = 0.01
 """Rotation for the finite differences of the pixels with respect to the angles [rad]."""
 
@@ -160,7 +160,7 @@ errors relative to the stated deviation [1]; CPU time per picture [s]."""
 
 
 def _changes(errors: Array) -> int:
-    """Return how often a rotor reappears with another number of turns."""
+    """Return the number of times that a rotor reappears with a wrong change of its turns."""
     turns = np.rint(errors / (2 * np.pi))
     return sum(
         int(np.count_nonzero(np.diff(of_rotor[np.isfinite(of_rotor)]))) for of_rotor in turns.T

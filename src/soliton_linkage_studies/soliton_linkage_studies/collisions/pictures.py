@@ -40,15 +40,14 @@ from soliton_linkage_studies.palette import (
     SKY,
 )
 
-_SPEEDS = """
-A kink and an anti-kink collide on a ring of springs, each with the speed v. v′ is half of their
-relative speed after the collision; c is the speed of sound. Each panel shows one ring, with its
-class and (r/a, θ̄). For spinners, the title states whether the rotors turn back or onwards in the
-second wall. Each dot is a collision. Its colour is the number of overlaps before the walls
-separate: none (pink), one (blue), two (orange), three (green) or more (black). Grey ticks at the
-bottom: captured pairs. Red ticks: broken anti-kinks, where rotors of a flipper turned over or a
-spinner's wall kept less than half of its continuum rest energy. Dashed line: v′ = v, an elastic
-collision.
+_SPEEDS = """ A kink and an anti-kink collide on a ring of springs, each with the speed v. v′ is
+half of their relative speed after the collision; c is the speed of sound. Each panel shows one
+ring, with its class and (r/a, θ̄). For spinners, the title states whether the second wall turns
+the rotors back or onwards. Each dot is a collision. Its colour shows the number of overlaps before
+the walls separate: none (pink), one (blue), two (orange), three (green) or more (black). Grey
+ticks at the bottom: captured pairs. Red ticks: broken anti-kinks. In a flipper, rotors have turned
+over; in a spinner, the wall has less than half of its continuum rest energy. Dashed line: v′ = v,
+an elastic collision.
 """
 _WINDOWS = """
 (a) Bounce windows of a flipper: speed v′ of each wall after the collision against its speed v
@@ -69,7 +68,7 @@ _SPEED, _SPEED_AFTER = 'v / c [1]', "v' / c [1]"
 
 
 def draw_speeds(rows: Sequence[Row]) -> FigureReport:
-    """Draw the speed after against the speed before the collision, one panel per ring."""
+    """Draw the speed after the collision against the speed before, one panel per ring."""
     series = series_of(rows, 'sweeps')
     columns = min(_COLUMNS, len(series))
     lines = -(-len(series) // columns)
@@ -192,9 +191,9 @@ shown. Numbers in the domains of spinners are the turns of the rotors since the 
 state.
 """
 _SHOWN = 40.0
-"""Width of a panel in reaches [1]."""
+"""Width of a panel in units of `Collision.reach` [1]."""
 _AFTERWARDS = 35.0
-"""Drawn time after the walls meet, in units of reach / speed of sound [1]."""
+"""Drawn time after the walls meet, in units of `Collision.unit` [1]."""
 _LARGEST = 1.6
 """Order field at the ends of the colour scale [1], just above its largest value."""
 _SPACETIME_COLUMNS = 3
@@ -250,7 +249,7 @@ def _draw(report: FigureReport, axes: Axes, name: str, collision: Collision) -> 
 
 
 def _recorded(collision: Collision) -> tuple[Array, Array]:
-    """Return times in reaches over c, (T,), and angles [rad], (T, N), of the shown interval."""
+    """Return times in units of `Collision.unit`, (T,), and angles [rad], (T, N), to be drawn."""
     duration = (INITIAL_DISTANCE / 2 / collision.speed + _AFTERWARDS) * collision.unit
     times, angles = [], []
     for instants, frame, _ in simulate_frames(collision):

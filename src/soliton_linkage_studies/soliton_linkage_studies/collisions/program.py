@@ -2,7 +2,7 @@
 """Simulate collisions of kinks and anti-kinks on rings of springs.
 
 Write tables as CSV and Markdown, and figures as PNG and PDF. After an interruption, the same
-command continues the sweep.
+command continues the study.
 """
 
 from __future__ import annotations

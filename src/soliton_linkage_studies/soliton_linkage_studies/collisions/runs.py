@@ -4,8 +4,9 @@
 The kink (charge +1, zero energy at rest) comes from the left, and the anti-kink (charge -1,
 positive rest energy) from the right, at the same speed. The ring leans left between the walls and
 right elsewhere. The walls overlap while no rotor leans left; each overlap counts as a collision.
-Charges alternate along a ring, so that the kink stays on the left. Only the turns of the rotors
-between the walls show whether the walls have passed through each other.
+Charges alternate along a ring, so that the kink is always on the left. Only the turns of the
+rotors between the walls show whether the walls have passed through each other. Lengths are in
+units of the reach of a wall (`Collision.reach`).
 """
 
 from __future__ import annotations
@@ -26,13 +27,13 @@ from soliton_linkage.solitons.continuum import wall_theory
 from soliton_linkage_studies.collisions.travelling_wall import travelling_wall
 
 INITIAL_DISTANCE = 12.0
-"""Initial distance in reaches [1], where the attraction is e^(-24) of the wall mass."""
+"""Initial distance in reaches [1]; the attraction is then e^(-24) of the wall mass."""
 ESCAPED = 8.0
-"""Distance of escape in reaches [1]; only walls slower than 0.001 c return from it."""
+"""Distance in reaches [1] at which walls have escaped; only walls slower than 0.001 c return."""
 _NEAR = 7.0
-"""Smallest distance for the speed before a collision, in reaches [1]."""
+"""Smallest distance at which the speed before a collision is measured, in reaches [1]."""
 _LEAVING = 5.0
-"""Smallest distance for the speed after a collision, in reaches [1]."""
+"""Smallest distance at which the speed after a collision is measured, in reaches [1]."""
 _FRAMES = 10
 """Number of frames while sound crosses a reach [1]; walls overlap for ten frames or more."""
 _CORE = 4.0
@@ -53,15 +54,15 @@ class Collision:
     speed: float
     """Speed of each wall in units of the speed of sound [1]."""
     onwards: bool = False
-    """Whether a spinner's rotors continue to turn in the second wall instead of turning back."""
+    """Whether the rotors of a spinner turn onwards in the second wall, instead of back."""
     step: float = 1.0
     """Longest integration step times the largest phonon frequency [1]."""
     integrator: str = 'symplectic'
     shift: float = 0.0
     """Shift of both walls along the ring [rotor spacings]."""
     patience: float = 120.0
-    """Time limit for an escape, in units of reach / speed of sound [1]. The time that the walls
-    need at half of their speed is added."""
+    """Time limit for an escape, in units of reach / speed of sound [1], in addition to the time of
+    the path at half the speed."""
 
     def __call__(self) -> CollisionRun:
         """Simulate the collision."""
@@ -88,7 +89,7 @@ class Collision:
 
 @dataclass(frozen=True)
 class CollisionRun:
-    """Outcome of a collision; speeds are, relative to sound, lengths in reaches [1]."""
+    """Outcome of a collision; speeds relative to the speed of sound, lengths in reaches [1]."""
 
     escaped: bool
     """Whether both walls escaped."""
@@ -105,7 +106,7 @@ class CollisionRun:
     closest: float
     """Smallest distance of the walls, 0 if they overlapped."""
     turns: int
-    """Turns of the rotors between the walls, in addition to the turns before the collision."""
+    """Turns of the rotors between the walls since the start of the collision."""
     broken: bool
     """Whether the anti-kink was destroyed, see `_broken`."""
     radiated: float
@@ -121,7 +122,7 @@ class CollisionRun:
 
 @dataclass(frozen=True)
 class WallPaths:
-    """Paths of the walls, the outermost sign changes of the field; NaN if there are none."""
+    """Paths of the walls: outermost sign changes of the order field, NaN if there are none."""
 
     times: Array
     """[s], shape (T,)."""
@@ -189,7 +190,7 @@ def simulate_frames(task: Collision) -> Iterator[tuple[Array, Array, Array]]:
         motion.state(start.angles, start.rates),
         np.inf,
         rtol=0.0 if constant else _TOLERANCE,
-        # With a large tolerance, the solver always takes the longest allowed step.
+        # With a large tolerance the solver always takes the longest allowed step.
         atol=1e3 if constant else _TOLERANCE,
         max_step=task.step / band_edges(task.ring)[1],
     )
@@ -207,7 +208,7 @@ def simulate_frames(task: Collision) -> Iterator[tuple[Array, Array, Array]]:
 
 
 def initial_state(task: Collision) -> State:
-    """Return the initial state, with both walls in motion towards the middle of the ring.
+    """Return the initial state: both walls move towards the middle of the ring.
 
     Raises ArithmeticError if no travelling wall has this speed.
     """
@@ -224,7 +225,7 @@ def initial_state(task: Collision) -> State:
 
 
 def ring_order_field(ring: Chain, angles: Array) -> Array:
-    """Return the order field, (..., N), as in `order_field`, for spinners of the family +1."""
+    """Return the order field, shape (..., N); as `order_field`, for spinners of the family +1."""
     theta = staggered(angles)
     if ring.motion is Motion.SPINNER:
         return np.asarray(np.cos(theta - ring.rest_angle))
@@ -309,7 +310,8 @@ def _turns(ring: Chain, path: WallPaths, state: State) -> int:
 def _broken(task: Collision, path: WallPaths, state: State, escaped: bool) -> bool:
     """Return whether rotors of a flipper turned over, or an escaped anti-kink was destroyed.
 
-    An anti-kink with less than half of its continuum rest energy is a defect of few rotors.
+    If less than half of the continuum rest energy of an anti-kink is left, only a few rotors
+    deviate.
     """
     ring = task.ring
     if ring.motion is not Motion.SPINNER:

@@ -17,7 +17,7 @@ from soliton_linkage_studies.collisions.runs import Collision, CollisionRun
 from soliton_linkage_studies.settings import Section
 
 TURNING = ('back', 'onwards')
-"""Turning directions of a spinner's rotors in the second wall."""
+"""Turning directions of the rotors of a spinner in the second wall."""
 _SETTINGS = {
     'length': (30.0, 1000.0),
     'step': (1e-3, 2.0),
@@ -26,7 +26,7 @@ _SETTINGS = {
 }
 """Settings of a collision and their valid ranges."""
 _QUICK_EVERY = 40
-"""Subsampling factor of the speeds in a quick study [1]."""
+"""A quick study uses one of this many speeds [1]."""
 _QUICK_HALVINGS = 2
 """Number of bisections for a speed in a quick study [1]."""
 _HALVINGS = 13
@@ -37,7 +37,7 @@ _FASTEST = 2.0
 
 @dataclass(frozen=True)
 class WindowEdge:
-    """Search for the speed at which walls stop escaping after a number of collisions."""
+    """Search for the edge of a window in which walls escape after a number of collisions."""
 
     collision: Collision
     collisions: int
@@ -48,7 +48,7 @@ class WindowEdge:
     halvings: int
 
     def __call__(self) -> tuple[float, CollisionRun]:
-        """Return the edge and the collision next to it, on the inside.
+        """Return the speed at the edge of the window, and the collision just inside.
 
         Raises ValueError unless the walls escape at the speed inside and not at the speed outside.
         """
@@ -87,7 +87,7 @@ class Entry:
     """Series of the row, a name from the settings."""
     task: Collision | WindowEdge
     name: str = ''
-    """Name of an edge, otherwise empty."""
+    """Name of a window edge, otherwise empty."""
 
 
 @dataclass(frozen=True)
@@ -185,7 +185,7 @@ def _named(settings: Section, key: str) -> dict[str, Section]:
     """Return the sections below a key, at least one."""
     found = settings.section(key).sections()
     if not found:
-        raise settings.error(key, 'is empty; give one section or more, each with its name')
+        raise settings.error(key, 'is empty; give one or more named sections')
     return found
 
 
@@ -263,7 +263,7 @@ def _task(
 
 
 def _speeds(section: Section, quick: bool) -> Array:
-    """Return the relative speeds of a range, both ends included."""
+    """Return the relative speeds of a range, including both ends."""
     given = section.section('speeds')
     given.check_keys('from', 'to', 'points')
     first, last = (given.number(end, 1e-3, _FASTEST) for end in ('from', 'to'))
@@ -291,7 +291,8 @@ PHI4_SPEED = 0.2598
 CRITICAL_SPEED = 'critical speed / c [1]'
 """Label of the speed above which walls separate after one collision."""
 _SHAPE_MODE = math.sqrt(3)
-"""Frequency of the shape mode of a phi^4 wall in units of c / w [1]; w is a reach for d << 1."""
+"""Frequency of the shape mode of a phi^4 wall in units of c / w [1]; for d << 1, w is the
+reach."""
 _FEWEST = 2
 """Smallest number of adjacent speeds with the same outcome in a window [1]."""
 
@@ -390,11 +391,12 @@ def _window_lines(found: Sequence[BounceWindow]) -> list[str]:
 
 
 def _variation_lines(series: dict[str, list[Row]]) -> list[str]:
-    """Return the table of changed settings: equal outcomes, largest change of v', and edges."""
+    """Return the table of changed settings: equal outcomes, changes of v', window edges."""
     base = next(iter(series.values()), [])
     edges = [row.name for row in base if row.name]
     lines = [
-        f'| changed | same outcome | their largest change of v′ / c | {" | ".join(edges)} |',
+        '| changed setting | same outcome | largest change of v′ / c for the same outcome '
+        f'| {" | ".join(edges)} |',
         f'| --- | --- | --- |{" --- |" * len(edges)}',
     ]
     for name, rows in series.items():
@@ -412,7 +414,7 @@ def _variation_lines(series: dict[str, list[Row]]) -> list[str]:
 
 
 def _critical_lines(series: dict[str, list[Row]]) -> list[str]:
-    """Return the critical speeds and their limit d -> 0, from a parabola through the first two."""
+    """Return the critical speeds and their limit d -> 0, from an extrapolation in d^2."""
     lines = [f'| rings | d | {CRITICAL_SPEED} |', '| --- | --- | --- |']
     for name, rows in series.items():
         found = [(float(row.name), row.speed) for row in rows if row.run]
@@ -425,5 +427,5 @@ def _critical_lines(series: dict[str, list[Row]]) -> list[str]:
 
 
 def _outcome(run: CollisionRun) -> tuple[bool, int]:
-    """Return the comparable outcome; captured pairs are equal for any number of overlaps."""
+    """Return the outcome for comparisons; captured pairs are equal for any number of overlaps."""
     return run.escaped, run.collisions if run.escaped else 0

@@ -1,15 +1,15 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Travelling walls of the discrete chain with minimal change of shape.
+"""Travelling walls of the discrete chain whose shape changes as little as possible.
 
 A rotor of parity p (0 even, 1 odd) at a distance x from the wall has the angle f_p(x). A wall of
 velocity v that keeps its shape, phi_n(t) = f_p(n a - v t), balances
 
     I v^2 f_p''(x) = torque of the springs (f_(1-p)(x - a), f_p(x), f_(1-p)(x + a)).
 
-On a grid of m points per spacing these are 2 m shifted chains, coupled by the derivatives. The
-solver minimises the residual of this equation, with the tails constrained to rest. An exact
-solution does not exist, because at any speed a wall of a few rotors resonates with a phonon and
-radiates it. A contracted wall of the continuum theory is less suitable, because it oscillates
+On a grid of m points per spacing, this equation describes 2 m shifted chains, coupled by the
+derivatives. The solver minimises the residual, with a penalty on tails that are not at rest. An
+exact solution does not exist, because at any speed a wall of a few rotors resonates with a phonon
+and radiates it. A contracted wall of the continuum theory is less suitable, because it oscillates
 about the shape computed here and disturbs a collision.
 """
 
@@ -32,10 +32,11 @@ from soliton_linkage.solitons.continuum import FlipperTheory, SpinnerTheory
 _REACH = 11.0
 """Half length of the grid in units of 2 l, where l is the penetration depth [1]."""
 _QUIET_FROM = 4.0
-"""Distance at which the rest penalty of the tails starts, in units of 2 l [1]; it is full at 1.5
-times this distance."""
+"""Distance at which the penalty on moving tails starts, in units of 2 l [1]; from 1.5 times this
+distance on it is constant."""
 _QUIETNESS = 0.05
-"""Rest penalty of the tails in units of I gap^2 [1]. Sensitivity: 0.01, 0.2 change v' by 1e-4."""
+"""Penalty on moving tails in units of I gap^2 [1]. Sensitivity: at 0.01 or 0.2, v' changes by
+1e-4."""
 _POINTS_A_WIDTH = 12
 """Grid points per wall width [1]. Sensitivity: at 2x, v' changes by less than 1e-5."""
 _ITERATIONS = 20
@@ -47,9 +48,10 @@ _CONVERGED = 1e-8
 _CLOSEST = 0.9
 """Largest relative speed of the initial guess [1], for supersonic walls."""
 _FIRST = (0.0, 4 / 5, -1 / 5, 4 / 105, -1 / 280)
-"""First-derivative stencil of order 8, central and forward weights, antisymmetric [1]."""
+"""Weights of the antisymmetric first-derivative stencil of order 8, centre and forward points
+[1]."""
 _SECOND = (-205 / 72, 8 / 5, -1 / 5, 8 / 315, -1 / 560)
-"""Second-derivative stencil of order 8, symmetric [1]."""
+"""Weights of the symmetric second-derivative stencil of order 8, centre and forward points [1]."""
 
 
 @dataclass(frozen=True)
@@ -160,7 +162,7 @@ class _Grid:
 
     @cached_property
     def _held(self) -> Array:
-        """Square of the rest penalty of each point, flat."""
+        """Squared penalty of each point, flat."""
         depth, chain = penetration_depth(self.chain), self.chain
         beyond = np.abs(self.places) / (2 * depth * _QUIET_FROM) - 1
         strength = _QUIETNESS * chain.moment_of_inertia * gap(chain) ** 2

@@ -1,2 +1,2 @@
 # SPDX-License-Identifier: Apache-2.0
-"""One-page validation of driven chains, with all actuators, tilts and moves."""
+"""Validation of driven chains on one page, with all actuators, tilts and moves."""

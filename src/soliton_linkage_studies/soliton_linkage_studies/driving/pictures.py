@@ -26,7 +26,7 @@ from soliton_linkage_studies.palette import (
 )
 
 IMBALANCE_LIMIT = 1e-9
-"""Limit of |imbalance| / largest energy, which follows from the integration tolerance [1]."""
+"""Limit of |imbalance| / largest energy [1], which follows from the integration tolerance."""
 
 _CAPTION = """
 Validation of driven chains on one page.
@@ -35,9 +35,9 @@ Validation of driven chains on one page.
 numerical integration (black dots). (b) Energy imbalance of driven chains, divided by their largest
 energy, for springs (blue) and rigid bars (red). An imbalance of 0 is drawn as {least:g}. Grey
 marks show kicks (triangles), changes of gravity (squares) and torques (pale bars). The dashed line
-is the limit, which follows from the integration tolerance. (c) Largest angle deviation of chains
-of springs from a chain of rigid bars, against the spring stiffness (dots). The dashed line has
-slope −1 and passes through the last dot.
+is the limit, which follows from the integration tolerance. (c) Largest deviation of an angle
+between chains of springs and a chain of rigid bars, against the spring stiffness (dots). The
+dashed line has slope −1 and passes through the last dot.
 
 (d) Wall position in chains of springs (blue) and rigid bars (red) that are tilted back and forth
 under gravity. The panel above shows the tilt (black), positive if the last rotor is lower.
@@ -59,7 +59,7 @@ _TITLES = {
     'f': 'f  Work of a pressure on the chain',
 }
 _LEAST = 1e-17
-"""Plotted value of a zero imbalance, below any rounding error [1]."""
+"""Drawn value of an imbalance of 0 [1], below any rounding error."""
 _TIME = 'time [s]'
 _ROOM = 0.25
 """Vertical space for the legend above the moves, relative to the height of the data [1]."""
@@ -85,7 +85,7 @@ def entitle(panels: Mapping[str, Axes]) -> None:
 
 
 def draw_balance(report: FigureReport, axes: Axes, runs: Mapping[str, BalancedRun]) -> Axes:
-    """Draw the imbalance over time for each mechanics, and all events; 0 is drawn as 1e-17."""
+    """Draw the imbalance over time for springs and bars, and all events; 0 is drawn as 1e-17."""
     for mechanics, run in runs.items():
         colour = MECHANICS_COLOURS[mechanics]
         shown = np.maximum(run.imbalances, _LEAST)
@@ -120,7 +120,7 @@ def draw_stiffness(
     """Draw the largest angle deviation from rigid bars against stiffness, and order 1."""
     draw_convergence(axes, stiffnesses, apart, f'springs, order {order:.3f}')
     axes.set(xlabel='stiffness $k_e$ [N/m]')
-    names = ('stiffness [N/m]', 'largest distance of an angle [rad]')
+    names = ('stiffness [N/m]', 'largest deviation of an angle [rad]')
     report.add_points('c', 'springs from bars', names, stiffnesses, apart)
     return axes
 
@@ -128,11 +128,13 @@ def draw_stiffness(
 def draw_tilt(
     report: FigureReport, above: Axes, axes: Axes, runs: Mapping[str, TiltedRun]
 ) -> Axes:
-    """Draw the tilt over time, and below it the wall position for each mechanics."""
+    """Draw the tilt over time, and below it the wall position for springs and bars."""
     for mechanics, run in runs.items():
         colour = MECHANICS_COLOURS[mechanics]
         axes.plot(run.times, run.places, color=colour, linewidth=1.2, label=mechanics)
-        report.add_points('d', mechanics, (_TIME, 'place [rotor spacings]'), run.times, run.places)
+        report.add_points(
+            'd', mechanics, (_TIME, 'position [rotor spacings]'), run.times, run.places
+        )
     run = next(iter(runs.values()))
     above.step(run.times, run.tilts, where='post', color=BLACK)
     report.add_points('d', 'tilt', (_TIME, 'tilt [rad]'), run.times, run.tilts)
@@ -154,8 +156,11 @@ def draw_moves(
         colour = colours[name]
         axes.plot(run.times, run.positions, color=colour, linewidth=4, alpha=0.35)
         axes.plot(run.times, run.references, styles.get(title, '-'), color=colour, linewidth=1.2)
-        for series, values in (('place', run.positions), ('reference trajectory', run.references)):
-            names = (_TIME, 'place [rotor spacings]')
+        for series, values in (
+            ('position', run.positions),
+            ('reference trajectory', run.references),
+        ):
+            names = (_TIME, 'position [rotor spacings]')
             report.add_points('e', f'{name}, {title}: {series}', names, run.times, values)
     handles = [
         *(Line2D([], [], color=colour, linewidth=4, alpha=0.35) for colour in colours.values()),

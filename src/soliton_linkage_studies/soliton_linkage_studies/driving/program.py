@@ -36,7 +36,7 @@ from soliton_linkage_studies.settings import load_settings
 
 @dataclass(frozen=True)
 class Finding:
-    """Measured number and its allowed range, bounds included."""
+    """Measured number and its allowed range, including the bounds."""
 
     panel: str
     quantity: str
@@ -75,7 +75,7 @@ def page(study: DrivingStudy, results: Results) -> tuple[FigureReport, list[Find
             response.distance / highest,
         ),
         *_balance_findings(results),
-        Finding('c', 'order in 1/k_e of the deviation of springs from bars', 0.9, 1.1, order),
+        Finding('c', 'order of the deviation of springs from bars in 1/k_e', 0.9, 1.1, order),
         *_tilt_findings(study, results),
         *_move_findings(results),
         *_work_findings(results),

@@ -37,7 +37,7 @@ from soliton_linkage_studies.settings import Section, chain_from
 
 _KEYS = ('step', 'work', 'energy_balance', 'stiffness', 'tilt', 'moves')
 _WORK_PERIOD = 0.002
-"""Frame period of a chain with an actuator [s], a small part of the filling time."""
+"""Frame period of a chain with an actuator [s], a small fraction of the filling time."""
 _SHORT = 1.0
 """Duration of the energy balance in a quick study [s], three periods of the events."""
 
@@ -91,7 +91,7 @@ class Results:
     works: dict[str, DrivenChain]
     balances: dict[str, BalancedRun]
     apart: list[float]
-    """Largest angle deviation of springs from bars [rad], softest first."""
+    """Largest deviation of an angle between springs and bars [rad], softest springs first."""
     tilts: dict[str, TiltedRun]
     moves: dict[MoveKey, list[MoveRun]]
 
@@ -180,15 +180,15 @@ _BALANCE_TOLERANCE = 1e-12
 _TILT_TOLERANCE = 1e-8
 """Integration error per time unit [rad], far below the resolution of wall positions."""
 _EVENT_FRAMES = 30
-"""Number of frames between kicks and between gravity changes, a span [1]. Torques act in every
-second span."""
+"""Number of frames in a span [1], with one kick and one change of gravity each. Torques act in
+every second span."""
 _KICK_FRAME = 10
-"""Frame of the kick in a span [1], away from the onset of torques and gravity changes."""
+"""Frame of the kick in a span [1], far from the start of torques and changes of gravity."""
 _TURN_FRAME = 20
-"""Frame of the gravity change in a span [1], far from the kicks on both sides."""
+"""Frame of the change of gravity in a span [1], far from the kicks before and after it."""
 _CROSSING_FRAMES = 200
-"""Number of frames for the comparison of springs and bars [1]; a wall moves less than a
-spacing per frame."""
+"""Number of frames for the comparison of springs and bars [1]; a wall moves by less than a spacing
+per frame."""
 
 
 @dataclass(frozen=True)
@@ -209,7 +209,7 @@ class BalancedRun:
 
 @dataclass(frozen=True)
 class BalanceTask:
-    """Task to balance the energy under random kicks, torques and tilts, with damping."""
+    """Task to check the energy balance under random kicks, torques and tilts, with damping."""
 
     chain: Chain
     mechanics: str
@@ -220,7 +220,7 @@ class BalanceTask:
     gravity: float
     """[m/s^2]."""
     tilt: float
-    """The largest [rad]."""
+    """Largest tilt [rad]."""
     kick: float
     """Standard deviation of an impulse divided by the moment of inertia [rad/s]."""
     torque: float
@@ -299,7 +299,7 @@ class StiffnessTask:
         duration = section.number('duration', 1e-6, 1e6)
         factors = section.numbers('factors', 1.0, 1e9)
         if len(factors) < 4:
-            raise section.error('factors', 'must be 4 numbers or more; add larger ones')
+            raise section.error('factors', 'must be 4 or more numbers; add larger numbers')
         return [
             StiffnessTask(replace(chain, stiffness=chain.stiffness * factor), rates, duration)
             for factor in sorted(factors)[: -1 if quick else None]
@@ -336,7 +336,7 @@ class TiltedRun:
 
 @dataclass(frozen=True)
 class TiltTask:
-    """Task that tilts a chain back and forth; it leans left and is at rest at the start."""
+    """Task to tilt a chain back and forth; initially the chain leans left and is at rest."""
 
     chain: Chain
     mechanics: str
@@ -376,7 +376,7 @@ class TiltTask:
 
 
 class EnergyBalance:
-    """Energy balance of a simulation: work of all inputs compared with the energy of its frames.
+    """Energy balance of a simulation: work of all inputs, compared with the energy of the frames.
 
     E(t) = E(0) + sum of W - D,    E = kinetic + elastic + gravitational energy,
 

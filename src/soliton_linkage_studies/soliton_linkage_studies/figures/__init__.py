@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Figures of the paper and additional figures, each compared with the theory.
+"""Figures of the paper and additional figures, each compared with theory.
 
 To add a figure, write a module here that registers its function in `FIGURES`, a section of the
 same name in the settings, and a test.

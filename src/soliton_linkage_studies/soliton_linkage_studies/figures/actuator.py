@@ -29,7 +29,7 @@ _TOLERANCE = 1e-12
 TIME = 'time [s]'
 """Label of the time axes."""
 _STEPPED = slice(None, None, 20)
-"""Instants at which the numerical solution is compared with the closed form."""
+"""Instants at which the numerical solution is evaluated."""
 
 
 @dataclass(frozen=True)
@@ -106,7 +106,7 @@ class DrivenChain:
 def driven_chain(
     chain: Chain, actuator: PneumaticActuator, order: EdgeCommand, period: float
 ) -> DrivenChain:
-    """Execute a command at the first edge of the left-leaning chain until all torques are zero.
+    """Simulate a command at the first edge of the left-leaning chain until all torques are 0.
 
     `period` is the time between frames [s].
     """
@@ -127,13 +127,12 @@ def driven_chain(
     return DrivenChain(*np.array(frames).T)
 
 
-_CAPTION = """
-The soft actuator is a pneumatic chamber that fills and vents with first-order lags. (a) Pressure
-after a command with ramps (dashed grey): closed form (blue line) and numerical integration (black
-dots). (b) Measured pressure of a noisy step up and down (black dots), the command (dashed grey),
-and the response with the fitted filling and venting times (red line). (c) Energy gained by a chain
-of springs that the actuator drives (blue line), and work computed from the torques and angles of
-its frames (dotted black). The two curves must coincide.
+_CAPTION = """ The soft actuator is a pneumatic chamber that fills and vents with first-order lags.
+(a) Pressure after a command with ramps (dashed grey): closed form (blue line) and numerical
+integration (black dots). (b) Measured pressure of a noisy step up and down (black dots), the
+command (dashed grey), and the response with the fitted filling and venting times (red line). (c)
+Energy gained by a chain of springs that the actuator drives (blue line), and work computed from
+the torques and angles of its frames (dotted black). The two curves must be equal.
 """
 _SEED = 1
 """Random seed of the measurement noise."""

@@ -24,7 +24,7 @@ def score_interval(share: Array, count: int, deviations: float = 1.0) -> tuple[A
     """Return both ends of the Wilson score interval for fractions of `count` draws, any shape.
 
     For a fraction s the ends are the probabilities p with |s - p| = deviations sqrt(p (1 - p) /
-    count). The width of the interval is positive even if all draws agree.
+    count). The interval has a width above 0 even if all draws agree.
     """
     pull = deviations**2 / count
     middle = share + pull / 2
@@ -33,13 +33,12 @@ def score_interval(share: Array, count: int, deviations: float = 1.0) -> tuple[A
     return np.clip(low, 0.0, share), np.clip(high, share, 1.0)
 
 
-_CAPTION = """
-Fraction of chains in which the wall crosses and returns, against the disorder of the chain. Rotor
-lengths, spacings and stiffnesses have the same relative standard deviation. (a) Chains of rigid
-bars. (b) Chains of springs. Each class of chain has its own marker and colour. Each point is a
-fraction of {count} random chains; its bar is the 95 % Wilson score interval. Points at the same
-deviation are shifted sideways so that their bars do not overlap. In chains of rigid bars, no wall
-passes a bond that is too short for the adjacent rotors.
+_CAPTION = """ Fraction of chains in which the wall crosses and returns, against the disorder of
+the chain. Rotor lengths, spacings and stiffnesses have the same relative standard deviation. (a)
+Chains of rigid bars. (b) Chains of springs. Each class of chain has its own marker and colour.
+Each point is a fraction of {count} random chains; its bar is the 95 % Wilson score interval.
+Points at the same deviation are shifted horizontally so that their bars do not overlap. In chains
+of rigid bars, no wall can pass a bond that is too short for its two rotors.
 """
 _TITLES = {'rigid': 'a  rigid bars', 'elastic': 'b  springs'}
 _QUICK_SEEDS = 3
@@ -88,7 +87,10 @@ def disorder_figure(section: Section, quick: bool) -> FigureReport:
                 linewidth=1,
             )
             axes.set_title(_TITLES[mechanics], loc='left')
-            names = ('standard deviation of r, a and k_e, relative [1]', 'share that pass [1]')
+            names = (
+                'relative standard deviation of r, a and k_e [1]',
+                'fraction of chains that the wall crosses and returns [1]',
+            )
             report.add_points(mechanics, label, names, shown, shares)
             for series, end in zip(('lower', 'upper'), ends, strict=True):
                 report.add_points(mechanics, f'{label}, {series} end of 95 %', names, shown, end)
@@ -96,7 +98,7 @@ def disorder_figure(section: Section, quick: bool) -> FigureReport:
                 rigid.append((open_, passed))
     for axes in panels:
         axes.set(xlabel=r'standard deviation of $r$, $a$ and $k_e$ [%]', ylim=(-0.05, 1.05))
-    panels[0].set_ylabel(f'share whose wall crosses and returns [1],\n{count} chains each')
+    panels[0].set_ylabel(f'fraction whose wall crosses and returns [1],\n{count} chains each')
     figure.legend(*panels[0].get_legend_handles_labels(), loc=LEGEND_ABOVE, ncols=len(chains))
     _compare_passage(report, shown, *np.concatenate(rigid, axis=2))
     return report

@@ -111,7 +111,7 @@ def _draw_theory(panels: Sequence[Axes], theory: WallTheory) -> None:
 
 
 def _energies(chain: Chain, kick: float) -> tuple[float, float, float, float, float]:
-    """Return relative speed, kinetic energy, elastic energy, wake energy [J], and an echo flag.
+    """Return relative speed, kinetic, elastic and wake energy [J], and a flag for echoes.
 
     The energies are means over the first passage of the wall through the middle of the chain.
     The sudden kick emits phonons, which overtake a slow wall and are reflected by the first rotor.
@@ -121,7 +121,7 @@ def _energies(chain: Chain, kick: float) -> tuple[float, float, float, float, fl
     places = wall_positions(chain, recording)
     middle = (chain.number_of_rotors - 1) / 2
     inside = np.flatnonzero(np.abs(places - middle) < MIDDLE * middle)
-    # Keep the first passage only, because a fast wall is reflected and passes again.
+    # Use only the first passage, because a fast wall is reflected and passes again.
     inside = inside[: np.append(np.diff(inside) > 1, True).argmax() + 1]
     angles, rates = recording.angles[inside], recording.rates[inside]
     stretched = 0.5 * chain.stiffnesses * chain.spring_extensions(angles) ** 2

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Figure of the chain as an insulator: zero mode, penetration depth and phonons."""
+"""Figure of the chain as a mechanical insulator: zero mode, penetration depth and phonons."""
 
 from __future__ import annotations
 
@@ -42,7 +42,7 @@ frequency below the gap, which is the lowest point of each line. The thin grey l
 frequency of the zero mode.
 """
 _LONG = 400
-"""Number of rotors for which the lowest modes agree with the infinite chain to 1e-4 [1]."""
+"""Number of rotors at which the lowest modes agree with the infinite chain to 1e-4 [1]."""
 
 
 @FIGURES.add('figure_1')

@@ -36,7 +36,7 @@ from soliton_linkage_studies.unit_cell import (
 )
 
 _FINE = 40_000
-"""Number of steps of the measured curves, which gives their slope to 1e-7."""
+"""Number of steps of the measured curves [1]; their slope is then accurate to 1e-7."""
 _SHAPE = 1.9
 """Aspect ratio of a panel of the unit cells, width / height [1]."""
 _REGIONS = {
@@ -56,11 +56,11 @@ The phases of motion and the configuration spaces of the unit cell (paper, Fig. 
 
 (a) Phase diagram of the wall motion against the rotor length r/a and the rest angle θ̄. Flippers
 (pale blue) have d = 2 r sin θ̄ / a < 1 (solid line). Spinners (pale green) have d > d_c = 2 / sin
-θ̄ (dashed line). Wobbling flippers (pale orange) lie between. Dots mark the unit cells of (b), (c)
-and (d), one column for each. (b) The four uniform states of a unit cell: two rotors (black; the
-second is grey if they overlap), their pivots (crosses) and a rigid bar (red). Masses are purple in
-right-leaning cells and orange in left-leaning cells. The lower row shows the states of the upper
-row upside down.
+θ̄ (dashed line). Wobbling flippers (pale orange) are between these lines. Dots mark the unit cells
+of (b), (c) and (d), one column for each. (b) The four uniform states of a unit cell: two rotors
+(black; the second is grey if they overlap), their pivots (crosses) and a rigid bar (red). Masses
+are purple in right-leaning cells and orange in left-leaning cells. The lower row shows the states
+of the upper row upside down.
 
 (c) Configuration space of the unit cell over its staggered angles θ₁ and θ₂. Both angles are
 periodic, so opposite sides of the square are identical. The first component is blue, the second
@@ -203,7 +203,7 @@ def on_torus(around: Array, across: Array) -> tuple[Array, Array, Array]:
 
 
 def hidden(points: Array) -> NDArray[np.bool_]:
-    """Return whether the torus hides each of its points, (3, K), from the viewer, shape (K,)."""
+    """Return which points of the torus, (3, K), are hidden from the viewer, shape (K,)."""
     eye = np.array(
         [
             math.cos(_ELEVATION) * math.cos(_AZIMUTH),

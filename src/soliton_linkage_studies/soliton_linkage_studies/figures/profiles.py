@@ -88,7 +88,7 @@ class Inset:
     """Additional panel of a profile figure."""
 
     draw: Callable[[FigureReport, Axes, Chain, WallAtSpeed], None]
-    """Function that draws the panel from the chain and its slowest wall."""
+    """Function that draws the panel, given the chain and its slowest wall."""
     caption: str
 
 
@@ -285,7 +285,7 @@ def _draw_wobbler(report: FigureReport, axes: Axes, chain: Chain) -> None:
 
 
 def _draw_offset(report: FigureReport, axes: Axes, chain: Chain, wall: WallAtSpeed) -> None:
-    """Draw the angles of even and odd rotors in one snapshot; a constant separates them."""
+    """Draw the angles of even and odd rotors in one snapshot, and their constant difference."""
     places = wall.snapshots.distances[len(wall.snapshots.distances) // 2]
     angles = wall.snapshots.angles[len(wall.snapshots.distances) // 2]
     theta = staggered(angles)

@@ -22,13 +22,13 @@ from soliton_linkage_studies.settings import Section, chain_from
 
 
 def convergence_order(stiffnesses: ArrayLike, distances: ArrayLike) -> float:
-    """Return the order of convergence in 1 / k_e, from the three stiffest springs [1]."""
+    """Return the order of convergence in 1 / k_e [1], from the three largest stiffnesses."""
     stiffest, nearest = np.log(np.asarray(stiffnesses)[-3:]), np.log(np.asarray(distances)[-3:])
     return -float(np.polyfit(stiffest, nearest, 1)[0])
 
 
 def draw_convergence(axes: Axes, stiffnesses: ArrayLike, distances: ArrayLike, label: str) -> Axes:
-    """Draw angle deviations from rigid bars [rad], (K,), against stiffness, and order 1."""
+    """Draw deviations of angles from rigid bars [rad], (K,), against stiffness, and order 1."""
     across, up = np.asarray(stiffnesses), np.asarray(distances)
     axes.loglog(across, up, 'o', color=MEASURED, label=label)
     axes.loglog(
@@ -93,10 +93,10 @@ def _draw_order(report: FigureReport, axes: Axes, factors: Array, apart: Array) 
     draw_convergence(axes, factors, apart, 'springs from bars')
     axes.set(xlabel='stiffness / stiffness of the chain [1]')
     axes.set_title('b  deviation from rigid bars', loc='left')
-    names = ('stiffness, times that of the chain [1]', 'largest distance of an angle [rad]')
+    names = ('stiffness / stiffness of the chain [1]', 'largest deviation of an angle [rad]')
     report.add_points('b', 'springs from bars', names, factors, apart)
     report.add_comparison(
-        'order in 1/kₑ of the distance of springs from rigid bars',
+        'order of the deviation of springs from rigid bars in 1/kₑ',
         'the linkage is the limit kₑ → ∞',
         'first order at fixed speed',
         convergence_order(factors, apart),

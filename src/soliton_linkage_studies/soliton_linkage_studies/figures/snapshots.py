@@ -38,13 +38,13 @@ _LOWERED = (
     'look longer than their true length.'
 )
 _APART = 1.6
-"""Downward shift of odd rotors that would overlap even ones, in rotor lengths [1]."""
+"""Downward shift of odd rotors that would overlap even rotors, in rotor lengths [1]."""
 _WIDTH = 9.0
 """Width of the figure [inches]."""
 _TITLE = 0.4
 """Height of a title above a panel, with margin [inches]."""
 _SAMPLES = 400
-"""Frames per cycle for the count of reflections [1], several dozen per crossing."""
+"""Number of frames per cycle, in which reflections are counted [1], several dozen per crossing."""
 _LEGEND = 0.3
 """Height of the legend below the panels [inches]."""
 
@@ -137,7 +137,7 @@ def _compare(
         speed * chain.time_unit,
     )
     report.add_comparison(
-        f'energy at the end over that at the start, {chain.motion.value}',
+        f'final energy / initial energy, {chain.motion.value}',
         '1',
         '1',
         _energy(chain, recording, -1) / _energy(chain, recording, 0),

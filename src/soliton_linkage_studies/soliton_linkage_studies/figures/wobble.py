@@ -197,7 +197,7 @@ def _compare_tail(report: FigureReport, chain: Chain) -> None:
 
 
 def wavelength(deviation: Array) -> float:
-    """Return twice the mean distance of the interpolated zeros [rotor spacings], or infinity."""
+    """Return twice the mean distance between interpolated zeros [rotor spacings], or infinity."""
     before = np.flatnonzero(np.signbit(deviation[:-1]) != np.signbit(deviation[1:]))
     if len(before) < 2:
         return math.inf

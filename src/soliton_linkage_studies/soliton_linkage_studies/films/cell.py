@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Films of a unit cell beside its configuration space."""
+"""Films of a unit cell and its configuration space."""
 
 from __future__ import annotations
 
@@ -56,8 +56,9 @@ class CellScene(Scene):
 
     Right: configuration space of the unit cell over both staggered angles, for a constant length
     of the bar. Both angles are periodic, so opposite sides of the square are identical. The
-    component of the cell is blue; a second component, if any, is pink. Triangles mark the uniform
-    states. The black dot is the configuration on the left; the wide grey line is its past path.
+    component that contains the motion is blue; a second component, if any, is pink. Triangles mark
+    the uniform states. The black dot is the configuration on the left; the wide grey line is its
+    past path.
     """
 
     def __init__(self, title: str, motion: Cell, shape: Format) -> None:

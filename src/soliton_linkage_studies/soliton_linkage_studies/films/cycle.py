@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Films of one full cycle of a wall that is reflected at both ends."""
+"""Films of a full cycle of a wall that is reflected at both ends."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ from soliton_linkage_studies.settings import Section, chain_from
 
 @dataclass(frozen=True)
 class KickedWall:
-    """Settings of a wall that a kick along the zero mode starts at the last rotor."""
+    """Settings of a wall at the last rotor that is kicked along the zero mode."""
 
     chain: Chain
     kick: float
@@ -36,7 +36,7 @@ class KickedWall:
 
     @staticmethod
     def read(section: Section) -> KickedWall:
-        """Read the settings, the duration in time units sqrt(M / k_e)."""
+        """Read the settings; the duration is in time units sqrt(M / k_e)."""
         section.check_keys('chain', 'kick', 'duration')
         chain = chain_from(section.section('chain'))
         kick = section.number('kick', 1e-6, 100.0)

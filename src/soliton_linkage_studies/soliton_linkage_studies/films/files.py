@@ -38,7 +38,7 @@ class FileKind:
 
 
 def file_kind() -> FileKind:
-    """Return MP4 if the command ffmpeg or the package imageio_ffmpeg writes H.264, else GIF."""
+    """Return MP4 if the command ffmpeg or the package imageio_ffmpeg can write H.264, else GIF."""
     complaints = []
     programs = {'command ffmpeg': shutil.which('ffmpeg'), 'package imageio_ffmpeg': _packaged()}
     for name, program in programs.items():

@@ -34,7 +34,7 @@ _OSCILLATIONS = 4
 
 @dataclass(frozen=True)
 class Insulation:
-    """Settings of small motions of a chain: zero mode and driven edge."""
+    """Settings of small motions of a chain: its zero mode, and a driven edge."""
 
     chain: Chain
     swing: float
@@ -46,7 +46,7 @@ class Insulation:
 
     @staticmethod
     def read(section: Section) -> Insulation:
-        """Read the settings, the duration in time units sqrt(M / k_e)."""
+        """Read the settings; the duration is in time units sqrt(M / k_e)."""
         section.check_keys('chain', 'swing', 'drives', 'duration')
         chain = chain_from(section.section('chain'))
         drives = section.numbers('drives', 0.01, 100.0)
@@ -69,7 +69,7 @@ class InsulatorScene(Scene):
     """
 
     def __init__(self, title: str, motion: Insulation, shape: Format) -> None:
-        """Solve the linear motion and draw its first frame."""
+        """Solve the linear motions and draw the first frame."""
         chain = motion.chain
         super().__init__(title, description(chain), shape, motion.duration, chain.time_unit)
         mode = zero_mode(chain, chain.uniform_state(1))

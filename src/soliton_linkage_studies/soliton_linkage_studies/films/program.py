@@ -36,7 +36,7 @@ class Film:
     name: str
     kind: str
     make: Callable[[str, Any, Format], Scene]
-    """Function of its kind that makes the scene."""
+    """Function that makes the scene of this kind of film."""
     title: str
     motion: Any
     """Settings of the motion, specific to the kind of film."""
@@ -82,7 +82,7 @@ _POLLING = 0.1
 def make_films(
     films: Sequence[Film], output: Path, kind: FileKind, workers: int | None = None
 ) -> None:
-    """Write films into a folder, with a number of processes, by default one per core.
+    """Write films into a folder, by `workers` processes, one per core by default.
 
     A film appears under its name when it is finished; unfinished files are deleted on failure.
     """
@@ -119,7 +119,7 @@ def _follow(processes: Processes, done: Synchronized[int], total: int) -> None:
 
 
 def _prepare(done: Synchronized[int]) -> None:
-    """Set up a worker, which ignores SIGINT because its parent stops it and its ffmpeg."""
+    """Set up a worker that ignores SIGINT, because its parent stops it and its ffmpeg."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     _Done.frames = done
 

@@ -31,16 +31,17 @@ STYLE: Any = {
     'axes.titlelocation': 'left',
     'text.hinting': 'no_hinting',
 }
-"""Settings of matplotlib for scenes; text size does not depend on the resolution."""
+"""Settings of matplotlib for scenes; the text size does not depend on the resolution."""
 LEFT, WIDTH, BOTTOM, TOP = 0.07, 0.90, 0.085, 0.88
-"""Part of the figure available for panels, below the title [figure sizes]."""
+"""Part of the figure that is available for panels, below the title [figure sizes]."""
 
 TOLERANCE = 1e-9
-"""Integration error per time unit [rad], small enough that a filmed cycle closes."""
+"""Integration error per time unit [rad], small enough for a filmed cycle to close."""
 
 SPACE_TIME = (
-    'The space-time diagram shows the displacement u: one row for each past frame and one column '
-    'for each rotor. A colour darker than at rest marks a rotor that overshoots its rest angle.'
+    'The space-time diagram shows the displacement u, with one row for each past frame and one '
+    'column for each rotor. A colour darker than at rest marks a rotor that overshoots its rest '
+    'angle.'
 )
 """Caption of the space-time diagram."""
 _GAP = 0.06
@@ -69,12 +70,12 @@ class Scene(ABC):
     """Figure with a title and a clock; `show` selects a frame, `paint` also renders it."""
 
     caption: ClassVar[str] = ''
-    """Explanation of the symbols, lines and colours that the film does not label."""
+    """Explanation of symbols, lines and colours without a label in the film."""
 
     def __init__(
         self, title: str, subtitle: str, shape: Format, duration: float, time_unit: float
     ) -> None:
-        """Prepare frames at times from 0 to `duration` [s], both ends included.
+        """Prepare frames at times from 0 to `duration` [s], including both.
 
         The clock shows seconds and time units sqrt(M / k_e) [s].
         """
@@ -105,7 +106,7 @@ class Scene(ABC):
         self._move(frame)
 
     def paint(self, frame: int) -> memoryview:
-        """Return the RGBA pixels of a frame, rows from the top; static artists are cached."""
+        """Return the RGBA pixels of a frame, top row first; static artists are cached."""
         self.show(frame)
         if self._still is None:
             for artist in self._moving:
@@ -211,9 +212,10 @@ def static_profile(
 ) -> Array:
     """Return u [m] at positions [m] in the continuum theory of a wall at rest, same shape.
 
-    Flippers have u = -r sin(theta_bar) tanh((x - X) / w). Spinners that start in the right-leaning
-    state have the staggered angles theta_bar +- s arccos(-tanh((x - X) / w)), + for even rotors
-    (parity 0) and - for odd rotors (parity 1). The sign s follows from the angles [rad], (N,).
+    For flippers u = -r sin(theta_bar) tanh((x - X) / w). For spinners that start in the
+    right-leaning state, the staggered angles are theta_bar +- s arccos(-tanh((x - X) / w)), with +
+    for even rotors (parity 0) and - for odd rotors (parity 1). The sign s follows from the angles
+    [rad], shape (N,).
     """
     order = -np.tanh((places - wall) / chain.wall_width)
     rest = chain.rest_angle
@@ -226,7 +228,7 @@ def static_profile(
 
 
 def stacked(figure: Figure, chain: Chain, shares: tuple[float, ...]) -> list[Axes]:
-    """Return stacked axes with a common x range: the chain to scale, then one for each share.
+    """Return stacked axes with a common x range: the chain to scale, then one per share.
 
     The shares divide the remaining height.
     """

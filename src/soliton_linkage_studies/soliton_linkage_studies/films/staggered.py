@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Films of a linkage that can be built, with rotors and bars in separate planes."""
+"""Films of a linkage that can be built: rotors and bars lie in separate planes."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ from soliton_linkage_studies.palette import BLACK, BLUE, GREY, RED, WHITE
 from soliton_linkage_studies.settings import Section
 
 _AZIMUTH = math.radians(-75)
-"""Initial azimuth of the camera, nearly in front so that no rotor hides its bar [rad]."""
+"""Initial azimuth of the camera [rad], nearly in front so that no rotor hides its bar."""
 _ELEVATION = math.radians(22)
 """Elevation of the camera above the axles [rad]."""
 _ZOOM = 1.9
@@ -101,7 +101,7 @@ class StaggeredScene(Scene):
         bodies = layered(self._chain, self.angles[frame], self._layer)
         order = from_behind(bodies, azimuth, _ELEVATION)
         widths, colours = self._looks()
-        # Draw a white border below each body so that the nearer of two crossing bodies is visible.
+        # Draw a white border behind each body, which shows the nearer of two crossing bodies.
         self._bodies.set_segments(list(np.repeat(bodies[order], 2, axis=0)))
         thicknesses = np.column_stack([widths[order] + 3, widths[order]])
         self._bodies.set_linewidth(thicknesses.ravel().tolist())

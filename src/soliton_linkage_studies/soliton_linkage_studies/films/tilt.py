@@ -51,7 +51,7 @@ class Tilting:
 
     @staticmethod
     def read(section: Section) -> Tilting:
-        """Read the settings, times in [s]."""
+        """Read the settings; times are in [s]."""
         section.check_keys('chain', 'times', 'tilts', 'gravity')
         times = section.numbers('times', 0.0, 1e4)
         if times[0] != 0 or len(times) < 2 or np.min(np.diff(times)) <= 0:

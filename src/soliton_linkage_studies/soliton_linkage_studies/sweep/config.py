@@ -21,7 +21,7 @@ _SECTIONS = ('measure', 'chain', 'deviations', 'trial', 'seeds', 'sweep')
 _DEVIATIONS = tuple(f.name for f in fields(Deviations))
 _FRACTIONS = (*_DEVIATIONS, 'scale')
 _MOST_POINTS = 10_000
-"""Largest number of points of an axis [1]; more are a typing error."""
+"""Largest number of points of an axis [1]; larger numbers are typing errors."""
 _MOST_ROWS = 10_000_000
 """Largest number of rows of a table [1], which is about a gigabyte."""
 _QUICK_POINTS = 8
@@ -31,7 +31,7 @@ _QUICK_SEEDS = 2
 
 
 def _limits() -> dict[str, tuple[float, float]]:
-    """Return the smallest and largest value of each numeric parameter."""
+    """Return the smallest and the largest value of each numeric parameter."""
     described = {**described_fields(Chain), **described_fields(SweepTrial)}
     limits = {
         name: (one.minimum, one.maximum)
@@ -60,7 +60,7 @@ class Axis:
 
 @dataclass(frozen=True)
 class SweepStudy:
-    """Measurement at each point of a parameter grid, with each seed.
+    """Measurement at each point of a parameter grid with each seed.
 
     Rows are numbered in grid order: the seed changes fastest, then the last axis.
     """
@@ -119,7 +119,7 @@ class SweepStudy:
 
 
 def trial_of(parameters: Mapping[str, Value], seed: int) -> tuple[Chain, SweepTrial]:
-    """Build a chain with random deviations, and the trial of its wall.
+    """Return a chain with random deviations, and the trial of its wall.
 
     Parameters are fields of `Chain` and `SweepTrial`. `rotor_length_ratio` (r / a) may replace
     `rotor_length`. `deviations.<field>` is the relative standard deviation of a field of
@@ -179,7 +179,7 @@ def _parameters(settings: Section) -> dict[str, Value]:
         section = settings.section(name)
         if 'periodic' in section.values:
             raise section.error(
-                'periodic', 'is not known; sweeps use chains with free ends, remove it'
+                'periodic', 'is not known, because sweeps use chains with free ends; remove it'
             )
         section.check_keys(*allowed)
         for key in section.values:
@@ -257,15 +257,16 @@ def _seeds(settings: Section) -> tuple[int, ...]:
     section = Section(settings.file, 'seeds', dict(_numbered(content)))
     seeds = tuple(section.whole_number(key, 0, 2**32) for key in section.values)
     if not seeds or len(set(seeds)) < len(seeds):
-        raise settings.error('seeds', 'must be a list of different seeds, or their number')
+        raise settings.error('seeds', 'must be a list of different seeds, or the number of seeds')
     return seeds
 
 
 def _check(settings: Section, study: SweepStudy) -> None:
-    """Reject too many rows, and axis values for which no chain exists."""
+    """Raise ValueError for too many rows, and for axis values for which no chain exists."""
     if study.rows > _MOST_ROWS:
         raise settings.error(
-            'sweep', f'makes {study.rows} rows, over {_MOST_ROWS}; reduce the points or seeds'
+            'sweep',
+            f'gives {study.rows} rows, more than {_MOST_ROWS}; reduce the points or the seeds',
         )
     first = {axis.name: axis.values[0] for axis in study.axes}
     for axis in study.axes:
@@ -275,7 +276,9 @@ def _check(settings: Section, study: SweepStudy) -> None:
                 trial_of(point, 0)
             except ValueError as error:
                 where = f'{settings.file}: sweep.{axis.name} = {value!r}'
-                raise ValueError(f'{where} gives {error}; change one of them') from None
+                raise ValueError(
+                    f'{where} gives {error}; change this value or a parameter of the chain'
+                ) from None
 
 
 def _text(value: Value) -> str:

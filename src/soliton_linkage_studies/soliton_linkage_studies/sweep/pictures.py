@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Pictures of a sweep: a map of two parameters, or curves over one."""
+"""Pictures of a sweep: a map of two parameters, or curves against one parameter."""
 
 from __future__ import annotations
 
@@ -163,7 +163,7 @@ def _draw_map(axes: Axes, study: SweepStudy, rows: Sequence[dict[str, str]]) -> 
 
 
 def _draw_limits(axes: Axes, across: Axis, up: Axis) -> None:
-    """Draw d = 1 and d = d_c = 2 / sin(theta_bar) if the map is over r / a and theta_bar."""
+    """Draw d = 1 and d = d_c = 2 / sin(theta_bar) on a map of r / a and theta_bar."""
     if not shows_limits((across, up)):
         return
     limits = axes.get_xlim(), axes.get_ylim()
@@ -310,9 +310,9 @@ def _tick_plainly(axis: XAxis | YAxis) -> None:
 
 
 def _edges(axis: Axis) -> Array:
-    """Return the pixel edges, half way between the axis values on their scale.
+    """Return the pixel edges, half way between the axis values on the scale of the axis.
 
-    They are limited to the parameter range: at least 0, and at most pi / 2 for a rest angle.
+    The edges are at least 0, and at most pi / 2 for a rest angle.
     """
     values = np.array(axis.values, dtype=np.float64)
     if axis.logarithmic:
@@ -330,7 +330,7 @@ def _places(axis: Axis) -> Array:
 
 
 def _beside(axis: Axis, aside: float) -> Array:
-    """Return coordinates that are shifted by a fraction of the smallest distance."""
+    """Return the coordinates, shifted by a fraction of their smallest distance."""
     scaled = np.log(_places(axis)) if axis.logarithmic else _places(axis)
     least = float(np.diff(np.sort(scaled)).min()) if len(scaled) > 1 else 1.0
     moved = scaled + aside * least
@@ -357,7 +357,7 @@ def _value_label(name: str, value: Value) -> str:
 
 
 def title(study: SweepStudy) -> str:
-    """Return a wrapped text of the parameters that are the same at all points."""
+    """Return a wrapped text of the parameters that are equal at all points."""
     omitted = {'time_limit', 'tolerance', *(axis.name for axis in study.axes)}
     deviating: dict[Value, list[str]] = {}
     parts = []
@@ -390,8 +390,8 @@ def _described(study: SweepStudy) -> str:
         if not classes:
             return f'The colour of a point is the mean of its {seeds} seeds.{limits}'
         return (
-            f'The colour of a point is its most frequent class in {seeds} seeds, paler for fewer '
-            f'seeds: {colours}.{limits}'
+            f'The colour of a point shows its most frequent class in {seeds} seeds, paler for '
+            f'fewer seeds: {colours}.{limits}'
         )
     _, families = curve_axes(study.axes)
     if not classes:

@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Sweep chain parameters over a grid, with seeds for the deviations; write table and picture.
+"""Measure walls on a grid of chain parameters, with seeds for the deviations.
 
-After an interruption the same command continues the sweep. The table does not depend on
-interruptions or on the number of workers.
+Write a table and a picture. After an interruption the same command continues the sweep. The table
+does not depend on interruptions or on the number of workers.
 """
 
 from __future__ import annotations

@@ -48,7 +48,7 @@ class Tabulated(Rows, Protocol):
 
 
 class Table:
-    """Context manager of a sweep table in a folder, to which rows are appended.
+    """Context manager of a table in a folder, to which rows are appended.
 
     Raises ValueError if the folder has another configuration or another sweep writes to it.
     """
@@ -80,7 +80,7 @@ class Table:
 
     @property
     def missing(self) -> list[int]:
-        """Numbers of the rows that are not measured yet."""
+        """Numbers of the rows that have not been measured."""
         return [row for row in range(self._study.rows) if row not in self._lines]
 
     def append(self, cells: Sequence[Sequence[str]]) -> None:
@@ -102,7 +102,8 @@ class Table:
             fcntl.flock(self._part, fcntl.LOCK_EX | fcntl.LOCK_NB)
         except BlockingIOError:
             raise ValueError(
-                f'another sweep is writing to {folder}; wait for it, or give another --output'
+                f'another program is writing to {folder}; wait until it ends, or give another '
+                '--output'
             ) from None
 
     def _configure(self, folder: Path) -> None:
@@ -157,7 +158,7 @@ def fill_table(
 
 
 def _fill(study: Tabulated, table: Table, missing: list[int], pool: Pool) -> None:
-    """Measure missing rows and show progress; rates include the start of the processes."""
+    """Measure missing rows and show progress; the rate includes the start of the processes."""
     line = ProgressLine(study.name, study.rows)
     begin, done, elapsed = time.monotonic(), 0, 0.0
     total = study.rows - len(missing)
@@ -180,7 +181,7 @@ def read_rows(path: Path) -> list[dict[str, str]]:
 
 
 def fingerprint(package: ModuleType) -> str:
-    """Return a hash of the sources of a package, for a table whose rows depend on them."""
+    """Return a hash of the sources of a package, which determine the rows of a table."""
     found = hashlib.sha256()
     for folder in package.__path__:
         for path in sorted(Path(folder).rglob('*.py')):

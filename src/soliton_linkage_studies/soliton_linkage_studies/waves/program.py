@@ -34,17 +34,16 @@ from soliton_linkage_studies.waves.runs import (
     spectrum,
 )
 
-_CAPTION = """
-Wave packets that a torque on rotor 0 sends into a chain with a resting kink, and into a uniform
-chain. (a) Energy of each rotor over time, logarithmic, dark where it is large. The dashed lines
-have the group velocity of linear theory and start at the beginning and at the end of the burst.
-The red line is the zero of the displacement u, the position of the kink. (b) Displacement of the
-kink against the angular frequency of the burst, for each amplitude. The grey band is the phonon
-band. (c) The same against the number of cycles. (d) Number of walls in a uniform chain after a
-burst, against amplitude and angular frequency. (e) Angular frequencies of small vibrations
-about a kink (dots) against its site, red where a vibration involves few rotors. The grey band
-is the phonon band. (f) Energy of the springs along the orbit, over k_e lbar²: no barrier beyond
-rounding.
+_CAPTION = """ Wave packets that a torque on rotor 0 sends into a chain with a resting kink, and
+into a uniform chain. (a) Energy of each rotor over time on a logarithmic scale, dark where it is
+large. The slope of the dashed lines is the group velocity of linear theory; they start at the
+beginning and at the end of the burst. The red line is the zero of the displacement u, the position
+of the kink. (b) Displacement of the kink against the angular frequency of the burst, for each
+amplitude. The grey band is the phonon band. (c) Displacement of the kink against the number of
+cycles of the burst. (d) Number of walls in a uniform chain after a burst, against amplitude and
+angular frequency. (e) Angular frequencies of small vibrations about a kink (dots) against its
+site; vibrations of few rotors are red. The grey band is the phonon band. (f) Energy of the springs
+along the orbit, divided by k_e lbar²; there is no barrier above the rounding error.
 """
 _TITLES = {
     'a': 'a  Wave packet and kink',
@@ -59,11 +58,12 @@ _MOVED = 'displacement of the kink [rotor spacings]'
 _SITE = 'site [rotor spacings]'
 _TIME = 'time [s]'
 _FEW = 10.0
-"""Rotors in a vibration below which it counts as localised [1]; waves involve two thirds."""
+"""Number of rotors in a vibration below which it is localised [1]; waves involve two thirds of
+all."""
 _PACKET = (10.0, 0.01)
-"""Cycles [1] and amplitude [rad] of the packet whose velocity is measured: a linear wave."""
+"""Cycles [1] and amplitude [rad] of the packet whose velocity is measured, a linear wave."""
 _SITES = 33
-"""Sites of the spectrum over two rotors [1]."""
+"""Number of sites of the spectrum in two spacings [1]."""
 
 
 @dataclass(frozen=True)
@@ -227,7 +227,7 @@ def _draw_spectra(
     panels['f'].set(xlabel=_SITE, ylabel='V / (k_e lbar²) [1]')
     report.add_points('f', 'energy', (_SITE, 'V / (k_e lbar^2) [1]'), sites, energies)
     barrier = float(np.ptp(energies))
-    report.add_comparison('Peierls-Nabarro barrier over k_e lbar²', '', 'none', barrier, 0.0)
+    report.add_comparison('Peierls-Nabarro barrier / (k_e lbar²)', '', 'none', barrier, 0.0)
 
 
 def main(arguments: Sequence[str] | None = None) -> int:

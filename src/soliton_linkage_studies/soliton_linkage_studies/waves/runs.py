@@ -1,12 +1,12 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Simulations of wave packets from the first rotor, and small vibrations about a wall.
+"""Wave packets from the first rotor in simulations, and small vibrations about a wall.
 
 A burst of n cycles turns rotor 0 by the torque
 
     tau(t) = I omega^2 A sin(omega t) sin(pi t omega / (2 pi n))^2,    0 < t < 2 pi n / omega,
 
-where A [rad] is the amplitude with which a free rotor of moment of inertia I would swing. Wave
-packets propagate if omega lies in the phonon band, with the group velocity d omega / dk.
+where A [rad] is the amplitude of a free rotor of moment of inertia I. Wave packets propagate if
+omega lies in the phonon band, with the group velocity d omega / dk.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ from soliton_linkage.solitons.static_wall import static_wall
 from soliton_linkage_studies.active.runs import wall_sites
 
 _FIRST = 3
-"""First rotor of a measured velocity [1], beyond the near field of the driven one."""
+"""First rotor in the measurement of a velocity [1], outside the near field of the driven rotor."""
 _TOLERANCE = 1e-8
 """Integration error per step [rad], far below the amplitudes of bursts."""
 
@@ -57,7 +57,7 @@ class Burst:
 
 @dataclass(frozen=True)
 class WaveTask:
-    """Task to send a burst into a chain, with a wall at a site or without one."""
+    """Task to send a burst into a chain, with or without a kink."""
 
     chain: Chain
     burst: Burst
@@ -136,7 +136,7 @@ def group_velocity(chain: Chain, frequency: float) -> float:
 def packet_velocity(chain: Chain, recording: Recording, last: int) -> float:
     """Return the velocity of a wave packet between rotors 3 and `last` [rotors/s].
 
-    It arrives at a rotor when the energy of this rotor and of its neighbours is largest.
+    The packet arrives at a rotor when the energy of this rotor and its neighbours is largest.
     """
     energies = energy_per_rotor(chain, recording)
     smooth = energies[:, 2:-2] + energies[:, 1:-3] + energies[:, 3:-1]
