@@ -184,7 +184,8 @@ def test_floats_are_written_without_loss_of_digits() -> None:
         ),
         (
             'measure: motion\nchain: {periodic: true}\n' + GRID,
-            'chain.periodic = True is not known, because sweeps use chains with free ends; remove it',
+            'chain.periodic = True is not known, because sweeps use chains with free ends; '
+            'remove it',
         ),
         (f'measure: motion\nseeds: 0\n{GRID}', 'seeds = 0 must be a whole number in the range 1'),
         (f'measure: motion\nseeds: [1, 1]\n{GRID}', 'must be a list of different seeds, or'),
