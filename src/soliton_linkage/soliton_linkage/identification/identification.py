@@ -72,8 +72,7 @@ _MOST_FITTED = 3000
 _STRAINED = 1.1
 """Ratio of the noise from misclosures to the reading noise, above which bonds do not close [1]."""
 _WORSE = 1.25
-"""Noise of a bond, relative to the median, above which the bond is reported [1]; random values
-reach 1.1."""
+"""Noise of a bond, relative to the median, above which it is reported [1]; noise reaches 1.1."""
 
 
 @dataclass(frozen=True)
@@ -81,8 +80,7 @@ class Identification:
     """An identified chain with its uncertainties."""
 
     chain: Chain
-    """Identified chain; mean spacing, mass, stiffness and damping are the given ones unless
-    estimated."""
+    """Identified chain, with given mean spacing, mass, stiffness and damping unless estimated."""
     deviations: dict[str, Array]
     """Relative standard deviation of each length [1], by the names of `Deviations`."""
     offsets: Array
@@ -101,8 +99,7 @@ class Identification:
     """Whether all bonds close within the noise, as for rigid bars; then stiffnesses are
     unknown."""
     unused_frames: int
-    """Number of frames of a long recording that were not used for masses, stiffnesses and drag
-    [1]."""
+    """Number of frames that were not used for masses, stiffnesses and drag [1]."""
     weakly_observable: tuple[str, ...]
     """Weakly observable combinations of lengths."""
     warnings: tuple[str, ...]
@@ -426,9 +423,8 @@ def _by_bonds(
         excess = found.noise / max(reading_noise, LEAST_NOISE)
         warnings.append(
             f'bonds do not close: their misclosures are {excess:.2g} times the noise of the '
-            'readings, so that the standard deviations are too small. Possible causes are a fast '
-            'soliton, which strains springs, and play in pivots; record a slower soliton, and '
-            'kick it before the first frame'
+            'readings, so that standard deviations are too small. A fast soliton strains springs, '
+            'or pivots have play; record a slower soliton, and kick it before the first frame'
         )
     usual = float(np.median(found.bond_noise))
     warnings += [
