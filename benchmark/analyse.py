@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Cost of analysing frames, for the analyser node and for a tanh fitted by curve_fit.
+"""Cost of analysing frames: the analyser node compared with a tanh fit by scipy's curve_fit.
 
-Both receive the bytes of joint states with velocities and 0.01 rad of noise, in which a wall moves
-through the middle of a flipper chain. Both publish a SolitonState per frame. In each round, both
-process the same frames in turn in one process. The published states are counted, and their
+Both receive serialised joint states with velocities and a noise of 0.01 rad; a wall moves through
+the middle of a flipper chain. Both publish a SolitonState per frame. In each round, both process
+the same frames one after the other in one process. The published states are counted, and their
 positions are compared with the true positions. Then the analyser runs in a separate process and
 receives frames at 1000 Hz; the number of analysed frames and the processor load are measured.
 Finally, the time per frame is measured for recordings that are easy or hard to analyse.
@@ -131,11 +131,11 @@ class TanhFit:
         return np.asarray(-np.sin(self._chain.rest_angle) * np.tanh((rotors - place) / width))
 
 
-class Heard:
+class StateQueue:
     """Queue of the messages on a topic of soliton states."""
 
     def __init__(self, node: Node, topic: str) -> None:
-        """Subscribe with the queue depth of the suite's own streams."""
+        """Subscribe with the queue depth of the subscriptions of the suite."""
         qos = interfaces.SOLITON_STATE.qos
         self.subscription: Subscription = node.create_subscription(
             SolitonState, topic, lambda _: None, qos, raw=True
@@ -143,12 +143,12 @@ class Heard:
         self.last = math.nan
         """Time at which a message was last taken from the queue [s]."""
 
-    def matched(self) -> bool:
-        """Whether somebody publishes."""
+    def has_publisher(self) -> bool:
+        """Return whether the topic has a publisher."""
         return bool(self.subscription.get_publisher_count())
 
     def drain(self) -> list[bytes]:
-        """All that waits."""
+        """Return all waiting messages."""
         handle, taken = self.subscription.handle, []
         with handle:
             while (message := handle.take_message(SolitonState, True)) is not None:
@@ -197,7 +197,7 @@ def parse_arguments() -> argparse.Namespace:
 
 
 def compared(node: Node, rotors: int, arguments: argparse.Namespace) -> dict[str, list[Run]]:
-    """Return the rounds of both estimators for a number of rotors, without the first round."""
+    """Return the rounds of both estimators for a chain, without the first round."""
     size = min(max(ROTORS_A_ROUND // rotors, LEAST_A_ROUND), MOST_A_ROUND)
     size = LEAST_A_ROUND if arguments.quick else size
     frames = Frames(rotors, size * (arguments.rounds + 1))
@@ -208,75 +208,77 @@ def compared(node: Node, rotors: int, arguments: argparse.Namespace) -> dict[str
         ]
     )
     sides = {'theirs': TanhFit(node, frames.chain), 'ours': analyser}
-    heard = {
-        'theirs': Heard(node, PEER_TOPIC),
-        'ours': Heard(node, interfaces.SOLITON_STATE.name),
+    states = {
+        'theirs': StateQueue(node, PEER_TOPIC),
+        'ours': StateQueue(node, interfaces.SOLITON_STATE.name),
     }
-    while not all(each.matched() for each in heard.values()):
+    while not all(each.has_publisher() for each in states.values()):
         time.sleep(POLL)
     runs: dict[str, list[Run]] = {'theirs': [], 'ours': []}
-    coming = iter(frames)
+    source = iter(frames)
     progress = ProgressLine(f'{rotors} rotors', arguments.rounds + 1)
     for done in range(arguments.rounds + 1):
-        given = [next(coming) for _ in range(size)]
+        given = [next(source) for _ in range(size)]
         for name, side in sides.items():
-            runs[name].append(run(side.take, heard[name], given))
+            runs[name].append(run(side.take, states[name], given))
         progress.show(done + 1)
     progress.end(f'{rotors} rotors: {arguments.rounds} rounds of {size} frames')
     analyser.destroy_node()
-    for each in heard.values():
+    for each in states.values():
         node.destroy_subscription(each.subscription)
     return {name: all_runs[1:] for name, all_runs in runs.items()}
 
 
-def run(take: Callable[[bytes], None], heard: Heard, given: list[tuple[bytes, float]]) -> Run:
-    """Let an estimator process frames, then check the published states."""
+def run(
+    take: Callable[[bytes], None], states: StateQueue, given: list[tuple[bytes, float]]
+) -> Run:
+    """Pass frames to an estimator; return times and errors of the published states."""
     wall, cpu = time.perf_counter(), time.process_time()
     for serialized, _ in given:
         take(serialized)
     wall, cpu = time.perf_counter() - wall, time.process_time() - cpu
-    states = [deserialize_message(each, SolitonState) for each in heard.wait_for(len(given))]
-    places = zip(states, given, strict=True)
+    results = [deserialize_message(each, SolitonState) for each in states.wait_for(len(given))]
+    places = zip(results, given, strict=True)
     errors = [state.solitons[0].rotor - place for state, (_, place) in places]
     return Run(len(given), wall, cpu, float(np.sqrt(np.mean(np.square(errors)))))
 
 
 def in_use(node: Node, seconds: float) -> dict[str, float]:
-    """Send frames to the node in a process; ignore the first second."""
+    """Send frames to the node in a separate process; ignore the first second."""
     settings = {'chain_from': 'parameters', 'chain.number_of_rotors': IN_USE}
-    heard = Heard(node, interfaces.SOLITON_STATE.name)
+    states = StateQueue(node, interfaces.SOLITON_STATE.name)
     topic = interfaces.JOINT_STATES
     publisher = node.create_publisher(topic.type, topic.name, topic.qos)
     warm, count = round(RATE), round(seconds * RATE)
-    coming = iter(Frames(IN_USE, warm + count))
+    source = iter(Frames(IN_USE, warm + count))
     with running(node_command('soliton_analyser', settings)) as process:
-        while not (publisher.get_subscription_count() and heard.matched()):
+        while not (publisher.get_subscription_count() and states.has_publisher()):
             if process.poll() is not None:
                 raise RuntimeError(f'the analyser ended with exit code {process.returncode}')
             time.sleep(POLL)
-        send(publisher, heard, coming, warm, 'first second')
+        send(publisher, states, source, warm, 'first second')
         start, cpu = time.perf_counter(), processor_time(process.pid)
-        analysed = send(publisher, heard, coming, count, f'{IN_USE} rotors at {RATE:g} Hz')
-        cpu, wall = processor_time(process.pid) - cpu, heard.last - start
+        analysed = send(publisher, states, source, count, f'{IN_USE} rotors at {RATE:g} Hz')
+        cpu, wall = processor_time(process.pid) - cpu, states.last - start
     return {'sent': count, 'analysed': analysed, 'seconds': wall, 'cpu': cpu}
 
 
 def send(
     publisher: Publisher,
-    heard: Heard,
-    coming: Iterator[tuple[bytes, float]],
+    states: StateQueue,
+    source: Iterator[tuple[bytes, float]],
     count: int,
     title: str,
 ) -> int:
     """Publish a number of frames at their rate; return the number of analysed frames."""
     progress, analysed = ProgressLine(title, count), 0
     start = time.perf_counter()
-    for number, (frame, _) in enumerate(itertools.islice(coming, count)):
+    for number, (frame, _) in enumerate(itertools.islice(source, count)):
         time.sleep(max(0.0, start + number / RATE - time.perf_counter()))
         publisher.publish(frame)
-        analysed += len(heard.drain())
+        analysed += len(states.drain())
         progress.show(number)
-    analysed += len(heard.wait_for(count - analysed))
+    analysed += len(states.wait_for(count - analysed))
     progress.end(f'{title}: {analysed} of {count} frames analysed')
     return analysed
 
@@ -284,7 +286,7 @@ def send(
 def part(
     runs: dict[int, dict[str, list[Run]]], used: dict[str, float], times: dict[str, list[float]]
 ) -> Part:
-    """Return frame rates, times and position errors, the load of the node, and all records."""
+    """Return frame rates, times, position errors, load of the node, and times of records."""
     comparisons = []
     for rotors, sides in runs.items():
         rates = {name: [r.frames / r.wall for r in side] for name, side in sides.items()}

@@ -21,7 +21,7 @@ from soliton_linkage.progress import ProgressLine
 WALLS = (2, 4, 8)
 """Numbers of walls on a ring, which are even."""
 RING, FLIPPER = 200, 40
-"""Number of rotors of the rings, and of the flippers in hard records."""
+"""Number of rotors of rings, and of the flipper chains in hard records."""
 SPEED = 0.02
 """Speed of the walls [rotor spacings / frame]."""
 NOISE = 0.01
@@ -30,7 +30,7 @@ KICK = 3.0
 PERIOD = 4_000_000
 """Frame period [ns]."""
 WARM = 50
-"""Number of ignored frames, in which filters start and wall shapes are computed."""
+"""Number of ignored first frames, in which filters start and wall shapes are computed."""
 
 
 @dataclass(frozen=True)
@@ -44,7 +44,7 @@ class Record:
 
 
 def records(lengths: Iterable[int], frames: int) -> list[Record]:
-    """Return records of one wall in chains, of several walls in rings, and of hard cases."""
+    """Return records with one wall in chains, with several walls in rings, and hard cases."""
     made = [_one_wall(Chain(number_of_rotors=rotors), frames) for rotors in lengths]
     made += [_several_walls(count, frames) for count in WALLS]
     flipper, random = Chain(number_of_rotors=FLIPPER), np.random.default_rng(2)

@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """Results of the parts of the benchmark: comparisons and figures, written as JSON and a table.
 
-A part runs our program and a peer in turn, on the same work, in rounds. Ratios are computed within
-a round, because the load of the machine changes between rounds.
+A part runs our program and a peer (another tool) one after the other, on the same work, in rounds.
+Ratios are computed within a round, because the load of the machine changes between rounds.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ PARTS = (
     'live',
     'identification',
 )
-"""Names of the parts, in the order of execution and in the table."""
+"""Names of the parts, in the order of execution and of the table."""
 
 _COMPARISON_HEAD = (
     '| peer | work | theirs | ours | ratio (spread) |\n| --- | --- | --- | --- | --- |'
@@ -38,10 +38,10 @@ _PREFIXES = ((1.0, ''), (1e-3, 'm'), (1e-6, 'µ'), (1e-9, 'n'))
 
 @dataclass(frozen=True)
 class Comparison:
-    """The same work done by a peer and by us, with one number per round for each.
+    """The same work done by a peer and by our program, with one number per round for each.
 
-    The ratio is above 1 if ours is better. For times and other costs it is theirs / ours. For
-    quantities that should be large, such as messages per second, it is ours / theirs.
+    The ratio is above 1 if our program is better. For times and other costs it is theirs / ours.
+    For quantities that should be large, such as messages per second, it is ours / theirs.
     """
 
     peer: str
@@ -57,7 +57,7 @@ class Comparison:
         return sorted(o / t if self.more_is_better else t / o for t, o in pairs)
 
     def row(self) -> str:
-        """Return the row of the table; `not reached` marks a side that could not do the work."""
+        """Return the row of the table; `not reached` marks a program that failed."""
         sides = [_shown(side, self.unit) for side in (self.theirs, self.ours)]
         ratio = _spread(self.ratios()) if self.theirs and self.ours else ''
         return f'| {self.peer} | {self.work} | {sides[0]} | {sides[1]} | {ratio} |'
@@ -73,7 +73,7 @@ class Figure:
     goal: str = ''
 
     def row(self) -> str:
-        """Of the table."""
+        """Return the row of the table."""
         shown = _shown(self.values, self.unit)
         if len(self.values) > 1:
             ends = (_quantity(end(self.values), self.unit) for end in (min, max))
@@ -105,7 +105,9 @@ def parser(description: str | None) -> argparse.ArgumentParser:
     """Return a parser with the options of all parts."""
     made = argparse.ArgumentParser(description=(description or '').partition('\n')[0])
     made.add_argument('--quick', action='store_true', help='small and short, for a first test')
-    made.add_argument('--rounds', type=int, help='rounds, in which ours and the peer run in turn')
+    made.add_argument(
+        '--rounds', type=int, help='number of rounds; in each, our program and the peer run once'
+    )
     made.add_argument('--output', type=Path, default=Path('out/benchmark.json'))
     return made
 

@@ -2,7 +2,7 @@
 """Processor time of each node per frame of joint states.
 
 This process publishes the frames of a kicked chain at a fixed rate to one node after the other,
-each in a separate process. The simulator publishes by itself to a number of subscribers. The table
+each in a separate process. The simulator itself publishes to a number of subscribers. The table
 contains the processor time per frame of the whole process and of the thread that runs the
 callbacks, and the number of waits of its threads per frame.
 """
@@ -49,7 +49,7 @@ SHORT_POLL = 0.002
 
 @dataclass(frozen=True)
 class Spent:
-    """Processor time of a process and of its first thread so far [s], and number of waits."""
+    """Processor time of a process and of its first thread [s], and number of waits."""
 
     processor: float
     first: float
@@ -94,7 +94,7 @@ def of_node(which: str, named: NamedChain, moved: Recording, arguments: Any) -> 
     chains = Chains(node, named, moved, round(SECOND / arguments.rate), 1)
     with node_process(which) as process:
         deadline = time.monotonic() + START_LIMIT
-        while not chains.listened:
+        while not chains.subscribed:
             if time.monotonic() > deadline:
                 raise RuntimeError(f'{which} did not subscribe within {START_LIMIT:g} s')
             time.sleep(POLL)
@@ -156,11 +156,11 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument('--rotors', type=int, default=100)
     parser.add_argument('--rate', type=float, default=1000.0, help='[Hz]')
-    parser.add_argument('--seconds', type=float, default=5.0, help='of each measurement')
+    parser.add_argument('--seconds', type=float, default=5.0, help='duration of each measurement')
     parser.add_argument('--rounds', type=int, default=1)
     parser.add_argument('--nodes', nargs='*', choices=NODES, default=NODES)
     parser.add_argument('--listeners', type=int, nargs='*', default=[0, 1, 6])
-    parser.add_argument('--integrator', default='symplectic', help='of the simulator')
+    parser.add_argument('--integrator', default='symplectic', help='integrator of the simulator')
     arguments = parser.parse_args()
     chain = Chain(number_of_rotors=arguments.rotors)
     rest = chain.uniform_state(-1)
@@ -175,7 +175,7 @@ def main() -> None:
             for which in arguments.nodes:
                 print(row(which, *of_node(which, named, moved, arguments)), flush=True)
             for listeners in arguments.listeners:
-                work = f'simulator, {listeners} listen'
+                work = f'simulator, {listeners} subscribers'
                 print(row(work, *of_simulator(listeners, arguments)), flush=True)
 
 

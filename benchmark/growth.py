@@ -58,7 +58,7 @@ def main() -> None:
 
 
 def measured(sizes: Sequence[int], rounds: int, seconds: float) -> Times:
-    """Return the processor time per call of each task [s], by size, one number per round."""
+    """Return the processor time per call of each task [s], by size, with one number per round."""
     times: Times = {name: {size: [] for size in sizes} for name in WORKS}
     progress = ProgressLine('growing', len(sizes))
     with own_domain():
@@ -107,7 +107,7 @@ def figures_of(times: Times) -> list[Figure]:
 
 
 def memory(rotors: int, frames: Sequence[int], folder: Path) -> list[Figure]:
-    """Return the peak memory of a large simulator and of the analysis of bags of some lengths."""
+    """Return the peak memory of a large simulator and of the analysis of some bags."""
     goal = 'under 500 MB' if rotors == max(ROTORS) else ''
     with own_domain():
         resident = simulator_memory(rotors) / MEGABYTE

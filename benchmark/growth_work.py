@@ -61,7 +61,7 @@ def right_hand_side(rotors: int) -> Iterator[Work]:
 
 @contextmanager
 def compiled_force(rotors: int) -> Iterator[Work]:
-    """Yield one force evaluation of the compiled integrator, with its share of a step."""
+    """Yield one force evaluation of the compiled integrator, including its part of a step."""
     motion = EquationOfMotion(Chain(number_of_rotors=rotors))
     state = motion.state(*wall_state(rotors))
     solver = SymplecticNystrom(motion, 0.0, state, 1e9, first_step=0.01, atol=1e-3, rtol=0.0)

@@ -4,8 +4,8 @@
 Chains have 40 rotors with 5 % deviation in every length. Each is identified from one passage of a
 wall through rigid bars, at 250 Hz, with a noise of 0.01 rad and offsets of 0.05 rad. Identified
 chains are stored in files, so that an interrupted run continues. The first-order error of each
-chain is known; its mean is 0 and its variance is the bound. It is subtracted from means and
-variances (control variate), so that few chains are enough.
+chain is known; the mean of such errors is 0 and their variance is the bound. Means and variances
+are corrected by them (control variate), so that few chains are enough.
 """
 
 from __future__ import annotations
@@ -26,13 +26,13 @@ from soliton_linkage.progress import ProgressLine
 KINDS = ('rotor_length', 'offset', 'spacing', 'rest_length')
 """Names of the unknowns, in their order."""
 DRAWS = 20
-"""Number of chains of each class [1]; they take a minute of processor time."""
+"""Number of chains of each class [1], about a minute of processor time."""
 QUICK = 2
 """Number of chains of each class with --quick [1]."""
 
 
 def figures_of_lengths(name: str, draws: list[Draw]) -> list[Figure]:
-    """Return errors relative to bound and stated deviation, and bias; print them by kind."""
+    """Return errors relative to bound and stated deviation, and biases; print them by kind."""
     errors, linear, stated, alone = (
         np.array([getattr(draw, part) / draw.bound for draw in draws])
         for part in ('errors', 'linear', 'stated', 'alone')
@@ -118,7 +118,7 @@ def _rms(values: Array) -> float:
 
 
 def _root(square: float) -> float:
-    """Return the root of a square, 0 if the subtraction of chance made it negative."""
+    """Return the signed root of an absolute value, because differences may be negative."""
     return math.copysign(math.sqrt(abs(square)), square)
 
 

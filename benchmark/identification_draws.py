@@ -31,7 +31,7 @@ CHAINS = {
 }
 """Chains and the speeds of their walls [rotor spacings / s]."""
 RATE = 250.0
-"""Of frames [Hz]."""
+"""Frame rate [Hz]."""
 NOISE = 0.01
 """Noise of a reading [rad]."""
 OFFSET = 0.05
@@ -41,7 +41,7 @@ SPREAD = 0.05
 PLACES = 200
 """Number of frames with a measured position [1]."""
 _SEEDS = 1000
-"""Number of seeds per chain [1]; the first seed whose chain lets walls pass is used."""
+"""Number of seeds per chain [1]; the first seed whose chain can be passed by a wall is used."""
 
 
 @dataclass(frozen=True)
@@ -51,8 +51,8 @@ class Draw:
     errors: Array
     """Errors of the logarithms of lengths [1] and of offsets [rad]."""
     linear: Array
-    """First-order errors: one least-squares step from the true values with known tolerances. Their
-    mean is 0 and their variance is the bound."""
+    """First-order errors: one least-squares step from the true values with known tolerances. They
+    have mean 0, and the bound is their variance."""
     bound: Array
     """Cramer-Rao bound with known tolerances, as standard deviations."""
     alone: Array
@@ -64,7 +64,7 @@ class Draw:
 
 
 def draw_of(name: str, number: int, folder: Path) -> Draw:
-    """Return a chain of a class, from its file if the file exists."""
+    """Return the result of a chain, from its file if the file exists."""
     path = folder / f'{name}_{number:04}.npz'
     if not path.exists():
         folder.mkdir(parents=True, exist_ok=True)
@@ -77,13 +77,13 @@ def draw_of(name: str, number: int, folder: Path) -> Draw:
 
 
 def chain_of(nominal: Chain, number: int) -> Chain:
-    """Return a chain with random lengths that lets walls pass."""
+    """Return a chain with random lengths that walls can pass."""
     for seed in range(_SEEDS * number, _SEEDS * (number + 1)):
         spreads = dict.fromkeys(('spacing', 'rotor_length', 'rest_length'), SPREAD)
         drawn = drawn_deviations(nominal.number_of_rotors, seed, **spreads)
         if not blocked_bonds(chain := replace(nominal, deviations=drawn)).any():
             return chain
-    raise RuntimeError(f'none of {_SEEDS} chains lets walls pass')
+    raise RuntimeError(f'walls cannot pass any of {_SEEDS} random chains; lower SPREAD')
 
 
 def passage(orbit: Orbit, speed: float) -> Array:

@@ -49,7 +49,7 @@ LONGEST = 15_000
 
 
 def figures_of_springs(name: str, count: int) -> list[Figure]:
-    """Return the errors from the motion of kicked spring chains with 5 % disorder."""
+    """Return the errors of chains that were identified from the motion of kicked springs."""
     errors: dict[str, list[Array]] = {part: [] for part in PLURALS}
     stated: dict[str, list[Array]] = {part: [] for part in PLURALS}
     for number in range(count):
@@ -115,7 +115,7 @@ def _place_error(used: Chain, orbit: Orbit, readings: Array) -> float:
 
 
 def _move_error(used: Orbit, orbit: Orbit, left: Array, random: np.random.Generator) -> float:
-    """Return the final distance from the goal of a wall that is steered by an orbit [spacings].
+    """Return the final distance from the goal of a wall steered by an orbit [spacings].
 
     `left` are the remaining encoder offsets [rad], shape (N,).
     """
@@ -153,7 +153,7 @@ def _springs(name: str, number: int) -> tuple[Chain, Identification]:
 
 
 def _scale(chain: Chain, part: str) -> float:
-    """Return the scale that angles do not determine, of all lengths or of all masses."""
+    """Return the mean of all lengths or of all masses, a scale that angles do not determine."""
     whole = chain.masses if part in ('stiffness', 'mass') else chain.spacings
     return float(whole.mean())
 

@@ -1,15 +1,16 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Time to integrate a chain at equal error, for our integrator and for other tools.
+"""Time of our integrator and of other tools to integrate a chain at equal error.
 
-Flippers (r/a = 0.5, theta_bar = 0.97, edge kick of 0.1) of 20 to 10,000 rotors and a spinner
-(r/a = 2, 1.18, 0.3) move for 200 units of time. The error of a method is the largest error of an
-angle at the end, compared with heyoka at a tolerance of 1e-16. The times at errors of 1e-5 and
-1e-8 are interpolated, in double logarithmic scale, between the two nearest settings. All methods
-run in turn, and ratios are computed within a round. Set-up and compilation are listed separately.
+Flippers (r/a = 0.5, theta_bar = 0.97, edge kick of 0.1) of 20 to 10,000 rotors and a spinner (r/a
+= 2, theta_bar = 1.18, edge kick of 0.3) move for 200 units of time. The error of a method is the
+largest error of an angle at the end, compared with heyoka at a tolerance of 1e-16. The times at
+errors of 1e-5 and 1e-8 are interpolated, in double logarithmic scale, between the two nearest
+settings. All methods run in each round, and ratios are computed within a round. Set-up and
+compilation are listed separately.
 
-MuJoCo has a constant step, so that a part of the duration suffices for its time in long runs. In
-chains of more than 150 rotors its errors are taken from 150 rotors, because the wall does not move
-further.
+MuJoCo has a constant step. Therefore its time in long runs is extrapolated from a part of the
+duration. Its errors in chains of more than 150 rotors are those of 150 rotors, because the wall
+does not move further.
 """
 
 from __future__ import annotations
@@ -45,7 +46,7 @@ SHORTEST_ROUND = 0.03
 
 @dataclass
 class Setting:
-    """One setting of a peer, prepared, with its error and its times [s]."""
+    """Prepared setting of a method, with its error and its times [s]."""
 
     value: float
     ready: Ready
@@ -55,7 +56,7 @@ class Setting:
     times: list[float] = field(default_factory=list)
 
     def run(self) -> Array:
-        """Run repeatedly for a given time and store the median time."""
+        """Run repeatedly for `SHORTEST_ROUND` and store the median time."""
         times: list[float] = []
         while not times or sum(times) < SHORTEST_ROUND:
             run = self.ready()
@@ -112,7 +113,7 @@ def flipper(rotors: int) -> Problem:
 
 
 def measure(problem: Problem, rounds: int) -> dict[str, Any]:
-    """Return work-precision curves of all methods, and comparisons at equal error."""
+    """Return work-precision curves of all methods and comparisons at equal error."""
     progress = ProgressLine(name_of(problem), len(PEERS) + 1 + rounds)
     reference = heyoka_taylor(problem, 1e-16)()()
     curves = {}
@@ -192,7 +193,7 @@ def prepared(peer: Peer, problem: Problem, value: float) -> Setting:
 
 
 def around(curve: list[Setting], target: float) -> Settings:
-    """Return the settings with errors just above and below a target; one or none if missing."""
+    """Return the settings with errors just above and below a target, if they exist."""
     for coarse, fine in itertools.pairwise(curve):
         if coarse.error >= target >= fine.error:
             return coarse, fine
@@ -225,7 +226,7 @@ def figures_of(accounts: dict[str, dict[str, list[float]]]) -> list[Figure]:
 
 
 def growth_of(measured: dict[str, dict[str, Any]], problems: list[Problem]) -> list[Figure]:
-    """Return the ratio of the times per rotor of the longest and the shortest chain at 1e-8."""
+    """Return the ratio of times per rotor in the longest and the shortest chain."""
     flippers = sorted((each for each in problems if each.name == 'flipper'), key=size_of)
     short, long = flippers[0], flippers[-1]
     times = [

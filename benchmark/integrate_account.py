@@ -24,7 +24,7 @@ from soliton_linkage.linkage.chain import Array
 
 REPEATS = 7
 BUDGET = 2e6
-"""Number of rotors times forces in a timed call, which takes some milliseconds."""
+"""Number of rotors times forces in a timed call, which takes a few milliseconds."""
 
 WHOLE = 'integrating'
 STEP = 0.1
@@ -48,7 +48,7 @@ def moving(size: int) -> tuple[EquationOfMotion, Array]:
 
 
 def loops(size: int) -> dict[str, list[float]]:
-    """Return the times of single loops, on rows so long that calls take negligible time."""
+    """Return the times of single loops on rows so long that call overhead is negligible."""
     longer = max(size, 8000)
     motion, _ = moving(longer)
     work = zeros_in_line(nystrom_loops.WORK_ROWS, padded_size(longer) + VECTOR)
@@ -71,7 +71,7 @@ def repeated(call: Callable[[], object], times: int) -> None:
 
 
 def nanoseconds(call: Callable[[], object], parts: int) -> list[float]:
-    """Return the time of each of the equal parts of a call [ns], one number per repetition."""
+    """Return the time per equal part of a call [ns], one number per repetition."""
     call()
     times = []
     for _ in range(REPEATS):

@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
 """Methods to integrate a chain of springs: ours and those of other tools.
 
-The set-up prepares a method for a problem and a setting, which is a tolerance or a step. The
-method is then made ready and run repeatedly. A run returns the final angles; its wall time is
-measured.
+`prepare` sets a method up for a problem and a setting, a tolerance or a step; it returns `ready`.
+`ready` resets the state and returns `run`. `run` integrates and returns the final angles; only its
+wall time is measured.
 """
 
 from __future__ import annotations
@@ -62,7 +62,7 @@ class Peer:
     prepare: Callable[[Problem, float], Ready]
     settings: tuple[float, ...]
     constant_step: bool = False
-    """Whether the time is proportional to the duration."""
+    """Whether the step is constant, so that the time is proportional to the duration."""
 
 
 def symplectic(problem: Problem, tolerance: float) -> Ready:
@@ -85,7 +85,7 @@ def symplectic(problem: Problem, tolerance: float) -> Ready:
 
 
 def plain_scipy(problem: Problem, tolerance: float) -> Ready:
-    """Prepare scipy's DOP853 with a right-hand side in numpy."""
+    """Prepare DOP853 of scipy with a right-hand side in numpy."""
     number, a, r = problem.rotors, problem.chain.spacing, problem.chain.rotor_length
     rest_length = problem.chain.rest_length
 

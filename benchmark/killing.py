@@ -1,11 +1,10 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Losses of a recorder that is killed at random instants after the line `recording to`.
+"""Losses of a recorder that is killed at random instants after its log line `recording to`.
 
 A recorder runs in a separate process, together with a given number of busy processes. This process
 publishes joint states at 1000 Hz, kills the recorder with SIGKILL, recovers the bag, and compares
-the recovered messages with the published ones. The busy processes pause while the recorder imports
-its modules, because the start is not measured. With --real-time the recorder requests real-time
-priority.
+the recovered messages with the published ones. The busy processes pause while the recorder starts,
+because the start is not measured. With --real-time the recorder requests real-time priority.
 """
 
 from __future__ import annotations
@@ -42,7 +41,7 @@ ROTORS = 40
 RATE = 1000.0
 START_LIMIT = 60.0
 LATEST_KILL = 2.5
-LOOK = 0.01
+POLL = 0.01
 MOST_LOST = 1.0
 
 
@@ -53,9 +52,9 @@ class Kill:
     after: float
     """Time from the line `recording to` to the kill."""
     lost: float
-    """Time before the kill without recovered messages."""
+    """Duration before the kill without recovered messages."""
     begun: float
-    """Time after the line `recording to` without recovered messages."""
+    """Duration after the line `recording to` without recovered messages."""
     received: float
     """Transport time of the last recovered message."""
     empty: bool
@@ -78,7 +77,7 @@ def main() -> None:
             command = list(map(str, node_command('bag_recorder', given)))
             kill = killed(command, folder / str(number), chance.uniform(0, LATEST_KILL), load)
             kills.append(kill)
-            print(f'{number}: {told(kill)}', flush=True)
+            print(f'{number}: {described(kill)}', flush=True)
     print(summary(kills, arguments.load))
     sys.exit(0 if max(kill.lost for kill in kills) < MOST_LOST else 1)
 
@@ -97,10 +96,10 @@ def parse_arguments() -> argparse.Namespace:
     return parser.parse_args()
 
 
-def told(kill: Kill) -> str:
+def described(kill: Kill) -> str:
     return (
         f'killed after {kill.after:.3f} s: lost the last {kill.lost:.3f} s and the first '
-        f'{kill.begun:.3f} s; the last message had come in {kill.received:.3f} s'
+        f'{kill.begun:.3f} s; the transport of the last message took {kill.received:.3f} s'
     )
 
 
@@ -120,11 +119,11 @@ class Load:
     """Processes that use all processors, except while they pause."""
 
     def __init__(self, number: int) -> None:
-        """Start a number of processes, paused."""
+        """Start a number of paused processes."""
         self._processes = [
             subprocess.Popen([sys.executable, '-c', 'while True: pass']) for _ in range(number)
         ]
-        self.rest()
+        self.pause()
 
     def __enter__(self) -> Load:
         return self
@@ -134,12 +133,12 @@ class Load:
             process.kill()
             process.wait()
 
-    def rest(self) -> None:
-        """Take nothing."""
+    def pause(self) -> None:
+        """Pause all processes."""
         self._signal(signal.SIGSTOP)
 
     def work(self) -> None:
-        """Use all processors."""
+        """Continue all processes."""
         self._signal(signal.SIGCONT)
 
     def _signal(self, number: signal.Signals) -> None:
@@ -165,7 +164,7 @@ class Stream:
         self.stop()
 
     def stop(self) -> None:
-        """Send no more."""
+        """Stop publishing."""
         self._stopping.set()
         self._thread.join()
 
@@ -182,7 +181,7 @@ class Stream:
 
 @contextmanager
 def lone_publisher() -> Iterator[Publisher]:
-    """Yield a publisher on a new domain, because DDS keeps killed subscribers for a while."""
+    """Yield a publisher on a new domain, because DDS removes killed subscribers late."""
     with private_domain():
         context = rclpy.Context()
         rclpy.init(context=context)
@@ -196,8 +195,8 @@ def lone_publisher() -> Iterator[Publisher]:
 
 
 def killed(command: Sequence[str], folder: Path, after: float, load: Load) -> Kill:
-    """Kill a recorder at a time after its first line [s], and return its losses."""
-    load.rest()
+    """Kill a recorder at a time after its log line [s], and return its losses."""
+    load.pause()
     bag = folder / 'run_0'
     with (
         lone_publisher() as publisher,
@@ -207,15 +206,17 @@ def killed(command: Sequence[str], folder: Path, after: float, load: Load) -> Ki
         wait_for(bag, recorder)
         load.work()
         line = next(line for line in recorder.stderr or () if 'recording to' in line)
-        said = time.time_ns()
+        announced = time.time_ns()
         time.sleep(after)
         recorder.kill()
         at = time.time_ns()
         stream.stop()
-        load.rest()
+        load.pause()
     if not line:
         raise RuntimeError('the recorder did not start')
-    return judged(bag, folder / 'recovered', [s for s in stream.stamps if s < at], said, at)
+    return losses_of(
+        bag, folder / 'recovered', [s for s in stream.stamps if s < at], announced, at
+    )
 
 
 def wait_for(path: Path, recorder: subprocess.Popen[str]) -> None:
@@ -223,21 +224,21 @@ def wait_for(path: Path, recorder: subprocess.Popen[str]) -> None:
     while not path.exists():
         if time.monotonic() > deadline or recorder.poll() is not None:
             raise TimeoutError(f'no {path} after {START_LIMIT:g} s')
-        time.sleep(LOOK)
+        time.sleep(POLL)
 
 
-def judged(bag: Path, recovered: Path, sent: Sequence[int], said: int, at: int) -> Kill:
+def losses_of(bag: Path, recovered: Path, sent: Sequence[int], announced: int, at: int) -> Kill:
     """Return the losses, given the times of the line `recording to` and of the kill [ns]."""
     held = recovered_stamps(bag, recovered)
     stamps = [stamp for stamp, _ in held]
     place = sent.index(stamps[0]) if stamps else 0
     if stamps != sent[place : place + len(stamps)]:
         raise AssertionError(f'{bag} is not a contiguous part of the published messages')
-    # Messages published before the line `recording to` do not count.
-    last = max(stamps[-1], said) if stamps else said
-    first = next((stamp for stamp in sent if stamp >= said), at)
+    # Messages that were published before the line `recording to` are not losses.
+    last = max(stamps[-1], announced) if stamps else announced
+    first = next((stamp for stamp in sent if stamp >= announced), at)
     return Kill(
-        after=(at - said) * 1e-9,
+        after=(at - announced) * 1e-9,
         lost=max(0, sent[-1] - last) * 1e-9,
         begun=max(0, (stamps[0] if stamps else at) - first) * 1e-9,
         received=(held[-1][1] - held[-1][0]) * 1e-9 if held else 0.0,

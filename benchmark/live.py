@@ -1,11 +1,11 @@
 # SPDX-License-Identifier: Apache-2.0
 """Cost of the live page: processor time and memory of server, browser and simulator.
 
-A simulator, the other nodes and live_view run as processes, and Chromium without a screen shows
-the page. The processor load is processor time divided by time. The delay of a nudge is the time
-from the click on its button to the first picture in which a rotor has moved. Many browsers are
-simulated by their streams only, as if they ran on other machines. With --pages they are pages in
-Chromium on this machine. A browser that stops reading is simulated by a socket without a reader.
+A simulator, the other nodes and live_view run as processes, and headless Chromium shows the page.
+The processor load is processor time divided by time. The delay of a nudge is the time from the
+click on its button to the first picture in which a rotor has moved. Many browsers are simulated by
+clients of the stream only, as if the browsers ran on other machines. With --pages they are pages
+of Chromium on this machine. A socket that is never read simulates a browser that stops reading.
 """
 
 from __future__ import annotations
@@ -54,14 +54,18 @@ LATENCY = """async ([id, moved]) => {
 
 def main() -> None:
     options = parser(__doc__)
-    options.add_argument('--seconds', type=float, default=20.0, help='of each measurement')
     options.add_argument(
-        '--minutes', type=float, default=5.0, help='time for which the page stays open'
+        '--seconds', type=float, default=20.0, help='duration of each measurement'
     )
     options.add_argument(
-        '--pages', action='store_true', help='simulate many browsers by whole pages'
+        '--minutes', type=float, default=5.0, help='time during which the page is open'
     )
-    options.add_argument('--only', choices=PARTS, nargs='+', default=PARTS, help='measure these')
+    options.add_argument(
+        '--pages', action='store_true', help='simulate many browsers by complete pages'
+    )
+    options.add_argument(
+        '--only', choices=PARTS, nargs='+', default=PARTS, help='parts to measure'
+    )
     arguments = options.parse_args()
     seconds = 3.0 if arguments.quick else arguments.seconds
     minutes = 0.1 if arguments.quick else arguments.minutes
@@ -90,14 +94,16 @@ def main() -> None:
 
 @contextmanager
 def chromium() -> Iterator[Any]:
-    """Yield a browser without a screen."""
+    """Yield a headless browser."""
     path = next(filter(None, map(shutil.which, BROWSERS)), None)
     try:
         from playwright.sync_api import sync_playwright
     except ImportError:
         path = None
     if path is None:
-        sys.exit('live: no browser or no Playwright; install chromium, and run it again')
+        sys.exit(
+            'live: Chromium or Playwright is missing; install both and run the benchmark again'
+        )
     with sync_playwright() as playwright:
         options = ['--no-sandbox', '--enable-precise-memory-info']
         browser = playwright.chromium.launch(executable_path=path, args=options)
@@ -171,7 +177,7 @@ def scene(
 
 
 def visit(browser: Any) -> Any:
-    """The page, drawn."""
+    """Open the page and return it when it has drawn ten pictures."""
     page = browser.new_context(viewport={'width': 1400, 'height': 1000}).new_page()
     page.goto(f'http://127.0.0.1:{PORT}/', timeout=120_000)
     page.wait_for_function('() => window.live && live.drawn > 10', timeout=120_000)
@@ -179,7 +185,7 @@ def visit(browser: Any) -> Any:
 
 
 def pictures(browser: Any, rotors: int, rate: float, seconds: float, rounds: int) -> list[Figure]:
-    """Return the load of the server, pictures per second, and the page's time per picture."""
+    """Return the load of the server, pictures per second, and the time of the page per picture."""
     shares, drawn, costs = [], [], []
     work = f'{rotors} rotors'
     with scene(rotors, 100.0 if rotors > 100 else 500.0, rate) as stage:
@@ -269,7 +275,7 @@ def crowd(browsers: int, seconds: float, rounds: int, drawing: Any) -> list[Figu
                 f'missed deadlines at 1000 Hz, {name} watching',
                 '1/s',
                 missed[visitors],
-                'as with none' if visitors else '',
+                'as without' if visitors else '',
             ),
             Figure(f'messages lost at 1000 Hz, {name} watching', '', lost[visitors], '0'),
             Figure(f'server at 1000 Hz, {name} watching', '% of a core', shares[visitors]),
@@ -340,7 +346,7 @@ def open_long(browser: Any, seconds: float) -> list[Figure]:
     """Return the memory growth of server and page while the page is open."""
     with scene() as stage:
         page = visit(browser)
-        # The history of the plots is complete after 20 s.
+        # The plots have their full length after 20 s.
         time.sleep(min(25.0, seconds))
         before = memory(stage.server), heap(page)
         progress = ProgressLine('open', seconds)

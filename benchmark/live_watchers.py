@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """Simulated browsers that receive pictures of the live page and acknowledge them.
 
-They represent browsers on other machines. They need little processor time, because no library
-decodes their frames.
+They represent browsers on other machines. They take little processor time, because they decode no
+pictures.
 """
 
 from __future__ import annotations
@@ -68,7 +68,7 @@ class Watcher(asyncio.Protocol):
 
 
 async def crowd(port: int, browsers: int) -> None:
-    """Receive a number of streams until stopped, and print the rate of each."""
+    """Receive a number of streams until stopped, and print their rates."""
     loop = asyncio.get_running_loop()
     made = [
         await loop.create_connection(lambda: Watcher(port), '127.0.0.1', port)

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Cost of analysers of many chains, in one process per chain and in a common process.
+"""Cost of the analysers of many chains, in one process per chain and in a common process.
 
 This process publishes the same kicked chain in several namespaces and receives all states. The
 table contains the processor time of the analysers, their resident and unshared memory, and the
@@ -83,12 +83,12 @@ class Chains:
         return sent, answered + self._taken()
 
     @property
-    def heard(self) -> bool:
-        """Whether every chain has an analyser that has received its parameters."""
-        return self.listened and all(answer.get_publisher_count() for answer in self._answers)
+    def ready(self) -> bool:
+        """Whether every chain has an analyser that has received the parameters of the chain."""
+        return self.subscribed and all(answer.get_publisher_count() for answer in self._answers)
 
     @property
-    def listened(self) -> bool:
+    def subscribed(self) -> bool:
         """Whether the joint states of every chain have a subscriber."""
         return all(publisher.get_subscription_count() for publisher in self._joints)
 
@@ -120,8 +120,8 @@ def analysers(chains: int, together: bool) -> Iterator[list[subprocess.Popen[byt
 def memory(process: int) -> tuple[float, float]:
     """Return the resident and the proportional memory of a process [MB]."""
     text = Path(f'/proc/{process}/smaps_rollup').read_text(encoding='ascii')
-    told = dict(line.split(':') for line in text.splitlines()[1:])
-    resident, shared = (int(told[key].split()[0]) * 1024 / MEBIBYTE for key in ('Rss', 'Pss'))
+    entries = dict(line.split(':') for line in text.splitlines()[1:])
+    resident, shared = (int(entries[key].split()[0]) * 1024 / MEBIBYTE for key in ('Rss', 'Pss'))
     return resident, shared
 
 
@@ -133,7 +133,7 @@ def measure(
     chains = Chains(node, named, moved, period, arguments.chains)
     with analysers(arguments.chains, together) as processes:
         deadline = time.monotonic() + START_LIMIT
-        while not chains.heard:
+        while not chains.ready:
             if time.monotonic() > deadline:
                 raise RuntimeError(f'not all analysers started within {START_LIMIT:g} s')
             time.sleep(0.1)

@@ -3,9 +3,9 @@
 
 The simulator overwrites the stamp and the arrays of a serialised message and publishes the bytes.
 The usual way fills the fields of a JointState from lists and publishes this message. The lower
-limit is to publish constant bytes. All ways use the same publisher, without a subscriber and with
-a subscriber in another process. They run in turn, in random order; each turn publishes a few
-messages and waits for their arrival. The time of a round is the median of its turns.
+limit is to publish constant bytes. All three use the same publisher, without a subscriber and with
+a subscriber in another process. They run one after the other in random order; each turn publishes
+a few messages and waits for their arrival. The time of a round is the median of its turns.
 """
 
 from __future__ import annotations
@@ -53,10 +53,10 @@ def main() -> None:
     comparisons, figures, seconds = [], [], {}
     with own_domain():
         node = rclpy.create_node('benchmark')
-        for listened in (False, True):
+        for subscribed in (False, True):
             for rotors in arguments.rotors:
-                work = f'{rotors} rotors, {"one" if listened else "no"} subscriber'
-                times = measured(node, rotors, listened, rounds, turns, work)
+                work = f'{rotors} rotors, {"one" if subscribed else "no"} subscriber'
+                times = measured(node, rotors, subscribed, rounds, turns, work)
                 seconds[work] = times
                 ours, floor = times['ours'], times['floor']
                 comparisons.append(
@@ -74,15 +74,15 @@ def main() -> None:
 
 
 def measured(
-    node: Node, rotors: int, listened: bool, rounds: int, turns: int, work: str
+    node: Node, rotors: int, subscribed: bool, rounds: int, turns: int, work: str
 ) -> dict[str, list[float]]:
     """Return the time of each way to publish a message [s], one number per round."""
-    name = f'joint_states_{rotors}_{listened:d}'
+    name = f'joint_states_{rotors}_{subscribed:d}'
     publisher = node.create_publisher(JointState, name, qos_of(rotors))
     times: dict[str, list[float]] = {}
     progress = ProgressLine(work, rounds)
-    with running(program_command(LISTENER, name)) if listened else nullcontext():
-        while listened and not publisher.get_subscription_count():
+    with running(program_command(LISTENER, name)) if subscribed else nullcontext():
+        while subscribed and not publisher.get_subscription_count():
             time.sleep(POLL)
         ways = ways_to_publish(publisher, rotors)
         round_of(ways, publisher, 2)

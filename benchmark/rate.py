@@ -1,15 +1,15 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Largest number of rotors and highest rate in real time, for our simulator and an rclpy timer.
+"""Largest number of rotors and highest rate in real time, of our simulator and of an rclpy timer.
 
 A simulator with a moving soliton runs in a separate process. This process records the publication
 time and the sequence number of every joint_states. A deadline is missed if an interval exceeds two
-periods. A run is in real time if two conditions hold. The real-time factor is 1 to a thousandth,
-and the simulator misses at most n + 2 sqrt(n) deadlines, where n is the number that a loop misses
-which only sleeps, in a third process at the same time.
+periods. A run is in real time if two conditions hold. The real-time factor is 1 within 0.001, and
+the simulator misses at most n + 2 sqrt(n) deadlines. Here n is the number of deadlines that a loop
+without work misses at the same time, in a third process that only sleeps.
 
 The largest number of rotors at 1000 Hz and the highest rate of 40 rotors are searched in runs of a
-few seconds. In these runs three missed deadlines are allowed, and a failed run is repeated once.
-The result is confirmed by a long run. If this run fails, smaller values are tried.
+few seconds. In these runs three missed deadlines are allowed, and a failed run is repeated once. A
+long run confirms the result. If it fails, smaller values are tried.
 """
 
 from __future__ import annotations
@@ -72,14 +72,14 @@ class Run:
         return self.holds_but_for(0)
 
     def holds_but_for(self, deadlines: int) -> bool:
-        """Return whether the run would be in real time with fewer missed deadlines."""
+        """Return whether the run would be in real time without some missed deadlines."""
         in_pace = abs(self.real_time_factor - 1) < PACE
         chance = CHANCE * math.sqrt(self.missed_by_sleeping)
         return in_pace and self.missed - deadlines <= self.missed_by_sleeping + chance
 
 
 class Bench:
-    """Bench that runs simulators one after the other."""
+    """Runner of simulators, one after the other."""
 
     def __init__(self, node: Node, seconds: float, confirming: float) -> None:
         self._node = node
@@ -116,12 +116,12 @@ class Bench:
                 share = (processor_time(process.pid) - before) / (time.monotonic() - start)
                 slept = np.array(sleeper.communicate()[0].split(), dtype=np.int64)
         self._node.destroy_subscription(subscription)
-        done = judged(rotors, rate, frames, slept, share)
+        done = run_of(rotors, rate, frames, slept, share)
         verdict = 'holds' if done.holds else 'does not hold'
         progress.end(
             f'{name}, {rotors} rotors at {rate:g} Hz {verdict}: real-time factor '
             f'{done.real_time_factor:.4f}, {done.missed} of {done.frames} deadlines missed, '
-            f'{done.missed_by_sleeping} by sleeping'
+            f'{done.missed_by_sleeping} by a sleeping loop'
         )
         self.runs.setdefault(name, []).append(done)
         return done
@@ -134,7 +134,7 @@ class Bench:
         least: float,
         most: float,
     ) -> list[float]:
-        """Bisect between a value in real time and one that is not, and confirm by long runs."""
+        """Bisect between values with and without real time, and confirm by long runs."""
 
         def run(value: float, seconds: float) -> Run:
             return self.run(name, command, *sizes(value), seconds)
@@ -161,7 +161,9 @@ class Bench:
 
 def main() -> None:
     options = parser(__doc__)
-    options.add_argument('--integrator', default='symplectic', help='of ours (%(default)s)')
+    options.add_argument(
+        '--integrator', default='symplectic', help='integrator of our simulator (%(default)s)'
+    )
     arguments = options.parse_args()
     quick = arguments.quick
     commands = {'ours': ours(arguments.integrator), 'theirs': timer_node}
@@ -215,7 +217,7 @@ def wait_for_frames(subscription: Subscription, process: subprocess.Popen[bytes]
     deadline = time.monotonic() + START_LIMIT
     while not len(drain(subscription, POLL)):
         if process.poll() is not None:
-            raise RuntimeError('the simulator has ended; see above')
+            raise RuntimeError('the simulator has ended; its output above states the reason')
         if time.monotonic() > deadline:
             raise TimeoutError(f'no joint_states within {START_LIMIT:g} s')
 
@@ -238,8 +240,8 @@ def drain(
     return np.array(frames, dtype=np.int64).reshape(-1, 2)
 
 
-def judged(rotors: int, rate: float, frames: Array, slept: Array, share: float) -> Run:
-    """Return how well frames kept a rate [Hz], compared with a loop that only slept [ns]."""
+def run_of(rotors: int, rate: float, frames: Array, slept: Array, share: float) -> Run:
+    """Return the missed deadlines of frames at a rate [Hz] and of a sleeping loop [ns]."""
     if len(frames) < 2:
         return Run(rotors, rate, 0.0, len(frames), 0, 0, (math.inf,) * 3, share)
     numbers, instants = frames.T
@@ -301,8 +303,8 @@ def figures_of(kept: dict[str, list[Run]]) -> list[Figure]:
         return [quantity(run) for run in kept['ours']]
 
     return [
-        Figure(f'missed deadlines, {work}', '', of(lambda run: run.missed), 'those of sleeping'),
-        Figure(f'missed by sleeping, {work}', '', of(lambda run: run.missed_by_sleeping)),
+        Figure(f'missed deadlines, {work}', '', of(lambda run: run.missed), 'as a sleeping loop'),
+        Figure(f'missed by a sleeping loop, {work}', '', of(lambda run: run.missed_by_sleeping)),
         Figure(f'frames, {work}', '', of(lambda run: run.frames)),
     ]
 

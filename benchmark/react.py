@@ -8,8 +8,8 @@ the rotors). The first frame whose rates differ from the previous frame by more 
 speed shows the nudge. The first soliton_state that shows it has the stamp of this frame.
 
 The nodes request real-time priority. The arrival time of a message is the time that the middleware
-records. To influence the result as little as possible, this process also requests a higher
-priority, and it sleeps from before each nudge until all messages have arrived.
+records. This process also requests a higher priority, and after each nudge it sleeps until all
+messages have arrived, so that it hardly influences the result.
 """
 
 from __future__ import annotations
@@ -53,7 +53,7 @@ Result = TypeVar('Result')
 
 
 @dataclass(frozen=True)
-class Come:
+class Arrival:
     """Message with its times of publication and arrival [ns]."""
 
     message: Any
@@ -69,26 +69,26 @@ class Inbox:
         self._subscription = node.create_subscription(
             topic.type, topic.name, lambda _: None, topic.qos, raw=True
         )
-        self._come: list[Come] = []
+        self._arrivals: list[Arrival] = []
 
-    def look(self) -> list[Come]:
+    def messages(self) -> list[Arrival]:
         """Return the messages since the last call of `empty`."""
         handle = self._subscription.handle
         with handle:
             while (message := handle.take_message(self._type, True)) is not None:
                 raw, info = message
                 sent, received = info['source_timestamp'], info['received_timestamp']
-                self._come.append(Come(raw, sent, received))
-        return self._come
+                self._arrivals.append(Arrival(raw, sent, received))
+        return self._arrivals
 
     def empty(self) -> None:
         """Discard all messages."""
-        self.look().clear()
+        self.messages().clear()
 
 
 def main() -> None:
     options = parser(__doc__)
-    options.add_argument('--nudges', type=int, help='in each round')
+    options.add_argument('--nudges', type=int, help='number of nudges in each round')
     arguments = options.parse_args()
     rounds = arguments.rounds or (1 if arguments.quick else 3)
     nudges = arguments.nudges or (20 if arguments.quick else 200)
@@ -122,14 +122,14 @@ class Reactions:
         self._joints = Inbox(node, interfaces.JOINT_STATES)
         self._states = Inbox(node, interfaces.SOLITON_STATE)
         until(self._nudge.get_subscription_count, 'edge_actuator')
-        until(self._states.look, 'soliton_state')
-        until(self._obeyed, 'a nudge that the edge actuator accepts')
+        until(self._states.messages, 'soliton_state')
+        until(self._is_ready, 'a nudge that the edge actuator accepts')
         time.sleep(SETTLING)
 
-    def _obeyed(self) -> bool:
+    def _is_ready(self) -> bool:
         self._nudge.publish(Float64(data=IMPERCEPTIBLE))
         time.sleep(LISTENING)
-        return bool(self._impulses.look())
+        return bool(self._impulses.messages())
 
     def measure(self, nudges: int, turn: int, rounds: int) -> dict[str, list[float]]:
         """Return the times from each of a number of nudges to its effects [s]."""
@@ -154,24 +154,26 @@ class Reactions:
         shown = until(lambda: self._jump_since(published), 'a frame that shows the nudge')
         stamp = time_from_msg(deserialize_message(shown.message, JointState).header.stamp)
         state = until(lambda: self._state_of(stamp), 'a soliton_state that shows the nudge')
-        impulses = until(self._impulses.look, 'the impulses of the nudge')[0]
+        impulses = until(self._impulses.messages, 'the impulses of the nudge')[0]
         return {
             'rotor_impulses': impulses.sent - published,
             'joint_states': shown.received - published,
             'soliton_state': state.received - published,
         }
 
-    def _jump_since(self, instant: int) -> Come | None:
+    def _jump_since(self, instant: int) -> Arrival | None:
         """Return the first frame since an instant [ns] with a jump of the rates."""
-        frames = self._joints.look()
-        rates = [deserialize_message(come.message, JointState).velocity for come in frames]
+        frames = self._joints.messages()
+        rates = [deserialize_message(arrival.message, JointState).velocity for arrival in frames]
         jumps = np.linalg.norm(np.diff(rates, axis=0), axis=1) > SPEED / 2
-        since = (come for come, jump in zip(frames[1:], jumps, strict=True) if jump)
-        return next((come for come in since if come.received > instant), None)
+        since = (arrival for arrival, jump in zip(frames[1:], jumps, strict=True) if jump)
+        return next((arrival for arrival in since if arrival.received > instant), None)
 
-    def _state_of(self, stamp: int) -> Come | None:
+    def _state_of(self, stamp: int) -> Arrival | None:
         """Return the first soliton_state with this stamp [ns] or a later one."""
-        return next((come for come in self._states.look() if read_stamp(come) >= stamp), None)
+        return next(
+            (arrival for arrival in self._states.messages() if read_stamp(arrival) >= stamp), None
+        )
 
 
 def figures_of(measured: list[dict[str, list[float]]]) -> list[Figure]:
@@ -199,7 +201,7 @@ def until(condition: Callable[[], Result], what: str) -> Result:
     return found
 
 
-def read_stamp(state: Come) -> int:
+def read_stamp(state: Arrival) -> int:
     return time_from_msg(deserialize_message(state.message, SolitonState).header.stamp)
 
 

@@ -1,10 +1,11 @@
 # SPDX-License-Identifier: Apache-2.0
 """Cost of recording joint states, and of reading and analysing a recording.
 
-Recorders run in separate processes, ours and plain ones in turn. This process publishes at 1000 Hz
-to measure their processor time, and then at increasing rates. A recorder sustains a rate if no
-message at this rate or a lower one is missing in the recording. The rate includes the time until
-the recorder is idle again. Offline, our reader and `AnyReader` read the same bags.
+Our recorder and plain recorders run one after the other in separate processes. This process
+publishes at 1000 Hz to measure their processor time, and then at increasing rates. A recorder
+sustains a rate if no message at this rate or a lower rate is missing in the recording. The rate is
+computed with the time until the recorder is idle again. Offline, our reader and `AnyReader` of
+rosbags read the same bags.
 """
 
 from __future__ import annotations
@@ -42,7 +43,7 @@ FASTEST = 64_000.0
 SETTLING = 1.0
 REACHED = 0.8
 NAP = 0.0003
-LOOK = 0.1
+POLL = 0.1
 IDLE = 0.3
 START_LIMIT = 30.0
 LONGEST_DRAIN = 20.0
@@ -56,7 +57,8 @@ class Burst:
     """Messages published at one rate."""
 
     asked: float
-    """Requested rate [1/s]. The whole seconds of the stamps are the number of the burst."""
+    """Requested rate [1/s]. The seconds in the stamps of its messages are the number of the
+    burst."""
     sent: int
     sending: float
     """Duration of publishing [s]."""
@@ -91,7 +93,7 @@ class Trial:
 
     @property
     def taken(self) -> float:
-        """Highest rate without a loss at this or a lower rate [1/s]; 0 if there is none."""
+        """Highest rate without losses up to this rate [1/s]; 0 if there is none."""
         whole = itertools.takewhile(lambda n: not self.lost(n), range(len(self.bursts)))
         return max((self.bursts[n].sent / self.bursts[n].working for n in whole), default=0.0)
 
@@ -112,7 +114,7 @@ def main() -> None:
 
 
 def recording(folder: Path, sizes: Sequence[int], rounds: int, quick: bool) -> Part:
-    """Compare recorders."""
+    """Compare the recorders."""
     comparisons, figures, details = [], [], {}
     kinds = (OURS, *SUBSCRIPTIONS)
     runs = list(itertools.product(sizes, range(rounds), kinds))
@@ -138,18 +140,18 @@ def recording(folder: Path, sizes: Sequence[int], rounds: int, quick: bool) -> P
         bytes_taken = [size * rate for rate in rates_taken(ours)]
         figures.append(Figure(f'recorded without loss, {work}', 'MB/s', bytes_taken))
         for kind, side in by_kind.items():
-            details[f'{work}, {kind}'] = [told(each) for each in side]
+            details[f'{work}, {kind}'] = [as_json(each) for each in side]
     return Part('record', comparisons, figures, details)
 
 
 def rates_taken(trials: Sequence[Trial]) -> list[float]:
-    """Return the sustained rates of all rounds [1/s], without rounds that sustained none."""
+    """Return the sustained rates of all rounds [1/s]; empty if a round sustained none."""
     rates = [each.taken for each in trials]
     return rates if all(rates) else []
 
 
 def trial(kind: str, rotors: int, folder: Path, quick: bool) -> Trial:
-    """Let a recorder record bursts of increasing rate, until a rate cannot be published."""
+    """Record bursts of increasing rate with a recorder, until a rate cannot be published."""
     seconds, factor = (0.5, 4.0) if quick else (1.0, 2**0.5)
     done = Trial()
     with tempfile.TemporaryDirectory(dir=folder) as name:
@@ -182,11 +184,11 @@ class Sender:
         while self._publisher.get_subscription_count() < 1:
             if time.monotonic() > deadline:
                 raise TimeoutError(f'no recorder after {START_LIMIT:g} s')
-            time.sleep(LOOK)
+            time.sleep(POLL)
         time.sleep(SETTLING)
 
     def burst(self, number: int, rate: float, seconds: float, recorder: int) -> Burst:
-        """Publish at a rate if possible, and wait until all messages are recorded."""
+        """Publish at a rate if possible, and wait until the recorder is idle."""
         still, sent = self._still, 0
         processor, start = processor_time(recorder), time.monotonic()
         while (now := time.monotonic() - start) < seconds:
@@ -204,9 +206,9 @@ class Sender:
         start = time.monotonic()
         while time.monotonic() - start < LONGEST_DRAIN:
             before, begin = processor_time(recorder), time.monotonic()
-            time.sleep(LOOK)
+            time.sleep(POLL)
             used = processor_time(recorder) - before
-            if used < IDLE * LOOK:
+            if used < IDLE * POLL:
                 return begin - start
         return time.monotonic() - start
 
@@ -219,7 +221,7 @@ def stamped_bursts(path: Path) -> Iterator[int]:
             yield STAMP.unpack_from(data)[0]
 
 
-def told(done: Trial) -> list[dict[str, Any]]:
+def as_json(done: Trial) -> list[dict[str, Any]]:
     """Return a trial for the JSON file."""
     return [{**vars(burst), 'lost': done.lost(number)} for number, burst in enumerate(done.bursts)]
 
@@ -257,7 +259,7 @@ def reading(folder: Path, sizes: Sequence[int], rounds: int, quick: bool) -> Par
 
 
 def read_by_any_reader(bag: Path) -> int:
-    """Deserialise every frame of a bag by rosbags; return the number of frames."""
+    """Deserialise every frame of a bag with rosbags; return the number of frames."""
     frames = 0
     with AnyReader([bag]) as reader:
         connections = [c for c in reader.connections if c.topic == '/joint_states']
@@ -268,7 +270,7 @@ def read_by_any_reader(bag: Path) -> int:
 
 
 def read_by_ours(bag: Path) -> int:
-    """Decode every frame of a bag by the suite; return the number of frames."""
+    """Decode every frame of a bag with the suite; return the number of frames."""
     frames = 0
     decoder = JointStateDecoder()
     with open_bag(bag) as reader:

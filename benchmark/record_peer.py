@@ -41,7 +41,7 @@ class McapStore:
     """File of the mcap package."""
 
     def __init__(self, path: Path) -> None:
-        """Create it."""
+        """Create the file."""
         self._file = path.open('wb')
         self._writer = Writer(self._file, compression=CompressionType.NONE)
         self._writer.start('ros2')
@@ -64,7 +64,7 @@ class McapStore:
 
 
 class Recorder(Node):
-    """Records joint states."""
+    """Node that records joint states."""
 
     def __init__(self, store: Store, raw: bool) -> None:
         """Subscribe."""

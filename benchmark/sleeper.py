@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Loop that only sleeps until each deadline, and prints the wake-up times [ns] at the end."""
+"""Loop that only sleeps until each deadline; it prints the wake-up times [ns] at the end."""
 
 from __future__ import annotations
 

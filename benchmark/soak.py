@@ -1,12 +1,13 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Soak test: the whole suite for an hour, with nudges, moves, splits and a kill every minute.
+"""Soak test: the whole suite runs for an hour, with nudges, moves, splits and a kill every minute.
 
 A chain of 100 rotors runs at 1000 Hz with all nodes in separate processes, and the live page in a
 browser if one is installed. Every minute one node is killed with SIGKILL and restarted. Some nodes
 are killed only in the first half of the test, the others only in the second half. Recorded files
-are read and removed one by one. Events are appended to OUTPUT/ledger.jsonl at once. The page
-OUTPUT/soak.html is drawn every few minutes and at the end. An interrupted test continues with the
-same command and --resume. The exit code is 0 if kills explain all losses and no memory grew.
+are read and removed one after the other. Each event is written immediately to OUTPUT/ledger.jsonl.
+The page OUTPUT/soak.html is drawn every few minutes and at the end. An interrupted test continues
+with the same command and --resume. The exit code is 0 if kills explain all losses and if no memory
+has grown.
 """
 
 from __future__ import annotations
@@ -49,8 +50,8 @@ NUDGE = 3.0
 PLACES = (30.0, 70.0, 50.0)
 NUDGES, MOVES, SPLITS, SAMPLES, KILLS, PAGES, HEAPS = 5.0, 20.0, 30.0, 5.0, 60.0, 300.0, 30.0
 LONGEST_STOP = 30.0
-REST = 10.0
-NEVER_ALONE = ('setpriv', '--pdeathsig', 'KILL')
+RESTART_DELAY = 10.0
+END_WITH_PARENT = ('setpriv', '--pdeathsig', 'KILL')
 SPIN = 0.05
 NODES: dict[str, dict[str, Any]] = {
     'simulator': {
@@ -98,20 +99,20 @@ class Suite:
             self._began = time.time_ns()
             self._audit = BagAudit(bag.with_name(f'{bag.name}_0'), RATE)
         with (self._output / f'{name}.log').open('ab') as log:
-            command = [*NEVER_ALONE, *map(str, node_command(name, settings))]
+            command = [*END_WITH_PARENT, *map(str, node_command(name, settings))]
             self._running[name] = subprocess.Popen(
                 command, stdout=log, stderr=log, start_new_session=True
             )
         self._life[name] = life
         self._ledger.note('start', node=name, life=life)
 
-    def revive(self) -> None:
+    def restart_ended(self) -> None:
         """Restart nodes that ended unexpectedly, after a pause."""
         for name, process in list(self._running.items()):
             if process.poll() is not None and name not in self._dead:
                 self._ended(name, 'died', code=process.returncode)
                 self._dead[name] = time.monotonic()
-            elif self._dead.get(name, math.inf) < time.monotonic() - REST:
+            elif self._dead.get(name, math.inf) < time.monotonic() - RESTART_DELAY:
                 del self._dead[name]
                 self.start(name)
 
@@ -127,13 +128,13 @@ class Suite:
     def sample(self) -> None:
         """Record the resources of each process."""
         for name, process in self._running.items():
-            told = Path(f'/proc/{process.pid}')
+            folder = Path(f'/proc/{process.pid}')
             try:
-                pages = int((told / 'statm').read_text(encoding='ascii').split()[1])
+                pages = int((folder / 'statm').read_text(encoding='ascii').split()[1])
                 sample = {
                     'memory': pages * os.sysconf('SC_PAGE_SIZE') / 1e6,
-                    'threads': len(list((told / 'task').iterdir())),
-                    'descriptors': len(list((told / 'fd').iterdir())),
+                    'threads': len(list((folder / 'task').iterdir())),
+                    'descriptors': len(list((folder / 'fd').iterdir())),
                     'processor': processor_time(process.pid),
                 }
             except (OSError, IndexError):
@@ -162,21 +163,21 @@ class Suite:
         self._ledger.note(how, node=name, life=self._life[name], **more)
         if name == 'bag_recorder' and self._audit:
             self._audit.read(ended=True)
-            told = self._audit.told()
-            told['last'] = self._ledger.since(told['last'] or self._began)
-            told['gaps'] = [[self._ledger.since(s) for s in gap] for gap in told['gaps']]
-            self._ledger.note('bag', life=self._life[name], killed=how == 'kill', **told)
+            entry = self._audit.entry()
+            entry['last'] = self._ledger.since(entry['last'] or self._began)
+            entry['gaps'] = [[self._ledger.since(s) for s in gap] for gap in entry['gaps']]
+            self._ledger.note('bag', life=self._life[name], killed=how == 'kill', **entry)
             shutil.rmtree(self._audit.folder, ignore_errors=True)
 
 
 class User:
-    """Client that nudges, moves and splits, and receives diagnostics."""
+    """Client that sends nudges, moves and requests for new files, and receives diagnostics."""
 
     def __init__(self, ledger: Ledger) -> None:
         self._ledger = ledger
         self.node = Node('soak')
         topic = interfaces.DIAGNOSTICS
-        self.node.create_subscription(topic.type, topic.name, self._hear, topic.qos)
+        self.node.create_subscription(topic.type, topic.name, self._on_diagnostics, topic.qos)
         self._nudges = interfaces.NUDGE.publisher(self.node)
         self._moves = ActionClient(self.node, MoveSoliton, interfaces.MOVE_SOLITON)
         self._splits = self.node.create_client(
@@ -194,40 +195,42 @@ class User:
     def move(self) -> None:
         """Request a move, and record its result."""
         rotor = next(self._places)
-        asked = self._ledger.note('move', rotor=rotor)
+        requested = self._ledger.note('move', rotor=rotor)
         if not self._moves.server_is_ready():
             return
         goal = MoveSoliton.Goal(rotor=rotor)
         self._moves.send_goal_async(goal).add_done_callback(
-            lambda sent: self._follow(sent, asked['time'])
+            lambda sent: self._follow(sent, requested['time'])
         )
 
     def split(self) -> None:
-        """Request a new file."""
+        """Request a new file of the recorder."""
         if self._splits.service_is_ready():
             self._splits.call_async(self._splits.srv_type.Request())
             self._ledger.note('split')
 
-    def tell(self) -> None:
+    def record_diagnostics(self) -> None:
         """Record the last diagnostics of the nodes."""
         for name, figures in FIGURES.items():
             report = self._reports.pop(name, {})
-            told = {figure: float(report[figure]) for figure in figures if figure in report}
-            if told:
-                self._ledger.note('report', node=name, **told)
+            values = {figure: float(report[figure]) for figure in figures if figure in report}
+            if values:
+                self._ledger.note('report', node=name, **values)
 
-    def _follow(self, sent: Any, asked: float) -> None:
+    def _follow(self, sent: Any, requested: float) -> None:
         handle = sent.result()
         if handle is not None and handle.accepted:
-            handle.get_result_async().add_done_callback(lambda ended: self._end(ended, asked))
+            handle.get_result_async().add_done_callback(lambda ended: self._end(ended, requested))
 
-    def _end(self, ended: Any, asked: float) -> None:
+    def _end(self, ended: Any, requested: float) -> None:
         result = ended.result()
         if result is not None:
-            told = result.result
-            self._ledger.note('moved', asked=asked, outcome=told.outcome, said=told.message)
+            move = result.result
+            self._ledger.note(
+                'moved', requested=requested, outcome=move.outcome, message=move.message
+            )
 
-    def _hear(self, message: DiagnosticArray) -> None:
+    def _on_diagnostics(self, message: DiagnosticArray) -> None:
         for status in message.status:
             name = status.name.partition(':')[0]
             self._reports[name] = {pair.key: pair.value for pair in status.values}
@@ -246,7 +249,7 @@ class Visitor:
             except (Exception, SystemExit) as error:
                 ledger.note('no browser', why=str(error))
 
-    def look(self) -> None:
+    def poll_page(self) -> None:
         """Open the page, or record the memory of its script."""
         if self._browser is None:
             return
@@ -276,10 +279,8 @@ def main() -> None:
         run(output, ledger, 60 * arguments.minutes, stopping, stack)
     page = write_page(output, ledger)
     failed = [line for line, good in verdicts(ledger) if not good]
-    print(
-        '\n'.join(f'{"  good" if good else "NOT SO"}: {line}' for line, good in verdicts(ledger))
-    )
-    print(f'drawn to {page}')
+    print('\n'.join(f'{"   ok" if good else " FAIL"}: {line}' for line, good in verdicts(ledger)))
+    print(f'page: {page}')
     sys.exit(1 if failed or stopping.is_set() else 0)
 
 
@@ -305,28 +306,29 @@ def run(
     visitor = Visitor(stack, ledger)
 
     def kill() -> None:
-        # In each half of the test some nodes are not killed, so that their growth is measured.
+        # In each half of the test some nodes are not killed, so that the growth of their memory is
+        # measured.
         names = list(NODES)
         half = names[: len(names) // 2] if ledger.now < seconds / 2 else names[len(names) // 2 :]
         suite.kill(half[len(ledger.of('kill')) % len(half)])
 
-    deeds: list[tuple[float, Callable[[], object]]] = [
+    actions: list[tuple[float, Callable[[], object]]] = [
         (SAMPLES, suite.sample),
-        (SAMPLES, user.tell),
+        (SAMPLES, user.record_diagnostics),
         (SAMPLES, suite.audit),
         (NUDGES, user.nudge),
         (MOVES, user.move),
         (SPLITS, user.split),
-        (HEAPS, visitor.look),
+        (HEAPS, visitor.poll_page),
         (KILLS, kill),
         (PAGES, lambda: write_page(output, ledger)),
     ]
-    due = [time.monotonic() + period for period, _ in deeds]
-    progress = ProgressLine('a long day', seconds)
+    due = [time.monotonic() + period for period, _ in actions]
+    progress = ProgressLine('soak test', seconds)
     while ledger.now < seconds and not stopping.is_set():
         rclpy.spin_once(user.node, timeout_sec=SPIN)
-        suite.revive()
-        for place, (period, act) in enumerate(deeds):
+        suite.restart_ended()
+        for place, (period, act) in enumerate(actions):
             if time.monotonic() >= due[place]:
                 due[place] = time.monotonic() + period
                 act()

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Audit of the files of a running recorder: missing frames and lost messages."""
+"""Check of the files of a running recorder for missing frames and lost messages."""
 
 from __future__ import annotations
 
@@ -17,10 +17,10 @@ FRAMES = '/joint_states'
 
 
 class BagAudit:
-    """Counter of the recorded messages, which removes each file after reading it.
+    """Counter of recorded messages that removes each file after reading it.
 
-    A frame is missing if two stamps differ by more than a period. Times are those of receipt,
-    because the stamps of a simulator below real time fall behind the clock.
+    A frame is missing if two stamps differ by more than a period. Times are times of receipt,
+    because the stamps of a simulator that is slower than real time fall behind the clock.
     """
 
     def __init__(self, folder: Path, rate: float) -> None:
@@ -43,7 +43,7 @@ class BagAudit:
             self._read_file(path)
             path.unlink()
 
-    def told(self) -> dict[str, Any]:
+    def entry(self) -> dict[str, Any]:
         """Return the result for the ledger."""
         return {
             'messages': dict(self.messages),

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Report of the soak test: verdicts, slopes with their errors, and a page with curves."""
+"""Report of the soak test: results, slopes with their errors, and a page with curves."""
 
 from __future__ import annotations
 
@@ -27,8 +27,8 @@ UNITS = {'memory': 'MB', 'threads': 'threads', 'descriptors': 'descriptors'}
 MOST_LOST = 1.0
 MEETING = 10.0
 MOST_DRIFT = 1e-3
-MOST_TOLD = 3
-OF_A_KILL = ('it was not finished', 'the file ends within the chunk')
+MOST_NAMED = 3
+KILL_DAMAGE = ('it was not finished', 'the file ends within the chunk')
 OUTCOMES = (
     'reached',
     'cancelled',
@@ -40,7 +40,7 @@ OUTCOMES = (
     'not held',
     'invalid speed',
 )
-HEAD = '<!doctype html><meta charset="utf-8"><title>A long day</title>'
+HEAD = '<!doctype html><meta charset="utf-8"><title>Soak test</title>'
 STYLE = (
     '<style>body{font:16px/1.5 sans-serif;max-width:1000px;margin:2em auto;padding:0 1em}'
     'td,th{padding:.1em .8em;text-align:right}td:first-child,th:first-child{text-align:left}'
@@ -68,9 +68,9 @@ class Slope(NamedTuple):
 
 
 def slope(lives: Sequence[tuple[Array, Array]]) -> Slope:
-    """Return the common slope of values against times [s] in several lives of a process.
+    """Return the common slope of values against times [s] in several runs of a process.
 
-    Each life has its own offset. Successive values are correlated; the error takes the number of
+    Each run has a separate offset. Successive values are correlated; the error takes the number of
     independent values into account.
     """
     times = np.concatenate([t - t.mean() for t, _ in lives] or [np.zeros(0)])
@@ -104,7 +104,7 @@ def nodes_of(ledger: Ledger) -> list[str]:
 
 
 def verdicts(ledger: Ledger) -> list[tuple[str, bool]]:
-    """Return sentences about the test, each with whether the result is as expected."""
+    """Return sentences with the results, each with a flag whether the result is as expected."""
     kills, bags = ledger.of('kill'), ledger.of('bag')
     died = ledger.of('died')
     drift = max((abs(e.get('energy drift', 0.0)) for e in ledger.of('report')), default=0.0)
@@ -115,26 +115,27 @@ def verdicts(ledger: Ledger) -> list[tuple[str, bool]]:
         line
         for bag in bags
         for line in bag['damage']
-        if not (bag['killed'] and line.startswith(OF_A_KILL))
+        if not (bag['killed'] and line.startswith(KILL_DAMAGE))
     ]
     lost = sum(bag['lost'] for bag in bags)
     sent, recorded, excused = nudges_of(ledger)
-    said = '; '.join(f'{e["node"]} at {e["time"]:.0f} s' for e in died[:MOST_TOLD])
-    judged = [
+    named = '; '.join(f'{e["node"]} at {e["time"]:.0f} s' for e in died[:MOST_NAMED])
+    results = [
         (f'{ledger_length(ledger) / 60:.1f} minutes, {len(kills)} kills', True),
-        (f'{len(died)} nodes ended by themselves {said}'.rstrip(), not died),
+        (f'{len(died)} nodes ended unexpectedly {named}'.rstrip(), not died),
         (f'{frames} frames recorded, {len(gaps)} gaps that no kill explains', not gaps),
         (f'{lost} lost messages reported by recorders', not lost),
         (
-            f'killed recorders lost {max(tails, default=0):.3f} s at most of {len(tails)} times',
+            f'killed recorders lost at most {max(tails, default=0):.3f} s, {len(tails)} kills',
             max(tails, default=0) < MOST_LOST,
         ),
         (
-            f'{len(damage)} damages of bags that no kill explains {"; ".join(damage[:MOST_TOLD])}',
+            f'{len(damage)} damaged parts of bags that no kill explains '
+            f'{"; ".join(damage[:MOST_NAMED])}'.rstrip(),
             not damage,
         ),
         (
-            f'{recorded} of {sent} nudges recorded, {excused} while a recorder was gone',
+            f'{recorded} of {sent} nudges recorded, {excused} while no recorder was running',
             recorded >= sent - excused,
         ),
         (f'energy drift {drift:.2g} at most', drift < MOST_DRIFT),
@@ -143,10 +144,10 @@ def verdicts(ledger: Ledger) -> list[tuple[str, bool]]:
     for node in nodes_of(ledger):
         for what, flat in FLAT.items():
             grown = slope_of(ledger, node, what)
-            told = f'{grown.value:+.2f} ± {grown.error:.2f} {UNITS[what]}/h'
+            growth = f'{grown.value:+.2f} ± {grown.error:.2f} {UNITS[what]}/h'
             good = grown.is_flat or grown.value < flat
-            judged.append((f'{what} of {node}: {told}', good))
-    return judged
+            results.append((f'{what} of {node}: {growth}', good))
+    return results
 
 
 def ledger_length(ledger: Ledger) -> float:
@@ -176,7 +177,7 @@ def unexplained_gaps(bags: Sequence[Entry], kills: Sequence[Entry]) -> list[list
 
 
 def nudges_of(ledger: Ledger) -> tuple[int, int, int]:
-    """Return the numbers of nudges: sent, recorded, and sent while no recorder was running."""
+    """Return numbers of nudges: sent, recorded, and sent while no recorder was running."""
     sent = [entry['time'] for entry in ledger.of('nudge')]
     recorded = sum(bag['messages'].get('/nudge', 0) for bag in ledger.of('bag'))
     begun = [e['time'] for e in ledger.of('start') if e['node'] == 'bag_recorder']
@@ -187,8 +188,8 @@ def nudges_of(ledger: Ledger) -> tuple[int, int, int]:
 def moves_of(ledger: Ledger) -> str:
     """Return a sentence about the results of the moves."""
     ended = [OUTCOMES[entry['outcome']] for entry in ledger.of('moved')]
-    told = ', '.join(f'{ended.count(name)} {name}' for name in dict.fromkeys(ended))
-    return f'{len(ledger.of("move"))} moves requested: {told or "none ended"}'
+    counts = ', '.join(f'{ended.count(name)} {name}' for name in dict.fromkeys(ended))
+    return f'{len(ledger.of("move"))} moves requested: {counts or "none ended"}'
 
 
 def write_page(folder: Path, ledger: Ledger) -> Path:
@@ -201,15 +202,15 @@ def write_page(folder: Path, ledger: Ledger) -> Path:
     ]
     page = folder / 'soak.html'
     page.write_text(
-        f'{HEAD}{STYLE}<h1>A long day of the suite</h1><ul>{"".join(lines)}</ul>'
-        f'<img alt="curves of the day" src="data:image/png;base64,{data}"><p>{CAPTION}</p>',
+        f'{HEAD}{STYLE}<h1>Soak test of the suite</h1><ul>{"".join(lines)}</ul>'
+        f'<img alt="curves of the test" src="data:image/png;base64,{data}"><p>{CAPTION}</p>',
         encoding='utf-8',
     )
     return page
 
 
 def drawn(ledger: Ledger) -> Figure:
-    """The curves."""
+    """Return the figure with the curves."""
     figure = Figure(figsize=(10, 14), layout='constrained')
     axes = figure.subplots(6, 1, sharex=True)
     colours = [*COLOURS, ORANGE, SKY]

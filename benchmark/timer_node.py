@@ -67,7 +67,7 @@ class TimerNode(Node):
 
 
 def main() -> None:
-    # If a signal handler of rclpy shuts down during a callback, various exceptions occur.
+    # If a signal of rclpy arrives during a callback, the shutdown causes various exceptions.
     rclpy.init(signal_handler_options=SignalHandlerOptions.NO)
     signal.signal(signal.SIGTERM, signal.default_int_handler)
     rotors, rate, place, velocity = sys.argv[1:]

@@ -38,10 +38,10 @@ def named_chain(rotors: int) -> NamedChain:
 
 
 class NoisyWall:
-    """Frames of a wall that traverses the cycle, at 1000 Hz, with noisy angles and rates."""
+    """Noisy frames at 1000 Hz of a wall that moves along the whole orbit."""
 
     def __init__(self, rotors: int, deviation: float = NOISE) -> None:
-        """Compute the cycle and draw the noise, which repeats after a million numbers."""
+        """Compute the orbit and draw the noise, which repeats after a million numbers."""
         self._rotors = rotors
         self._orbit = UniformOrbit(Chain(number_of_rotors=rotors))
         self._noise = deviation * np.random.default_rng(1).standard_normal(_DRAWS + 2 * rotors)
@@ -63,11 +63,11 @@ def write_wall_bag(name: Path, rotors: int, frames: int, compression: str = 'non
     named, wall = named_chain(rotors), NoisyWall(rotors)
     buffer, still = JointStateBuffer(named), np.zeros(rotors)
     writer = BagWriter(name, compression)
-    told, joints = (
+    chain_topic, joints = (
         writer.add_topic(f'/{topic.name}', type_name(topic.type), topic.qos)
         for topic in (interfaces.CHAIN, interfaces.JOINT_STATES)
     )
-    writer.write(told, START, serialize_message(chain_to_msg(named, time_to_msg(START))))
+    writer.write(chain_topic, START, serialize_message(chain_to_msg(named, time_to_msg(START))))
     progress = ProgressLine('writing', frames)
     for number in range(frames):
         stamp = START + number * SECOND // RATE

@@ -14,7 +14,7 @@ import pytest
 
 sys.path.insert(0, str(Path(__file__).parents[2] / 'benchmark'))
 
-from rate import MOST_ROTORS, Bench, Run, judged
+from rate import MOST_ROTORS, Bench, Run, run_of
 
 RATE = 1000.0
 PERIOD = 10**6
@@ -46,7 +46,7 @@ def frames(instants: np.ndarray) -> np.ndarray:
 
 
 def test_a_punctual_simulator_holds() -> None:
-    run = judged(40, RATE, frames(PUNCTUAL), PUNCTUAL, 0.1)
+    run = run_of(40, RATE, frames(PUNCTUAL), PUNCTUAL, 0.1)
     assert run.holds
     assert (run.frames, run.missed, run.missed_by_sleeping) == (1001, 0, 0)
     assert run.real_time_factor == pytest.approx(1)
@@ -57,19 +57,19 @@ def test_a_stall_is_a_missed_deadline_unless_sleeping_misses_one_too() -> None:
     stalled = PUNCTUAL.copy()
     stalled[500] += 2 * PERIOD + PERIOD // 2
     stalled[501] = stalled[502] = stalled[500]
-    run = judged(40, RATE, frames(stalled), PUNCTUAL, 0.1)
+    run = run_of(40, RATE, frames(stalled), PUNCTUAL, 0.1)
     assert (run.missed, run.holds) == (1, False)
     assert run.jitter[2] == pytest.approx(2.5e-3)
-    assert judged(40, RATE, frames(stalled), stalled, 0.1).holds
+    assert run_of(40, RATE, frames(stalled), stalled, 0.1).holds
 
 
 def test_a_frame_that_was_not_received_is_no_missed_deadline() -> None:
     seen = np.delete(frames(PUNCTUAL), [400, 401, 402], axis=0)
-    assert judged(40, RATE, seen, PUNCTUAL, 0.1).holds
+    assert run_of(40, RATE, seen, PUNCTUAL, 0.1).holds
 
 
 def test_a_simulator_that_is_slow_does_not_hold() -> None:
-    run = judged(40, RATE, frames(PUNCTUAL * 5 // 4), PUNCTUAL, 0.1)
+    run = run_of(40, RATE, frames(PUNCTUAL * 5 // 4), PUNCTUAL, 0.1)
     assert run.real_time_factor == pytest.approx(0.8)
     assert not run.holds
 
