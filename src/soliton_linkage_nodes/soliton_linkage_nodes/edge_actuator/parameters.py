@@ -38,7 +38,7 @@ class EdgeActuatorParameters:
         0.1, 'duration of the pressure of a nudge', 's', 1e-3, 60.0, adjustable=True
     )
     state_timeout: float = quantity(
-        0.2, 'largest age of joint_states for a command', 's', 1e-3, 60.0
+        0.2, 'age of joint_states above which commands are rejected', 's', 1e-3, 60.0
     )
     command_timeout: float = quantity(
         0.5,

@@ -1,5 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Run the nodes of a simulated chain, a recorder and the live page until Ctrl-C."""
+"""Run the nodes of a simulated chain and the live page until Ctrl-C.
+
+The page starts a recorder when you press Record.
+"""
 
 from __future__ import annotations
 

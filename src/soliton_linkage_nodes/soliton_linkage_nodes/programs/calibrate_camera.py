@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Calibrate a camera with pictures or a film of a chessboard, such as print_markers makes.
+"""Calibrate a camera with pictures or a film of a chessboard, such as one from print_markers.
 
 Take a dozen pictures of the whole board, with different tilts and positions of the board. The
 output file has the format of ROS's camera_calibration, which camera drivers also read.
@@ -50,7 +50,10 @@ def main(arguments: Sequence[str] | None = None) -> None:
         '--square', type=number(_SQUARE), default=0.025, help='side of a square [m] (%(default)s)'
     )
     parser.add_argument(
-        '--output', type=Path, default=Path('out/camera.yaml'), help='(%(default)s)'
+        '--output',
+        type=Path,
+        default=Path('out/camera.yaml'),
+        help='calibration file to write (%(default)s)',
     )
     options = parser.parse(arguments)
     with exit_on_failure('calibrate_camera'):

@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """Move the soliton to a rotor and show its motion; needs no `ros2 action`.
 
-The program sends a goal of the action move_soliton to soliton_steering. It ends when the soliton
-has arrived, or with exit code 1 if it cannot arrive. Ctrl-C stops the soliton where it is.
+The program sends a goal of the action move_soliton to soliton_steering. The program ends when the
+soliton has arrived, or with exit code 1 if it cannot arrive. Ctrl-C brings the soliton to rest.
 """
 
 from __future__ import annotations

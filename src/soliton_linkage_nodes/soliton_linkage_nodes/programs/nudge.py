@@ -30,7 +30,9 @@ from soliton_linkage_nodes.runtime.process import WaitingNode, initialise, stop_
 from soliton_linkage_nodes.start import INTERRUPTED
 
 _SPEED = Quantity('speed of the kick along the zero mode, positive away from the edge', 'rad/s')
-_TIMEOUT = Quantity('longest wait for the actuator, and again for its answer', 's', 0.0, 3600.0)
+_TIMEOUT = Quantity(
+    'longest wait for the actuator, and afterwards for its answer', 's', 0.0, 3600.0
+)
 """Longest wait for the actuator or its answer, at most one hour."""
 _SUBSCRIBERS = Quantity('number of subscribers to wait for', minimum=1)
 """Number of subscribers of the topic nudge, including the edge actuator."""

@@ -23,9 +23,14 @@ def main(arguments: Sequence[str] | None = None) -> None:
     parser = PlainParser(prog='print_markers', description=__doc__)
     parser.add_argument('config', type=Path, help='parameter file such as config/flipper.yaml')
     parser.add_argument(
-        '--output', type=Path, default=Path('out/markers.pdf'), help='.pdf or .svg (%(default)s)'
+        '--output',
+        type=Path,
+        default=Path('out/markers.pdf'),
+        help='file to write, .pdf or .svg (%(default)s)',
     )
-    parser.add_argument('--paper', choices=list(PAPERS), default='a4', help='(%(default)s)')
+    parser.add_argument(
+        '--paper', choices=list(PAPERS), default='a4', help='size of the paper (%(default)s)'
+    )
     options = parser.parse(arguments)
     with exit_on_failure('print_markers'):
         layout = MarkerLayout(chain_of_file(options.config).chain, markers_of_file(options.config))

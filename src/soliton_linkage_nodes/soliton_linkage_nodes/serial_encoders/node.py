@@ -91,9 +91,9 @@ class SerialEncoders(ManagedNode):
     """Node that publishes the angles of a microcontroller and sends torques to its valves.
 
     Publishes `joint_states` [rad] with the stamp of the measurement and NaN for missing rotors,
-    before each of them the impulses of the valves as `delivered_impulses` [N m s], `/diagnostics`
-    and, if parameters describe the chain, `chain` (latched). Subscribes to `rotor_torques` [N m]
-    and, if no parameters describe the chain, to `chain`.
+    `/diagnostics` and, if parameters describe the chain, `chain` (latched). Before each message of
+    `joint_states` it publishes the impulses of the valves as `delivered_impulses` [N m s].
+    Subscribes to `rotor_torques` [N m] and, if no parameters describe the chain, to `chain`.
     """
 
     PARAMETERS: ClassVar[dict[type, str]] = {
