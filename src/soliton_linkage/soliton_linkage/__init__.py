@@ -34,30 +34,38 @@ Angles are the angles phi [rad] unless a name contains `staggered`. The rotor in
 axis. The symbols of the equations are:
 
 ========== ======================= ==========================================================
-symbol     name                    meaning ========== =======================
-========================================================== N          number_of_rotors rotors n = 0
-... N-1, joined by N-1 springs a          spacing                 distance between neighbouring
-pivots [m] r          rotor_length            distance from pivot to mass [m] theta_bar  rest_angle
-staggered angle of the right-leaning ground state [rad] M mass                    at the end of
-each rotor [kg] k_e        stiffness               of each spring [N/m] lbar       rest_length
-of each spring [m] phi        angles angle of each rotor from +z towards +x [rad] theta
-staggered angles        phi on rotors 0, 2, ..., pi - phi on the others [rad] h, v
-horizontal, vertical    position of a mass from its pivot, r sin phi and r cos phi I
-moments_of_inertia      of each rotor about its pivot, M r^2 [kg m^2] d          lean_ratio
-2 r sin(theta_bar) / a d_c critical_lean_ratio     2 / sin(theta_bar), beyond which rotors spin ub
-lean r sin(theta_bar) [m] q+, q-     couplings               derivatives of a spring length by its
-two angles [m/rad] ell        penetration_depth       of the zero mode from its edge [m] t zero
-mode               unit vector with R t = 0 R          rigidity matrix         change of the
-springs' lengths with the angles [m/rad] N_0, N_ss  zero modes, self-stress of a configuration: N_0
-- N_ss = N - springs omega, k   frequency, wave number  of a phonon [rad/s], [rad/m]; gap omega_0 c
-speed_of_sound          c in omega^2 = omega_0^2 + c^2 k^2 near the gap [m/s] Lambda     site_arc
-arc of the orbit per rotor spacing of the wall [rad] gamma      lorentz_factor          1 / sqrt(1
-- v^2 / c^2) of a wall of velocity v E_s        energy_scale            half of the energy of an
-anti-kink at rest [J] Q          charge                  +1: kink, right-leaning before the wall;
--1: anti-kink u          displacement            r sin(theta) [m] m          order field +1 where
-the chain leans right, -1 where it leans left X, w       position, width         of a wall m =
--tanh((x - X) / w) [m] p, u       pressure, command       actual and commanded pressure of a soft
-actuator [Pa] tau        filling, venting time   time constants with which p approaches u [s]
+symbol     name                    meaning
+========== ======================= ==========================================================
+N          number_of_rotors        rotors n = 0 ... N-1, joined by N-1 springs
+a          spacing                 distance between neighbouring pivots [m]
+r          rotor_length            distance from pivot to mass [m]
+theta_bar  rest_angle              staggered angle of the right-leaning ground state [rad]
+M          mass                    at the end of each rotor [kg]
+k_e        stiffness               of each spring [N/m]
+lbar       rest_length             of each spring [m]
+phi        angles                  angle of each rotor from +z towards +x [rad]
+theta      staggered angles        phi on rotors 0, 2, ..., pi - phi on the others [rad]
+h, v       horizontal, vertical    position of a mass from its pivot, r sin phi and r cos phi
+I          moments_of_inertia      of each rotor about its pivot, M r^2 [kg m^2]
+d          lean_ratio              2 r sin(theta_bar) / a
+d_c        critical_lean_ratio     2 / sin(theta_bar), beyond which rotors spin
+ub         lean                    r sin(theta_bar) [m]
+q+, q-     couplings               derivatives of a spring length by its two angles [m/rad]
+ell        penetration_depth       of the zero mode from its edge [m]
+t          zero mode               unit vector with R t = 0
+R          rigidity matrix         change of the springs' lengths with the angles [m/rad]
+N_0, N_ss  zero modes, self-stress of a configuration: N_0 - N_ss = N - springs
+omega, k   frequency, wave number  of a phonon [rad/s], [rad/m]; gap omega_0
+c          speed_of_sound          c in omega^2 = omega_0^2 + c^2 k^2 near the gap [m/s]
+Lambda     site_arc                arc of the orbit per rotor spacing of the wall [rad]
+gamma      lorentz_factor          1 / sqrt(1 - v^2 / c^2) of a wall of velocity v
+E_s        energy_scale            half of the energy of an anti-kink at rest [J]
+Q          charge                  +1: kink, right-leaning before the wall; -1: anti-kink
+u          displacement            r sin(theta) [m]
+m          order field             +1 where the chain leans right, -1 where it leans left
+X, w       position, width         of a wall m = -tanh((x - X) / w) [m]
+p, u       pressure, command       actual and commanded pressure of a soft actuator [Pa]
+tau        filling, venting time   time constants with which p approaches u [s]
 ========== ======================= ==========================================================
 """
 

@@ -136,7 +136,7 @@ class BagRecording(_BagProgram):
         return f'recording to {name}_0'
 
     def begin(self, namespace: str, snapshot: float = 0.0) -> str:
-        """Record the chain of a namespace, or with `snapshot` > 0 keep only the last seconds."""
+        """Record the chain of a namespace; with `snapshot` > 0, keep only its last seconds."""
         if self._folder is None or self.rejection:
             raise ValueError(self.rejection)
         if self.running:
