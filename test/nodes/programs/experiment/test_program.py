@@ -32,13 +32,13 @@ SUMMARY: dict[str, Any] = {
 @pytest.mark.parametrize(
     ('changed', 'said'),
     [
-        ({}, 'A soliton crossed the chain of 40 rotors, a flipper, 2 times at 9.70 rotors/s.'),
-        ({'speed_rotors_per_s': None}, 'a flipper, 2 times.'),
+        ({}, 'A soliton crossed the chain of 40 rotors (flipper) 2 times at 9.70 rotors/s.'),
+        ({'speed_rotors_per_s': None}, '(flipper) 2 times.'),
         ({}, '4734 messages were recorded, none lost.'),
         ({'lost_messages': 3}, '4734 messages were recorded, 3 lost.'),
         ({}, 'Live and replayed positions agree to the last digit in all 2344 frames.'),
-        ({'largest_replay_difference_rotors': 0.125}, 'differ, by up to 0.12 rotor spacings.'),
-        ({'largest_replay_difference_rotors': math.inf}, 'differ, by up to inf rotor spacings.'),
+        ({'largest_replay_difference_rotors': 0.125}, 'differ by up to 0.12 rotor spacings.'),
+        ({'largest_replay_difference_rotors': math.inf}, 'differ by up to inf rotor spacings.'),
         (
             {'frames_missing_in_replay': 7},
             '7 frames of the live analysis are missing in the replay.',

@@ -161,15 +161,14 @@ def _claim(folder: Path) -> int | None:
 def conclusion(summary: dict[str, Any], folder: Path, bag: Path) -> str:
     """Return a report of a finished experiment with the paths of its results."""
     speed, lost = summary['speed_rotors_per_s'], summary['lost_messages']
-    motion = summary['motion']
-    kind = f'{"an" if motion[0] in "aeiou" else "a"} {motion}'
     return f"""
-A soliton crossed the chain of {summary['rotors']} rotors, {kind}, {summary['crossings']} times\
+A soliton crossed the chain of {summary['rotors']} rotors ({summary['motion']}) \
+{summary['crossings']} times\
 {f' at {speed:.2f} rotors/s' if speed else ''}.
 {summary['recorded_messages']} messages were recorded, {lost or 'none'} lost.
 {_agreement(summary)}
 
-  {folder / 'kymograph.png'}   displacement of the rotors in space and time, and the soliton
+  {folder / 'kymograph.png'}   displacement of each rotor against time, and the soliton
   {folder / 'track.png'}       position and velocity of the soliton
   {folder / 'view.html'}       the run in a browser, in one file to share
   {folder / 'summary.json'}    the numbers above
