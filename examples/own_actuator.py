@@ -30,8 +30,8 @@ class VoiceCoil:
         """Raise ValueError if a current [A] exceeds the limit."""
         if not (math.isfinite(current) and abs(current) <= self.largest_current):
             raise ValueError(
-                f'current = {current:g} A must lie within +-{self.largest_current:g} A; '
-                'command a lower current, or change largest_current'
+                f'current = {current:g} A must be at most {self.largest_current:g} A in '
+                'absolute value; command a lower current, or change largest_current'
             )
 
     def response(
