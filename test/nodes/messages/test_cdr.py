@@ -181,19 +181,19 @@ def test_big_endian_messages_come_back() -> None:
     assert_same(decoder, message, swapped + bytes(8))
 
 
-@pytest.mark.parametrize('known', [False, True])
-def test_bytes_that_are_no_joint_states_are_rejected(known: bool) -> None:
-    message = JointState(name=['a', 'b'], position=[1.0, math.nan], velocity=[3.0, 4.0])
-    whole = CdrWriter(message).serialized
-    decoder = JointStateDecoder()
-    if known:
-        decoder.decode(whole)
-    for size in range(len(whole) - 12):
-        with pytest.raises(
-            ValueError, match=f'joint_states of {size} bytes is no valid sensor_msgs'
-        ):
-            decoder.decode(whole[:size])
-    assert_same(decoder, message, whole)
+def test_bytes_that_are_no_joint_states_are_rejected() -> None:
+    for known in [False, True]:
+        message = JointState(name=['a', 'b'], position=[1.0, math.nan], velocity=[3.0, 4.0])
+        whole = CdrWriter(message).serialized
+        decoder = JointStateDecoder()
+        if known:
+            decoder.decode(whole)
+        for size in range(len(whole) - 12):
+            with pytest.raises(
+                ValueError, match=f'joint_states of {size} bytes is no valid sensor_msgs'
+            ):
+                decoder.decode(whole[:size])
+        assert_same(decoder, message, whole)
 
 
 @given(st.lists(IMPULSES, min_size=2, max_size=5))
@@ -211,17 +211,17 @@ def test_impulses_of_the_same_joints_are_not_deserialized_again(deserialized: li
     assert len(deserialized) == 1
 
 
-@pytest.mark.parametrize('known', [False, True])
-def test_bytes_that_are_no_impulses_are_rejected(known: bool) -> None:
-    message = RotorImpulses(name=['two', 'one'], impulse=[1.0, -1.0])
-    whole = CdrWriter(message).serialized
-    decoder = ImpulseDecoder(ROTORS, LARGEST)
-    if known:
-        decoder.decode(whole)
-    for size in range(len(whole)):
-        with pytest.raises(ValueError, match=f'rotor_impulses of {size} bytes is no valid'):
-            decoder.decode(whole[:size])
-    assert_as_of_the_message(decoder, message, whole)
+def test_bytes_that_are_no_impulses_are_rejected() -> None:
+    for known in [False, True]:
+        message = RotorImpulses(name=['two', 'one'], impulse=[1.0, -1.0])
+        whole = CdrWriter(message).serialized
+        decoder = ImpulseDecoder(ROTORS, LARGEST)
+        if known:
+            decoder.decode(whole)
+        for size in range(len(whole)):
+            with pytest.raises(ValueError, match=f'rotor_impulses of {size} bytes is no valid'):
+                decoder.decode(whole[:size])
+        assert_as_of_the_message(decoder, message, whole)
 
 
 @given(st.lists(IMPULSES, min_size=2, max_size=5), st.lists(st.floats(), max_size=3))
@@ -234,28 +234,28 @@ def test_torques_are_decoded_independently_of_earlier_ones(
         assert_as_of_the_message(decoder, message, serialize_message(message))
 
 
-@pytest.mark.parametrize('rotors', [2, 3, 4, 41, 1000])
-def test_a_buffer_writes_the_message_with_its_size(rotors: int) -> None:
-    for length in range(1, 10):
-        named = named_chain(rotors, length)
-        buffer, impulse_buffer = JointStateBuffer(named), ImpulseBuffer(named)
-        torque_buffer = TorqueBuffer(named)
-        random = np.random.default_rng(rotors)
-        for stamp in (0, 1_700_000_000_999_999_999, 2**31 * 10**9 - 1):
-            angles, rates, torques = random.normal(size=(3, rotors))
-            message = frame_to_msg(named, Frame(angles, rates), torques, time_to_msg(stamp))
-            written = buffer.write(stamp, angles, rates, torques)
-            # Not byte for byte: what ROS pads names with is whatever was in memory.
-            assert deserialize_message(written, JointState) == message
-            assert len(written) == len(buffer) == len(serialize_message(message))
-            impulses = impulses_to_msg(named, angles, time_to_msg(stamp))
-            filled = bytes(impulse_buffer.fill(stamp, angles))
-            assert deserialize_message(filled, RotorImpulses) == impulses
-            assert len(filled) == len(serialize_message(impulses))
-            efforts = torques_to_msg(named, torques, time_to_msg(stamp))
-            filled = bytes(torque_buffer.fill(stamp, torques))
-            assert deserialize_message(filled, JointState) == efforts
-            assert len(filled) == len(serialize(efforts))
+def test_a_buffer_writes_the_message_with_its_size() -> None:
+    for rotors in [2, 3, 4, 41, 1000]:
+        for length in range(1, 10):
+            named = named_chain(rotors, length)
+            buffer, impulse_buffer = JointStateBuffer(named), ImpulseBuffer(named)
+            torque_buffer = TorqueBuffer(named)
+            random = np.random.default_rng(rotors)
+            for stamp in (0, 1_700_000_000_999_999_999, 2**31 * 10**9 - 1):
+                angles, rates, torques = random.normal(size=(3, rotors))
+                message = frame_to_msg(named, Frame(angles, rates), torques, time_to_msg(stamp))
+                written = buffer.write(stamp, angles, rates, torques)
+                # Not byte for byte: what ROS pads names with is whatever was in memory.
+                assert deserialize_message(written, JointState) == message
+                assert len(written) == len(buffer) == len(serialize_message(message))
+                impulses = impulses_to_msg(named, angles, time_to_msg(stamp))
+                filled = bytes(impulse_buffer.fill(stamp, angles))
+                assert deserialize_message(filled, RotorImpulses) == impulses
+                assert len(filled) == len(serialize_message(impulses))
+                efforts = torques_to_msg(named, torques, time_to_msg(stamp))
+                filled = bytes(torque_buffer.fill(stamp, torques))
+                assert deserialize_message(filled, JointState) == efforts
+                assert len(filled) == len(serialize(efforts))
 
 
 def test_a_frame_is_filled_in_place_and_written_apart(named: NamedChain) -> None:

@@ -149,9 +149,8 @@ def test_parameters_of_disorder_draw_the_chain_that_the_same_seed_draws(graph: G
     assert learner.source.named.chain == expected
 
 
-@pytest.mark.parametrize(
-    ('given', 'complaint'),
-    [
+def test_parameters_that_describe_no_chain_stop_the_node(graph: Graph) -> None:
+    for given, complaint in [
         (
             {'chain.disorder.mass': 0.1, 'chain.deviations.mass': [0.1] * 40},
             'deviations of mass are given twice',
@@ -165,21 +164,16 @@ def test_parameters_of_disorder_draw_the_chain_that_the_same_seed_draws(graph: G
             {'chain.periodic': True, 'chain.number_of_rotors': 5},
             'must be even if the ends are periodic',
         ),
-    ],
-)
-def test_parameters_that_describe_no_chain_stop_the_node(
-    graph: Graph, given: dict[str, Any], complaint: str
-) -> None:
-    with pytest.raises(ValueError, match=complaint):
-        graph.start(Learner, given)
+    ]:
+        with pytest.raises(ValueError, match=complaint):
+            graph.start(Learner, given)
 
 
 CONFIG = Path(__file__).parents[3] / 'config'
 
 
-@pytest.mark.parametrize(
-    ('content', 'complaint'),
-    [
+def test_a_file_that_describes_no_chain_is_rejected(tmp_path: Path) -> None:
+    for content, complaint in [
         ('just words', 'is no parameter file'),
         ('/**: {ros__parameters: {chain.weight: 1.0}}', 'chain.weight is unknown; known: '),
         ('/**: {ros__parameters: {chain.mass: -1.0}}', 'mass = -1.0 must lie in the range'),
@@ -187,15 +181,11 @@ CONFIG = Path(__file__).parents[3] / 'config'
             '/**: {ros__parameters: {chain.number_of_rotors: 3, joint_names: [a, b]}}',
             'joint_names has 2 names for 3 rotors; give one name for each rotor',
         ),
-    ],
-)
-def test_a_file_that_describes_no_chain_is_rejected(
-    tmp_path: Path, content: str, complaint: str
-) -> None:
-    path = tmp_path / 'chain.yaml'
-    path.write_text(content)
-    with pytest.raises(ValueError, match=complaint):
-        chain_of_file(path)
+    ]:
+        path = tmp_path / 'chain.yaml'
+        path.write_text(content)
+        with pytest.raises(ValueError, match=complaint):
+            chain_of_file(path)
 
 
 def test_a_file_may_name_the_joints(tmp_path: Path) -> None:

@@ -5,7 +5,6 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Callable
 from typing import Any
 
 import numpy as np
@@ -40,10 +39,10 @@ def test_times_keep_every_nanosecond(nanoseconds: int) -> None:
     assert time_from_msg(time_to_msg(nanoseconds)) == nanoseconds
 
 
-@pytest.mark.parametrize('periodic', [True, False])
-def test_the_ends_of_a_chain_come_back(periodic: bool) -> None:
-    named = NamedChain(Chain(number_of_rotors=4, periodic=periodic), default_joint_names(4))
-    assert conversions.chain_from_msg(conversions.chain_to_msg(named, STAMP)) == named
+def test_the_ends_of_a_chain_come_back() -> None:
+    for periodic in [True, False]:
+        named = NamedChain(Chain(number_of_rotors=4, periodic=periodic), default_joint_names(4))
+        assert conversions.chain_from_msg(conversions.chain_to_msg(named, STAMP)) == named
 
 
 def test_a_chain_and_its_names_come_back() -> None:
@@ -123,9 +122,8 @@ def take_torques(message: JointState) -> None:
     conversions.torques_from_msg(ROTORS, message, 10.0)
 
 
-@pytest.mark.parametrize(
-    ('take', 'message', 'complaint'),
-    [
+def test_a_wrong_message_is_rejected_with_the_reason() -> None:
+    for take, message, complaint in [
         (take_frame, joint_state(name=[]), "lacks 5 of 5 rotors, first 'rotor_0'"),
         (
             take_frame,
@@ -179,19 +177,14 @@ def take_torques(message: JointState) -> None:
             'effort of rotor_2 = 11 must lie in the range -10 to 10',
         ),
         (take_torques, torques(name=['rotor_1', '']), "names joint ''"),
-    ],
-)
-def test_a_wrong_message_is_rejected_with_the_reason(
-    take: Callable[[Any], None], message: Any, complaint: str
-) -> None:
-    with pytest.raises(ValueError, match=re.escape(complaint)) as refusal:
-        take(message)
-    assert '\n' not in str(refusal.value)
+    ]:
+        with pytest.raises(ValueError, match=re.escape(complaint)) as refusal:
+            take(message)
+        assert '\n' not in str(refusal.value)
 
 
-@pytest.mark.parametrize(
-    ('changes', 'complaint'),
-    [
+def test_a_message_that_describes_no_chain_is_rejected() -> None:
+    for changes, complaint in [
         ({'spacing': math.nan}, 'spacing = nan must be a finite number'),
         ({'mass': -1.0}, 'mass = -1.0 must lie in the range'),
         ({'rest_angle': 3.0}, 'rest_angle = 3.0 must lie in the range'),
@@ -202,16 +195,12 @@ def test_a_wrong_message_is_rejected_with_the_reason(
         ({'mass_deviations': [-1.5] * 5}, 'deviation 0 of mass = -1.5 must be'),
         ({'encoder_offsets': [0.1]}, '1 offsets of encoders do not fit a chain of 5 rotors'),
         ({'encoder_offsets': [math.nan] * 5}, 'offset of rotor 0 = nan rad must lie in the range'),
-    ],
-)
-def test_a_message_that_describes_no_chain_is_rejected(
-    changes: dict[str, Any], complaint: str
-) -> None:
-    message = conversions.chain_to_msg(NAMED, STAMP)
-    for name, value in changes.items():
-        setattr(message, name, value)
-    with pytest.raises(ValueError, match=re.escape(complaint)):
-        conversions.chain_from_msg(message)
+    ]:
+        message = conversions.chain_to_msg(NAMED, STAMP)
+        for name, value in changes.items():
+            setattr(message, name, value)
+        with pytest.raises(ValueError, match=re.escape(complaint)):
+            conversions.chain_from_msg(message)
 
 
 def test_angles_beyond_encoders_are_rejected() -> None:
@@ -236,18 +225,15 @@ def test_a_reset_by_name_moves_the_named_joints_and_stops_the_others() -> None:
     assert now.angles.tolist() == [1.0, 2.0, 3.0]
 
 
-@pytest.mark.parametrize(
-    ('request_', 'complaint'),
-    [
+def test_a_wrong_reset_by_name_is_rejected() -> None:
+    for request_, complaint in [
         (Reset.Request(name=['d'], angle=[1.0]), "reset.angle names joint 'd', which is none of"),
         (Reset.Request(name=['a', 'a'], angle=[1.0, 2.0]), "'a' twice"),
         (Reset.Request(name=['a'], angle=[]), 'reset.angle has 0 values for 1 names'),
         (Reset.Request(name=['a'], angle=[math.nan]), 'reset.angle of a = nan must be a finite'),
         (Reset.Request(name=['a'], angle=[1.0], rate=[1.0, 2.0]), 'reset.rate has 2 values for 1'),
         (Reset.Request(name=['a'], angle=[1.0], rate=[math.inf]), 'reset.rate of a = inf must be'),
-    ],
-)
-def test_a_wrong_reset_by_name_is_rejected(request_: Reset.Request, complaint: str) -> None:
-    named = NamedChain(Chain(number_of_rotors=3), ('a', 'b', 'c'))
-    with pytest.raises(ValueError, match=re.escape(complaint)):
-        state_from_reset(named, request_, State(np.zeros(3), np.zeros(3)))
+    ]:
+        named = NamedChain(Chain(number_of_rotors=3), ('a', 'b', 'c'))
+        with pytest.raises(ValueError, match=re.escape(complaint)):
+            state_from_reset(named, request_, State(np.zeros(3), np.zeros(3)))

@@ -4,7 +4,6 @@
 from __future__ import annotations
 
 import re
-from typing import Any
 
 import pytest
 import yaml
@@ -23,18 +22,15 @@ def diagnosis() -> DiagnosticArray:
     return DiagnosticArray(status=[DiagnosticStatus(level=b'\x00', name='chain', values=values)])
 
 
-@pytest.mark.parametrize(
-    'message',
-    [
+def test_a_written_message_reads_back() -> None:
+    for message in [
         Float64(data=0.25),
         JointState(name=['rotor_0'], position=[0.5], effort=[-1.0]),
         Chain(number_of_rotors=3),
         SetBool.Request(data=True),
         PoseWithCovariance(covariance=[0.5] * 36),
-    ],
-)
-def test_a_written_message_reads_back(message: Any) -> None:
-    assert read(type(message), to_yaml(message)) == message
+    ]:
+        assert read(type(message), to_yaml(message)) == message
 
 
 def test_messages_in_lists_are_read() -> None:
@@ -48,9 +44,8 @@ def test_whole_numbers_are_taken_for_numbers_with_a_point() -> None:
     assert read(JointState, '{position: [1, 2]}').position.tolist() == [1.0, 2.0]
 
 
-@pytest.mark.parametrize(
-    ('message', 'text', 'complaint'),
-    [
+def test_a_value_of_the_wrong_type_is_named() -> None:
+    for message, text, complaint in [
         (Float64, '{dato: 1}', "std_msgs/msg/Float64 has no field 'dato'; it has data"),
         (Float64, '{data: x}', "std_msgs/msg/Float64: data = 'x' must be of type double"),
         (Float64, '1', '1 must be a mapping of the fields of std_msgs/msg/Float64: {data: ...}'),
@@ -64,12 +59,10 @@ def test_whole_numbers_are_taken_for_numbers_with_a_point() -> None:
         ),
         (SetBool.Request, '{dato: 1}', "std_srvs/srv/SetBool has no field 'dato'; it has data"),
         (ByteMultiArray, '{data: 1}', 'data = 1 must be of type sequence<octet>'),
-    ],
-)
-def test_a_value_of_the_wrong_type_is_named(message: type, text: str, complaint: str) -> None:
-    with pytest.raises(ValueError, match=re.escape(complaint)) as raised:
-        read(message, text)
-    assert '\n' not in str(raised.value)
+    ]:
+        with pytest.raises(ValueError, match=re.escape(complaint)) as raised:
+            read(message, text)
+        assert '\n' not in str(raised.value)
 
 
 def test_types_are_found_by_their_names() -> None:
@@ -78,15 +71,12 @@ def test_types_are_found_by_their_names() -> None:
     assert interface_type('std_srvs/srv/SetBool', 'srv') is SetBool
 
 
-@pytest.mark.parametrize(
-    ('name', 'complaint'),
-    [
+def test_types_that_are_not_there_are_named() -> None:
+    for name, complaint in [
         ('Float64', "'Float64' must be a type name such as PACKAGE/msg/NAME"),
         ('std_srvs/srv/SetBool', 'must be a type name such as PACKAGE/msg/NAME'),
         ('std_msgs/msg/Float63', 'std_msgs/msg/Float63: std_msgs.msg has no Float63'),
         ('no_msgs/msg/Float64', 'no_msgs/msg/Float64: the package no_msgs is not installed'),
-    ],
-)
-def test_types_that_are_not_there_are_named(name: str, complaint: str) -> None:
-    with pytest.raises(ValueError, match=re.escape(complaint)):
-        interface_type(name, 'msg')
+    ]:
+        with pytest.raises(ValueError, match=re.escape(complaint)):
+            interface_type(name, 'msg')

@@ -47,36 +47,36 @@ def test_without_a_wall_its_numbers_are_nan() -> None:
     assert views.soliton_values(SolitonState()) == []
 
 
-@pytest.mark.parametrize('kind', ['kick', 'pulse', 'pressure'])
-@pytest.mark.parametrize('edge', ['nearest', 'first', 'last'])
-def test_an_edge_command_has_all_that_was_asked_for(kind: str, edge: str) -> None:
-    command = views.edge_command_of(kind, edge, -2.0, 0.5, 0.25, 0.125)
-    assert command.kind == getattr(EdgeCommand, kind.upper())
-    assert command.edge == getattr(EdgeCommand, edge.upper())
-    times = (command.value, command.duration, command.ramp_up, command.ramp_down)
-    assert times == (-2.0, 0.5, 0.25, 0.125)
+def test_an_edge_command_has_all_that_was_asked_for() -> None:
+    for edge in ['nearest', 'first', 'last']:
+        for kind in ['kick', 'pulse', 'pressure']:
+            command = views.edge_command_of(kind, edge, -2.0, 0.5, 0.25, 0.125)
+            assert command.kind == getattr(EdgeCommand, kind.upper())
+            assert command.edge == getattr(EdgeCommand, edge.upper())
+            times = (command.value, command.duration, command.ramp_up, command.ramp_down)
+            assert times == (-2.0, 0.5, 0.25, 0.125)
 
 
-@pytest.mark.parametrize('value', NOTHING)
-def test_infinite_numbers_are_rejected_everywhere(value: Any) -> None:
-    for convert in (
-        views.number_to_msg,
-        lambda v: views.edge_command_of('kick', 'nearest', v, 0.0, 0.0, 0.0),
-        lambda v: views.edge_command_of('kick', 'nearest', 0.0, 0.0, 0.0, v),
-        lambda v: views.reset_request('soliton', v, 0.0),
-        lambda v: views.reset_request('angles', 0.0, 0.0, {'rotor_0': v}),
-        lambda v: views.move_goal(v, 0.0),
-        views.step_request,
-    ):
-        with pytest.raises(ValueError, match='must be a'):
-            convert(value)
+def test_infinite_numbers_are_rejected_everywhere() -> None:
+    for value in NOTHING:
+        for convert in (
+            views.number_to_msg,
+            lambda v: views.edge_command_of('kick', 'nearest', v, 0.0, 0.0, 0.0),
+            lambda v: views.edge_command_of('kick', 'nearest', 0.0, 0.0, 0.0, v),
+            lambda v: views.reset_request('soliton', v, 0.0),
+            lambda v: views.reset_request('angles', 0.0, 0.0, {'rotor_0': v}),
+            lambda v: views.move_goal(v, 0.0),
+            views.step_request,
+        ):
+            with pytest.raises(ValueError, match='must be a'):
+                convert(value)
 
 
-@pytest.mark.parametrize('periods', [0, -1, 1.5, 2**32])
-def test_a_step_is_a_whole_number_of_periods(periods: float) -> None:
-    with pytest.raises(ValueError, match='whole number of 1 or more'):
-        views.step_request(periods)
-    assert views.step_request(7.0).periods == 7
+def test_a_step_is_a_whole_number_of_periods() -> None:
+    for periods in [0, -1, 1.5, 2**32]:
+        with pytest.raises(ValueError, match='whole number of 1 or more'):
+            views.step_request(periods)
+        assert views.step_request(7.0).periods == 7
 
 
 def test_unknown_names_are_rejected_with_the_known_ones() -> None:

@@ -276,13 +276,13 @@ def test_a_chain_that_is_not_that_of_the_bag_is_asked_for_twice(
     assert f'--chain replaces the chain of the bag: {changed}\n' in capsys.readouterr().err
 
 
-@pytest.mark.parametrize('noise', ['-1', '0', 'nan', 'inf', 'much'])
-def test_an_invalid_noise_is_rejected(noise: str, capsys: pytest.CaptureFixture[str]) -> None:
-    with pytest.raises(SystemExit) as end:
-        main(['bag', '--noise', noise])
-    assert end.value.code == 2
-    (line,) = capsys.readouterr().err.splitlines()
-    assert f'noise {noise} must be above 0 and at most 1 rad' in line
+def test_an_invalid_noise_is_rejected(capsys: pytest.CaptureFixture[str]) -> None:
+    for noise in ['-1', '0', 'nan', 'inf', 'much']:
+        with pytest.raises(SystemExit) as end:
+            main(['bag', '--noise', noise])
+        assert end.value.code == 2
+        (line,) = capsys.readouterr().err.splitlines()
+        assert f'noise {noise} must be above 0 and at most 1 rad' in line
 
 
 def test_only_the_first_rejected_frames_are_logged(

@@ -25,9 +25,10 @@ def parser() -> PlainParser:
     return parser
 
 
-@pytest.mark.parametrize(
-    ('arguments', 'said'),
-    [
+def test_a_wrong_command_line_ends_in_one_line(
+    parser: PlainParser, capfd: pytest.CaptureFixture[str]
+) -> None:
+    for arguments, said in [
         ([], 'the following arguments are required: force'),
         (['hard'], "argument force: 'hard' must be a finite number in the range -10 to 10 N"),
         (['nan'], "argument force: 'nan' must be a finite number in the range -10 to 10 N"),
@@ -41,21 +42,14 @@ def parser() -> PlainParser:
             ['1', '--ros-args', '-p'],
             "wrong ROS arguments: Failed to parse ROS arguments: Couldn't",
         ),
-    ],
-)
-def test_a_wrong_command_line_ends_in_one_line(
-    parser: PlainParser,
-    capfd: pytest.CaptureFixture[str],
-    arguments: list[str],
-    said: str,
-) -> None:
-    with pytest.raises(SystemExit) as end:
-        parse_own_arguments(parser, arguments)
-    assert end.value.code == 2
-    line = capfd.readouterr().err.splitlines()[-1]
-    assert line.startswith(f'push: {said}')
-    assert line.endswith('; see push --help')
-    assert '.c:' not in line
+    ]:
+        with pytest.raises(SystemExit) as end:
+            parse_own_arguments(parser, arguments)
+        assert end.value.code == 2
+        line = capfd.readouterr().err.splitlines()[-1]
+        assert line.startswith(f'push: {said}')
+        assert line.endswith('; see push --help')
+        assert '.c:' not in line
 
 
 def test_ros_has_its_arguments_and_numbers_may_be_negative(parser: PlainParser) -> None:
@@ -65,20 +59,17 @@ def test_ros_has_its_arguments_and_numbers_may_be_negative(parser: PlainParser) 
     assert vars(options) == {'force': -1e-3, 'times': 2}
 
 
-@pytest.mark.parametrize(
-    ('error', 'code'),
-    [
+def test_a_failure_ends_in_one_line() -> None:
+    for error, code in [
         (ValueError('too much'), 'push: too much'),
         (RuntimeError('no parse, at /src/a.c:3, at /b.c:4'), 'push: no parse'),
         (OSError(errno.ENOENT, os.strerror(errno.ENOENT), 'here'), 'push: here: No such file'),
         (OSError('gone'), 'push: gone'),
         (KeyboardInterrupt(), 130),
-    ],
-)
-def test_a_failure_ends_in_one_line(error: BaseException, code: str | int) -> None:
-    with pytest.raises(SystemExit) as end, exit_on_failure('push'):
-        raise error
-    if isinstance(code, int):
-        assert end.value.code == code
-    else:
-        assert str(end.value.code).startswith(code)
+    ]:
+        with pytest.raises(SystemExit) as end, exit_on_failure('push'):
+            raise error
+        if isinstance(code, int):
+            assert end.value.code == code
+        else:
+            assert str(end.value.code).startswith(code)

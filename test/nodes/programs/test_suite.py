@@ -100,19 +100,16 @@ def test_a_parameter_may_be_for_a_node_of_one_chain_or_of_all() -> None:
     assert told['right/edge_actuator'] == {'joints': ['a']}
 
 
-@pytest.mark.parametrize(
-    ('rule', 'without'),
-    [
+def test_a_port_puts_a_controller_in_the_place_of_the_simulator() -> None:
+    for rule, without in [
         ('port:=/dev/ttyACM0', 'simulator'),
         ('serial_encoders:port:=/dev/ttyACM0', 'simulator'),
         ('serial_encoders:port:=', 'serial_encoders'),
         ('export:=/dev/ttyACM0', 'serial_encoders'),
-    ],
-)
-def test_a_port_puts_a_controller_in_the_place_of_the_simulator(rule: str, without: str) -> None:
-    assert of_one_chain(['suite', '--ros-args', '-p', rule]) == [
-        name for name in NODES if name != without
-    ]
+    ]:
+        assert of_one_chain(['suite', '--ros-args', '-p', rule]) == [
+            name for name in NODES if name != without
+        ]
 
 
 def test_serial_encoders_publishes_the_chain_unless_configured_otherwise(
@@ -131,25 +128,19 @@ def test_serial_encoders_publishes_the_chain_unless_configured_otherwise(
         assert [each.value for each in given if each.name == 'chain_from'] == source
 
 
-@pytest.mark.parametrize('rule', ['nonsense:=1', 'use_sim_time:=true', 'other:publish_rate:=1.0'])
-def test_a_rule_for_no_node_is_passed_to_ros(rule: str) -> None:
-    assert given_to(rule) == (['-p', rule], {})
+def test_a_rule_for_no_node_is_passed_to_ros() -> None:
+    for rule in ['nonsense:=1', 'use_sim_time:=true', 'other:publish_rate:=1.0']:
+        assert given_to(rule) == (['-p', rule], {})
 
 
-@pytest.mark.parametrize(
-    ('arguments', 'complaint'),
-    [
+def test_an_invalid_node_list_is_rejected_on_one_line(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    for arguments, complaint in [
         (['encoders'], "unknown node 'encoders'; choose from simulator, serial_encoders"),
         (['left/simulator', '--ros-args', '-r', '__ns:=/lab'], '__ns:= applies to all nodes'),
-    ],
-)
-def test_an_invalid_node_list_is_rejected_on_one_line(
-    monkeypatch: pytest.MonkeyPatch,
-    capsys: pytest.CaptureFixture[str],
-    arguments: list[str],
-    complaint: str,
-) -> None:
-    monkeypatch.setattr(sys, 'argv', ['suite', *arguments])
-    with pytest.raises(SystemExit):
-        suite.main()
-    assert complaint in capsys.readouterr().err
+    ]:
+        monkeypatch.setattr(sys, 'argv', ['suite', *arguments])
+        with pytest.raises(SystemExit):
+            suite.main()
+        assert complaint in capsys.readouterr().err

@@ -37,22 +37,15 @@ def done_at(polls: list[tuple[float, int, int]]) -> Any:
     return None
 
 
-@pytest.mark.parametrize(
-    ('polls', 'done', 'missing'),
-    [
+def test_discovery_ends_when_no_publisher_has_appeared_for_a_while() -> None:
+    for polls, done, missing in [
         ([(0.0, 0, 0)], 3.2, []),
         ([(0.0, 0, 0), (0.3, 1, 1)], 3.2, []),
         ([(0.0, 0, 0), (2.9, 1, 1)], 3.9, []),
         ([(0.0, 0, 0), (0.3, 1, 0), (6.0, 1, 1)], 7.0, []),
         ([(0.0, 1, 1), (1.0, 2, 1)], 10.0, ['/nudge']),
-    ],
-)
-def test_discovery_ends_when_no_publisher_has_appeared_for_a_while(
-    polls: list[tuple[float, int, int]],
-    done: float,
-    missing: list[str],
-) -> None:
-    assert done_at(polls) == (done, missing)
+    ]:
+        assert done_at(polls) == (done, missing)
 
 
 def test_latched_and_later_messages_are_recorded_after_the_log_line(

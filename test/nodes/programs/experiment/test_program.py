@@ -29,9 +29,8 @@ SUMMARY: dict[str, Any] = {
 }
 
 
-@pytest.mark.parametrize(
-    ('changed', 'said'),
-    [
+def test_the_end_is_described() -> None:
+    for changed, said in [
         ({}, 'A soliton crossed the chain of 40 rotors (flipper) 2 times at 9.70 rotors/s.'),
         ({'speed_rotors_per_s': None}, '(flipper) 2 times.'),
         ({}, '4734 messages were recorded, none lost.'),
@@ -43,10 +42,8 @@ SUMMARY: dict[str, Any] = {
             {'frames_missing_in_replay': 7},
             '7 frames of the live analysis are missing in the replay.',
         ),
-    ],
-)
-def test_the_end_is_described(changed: dict[str, Any], said: str) -> None:
-    assert said in conclusion({**SUMMARY, **changed}, Path('out'), Path('out/flipper_0'))
+    ]:
+        assert said in conclusion({**SUMMARY, **changed}, Path('out'), Path('out/flipper_0'))
 
 
 def test_omitted_steps_are_suggested() -> None:
