@@ -37,22 +37,20 @@ def walls_at(chain: Chain, places: Array, period: float) -> Recording:
     return Recording(times, angles, np.empty((0, chain.number_of_rotors)))
 
 
-@pytest.mark.parametrize('chain', [FLIPPER, SPINNER])
-@pytest.mark.parametrize('edge', [Edge.FIRST, Edge.LAST])
-def test_a_kick_gives_the_masses_its_speed_and_stretches_no_spring(
-    chain: Chain, edge: Edge
-) -> None:
-    rest = chain.uniform_state(-1 if edge is Edge.FIRST else 1)
-    rates = kick_rates(chain, rest, 0.3, edge)
-    speed = chain.rotor_length * np.linalg.norm(rates)
-    assert speed == pytest.approx(0.3 * chain.spacing / chain.time_unit, rel=1e-14)
-    assert np.abs(rates @ zero_mode(chain, rest)) == pytest.approx(np.linalg.norm(rates))
-    moved = RigidSimulation(chain, rest, rates, period=0.2 / float(np.linalg.norm(rates)))
-    start = mode_centre(zero_mode(chain, rest))
-    for _ in range(60):
-        moved.advance()
-    inwards = 1 if edge is Edge.FIRST else -1
-    assert inwards * (mode_centre(zero_mode(chain, moved.angles)) - start) > 1
+def test_a_kick_gives_the_masses_its_speed_and_stretches_no_spring() -> None:
+    for edge in [Edge.FIRST, Edge.LAST]:
+        for chain in [FLIPPER, SPINNER]:
+            rest = chain.uniform_state(-1 if edge is Edge.FIRST else 1)
+            rates = kick_rates(chain, rest, 0.3, edge)
+            speed = chain.rotor_length * np.linalg.norm(rates)
+            assert speed == pytest.approx(0.3 * chain.spacing / chain.time_unit, rel=1e-14)
+            assert np.abs(rates @ zero_mode(chain, rest)) == pytest.approx(np.linalg.norm(rates))
+            moved = RigidSimulation(chain, rest, rates, period=0.2 / float(np.linalg.norm(rates)))
+            start = mode_centre(zero_mode(chain, rest))
+            for _ in range(60):
+                moved.advance()
+            inwards = 1 if edge is Edge.FIRST else -1
+            assert inwards * (mode_centre(zero_mode(chain, moved.angles)) - start) > 1
 
 
 @given(places=st.lists(st.floats(0, 9), min_size=1, max_size=1), width=st.floats(0.5, 3))
@@ -69,23 +67,23 @@ def test_a_field_without_a_zero_gives_nan_and_edge_rotors_are_ignored() -> None:
     assert math.isnan(zero_crossing(np.array([-1.0, 1, 1, 1, 1, -1])))
 
 
-@pytest.mark.parametrize('width', [0.8, 3.0])
-def test_the_arctanh_width_of_a_tanh_is_its_width(width: float) -> None:
-    places = np.linspace(-12, 12, 40)
-    assert arctanh_width(places, -np.tanh(places / width)) == pytest.approx(width, rel=1e-12)
+def test_the_arctanh_width_of_a_tanh_is_its_width() -> None:
+    for width in [0.8, 3.0]:
+        places = np.linspace(-12, 12, 40)
+        assert arctanh_width(places, -np.tanh(places / width)) == pytest.approx(width, rel=1e-12)
 
 
-@pytest.mark.parametrize('direction', [1, -1])
-def test_snapshots_have_the_known_speed_and_position_of_walls(direction: int) -> None:
-    places = np.linspace(3, 26, 47)[::direction]
-    recording = walls_at(FLIPPER, places, period=0.02)
-    assert wall_positions(FLIPPER, recording) == pytest.approx(places, abs=0.02)
-    seen = snapshots(FLIPPER, recording, 5)
-    assert seen.speed == pytest.approx(0.5 / 0.02, rel=2e-3)
-    assert seen.distances.shape == seen.fields.shape == seen.angles.shape == (5, 30)
-    # Rotors on the two sides of the wall lean in opposite directions.
-    assert (np.sign(seen.fields[seen.distances < -0.1]) == 1).all()
-    assert (np.sign(seen.fields[seen.distances > 0.1]) == -1).all()
+def test_snapshots_have_the_known_speed_and_position_of_walls() -> None:
+    for direction in [1, -1]:
+        places = np.linspace(3, 26, 47)[::direction]
+        recording = walls_at(FLIPPER, places, period=0.02)
+        assert wall_positions(FLIPPER, recording) == pytest.approx(places, abs=0.02)
+        seen = snapshots(FLIPPER, recording, 5)
+        assert seen.speed == pytest.approx(0.5 / 0.02, rel=2e-3)
+        assert seen.distances.shape == seen.fields.shape == seen.angles.shape == (5, 30)
+        # Rotors on the two sides of the wall lean in opposite directions.
+        assert (np.sign(seen.fields[seen.distances < -0.1]) == 1).all()
+        assert (np.sign(seen.fields[seen.distances > 0.1]) == -1).all()
 
 
 def test_a_wall_that_never_reaches_the_middle_is_rejected() -> None:

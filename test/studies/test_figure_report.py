@@ -65,10 +65,10 @@ def test_a_caption_is_saved_next_to_the_picture_in_short_lines(tmp_path: Path) -
     assert second == 'And more.\n'
 
 
-@pytest.mark.parametrize('caption', ['', ' \n\n \n'])
-def test_a_picture_without_a_caption_is_rejected(caption: str, tmp_path: Path) -> None:
-    with pytest.raises(ValueError, match='line has no caption; describe its content'):
-        save_caption(caption, tmp_path / 'line.txt')
+def test_a_picture_without_a_caption_is_rejected(tmp_path: Path) -> None:
+    for caption in ['', ' \n\n \n']:
+        with pytest.raises(ValueError, match='line has no caption; describe its content'):
+            save_caption(caption, tmp_path / 'line.txt')
 
 
 def test_points_with_different_lengths_are_rejected() -> None:
@@ -76,9 +76,8 @@ def test_points_with_different_lengths_are_rejected() -> None:
         FigureReport(Figure(), 'Nothing.').add_points('a', 'line', ('x', 'y'), [1, 2], [3])
 
 
-@pytest.mark.parametrize(
-    ('measured', 'expected', 'error'),
-    [
+def test_the_error_is_relative_to_theory() -> None:
+    for measured, expected, error in [
         (1.02, 1.0, '+2 %'),
         (0.5, 2.0, '-75 %'),
         (-1.1, -1.0, '+10 %'),
@@ -87,10 +86,8 @@ def test_points_with_different_lengths_are_rejected() -> None:
         (1 + 1e-12, 1.0, '0 %'),
         (1 - 2e-11, 1.0, '-2e-09 %'),
         (0.0, 0.0, '0'),
-    ],
-)
-def test_the_error_is_relative_to_theory(measured: float, expected: float, error: str) -> None:
-    assert Comparison('gap', 'w', 'w', measured, expected).error == error
+    ]:
+        assert Comparison('gap', 'w', 'w', measured, expected).error == error
 
 
 def test_the_table_has_one_row_of_six_cells_per_comparison(tmp_path: Path) -> None:

@@ -29,12 +29,13 @@ from soliton_linkage_studies.measures import (
 QUICK = {'tolerance': 1e-5, 'time_limit': 1000.0}
 
 
-@pytest.mark.parametrize('example', EXAMPLES)
-def test_without_deviations_the_motion_is_the_class_of_the_chain(
-    example: tuple[float, float],
-) -> None:
-    chain = chain_of(example, 20)
-    assert measure_motion(chain, SweepTrial()) == {'motion': chain.motion.value, 'obstacles': 0}
+def test_without_deviations_the_motion_is_the_class_of_the_chain() -> None:
+    for example in EXAMPLES:
+        chain = chain_of(example, 20)
+        assert measure_motion(chain, SweepTrial()) == {
+            'motion': chain.motion.value,
+            'obstacles': 0,
+        }
 
 
 def test_one_bond_of_another_class_blocks_the_wall() -> None:
@@ -143,23 +144,20 @@ def test_bars_that_stop_a_wall_have_obstacles() -> None:
     assert len(outcomes) > 1
 
 
-@pytest.mark.parametrize('name', MEASURES)
-def test_a_measure_returns_its_columns_and_its_classes(name: str) -> None:
-    measure = MEASURES[name]
-    taken = measure.take(Chain(6), SweepTrial(kick=0.2, tolerance=1e-4, time_limit=100.0))
-    assert tuple(taken) == measure.columns
-    assert measure.shown in measure.columns
-    assert not measure.classes or taken[measure.shown] in measure.classes
+def test_a_measure_returns_its_columns_and_its_classes() -> None:
+    for name in MEASURES:
+        measure = MEASURES[name]
+        taken = measure.take(Chain(6), SweepTrial(kick=0.2, tolerance=1e-4, time_limit=100.0))
+        assert tuple(taken) == measure.columns
+        assert measure.shown in measure.columns
+        assert not measure.classes or taken[measure.shown] in measure.classes
 
 
-@pytest.mark.parametrize(
-    ('values', 'complaint'),
-    [
+def test_a_trial_out_of_range_is_rejected() -> None:
+    for values, complaint in [
         ({'kick': 0.0}, r'SweepTrial.kick = 0.0 must lie in the range 1e-09 to 1000'),
         ({'mechanics': 'soft'}, "SweepTrial.mechanics = 'soft' must be one of 'elastic', 'rigid'"),
         ({'time_limit': 0.0}, r'SweepTrial.time_limit = 0.0 must lie in the range 1 to'),
-    ],
-)
-def test_a_trial_out_of_range_is_rejected(values: dict[str, float], complaint: str) -> None:
-    with pytest.raises(ValueError, match=complaint):
-        SweepTrial(**values)
+    ]:
+        with pytest.raises(ValueError, match=complaint):
+            SweepTrial(**values)

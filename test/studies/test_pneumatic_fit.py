@@ -20,12 +20,12 @@ def steps(
     return StepResponse(times, commands, pressures + noise * generator.normal(size=len(times)))
 
 
-@pytest.mark.parametrize('times', [(0.03, 0.05), (0.2, 0.05), (0.01, 0.15)])
-def test_the_time_constants_of_an_exact_record_are_recovered(times: tuple[float, float]) -> None:
-    actuator = PneumaticActuator(filling_time=times[0], venting_time=times[1])
-    fit = fit_step_response(steps(actuator, 0.0, np.random.default_rng(1)))
-    assert (fit.filling_time, fit.venting_time) == pytest.approx(times, rel=1e-6)
-    assert fit.residual < 1e-2
+def test_the_time_constants_of_an_exact_record_are_recovered() -> None:
+    for times in [(0.03, 0.05), (0.2, 0.05), (0.01, 0.15)]:
+        actuator = PneumaticActuator(filling_time=times[0], venting_time=times[1])
+        fit = fit_step_response(steps(actuator, 0.0, np.random.default_rng(1)))
+        assert (fit.filling_time, fit.venting_time) == pytest.approx(times, rel=1e-6)
+        assert fit.residual < 1e-2
 
 
 def test_errors_with_noise_agree_with_the_stated_deviations() -> None:
@@ -69,11 +69,11 @@ def test_torques_that_do_not_saturate_have_no_limit() -> None:
         fit_torque(np.zeros(3), np.zeros(3))
 
 
-@pytest.mark.parametrize(
-    ('times', 'complaint'),
-    [([0.0, 1.0, 2.0], 'must have at least 4'), ([0.0, 1.0, 1.0, 2.0], 'must increase')],
-)
-def test_invalid_records_are_rejected(times: list[float], complaint: str) -> None:
-    column = np.zeros(len(times))
-    with pytest.raises(ValueError, match=complaint):
-        StepResponse(np.array(times), column, column)
+def test_invalid_records_are_rejected() -> None:
+    for times, complaint in [
+        ([0.0, 1.0, 2.0], 'must have at least 4'),
+        ([0.0, 1.0, 1.0, 2.0], 'must increase'),
+    ]:
+        column = np.zeros(len(times))
+        with pytest.raises(ValueError, match=complaint):
+            StepResponse(np.array(times), column, column)

@@ -57,38 +57,34 @@ def failing(error: BaseException) -> Callable[[argparse.Namespace], str]:
     return study
 
 
-@pytest.mark.parametrize('name', STUDIES)
-def test_each_study_is_a_command(name: str, capsys: pytest.CaptureFixture[str]) -> None:
-    found = entry_points(group='soliton_linkage.commands')
-    main = next(each.load() for each in found if each.name == name)
-    with pytest.raises(SystemExit, match='0'):
-        main(['--help'])
-    shown = capsys.readouterr().out
-    assert shown.startswith(f'usage: soliton-linkage {name} ')
-    for option in ('--output', '--quick', '--workers'):
-        assert option in shown
+def test_each_study_is_a_command(capsys: pytest.CaptureFixture[str]) -> None:
+    for name in STUDIES:
+        found = entry_points(group='soliton_linkage.commands')
+        main = next(each.load() for each in found if each.name == name)
+        with pytest.raises(SystemExit, match='0'):
+            main(['--help'])
+        shown = capsys.readouterr().out
+        assert shown.startswith(f'usage: soliton-linkage {name} ')
+        for option in ('--output', '--quick', '--workers'):
+            assert option in shown
 
 
-@pytest.mark.parametrize(
-    'wrong', [['--bogus'], ['--workers', '0'], ['a.yaml', 'b.yaml'], ['--output'], ['--only']]
-)
-def test_a_wrong_command_line_ends_in_one_line(
-    wrong: list[str], capsys: pytest.CaptureFixture[str]
-) -> None:
-    parser = study_parser('figures', None, 'fewer points', selective=True)
-    with pytest.raises(SystemExit, match='2'):
-        run_study(parser, wrong, failing(RuntimeError('begun')), '')
-    said = capsys.readouterr().err
-    assert said.startswith('soliton-linkage figures: ')
-    assert said.endswith('; see soliton-linkage figures --help\n')
-    assert said.count('\n') == 1
+def test_a_wrong_command_line_ends_in_one_line(capsys: pytest.CaptureFixture[str]) -> None:
+    for wrong in [['--bogus'], ['--workers', '0'], ['a.yaml', 'b.yaml'], ['--output'], ['--only']]:
+        parser = study_parser('figures', None, 'fewer points', selective=True)
+        with pytest.raises(SystemExit, match='2'):
+            run_study(parser, wrong, failing(RuntimeError('begun')), '')
+        said = capsys.readouterr().err
+        assert said.startswith('soliton-linkage figures: ')
+        assert said.endswith('; see soliton-linkage figures --help\n')
+        assert said.count('\n') == 1
 
 
-@pytest.mark.parametrize('name', [*(name for name in STUDIES if name != 'sweep'), 'phase_diagram'])
-def test_each_study_has_installed_settings(name: str) -> None:
-    path = installed_settings(name)
-    assert path is not None
-    assert load_settings(path).values
+def test_each_study_has_installed_settings() -> None:
+    for name in [*(name for name in STUDIES if name != 'sweep'), 'phase_diagram']:
+        path = installed_settings(name)
+        assert path is not None
+        assert load_settings(path).values
 
 
 def test_settings_that_are_not_installed_must_be_specified(
@@ -115,23 +111,18 @@ def test_results_have_the_order_of_the_tasks(capsys: pytest.CaptureFixture[str])
     assert 'naming: 4 done in' in capsys.readouterr().err
 
 
-@pytest.mark.parametrize(
-    ('error', 'status', 'said'),
-    [
+def test_a_failed_study_prints_its_error_in_one_line(capsys: pytest.CaptureFixture[str]) -> None:
+    for error, status, said in [
         (ValueError('length is -1; make it longer'), 1, 'any: length is -1; make it longer\n'),
         (FileNotFoundError(2, 'No such file', 'x'), 1, "any: [Errno 2] No such file: 'x'\n"),
         (ChildProcessError('process 3 has ended'), 1, 'any: process 3 has ended\n'),
         (KeyboardInterrupt(), 130, '\nany: stopped; all is kept\n'),
-    ],
-)
-def test_a_failed_study_prints_its_error_in_one_line(
-    error: BaseException, status: int, said: str, capsys: pytest.CaptureFixture[str]
-) -> None:
-    parser = study_parser('any', '', 'less')
-    handler = signal.getsignal(signal.SIGTERM)
-    assert run_study(parser, ['any.yaml'], failing(error), 'all is kept') == status
-    assert capsys.readouterr().err == said
-    assert signal.getsignal(signal.SIGTERM) == handler
+    ]:
+        parser = study_parser('any', '', 'less')
+        handler = signal.getsignal(signal.SIGTERM)
+        assert run_study(parser, ['any.yaml'], failing(error), 'all is kept') == status
+        assert capsys.readouterr().err == said
+        assert signal.getsignal(signal.SIGTERM) == handler
 
 
 def test_a_programming_error_is_not_hidden() -> None:

@@ -4,7 +4,6 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Callable
 from pathlib import Path
 
 import pytest
@@ -59,12 +58,12 @@ def test_a_range_includes_its_bounds(minimum: float, span: float, value: float) 
             section.number('x', minimum, maximum)
 
 
-@pytest.mark.parametrize('value', ['1e-3', True, None, [1], float('nan'), float('inf')])
-def test_a_value_that_is_no_finite_number_is_rejected_by_name(value: object) -> None:
-    section = Section('file.yaml', 'part', {'x': value})
-    message = re.escape(f'file.yaml: part.x = {value!r} must be a number in the range 0 to 1')
-    with pytest.raises(ValueError, match=message):
-        section.number('x', 0, 1)
+def test_a_value_that_is_no_finite_number_is_rejected_by_name() -> None:
+    for value in ['1e-3', True, None, [1], float('nan'), float('inf')]:
+        section = Section('file.yaml', 'part', {'x': value})
+        message = re.escape(f'file.yaml: part.x = {value!r} must be a number in the range 0 to 1')
+        with pytest.raises(ValueError, match=message):
+            section.number('x', 0, 1)
 
 
 def test_a_number_that_yaml_reads_as_text_is_explained(tmp_path: Path) -> None:
@@ -73,9 +72,8 @@ def test_a_number_that_yaml_reads_as_text_is_explained(tmp_path: Path) -> None:
         settings.number('x', 0, 1)
 
 
-@pytest.mark.parametrize(
-    ('read', 'message'),
-    [
+def test_an_error_names_file_key_and_limit() -> None:
+    for read, message in [
         (lambda: SECTION.number('y', 0, 1), 'part.y is missing; give a number in the range 0 to'),
         (lambda: SECTION.number('x', 3, 4), 'part.x = 2 must be a number in the range 3 to 4; ch'),
         (lambda: SECTION.whole_number('many', 0, 1), 'part.many = [1, 2.5] must be a whole numbe'),
@@ -93,11 +91,9 @@ def test_a_number_that_yaml_reads_as_text_is_explained(tmp_path: Path) -> None:
             "part.name = 'left' is not known; known keys are x, y",
         ),
         (lambda: SECTION.section('sub').text('y'), 'part.sub.y = 1 must be a text'),
-    ],
-)
-def test_an_error_names_file_key_and_limit(read: Callable[[], object], message: str) -> None:
-    with pytest.raises(ValueError, match=re.escape(f'file.yaml: {message}')):
-        read()
+    ]:
+        with pytest.raises(ValueError, match=re.escape(f'file.yaml: {message}')):
+            read()
 
 
 def test_a_whole_number_has_no_decimal_point() -> None:
@@ -106,19 +102,16 @@ def test_a_whole_number_has_no_decimal_point() -> None:
         section.whole_number('n', 0, 9)
 
 
-@pytest.mark.parametrize(
-    ('text', 'message'),
-    [
+def test_a_file_without_settings_is_rejected(tmp_path: Path) -> None:
+    for text, message in [
         ('x: [1', 'is not YAML .*line'),
         ('- 1\n- 2\n', 'contains list .* instead of sections of keys and values'),
         ('', 'contains NoneType'),
         ('1: 2\n', 'key 1 must be a text; put it in quotes'),
-    ],
-)
-def test_a_file_without_settings_is_rejected(tmp_path: Path, text: str, message: str) -> None:
-    path = written(tmp_path, text)
-    with pytest.raises(ValueError, match=f'{re.escape(str(path))}: .*{message}'):
-        load_settings(path)
+    ]:
+        path = written(tmp_path, text)
+        with pytest.raises(ValueError, match=f'{re.escape(str(path))}: .*{message}'):
+            load_settings(path)
 
 
 def test_a_file_that_is_absent_or_not_text_is_rejected(tmp_path: Path) -> None:
@@ -144,27 +137,24 @@ def test_a_chain_takes_optional_keys() -> None:
     assert (chain.mass, chain.stiffness, chain.damping) == (3, 2, 0.1)
 
 
-@pytest.mark.parametrize(
-    ('key', 'value', 'message'),
-    [
+def test_an_invalid_chain_is_rejected() -> None:
+    for key, value, message in [
         ('rest_angle', 2, 'chain.rest_angle = 2 must be a number in the range 0.001 to 1.57'),
         ('number_of_rotors', 1, 'chain.number_of_rotors = 1 must be a whole number in the range'),
         ('rotor_length', 0.1, 'chain.rotor_length = 0.1 is not known; known keys are number'),
         ('rotor_length_ratio', 0, 'chain.rotor_length_ratio = 0 must be a number in the range'),
         ('damping', -1, 'chain.damping = -1 must be a number in the range 0 to'),
         ('spacing', 1000, 'chain gives Chain.rotor_length = 500000.0 must lie in the range'),
-    ],
-)
-def test_an_invalid_chain_is_rejected(key: str, value: float, message: str) -> None:
-    values = {**CHAIN, key: value}
-    if key == 'spacing':
-        values['rotor_length_ratio'] = 500
-    with pytest.raises(ValueError, match=re.escape(f'file.yaml: {message}')):
-        chain_from(Section('file.yaml', 'chain', values))
+    ]:
+        values = {**CHAIN, key: value}
+        if key == 'spacing':
+            values['rotor_length_ratio'] = 500
+        with pytest.raises(ValueError, match=re.escape(f'file.yaml: {message}')):
+            chain_from(Section('file.yaml', 'chain', values))
 
 
-@pytest.mark.parametrize('key', list(CHAIN))
-def test_a_chain_requires_its_shape(key: str) -> None:
-    values = {name: value for name, value in CHAIN.items() if name != key}
-    with pytest.raises(ValueError, match=f'chain.{key} is missing; give'):
-        chain_from(Section('file.yaml', 'chain', values))
+def test_a_chain_requires_its_shape() -> None:
+    for key in list(CHAIN):
+        values = {name: value for name, value in CHAIN.items() if name != key}
+        with pytest.raises(ValueError, match=f'chain.{key} is missing; give'):
+            chain_from(Section('file.yaml', 'chain', values))

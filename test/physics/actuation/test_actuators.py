@@ -123,17 +123,15 @@ def integrated(pressure: float, command: Profile, start: float, end: float) -> A
     return state
 
 
-@pytest.mark.parametrize('value', [2e5, -8e4])
-@pytest.mark.parametrize('ramps', [(0.0, 0.0), (0.05, 0.0), (0.02, 0.1)])
-@pytest.mark.parametrize('pressure', [0.0, 1.5e5, -5e4])
-def test_the_exact_response_agrees_with_small_integration_steps(
-    pressure: float, ramps: tuple[float, float], value: float
-) -> None:
-    command = trapezoid(value, ramps[0], 0.1, ramps[1])
-    for end in (0.04, 0.15, 0.4):
-        closed = ACTUATOR.response(pressure, command, 0.0, end)
-        expected = integrated(pressure, command, 0.0, end)
-        np.testing.assert_allclose(closed, expected, rtol=1e-6, atol=1.0)
+def test_the_exact_response_agrees_with_small_integration_steps() -> None:
+    for pressure in [0.0, 1.5e5, -5e4]:
+        for ramps in [(0.0, 0.0), (0.05, 0.0), (0.02, 0.1)]:
+            for value in [2e5, -8e4]:
+                command = trapezoid(value, ramps[0], 0.1, ramps[1])
+                for end in (0.04, 0.15, 0.4):
+                    closed = ACTUATOR.response(pressure, command, 0.0, end)
+                    expected = integrated(pressure, command, 0.0, end)
+                    np.testing.assert_allclose(closed, expected, rtol=1e-6, atol=1.0)
 
 
 @given(PRESSURES, PRESSURES, SLOPES, TIMES, TIMES)
@@ -159,23 +157,6 @@ def test_the_pressure_never_overshoots_a_constant_command(
     assert low * time - rounding <= area <= high * time + rounding
 
 
-@pytest.mark.parametrize(
-    ('start', 'target', 'constant'), [(0.0, 1e5, 0.03), (1e5, 0.0, 0.07), (0.0, -5e4, 0.07)]
-)
-def test_after_one_time_constant_the_pressure_has_changed_by_63_percent(
-    start: float, target: float, constant: float
-) -> None:
-    reached, _ = ACTUATOR.follow(start, target, 0.0, constant)
-    assert (reached - start) / (target - start) == pytest.approx(1 - math.exp(-1))
-
-
-def test_the_pressure_lags_a_long_ramp_by_the_time_constant() -> None:
-    reached, _ = ACTUATOR.follow(0.0, 0.0, 1e4, 3.0)
-    assert reached == pytest.approx(1e4 * (3.0 - 0.03), rel=1e-9)
-    reached, _ = ACTUATOR.follow(0.0, 0.0, -1e4, 3.0)
-    assert reached == pytest.approx(-1e4 * (3.0 - 0.07), rel=1e-9)
-
-
 @given(st.floats(1e-6, 1e-3), st.sampled_from([-1.0, 1.0]), st.floats(0.01, 1.0))
 def test_the_pressure_of_a_pulse_gives_its_impulse(
     size: float, sign: float, duration: float
@@ -194,15 +175,13 @@ def test_the_torque_is_proportional_up_to_saturation() -> None:
     np.testing.assert_allclose(torques, [0.0, 0.005, -0.005, 0.01, 0.01, -0.01])
 
 
-@pytest.mark.parametrize('pressure', [2.1e5, -9e4, math.nan, math.inf])
-def test_pressures_out_of_range_are_rejected(pressure: float) -> None:
-    with pytest.raises(ValueError, match=r'^pressure = .* Pa must'):
-        ACTUATOR.check_command(pressure)
+def test_pressures_out_of_range_are_rejected() -> None:
+    for pressure in [2.1e5, -9e4, math.nan, math.inf]:
+        with pytest.raises(ValueError, match=r'^pressure = .* Pa must'):
+            ACTUATOR.check_command(pressure)
 
 
-@pytest.mark.parametrize(
-    'wrong', [{'filling_time': 0.0}, {'venting_time': -1.0}, {'lowest_pressure': 1.0}]
-)
-def test_parameters_out_of_range_are_rejected(wrong: dict[str, float]) -> None:
-    with pytest.raises(ValueError, match='must lie in the range'):
-        PneumaticActuator(**wrong)
+def test_parameters_out_of_range_are_rejected() -> None:
+    for wrong in [{'filling_time': 0.0}, {'venting_time': -1.0}, {'lowest_pressure': 1.0}]:
+        with pytest.raises(ValueError, match='must lie in the range'):
+            PneumaticActuator(**wrong)

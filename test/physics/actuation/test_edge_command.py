@@ -4,7 +4,6 @@
 from __future__ import annotations
 
 import math
-from typing import Any
 
 import numpy as np
 import pytest
@@ -22,9 +21,8 @@ KICK, PRESSURE, PULSE = CommandKind
 CHAIN = Chain(number_of_rotors=6)
 
 
-@pytest.mark.parametrize(
-    ('fields', 'complaint'),
-    [
+def test_a_command_with_invalid_times_is_rejected() -> None:
+    for fields, complaint in [
         ({'kind': KICK, 'duration': 0.5}, 'duration of a kick = 0.5 s must be 0'),
         ({'kind': KICK, 'ramp_up': math.nan}, 'ramp_up of a kick = nan s must be 0'),
         ({'kind': PULSE, 'duration': -1.0}, 'duration = -1 s must be a finite number'),
@@ -50,27 +48,20 @@ CHAIN = Chain(number_of_rotors=6)
             {'kind': PRESSURE, 'value': 3e5},
             'pressure = 300000 Pa must lie in the range',
         ),
-    ],
-)
-def test_a_command_with_invalid_times_is_rejected(fields: dict[str, Any], complaint: str) -> None:
-    with pytest.raises(ValueError, match=complaint):
-        EdgeCommand(**{'edge': Edge.FIRST, 'value': 0.0, **fields}).check(LIMITS, ACTUATOR)
+    ]:
+        with pytest.raises(ValueError, match=complaint):
+            EdgeCommand(**{'edge': Edge.FIRST, 'value': 0.0, **fields}).check(LIMITS, ACTUATOR)
 
 
-@pytest.mark.parametrize(
-    ('command', 'instantaneous'),
-    [
+def test_kicks_and_pulses_without_duration_are_impulses() -> None:
+    for command, instantaneous in [
         (EdgeCommand(Edge.FIRST, KICK, 1.0), True),
         (EdgeCommand(Edge.FIRST, PULSE, 1.0), True),
         (EdgeCommand(Edge.FIRST, PULSE, 1.0, ramp_up=0.1), False),
         (EdgeCommand(Edge.FIRST, PULSE, 1.0, 0.1), False),
         (EdgeCommand(Edge.FIRST, PRESSURE, 1.0), False),
-    ],
-)
-def test_kicks_and_pulses_without_duration_are_impulses(
-    command: EdgeCommand, instantaneous: bool
-) -> None:
-    assert command.instantaneous == instantaneous
+    ]:
+        assert command.instantaneous == instantaneous
 
 
 def test_the_impulses_of_a_kick_give_its_speed_along_the_mode() -> None:
@@ -89,12 +80,12 @@ def test_a_pulse_without_duration_acts_for_one_period() -> None:
         pulse.impulses(CHAIN, mode, None)
 
 
-@pytest.mark.parametrize('speed', [0.5, -0.5])
-def test_a_kick_converted_to_a_pressure_keeps_its_impulse(speed: float) -> None:
-    kick = EdgeCommand(Edge.FIRST, KICK, speed)
-    pressure = kick.as_pressure(CHAIN, ACTUATOR, 0.1)
-    assert (pressure.kind, pressure.duration) == (PRESSURE, 0.1)
-    drive = EdgeDrive(ACTUATOR)
-    drive.command(pressure, Edge.FIRST, 0.0)
-    impulse = drive.mean_torque(0.0, 5.0).torque * 5.0
-    assert impulse == pytest.approx(CHAIN.moment_of_inertia * speed, rel=1e-9)
+def test_a_kick_converted_to_a_pressure_keeps_its_impulse() -> None:
+    for speed in [0.5, -0.5]:
+        kick = EdgeCommand(Edge.FIRST, KICK, speed)
+        pressure = kick.as_pressure(CHAIN, ACTUATOR, 0.1)
+        assert (pressure.kind, pressure.duration) == (PRESSURE, 0.1)
+        drive = EdgeDrive(ACTUATOR)
+        drive.command(pressure, Edge.FIRST, 0.0)
+        impulse = drive.mean_torque(0.0, 5.0).torque * 5.0
+        assert impulse == pytest.approx(CHAIN.moment_of_inertia * speed, rel=1e-9)

@@ -58,31 +58,31 @@ def torques(drive: EdgeDrive, start: float, end: float) -> Array:
     return np.array([drive.mean_torque(t, t + PERIOD).torque for t in starts])
 
 
-@pytest.mark.parametrize('side', [Edge.FIRST, Edge.LAST])
-@pytest.mark.parametrize('duration', [0.0005, 0.0301])
-@pytest.mark.parametrize('ramps', [(0.0, 0.0), (0.0017, 0.0), (0.02, 0.05)])
-def test_a_short_pulse_gives_its_full_impulse(
-    ramps: tuple[float, float], duration: float, side: Edge
-) -> None:
-    drive = EdgeDrive(ACTUATOR)
-    command = EdgeCommand(side, CommandKind.PULSE, -0.05, duration, *ramps)
-    drive.command(command, side, 1.0)
-    given = torques(drive, 1.0, 1.3).sum() * PERIOD
-    sense = 1 if side is Edge.FIRST else -1
-    assert given == pytest.approx(-0.05 * sense * (duration + sum(ramps) / 2), rel=1e-9)
-    assert not drive.active
+def test_a_short_pulse_gives_its_full_impulse() -> None:
+    for ramps in [(0.0, 0.0), (0.0017, 0.0), (0.02, 0.05)]:
+        for duration in [0.0005, 0.0301]:
+            for side in [Edge.FIRST, Edge.LAST]:
+                drive = EdgeDrive(ACTUATOR)
+                command = EdgeCommand(side, CommandKind.PULSE, -0.05, duration, *ramps)
+                drive.command(command, side, 1.0)
+                given = torques(drive, 1.0, 1.3).sum() * PERIOD
+                sense = 1 if side is Edge.FIRST else -1
+                assert given == pytest.approx(
+                    -0.05 * sense * (duration + sum(ramps) / 2), rel=1e-9
+                )
+                assert not drive.active
 
 
-@pytest.mark.parametrize('side', [Edge.FIRST, Edge.LAST])
-def test_a_pressure_command_gives_the_torque_of_the_chamber(side: Edge) -> None:
-    drive = EdgeDrive(ACTUATOR)
-    drive.command(EdgeCommand(side, CommandKind.PRESSURE, 1e5, 0.1, 0.02, 0.03), side, 2.0)
-    given = torques(drive, 2.0, 2.3)
-    command = trapezoid(1e5, 0.02, 0.1, 0.03)
-    integrals = [ACTUATOR.response(0.0, command, 0.0, PERIOD * n)[1] for n in range(76)]
-    sense = 1 if side is Edge.FIRST else -1
-    expected = sense * ACTUATOR.torque_per_pressure * np.diff(integrals) / PERIOD
-    np.testing.assert_allclose(given, expected, atol=1e-13)
+def test_a_pressure_command_gives_the_torque_of_the_chamber() -> None:
+    for side in [Edge.FIRST, Edge.LAST]:
+        drive = EdgeDrive(ACTUATOR)
+        drive.command(EdgeCommand(side, CommandKind.PRESSURE, 1e5, 0.1, 0.02, 0.03), side, 2.0)
+        given = torques(drive, 2.0, 2.3)
+        command = trapezoid(1e5, 0.02, 0.1, 0.03)
+        integrals = [ACTUATOR.response(0.0, command, 0.0, PERIOD * n)[1] for n in range(76)]
+        sense = 1 if side is Edge.FIRST else -1
+        expected = sense * ACTUATOR.torque_per_pressure * np.diff(integrals) / PERIOD
+        np.testing.assert_allclose(given, expected, atol=1e-13)
 
 
 def test_missing_frames_do_not_change_the_later_pressure() -> None:

@@ -42,21 +42,21 @@ def test_offsets_agree_with_a_least_squares_fit_with_priors() -> None:
     assert offsets.deviations[0] == pytest.approx(np.sqrt(covariance[0, 0]), rel=1e-9)
 
 
-@pytest.mark.parametrize('passed', [False, True])
-def test_an_offset_is_separated_from_a_rest_angle_after_the_wall_has_passed(passed: bool) -> None:
-    random, rotors, frames = np.random.default_rng(2), 400, 100
-    true, rest = random.normal(0, 0.3, rotors), random.normal(0, REST, rotors)
-    offsets = EncoderOffsets(rotors, SETTINGS)
-    for frame in range(frames):
-        side = -1 if passed and frame >= frames // 2 else 1
-        noisy = true + side * rest + random.normal(0, NOISE, rotors)
-        offsets.update(noisy, np.full(rotors, side), NOISE**2)
-    of_noise = NOISE / np.sqrt(frames)
-    expected = of_noise if passed else np.hypot(of_noise, REST)
-    assert offsets.deviations == pytest.approx(np.full(rotors, expected), rel=0.01)
-    scores = (offsets.values - true) / offsets.deviations
-    low, high = stats.chi2.ppf([5e-4, 1 - 5e-4], rotors)
-    assert low < scores @ scores < high
+def test_an_offset_is_separated_from_a_rest_angle_after_the_wall_has_passed() -> None:
+    for passed in [False, True]:
+        random, rotors, frames = np.random.default_rng(2), 400, 100
+        true, rest = random.normal(0, 0.3, rotors), random.normal(0, REST, rotors)
+        offsets = EncoderOffsets(rotors, SETTINGS)
+        for frame in range(frames):
+            side = -1 if passed and frame >= frames // 2 else 1
+            noisy = true + side * rest + random.normal(0, NOISE, rotors)
+            offsets.update(noisy, np.full(rotors, side), NOISE**2)
+        of_noise = NOISE / np.sqrt(frames)
+        expected = of_noise if passed else np.hypot(of_noise, REST)
+        assert offsets.deviations == pytest.approx(np.full(rotors, expected), rel=0.01)
+        scores = (offsets.values - true) / offsets.deviations
+        low, high = stats.chi2.ppf([5e-4, 1 - 5e-4], rotors)
+        assert low < scores @ scores < high
 
 
 def test_unknown_angles_and_rotors_about_the_wall_have_no_information() -> None:

@@ -30,37 +30,35 @@ def due(waiting: ImpulseQueue, stamp: int) -> list[tuple[Array, int]]:
     ]
 
 
-@pytest.mark.parametrize('given', list(permutations([(15, ONE), (20, OTHER), (31, LAST)])))
-def test_an_impulse_acts_from_the_next_frame(
-    given: list[tuple[int, Array]],
-) -> None:
-    waiting = ImpulseQueue()
-    assert waiting.due(10) == []
-    for stamp, impulses in given:
-        waiting.add(stamp, impulses)
-    assert sorted(ago for _, ago in due(waiting, 20)) == [0, 5]
-    assert waiting.due(30) == []
-    assert due(waiting, 40) == [(LAST, 9)]
-    assert waiting.due(50) == []
-    assert waiting.late == 0
+def test_an_impulse_acts_from_the_next_frame() -> None:
+    for order in permutations([(15, ONE), (20, OTHER), (31, LAST)]):
+        waiting = ImpulseQueue()
+        assert waiting.due(10) == []
+        for stamp, impulses in order:
+            waiting.add(stamp, impulses)
+        assert sorted(ago for _, ago in due(waiting, 20)) == [0, 5]
+        assert waiting.due(30) == []
+        assert due(waiting, 40) == [(LAST, 9)]
+        assert waiting.due(50) == []
+        assert waiting.late == 0
 
 
-@pytest.mark.parametrize('stamp', [19, 20])
-def test_a_late_impulse_is_counted_and_has_no_effect(stamp: int) -> None:
-    waiting = ImpulseQueue()
-    waiting.due(20)
-    waiting.add(stamp, ONE)
-    assert waiting.due(30) == []
-    assert waiting.late == 1
+def test_a_late_impulse_is_counted_and_has_no_effect() -> None:
+    for stamp in [19, 20]:
+        waiting = ImpulseQueue()
+        waiting.due(20)
+        waiting.add(stamp, ONE)
+        assert waiting.due(30) == []
+        assert waiting.late == 1
 
 
-@pytest.mark.parametrize('stamp', [None, 0, 2 * DAY])
-def test_an_impulse_of_an_unknown_clock_acts_from_the_next_frame(stamp: int | None) -> None:
-    waiting = ImpulseQueue()
-    waiting.due(DAY)
-    waiting.add(stamp, ONE)
-    assert due(waiting, DAY + 1) == [(ONE, 0)]
-    assert waiting.late == 0
+def test_an_impulse_of_an_unknown_clock_acts_from_the_next_frame() -> None:
+    for stamp in [None, 0, 2 * DAY]:
+        waiting = ImpulseQueue()
+        waiting.due(DAY)
+        waiting.add(stamp, ONE)
+        assert due(waiting, DAY + 1) == [(ONE, 0)]
+        assert waiting.late == 0
 
 
 def test_impulses_are_dropped_when_the_clock_is_set_back() -> None:
@@ -100,51 +98,51 @@ def test_wrapped_angles_are_unwrapped(seed: int) -> None:
     assert (np.isnan(read) == np.isnan(seen)).all()
 
 
-@pytest.mark.parametrize('value', [math.nan, math.inf, -math.inf, 1e12, -1e300])
-def test_an_invalid_angle_is_unseen(value: float) -> None:
-    unwrapper = Unwrapper(2)
-    unwrapper.unwrapped(np.array([1.0, 2.0]))
-    read = unwrapper.unwrapped(np.array([1.1, value]))
-    assert read[0] == 1.1
-    assert math.isnan(read[1])
-    np.testing.assert_array_equal(unwrapper.last, [1.1, 2.0])
+def test_an_invalid_angle_is_unseen() -> None:
+    for value in [math.nan, math.inf, -math.inf, 1e12, -1e300]:
+        unwrapper = Unwrapper(2)
+        unwrapper.unwrapped(np.array([1.0, 2.0]))
+        read = unwrapper.unwrapped(np.array([1.1, value]))
+        assert read[0] == 1.1
+        assert math.isnan(read[1])
+        np.testing.assert_array_equal(unwrapper.last, [1.1, 2.0])
 
 
-@pytest.mark.parametrize('name', CHAINS)
-def test_unseen_rotors_are_filled_in_from_the_orbit_with_their_turns(name: str) -> None:
-    chain = CHAINS[name]
-    frame = chain.uniform_state(1) + 0.01
-    frame[[2, 3, 8]] = np.nan
-    last = chain.uniform_state(1)
-    last[3] += 4 * math.pi
-    expected = there(chain, frame)
-    whole = complete(chain, frame, None, expected, last)
-    assert whole.from_orbit
-    assert not whole.others
-    np.testing.assert_array_equal(np.flatnonzero(whole.filled), [2, 3, 8])
-    assert whole.angles[2] == expected.angles[2]
-    assert whole.angles[3] == pytest.approx(expected.angles[3] + 4 * math.pi)
-    seen = [0, 1, 4, 5, 6, 7]
-    np.testing.assert_array_equal(whole.angles[seen], frame[seen])
-    assert whole.rates is None
+def test_unseen_rotors_are_filled_in_from_the_orbit_with_their_turns() -> None:
+    for name in CHAINS:
+        chain = CHAINS[name]
+        frame = chain.uniform_state(1) + 0.01
+        frame[[2, 3, 8]] = np.nan
+        last = chain.uniform_state(1)
+        last[3] += 4 * math.pi
+        expected = there(chain, frame)
+        whole = complete(chain, frame, None, expected, last)
+        assert whole.from_orbit
+        assert not whole.others
+        np.testing.assert_array_equal(np.flatnonzero(whole.filled), [2, 3, 8])
+        assert whole.angles[2] == expected.angles[2]
+        assert whole.angles[3] == pytest.approx(expected.angles[3] + 4 * math.pi)
+        seen = [0, 1, 4, 5, 6, 7]
+        np.testing.assert_array_equal(whole.angles[seen], frame[seen])
+        assert whole.rates is None
 
 
-@pytest.mark.parametrize('name', CHAINS)
-def test_one_distant_rotor_is_unseen_and_two_adjacent_ones_are_a_domain(name: str) -> None:
-    chain = CHAINS[name]
-    far = math.pi / 2 if name == 'spinner' else chain.rest_angle
-    for off, filled, others in (([4], [4], False), ([0], [0], False), ([4, 5], [], True)):
-        frame = chain.uniform_state(1)
-        frame[off] += far + 0.05
-        rates = np.zeros(9)
-        whole = complete(chain, frame, rates, there(chain, frame), frame)
-        assert np.flatnonzero(whole.filled).tolist() == filled
-        assert whole.others == others
-        assert whole.rates is not None
-        np.testing.assert_array_equal(whole.rates[filled], there(chain, frame).rates[filled])
-        near = chain.uniform_state(1)
-        near[off] += far - 0.05
-        assert not complete(chain, near, None, there(chain, near), near).filled.any()
+def test_one_distant_rotor_is_unseen_and_two_adjacent_ones_are_a_domain() -> None:
+    for name in CHAINS:
+        chain = CHAINS[name]
+        far = math.pi / 2 if name == 'spinner' else chain.rest_angle
+        for off, filled, others in (([4], [4], False), ([0], [0], False), ([4, 5], [], True)):
+            frame = chain.uniform_state(1)
+            frame[off] += far + 0.05
+            rates = np.zeros(9)
+            whole = complete(chain, frame, rates, there(chain, frame), frame)
+            assert np.flatnonzero(whole.filled).tolist() == filled
+            assert whole.others == others
+            assert whole.rates is not None
+            np.testing.assert_array_equal(whole.rates[filled], there(chain, frame).rates[filled])
+            near = chain.uniform_state(1)
+            near[off] += far - 0.05
+            assert not complete(chain, near, None, there(chain, near), near).filled.any()
 
 
 def test_missing_rates_are_filled_in_from_the_orbit() -> None:
@@ -191,13 +189,13 @@ def noise_of(times: Array, rates: Array) -> float:
     return noise.deviation
 
 
-@pytest.mark.parametrize('deviation', [0.01, 1.0])
-def test_white_noise_is_measured(deviation: float) -> None:
-    generator = np.random.default_rng(5)
-    times = PERIOD * np.arange(4000)
-    rates = deviation * generator.standard_normal((4000, 30))
-    rates[:, 7] = np.nan
-    assert noise_of(times, rates) == pytest.approx(deviation, rel=0.02)
+def test_white_noise_is_measured() -> None:
+    for deviation in [0.01, 1.0]:
+        generator = np.random.default_rng(5)
+        times = PERIOD * np.arange(4000)
+        rates = deviation * generator.standard_normal((4000, 30))
+        rates[:, 7] = np.nan
+        assert noise_of(times, rates) == pytest.approx(deviation, rel=0.02)
 
 
 def test_phonons_do_not_count_as_noise() -> None:

@@ -24,16 +24,16 @@ def likelihood() -> FrameLikelihood:
     return FrameLikelihood(2.0, GIVEN)
 
 
-@pytest.mark.parametrize('sigma', [0.01, 0.1])
-def test_the_density_integrates_to_one(sigma: float) -> None:
-    floor = likelihood().floor(sigma**2)
+def test_the_density_integrates_to_one() -> None:
+    for sigma in [0.01, 0.1]:
+        floor = likelihood().floor(sigma**2)
 
-    def density(apart: float) -> float:
-        return math.exp(frame_likelihood(np.array([apart]), sigma**2, GIVEN.bound, floor))
+        def density(apart: float, sigma: float = sigma, floor: float = floor) -> float:
+            return math.exp(frame_likelihood(np.array([apart]), sigma**2, GIVEN.bound, floor))
 
-    whole = quad(density, -math.pi, math.pi, points=(-3 * sigma, 0, 3 * sigma), limit=200)[0]
-    of_nothing = 2 * math.pi * math.exp(floor)
-    assert of_nothing / whole == pytest.approx(GIVEN.wrong, rel=0.05)
+        whole = quad(density, -math.pi, math.pi, points=(-3 * sigma, 0, 3 * sigma), limit=200)[0]
+        of_nothing = 2 * math.pi * math.exp(floor)
+        assert of_nothing / whole == pytest.approx(GIVEN.wrong, rel=0.05)
 
 
 def test_the_step_agrees_with_weighted_least_squares() -> None:
@@ -53,15 +53,15 @@ def test_the_step_agrees_with_weighted_least_squares() -> None:
     assert np.isnan(view.residuals).nonzero()[0].tolist() == [0, 5]
 
 
-@pytest.mark.parametrize('rotor', [1, 2, 3])
-def test_no_single_reading_moves_the_arc_by_more_than_the_bound(rotor: int) -> None:
-    sigma = 0.01
-    for size in np.geomspace(0.001, 3.0, 60).tolist():
-        differences = np.zeros(ROTORS)
-        differences[FIRST + rotor] = size
-        view = likelihood().linearise(2.0, FIRST, TANGENT, differences, sigma**2)
-        moved = abs(view.arc - 2.0) * math.sqrt(view.information) / sigma
-        assert moved < GIVEN.bound
+def test_no_single_reading_moves_the_arc_by_more_than_the_bound() -> None:
+    for rotor in [1, 2, 3]:
+        sigma = 0.01
+        for size in np.geomspace(0.001, 3.0, 60).tolist():
+            differences = np.zeros(ROTORS)
+            differences[FIRST + rotor] = size
+            view = likelihood().linearise(2.0, FIRST, TANGENT, differences, sigma**2)
+            moved = abs(view.arc - 2.0) * math.sqrt(view.information) / sigma
+            assert moved < GIVEN.bound
 
 
 def test_an_uncertain_arc_does_not_turn_moving_rotors_into_outliers() -> None:
@@ -104,20 +104,20 @@ def view_of(differences: Array, variance: float = 1.0) -> LinearisedMeasurement:
 
 
 @pytest.mark.parametrize(('wave', 'angle'), [(0.0, 0.0), (0.1, 0.05), (0.1, 0.5)])
-@pytest.mark.parametrize('given', [None, 0.02])
-def test_noise_is_separated_from_waves(wave: float, angle: float, given: float | None) -> None:
-    random, noise = np.random.default_rng(3), FrameNoise(given)
-    phases = random.uniform(0, 2 * math.pi, ROTORS)
-    for frame in range(3000):
-        differences = wave * np.sin(angle * frame + phases)
-        differences += 0.02 * random.standard_normal(ROTORS)
-        noise.update(view_of(differences))
-    # At half a radian a frame an eightieth of the wave amplitude counts as noise.
-    rel = 0.05 if angle < 0.1 else 0.2
-    assert noise.deviation == pytest.approx(0.02, rel=rel)
-    assert math.sqrt(noise.persistent) == pytest.approx(wave / math.sqrt(2), rel=0.1, abs=1e-9)
-    expected = math.hypot(0.02, wave / math.sqrt(2))
-    assert math.sqrt(noise.scatter) == pytest.approx(expected, rel=0.25)
+def test_noise_is_separated_from_waves(wave: float, angle: float) -> None:
+    for given in [None, 0.02]:
+        random, noise = np.random.default_rng(3), FrameNoise(given)
+        phases = random.uniform(0, 2 * math.pi, ROTORS)
+        for frame in range(3000):
+            differences = wave * np.sin(angle * frame + phases)
+            differences += 0.02 * random.standard_normal(ROTORS)
+            noise.update(view_of(differences))
+        # At half a radian a frame an eightieth of the wave amplitude counts as noise.
+        rel = 0.05 if angle < 0.1 else 0.2
+        assert noise.deviation == pytest.approx(0.02, rel=rel)
+        assert math.sqrt(noise.persistent) == pytest.approx(wave / math.sqrt(2), rel=0.1, abs=1e-9)
+        expected = math.hypot(0.02, wave / math.sqrt(2))
+        assert math.sqrt(noise.scatter) == pytest.approx(expected, rel=0.25)
 
 
 def test_a_given_noise_that_is_too_small_is_corrected() -> None:

@@ -16,7 +16,7 @@ from chains import (
     WOBBLER,
     chain_of,
 )
-from hypothesis import assume, given
+from hypothesis import given
 from hypothesis import strategies as st
 
 from soliton_linkage.dynamics.elastic import simulate
@@ -24,18 +24,15 @@ from soliton_linkage.estimation.motion_class import (
     NO_EVIDENCE,
     MotionEvidence,
     MotionObserver,
-    next_deviation,
 )
 from soliton_linkage.linear.rigidity import mode_towards_last
-from soliton_linkage.linkage.chain import Array, Chain, Motion, staggered
+from soliton_linkage.linkage.chain import Array, Motion
 from soliton_linkage.solitons.static_wall import site_arc, static_wall
 
 ROTORS = 50
 SLIGHT_WOBBLER = (0.8, 0.77)
 NEARLY_WOBBLING = (0.57, 0.97)
 FLIPPERS = (WIDE_FLIPPER, FLIPPER, NEARLY_WOBBLING, SLIGHT_WOBBLER, WOBBLER, STRONG_WOBBLER)
-LEAN_RATIOS = st.floats(0.02, 0.98) | st.floats(1.02, 1.98)
-REST_ANGLES = st.floats(0.01, 1.5)
 
 
 def motion_evidence(angles: Array, noise: float = 0.0) -> MotionEvidence:
@@ -61,41 +58,9 @@ def walls(example: tuple[float, float], rotors: int = ROTORS) -> list[Array]:
     ]
 
 
-def next_deviations(inner: Array, rest_angle: float, ratio: float) -> tuple[Array, Array]:
-    """Return the deviations F of outer neighbours for a ratio lambda, and their slopes."""
-    pitch = 2 * math.sin(rest_angle) * (1 + ratio) / (1 - ratio)
-    found = [next_deviation(each, rest_angle, pitch) for each in inner.tolist()]
-    return np.array([each for each, _ in found]), np.array([slope for _, slope in found])
-
-
 def ratio_of(example: tuple[float, float]) -> float:
     d = chain_of(example, 4).lean_ratio
     return (1 - d) / (1 + d)
-
-
-@given(REST_ANGLES, LEAN_RATIOS, st.floats(-1, 0.3))
-def test_a_bar_keeps_its_length_between_neighbours(
-    rest_angle: float, lean_ratio: float, share: float
-) -> None:
-    ratio, deviation = (1 - lean_ratio) / (1 + lean_ratio), share * rest_angle
-    assume(lean_ratio * math.sin(rest_angle) < 1.98)
-    chain = Chain(2, 1.0, lean_ratio / (2 * math.sin(rest_angle)), rest_angle)
-    inner = np.array([deviation])
-    theta = rest_angle + np.array(
-        [float(next_deviations(inner, rest_angle, ratio)[0][0]), deviation]
-    )
-    # On the left of a wall the outer neighbour comes first; it leans right.
-    limit = 1e-13 * (chain.spacing + 2 * chain.rotor_length) ** 2 / chain.rest_length
-    assert abs(float(chain.spring_extensions(staggered(theta))[0])) < limit
-
-
-@given(REST_ANGLES, LEAN_RATIOS)
-def test_the_slope_at_rest_is_the_tail_ratio(rest_angle: float, lean_ratio: float) -> None:
-    ratio, zero = (1 - lean_ratio) / (1 + lean_ratio), np.zeros(1)
-    assume(lean_ratio * math.sin(rest_angle) < 1.98)
-    deviations, slopes = next_deviations(zero, rest_angle, ratio)
-    assert abs(float(deviations[0])) < 1e-7
-    assert slopes[0] == pytest.approx(ratio, abs=1e-5)
 
 
 @pytest.mark.parametrize('example', EXAMPLES)
@@ -119,7 +84,7 @@ def test_the_tail_ratio_of_a_wall_at_rest_agrees_with_theory(
         assert evidence.tail_ratio == pytest.approx(expected, rel=0.1, abs=0.002)
 
 
-@pytest.mark.parametrize('noise', [0.01, 0.05, 0.2])
+@pytest.mark.parametrize('noise', [0.01, 0.2])
 @pytest.mark.parametrize('example', EXAMPLES)
 def test_flippers_and_spinners_are_never_confused(
     example: tuple[float, float], noise: float
@@ -140,7 +105,7 @@ def test_flippers_and_spinners_are_never_confused(
     assert seen >= 0.9 * count
 
 
-@pytest.mark.parametrize('noise', [0.003, 0.01, 0.05])
+@pytest.mark.parametrize('noise', [0.003, 0.05])
 @pytest.mark.parametrize('example', FLIPPERS)
 def test_a_class_is_wrong_no_more_often_than_stated(
     example: tuple[float, float], noise: float
@@ -156,20 +121,6 @@ def test_a_class_is_wrong_no_more_often_than_stated(
             wrong += found.motion is not motion
     # The limit is four standard deviations of a Poisson count.
     assert wrong <= doubt + 4 * math.sqrt(doubt + 1)
-
-
-@pytest.mark.parametrize('example', [FLIPPER, WOBBLER, STRONG_WOBBLER])
-def test_at_a_noise_of_a_hundredth_one_frame_detects_wobble(
-    example: tuple[float, float],
-) -> None:
-    random = np.random.default_rng(23)
-    frames, motion = walls(example), chain_of(example, 4).motion
-    found = [
-        motion_evidence(frames[n % len(frames)] + 0.01 * random.standard_normal(ROTORS), 0.01)
-        for n in range(200)
-    ]
-    right = sum(each.verdict().motion is motion for each in found)
-    assert right >= 160
 
 
 @pytest.mark.parametrize('example', [FLIPPER, SLIGHT_WOBBLER, WOBBLER])
@@ -244,15 +195,15 @@ def test_symmetries_do_not_change_the_evidence(example: tuple[float, float]) -> 
 
 
 @pytest.mark.parametrize('example', EXAMPLES)
-@pytest.mark.parametrize('noise', [0.0, 0.01, 0.05])
-def test_without_a_wall_there_is_no_evidence(example: tuple[float, float], noise: float) -> None:
-    random = np.random.default_rng(41)
-    chain = chain_of(example, ROTORS)
-    for lean in (-1, 1):
-        for _ in range(50):
-            angles = chain.uniform_state(lean) + noise * random.standard_normal(ROTORS)
-            assert says_nothing(motion_evidence(angles, noise))
-    assert NO_EVIDENCE.verdict().motion is None
+def test_without_a_wall_there_is_no_evidence(example: tuple[float, float]) -> None:
+    for noise in [0.0, 0.05]:
+        random = np.random.default_rng(41)
+        chain = chain_of(example, ROTORS)
+        for lean in (-1, 1):
+            for _ in range(50):
+                angles = chain.uniform_state(lean) + noise * random.standard_normal(ROTORS)
+                assert says_nothing(motion_evidence(angles, noise))
+        assert NO_EVIDENCE.verdict().motion is None
 
 
 @given(st.integers(0, 9), st.floats(0.01, 3))
@@ -286,10 +237,10 @@ def test_a_moving_wall_keeps_its_class(example: tuple[float, float]) -> None:
     assert found.motion is chain.motion
 
 
-@pytest.mark.parametrize('noise', [-0.1, math.nan, math.inf])
-def test_an_invalid_noise_is_rejected(noise: float) -> None:
-    with pytest.raises(ValueError, match=f'noise = {noise} rad must be a finite number'):
-        motion_evidence(np.zeros(20), noise)
+def test_an_invalid_noise_is_rejected() -> None:
+    for noise in [-0.1, math.nan, math.inf]:
+        with pytest.raises(ValueError, match=f'noise = {noise} rad must be a finite number'):
+            motion_evidence(np.zeros(20), noise)
 
 
 def test_angles_of_several_frames_are_rejected() -> None:

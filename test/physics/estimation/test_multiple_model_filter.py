@@ -69,36 +69,38 @@ def steadiness(motion: MultipleModelFilter) -> float:
     return float(motion.filters['weight'][0] / motion.filters['weight'][:21].sum())
 
 
-@pytest.mark.parametrize('at_edge', [False, True])
-@pytest.mark.parametrize('disturbance', [0.0, 1.0])
-def test_filters_agree_with_a_naive_kalman_filter(at_edge: bool, disturbance: float) -> None:
-    # The limit of the odds is too large for the other filter to gain weight.
-    settings = FilterSettings(
-        rate_changes=(0.02,),
-        biases=(0.01,),
-        restart_odds=600.0,
-        disturbance=disturbance / 2500.0,
-    )
-    acceleration, bandwidth = 3.0 * disturbance, 4.0 * disturbance
-    wander = 4e-4 * (bandwidth * PERIOD) ** 2 * np.array([3, 3 * bandwidth**2, 0, bandwidth**4])
-    arcs = measured(200, 0.02, 1)
-    motion = MultipleModelFilter(0.0, 4e-4, 50.0, SITE_ARC, settings)
-    changed, error = 0.02 + 0.03 * at_edge, 0.01 * SITE_ARC
-    twins = [
-        Twin(4e-4, 0.0, 0.0, disturbance, 0.0),
-        Twin(4e-4, changed, error, disturbance, 0.02 * 50.0 * (disturbance == 0)),
-    ]
-    for arc in arcs[1:].tolist():
-        speed = abs(motion.rate)
-        motion.predict(PERIOD, at_edge, 1.0, acceleration, bandwidth)
-        motion.update(arc, 4e-4)
-        for twin in twins:
-            twin.predict(PERIOD, speed, acceleration, wander)
-            twin.correct(arc, 4e-4)
-    for number, twin in enumerate(twins):
-        found = motion.filters[number]
-        assert found['state'] == pytest.approx(twin.state, rel=1e-8, abs=1e-12)
-        assert found['covariance'] == pytest.approx(twin.spread, rel=1e-8, abs=1e-14)
+def test_filters_agree_with_a_naive_kalman_filter() -> None:
+    for disturbance in [0.0, 1.0]:
+        for at_edge in [False, True]:
+            # The limit of the odds is too large for the other filter to gain weight.
+            settings = FilterSettings(
+                rate_changes=(0.02,),
+                biases=(0.01,),
+                restart_odds=600.0,
+                disturbance=disturbance / 2500.0,
+            )
+            acceleration, bandwidth = 3.0 * disturbance, 4.0 * disturbance
+            wander = (
+                4e-4 * (bandwidth * PERIOD) ** 2 * np.array([3, 3 * bandwidth**2, 0, bandwidth**4])
+            )
+            arcs = measured(200, 0.02, 1)
+            motion = MultipleModelFilter(0.0, 4e-4, 50.0, SITE_ARC, settings)
+            changed, error = 0.02 + 0.03 * at_edge, 0.01 * SITE_ARC
+            twins = [
+                Twin(4e-4, 0.0, 0.0, disturbance, 0.0),
+                Twin(4e-4, changed, error, disturbance, 0.02 * 50.0 * (disturbance == 0)),
+            ]
+            for arc in arcs[1:].tolist():
+                speed = abs(motion.rate)
+                motion.predict(PERIOD, at_edge, 1.0, acceleration, bandwidth)
+                motion.update(arc, 4e-4)
+                for twin in twins:
+                    twin.predict(PERIOD, speed, acceleration, wander)
+                    twin.correct(arc, 4e-4)
+            for number, twin in enumerate(twins):
+                found = motion.filters[number]
+                assert found['state'] == pytest.approx(twin.state, rel=1e-8, abs=1e-12)
+                assert found['covariance'] == pytest.approx(twin.spread, rel=1e-8, abs=1e-14)
 
 
 def test_a_steady_wall_uses_all_measurements() -> None:
@@ -112,16 +114,16 @@ def test_a_steady_wall_uses_all_measurements() -> None:
     assert motion.arc_deviation == pytest.approx(2 * noise / math.sqrt(frames), rel=0.01)
 
 
-@pytest.mark.parametrize('calm', [0.0, 0.1])
-def test_a_wall_among_waves_is_not_assumed_to_be_steady(calm: float) -> None:
-    noise, settings = 0.05, FilterSettings()
-    arcs = measured(1500, noise, 2)
-    motion = MultipleModelFilter(float(arcs[0]), noise**2, 50.0, SITE_ARC, settings)
-    for arc in arcs[1:].tolist():
-        motion.predict(PERIOD, False)
-        motion.update(arc, noise**2, calm=calm)
-    most = 1 / (1 + math.exp(calm * LEAST_ODDS))
-    assert 0.4 < steadiness(motion) <= most * (1 + 1e-9)
+def test_a_wall_among_waves_is_not_assumed_to_be_steady() -> None:
+    for calm in [0.0, 0.1]:
+        noise, settings = 0.05, FilterSettings()
+        arcs = measured(1500, noise, 2)
+        motion = MultipleModelFilter(float(arcs[0]), noise**2, 50.0, SITE_ARC, settings)
+        for arc in arcs[1:].tolist():
+            motion.predict(PERIOD, False)
+            motion.update(arc, noise**2, calm=calm)
+        most = 1 / (1 + math.exp(calm * LEAST_ODDS))
+        assert 0.4 < steadiness(motion) <= most * (1 + 1e-9)
 
 
 def test_white_noise_causes_no_detection_and_deviations_are_correct() -> None:
@@ -143,18 +145,6 @@ def test_white_noise_causes_no_detection_and_deviations_are_correct() -> None:
     assert of_noises.max() < stats.chi2.ppf(1 - 1e-4, 20)
 
 
-@pytest.mark.parametrize('share', [0.2, -0.2, -2.0])
-def test_a_kick_is_detected_before_the_wall_has_passed_two_rotors(share: float) -> None:
-    noise = 0.05
-    for seed in range(5):
-        arcs = measured(800, noise, seed)
-        arcs[600:] += share * RATE * PERIOD * np.arange(200)
-        motion, kicks = followed(arcs, noise)
-        assert kicks > 0 or steadiness(motion) < 0.5
-        assert motion.rate == pytest.approx((1 + share) * RATE, abs=5 * motion.rate_deviation)
-        assert motion.rate_deviation < 0.1 * RATE
-
-
 def test_no_single_frame_delays_the_detection_of_a_kick() -> None:
     noise, rotor = 0.01, round(SITE_ARC / RATE / PERIOD)
     for share in (0.2, -0.2, 0.5, -2.0):
@@ -169,21 +159,6 @@ def test_no_single_frame_delays_the_detection_of_a_kick() -> None:
             scores.append((motion.arc - true[frame]) / motion.arc_deviation)
         assert np.abs(scores[599 + rotor :]).max() < 6
         assert motion.impulses == 1
-
-
-def test_a_steady_wall_reaches_the_bound_nearly_always() -> None:
-    noise, ratios = 0.05, []
-    for seed in range(10):
-        arcs = measured(600, noise, seed)
-        motion = MultipleModelFilter(float(arcs[0]), noise**2, 50.0, SITE_ARC)
-        for frame, arc in enumerate(arcs[1:].tolist(), start=1):
-            motion.predict(PERIOD, False)
-            motion.update(arc, noise**2)
-            if frame > 100:
-                ratios.append(motion.arc_deviation / (2 * noise / math.sqrt(frame + 1)))
-        assert motion.impulses == 0
-    assert np.median(ratios) == pytest.approx(1, abs=0.02)
-    assert np.quantile(ratios, 0.97) < 1.1
 
 
 def test_a_random_walk_of_the_rate_is_tracked_with_correct_deviations() -> None:

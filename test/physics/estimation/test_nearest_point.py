@@ -9,7 +9,7 @@ from functools import lru_cache
 
 import numpy as np
 import pytest
-from chains import FLIPPER, SPINNER, WIDE_FLIPPER, WIDE_SPINNER, WOBBLER, chain_of
+from chains import FLIPPER, SPINNER, WIDE_SPINNER, WOBBLER, chain_of
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
@@ -55,9 +55,8 @@ def inner_arc(orbit: UniformOrbit, share: float, leg: int) -> float:
     return orbit.arc_at(site, leg % orbit.number_of_legs)
 
 
-@pytest.mark.parametrize('sigma', [0.01, 0.05])
 @pytest.mark.parametrize('example', CLASSES)
-@pytest.mark.parametrize(('share', 'leg'), [(0.0, 0), (0.513, 1)])
+@pytest.mark.parametrize(('share', 'leg', 'sigma'), [(0.0, 0, 0.05), (0.513, 1, 0.01)])
 def test_it_is_unbiased_and_reaches_the_cramer_rao_bound(
     example: Example, sigma: float, share: float, leg: int
 ) -> None:
@@ -76,7 +75,7 @@ def test_it_is_unbiased_and_reaches_the_cramer_rao_bound(
 
 
 @pytest.mark.parametrize('rotors', [3, 40])
-@pytest.mark.parametrize('example', [*CLASSES, WIDE_FLIPPER, WIDE_SPINNER])
+@pytest.mark.parametrize('example', CLASSES)
 @settings(deadline=None, max_examples=8)
 @given(share=st.floats(0, 1), off=st.floats(-0.2, 0.2))
 def test_without_noise_it_is_exact_wherever_the_wall_is(
@@ -122,20 +121,6 @@ def test_its_information_is_the_share_of_the_tangent_that_is_seen(
 
 
 @pytest.mark.parametrize('example', CLASSES)
-def test_missing_rotors_increase_the_error_by_their_information(example: Example) -> None:
-    orbit = cycle_of(example)
-    sigma, frames = 0.01, 2000
-    arc = inner_arc(orbit, 0.4, 1)
-    there, tangent = orbit.configuration(arc), tangent_at(orbit, arc)
-    there[np.argmax(np.abs(tangent))] = np.nan
-    fits = [fit_near(orbit, there + each, arc) for each in noise(orbit, sigma, 7, frames)]
-    errors = np.array([(fit.arc - arc) * math.sqrt(fit.information) for fit in fits])
-    assert fits[0].information < 0.9
-    # Three deviations of a sample of 2000.
-    assert errors.std() == pytest.approx(sigma, rel=0.05)
-
-
-@pytest.mark.parametrize('example', CLASSES)
 @settings(deadline=None, max_examples=8)
 @given(share=st.floats(0, 1), seed=st.integers(0, 2**32), orbits=st.integers(-3, 3))
 def test_whole_turns_and_cycles_have_no_effect(
@@ -156,30 +141,18 @@ def test_whole_turns_and_cycles_have_no_effect(
 
 
 @pytest.mark.parametrize('example', CLASSES)
-def test_a_frame_shifted_by_two_rotors_is_two_sites_further(example: Example) -> None:
-    orbit = cycle_of(example, 201)
-    for leg in range(orbit.number_of_legs):
-        arc = orbit.arc_at(100.3, leg)
-        frame = orbit.configuration(arc) + noise(orbit, 0.05, leg, 1)[0]
-        further = np.roll(frame, 2 if leg % 2 == 0 else -2)
-        beyond = arc + 2 * orbit.site_arc
-        way = fit_near(orbit, further, beyond).arc - fit_near(orbit, frame, arc).arc
-        assert way == pytest.approx(2 * orbit.site_arc, rel=0, abs=FITTED)
-
-
-@pytest.mark.parametrize('rotors', [40, 41])
-@pytest.mark.parametrize('example', CLASSES)
-def test_a_mirrored_frame_is_at_the_mirrored_site(example: Example, rotors: int) -> None:
-    orbit = cycle_of(example, rotors)
-    spinner = orbit.chain.motion is Motion.SPINNER
-    for leg in range(orbit.number_of_legs):
-        arc = orbit.arc_at(17.3, leg)
-        frame = orbit.configuration(arc) + noise(orbit, 0.05, leg, 1)[0]
-        turned = (rotors % 2 == 1) == spinner
-        image = frame[::-1] + math.pi if turned else -frame[::-1]
-        fits = fit_anywhere(orbit, frame), fit_anywhere(orbit, image)
-        sites = [orbit.site(fit.arc) for fit in fits]
-        assert sum(sites) == pytest.approx(rotors - 1, abs=FITTED)
+def test_a_mirrored_frame_is_at_the_mirrored_site(example: Example) -> None:
+    for rotors in [40, 41]:
+        orbit = cycle_of(example, rotors)
+        spinner = orbit.chain.motion is Motion.SPINNER
+        for leg in range(orbit.number_of_legs):
+            arc = orbit.arc_at(17.3, leg)
+            frame = orbit.configuration(arc) + noise(orbit, 0.05, leg, 1)[0]
+            turned = (rotors % 2 == 1) == spinner
+            image = frame[::-1] + math.pi if turned else -frame[::-1]
+            fits = fit_anywhere(orbit, frame), fit_anywhere(orbit, image)
+            sites = [orbit.site(fit.arc) for fit in fits]
+            assert sum(sites) == pytest.approx(rotors - 1, abs=FITTED)
 
 
 def some_frames(
@@ -199,8 +172,7 @@ def some_frames(
     return made
 
 
-@pytest.mark.parametrize('rotors', [20, 201])
-@pytest.mark.parametrize('sigma', [0.01, 0.2])
+@pytest.mark.parametrize(('rotors', 'sigma'), [(201, 0.01), (20, 0.2)])
 @pytest.mark.parametrize('example', [FLIPPER, WOBBLER, SPINNER, WIDE_SPINNER])
 def test_it_is_found_from_anywhere(example: Example, sigma: float, rotors: int) -> None:
     orbit = cycle_of(example, rotors)
@@ -214,8 +186,7 @@ def test_it_is_found_from_anywhere(example: Example, sigma: float, rotors: int) 
         assert fit.misfit == pytest.approx(near.misfit, rel=FITTED)
 
 
-@pytest.mark.parametrize('rotors', [20, 201])
-@pytest.mark.parametrize('sigma', [0.01, 0.2])
+@pytest.mark.parametrize(('rotors', 'sigma'), [(201, 0.01), (20, 0.2)])
 @pytest.mark.parametrize('example', [FLIPPER, WOBBLER, SPINNER, WIDE_SPINNER])
 def test_it_is_found_with_missing_rotors_or_has_little_information(
     example: Example, sigma: float, rotors: int
@@ -233,31 +204,17 @@ def test_it_is_found_with_missing_rotors_or_has_little_information(
     assert found > frames / 2
 
 
-@pytest.mark.parametrize('example', [FLIPPER, WOBBLER])
-def test_an_unseen_edge_rotor_leaves_two_legs(example: Example) -> None:
-    orbit = cycle_of(example)
-    for leg in range(4):
-        arc = orbit.arc_at(19.8, leg)
-        frame = orbit.configuration(arc) + noise(orbit, 0.05, leg, 1)[0]
-        seen = fit_anywhere(orbit, frame)
-        for edge in (0, -1):
-            hidden = frame.copy()
-            hidden[edge] = np.nan
-            fit = fit_anywhere(orbit, hidden)
-            assert orbit.site(fit.arc) == pytest.approx(orbit.site(seen.arc), abs=0.05)
-
-
-@pytest.mark.parametrize('example', CLASSES)
-def test_without_known_rotors_the_arc_is_nan(example: Example) -> None:
-    orbit = cycle_of(example)
-    nothing = np.full(40, np.nan)
-    anywhere = fit_anywhere(orbit, nothing)
-    assert anywhere.information == 0
-    assert math.isnan(anywhere.arc)
-    assert math.isnan(anywhere.misfit)
-    near = fit_near(orbit, nothing, 3.25)
-    assert (near.arc, near.information) == (3.25, 0)
-    assert math.isnan(near.misfit)
+def test_without_known_rotors_the_arc_is_nan() -> None:
+    for example in CLASSES:
+        orbit = cycle_of(example)
+        nothing = np.full(40, np.nan)
+        anywhere = fit_anywhere(orbit, nothing)
+        assert anywhere.information == 0
+        assert math.isnan(anywhere.arc)
+        assert math.isnan(anywhere.misfit)
+        near = fit_near(orbit, nothing, 3.25)
+        assert (near.arc, near.information) == (3.25, 0)
+        assert math.isnan(near.misfit)
 
 
 def from_the_start(orbit: UniformOrbit, angles: Array) -> NearestPoint:
@@ -268,26 +225,26 @@ FITS = pytest.mark.parametrize('fit', [from_the_start, fit_anywhere])
 
 
 @FITS
-@pytest.mark.parametrize('shape', [(39,), (41,), (1, 40), ()])
 def test_angles_of_another_shape_are_rejected(
-    fit: Callable[[UniformOrbit, Array], NearestPoint], shape: tuple[int, ...]
+    fit: Callable[[UniformOrbit, Array], NearestPoint],
 ) -> None:
-    with pytest.raises(ValueError, match='do not fit a chain of 40 rotors; give one per rotor'):
-        fit(cycle_of(FLIPPER), np.zeros(shape))
+    for shape in [(39,), (41,), (1, 40), ()]:
+        with pytest.raises(
+            ValueError, match='do not fit a chain of 40 rotors; give one per rotor'
+        ):
+            fit(cycle_of(FLIPPER), np.zeros(shape))
 
 
 @FITS
-@pytest.mark.parametrize('infinity', [math.inf, -math.inf])
-def test_infinite_angles_are_rejected(
-    fit: Callable[[UniformOrbit, Array], NearestPoint], infinity: float
-) -> None:
-    angles = np.zeros(40)
-    angles[7], angles[3] = infinity, math.nan
-    with pytest.raises(ValueError, match=r'angle of rotor 7 = -?inf must be a finite number'):
-        fit(cycle_of(FLIPPER), angles)
+def test_infinite_angles_are_rejected(fit: Callable[[UniformOrbit, Array], NearestPoint]) -> None:
+    for infinity in [math.inf, -math.inf]:
+        angles = np.zeros(40)
+        angles[7], angles[3] = infinity, math.nan
+        with pytest.raises(ValueError, match=r'angle of rotor 7 = -?inf must be a finite number'):
+            fit(cycle_of(FLIPPER), angles)
 
 
-@pytest.mark.parametrize('arc', [math.nan, math.inf])
-def test_an_arc_that_is_not_finite_is_rejected(arc: float) -> None:
-    with pytest.raises(ValueError, match=r'arc = .* rad must be a finite number'):
-        fit_near(cycle_of(FLIPPER), np.zeros(40), arc)
+def test_an_arc_that_is_not_finite_is_rejected() -> None:
+    for arc in [math.nan, math.inf]:
+        with pytest.raises(ValueError, match=r'arc = .* rad must be a finite number'):
+            fit_near(cycle_of(FLIPPER), np.zeros(40), arc)

@@ -11,11 +11,8 @@ import pytest
 from chains import FLIPPER, SPINNER, WOBBLER, chain_of
 from scipy import stats
 
-from soliton_linkage.dynamics.elastic import ElasticSimulation
 from soliton_linkage.estimation.estimates import OrbitEstimate, TrackingStatus
 from soliton_linkage.estimation.orbit_filter import OrbitFilter
-from soliton_linkage.estimation.relocalisation import fit_near
-from soliton_linkage.linear.rigidity import mode_towards_last, zero_mode
 from soliton_linkage.linkage.chain import Array
 from soliton_linkage.orbit.uniform_orbit import UniformOrbit
 
@@ -107,34 +104,34 @@ def test_stated_deviations_are_correct_and_errors_are_normal() -> None:
     assert np.abs(scored).max() < 4.5
 
 
-@pytest.mark.parametrize('noise', [0.01, 0.2])
-def test_an_unknown_noise_is_estimated_on_the_way(noise: float) -> None:
-    stream = Stream(cycle_of(FLIPPER, 14), noise)
-    tracker = OrbitFilter(stream.orbit)
-    estimate = stream.feed(tracker, PERIOD * np.arange(500))
-    assert estimate.noise == pytest.approx(noise, rel=5 / math.sqrt(2 * 500 * 13))
-    assert estimate.misfit == pytest.approx(noise, rel=5 / math.sqrt(2 * 500 * 13))
+def test_an_unknown_noise_is_estimated_on_the_way() -> None:
+    for noise in [0.01, 0.2]:
+        stream = Stream(cycle_of(FLIPPER, 14), noise)
+        tracker = OrbitFilter(stream.orbit)
+        estimate = stream.feed(tracker, PERIOD * np.arange(500))
+        assert estimate.noise == pytest.approx(noise, rel=5 / math.sqrt(2 * 500 * 13))
+        assert estimate.misfit == pytest.approx(noise, rel=5 / math.sqrt(2 * 500 * 13))
 
 
-@pytest.mark.parametrize('share', [0.3, 0.6])
-def test_missing_rotors_lose_only_their_information(share: float) -> None:
-    orbit = cycle_of(FLIPPER, 40)
-    scores, ratios = [], []
-    for run in range(12):
-        stream = Stream(orbit, 0.05, start=5 + 2 * run, seed=run)
-        tracker = OrbitFilter(orbit, 0.05)
-        times = PERIOD * np.arange(150)
-        for time in times.tolist():
-            frame = stream.frame(time)
-            frame[stream.random.random(40) < share] = np.nan
-            tracker.update(time, frame)
-        estimate = tracker.estimate
-        scores.append(normalised(estimate, stream))
-        since = len(times) if tracker.starts == 1 else math.nan
-        ratios.append(estimate.arc_deviation / (0.1 / math.sqrt((1 - share) * since)))
-    scored = np.concatenate(scores)
-    assert scored @ scored < stats.chi2.ppf(1 - 5e-4, len(scored))
-    assert np.nanmedian(ratios) == pytest.approx(1, rel=0.05)
+def test_missing_rotors_lose_only_their_information() -> None:
+    for share in [0.3, 0.6]:
+        orbit = cycle_of(FLIPPER, 40)
+        scores, ratios = [], []
+        for run in range(12):
+            stream = Stream(orbit, 0.05, start=5 + 2 * run, seed=run)
+            tracker = OrbitFilter(orbit, 0.05)
+            times = PERIOD * np.arange(150)
+            for time in times.tolist():
+                frame = stream.frame(time)
+                frame[stream.random.random(40) < share] = np.nan
+                tracker.update(time, frame)
+            estimate = tracker.estimate
+            scores.append(normalised(estimate, stream))
+            since = len(times) if tracker.starts == 1 else math.nan
+            ratios.append(estimate.arc_deviation / (0.1 / math.sqrt((1 - share) * since)))
+        scored = np.concatenate(scores)
+        assert scored @ scored < stats.chi2.ppf(1 - 5e-4, len(scored))
+        assert np.nanmedian(ratios) == pytest.approx(1, rel=0.05)
 
 
 @pytest.mark.parametrize(('example', 'rotors'), EXAMPLES)
@@ -181,11 +178,11 @@ def test_after_a_long_gap_the_chain_is_searched_again() -> None:
     assert abs(stream.error(estimate)) < 4.5 * estimate.arc_deviation
 
 
-@pytest.mark.parametrize('time', [math.nan, math.inf, -math.inf])
-def test_stamps_that_are_not_finite_are_ignored(time: float) -> None:
-    stream, tracker = tracked()
-    before = tracker.estimate
-    assert tracker.update(time, stream.frame(0.0)) is before
+def test_stamps_that_are_not_finite_are_ignored() -> None:
+    for time in [math.nan, math.inf, -math.inf]:
+        stream, tracker = tracked()
+        before = tracker.estimate
+        assert tracker.update(time, stream.frame(0.0)) is before
 
 
 def test_a_source_that_continues_elsewhere_is_found_again() -> None:
@@ -242,43 +239,6 @@ def test_encoder_offsets_are_estimated_and_do_not_bias_the_arc() -> None:
     assert tracker.offsets.deviations[4] == pytest.approx(0.05, rel=0.01)
 
 
-@pytest.mark.parametrize(
-    ('example', 'rotors', 'speed'), [(FLIPPER, 20, 10.0), (WOBBLER, 12, 4.0), (SPINNER, 20, 12.5)]
-)
-def test_springs_are_followed_through_reflections_and_a_kick(
-    example: tuple[float, float], rotors: int, speed: float
-) -> None:
-    orbit = cycle_of(example, rotors)
-    chain, period = orbit.chain, 0.008
-    start = chain.uniform_state(-1)
-    simulation = ElasticSimulation(
-        chain, start, speed * mode_towards_last(chain, start), period, 1e-7
-    )
-    angles = simulation.record(0.6 * orbit.length / speed).angles
-    kicked = len(angles)
-    mode = zero_mode(chain, simulation.angles)
-    # The wall is turned back on its way.
-    simulation.kick(-1.5 * chain.moment_of_inertia * (simulation.rates @ mode) * mode)
-    angles = np.concatenate([angles, simulation.record(0.25 * orbit.length / speed).angles])
-    random = np.random.default_rng(7)
-    tracker = OrbitFilter(orbit, 0.05)
-    errors, deviations = [], []
-    rates = []
-    for frame, exact in enumerate(angles):
-        noisy = exact + 0.05 * random.standard_normal(rotors)
-        estimate = tracker.update(frame * period, noisy)
-        image = math.pi - exact if estimate.upside_down else exact
-        errors.append(estimate.arc - fit_near(orbit, image, estimate.arc).arc)
-        deviations.append(estimate.arc_deviation)
-        rates.append(estimate.rate)
-    assert tracker.starts == 1
-    assert tracker.rejected == 0
-    assert np.abs(errors[20:]).max() < 0.3
-    # Springs do not move as the model has it, but its deviations are of the right size.
-    assert math.sqrt(np.mean(np.square(np.divide(errors, deviations)))) < 3
-    assert rates[-1] / rates[kicked - 1] == pytest.approx(-0.5, abs=0.1)
-
-
 def test_the_view_contains_the_residuals_from_the_orbit() -> None:
     stream, tracker = tracked()
     time = tracker.estimate.time + PERIOD
@@ -309,19 +269,19 @@ def test_the_misfit_of_a_frame_shows_that_it_is_off_the_orbit() -> None:
     assert math.isnan(tracker.estimate.frame_misfit)
 
 
-@pytest.mark.parametrize('unseen', [0, 13])
-def test_the_leg_of_a_flipper_is_known_once_both_edges_were_seen(unseen: int) -> None:
-    stream = Stream(cycle_of(FLIPPER, 14), 0.02)
-    tracker = OrbitFilter(stream.orbit, 0.02)
-    for time in (PERIOD * np.arange(50)).tolist():
-        frame = stream.frame(time)
-        frame[unseen] = np.nan
-        assert not tracker.update(time, frame).leg_known
-    estimate = stream.feed(tracker, PERIOD * np.arange(50, 60))
-    assert estimate.leg_known
-    assert abs(stream.error(estimate)) < 4.5 * estimate.arc_deviation
-    tracker.update(0.1, np.full(14, np.nan))
-    assert tracker.estimate.leg_known
+def test_the_leg_of_a_flipper_is_known_once_both_edges_were_seen() -> None:
+    for unseen in [0, 13]:
+        stream = Stream(cycle_of(FLIPPER, 14), 0.02)
+        tracker = OrbitFilter(stream.orbit, 0.02)
+        for time in (PERIOD * np.arange(50)).tolist():
+            frame = stream.frame(time)
+            frame[unseen] = np.nan
+            assert not tracker.update(time, frame).leg_known
+        estimate = stream.feed(tracker, PERIOD * np.arange(50, 60))
+        assert estimate.leg_known
+        assert abs(stream.error(estimate)) < 4.5 * estimate.arc_deviation
+        tracker.update(0.1, np.full(14, np.nan))
+        assert tracker.estimate.leg_known
 
 
 def test_the_wall_of_a_spinner_determines_its_leg() -> None:
@@ -331,10 +291,10 @@ def test_the_wall_of_a_spinner_determines_its_leg() -> None:
     assert OrbitFilter(stream.orbit).update(0.0, frame).leg_known
 
 
-@pytest.mark.parametrize('noise', [0.0, -1.0, math.nan, math.inf])
-def test_an_invalid_noise_is_rejected(noise: float) -> None:
-    with pytest.raises(ValueError, match=r'noise = .* rad must be a finite number above 0'):
-        OrbitFilter(cycle_of(FLIPPER, 14), noise)
+def test_an_invalid_noise_is_rejected() -> None:
+    for noise in [0.0, -1.0, math.nan, math.inf]:
+        with pytest.raises(ValueError, match=r'noise = .* rad must be a finite number above 0'):
+            OrbitFilter(cycle_of(FLIPPER, 14), noise)
 
 
 @pytest.mark.parametrize('example', [FLIPPER, SPINNER])

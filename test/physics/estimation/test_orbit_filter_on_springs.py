@@ -183,8 +183,9 @@ def test_a_kick_is_detected_within_a_few_rotors(share: float) -> None:
     assert np.abs(after).max() < 6
 
 
-@pytest.mark.parametrize('turned', [False, True])
-@pytest.mark.parametrize('example', [FLIPPER, WOBBLER, SPINNER])
+@pytest.mark.parametrize(
+    ('example', 'turned'), [(FLIPPER, False), (WOBBLER, True), (SPINNER, True)]
+)
 def test_after_a_reported_kick_the_rate_is_correct_in_the_next_frame(
     example: tuple[float, float], turned: bool
 ) -> None:
@@ -285,22 +286,6 @@ def test_in_a_strong_wake_the_site_is_continuous_though_the_edge_toggles_back() 
     assert legs[-60] == 0
 
 
-def test_a_strong_wake_causes_no_offsets() -> None:
-    chain = chain_of(SPINNER, 20)
-    start = chain.uniform_state(-1)
-    rates = 4 * SPEEDS[SPINNER] * mode_towards_last(chain, start)
-    angles = ElasticSimulation(chain, start, rates, PERIOD, 1e-7).record(2.0).angles
-    orbit, random = UniformOrbit(chain), np.random.default_rng(1)
-    tracker = OrbitFilter(orbit)
-    for frame, exact in enumerate(angles):
-        estimate = tracker.update(frame * PERIOD, exact + 0.01 * random.standard_normal(20))
-        image = math.pi - exact if estimate.upside_down else exact
-        off = estimate.arc - fit_near(orbit, image, estimate.arc).arc
-        assert abs(off) < 6 * estimate.arc_deviation
-    assert tracker.starts == 1
-    assert not tracker.offsets.corrections.any()
-
-
 def test_another_pair_of_walls_has_no_effect() -> None:
     record = passage(FLIPPER, 40, 4.0)
     turned = record.orbit.chain.uniform_state(-1) - record.orbit.chain.uniform_state(1)
@@ -347,13 +332,6 @@ def test_offsets_of_a_few_encoders_are_found_in_one_passage() -> None:
     assert np.abs(wrong).max() < 3
     assert found.deviations[[7, 18, 29]].max() < 0.002
     # An encoder with a possible offset has no weight until the offset is known.
-    assert np.abs(made.scores).max() < 6
-
-
-def test_no_false_offsets_appear_in_a_long_record() -> None:
-    made = followed(passage(FLIPPER, 40, 10.0), 0.01)
-    assert made.tracker.starts == 1
-    assert not made.tracker.offsets.corrections.any()
     assert np.abs(made.scores).max() < 6
 
 

@@ -88,25 +88,23 @@ def test_the_wobble_is_the_same_in_a_mirror_and_upside_down(
     assert flat(image) == pytest.approx(flat(found), rel=1e-4, abs=1e-7, nan_ok=True)
 
 
-@pytest.mark.parametrize('turned', BOTH)
 @pytest.mark.parametrize('example', EXAMPLES)
-def test_a_wall_at_rest_gives_back_the_exact_tail(
-    example: tuple[float, float], turned: bool
-) -> None:
-    chain = chain_of(example, ROTORS)
-    for site in (28.2, 29.5, 30.9):
-        for leg in (0, 1):
-            angles = static_wall(chain, site, leg, turned)
-            found = wobble(chain, angles, wall_at(chain, site))
-            assert found.exact_decay_length == penetration_depth(chain)
-            assert found.tail_ratio == pytest.approx(ratio_of(chain), rel=1e-7)
-            assert found.decay_length == pytest.approx(found.exact_decay_length, rel=1e-7)
-            if chain.lean_ratio > 1:
-                assert found.exact_wavelength == pytest.approx(2 * chain.spacing)
-                assert found.wavelength == pytest.approx(2 * chain.spacing, rel=1e-3)
-            else:
-                assert found.exact_wavelength == math.inf
-                assert math.isnan(found.wavelength)
+def test_a_wall_at_rest_gives_back_the_exact_tail(example: tuple[float, float]) -> None:
+    for turned in BOTH:
+        chain = chain_of(example, ROTORS)
+        for site in (28.2, 29.5, 30.9):
+            for leg in (0, 1):
+                angles = static_wall(chain, site, leg, turned)
+                found = wobble(chain, angles, wall_at(chain, site))
+                assert found.exact_decay_length == penetration_depth(chain)
+                assert found.tail_ratio == pytest.approx(ratio_of(chain), rel=1e-7)
+                assert found.decay_length == pytest.approx(found.exact_decay_length, rel=1e-7)
+                if chain.lean_ratio > 1:
+                    assert found.exact_wavelength == pytest.approx(2 * chain.spacing)
+                    assert found.wavelength == pytest.approx(2 * chain.spacing, rel=1e-3)
+                else:
+                    assert found.exact_wavelength == math.inf
+                    assert math.isnan(found.wavelength)
 
 
 @pytest.mark.parametrize('example', WOBBLERS)
@@ -161,7 +159,7 @@ def test_a_moving_tail_decays_as_a_wave_with_the_speed_of_the_wall() -> None:
     assert moving < 0.96 * ratio_of(chain)
 
 
-@pytest.mark.parametrize('noise', [0.003, 0.01, 0.05])
+@pytest.mark.parametrize('noise', [0.003, 0.05])
 @pytest.mark.parametrize('example', EXAMPLES)
 def test_the_noisy_wobble_is_unbiased_with_the_stated_deviations(
     example: tuple[float, float], noise: float

@@ -92,9 +92,14 @@ FORMULAS: dict[str, Callable[[Array], Array]] = {
 }
 
 
-@pytest.mark.parametrize('rotor', [0, 4, 5, 9])
 @pytest.mark.parametrize(
-    'fault', [np.negative, lambda angles: math.pi - angles, lambda angles: angles + math.pi]
+    ('rotor', 'fault'),
+    [
+        (0, np.negative),
+        (5, lambda angles: math.pi - angles),
+        (9, np.negative),
+        (9, lambda angles: angles + math.pi),
+    ],
 )
 def test_the_formula_that_an_error_recommends_makes_the_recording_acceptable(
     rotor: int, fault: Callable[[Array], Array]
@@ -108,7 +113,7 @@ def test_the_formula_that_an_error_recommends_makes_the_recording_acceptable(
     assert identify(Readings(TIMES, readings, names=NAMES), Chain()).rigid
 
 
-@pytest.mark.parametrize('pair', [(0, 1), (3, 5), (8, 9)])
+@pytest.mark.parametrize('pair', [(3, 5), (8, 9)])
 def test_joints_are_accepted_after_the_swap_that_an_error_recommends(
     pair: tuple[int, int],
 ) -> None:

@@ -56,7 +56,7 @@ def test_errors_of_offset_and_drift_stay_below_the_stated_scatter(kind: str, dri
     clock = DeviceClock()
     errors = Line(20.0, drift, DELAYS[kind]).stamps(clock)
     assert clock.drift == pytest.approx(drift, abs=5e-6)
-    assert clock.restarts == 0
+    assert (clock.jumps, clock.restarts) == (0, 0)
     assert np.abs(errors[-500:]).max() < clock.scatter < 2e-4
     # The delay of arrivals.
     assert np.abs(errors[100:]).mean() < 0.05 * DELAYS[kind](np.random.default_rng(0), 999).mean()
@@ -117,24 +117,17 @@ def test_stamps_without_times_are_increasing_arrivals() -> None:
     assert [clock.stamp_of_arrival(BOOT), clock.stamp_of_arrival(BOOT)] == [BOOT, BOOT + 1]
 
 
-@pytest.mark.parametrize('jump', [0.010, 0.050, -0.005, -0.050])
-def test_a_jump_of_the_clock_is_counted_and_corrected_within_three_frames(jump: float) -> None:
-    clock = DeviceClock()
-    line = Line(20.0, 100e-6, lambda rng, count: rng.exponential(3e-4, count), 10**7)
-    line.times[500:] += round(jump * 1e6)
-    errors, rejected = plausible_stamps(clock, line)
-    assert rejected == [500, 501]
-    assert (clock.jumps, clock.restarts) == (1, 0)
-    assert np.abs(errors[500:]).max() < 3e-3
-    assert np.abs(errors[-500:]).max() < 1e-4
-    assert clock.drift == pytest.approx(100e-6, abs=1e-5)
-
-
-@pytest.mark.parametrize('kind', DELAYS)
-def test_late_frames_are_no_jumps(kind: str) -> None:
-    clock = DeviceClock()
-    errors = Line(60.0, 100e-6, DELAYS[kind]).stamps(clock)
-    assert (clock.jumps, clock.restarts, len(errors)) == (0, 0, 6000)
+def test_a_jump_of_the_clock_is_counted_and_corrected_within_three_frames() -> None:
+    for jump in [0.010, 0.050, -0.005, -0.050]:
+        clock = DeviceClock()
+        line = Line(20.0, 100e-6, lambda rng, count: rng.exponential(3e-4, count), 10**7)
+        line.times[500:] += round(jump * 1e6)
+        errors, rejected = plausible_stamps(clock, line)
+        assert rejected == [500, 501]
+        assert (clock.jumps, clock.restarts) == (1, 0)
+        assert np.abs(errors[500:]).max() < 3e-3
+        assert np.abs(errors[-500:]).max() < 1e-4
+        assert clock.drift == pytest.approx(100e-6, abs=1e-5)
 
 
 def test_single_wrong_times_are_rejected_and_change_no_stamp() -> None:

@@ -50,17 +50,14 @@ def test_readings_that_do_not_wrap_are_not_unwrapped() -> None:
     assert reader.read(counts(0)) == pytest.approx([0.0])
 
 
-@pytest.mark.parametrize(
-    ('given', 'complaint'),
-    [
+def test_values_out_of_range_are_rejected() -> None:
+    for given, complaint in [
         ({'counts_per_turn': (0.0,)}, 'counts_per_turn = 0 must be 1 or more'),
         ({'signs': (2.0,)}, 'sign of an encoder = 2 must be 1 or -1'),
         ({'offsets': (math.inf,)}, 'offset of an encoder = inf rad'),
-    ],
-)
-def test_values_out_of_range_are_rejected(given: dict[str, tuple[float]], complaint: str) -> None:
-    with pytest.raises(ValueError, match=complaint):
-        RotaryEncoders(**given)
+    ]:
+        with pytest.raises(ValueError, match=complaint):
+            RotaryEncoders(**given)
 
 
 def test_wrong_numbers_of_values_are_rejected() -> None:
@@ -78,32 +75,31 @@ def reading(number: int | None, time: int | None = None) -> SerialFrame:
     return SerialFrame(FrameKind.COUNTS, number, time, np.zeros(1))
 
 
-@pytest.mark.parametrize(
-    ('numbers', 'lost'),
-    [
+def test_missing_frame_numbers_are_lost_frames() -> None:
+    for numbers, lost in [
         ([SEQUENCES - 3, SEQUENCES - 1, 0, 1, 5], 1 + 3),
         ([7, None, 90, None, 200], 0),
         ([41, 42, 0, 1], 0),  # a controller without a clock that has restarted
-    ],
-)
-def test_missing_frame_numbers_are_lost_frames(numbers: list[int | None], lost: int) -> None:
-    angles = stream()
-    for count, number in enumerate(numbers):
-        assert angles.take(reading(number), count * MILLISECOND) is not None
-    assert angles.lost == lost
+    ]:
+        angles = stream()
+        for count, number in enumerate(numbers):
+            assert angles.take(reading(number), count * MILLISECOND) is not None
+        assert angles.lost == lost
 
 
-@pytest.mark.parametrize('greeted', [True, False])
-def test_frame_numbers_skipped_by_a_restart_are_not_lost(greeted: bool) -> None:
-    angles = stream()
-    for number in (40, 41, 42):
-        angles.take(reading(number, 1000 * number), number * MILLISECOND)
-    if greeted:
-        assert angles.take(SerialFrame(FrameKind.HELLO), 43 * MILLISECOND) is None
-    for number in range(60, 63):
-        with contextlib.suppress(ValueError):
-            angles.take(reading(number, 1000 * (number - 60) + 1), (940 + number) * MILLISECOND)
-    assert (angles.lost, angles.clock.restarts) == (0, 1)
+def test_frame_numbers_skipped_by_a_restart_are_not_lost() -> None:
+    for greeted in [True, False]:
+        angles = stream()
+        for number in (40, 41, 42):
+            angles.take(reading(number, 1000 * number), number * MILLISECOND)
+        if greeted:
+            assert angles.take(SerialFrame(FrameKind.HELLO), 43 * MILLISECOND) is None
+        for number in range(60, 63):
+            with contextlib.suppress(ValueError):
+                angles.take(
+                    reading(number, 1000 * (number - 60) + 1), (940 + number) * MILLISECOND
+                )
+        assert (angles.lost, angles.clock.restarts) == (0, 1)
 
 
 def test_wrong_frame_numbers_are_not_lost_frames() -> None:
@@ -130,19 +126,17 @@ def test_a_frame_with_an_implausible_time_is_rejected_and_is_not_lost() -> None:
     assert (angles.lost, angles.clock.restarts, angles.clock.jumps) == (0, 0, 0)
 
 
-@pytest.mark.parametrize('restarted', [False, True])
-def test_only_a_controller_that_continued_has_lost_frames_at_a_reconnection(
-    restarted: bool,
-) -> None:
-    angles = stream()
-    for number in range(1000):
-        angles.take(reading(number, 10_000 * number), 10 * MILLISECOND * number)
-    angles.reconnect()
-    for number in range(1003, 1100):
-        sent = number - 1003 if restarted else number
-        with contextlib.suppress(ValueError):
-            angles.take(reading(sent, 10_000 * sent), 10 * MILLISECOND * number)
-    assert (angles.lost, angles.clock.restarts) == ((0, 1) if restarted else (3, 0))
+def test_only_a_controller_that_continued_has_lost_frames_at_a_reconnection() -> None:
+    for restarted in [False, True]:
+        angles = stream()
+        for number in range(1000):
+            angles.take(reading(number, 10_000 * number), 10 * MILLISECOND * number)
+        angles.reconnect()
+        for number in range(1003, 1100):
+            sent = number - 1003 if restarted else number
+            with contextlib.suppress(ValueError):
+                angles.take(reading(sent, 10_000 * sent), 10 * MILLISECOND * number)
+        assert (angles.lost, angles.clock.restarts) == ((0, 1) if restarted else (3, 0))
 
 
 def test_commands_are_rejected_as_readings() -> None:

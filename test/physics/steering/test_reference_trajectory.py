@@ -8,7 +8,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from chains import FLIPPER, SPINNER, STRONG_WOBBLER, WIDE_FLIPPER, WOBBLER, chain_of
+from chains import FLIPPER, SPINNER, WOBBLER, chain_of
 from driven_walls import orbit_of_example
 from hypothesis import given, settings
 from hypothesis import strategies as st
@@ -19,7 +19,6 @@ from soliton_linkage.linear.normal_modes import phonon_energy
 from soliton_linkage.orbit.uniform_orbit import UniformOrbit
 from soliton_linkage.steering.reference_trajectory import (
     ReferencePoint,
-    ReferenceTrajectory,
     adiabatic_rate,
     bandwidth,
     trajectory_to,
@@ -86,27 +85,6 @@ def test_braking_takes_half_the_distance_of_constant_speed(rate: float, shortest
     assert (np.diff(speeds) <= 1e-12).all()
 
 
-# Largest norms v0 = r |phi_dot| of clean motion, in a sqrt(k_e / M): docs/physics.md.
-CLEAN = {
-    (0.5, 0.1): 0.016,
-    WIDE_FLIPPER: 0.126,
-    FLIPPER: 0.19,
-    WOBBLER: 0.09,
-    STRONG_WOBBLER: 0.03,
-    SPINNER: 0.3,
-    (4.0, 0.9): 1.9,
-}
-
-
-@pytest.mark.parametrize('example', CLEAN)
-def test_the_adiabatic_rate_is_below_the_largest_rate_without_radiation(
-    example: tuple[float, float],
-) -> None:
-    orbit = orbit_of_example(example, 40)
-    clean = CLEAN[example] / example[0] / orbit.chain.time_unit
-    assert 0.05 * clean < adiabatic_rate(orbit) < 0.8 * clean
-
-
 @pytest.mark.parametrize('example', [FLIPPER, WOBBLER, SPINNER])
 def test_a_free_wall_at_the_adiabatic_rate_radiates_nothing(example: tuple[float, float]) -> None:
     orbit = orbit_of_example(example, 12)
@@ -136,23 +114,23 @@ def test_the_adiabatic_rate_does_not_depend_on_the_length_of_the_chain(
 
 
 @pytest.mark.parametrize('example', [FLIPPER, WOBBLER, SPINNER])
-@pytest.mark.parametrize(('size', 'mass', 'stiffness'), [(3.0, 1.0, 1.0), (1.0, 0.01, 400.0)])
 def test_the_adiabatic_rate_scales_with_the_time_unit_of_the_springs(
-    example: tuple[float, float], size: float, mass: float, stiffness: float
+    example: tuple[float, float],
 ) -> None:
-    chain = chain_of(example, 12)
-    scaled = replace(
-        chain,
-        spacing=size * chain.spacing,
-        rotor_length=size * chain.rotor_length,
-        mass=mass * chain.mass,
-        stiffness=stiffness * chain.stiffness,
-    )
-    rates = (
-        adiabatic_rate(UniformOrbit(scaled)) * scaled.time_unit,
-        adiabatic_rate(UniformOrbit(chain)),
-    )
-    assert rates[0] == pytest.approx(rates[1] * chain.time_unit, rel=1e-3)
+    for size, mass, stiffness in [(3.0, 1.0, 1.0), (1.0, 0.01, 400.0)]:
+        chain = chain_of(example, 12)
+        scaled = replace(
+            chain,
+            spacing=size * chain.spacing,
+            rotor_length=size * chain.rotor_length,
+            mass=mass * chain.mass,
+            stiffness=stiffness * chain.stiffness,
+        )
+        rates = (
+            adiabatic_rate(UniformOrbit(scaled)) * scaled.time_unit,
+            adiabatic_rate(UniformOrbit(chain)),
+        )
+        assert rates[0] == pytest.approx(rates[1] * chain.time_unit, rel=1e-3)
 
 
 def test_the_bandwidth_is_below_the_gap_and_the_frame_rate() -> None:
@@ -162,12 +140,6 @@ def test_the_bandwidth_is_below_the_gap_and_the_frame_rate() -> None:
         assert bandwidth(orbit, period) * period <= 0.1 * (1 + 1e-12)
     assert bandwidth(orbit, 1e-4) == gap(orbit.chain) / 8
     assert bandwidth(orbit, math.nan) == gap(orbit.chain) / 8
-
-
-def test_a_trajectory_has_its_start_and_end() -> None:
-    trajectory = ReferenceTrajectory(1.0, 2.0, (1.0, 0.0, 0.0, 10.0, -15.0, 6.0))
-    assert (trajectory.end, trajectory.goal) == (3.0, 2.0)
-    assert trajectory.at(0.0) == ReferencePoint(1.0, 0.0, 0.0)
 
 
 def test_a_wall_that_radiates_at_every_wave_number_moves_slowly() -> None:

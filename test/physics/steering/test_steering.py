@@ -194,9 +194,7 @@ def test_the_error_after_an_impulse_decays_with_the_bandwidth(
     assert max(offsets[-100:]) < 1e-3 * max(offsets)
 
 
-@pytest.mark.parametrize(
-    ('example', 'delay'), [(FLIPPER, 0), (FLIPPER, 4), *((each, 8) for each in CLASSES)]
-)
+@pytest.mark.parametrize(('example', 'delay'), [(FLIPPER, 4), *((each, 8) for each in CLASSES)])
 def test_the_loop_is_stable_with_delayed_torques(example: tuple[float, float], delay: int) -> None:
     orbit = orbit_of_example(example, ROTORS)
     wall = RigidWall(orbit, orbit.arc_at(4.0, 0))
@@ -207,7 +205,7 @@ def test_the_loop_is_stable_with_delayed_torques(example: tuple[float, float], d
     assert wall.place == pytest.approx(6.0, abs=0.05)
 
 
-@pytest.mark.parametrize('period', [0.001, 0.01, 0.04])
+@pytest.mark.parametrize('period', [0.001, 0.04])
 def test_the_loop_is_stable_at_any_frame_rate(period: float) -> None:
     orbit = orbit_of_example(FLIPPER, ROTORS)
     wall = RigidWall(orbit, orbit.arc_at(4.0, 0))
@@ -216,13 +214,6 @@ def test_the_loop_is_stable_at_any_frame_rate(period: float) -> None:
     assert loop.steering.move(6.0) is None
     assert loop.until_ended().outcome is Outcome.REACHED
     assert wall.place == pytest.approx(6.0, abs=0.05)
-
-
-def test_a_moving_wall_is_braked_and_held() -> None:
-    loop = rigid_loop(FLIPPER, 2.0, rate=6.0)
-    assert loop.steering.move(5.0) is None
-    assert loop.until_ended().outcome is Outcome.REACHED
-    assert loop.wall.place == pytest.approx(5.0, abs=0.01)
 
 
 def test_the_speed_limit_of_a_move_is_respected() -> None:
@@ -298,23 +289,23 @@ def test_an_upside_down_chain_is_steered_as_well() -> None:
     assert place_of(orbit, math.pi - wall.frame()) == pytest.approx(4.0, abs=0.01)
 
 
-@pytest.mark.parametrize('place', [-0.1, 9.1, math.nan, math.inf])
-def test_a_goal_outside_the_chain_is_rejected(place: float) -> None:
-    loop = rigid_loop(FLIPPER, 3.0)
-    refused = loop.steering.move(place)
-    assert refused is not None
-    assert refused.outcome is Outcome.OUT_OF_CHAIN
-    assert 'range 0 to 9' in refused.message
-    assert refused.site == pytest.approx(3.0, abs=1e-3)
-    assert not loop.steering.holding
+def test_a_goal_outside_the_chain_is_rejected() -> None:
+    for place in [-0.1, 9.1, math.nan, math.inf]:
+        loop = rigid_loop(FLIPPER, 3.0)
+        refused = loop.steering.move(place)
+        assert refused is not None
+        assert refused.outcome is Outcome.OUT_OF_CHAIN
+        assert 'range 0 to 9' in refused.message
+        assert refused.site == pytest.approx(3.0, abs=1e-3)
+        assert not loop.steering.holding
 
 
-@pytest.mark.parametrize('speed', [-1.0, math.nan, math.inf])
-def test_an_invalid_speed_is_rejected(speed: float) -> None:
-    refused = rigid_loop(FLIPPER, 3.0).steering.move(4.0, speed)
-    assert refused is not None
-    assert refused.outcome is Outcome.INVALID_SPEED
-    assert '0 or more' in refused.message
+def test_an_invalid_speed_is_rejected() -> None:
+    for speed in [-1.0, math.nan, math.inf]:
+        refused = rigid_loop(FLIPPER, 3.0).steering.move(4.0, speed)
+        assert refused is not None
+        assert refused.outcome is Outcome.INVALID_SPEED
+        assert '0 or more' in refused.message
 
 
 def test_a_move_without_a_wall_is_rejected() -> None:
@@ -389,16 +380,6 @@ def test_a_wall_that_jumps_is_lost_and_released() -> None:
     assert ended.outcome is Outcome.SOLITON_LOST
     assert not loop.steering.holding
     assert not loop.steering.torques().any()
-
-
-def test_a_wall_that_jumps_while_frames_are_missing_is_lost() -> None:
-    loop = rigid_loop(FLIPPER, 2.0)
-    assert isinstance(loop.wall, RigidWall)
-    loop.steering.move(6.0)
-    loop.go_on(0.5)
-    loop.miss(0.25)
-    loop.wall.arc += 4 * loop.steering.orbit.site_arc
-    assert loop.until_ended().outcome is Outcome.SOLITON_LOST
 
 
 def test_a_wall_that_leaves_its_hold_is_lost() -> None:
@@ -497,12 +478,3 @@ def test_after_a_reset_the_estimate_equals_a_new_one() -> None:
             each.observe(time, angles)
             assert not each.torques().any()
         assert loop.steering.wall == other.wall
-
-
-def test_stop_and_release_without_a_wall_do_nothing() -> None:
-    loop = rigid_loop(FLIPPER, 2.0)
-    loop.steering.stop()
-    loop.steering.release()
-    loop.go_on(0.1)
-    assert loop.ended is None
-    assert not loop.steering.holding

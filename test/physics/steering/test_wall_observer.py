@@ -106,20 +106,18 @@ def test_missing_and_invalid_frames_are_bridged() -> None:
     assert estimate.seen == 0.9
 
 
-@pytest.mark.parametrize('example', CLASSES)
-@pytest.mark.parametrize('off', [0.3, 3.0])
-def test_one_outlier_moves_the_estimate_by_less_than_noise(
-    example: tuple[float, float], off: float
-) -> None:
-    orbit = orbit_of_example(example, 12)
-    observer = WallObserver(orbit, BANDWIDTH)
-    arcs = np.full(50, middle(orbit) + 0.3)
-    watched(observer, arcs, noise=0.01)
-    frame = orbit.configuration(arcs[-1])
-    frame[np.argmax(np.abs(orbit.tangent(arcs[-1])))] += off
-    estimate = observer.update(50 * PERIOD, frame)
-    assert estimate is not None
-    assert estimate.arc == pytest.approx(arcs[-1], abs=0.01)
+def test_one_outlier_moves_the_estimate_by_less_than_noise() -> None:
+    for off in [0.3, 3.0]:
+        for example in CLASSES:
+            orbit = orbit_of_example(example, 12)
+            observer = WallObserver(orbit, BANDWIDTH)
+            arcs = np.full(50, middle(orbit) + 0.3)
+            watched(observer, arcs, noise=0.01)
+            frame = orbit.configuration(arcs[-1])
+            frame[np.argmax(np.abs(orbit.tangent(arcs[-1])))] += off
+            estimate = observer.update(50 * PERIOD, frame)
+            assert estimate is not None
+            assert estimate.arc == pytest.approx(arcs[-1], abs=0.01)
 
 
 def test_an_undetected_wall_is_lost_and_found_again() -> None:

@@ -139,9 +139,8 @@ def test_a_quick_study_has_fewer_tasks() -> None:
         assert len(less.tasks()) < len(all_of_it.tasks())
 
 
-@pytest.mark.parametrize(
-    ('part', 'key', 'value', 'complaint'),
-    [
+def test_invalid_settings_are_named(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    for part, key, value, complaint in [
         ('single_frame', 'frames', 1, 'single_frame.frames = 1 must be a whole number'),
         ('single_frame', 'noises', [0.0], 'single_frame.noises = [0.0] must be a list of numbers'),
         ('single_frame', 'frame', 10, 'single_frame.frame = 10 is not known'),
@@ -166,23 +165,14 @@ def test_a_quick_study_has_fewer_tasks() -> None:
             'reference.speeds = [0.1, 0.2] must have one value per kick (1)',
         ),
         ('record', 'runs', 1, 'record.runs = 1 must be a whole number'),
-    ],
-)
-def test_invalid_settings_are_named(
-    part: str,
-    key: str,
-    value: object,
-    complaint: str,
-    tmp_path: Path,
-    capsys: pytest.CaptureFixture[str],
-) -> None:
-    settings = {**SETTINGS, part: {**SETTINGS[part], key: value}}
-    config = written(settings, tmp_path / 'bad.yaml')
-    assert accuracy.main([str(config), '--output', str(tmp_path / 'out')]) == 1
-    said = capsys.readouterr().err
-    assert complaint in said
-    assert said.count('\n') == 1
-    assert not (tmp_path / 'out').exists()
+    ]:
+        settings = {**SETTINGS, part: {**SETTINGS[part], key: value}}
+        config = written(settings, tmp_path / 'bad.yaml')
+        assert accuracy.main([str(config), '--output', str(tmp_path / 'out')]) == 1
+        said = capsys.readouterr().err
+        assert complaint in said
+        assert said.count('\n') == 1
+        assert not (tmp_path / 'out').exists()
 
 
 def test_a_file_without_parts_or_with_unknown_parts_is_rejected(tmp_path: Path) -> None:

@@ -70,17 +70,17 @@ def test_a_normal_estimator_has_its_known_statistics() -> None:
     assert shifted.coverage == 1
 
 
-@pytest.mark.parametrize('factor', [0.5, 1.0, 2.0])
-def test_coverage_of_a_normal_estimator_follows_from_its_margins(factor: float) -> None:
+def test_coverage_of_a_normal_estimator_follows_from_its_margins() -> None:
     """Margins of 1.96 standard deviations cover 95 %, others follow the error function."""
-    errors = np.random.default_rng(2).normal(0.0, 0.02, COUNT)
-    margin = 1.959963984540054 * factor
-    found = accuracy_of(np.column_stack([errors, np.full(COUNT, 0.02 * margin)]), 0.02)
-    expected = math.erf(margin / math.sqrt(2))
-    if factor == 1:
-        assert expected == pytest.approx(0.95)
-    limit = 4 * math.sqrt(expected * (1 - expected) / COUNT)
-    assert found.coverage == pytest.approx(expected, abs=limit)
+    for factor in [0.5, 1.0, 2.0]:
+        errors = np.random.default_rng(2).normal(0.0, 0.02, COUNT)
+        margin = 1.959963984540054 * factor
+        found = accuracy_of(np.column_stack([errors, np.full(COUNT, 0.02 * margin)]), 0.02)
+        expected = math.erf(margin / math.sqrt(2))
+        if factor == 1:
+            assert expected == pytest.approx(0.95)
+        limit = 4 * math.sqrt(expected * (1 - expected) / COUNT)
+        assert found.coverage == pytest.approx(expected, abs=limit)
 
 
 def test_failures_are_counted_and_excluded() -> None:
@@ -151,9 +151,8 @@ def row(**others: object) -> dict[str, str]:
     return plain | {name: str(value) for name, value in (known | others).items()}
 
 
-@pytest.mark.parametrize(
-    ('now', 'was', 'what'),
-    [
+def test_worse_results_are_reported() -> None:
+    for now, was, what in [
         ({'place_rms': 1.6}, {}, 'place rms 1.6 after 1'),
         ({'place_rms': 0.4}, {}, 'place rms 0.4 after 1'),
         ({'error_rms': 0.02}, {}, 'error 0.02 after 0.01 spacings'),
@@ -161,18 +160,13 @@ def row(**others: object) -> dict[str, str]:
         ({'place_beyond_4': 5}, {'place_beyond_4': 0}, 'lost in 5 % after 0 %'),
         ({'failure': 'jams'}, {}, 'jams'),
         ({'place_rms': ''}, {}, 'states no place'),
-    ],
-)
-def test_worse_results_are_reported(
-    now: dict[str, object], was: dict[str, object], what: str
-) -> None:
-    said = worse_cells([row(**now)], [row(**was)])
-    assert said == ['1 of 1 cells are worse', f'3 (flipper): {what}']
+    ]:
+        said = worse_cells([row(**now)], [row(**was)])
+        assert said == ['1 of 1 cells are worse', f'3 (flipper): {what}']
 
 
-@pytest.mark.parametrize(
-    ('now', 'was'),
-    [
+def test_insignificant_changes_and_improvements_are_not_reported() -> None:
+    for now, was in [
         ({}, {}),
         ({'place_rms': 1.15}, {}),
         ({'place_rms': 1.0}, {'place_rms': 3.0}),
@@ -181,12 +175,8 @@ def test_worse_results_are_reported(
         ({}, {'place_rms': ''}),
         (NOT_STATED, {'place_rms': 90, 'lost': 100, 'place_beyond_4': 100}),
         ({'error_rms': 3.0}, {'place_rms': 90}),
-    ],
-)
-def test_insignificant_changes_and_improvements_are_not_reported(
-    now: dict[str, object], was: dict[str, object]
-) -> None:
-    assert worse_cells([row(**now)], [row(**was)]) == ['0 of 1 cells are worse']
+    ]:
+        assert worse_cells([row(**now)], [row(**was)]) == ['0 of 1 cells are worse']
 
 
 def test_tables_of_other_cells_are_rejected() -> None:

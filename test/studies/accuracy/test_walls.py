@@ -15,18 +15,18 @@ ROTORS = 60
 
 
 @pytest.mark.parametrize('example', [FLIPPER, WOBBLER, SPINNER])
-@pytest.mark.parametrize('leg', [0, 1])
-def test_a_kink_has_zero_energy_at_every_position(example: tuple[float, float], leg: int) -> None:
-    chain = chain_of(example, ROTORS)
-    path = wall_path(chain, 1, leg)
-    assert path.charge == 1
-    scale = chain.stiffness * chain.spacing**2
-    for place in (29.0, 29.37, 30.5, 31.9):
-        angles = left_of(chain, 1) + path.relative_angles(ROTORS, place)
-        assert float(chain.elastic_energy(angles)) < 1e-9 * scale
-        found = path.nearest(angles, place + 0.1, 6.0)
-        assert found == pytest.approx(place, abs=1e-5)
-        assert path.misfit(angles, found, 6.0) < 1e-4
+def test_a_kink_has_zero_energy_at_every_position(example: tuple[float, float]) -> None:
+    for leg in [0, 1]:
+        chain = chain_of(example, ROTORS)
+        path = wall_path(chain, 1, leg)
+        assert path.charge == 1
+        scale = chain.stiffness * chain.spacing**2
+        for place in (29.0, 29.37, 30.5, 31.9):
+            angles = left_of(chain, 1) + path.relative_angles(ROTORS, place)
+            assert float(chain.elastic_energy(angles)) < 1e-9 * scale
+            found = path.nearest(angles, place + 0.1, 6.0)
+            assert found == pytest.approx(place, abs=1e-5)
+            assert path.misfit(angles, found, 6.0) < 1e-4
 
 
 @pytest.mark.parametrize('example', [FLIPPER, WOBBLER])

@@ -43,13 +43,13 @@ def test_an_edge_is_found_from_either_side() -> None:
     assert run.speed_before - 0.26 == pytest.approx(0, abs=3e-4)
 
 
-@pytest.mark.parametrize(
-    ('inside', 'outside', 'said'),
-    [(0.1, 0.02, 'at 0.1 c walls do not escape'), (0.7, 0.5, 'at 0.5 c walls do escape')],
-)
-def test_an_edge_outside_its_speeds_is_reported(inside: float, outside: float, said: str) -> None:
-    with pytest.raises(ValueError, match=said):
-        edge(inside, outside)()
+def test_an_edge_outside_its_speeds_is_reported() -> None:
+    for inside, outside, said in [
+        (0.1, 0.02, 'at 0.1 c walls do not escape'),
+        (0.7, 0.5, 'at 0.5 c walls do escape'),
+    ]:
+        with pytest.raises(ValueError, match=said):
+            edge(inside, outside)()
 
 
 def test_a_row_round_trips_through_text() -> None:
@@ -80,9 +80,8 @@ def test_the_settings_of_the_suite_are_read_and_quick_ones_are_fewer() -> None:
     assert study.described() != quick.described()
 
 
-@pytest.mark.parametrize(
-    ('keys', 'value'),
-    [
+def test_errors_name_the_wrong_setting(tmp_path: Path) -> None:
+    for keys, value in [
         (('collision', 'length'), 3),
         (('collision', 'step'), 'small'),
         (('sweeps', 'flipper (0.5, 0.1)', 'speeds', 'points'), 1),
@@ -92,17 +91,13 @@ def test_the_settings_of_the_suite_are_read_and_quick_ones_are_fewer() -> None:
         (('pictures', 'capture', 'speed'), 'fast'),
         (('sweeps',), {}),
         (('variations', 'changes'), {}),
-    ],
-)
-def test_errors_name_the_wrong_setting(
-    tmp_path: Path, keys: tuple[str, ...], value: object
-) -> None:
-    settings = yaml.safe_load(CONFIG.read_text(encoding='utf-8'))
-    section = settings
-    for key in keys[:-1]:
-        section = section[key]
-    section[keys[-1]] = value
-    path = tmp_path / 'collisions.yaml'
-    path.write_text(yaml.safe_dump(settings), encoding='utf-8')
-    with pytest.raises(ValueError, match=keys[-1]):
-        read_collision_study(load_settings(path), False)
+    ]:
+        settings = yaml.safe_load(CONFIG.read_text(encoding='utf-8'))
+        section = settings
+        for key in keys[:-1]:
+            section = section[key]
+        section[keys[-1]] = value
+        path = tmp_path / 'collisions.yaml'
+        path.write_text(yaml.safe_dump(settings), encoding='utf-8')
+        with pytest.raises(ValueError, match=keys[-1]):
+            read_collision_study(load_settings(path), False)

@@ -106,25 +106,16 @@ def test_a_wall_without_gravity_does_not_fall() -> None:
     assert list(dict.fromkeys(still.tilts.tolist())) == [-0.25, 0.25]
 
 
-@pytest.mark.parametrize(
-    ('section', 'key', 'value'),
-    [
+def test_errors_name_the_wrong_setting(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    for section, key, value in [
         ('step', 'pressure', -1.0),
         ('energy_balance', 'seed', 0.5),
         ('stiffness', 'factors', [1.0, 2.0]),
         ('tilt', 'surprise', 1),
         ('work', 'saturation_torque', 'none'),
         ('moves', 'chains', 3),
-    ],
-)
-def test_errors_name_the_wrong_setting(
-    tmp_path: Path,
-    capsys: pytest.CaptureFixture[str],
-    section: str,
-    key: str,
-    value: object,
-) -> None:
-    settings = small_settings()
-    settings[section][key] = value
-    assert driving.main([str(written(settings, tmp_path)), '--output', str(tmp_path)]) == 1
-    assert f'{section}.{key}' in capsys.readouterr().err
+    ]:
+        settings = small_settings()
+        settings[section][key] = value
+        assert driving.main([str(written(settings, tmp_path)), '--output', str(tmp_path)]) == 1
+        assert f'{section}.{key}' in capsys.readouterr().err

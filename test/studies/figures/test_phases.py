@@ -7,7 +7,6 @@ import math
 from pathlib import Path
 
 import numpy as np
-import pytest
 from matplotlib.colors import to_hex
 
 from soliton_linkage.linkage.chain import Motion
@@ -43,16 +42,13 @@ def distance(colour: str, full: str) -> float:
     return math.dist(*map(list, parts))
 
 
-@pytest.mark.parametrize(
-    ('around', 'across', 'behind'),
-    [
+def test_the_torus_hides_points_behind_it() -> None:
+    for around, across, behind in [
         (-math.pi / 3, 0.0, False),  # Outside, towards the eye.
         (-math.pi / 3, math.pi / 2, False),  # On top.
         (0.0, -math.pi / 2, True),  # At the bottom.
         (2 * math.pi / 3, 0.0, True),  # Outside, away from the eye.
         (-math.pi / 3, math.pi, True),  # In the hole, away from the eye.
-    ],
-)
-def test_the_torus_hides_points_behind_it(around: float, across: float, behind: bool) -> None:
-    point = np.array(on_torus(np.array([around]), np.array([across])))
-    assert hidden(point).tolist() == [behind]
+    ]:
+        point = np.array(on_torus(np.array([around]), np.array([across])))
+        assert hidden(point).tolist() == [behind]

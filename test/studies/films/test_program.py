@@ -142,8 +142,8 @@ def test_a_quick_run_makes_nine_playable_films(
         assert frames_of(path, kind.ffmpeg, 320, 180) == 4
 
 
-@pytest.mark.parametrize('frames', [2, 7])
-def test_a_film_has_the_requested_number_of_frames(tmp_path: Path, frames: int) -> None:
+def test_a_film_has_the_requested_number_of_frames(tmp_path: Path) -> None:
+    frames = 7
     kind = file_kind()
     if not kind.ffmpeg:
         pytest.skip('needs ffmpeg: pip install imageio-ffmpeg')
@@ -247,17 +247,17 @@ def test_a_unit_cell_keeps_its_bar_length_and_moves_at_constant_speed(name: str)
     assert distance(angles[-1], angles[0]) < 1e-6
 
 
-@pytest.mark.parametrize('share', [0.5, 0.8, 0.95])
-def test_a_drive_in_the_gap_decays_with_the_evanescent_wave_number(share: float) -> None:
-    chain = chain_of(WIDE_FLIPPER, 60)
-    frequency = share * gap(chain)
-    plus, minus = couplings(chain)
-    # omega^2 = k_e / (M r^2) (q+^2 + q-^2 + 2 q+ q- cosh(kappa a)) for q+ q- < 0.
-    square = (frequency * chain.rotor_length * chain.time_unit) ** 2
-    decay = np.arccosh((square - plus**2 - minus**2) / (2 * plus * minus))
-    motion = np.abs(driven(chain, frequency))
-    assert motion[0] == pytest.approx(1)
-    assert np.log(motion[5:14] / motion[6:15]) == pytest.approx(decay, rel=1e-6)
+def test_a_drive_in_the_gap_decays_with_the_evanescent_wave_number() -> None:
+    for share in [0.5, 0.8, 0.95]:
+        chain = chain_of(WIDE_FLIPPER, 60)
+        frequency = share * gap(chain)
+        plus, minus = couplings(chain)
+        # omega^2 = k_e / (M r^2) (q+^2 + q-^2 + 2 q+ q- cosh(kappa a)) for q+ q- < 0.
+        square = (frequency * chain.rotor_length * chain.time_unit) ** 2
+        decay = np.arccosh((square - plus**2 - minus**2) / (2 * plus * minus))
+        motion = np.abs(driven(chain, frequency))
+        assert motion[0] == pytest.approx(1)
+        assert np.log(motion[5:14] / motion[6:15]) == pytest.approx(decay, rel=1e-6)
 
 
 def test_a_driven_chain_obeys_its_equation_of_motion() -> None:
@@ -270,25 +270,23 @@ def test_a_driven_chain_obeys_its_equation_of_motion() -> None:
     assert np.abs(unbalanced[1:]).max() < 1e-10 * abs(unbalanced[0])
 
 
-@pytest.mark.parametrize('example', [(0.5, 0.05), (20.0, 1.0)])
-@pytest.mark.parametrize('rotor', [59, 60])
-@pytest.mark.parametrize('crossed', [False, True])
-def test_the_profile_of_the_theory_is_that_of_a_wall_in_the_continuum(
-    example: tuple[float, float], rotor: int, crossed: bool
-) -> None:
-    chain = chain_of(example, 120)
-    spinner = chain.motion is Motion.SPINNER
-    # Walls of a spinner that starts at theta = +theta_bar.
-    walls = [wall_between(chain, rotor, turned, crossed) for turned in (False, True)]
-    starts = [np.cos(staggered(wall)[0] - chain.rest_angle) for wall in walls]
-    angles = walls[int(np.argmax(starts))] if spinner else walls[0]
-    places = chain.spacing * np.arange(120)
-    wall = chain.spacing * (rotor + 0.5)
-    lean, _ = chain.positions(angles)
-    limit = 1.5 * chain.spacing if spinner else 0.05 * lean.max()
-    for parity in (0, 1):
-        theory = static_profile(chain, angles, wall, places[parity::2], parity)
-        assert lean[parity::2] == pytest.approx(theory, rel=0, abs=limit)
+def test_the_profile_of_the_theory_is_that_of_a_wall_in_the_continuum() -> None:
+    for crossed in [False, True]:
+        for rotor in [59, 60]:
+            for example in [(0.5, 0.05), (20.0, 1.0)]:
+                chain = chain_of(example, 120)
+                spinner = chain.motion is Motion.SPINNER
+                # Walls of a spinner that starts at theta = +theta_bar.
+                walls = [wall_between(chain, rotor, turned, crossed) for turned in (False, True)]
+                starts = [np.cos(staggered(wall)[0] - chain.rest_angle) for wall in walls]
+                angles = walls[int(np.argmax(starts))] if spinner else walls[0]
+                places = chain.spacing * np.arange(120)
+                wall = chain.spacing * (rotor + 0.5)
+                lean, _ = chain.positions(angles)
+                limit = 1.5 * chain.spacing if spinner else 0.05 * lean.max()
+                for parity in (0, 1):
+                    theory = static_profile(chain, angles, wall, places[parity::2], parity)
+                    assert lean[parity::2] == pytest.approx(theory, rel=0, abs=limit)
 
 
 @pytest.mark.parametrize('example', EXAMPLES)
@@ -315,9 +313,10 @@ def test_bodies_nearer_to_the_camera_are_painted_later() -> None:
     assert from_behind(bodies, np.radians(-90), np.radians(90))[-1] == 2
 
 
-@pytest.mark.parametrize(
-    ('film', 'values', 'message'),
-    [
+def test_invalid_settings_are_rejected_before_filming(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    for film, values, message in [
         (None, {'size': [1281, 720]}, 'size = [1281, 720] must be two even numbers of pixels'),
         (None, {'frame_rate': 0}, 'frame_rate = 0 must be a number in the range 1 to 120'),
         (None, {'films': None}, 'films is missing; give a section of keys'),
@@ -339,22 +338,14 @@ def test_bodies_nearer_to_the_camera_are_painted_later() -> None:
             'drives = [1] must be two numbers; give one below 1 and',
         ),
         ('S9_staggered_spinner', {'depth': 0}, 'depth = 0 must be a number in the range 0.01'),
-    ],
-)
-def test_invalid_settings_are_rejected_before_filming(
-    film: str | None,
-    values: dict[str, object],
-    message: str,
-    tmp_path: Path,
-    capsys: pytest.CaptureFixture[str],
-) -> None:
-    config = changed(tmp_path, film, **values)
-    assert main([str(config), '--output', str(tmp_path / 'films')]) == 1
-    said = capsys.readouterr().err
-    assert said.startswith(f'films: {config}: ')
-    assert message in said
-    assert said.count('\n') == 1
-    assert not (tmp_path / 'films').exists()
+    ]:
+        config = changed(tmp_path, film, **values)
+        assert main([str(config), '--output', str(tmp_path / 'films')]) == 1
+        said = capsys.readouterr().err
+        assert said.startswith(f'films: {config}: ')
+        assert message in said
+        assert said.count('\n') == 1
+        assert not (tmp_path / 'films').exists()
 
 
 def test_a_unit_cell_has_two_rotors(tmp_path: Path) -> None:

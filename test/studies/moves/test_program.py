@@ -104,12 +104,8 @@ def test_the_installed_settings_are_valid_and_a_quick_study_has_fewer_moves() ->
         assert len(quick.tasks[key]) < len(tasks)
 
 
-@pytest.mark.parametrize(
-    ('key', 'value'), [('moves', 0), ('frame_rate', -1.0), ('surprise', 1), ('chains', 3)]
-)
-def test_wrong_settings_are_named(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str], key: str, value: object
-) -> None:
-    path = written(SETTINGS | {key: value}, tmp_path / 'moves.yaml')
-    assert moves.main([str(path), '--output', str(tmp_path)]) == 1
-    assert key in capsys.readouterr().err
+def test_wrong_settings_are_named(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    for key, value in [('moves', 0), ('frame_rate', -1.0), ('surprise', 1), ('chains', 3)]:
+        path = written(SETTINGS | {key: value}, tmp_path / 'moves.yaml')
+        assert moves.main([str(path), '--output', str(tmp_path)]) == 1
+        assert key in capsys.readouterr().err

@@ -69,9 +69,8 @@ def test_a_finished_table_is_complete_and_leaves_no_part_file(tmp_path: Path) ->
     assert {path.name for path in tmp_path.iterdir()} == {'mine.csv', 'configuration.yaml'}
 
 
-@pytest.mark.parametrize(
-    ('changed', 'key'),
-    [
+def test_rows_of_another_configuration_are_rejected(tmp_path: Path) -> None:
+    for changed, key in [
         (SweepStudy('mine', 'survival', STUDY.parameters, STUDY.axes, STUDY.seeds), 'measure'),
         (
             SweepStudy('mine', 'motion', {'number_of_rotors': 6}, STUDY.axes, STUDY.seeds),
@@ -84,18 +83,14 @@ def test_a_finished_table_is_complete_and_leaves_no_part_file(tmp_path: Path) ->
             ),
             'sweep',
         ),
-    ],
-)
-def test_rows_of_another_configuration_are_rejected(
-    changed: SweepStudy, key: str, tmp_path: Path
-) -> None:
-    with Table(STUDY, tmp_path) as table:
-        table.append(CELLS[:2])
-    complaint = f'contains rows of another configuration, which differs in {key}; give another'
-    with pytest.raises(ValueError, match=complaint):
-        Table(changed, tmp_path)
-    with Table(STUDY, tmp_path) as table:
-        assert table.missing == list(range(2, STUDY.rows))
+    ]:
+        with Table(STUDY, tmp_path) as table:
+            table.append(CELLS[:2])
+        complaint = f'contains rows of another configuration, which differs in {key}; give another'
+        with pytest.raises(ValueError, match=complaint):
+            Table(changed, tmp_path)
+        with Table(STUDY, tmp_path) as table:
+            assert table.missing == list(range(2, STUDY.rows))
 
 
 def test_two_sweeps_cannot_write_to_the_same_table(tmp_path: Path) -> None:
