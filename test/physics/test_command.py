@@ -70,12 +70,12 @@ def test_a_study_without_its_package_names_the_package_to_install(
     monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     monkeypatch.setattr(command, 'entry_points', lambda **_: [])
-    with pytest.raises(SystemExit, match='1'):
+    with pytest.raises(SystemExit, match='2'):
         command.main(['figures', '--quick'])
-    assert capsys.readouterr().err == (
-        'soliton-linkage figures: the package soliton_linkage_studies is missing; '
-        'install it with pip, or by the rosdep key soliton_linkage_studies\n'
-    )
+    assert (
+        'for studies, install soliton_linkage_studies with pip, or by the rosdep key '
+        'soliton_linkage_studies; see'
+    ) in capsys.readouterr().err
 
 
 def test_help_imports_neither_studies_nor_numerics() -> None:

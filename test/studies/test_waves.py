@@ -13,7 +13,7 @@ import yaml
 from soliton_linkage.linear.bands import band_edges
 from soliton_linkage.linkage.chain import Chain
 from soliton_linkage_studies.waves import program
-from soliton_linkage_studies.waves.runs import (
+from soliton_linkage_studies.waves.program import (
     Burst,
     WaveTask,
     energy_per_rotor,

@@ -23,22 +23,7 @@ from soliton_linkage.command_line import PlainParser, complete, skip_word, words
 
 PROGRAM = 'soliton-linkage'
 _GROUP = 'soliton_linkage.commands'
-_STUDIES = [
-    'accuracy',
-    'active',
-    'camera',
-    'collisions',
-    'driving',
-    'figures',
-    'films',
-    'moves',
-    'sweep',
-    'waves',
-]
-_INSTALL_STUDIES = (
-    'the package soliton_linkage_studies is missing; install it with pip, or by the rosdep key '
-    'soliton_linkage_studies'
-)
+_STUDIES = 'soliton_linkage_studies'
 _REQUIREMENTS = {
     'matplotlib': ('matplotlib', 'python3-matplotlib'),
     'mpl_toolkits': ('matplotlib', 'python3-matplotlib'),
@@ -58,10 +43,10 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser = _parser(commands)
     complete(parser)
     if given and not given[0].startswith('-'):
-        if given[0] in _STUDIES:
-            parser.exit(1, f'{PROGRAM} {given[0]}: {_INSTALL_STUDIES}\n')
         known = ', '.join(commands) or 'none here'
         more = 'source the setup.bash of a workspace to add its commands'
+        if not any(each.module.startswith(_STUDIES) for each in commands.values()):
+            more += f'; for studies, install {_STUDIES} with pip, or by the rosdep key {_STUDIES}'
         parser.error(f'unknown command {given[0]}; known commands are {known}; {more}')
     parser.parse_args(given)
     parser.print_help()
@@ -90,7 +75,7 @@ def _run(command: EntryPoint, arguments: list[str]) -> int:
 
 def _remedy(command: EntryPoint, error: ModuleNotFoundError) -> str:
     missing = (error.name or '').partition('.')[0]
-    if command.name in _STUDIES and missing in _REQUIREMENTS:
+    if command.module.startswith(_STUDIES) and missing in _REQUIREMENTS:
         return 'pip install {}, or the rosdep key {}'.format(*_REQUIREMENTS[missing])
     return 'install it, or source the setup.bash of the workspace that contains it'
 

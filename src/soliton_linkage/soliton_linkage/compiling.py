@@ -37,7 +37,6 @@ FASTMATH_FLAGS = frozenset({'contract', 'nsz'})
 f8, i8, b1 = types.float64, types.int64, types.boolean
 const_f8_1d = types.Array(types.float64, 1, 'C', readonly=True)
 f8_1d = types.float64[::1]
-const_i8_1d = types.Array(types.int64, 1, 'C', readonly=True)
 i8_1d = types.int64[::1]
 const_f8_2d = types.Array(types.float64, 2, 'C', readonly=True)
 f8_2d = types.float64[:, ::1]
@@ -45,7 +44,6 @@ const_b1_1d = types.Array(types.boolean, 1, 'C', readonly=True)
 b1_1d = types.boolean[::1]
 const_i8_2d = types.Array(types.int64, 2, 'C', readonly=True)
 f8_3d = types.float64[:, :, ::1]
-const_f8_3d = types.Array(types.float64, 3, 'C', readonly=True)
 const_u1_2d = types.Array(types.uint8, 2, 'C', readonly=True)
 u1_3d = types.uint8[:, :, ::1]
 f4_3d = types.float32[:, :, ::1]

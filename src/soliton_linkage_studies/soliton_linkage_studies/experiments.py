@@ -99,16 +99,16 @@ class Snapshots:
     """Wall speed [rotor spacings / s], the slope of a line fitted to its positions."""
 
 
-def snapshots(chain: Chain, recording: Recording, count: int, share: float = MIDDLE) -> Snapshots:
+def snapshots(chain: Chain, recording: Recording, count: int) -> Snapshots:
     """Return frames of the first passage of the wall through the middle of the chain.
 
-    `share` is the central fraction [1]. The wall position is the linearly interpolated zero of
-    the order field (paper, Fig. 5). Raises ValueError if fewer than `count` frames qualify.
+    The wall position is the linearly interpolated zero of the order field (paper, Fig. 5). Raises
+    ValueError if fewer than `count` frames qualify.
     """
     fields, _ = order_field(chain, recording.angles)
     walls = wall_positions(chain, recording)
     middle = (chain.number_of_rotors - 1) / 2
-    inside = np.abs(walls - middle) < share * middle
+    inside = np.abs(walls - middle) < MIDDLE * middle
     entered = int(np.argmax(inside))
     left = entered + int(np.argmin(np.append(inside[entered:], False)))
     if left - entered < count:

@@ -15,7 +15,8 @@ import numpy as np
 from matplotlib.figure import Figure
 from numpy.typing import ArrayLike
 
-from soliton_linkage_studies.formulas import Formula
+from soliton_linkage.linear.bands import couplings
+from soliton_linkage.linkage.chain import Chain
 
 _RESOLUTION = 150
 """Resolution of PNG pictures [pixels per inch]; pictures are 1200 to 2000 pixels wide."""
@@ -23,8 +24,46 @@ _DIGITS = 5
 """Significant digits of numbers in a table, more than the accuracy of most theories."""
 _LINE = 95
 """Largest number of characters in a line of a caption."""
+_FUNCTIONS = ('sin', 'cos', 'ln', 'min', 'max')
 _ROUNDING = 1e-11
 """Relative error below which a table shows 0 [1], the rounding error of a sum of 1000 terms."""
+
+
+@dataclass(frozen=True)
+class Formula:
+    """Formula that a table prints with its value and the values of its symbols."""
+
+    text: str
+    value: float
+    symbols: Mapping[str, float] = field(default_factory=dict)
+    remark: str = ''
+    """Note that is printed in parentheses after the formula."""
+
+    def __str__(self) -> str:
+        """Return the text, the value, the values of the symbols and the remark."""
+        symbols = ', '.join(f'{name} = {value:.8g}' for name, value in self.symbols.items())
+        remark = f' ({self.remark})' if self.remark else ''
+        return f'{self.text} = {self.value:.5g}{f" for {symbols}" if symbols else ""}{remark}'
+
+
+def chain_formula(
+    text: str, value: float, chain: Chain, remark: str = '', **more: float
+) -> Formula:
+    """Return a formula with the parameters of a chain that occur in its text."""
+    plus, minus = couplings(chain)
+    symbols = {
+        'r': chain.rotor_length,
+        'a': chain.spacing,
+        'θ̄': chain.rest_angle,
+        'l̄': chain.rest_length,
+        'ū': chain.rotor_length * math.sin(chain.rest_angle),
+        'd': chain.lean_ratio,
+        'q₊': plus,
+        'q₋': minus,
+        **more,
+    }
+    words = re.findall('|'.join([*_FUNCTIONS, *sorted(symbols, key=len, reverse=True)]), text)
+    return Formula(text, value, {name: symbols[name] for name in symbols if name in words}, remark)
 
 
 @dataclass(frozen=True)
@@ -102,6 +141,14 @@ class FigureReport:
                 (panel, series, repr(x), repr(y), *names)
                 for panel, series, x, y, *names in self.rows
             )
+
+
+def save_page(report: FigureReport, folder: Path, name: str) -> str:
+    """Write a page and the table of its comparisons; return the table and where the files are."""
+    report.save(folder, name)
+    write_table({name: report.comparisons}, folder / 'table.md', [name])
+    table = (folder / 'table.md').read_text(encoding='utf-8')
+    return f'{table}\npage and table are in {folder}'
 
 
 def save_figure(figure: Figure, path: Path) -> None:

@@ -4,7 +4,9 @@
 from __future__ import annotations
 
 import argparse
+import importlib
 import os
+import pkgutil
 import signal
 import subprocess
 import sys
@@ -17,6 +19,7 @@ from soliton_linkage.command_line import PlainParser, complete
 from soliton_linkage.progress import ProgressLine
 from soliton_linkage_studies.workers import local_processes, process_count
 
+Entry = TypeVar('Entry')
 Key = TypeVar('Key')
 Result = TypeVar('Result')
 
@@ -24,6 +27,28 @@ INTERRUPTED = 130
 """Exit status after Ctrl-C or SIGTERM: 128 + SIGINT, the convention of shells."""
 
 _FAILURES = (ArithmeticError, ValueError, OSError, RuntimeError, subprocess.SubprocessError)
+
+
+class Registry(dict[str, Entry]):
+    """Entries by name, to which modules add themselves."""
+
+    def add(self, name: str) -> Callable[[Entry], Entry]:
+        """Return a decorator that adds an entry; it raises ValueError for a name in use."""
+
+        def added(entry: Entry) -> Entry:
+            if name in self:
+                raise ValueError(f'{name!r} is registered already; choose another name')
+            self[name] = entry
+            return entry
+
+        return added
+
+
+def import_modules(package: str) -> None:
+    """Import the modules of a package, except its program, so that they register themselves."""
+    for module in pkgutil.iter_modules(importlib.import_module(package).__path__):
+        if module.name != 'program':
+            importlib.import_module(f'{package}.{module.name}')
 
 
 def study_parser(

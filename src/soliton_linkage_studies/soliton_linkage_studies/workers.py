@@ -79,15 +79,8 @@ class Processes:
         """Number of processes."""
         return len(self._processes)
 
-    @property
-    def unfinished(self) -> int:
-        """Number of tasks that `next_finished` has not returned."""
-        return len(self._waiting) + len(self._busy)
-
-    def start(
-        self, count: int, prepare: Callable[..., None] | None, arguments: tuple[Any, ...]
-    ) -> None:
-        """Start single-threaded processes, which first call `prepare` if it is given."""
+    def start(self, count: int) -> None:
+        """Start single-threaded processes."""
         context = multiprocessing.get_context('spawn')
         # Otherwise the resource tracker would start with the first process, and would receive
         # Ctrl-C.
@@ -95,7 +88,7 @@ class Processes:
         with defer_interrupts(), _environment(_ONE_THREAD):
             for _ in range(count):
                 ours, theirs = context.Pipe()
-                process = context.Process(target=_work, args=(theirs, prepare, arguments))
+                process = context.Process(target=_work, args=(theirs,))
                 process.start()
                 theirs.close()
                 self._processes[ours] = process
@@ -109,34 +102,25 @@ class Processes:
         return future
 
     def finished(self) -> Iterator[Future[Any]]:
-        """Yield futures as tasks finish, including tasks that are submitted meanwhile."""
-        while self.unfinished:
-            future = self.next_finished()
-            if future:
-                yield future
-
-    def next_finished(self, timeout: float | None = None) -> Future[Any] | None:
-        """Return the next finished task, or None after a timeout [s].
+        """Yield futures as tasks finish, including tasks that are submitted meanwhile.
 
         Raises ChildProcessError if a process has ended.
         """
-        ready = wait(list(self._busy), timeout)
-        if not ready:
-            return None
-        connection = cast(Connection, ready[0])
-        try:
-            result, error, trace = connection.recv()
-        except (EOFError, OSError):
-            raise self._failure(connection) from None
-        future = self._busy.pop(connection)
-        self._idle.append(connection)
-        self._assign()
-        if error:
-            error.__cause__ = _RemoteError(trace)
-            future.set_exception(error)
-        else:
-            future.set_result(result)
-        return future
+        while self._busy:
+            connection = cast(Connection, wait(list(self._busy))[0])
+            try:
+                result, error, trace = connection.recv()
+            except (EOFError, OSError):
+                raise self._failure(connection) from None
+            future = self._busy.pop(connection)
+            self._idle.append(connection)
+            self._assign()
+            if error:
+                error.__cause__ = _RemoteError(trace)
+                future.set_exception(error)
+            else:
+                future.set_result(result)
+            yield future
 
     def end(self, kill: bool = False) -> None:
         """End the processes after their current tasks, or kill them."""
@@ -180,17 +164,15 @@ def process_count(text: str) -> int:
 
 
 @contextmanager
-def local_processes(
-    count: int, prepare: Callable[..., None] | None = None, arguments: tuple[Any, ...] = ()
-) -> Iterator[Processes]:
-    """Start single-threaded processes, which first call `prepare` if it is given.
+def local_processes(count: int) -> Iterator[Processes]:
+    """Start single-threaded processes.
 
     At the end of the `with` block the processes finish all tasks. If the block fails or the
     parent is killed, they end at once. Only the parent receives Ctrl-C.
     """
     processes = Processes()
     try:
-        processes.start(count, prepare, arguments)
+        processes.start(count)
         yield processes
         for _ in processes.finished():
             pass
@@ -317,13 +299,9 @@ class _RemoteError(Exception):
         return f'\n{self.args[0]}'
 
 
-def _work(
-    connection: Connection, prepare: Callable[..., None] | None, arguments: tuple[Any, ...]
-) -> None:
+def _work(connection: Connection) -> None:
     """Run tasks until the parent closes the pipe; end at once if the parent ends."""
     threading.Thread(target=_end_with_parent, daemon=True).start()
-    if prepare:
-        prepare(*arguments)
     with suppress(EOFError, ConnectionError):
         while True:
             connection.send(_run(connection.recv_bytes()))

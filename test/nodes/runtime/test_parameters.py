@@ -54,8 +54,7 @@ from soliton_linkage_nodes.serial_encoders.valves import ValveParameters
 from soliton_linkage_nodes.simulator.node import Simulator
 from soliton_linkage_nodes.simulator.parameters import SimulatorParameters
 from soliton_linkage_nodes.soliton_analyser.node import AnalyserParameters, SolitonAnalyser
-from soliton_linkage_nodes.soliton_steering.node import SolitonSteering
-from soliton_linkage_nodes.soliton_steering.steered_chain import SolitonSteeringParameters
+from soliton_linkage_nodes.soliton_steering.node import SolitonSteering, SolitonSteeringParameters
 from soliton_linkage_nodes.visualisation.node import VisualisationParameters
 
 CONFIG = Path(__file__).parents[3] / 'config'

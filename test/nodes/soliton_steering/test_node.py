@@ -31,8 +31,8 @@ from soliton_linkage_nodes.runtime import interfaces
 from soliton_linkage_nodes.runtime.guarded import ACTION_QOS
 from soliton_linkage_nodes.runtime.stamps import time_to_msg
 from soliton_linkage_nodes.simulator.node import Simulator
-from soliton_linkage_nodes.soliton_steering.node import SolitonSteering
-from soliton_linkage_nodes.soliton_steering.steered_chain import (
+from soliton_linkage_nodes.soliton_steering.node import (
+    SolitonSteering,
     SolitonSteeringParameters,
     SteeredChain,
 )

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 from chains import EXAMPLES, FLIPPER, SPINNER, WOBBLER, chain_of
 from deviating_chains import deviating
+from energy_balance import EnergyBalance
 
 from soliton_linkage.actuation.actuators import PneumaticActuator
 from soliton_linkage.actuation.edge_command import CommandKind, EdgeCommand
@@ -20,7 +21,6 @@ from soliton_linkage.dynamics.simulation import Simulation
 from soliton_linkage.dynamics.work import TorqueLedger, work_of_impulse
 from soliton_linkage.linear.rigidity import Edge, mode_towards_last
 from soliton_linkage.linkage.gravity import Gravity
-from soliton_linkage_studies.driving.runs import EnergyBalance
 
 PERIOD = 0.01
 PNEUMATICS = PneumaticActuator()

@@ -27,7 +27,7 @@ from soliton_linkage.linkage.deviations import Deviations
 from soliton_linkage.orbit.deviating_orbit import DeviatingOrbit
 from soliton_linkage.orbit.orbit import Orbit
 from soliton_linkage.solitons.passage import find_obstacles
-from soliton_linkage_studies.traversal import follow_wall
+from soliton_linkage_studies.measures import follow_wall
 
 ACCURATE = 1e-8
 """Accuracy of angles [rad]."""

@@ -23,7 +23,7 @@ from soliton_linkage.solitons.passage import (
     length_excesses,
     motion_of_bonds,
 )
-from soliton_linkage_studies.traversal import check_passable, follow_wall
+from soliton_linkage_studies.measures import check_passable, follow_wall
 
 CLASSES = (FLIPPER, WOBBLER, SPINNER)
 ROTORS = 7

@@ -8,8 +8,8 @@ import pytest
 from filmed_chains import CAMERA, chain_plane
 
 from soliton_linkage.linkage.chain import Chain
+from soliton_linkage.vision.frame_markers import PlacingErrors
 from soliton_linkage.vision.layout import MarkerLayout
-from soliton_linkage.vision.placing import PlacingErrors
 from soliton_linkage.vision.plane import fit_plane
 
 pytest.importorskip('cv2', reason='needs OpenCV: pip install opencv-python-headless')

@@ -25,21 +25,22 @@ from PIL import Image
 from soliton_linkage.linear.bands import couplings, gap
 from soliton_linkage.linear.statics import stiffness_matrix
 from soliton_linkage.linkage.chain import Chain, Motion, staggered
-from soliton_linkage_studies.films import program
+from soliton_linkage_studies import program
 from soliton_linkage_studies.films.cell import CellScene
-from soliton_linkage_studies.films.cycle import CycleScene
-from soliton_linkage_studies.films.files import FileKind, file_kind, write_film
+from soliton_linkage_studies.films.cycle import CycleScene, StaggeredScene, from_behind, layered
 from soliton_linkage_studies.films.insulator import driven
 from soliton_linkage_studies.films.program import (
+    FileKind,
     Film,
+    file_kind,
     main,
     make_films,
     read_films,
     resized,
     scene_of,
+    write_film,
 )
 from soliton_linkage_studies.films.scenes import FILM_KINDS, STYLE, static_profile
-from soliton_linkage_studies.films.staggered import StaggeredScene, from_behind, layered
 from soliton_linkage_studies.films.tilt import TiltScene
 from soliton_linkage_studies.settings import load_settings
 
@@ -148,7 +149,7 @@ def test_a_film_has_the_requested_number_of_frames(tmp_path: Path) -> None:
     if not kind.ffmpeg:
         pytest.skip('needs ffmpeg: pip install imageio-ffmpeg')
     path = tmp_path / 'film.mp4'
-    write_film(scene_of(resized(film_of('S6'), 322, 182, frames)), 25, path, kind, lambda: None)
+    write_film(scene_of(resized(film_of('S6'), 322, 182, frames)), 25, path, kind)
     assert frames_of(path, kind.ffmpeg, 322, 182) == frames
     shown = subprocess.run(
         [kind.ffmpeg, '-hide_banner', '-i', str(path)],
@@ -162,7 +163,7 @@ def test_a_film_has_the_requested_number_of_frames(tmp_path: Path) -> None:
 
 def test_without_ffmpeg_a_film_is_a_gif(tmp_path: Path) -> None:
     path = tmp_path / 'film.gif'
-    write_film(scene_of(resized(film_of('S8'), 320, 180, 6)), 25, path, GIF, lambda: None)
+    write_film(scene_of(resized(film_of('S8'), 320, 180, 6)), 25, path, GIF)
     with Image.open(path) as picture:
         assert (picture.size, getattr(picture, 'n_frames', 1)) == ((320, 180), 6)
 

@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 import asyncio
+from collections.abc import Callable
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -11,19 +12,54 @@ from typing import Any
 from fastapi import FastAPI
 from nicegui import ui
 
+from soliton_linkage_nodes.live_view.commands import READ_ONLY
 from soliton_linkage_nodes.live_view.controls.bag_controls import BagControls, RecordControls
 from soliton_linkage_nodes.live_view.controls.drive_controls import (
     DriveControls,
     RunControls,
+    Shown,
+    button,
     reasons_for,
 )
-from soliton_linkage_nodes.live_view.controls.lesson_controls import LessonControls
 from soliton_linkage_nodes.live_view.controls.node_controls import (
     IdentifyControls,
     ParameterControls,
 )
+from soliton_linkage_nodes.live_view.lesson import EXPERIMENTS, GuidedExperiment, Laboratory
 from soliton_linkage_nodes.live_view.status import REPLAY
 from soliton_linkage_nodes.live_view.view import ALL, View
+
+
+class LessonControls:
+    """Question, button and measured answer of each experiment."""
+
+    def __init__(self, view: View, page: Shown, watch: Callable[[str], None]) -> None:
+        self._view, self._page, self._watch = view, page, watch
+        self._running = False
+        for number, experiment in enumerate(EXPERIMENTS, 1):
+            with ui.element('section').classes('live-lesson'):
+                ui.label(f'{number}. {experiment.title}').classes('live-title')
+                ui.label(experiment.question)
+                answer = ui.label().classes('live-measured').props(f'id=live-measured-{number}')
+                action = partial(self._carry_out, experiment, answer)
+                button('Try it', action, 'science', f'live-try-{number}', number == 1, long=True)
+
+    async def _carry_out(self, experiment: GuidedExperiment, answer: ui.label) -> str:
+        if self._view.read_only:
+            raise ValueError(READ_ONLY)
+        if self._running:
+            raise ValueError('another experiment is running; wait for its answer')
+        self._running, answer.text = True, 'measuring …'
+        try:
+            laboratory = Laboratory(self._view, self._page.namespace, self._watch)
+            answer.text = await experiment.carry_out(laboratory)
+        except (TimeoutError, ValueError) as error:
+            answer.text = ''
+            raise ValueError(str(error)) from error
+        finally:
+            self._running = False
+        return f'measured: {experiment.title}'
+
 
 _REFRESH_PERIOD = 0.25
 """Time between two updates of the controls [s]."""

@@ -99,11 +99,9 @@ def describe_chain(chain: Chain) -> str:
     )
 
 
-def declare_chain_source(
-    node: Node, parameters: type[ChainSourceParameters] = ChainSourceParameters
-) -> None:
+def declare_chain_source(node: Node) -> None:
     """Declare the parameters of a `ChainSource`; ValueError if they describe no chain."""
-    check_names('parameter joint_names', declare(node, parameters).joint_names)
+    check_names('parameter joint_names', declare(node, ChainSourceParameters).joint_names)
     declare_chain(node)
 
 

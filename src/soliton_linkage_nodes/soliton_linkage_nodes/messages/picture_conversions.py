@@ -109,7 +109,7 @@ def read_camera(path: Path) -> Camera:
         ) from error
 
 
-def write_camera(path: Path, camera: Camera, name: str = 'camera') -> None:
+def write_camera(path: Path, camera: Camera) -> None:
     """Write a calibration file for this suite and for ROS camera drivers."""
     model = (
         'plumb_bob' if len(camera.distortion) <= _MODELS['plumb_bob'] else 'rational_polynomial'
@@ -119,7 +119,7 @@ def write_camera(path: Path, camera: Camera, name: str = 'camera') -> None:
     content: dict[str, Any] = {
         'image_width': camera.width,
         'image_height': camera.height,
-        'camera_name': name,
+        'camera_name': 'camera',
         'camera_matrix': {'rows': 3, 'cols': 3, 'data': matrix},
         'distortion_model': model,
         'distortion_coefficients': {

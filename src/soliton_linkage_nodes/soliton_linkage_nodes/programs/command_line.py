@@ -8,11 +8,13 @@ import dataclasses
 import math
 import re
 import sys
+import threading
 import time
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 
+import rclpy
 from rclpy.utilities import remove_ros_args
 
 from soliton_linkage.command_line import PlainParser
@@ -20,6 +22,7 @@ from soliton_linkage.linkage.quantities import Quantity, described_fields
 from soliton_linkage.progress import ProgressLine
 from soliton_linkage_nodes.bags.guards import BagLimits
 from soliton_linkage_nodes.runtime.parameter_files import check_files
+from soliton_linkage_nodes.runtime.process import initialise, stop_on_signals
 from soliton_linkage_nodes.start import INTERRUPTED
 
 _SOURCE_LOCATION = re.compile(r', at /\S+:\d+')
@@ -74,6 +77,23 @@ def exit_on_failure(program: str) -> Iterator[None]:
         # A terminal may still show a progress line.
         line = '\r\x1b[K' if sys.stderr.isatty() else ''
         sys.exit(f'{line}{program}: {reason(error)}')
+
+
+@contextmanager
+def ros_client(program: str) -> Iterator[threading.Event]:
+    """Initialise ROS for a client, and yield the event that SIGINT and SIGTERM set.
+
+    Exit with code 1 after a failure and 130 after a signal.
+    """
+    stopping = stop_on_signals()
+    try:
+        with exit_on_failure(program):
+            initialise()
+            yield stopping
+    finally:
+        rclpy.try_shutdown()
+    if stopping.is_set():
+        sys.exit(INTERRUPTED)
 
 
 def message_progress(title: str) -> tuple[ProgressLine, Callable[[int, int], None]]:

@@ -11,11 +11,13 @@ import csv
 import dataclasses
 import math
 import sys
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
+from rosbags.interfaces import Connection
 from rosbags.rosbag2 import Reader
 
 from soliton_linkage.command_line import PlainParser
@@ -43,7 +45,7 @@ from soliton_linkage_nodes.programs.command_line import (
 from soliton_linkage_nodes.runtime import interfaces
 from soliton_linkage_nodes.runtime.process import interrupt_on_signals
 from soliton_linkage_nodes.runtime.stamps import SECOND
-from soliton_linkage_studies.identification_report import save_report
+from soliton_linkage_studies.pictures import save_report
 
 
 @dataclass(frozen=True)
@@ -229,46 +231,36 @@ def read_joints(
     `span` contains the first and last time of the used frames, relative to the first frame [s]. If
     the recording has more than `most_frames` frames, the most informative frames are used.
     """
-    joints = find_topic(reader, 'joint_states')
-    others = {
-        topic.name
-        for topic in (
-            interfaces.JOINT_STATE_DEVIATIONS,
-            interfaces.DELIVERED_IMPULSES,
-            interfaces.DELIVERY,
-            interfaces.ROTOR_IMPULSES,
-            interfaces.ROTOR_TORQUES,
-            interfaces.TILT,
-        )
+    record = JointRecord(known.joint_names if known else (), most_frames)
+    adders: dict[str, Callable[[Any, int], None]] = {
+        interfaces.JOINT_STATE_DEVIATIONS.name: lambda message, _: record.add_deviations(
+            joint_states_from_msg(message)
+        ),
+        interfaces.TILT.name: lambda message, received: record.add_tilt(message.data, received),
+        interfaces.DELIVERED_IMPULSES.name: lambda message, _: record.add_delivered_impulses(
+            message
+        ),
+        interfaces.DELIVERY.name: lambda message, _: record.add_delivery(message),
+        interfaces.ROTOR_IMPULSES.name: record.add_command,
+        interfaces.ROTOR_TORQUES.name: record.add_command,
     }
-    wanted = [
-        joints,
-        *(each for each in reader.connections if each.topic.rpartition('/')[2] in others),
-    ]
-    decoders = {connection.topic: decoder(connection) for connection in wanted}
+    joints = find_topic(reader, 'joint_states')
+    others = [each for each in reader.connections if _name(each) in adders]
+    decoders = {connection.topic: decoder(connection) for connection in [joints, *others]}
     progress = ProgressLine('reading', joints.msgcount)
     watch = EncoderMonitor(lambda line: print(f'identify_chain: {line}', file=sys.stderr))
-    record = JointRecord(known.joint_names if known else (), most_frames)
     first = None
-    for connection, received, serialized in read_messages(reader, wanted):
+    for connection, received, serialized in read_messages(reader, [joints, *others]):
         message = decoders[connection.topic](serialized)
-        if connection is joints:
-            states = joint_states_from_msg(message)
-            first = states.stamp if first is None else first
-            if span[0] <= (states.stamp - first) / SECOND <= span[1]:
-                record.add(states)
-            watch.check(states.stamp)
-            progress.show(record.frames, f'{record.frames} frames')
-        elif connection.topic.endswith(interfaces.JOINT_STATE_DEVIATIONS.name):
-            record.add_deviations(joint_states_from_msg(message))
-        elif connection.topic.endswith(interfaces.TILT.name):
-            record.add_tilt(message.data, received)
-        elif connection.topic.endswith(interfaces.DELIVERED_IMPULSES.name):
-            record.add_delivered_impulses(message)
-        elif connection.topic.endswith(interfaces.DELIVERY.name):
-            record.add_delivery(message)
-        else:
-            record.add_command(message, received)
+        if connection is not joints:
+            adders[_name(connection)](message, received)
+            continue
+        states = joint_states_from_msg(message)
+        first = states.stamp if first is None else first
+        if span[0] <= (states.stamp - first) / SECOND <= span[1]:
+            record.add(states)
+        watch.check(states.stamp)
+        progress.show(record.frames, f'{record.frames} frames')
     record.finish()
     progress.clear()
     if len(record) < _FEWEST_FRAMES:
@@ -284,6 +276,10 @@ def read_joints(
             file=sys.stderr,
         )
     return record
+
+
+def _name(connection: Connection) -> str:
+    return str(connection.topic.rpartition('/')[2])
 
 
 _WORST = 3

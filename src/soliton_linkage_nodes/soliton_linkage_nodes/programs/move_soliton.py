@@ -14,7 +14,6 @@ import time
 from collections.abc import Callable
 from typing import Any
 
-import rclpy
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from rclpy.action import ActionClient
 
@@ -23,14 +22,13 @@ from soliton_linkage.linkage.quantities import Quantity
 from soliton_linkage_msgs.action import MoveSoliton
 from soliton_linkage_nodes.programs.chain_line import LEGEND, ChainLine
 from soliton_linkage_nodes.programs.command_line import (
-    exit_on_failure,
     number,
     parse_own_arguments,
+    ros_client,
 )
 from soliton_linkage_nodes.runtime import interfaces
 from soliton_linkage_nodes.runtime.guarded import ACTION_QOS
-from soliton_linkage_nodes.runtime.process import WaitingNode, initialise, stop_on_signals
-from soliton_linkage_nodes.start import INTERRUPTED
+from soliton_linkage_nodes.runtime.process import WaitingNode
 
 _ROTOR = Quantity('destination, counted from rotor 0', 'rotor spacings')
 _SPEED = Quantity('largest speed of the move', 'rotor spacings/s', minimum=0.0)
@@ -145,15 +143,8 @@ def progress_of(on_the_way: MoveSoliton.Feedback) -> str:
 def main() -> None:
     """Move the soliton as the command line specifies."""
     options = parse_own_arguments(_parser())
-    stopping = stop_on_signals()
-    try:
-        with exit_on_failure('move_soliton'):
-            initialise()
-            result = MoveClient(stopping).move(options.rotor, options.speed, options.wait)
-    finally:
-        rclpy.try_shutdown()
-    if stopping.is_set():
-        sys.exit(INTERRUPTED)
+    with ros_client('move_soliton') as stopping:
+        result = MoveClient(stopping).move(options.rotor, options.speed, options.wait)
     sys.exit(result.outcome != MoveSoliton.Result.REACHED)
 
 

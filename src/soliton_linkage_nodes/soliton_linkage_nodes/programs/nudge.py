@@ -7,12 +7,10 @@ the actuator on last_kick, or the reason of a failure.
 
 from __future__ import annotations
 
-import sys
 import threading
 import time
 from typing import Any
 
-import rclpy
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from std_msgs.msg import Float64
 
@@ -21,13 +19,12 @@ from soliton_linkage.linkage.quantities import Quantity
 from soliton_linkage_msgs.msg import LastKick
 from soliton_linkage_nodes.messages.view_conversions import describe_kick
 from soliton_linkage_nodes.programs.command_line import (
-    exit_on_failure,
     number,
     parse_own_arguments,
+    ros_client,
 )
 from soliton_linkage_nodes.runtime import interfaces
-from soliton_linkage_nodes.runtime.process import WaitingNode, initialise, stop_on_signals
-from soliton_linkage_nodes.start import INTERRUPTED
+from soliton_linkage_nodes.runtime.process import WaitingNode
 
 _SPEED = Quantity('speed of the kick along the zero mode, positive away from the edge', 'rad/s')
 _TIMEOUT = Quantity(
@@ -141,18 +138,11 @@ class NudgeClient(WaitingNode):
 def main() -> None:
     """Nudge as the command line specifies; exit with 1 after a failure, 130 after Ctrl-C."""
     options = parse_own_arguments(_parser())
-    stopping = stop_on_signals()
-    try:
-        with exit_on_failure('nudge'):
-            initialise()
-            node = NudgeClient(stopping)
-            kick = node.nudge(options.speed, options.subscribers, options.timeout)
-            if kick is not None:
-                print(f'nudge: {describe_kick(kick)}')
-    finally:
-        rclpy.try_shutdown()
-    if stopping.is_set():
-        sys.exit(INTERRUPTED)
+    with ros_client('nudge') as stopping:
+        node = NudgeClient(stopping)
+        kick = node.nudge(options.speed, options.subscribers, options.timeout)
+        if kick is not None:
+            print(f'nudge: {describe_kick(kick)}')
 
 
 def _parser() -> PlainParser:

@@ -22,8 +22,12 @@ from soliton_linkage.solitons.static_wall import static_wall
 from soliton_linkage.solitons.tanh_fit import find_solitons
 from soliton_linkage_studies.captions import class_and_shape
 from soliton_linkage_studies.experiments import MIDDLE, crossing_duration, record_kick
-from soliton_linkage_studies.figure_report import Comparison, FigureReport, write_table
-from soliton_linkage_studies.formulas import Formula
+from soliton_linkage_studies.figure_report import (
+    Comparison,
+    FigureReport,
+    Formula,
+    write_table,
+)
 from soliton_linkage_studies.palette import BLACK, MEASURED, PAPER
 from soliton_linkage_studies.settings import Section, chain_from
 
@@ -280,7 +284,8 @@ def _comparisons(
     lines = []
     for kick, passage in zip(walls.kicks, passages, strict=True):
         speed, width = walls.reference.get(kick, (math.nan, math.nan))
-        law = Formula('√(1 − (v/c)²)', {'v/c': min(passage.speed, 1.0)})
+        slowed = min(passage.speed, 1.0)
+        law = Formula('√(1 − (v/c)²)', math.sqrt(1 - slowed**2), {'v/c': slowed})
         where = f'{class_and_shape(chain)}, v₀ = {kick:g}'
         for quantity, deviation, paper, measured, expected in (
             ('v [a√(k_e/M)]', passage.speed_deviation * sound, '', passage.speed * sound, speed),

@@ -30,7 +30,7 @@ from soliton_linkage_studies.active.runs import (
     wall_drive,
 )
 from soliton_linkage_studies.drawing import lean_norm
-from soliton_linkage_studies.figure_report import FigureReport, write_table
+from soliton_linkage_studies.figure_report import FigureReport, save_page
 from soliton_linkage_studies.palette import (
     BLACK,
     BLUE,
@@ -325,11 +325,7 @@ def _active(options: argparse.Namespace) -> str:
     drives = study.drives
     tasks = study.tasks(drives)
     runs = run_parallel('active', tasks, options.workers)
-    report = page(study, drives, tasks, runs)
-    report.save(options.output, 'active')
-    write_table({'active': report.comparisons}, options.output / 'table.md', ['active'])
-    table = (options.output / 'table.md').read_text(encoding='utf-8')
-    return f'{table}\npage and table are in {options.output}'
+    return save_page(page(study, drives, tasks, runs), options.output, 'active')
 
 
 if __name__ == '__main__':

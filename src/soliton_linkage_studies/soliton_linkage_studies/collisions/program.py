@@ -8,18 +8,280 @@ command continues the study.
 from __future__ import annotations
 
 import argparse
+import math
 import sys
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 
-from soliton_linkage_studies.collisions.pictures import draw_pictures, draw_speeds, draw_windows
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
+
+from soliton_linkage.linkage.chain import Array, Motion
+from soliton_linkage_studies.captions import parameters
+from soliton_linkage_studies.collisions.runs import (
+    INITIAL_DISTANCE,
+    Collision,
+    ring_order_field,
+    simulate_frames,
+)
 from soliton_linkage_studies.collisions.study import (
+    CRITICAL_SPEED,
+    PHI4_SPEED,
+    Row,
+    escaped_after,
     finding_lines,
     read_collision_study,
     read_row,
+    series_of,
+)
+from soliton_linkage_studies.drawing import LEGEND_ABOVE
+from soliton_linkage_studies.figure_report import FigureReport
+from soliton_linkage_studies.palette import (
+    BLACK,
+    BLUE,
+    GREEN,
+    GREY,
+    LEAN_COLOURS,
+    ORANGE,
+    PURPLE,
+    RED,
+    SKY,
 )
 from soliton_linkage_studies.program import run_study, study_parser
 from soliton_linkage_studies.settings import load_settings
 from soliton_linkage_studies.sweep.table import RESUMES, fill_table
+
+_SPEEDS = """ A kink and an anti-kink collide on a ring of springs, each with the speed v. v′ is
+half of their relative speed after the collision; c is the speed of sound. Each panel shows one
+ring, with its class and (r/a, θ̄). For spinners, the title states whether the second wall turns
+the rotors back or onwards. Each dot is a collision. Its colour shows the number of overlaps before
+the walls separate: none (pink), one (blue), two (orange), three (green) or more (black). Grey
+ticks at the bottom: captured pairs. Red ticks: broken anti-kinks. In a flipper, rotors have turned
+over; in a spinner, the wall has less than half of its continuum rest energy. Dashed line: v′ = v,
+an elastic collision.
+"""
+_WINDOWS = """
+(a) Bounce windows of a flipper: speed v′ of each wall after the collision against its speed v
+before, both relative to the speed of sound c; v′ is half of the relative speed of the walls. The
+walls separate after one collision (blue), two (orange), three (green) or more (black), or form a
+captured pair (grey ticks at the bottom). Dashed line: v′ = v. (b) The same collisions with one
+changed setting per row. The colour of each tick is the outcome; white marks a captured pair.
+(c) Critical speed, above
+which the walls separate after one collision, against d = 2 r sin θ̄ / a for two rotor lengths r.
+Dashed line: critical speed of phi⁴ theory, {phi4:g} c, the limit of small d.
+"""
+_OUTCOME_COLOURS = (PURPLE, BLUE, ORANGE, GREEN, BLACK)
+"""Colours for no overlap, one, two, three, and more overlaps."""
+_NAMES = ('never overlapped', '1 collision', '2 collisions', '3 collisions', 'more collisions')
+_COLUMNS = 4
+"""Number of panels in a row [1]."""
+_SPEED, _SPEED_AFTER = 'v / c [1]', "v' / c [1]"
+
+
+def draw_speeds(rows: Sequence[Row]) -> FigureReport:
+    """Draw the speed after the collision against the speed before, one panel per ring."""
+    series = series_of(rows, 'sweeps')
+    columns = min(_COLUMNS, len(series))
+    lines = -(-len(series) // columns)
+    figure = Figure(figsize=(4.1 * columns, 3.9 * lines + 0.5), layout='constrained')
+    report = FigureReport(figure, _SPEEDS)
+    panels = figure.subplots(lines, columns, squeeze=False).ravel()
+    for axes, (name, each) in zip(panels, series.items(), strict=False):
+        _draw_speeds(report, axes, name, each)
+        axes.set(title=name, xlabel='v / c [1]', xlim=(0, None), ylim=(0, None))
+    for axes in panels[len(series) :]:
+        axes.set_axis_off()
+    for axes in panels[::columns]:
+        axes.set_ylabel('v′ / c [1]')
+    figure.legend(handles=_handles(True), loc=LEGEND_ABOVE, ncols=8, frameon=False)
+    return report
+
+
+def draw_windows(rows: Sequence[Row]) -> FigureReport:
+    """Draw bounce windows, their sensitivity to settings, and the critical speed against d."""
+    figure = Figure(figsize=(13, 7), layout='constrained')
+    report = FigureReport(figure, _WINDOWS.format(phi4=PHI4_SPEED))
+    grid = figure.add_gridspec(2, 2, width_ratios=(1.7, 1), height_ratios=(2, 1))
+    above = figure.add_subplot(grid[0, 0])
+    below = figure.add_subplot(grid[1, 0], sharex=above)
+    aside = figure.add_subplot(grid[:, 1])
+    series = {
+        name: [row for row in each if not row.name]
+        for name, each in series_of(rows, 'variations').items()
+    }
+    whole = next(iter(series.values()))
+    _draw_speeds(report, above, 'a', whole)
+    above.set(ylabel='v′ / c [1]', ylim=(0, None))
+    above.margins(x=0.01)
+    above.tick_params(labelbottom=False)
+    _draw_strips(report, below, series)
+    _draw_critical(report, aside, series_of(rows, 'critical_speeds'))
+    for panel, letter in zip((above, below, aside), 'abc', strict=True):
+        panel.set_title(letter, loc='left', fontweight='bold')
+    figure.legend(handles=_handles(False), loc=LEGEND_ABOVE, ncols=8, frameon=False)
+    return report
+
+
+def _draw_speeds(report: FigureReport, axes: Axes, name: str, rows: Sequence[Row]) -> None:
+    speeds = np.array([row.speed for row in rows])
+    bottom = axes.get_xaxis_transform()
+    ends = [speeds.min(), speeds.max()]
+    axes.plot(ends, ends, '--', color=GREY, linewidth=0.9, zorder=1)
+    for outcome, label in [*enumerate(_NAMES), (None, 'captured'), (-1, 'anti-kink broken')]:
+        chosen = [row for row in rows if row.run and _outcome(row) == outcome]
+        if not chosen:
+            continue
+        before = np.array([row.speed for row in chosen])
+        if outcome is None or outcome < 0:
+            colour = GREY if outcome is None else RED
+            axes.vlines(before, 0.0, 0.04, color=colour, linewidth=0.6, transform=bottom)
+            report.add_points(name, label, (_SPEED, _SPEED_AFTER), before, np.zeros_like(before))
+        else:
+            after = np.array([row.run.speed_after for row in chosen if row.run])
+            colour = _OUTCOME_COLOURS[outcome]
+            axes.plot(before, after, '.', color=colour, markersize=3.5, zorder=2 + outcome)
+            report.add_points(name, label, (_SPEED, _SPEED_AFTER), before, after)
+
+
+def _draw_strips(report: FigureReport, axes: Axes, series: dict[str, list[Row]]) -> None:
+    for number, (name, rows) in enumerate(series.items()):
+        width = (rows[-1].speed - rows[0].speed) / max(len(rows) - 1, 1)
+        for outcome, label in enumerate(_NAMES):
+            speeds = [row.speed for row in rows if row.run and _outcome(row) == outcome]
+            bars = [(speed - width / 2, width) for speed in speeds]
+            axes.broken_barh(bars, (number - 0.4, 0.8), color=_OUTCOME_COLOURS[outcome])
+            report.add_points(
+                'b', f'{name}: {label}', (_SPEED, 'row'), speeds, [number] * len(speeds)
+            )
+    axes.set_yticks(range(len(series)), list(series))
+    axes.set(xlabel='v / c [1]', ylim=(len(series) - 0.5, -0.5))
+
+
+def _draw_critical(report: FigureReport, axes: Axes, series: dict[str, list[Row]]) -> None:
+    for (name, rows), colour in zip(series.items(), (BLUE, GREEN, SKY), strict=False):
+        found = [row for row in rows if row.run]
+        leans = [float(row.name) for row in found]
+        speeds = [row.speed for row in found]
+        axes.plot(leans, speeds, 'o-', color=colour, markersize=4, label=name)
+        report.add_points('c', name, ('d [1]', CRITICAL_SPEED), leans, speeds)
+    axes.axhline(PHI4_SPEED, color=BLACK, linestyle='--', linewidth=0.9, label='phi⁴ theory')
+    axes.set(xlabel='d = 2 r sin θ̄ / a [1]', ylabel=CRITICAL_SPEED)
+    axes.set(xlim=(0, None), ylim=(0, None))
+    axes.legend(frameon=False)
+
+
+def _outcome(row: Row) -> int | None:
+    """Return the number of overlaps before separation, up to 4; None if captured, -1 if broken."""
+    after = escaped_after(row)
+    if row.run and row.run.broken:
+        return -1
+    return None if after is None else min(after, len(_NAMES) - 1)
+
+
+def _handles(whole: bool) -> list[Line2D]:
+    names = list(zip(_NAMES, _OUTCOME_COLOURS, strict=True))
+    dots = [
+        Line2D([], [], color=colour, marker='o', linestyle='', markersize=5, label=name)
+        for name, colour in (names if whole else names[1:])
+    ]
+    ticks = [('captured', GREY), ('anti-kink broken', RED)]
+    bars = [
+        Line2D([], [], color=colour, marker='|', linestyle='', markersize=9, label=name)
+        for name, colour in (ticks if whole else ticks[:1])
+    ]
+    return [*dots, *bars, Line2D([], [], color=GREY, linestyle='--', label='v′ = v')]
+
+
+_CAPTION = """
+Collisions of kinks (from the left) and anti-kinks (from the right) on rings of springs. Titles
+state the relative speed v / c and (r/a, θ̄). Colours show the order field m: u / ū for flippers
+and cos(θ − θ̄) for spinners, with u = r sin θ, ū = r sin θ̄ and θ the staggered angle. m is +1
+(purple) where the chain leans right and −1 (orange) where it leans left. Time runs upwards in
+units of 2 ℓ / c, with ℓ the penetration depth and c the speed of sound. Only a part of the ring is
+shown. Numbers in the domains of spinners are the turns of the rotors since the right-leaning
+state.
+"""
+_SHOWN = 40.0
+"""Width of a panel in units of `Collision.reach` [1]."""
+_AFTERWARDS = 35.0
+"""Drawn time after the walls meet, in units of `Collision.unit` [1]."""
+_LARGEST = 1.6
+"""Order field at the ends of the colour scale [1], just above its largest value."""
+_SPACETIME_COLUMNS = 3
+"""Number of space-time panels in a row [1]."""
+_TURNS = {-2: '−1', -1: '−½', 0: '0', 1: '+½', 2: '+1'}
+"""Labels of turns, by the number of half turns."""
+
+
+def draw_pictures(collisions: Mapping[str, Collision]) -> FigureReport:
+    """Draw the order field of each collision against position and time."""
+    columns = min(_SPACETIME_COLUMNS, len(collisions))
+    lines = -(-len(collisions) // columns)
+    figure = Figure(figsize=(4.6 * columns, 4.4 * lines), layout='constrained')
+    report = FigureReport(figure, _CAPTION)
+    panels = figure.subplots(lines, columns, squeeze=False).ravel()
+    for axes, (name, collision) in zip(panels, collisions.items(), strict=False):
+        _draw(report, axes, name, collision)
+    for axes in panels[len(collisions) :]:
+        axes.set_axis_off()
+    for axes in panels[::columns]:
+        axes.set_ylabel('t c / 2 ℓ [1]')
+    bar = figure.colorbar(panels[0].images[0], ax=panels, shrink=0.6, extend='both', pad=0.01)
+    bar.set_label('order field m [1]')
+    return report
+
+
+def _draw(report: FigureReport, axes: Axes, name: str, collision: Collision) -> None:
+    times, angles = _recorded(collision)
+    rotors = np.arange(angles.shape[1])
+    places = rotors - (len(rotors) - 1) / 2
+    shown = np.abs(places) < _SHOWN / 2 * collision.reach
+    fields = ring_order_field(collision.ring, angles)[:, shown]
+    places = places[shown]
+    axes.imshow(
+        fields,
+        origin='lower',
+        aspect='auto',
+        interpolation='nearest',
+        cmap=LEAN_COLOURS,
+        vmin=-_LARGEST,
+        vmax=_LARGEST,
+        extent=(places[0] - 0.5, places[-1] + 0.5, times[0], times[-1]),
+    )
+    ring = collision.ring
+    title = f'{name}: v / c = {collision.speed:g}\n{ring.motion.value}, {parameters(ring)}'
+    axes.set_title(title, fontsize=10)
+    axes.set_xlabel('position [rotor spacings]')
+    if ring.motion is Motion.SPINNER:
+        _label_turns(axes, collision, times, angles)
+    middle = int(np.argmin(np.abs(places)))
+    names = ('t c / 2 l [1]', 'order field in the middle [1]')
+    report.add_points(name, 'middle', names, times, fields[:, middle])
+
+
+def _recorded(collision: Collision) -> tuple[Array, Array]:
+    """Return times in units of `Collision.unit`, (T,), and angles [rad], (T, N), to be drawn."""
+    duration = (INITIAL_DISTANCE / 2 / collision.speed + _AFTERWARDS) * collision.unit
+    times, angles = [], []
+    for instants, frame, _ in simulate_frames(collision):
+        times.append(instants)
+        angles.append(frame)
+        if instants[-1] > duration:
+            break
+    return np.concatenate(times) / collision.unit, np.concatenate(angles)
+
+
+def _label_turns(axes: Axes, collision: Collision, times: Array, angles: Array) -> None:
+    """Label the turns of the middle rotor at the start and the end, and of an outer rotor."""
+    rest = collision.ring.uniform_state(1)
+    middle = len(rest) // 2
+    outside = min(middle + round(0.42 * _SHOWN * collision.reach), len(rest) - 1)
+    for rotor, share in ((middle, 0.03), (middle, 0.94), (outside, 0.03)):
+        frame = round(share * (len(times) - 1))
+        halves = round((angles[frame, rotor] - rest[rotor]) / math.pi)
+        place = (rotor - (len(rest) - 1) / 2, times[frame])
+        axes.annotate(_TURNS.get(halves, f'{halves}/2'), place, ha='center', va='center')
 
 
 def main(arguments: Sequence[str] | None = None) -> int:

@@ -17,7 +17,6 @@ from soliton_linkage.dynamics.elastic import ElasticSimulation, simulate
 from soliton_linkage.dynamics.initial_states import leaning, with_soliton
 from soliton_linkage.dynamics.rigid import RigidSimulation
 from soliton_linkage.dynamics.simulation import Simulation
-from soliton_linkage.dynamics.work import work_of_kick, work_of_torques
 from soliton_linkage.linear.rigidity import Edge, mode_centre, zero_mode
 from soliton_linkage.linkage.chain import Array, Chain
 from soliton_linkage.linkage.deviations import drawn_deviations
@@ -198,7 +197,7 @@ class BalancedRun:
     times: Array
     """Instants of the frames [s], shape (T,)."""
     imbalances: Array
-    """Absolute energy imbalance, relative to the largest energy so far [1], shape (T,)."""
+    """Absolute `Simulation.energy_drift` [1], shape (T,)."""
     kicks: Array
     """Times of the impulses [s], shape (kicks,)."""
     turns: Array
@@ -258,20 +257,21 @@ class BalanceTask:
         simulation = MECHANICS[self.mechanics](
             chain, state.angles, state.rates, _PERIOD, _BALANCE_TOLERANCE, Gravity(self.gravity)
         )
-        balance = EnergyBalance(simulation)
         random = np.random.default_rng(self.seed)
         imbalances, kicks, turns, pushed = [], [], [], []
         for frame in range(round(self.duration / _PERIOD)):
             normal = chain.moments_of_inertia * random.standard_normal(chain.number_of_rotors)
             if frame % _EVENT_FRAMES == _KICK_FRAME:
-                balance.kick(self.kick * normal)
+                simulation.kick(self.kick * normal)
                 kicks.append(simulation.time)
             if frame % _EVENT_FRAMES == _TURN_FRAME:
-                balance.turn(Gravity(self.gravity, random.uniform(-self.tilt, self.tilt)))
+                tilt = random.uniform(-self.tilt, self.tilt)
+                simulation.set_gravity(Gravity(self.gravity, tilt))
                 turns.append(simulation.time)
             pushed.append(frame // _EVENT_FRAMES % 2 == 1)
-            balance.advance(pushed[-1] * self.torque * normal)
-            imbalances.append(balance.imbalance)
+            simulation.hold(pushed[-1] * self.torque * normal)
+            simulation.advance()
+            imbalances.append(abs(simulation.energy_drift))
         times = np.linspace(_PERIOD, simulation.time, len(imbalances))
         return BalancedRun(
             times, np.array(imbalances), np.array(kicks), np.array(turns), np.array(pushed)
@@ -373,50 +373,3 @@ class TiltTask:
                 frames.append((simulation.time, tilt, place))
                 simulation.advance()
         return TiltedRun(*np.array(frames).T)
-
-
-class EnergyBalance:
-    """Energy balance of a simulation: work of all inputs, compared with the energy of the frames.
-
-    E(t) = E(0) + sum of W - D,    E = kinetic + elastic + gravitational energy,
-
-    where D is the energy dissipated by damping. The work of an instantaneous change of gravity is
-    the change of the gravitational energy. Rigid bars store no energy.
-    """
-
-    def __init__(self, simulation: Simulation) -> None:
-        """Start the balance with the energy of the current frame."""
-        self.simulation = simulation
-        self._start = simulation.energy
-        self._given = 0.0
-        self._largest = abs(self._start)
-        self._dissipated_before = simulation.dissipated
-
-    @property
-    def imbalance(self) -> float:
-        """Absolute energy imbalance, relative to the largest energy of any frame so far [1]."""
-        energy = self.simulation.energy
-        taken = self.simulation.dissipated - self._dissipated_before
-        missing = self._start + self._given - taken - energy
-        largest = max(self._largest, abs(energy))
-        return abs(missing) / largest if largest else 0.0
-
-    def kick(self, impulses: Array) -> None:
-        """Apply angular impulses [N m s], (N,); bars absorb components normal to the mode."""
-        before = self.simulation.rates
-        self.simulation.kick(impulses)
-        self._given += work_of_kick(impulses, before, self.simulation.rates)
-
-    def turn(self, gravity: Gravity) -> None:
-        """Change gravity at the time of the current frame."""
-        before = self.simulation.energy
-        self.simulation.set_gravity(gravity)
-        self._given += self.simulation.energy - before
-
-    def advance(self, torques: Array) -> None:
-        """Advance by one period under torques [N m], shape (N,)."""
-        before = self.simulation.angles
-        self.simulation.hold(torques)
-        self.simulation.advance()
-        self._given += work_of_torques(torques, self.simulation.angles - before)
-        self._largest = max(self._largest, abs(self.simulation.energy))

@@ -10,10 +10,10 @@ from __future__ import annotations
 from collections.abc import Callable
 
 from soliton_linkage_studies.figure_report import FigureReport
-from soliton_linkage_studies.registry import Registry
+from soliton_linkage_studies.program import Registry
 from soliton_linkage_studies.settings import Section
 
 DrawFigure = Callable[[Section, bool], FigureReport]
 """Function that receives the settings and `quick` (fewer points), and returns the report."""
 
-FIGURES: Registry[DrawFigure] = Registry('soliton_linkage_studies.figures')
+FIGURES: Registry[DrawFigure] = Registry()

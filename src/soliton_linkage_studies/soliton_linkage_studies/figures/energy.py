@@ -1,8 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Figure of the energy of a moving wall: kinetic and elastic parts, and its wake."""
+"""Energy of walls: anti-kinks at rest, and kinks against their speed (paper, Movie S1)."""
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 
 import numpy as np
@@ -10,15 +11,80 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from soliton_linkage.linear.bands import largest_group_velocity, penetration_depth, speed_of_sound
-from soliton_linkage.linkage.chain import Array, Chain
-from soliton_linkage.solitons.continuum import WallTheory, wall_theory
+from soliton_linkage.linear.statics import equilibrium
+from soliton_linkage.linkage.chain import Array, Chain, staggered
+from soliton_linkage.solitons.continuum import FlipperTheory, WallTheory, wall_theory
 from soliton_linkage_studies.captions import parameters
 from soliton_linkage_studies.experiments import MIDDLE, record_moving_wall, wall_positions
-from soliton_linkage_studies.figure_report import FigureReport
+from soliton_linkage_studies.figure_report import FigureReport, Formula, chain_formula
 from soliton_linkage_studies.figures import FIGURES
-from soliton_linkage_studies.formulas import Formula
-from soliton_linkage_studies.palette import BLACK, MARKERS, THEORY, WHITE, chain_colours
+from soliton_linkage_studies.palette import BLACK, MARKERS, MEASURED, THEORY, WHITE, chain_colours
 from soliton_linkage_studies.settings import Section, chain_from
+
+_ANTI_KINKS = """
+Energy of an anti-kink at rest in a ring of springs against d = 2 r sin θ̄ / a. An anti-kink has
+charge −1 and, unlike a kink, stretches the springs. The energy is divided by the continuum value
+(16/3) k_e a ū³ / l̄², with ū = r sin θ̄ and l̄ the rest length of the springs. Blue dots: rings in
+equilibrium with one kink and one anti-kink. Dashed line: continuum theory, the limit of small d.
+"""
+
+
+@FIGURES.add('anti_kink_cost')
+def anti_kink_figure(section: Section, quick: bool) -> FigureReport:
+    """Draw the energy of an anti-kink at rest, relative to the continuum, against d."""
+    section.check_keys('rotor_length_ratio', 'lean_ratios')
+    ratio = section.number('rotor_length_ratio', 1e-3, 1e3)
+    wanted = section.numbers('lean_ratios', 1e-3, 1.0)
+    report = FigureReport(Figure(figsize=(7, 4.8), layout='constrained'), _ANTI_KINKS)
+    axes = report.figure.subplots()
+    shown = np.array(wanted[::3] if quick else wanted)
+    chains = [_ring_of_lean(ratio, lean_ratio) for lean_ratio in shown]
+    costs = np.array([_anti_kink_cost(chain) for chain in chains])
+    shares = costs / np.array([wall_theory(chain).energy(0.0, charge=-1) for chain in chains])
+    axes.plot(shown, shares, 'o-', color=MEASURED, label='ring of springs')
+    axes.axhline(
+        1, color=THEORY, linestyle='--', label=r'continuum: $(16/3)\,k_e\,a\,\bar u^3 / \bar l^2$'
+    )
+    axes.set(
+        xlabel='d = 2 r sin θ̄ / a [1]',
+        ylabel='energy of an anti-kink / continuum [1]',
+        ylim=(0.6, 1.05),
+    )
+    axes.legend()
+    names = ('d = 2 r sin(theta_bar) / a [1]', 'energy / energy of the continuum [1]')
+    report.add_points('', 'anti-kink', names, shown, shares)
+    for chain, cost in zip(chains, costs, strict=True):
+        lean = chain.rotor_length * math.sin(chain.rest_angle)
+        limit = 16 / 3 * lean**3 / (chain.spacing * chain.rest_length**2)
+        report.add_comparison(
+            f'energy of an anti-kink at rest / (kₑ a²), d = {chain.lean_ratio:.3g}',
+            'finite',
+            chain_formula('(16/3) ū³ / (a l̄²)', limit, chain, 'for d ≪ 1'),
+            float(cost) / (chain.stiffness * chain.spacing**2),
+        )
+    return report
+
+
+def _ring_of_lean(ratio: float, lean_ratio: float) -> Chain:
+    """Return a periodic chain, long enough that two walls do not interact."""
+    rest_angle = math.asin(lean_ratio / (2 * ratio))
+    depth = 1 / math.log((1 + lean_ratio) / (1 - lean_ratio))
+    rotors = 4 * math.ceil(7 * depth + 5)
+    return Chain(rotors, 1.0, ratio, rest_angle, 1.0, 1.0, periodic=True)
+
+
+def _anti_kink_cost(ring: Chain) -> float:
+    """Return the energy of the ring in equilibrium [J]; its kink has zero energy."""
+    rotors, theory = ring.number_of_rotors, FlipperTheory(ring)
+    places = ring.spacing * np.arange(rotors)
+    kink, anti_kink = (ring.spacing * (rotors * share - 0.5) for share in (0.25, 0.75))
+    first = theory.displacements(places, kink, charge=1)
+    second = theory.displacements(places, anti_kink, charge=-1)
+    lean = np.where(np.arange(rotors) < rotors // 2, first, second)
+    return float(
+        ring.elastic_energy(equilibrium(ring, staggered(np.arcsin(lean / ring.rotor_length))))
+    )
+
 
 _CAPTION = """
 Energy of walls in chains of springs against their relative speed v / c, where c is the speed of
@@ -141,14 +207,15 @@ def _compare_energies(
 ) -> None:
     slow, theory = speed < _SLOW, wall_theory(chain)
     for v, energy, ratio in zip(speed[slow], whole[slow], share[slow], strict=True):
-        gamma = {'γ': theory.lorentz_factor(float(v) * theory.speed_of_sound)}
+        gamma = theory.lorentz_factor(float(v) * theory.speed_of_sound)
         scale = theory.effective_mass * theory.speed_of_sound**2 / theory.energy_scale
         report.add_comparison(
             f'energy of a wall / E_s at v = {v:.3f} c, {parameters(chain)}',
             'zero energy at rest; no value given',
             Formula(
                 '(γ − 1) M_eff c²/E_s',
-                {**gamma, 'M_eff c²/E_s': scale},
+                (gamma - 1) * scale,
+                {'γ': gamma, 'M_eff c²/E_s': scale},
                 'with the exact c; its limit is γ − 1',
             ),
             float(energy),
@@ -156,6 +223,6 @@ def _compare_energies(
         report.add_comparison(
             f'elastic / kinetic energy at v = {v:.3f} c, {parameters(chain)}',
             'not given',
-            Formula('(γ − 1) / (γ + 1)', gamma),
+            Formula('(γ − 1) / (γ + 1)', (gamma - 1) / (gamma + 1), {'γ': gamma}),
             float(ratio),
         )

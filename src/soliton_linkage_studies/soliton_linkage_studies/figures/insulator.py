@@ -10,6 +10,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from soliton_linkage.linear.bands import (
+    couplings,
     dispersion,
     penetration_depth,
     winding_number,
@@ -20,9 +21,8 @@ from soliton_linkage.linkage.chain import Array, Chain
 from soliton_linkage.solitons.static_wall import static_wall
 from soliton_linkage_studies.captions import LINKAGE, MODE, PROJECTIONS, parameters
 from soliton_linkage_studies.drawing import ChainPicture, add_legend, expand_limits
-from soliton_linkage_studies.figure_report import FigureReport
+from soliton_linkage_studies.figure_report import FigureReport, chain_formula
 from soliton_linkage_studies.figures import FIGURES
-from soliton_linkage_studies.formulas import chain_formula
 from soliton_linkage_studies.palette import GREY, MARKERS, chain_colours
 from soliton_linkage_studies.settings import Section, chain_from
 
@@ -138,28 +138,41 @@ def _compare(report: FigureReport, chain: Chain, rotors: int) -> None:
     )
     frequencies = mode_frequencies(long_chain, long_chain.uniform_state(1))[1:] * unit
     mode = np.abs(zero_mode(chain, chain.uniform_state(1)))
+    r, rest, d = chain.rotor_length, chain.rest_length, chain.lean_ratio
+    paper = r**2 * math.sin(2 * chain.rest_angle) / (rest * spacing)
+    plus, minus = (abs(one) for one in couplings(chain))
     report.add_comparison(
         f'gap ω₀ √(M/kₑ), {name}',
-        chain_formula('r² sin(2 θ̄) / (l̄ a)', chain),
-        chain_formula('||q₊| − |q₋|| / r', chain),
+        chain_formula('r² sin(2 θ̄) / (l̄ a)', paper, chain),
+        chain_formula('||q₊| − |q₋|| / r', abs(plus - minus) / r, chain),
         _extrapolated_gap(frequencies),
     )
     report.add_comparison(
         f'speed of sound c √(M/kₑ) / a, {name}',
         'cos θ̄ √|4 r² sin² θ̄ − a²| / l̄',
-        chain_formula('√|q₊ q₋| / r', chain, 'the same, about the lowest frequency'),
+        chain_formula(
+            '√|q₊ q₋| / r',
+            math.sqrt(plus * minus) / r,
+            chain,
+            'the same, about the lowest frequency',
+        ),
         _curvature(frequencies),
     )
     report.add_comparison(
         f'largest group velocity √(M/kₑ) / a, {name}',
         'c, without a gap',
-        chain_formula('min(|q₊|, |q₋|) / r', chain),
+        chain_formula('min(|q₊|, |q₋|) / r', min(plus, minus) / r, chain),
         float(np.abs(np.diff(np.sort(frequencies))).max()) * rotors / math.pi,
     )
     report.add_comparison(
         f'penetration depth ℓ / a, {name}',
         'the same',
-        chain_formula('1 / ln((1 + d) / |1 − d|)', chain, 'd is 2 r sin θ̄ / a'),
+        chain_formula(
+            '1 / ln((1 + d) / |1 − d|)',
+            1 / math.log((1 + d) / abs(1 - d)),
+            chain,
+            'd is 2 r sin θ̄ / a',
+        ),
         -1 / float(np.log(mode[-2] / mode[-1])),
     )
     centre = mode_centre(zero_mode(long_chain, long_chain.uniform_state(1)))

@@ -11,11 +11,11 @@ from matplotlib.figure import Figure
 from mpl_toolkits.mplot3d import Axes3D
 from numpy.typing import NDArray
 
+from soliton_linkage.linear.bands import couplings
 from soliton_linkage.linkage.chain import Array, Chain, Motion, staggered
 from soliton_linkage_studies.drawing import ChainPicture, draw_torus, mass_points, pivot_points
-from soliton_linkage_studies.figure_report import FigureReport
+from soliton_linkage_studies.figure_report import FigureReport, chain_formula
 from soliton_linkage_studies.figures import FIGURES
-from soliton_linkage_studies.formulas import chain_formula
 from soliton_linkage_studies.palette import (
     BLACK,
     CURVE_COLOURS,
@@ -247,10 +247,11 @@ def _compare(report: FigureReport, chain: Chain, curves: tuple[Array, ...]) -> N
     )
     nearest = int(np.argmin(np.linalg.norm(curves[0] - chain.rest_angle, axis=1)))
     step = curves[0][nearest + 1] - curves[0][nearest - 1]
+    plus, minus = couplings(chain)
     report.add_comparison(
         f'slope dθ₂/dθ₁ at the right-leaning state, {name}',
         'changes sign at d = 1',
-        chain_formula('−q₊ / q₋', chain),
+        chain_formula('−q₊ / q₋', -plus / minus, chain),
         float(step[1] / step[0]),
     )
 
@@ -266,6 +267,6 @@ def _compare_limits(report: FigureReport, chain: Chain) -> None:
     report.add_comparison(
         f'r/a where flippers become spinners, θ̄ = {chain.rest_angle:g}',
         'd_c = 2 / sin θ̄, l̄ = 2r − a',
-        chain_formula('1 / sin² θ̄', chain),
+        chain_formula('1 / sin² θ̄', 1 / math.sin(chain.rest_angle) ** 2, chain),
         low,
     )

@@ -25,9 +25,8 @@ from soliton_linkage_studies.experiments import (
     snapshots,
     static_profile,
 )
-from soliton_linkage_studies.figure_report import FigureReport
+from soliton_linkage_studies.figure_report import FigureReport, Formula, chain_formula
 from soliton_linkage_studies.figures import FIGURES
-from soliton_linkage_studies.formulas import Formula, chain_formula
 from soliton_linkage_studies.palette import (
     BLACK,
     GREY,
@@ -222,23 +221,28 @@ def _draw_widths(report: FigureReport, axes: Axes, chain: Chain, walls: list[Wal
 
 def _compare_walls(report: FigureReport, chain: Chain, walls: list[WallAtSpeed]) -> None:
     """Compare the speed of each wall, and its width by two estimators, with theory."""
-    unit = chain.spacing / chain.time_unit
+    sound = speed_of_sound(chain) * chain.time_unit / chain.spacing
+    way = site_arc(chain) * chain.rotor_length / chain.spacing
     for wall in walls:
         report.add_comparison(
             f'v / c after a kick of v₀ = {wall.kick:g}',
             'not given',
             chain_formula(
                 '√(1 − 1 / (1 + (v₀ a / (Λ r c))² / 2)²)',
+                math.sqrt(1 - 1 / (1 + (wall.kick / (way * sound)) ** 2 / 2) ** 2),
                 chain,
                 'exact Λ',
-                **{'v₀': wall.kick, 'Λ': site_arc(chain), 'c': speed_of_sound(chain) / unit},
+                **{'v₀': wall.kick, 'Λ': site_arc(chain), 'c': sound},
             ),
             wall.relative_speed,
         )
     for wall in walls:
         if wall.relative_speed < 1:
             law = Formula(
-                '√(1 − (v/c)²)', {'v/c': wall.relative_speed}, 'near d ≪ 1 and d ≫ 1 only'
+                '√(1 − (v/c)²)',
+                math.sqrt(1 - wall.relative_speed**2),
+                {'v/c': wall.relative_speed},
+                'near d ≪ 1 and d ≫ 1 only',
             )
             name = f'at v = {wall.relative_speed:.3f} c (v₀ = {wall.kick:g})'
             for estimator, width in (
@@ -304,7 +308,7 @@ def _draw_offset(report: FigureReport, axes: Axes, chain: Chain, wall: WallAtSpe
     report.add_comparison(
         'angle between neighbours far from the wall [rad]',
         'π − 2θ̄, everywhere',
-        chain_formula('π − 2 θ̄', chain, 'in the ground states'),
+        chain_formula('π − 2 θ̄', math.pi - 2 * chain.rest_angle, chain, 'in the ground states'),
         offset,
     )
     rest = static_wall(chain, (chain.number_of_rotors - 1) / 2)
@@ -312,7 +316,7 @@ def _draw_offset(report: FigureReport, axes: Axes, chain: Chain, wall: WallAtSpe
     report.add_comparison(
         'largest deviation from this angle in a wall at rest [rad]',
         '0',
-        chain_formula('1.4 a / r', chain, 'about'),
+        chain_formula('1.4 a / r', 1.4 * chain.spacing / chain.rotor_length, chain, 'about'),
         float(np.abs(apart - (math.pi - 2 * chain.rest_angle)).max()),
     )
 

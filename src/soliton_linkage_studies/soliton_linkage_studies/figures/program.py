@@ -16,8 +16,16 @@ from pathlib import Path
 
 from soliton_linkage_studies.figure_report import Comparison, write_table
 from soliton_linkage_studies.figures import FIGURES, DrawFigure
-from soliton_linkage_studies.program import run_parallel, run_study, select_names, study_parser
+from soliton_linkage_studies.program import (
+    import_modules,
+    run_parallel,
+    run_study,
+    select_names,
+    study_parser,
+)
 from soliton_linkage_studies.settings import Section, load_settings
+
+import_modules('soliton_linkage_studies.figures')
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -35,7 +43,7 @@ def draw(figure: DrawFigure, section: Section, output: Path, quick: bool) -> lis
 
 def _drawn(options: argparse.Namespace) -> str:
     settings = load_settings(options.config)
-    settings.check_keys(*FIGURES)
+    settings.check_keys(*sorted(FIGURES))
     names = select_names(list(settings.values), options.only)
     tasks = {
         name: partial(draw, FIGURES[name], settings.section(name), options.output, options.quick)

@@ -20,9 +20,8 @@ from soliton_linkage.solitons.track import Crossing, Track, find_crossings, foll
 from soliton_linkage_studies.captions import LINKAGE, MODE, PROJECTIONS, description
 from soliton_linkage_studies.drawing import ChainPicture, add_legend, expand_limits
 from soliton_linkage_studies.experiments import record_kick
-from soliton_linkage_studies.figure_report import FigureReport
+from soliton_linkage_studies.figure_report import FigureReport, chain_formula
 from soliton_linkage_studies.figures import FIGURES
-from soliton_linkage_studies.formulas import chain_formula
 from soliton_linkage_studies.settings import Section, chain_from
 
 _CAPTION = f"""
@@ -116,6 +115,8 @@ def _compare(
 ) -> None:
     trips, turns = _cycle(chain)
     spinner = chain.motion is Motion.SPINNER
+    way = site_arc(chain)
+    slow = kick * chain.spacing / (way * chain.rotor_length)
     report.add_comparison(
         f'round trips of the wall in a cycle, {chain.motion.value}',
         'one' if spinner else 'two',
@@ -133,7 +134,7 @@ def _compare(
     report.add_comparison(
         f'speed of the wall after a kick of {kick:g}, rotors / √(M/kₑ), {chain.motion.value}',
         'not given',
-        chain_formula('v₀ a / (Λ r)', chain, 'slow limit', **{'v₀': kick, 'Λ': site_arc(chain)}),
+        chain_formula('v₀ a / (Λ r)', slow, chain, 'slow limit', **{'v₀': kick, 'Λ': way}),
         speed * chain.time_unit,
     )
     report.add_comparison(

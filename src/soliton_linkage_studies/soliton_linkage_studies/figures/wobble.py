@@ -22,9 +22,8 @@ from soliton_linkage_studies.experiments import (
     snapshots,
     static_profile,
 )
-from soliton_linkage_studies.figure_report import FigureReport
+from soliton_linkage_studies.figure_report import FigureReport, Formula, chain_formula
 from soliton_linkage_studies.figures import FIGURES
-from soliton_linkage_studies.formulas import Formula, chain_formula
 from soliton_linkage_studies.palette import GREY, MARKERS, MEASURED, PAPER, THEORY, chain_colours
 from soliton_linkage_studies.settings import Section, chain_from
 
@@ -180,16 +179,16 @@ def _compare_tail(report: FigureReport, chain: Chain) -> None:
     tail = np.sin(static_wall(chain, middle + 0.5))[middle - int(12 * depth) - 6 : middle - 5]
     deviation = tail - math.sin(chain.rest_angle)
     ratios = deviation[:-1] / deviation[1:]
-    name = shape(chain)
+    name, d = shape(chain), chain.lean_ratio
     report.add_comparison(
         f'decay length of the oscillation / a, {name}',
-        chain_formula('r sin θ̄ / a', chain),
-        chain_formula('1 / ln((d + 1) / (d − 1))', chain),
+        chain_formula('r sin θ̄ / a', d / 2, chain),
+        chain_formula('1 / ln((d + 1) / (d − 1))', 1 / math.log((d + 1) / (d - 1)), chain),
         -1 / math.log(abs(ratios[0])),
     )
     report.add_comparison(
         f'wavelength of the oscillation / a, {name}',
-        Formula('2 π / √8', {}, 'linearised; its figure shows 2'),
+        Formula('2 π / √8', math.pi / math.sqrt(2), remark='linearised; its figure shows 2'),
         'two rotors: the sign alternates',
         wavelength(deviation),
         2.0,

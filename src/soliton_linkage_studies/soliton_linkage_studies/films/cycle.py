@@ -1,19 +1,32 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Films of a full cycle of a wall that is reflected at both ends."""
+"""Films of a full cycle of a wall: as a drawing, and as a linkage that can be built.
+
+The linkage has its rotors and bars in separate planes.
+"""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+import math
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+from matplotlib.collections import LineCollection
+from matplotlib.lines import Line2D
 
 from soliton_linkage.dynamics.elastic import ElasticSimulation
+from soliton_linkage.dynamics.rigid import RigidSimulation
 from soliton_linkage.linear.rigidity import zero_mode
-from soliton_linkage.linkage.chain import Chain
+from soliton_linkage.linkage.chain import Array, Chain
 from soliton_linkage_studies.captions import LINKAGE, MODE, PROJECTIONS, description
-from soliton_linkage_studies.drawing import ChainPicture
+from soliton_linkage_studies.drawing import ChainPicture, limits, mass_points, pivot_points
 from soliton_linkage_studies.experiments import kick_rates
 from soliton_linkage_studies.films.scenes import (
+    BOTTOM,
+    LEFT,
     SPACE_TIME,
     TOLERANCE,
+    WIDTH,
     Format,
     ProfilePanel,
     Scene,
@@ -21,7 +34,22 @@ from soliton_linkage_studies.films.scenes import (
     film_kind,
     stacked,
 )
+from soliton_linkage_studies.palette import BLACK, BLUE, GREY, RED, WHITE
 from soliton_linkage_studies.settings import Section, chain_from
+
+_AZIMUTH = math.radians(-75)
+"""Initial azimuth of the camera [rad], nearly in front so that no rotor hides its bar."""
+_ELEVATION = math.radians(22)
+"""Elevation of the camera above the axles [rad]."""
+_ZOOM = 1.9
+"""Zoom factor of the long and thin linkage, relative to the default of matplotlib [1]."""
+_BODIES = (
+    ('rotors', BLACK, 6.0),
+    ('axles on the frame', GREY, 5.0),
+    ('pins, the masses', BLUE, 8.0),
+    ('bars', RED, 4.0),
+)
+"""Names, colours and line widths [points] of the bodies that `layered` returns."""
 
 
 @dataclass(frozen=True)
@@ -84,3 +112,139 @@ class CycleScene(Scene):
         self._picture.update(angles, zero_mode(self._picture.chain, angles))
         self._profile.show(angles)
         self._space_time.show(frame)
+
+
+@dataclass(frozen=True)
+class Staggering:
+    """Settings of a kicked linkage whose rotors lie in separate planes."""
+
+    motion: KickedWall
+    depth: float
+    """Distance from each rotor to the bar behind it, in units of a."""
+    turn: float
+    """Rotation of the camera during the film [rad]."""
+
+    @staticmethod
+    def read(section: Section) -> Staggering:
+        """Read the settings, the duration in time units sqrt(M / k_e)."""
+        section.check_keys('chain', 'kick', 'duration', 'depth', 'turn')
+        depth = section.number('depth', 0.01, 10.0)
+        turn = section.number('turn', -10.0, 10.0)
+        rest = {key: section.values[key] for key in section.values if key not in ('depth', 'turn')}
+        return Staggering(KickedWall.read(replace(section, values=rest)), depth, turn)
+
+
+@film_kind('staggered', Staggering.read)
+class StaggeredScene(Scene):
+    """Scene of a three-dimensional linkage with a rotating camera, and its space-time diagram."""
+
+    caption = f"""
+    Each rotor and each bar lies in a separate plane. Where two bodies cross, the nearer one has a
+    white border. The legend in the film explains the colours. {SPACE_TIME}
+    """
+
+    def __init__(self, title: str, settings: Staggering, shape: Format) -> None:
+        """Simulate the motion and draw its first frame."""
+        motion = settings.motion
+        chain = motion.chain
+        subtitle = f'{motion.describe()}, rigid bars'
+        super().__init__(title, subtitle, shape, motion.duration, chain.time_unit)
+        rest = chain.uniform_state(1)
+        rates = kick_rates(chain, rest, motion.kick)
+        simulation = RigidSimulation(chain, rest, rates, self.period, TOLERANCE)
+        self.angles = simulation.record(motion.duration).angles
+        self._chain, self._layer = chain, settings.depth * chain.spacing
+        self._azimuths = _AZIMUTH + np.linspace(0, settings.turn, shape.frames)
+        self._axes = self._add_axes()
+        self._add_legend()
+        self._bodies = LineCollection([[(0, 0), (0, 0)]], capstyle='round')
+        self._bodies.set_clip_on(False)
+        self._axes.add_collection3d(self._bodies)
+        below = self.figure.add_axes((LEFT, BOTTOM, WIDTH, 0.19))
+        self._space_time = SpaceTime(below, chain, self.angles, motion.duration)
+        self.add_moving([self._axes, *self._space_time.moving])
+        self.show(0)
+
+    def _move(self, frame: int) -> None:
+        azimuth = float(self._azimuths[frame])
+        bodies = layered(self._chain, self.angles[frame], self._layer)
+        order = from_behind(bodies, azimuth, _ELEVATION)
+        widths, colours = self._looks()
+        # Draw a white border behind each body, which shows the nearer of two crossing bodies.
+        self._bodies.set_segments(list(np.repeat(bodies[order], 2, axis=0)))
+        thicknesses = np.column_stack([widths[order] + 3, widths[order]])
+        self._bodies.set_linewidth(thicknesses.ravel().tolist())
+        shown = [shade for body in order for shade in (WHITE, colours[body])]
+        self._bodies.set_color(shown)
+        self._axes.view_init(elev=math.degrees(_ELEVATION), azim=math.degrees(azimuth))
+        self._space_time.show(frame)
+
+    def _looks(self) -> tuple[Array, list[str]]:
+        """Return line widths [points] and colours of the bodies, in the order of `layered`."""
+        rotors, bars = self._chain.number_of_rotors, self._chain.number_of_springs
+        counts = [rotors, rotors, rotors, bars]
+        widths = np.repeat([width for _, _, width in _BODIES], counts)
+        colours = [
+            colour
+            for (_, colour, _), count in zip(_BODIES, counts, strict=True)
+            for _ in range(count)
+        ]
+        return widths, colours
+
+    def _add_legend(self) -> None:
+        lines = [Line2D([], [], color=colour, linewidth=width) for _, colour, width in _BODIES]
+        names = [name for name, _, _ in _BODIES]
+        self.figure.legend(
+            lines,
+            names,
+            loc='upper right',
+            bbox_to_anchor=(0.99, 0.905),
+            ncols=len(names),
+            frameon=False,
+        )
+
+    def _add_axes(self) -> Any:
+        axes: Any = self.figure.add_axes((0.0, 0.17, 1.0, 0.9), projection='3d')
+        left, right, bottom, top = limits(self._chain)
+        deep = 2 * self._layer * self._chain.number_of_rotors
+        axes.set(xlim=(left, right), ylim=(-self._layer, deep), zlim=(bottom, top))
+        axes.set_box_aspect((right - left, deep + self._layer, top - bottom), zoom=_ZOOM)
+        axes.set_proj_type('ortho')
+        axes.set_axis_off()
+        axes.patch.set_visible(False)
+        return axes
+
+
+def layered(chain: Chain, angles: Array, layer: float) -> Array:
+    """Return the ends of rotors, axles, pins and bars [m], (3 N + springs, 2, 3), in this order.
+
+    Rotor n lies in the plane y = 2 n layer. The bar to the next rotor lies halfway between their
+    planes, and pins connect the planes. Bodies that are not joined never share a plane, so that
+    they cannot collide at any angles.
+    """
+    pivots, masses = pivot_points(chain), mass_points(chain, angles)
+    planes: Array = np.linspace(0.0, 2 * layer * chain.number_of_springs, len(pivots))
+
+    def points(flat: Array, depths: Array) -> Array:
+        return np.column_stack([flat[:, 0], depths, flat[:, 1]])
+
+    between = planes[:-1] + layer
+    starts_and_ends = (
+        (points(pivots, planes), points(masses, planes)),
+        (points(pivots, planes - layer / 2), points(pivots, planes + layer / 2)),
+        (points(masses, planes - layer), points(masses, planes + layer)),
+        (points(masses[:-1], between), points(masses[1:], between)),
+    )
+    return np.concatenate([np.stack(pair, axis=1) for pair in starts_and_ends])
+
+
+def from_behind(bodies: Array, azimuth: float, elevation: float) -> list[int]:
+    """Return the back-to-front order of bodies, (K, 2, 3), for the camera angles [rad]."""
+    towards = np.array(
+        [
+            math.cos(elevation) * math.cos(azimuth),
+            math.cos(elevation) * math.sin(azimuth),
+            math.sin(elevation),
+        ]
+    )
+    return [int(body) for body in np.argsort(bodies.mean(axis=1) @ towards, kind='stable')]

@@ -4,27 +4,33 @@
 from __future__ import annotations
 
 import argparse
-import multiprocessing
+import importlib
 import os
-import signal
+import shutil
+import subprocess
 import sys
 import tempfile
-import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from multiprocessing.sharedctypes import Synchronized
+from functools import partial
 from pathlib import Path
 from typing import Any
 
 import matplotlib as mpl
+from matplotlib.animation import FFMpegWriter, PillowWriter
 
-from soliton_linkage.progress import ProgressLine
 from soliton_linkage_studies.figure_report import save_caption
-from soliton_linkage_studies.films.files import SHRINKING, FileKind, file_kind, write_film
 from soliton_linkage_studies.films.scenes import FILM_KINDS, STYLE, Format, Scene
-from soliton_linkage_studies.program import run_study, select_names, study_parser
+from soliton_linkage_studies.program import (
+    import_modules,
+    run_parallel,
+    run_study,
+    select_names,
+    study_parser,
+)
 from soliton_linkage_studies.settings import Section, load_settings
-from soliton_linkage_studies.workers import Processes, local_processes
+
+import_modules('soliton_linkage_studies.films')
 
 _OF_FILMS = ('kind', 'title', 'playing_time')
 
@@ -53,7 +59,7 @@ def read_films(settings: Section) -> list[Film]:
     width, height = (int(pixels) for pixels in size)
     films = []
     for name, section in settings.section('films').sections().items():
-        kind = section.text('kind', tuple(FILM_KINDS))
+        kind = section.text('kind', tuple(sorted(FILM_KINDS)))
         frames = max(round(frame_rate * section.number('playing_time', 0.1, 3600.0)), 2)
         of_motion = {key: section.values[key] for key in section.values if key not in _OF_FILMS}
         motion = FILM_KINDS[kind].read(replace(section, values=of_motion))
@@ -75,8 +81,95 @@ def scene_of(film: Film) -> Scene:
     return film.make(film.title, film.motion, film.shape)
 
 
-_POLLING = 0.1
-"""Interval between updates of the progress line [s]."""
+_CODEC = 'libx264'
+_QUALITY = ('-crf', '20', '-preset', 'veryfast', '-movflags', '+faststart')
+SHRINKING = 2
+"""Size reduction of a GIF [1], because all its frames stay in memory until the end."""
+
+
+@dataclass(frozen=True)
+class FileKind:
+    """File format of the films, and the reason for it."""
+
+    ffmpeg: str
+    """Path of the program; empty for a GIF, which Pillow writes."""
+    reason: str
+    """One line for the user."""
+
+    @property
+    def suffix(self) -> str:
+        """Suffix of the file names."""
+        return '.mp4' if self.ffmpeg else '.gif'
+
+
+def file_kind() -> FileKind:
+    """Return MP4 if the command ffmpeg or the package imageio_ffmpeg can write H.264, else GIF."""
+    complaints = []
+    programs = {'command ffmpeg': shutil.which('ffmpeg'), 'package imageio_ffmpeg': _packaged()}
+    for name, program in programs.items():
+        if program is None:
+            complaints.append(f'no {name}')
+        elif not _writes_h264(program):
+            complaints.append(f'no {_CODEC} in {program}')
+        else:
+            return FileKind(program, f'MP4 (H.264), written with {program}')
+    return FileKind(
+        '',
+        f'GIF of half the size, because there is {" and ".join(complaints)}; install ffmpeg for '
+        'MP4',
+    )
+
+
+def write_film(scene: Scene, frame_rate: float, path: Path, kind: FileKind) -> None:
+    """Write every frame of a scene to a file."""
+    rate: Any = frame_rate  # annotated as int in matplotlib, which takes any number
+    options = ['-pix_fmt', 'yuv420p', *_QUALITY]
+    writer = (
+        _Painter(rate, codec=_CODEC, extra_args=options) if kind.ffmpeg else PillowWriter(rate)
+    )
+    settings: Any = {'animation.ffmpeg_path': kind.ffmpeg or 'ffmpeg'}
+    with (
+        mpl.rc_context(settings),
+        writer.saving(scene.figure, str(path), scene.figure.get_dpi()),
+    ):
+        for frame in range(len(scene.times)):
+            if isinstance(writer, _Painter):
+                writer.write(scene.paint(frame))
+            else:
+                scene.show(frame)
+                writer.grab_frame()
+
+
+class _Painter(FFMpegWriter):
+    """FFmpeg writer of rendered pixels; `grab_frame` would redraw the static artists."""
+
+    def write(self, pixels: memoryview) -> None:
+        """Write one frame, RGBA."""
+        process: Any = vars(self)['_proc']
+        process.stdin.write(pixels)
+
+
+def _packaged() -> str | None:
+    """Return the path of the ffmpeg in imageio_ffmpeg, or None if it is not installed."""
+    try:
+        package: Any = importlib.import_module('imageio_ffmpeg')
+        return str(package.get_ffmpeg_exe())
+    except (ImportError, RuntimeError):
+        return None
+
+
+def _writes_h264(program: str) -> bool:
+    try:
+        listed = subprocess.run(
+            [program, '-hide_banner', '-encoders'],
+            capture_output=True,
+            check=True,
+            text=True,
+            timeout=30,
+        )
+    except (OSError, subprocess.SubprocessError):
+        return False
+    return _CODEC in listed.stdout
 
 
 def make_films(
@@ -87,50 +180,14 @@ def make_films(
     A film appears under its name when it is finished; unfinished files are deleted on failure.
     """
     output.mkdir(parents=True, exist_ok=True)
-    total = sum(film.shape.frames for film in films)
-    context = multiprocessing.get_context('spawn')
-    done: Synchronized[int] = context.Value('q', 0)
-    count = min(len(films), workers or os.cpu_count() or 1)
-    with (
-        tempfile.TemporaryDirectory(
-            prefix='.unfinished-', dir=output, ignore_cleanup_errors=True
-        ) as scratch,
-        local_processes(count, _prepare, (done,)) as processes,
-    ):
-        for film in sorted(films, key=lambda film: -film.shape.frames):
-            processes.submit(_make, film, Path(scratch), output, kind)
-        _follow(processes, done, total)
-
-
-def _follow(processes: Processes, done: Synchronized[int], total: int) -> None:
-    """Show progress until all films are finished; raise the exception of a failed film."""
-    started = time.monotonic()
-    progress = ProgressLine('filming', total)
-    films = processes.unfinished
-    while processes.unfinished:
-        finished = processes.next_finished(_POLLING)
-        if finished:
-            finished.result()
-        frames = done.value
-        left = (time.monotonic() - started) * (total - frames) / frames if frames else 0.0
-        remark = f'{left:.0f} s left' if frames else 'simulating'
-        progress.show(frames, f'{frames} of {total} frames, {remark}')
-    progress.end(f'{films} films, {total} frames in {time.monotonic() - started:.0f} s')
-
-
-def _prepare(done: Synchronized[int]) -> None:
-    """Set up a worker that ignores SIGINT, because its parent stops it and its ffmpeg."""
-    signal.signal(signal.SIGINT, signal.SIG_IGN)
-    _Done.frames = done
-
-
-class _Done:
-    frames: Synchronized[int]
-
-
-def _count() -> None:
-    with _Done.frames.get_lock():
-        _Done.frames.value += 1
+    with tempfile.TemporaryDirectory(
+        prefix='.unfinished-', dir=output, ignore_cleanup_errors=True
+    ) as scratch:
+        longest_first = sorted(films, key=lambda film: -film.shape.frames)
+        tasks = {
+            film.name: partial(_make, film, Path(scratch), output, kind) for film in longest_first
+        }
+        run_parallel('filming', tasks, workers or os.cpu_count() or 1)
 
 
 def _make(film: Film, scratch: Path, output: Path, kind: FileKind) -> None:
@@ -138,7 +195,7 @@ def _make(film: Film, scratch: Path, output: Path, kind: FileKind) -> None:
     name = film.name + kind.suffix
     with mpl.rc_context(STYLE):
         scene = scene_of(film)
-        write_film(scene, film.shape.frame_rate, scratch / name, kind, _count)
+        write_film(scene, film.shape.frame_rate, scratch / name, kind)
     save_caption(f'{scene.headline}\n\n{scene.caption}', output / f'{film.name}.txt')
     (scratch / name).replace(output / name)
 

@@ -20,7 +20,7 @@ from soliton_linkage.linkage.chain import Array, Chain, Motion, staggered
 from soliton_linkage.solitons.tanh_fit import find_solitons
 from soliton_linkage_studies.drawing import displacement, lean_norm, limits, pivot_points
 from soliton_linkage_studies.palette import BLACK, BLUE, DARK, GREY, LEAN_COLOURS, PALE, WHITE
-from soliton_linkage_studies.registry import Registry
+from soliton_linkage_studies.program import Registry
 from soliton_linkage_studies.settings import Section
 
 INCHES_HIGH = 7.2
@@ -261,7 +261,7 @@ class FilmKind:
     """Function from the title, the settings and the format to the scene."""
 
 
-FILM_KINDS: Registry[FilmKind] = Registry('soliton_linkage_studies.films')
+FILM_KINDS: Registry[FilmKind] = Registry()
 
 
 def film_kind(name: str, read: Callable[[Section], Any]) -> Callable[[AnyScene], AnyScene]:
