@@ -18,6 +18,7 @@ from typing import Any
 
 PARTS = (
     'integrate',
+    'ensemble',
     'publish',
     'rate',
     'analyse',

@@ -9,6 +9,7 @@ from soliton_linkage.dynamics.elastic import (
 from soliton_linkage.dynamics.elastic import (
     simulate as simulate,
 )
+from soliton_linkage.dynamics.ensemble import simulate_many as simulate_many
 from soliton_linkage.dynamics.initial_states import (
     State as State,
 )

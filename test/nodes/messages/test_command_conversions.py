@@ -12,6 +12,7 @@ from sensor_msgs.msg import JointState
 
 from soliton_linkage.actuation.edge_command import CommandKind, EdgeCommand
 from soliton_linkage.actuation.kick_record import DeliveryTotals, KickReport
+from soliton_linkage.actuation.waveform import DrivenQuantity, Waveform, WaveShape, WaveWindow
 from soliton_linkage.linear.rigidity import Edge
 from soliton_linkage.linkage.chain import Chain
 from soliton_linkage_msgs import msg
@@ -22,6 +23,9 @@ NAMED = NamedChain(Chain(number_of_rotors=4), default_joint_names(4))
 STAMP = 1_700_000_000_123_456_789
 LIMITS = {'rotor_0': 1.0, 'rotor_1': 2.0, 'rotor_2': 3.0, 'rotor_3': 4.0}
 PULSE = EdgeCommand(Edge.LAST, CommandKind.PULSE, -0.5, 0.1, 0.2, 0.3)
+NOISE = Waveform(
+    WaveShape.NOISE, DrivenQuantity.ANGLE, 'rotor_2', WaveWindow.HANN, 20.0, 50.0, seed=7
+)
 
 
 def test_commands_come_back() -> None:
@@ -29,6 +33,7 @@ def test_commands_come_back() -> None:
         PULSE,
         EdgeCommand(Edge.FIRST, CommandKind.KICK, 7.0),
         EdgeCommand(Edge.FIRST, CommandKind.PRESSURE, 1e5, 0.0, 0.2),
+        EdgeCommand(Edge.FIRST, CommandKind.WAVEFORM, 0.1, 2.0, 0.2, 0.3, NOISE),
     ]:
         for edge in Edge:
             command = dataclasses.replace(command, edge=edge)
@@ -39,9 +44,9 @@ def test_commands_come_back() -> None:
 
 
 def test_unknown_codes_are_rejected() -> None:
-    for fields in [{'edge': 3}, {'kind': 3}]:
+    for fields in [{'edge': 3}, {'kind': 4}, {'shape': 4}, {'quantity': 2}, {'window': 2}]:
         ((name, code),) = fields.items()
-        with pytest.raises(ValueError, match=f'{name} = {code} must be one of 0, 1, 2'):
+        with pytest.raises(ValueError, match=f'{name} = {code} must be one of 0, 1'):
             conversions.edge_command_from_msg(msg.EdgeCommand(**fields))
 
 

@@ -17,7 +17,7 @@ from soliton_linkage.linkage.chain import Chain
 
 ACTUATOR = PneumaticActuator()
 LIMITS = EdgeLimits(speed=100.0, torque=0.1)
-KICK, PRESSURE, PULSE = CommandKind
+KICK, PRESSURE, PULSE, _ = CommandKind
 CHAIN = Chain(number_of_rotors=6)
 
 

@@ -22,6 +22,7 @@ from soliton_linkage.actuation.torque_drive import (
     MeanTorque,
     TorqueDrive,
 )
+from soliton_linkage.actuation.waveform import DrivenQuantity, Waveform, WaveShape, WaveWindow
 
 __all__ = [
     'ACTUATORS',
@@ -30,6 +31,7 @@ __all__ = [
     'CommandKind',
     'DeliveryTotals',
     'DriveTorques',
+    'DrivenQuantity',
     'EdgeCommand',
     'EdgeDrive',
     'EdgeLimits',
@@ -40,6 +42,9 @@ __all__ = [
     'PneumaticActuator',
     'Profile',
     'TorqueDrive',
+    'WaveShape',
+    'WaveWindow',
+    'Waveform',
     'actuator_type',
     'trapezoid',
 ]

@@ -68,7 +68,18 @@ class ChainDriver:
 
     def command(self, source: str, command: EdgeCommand, side: Edge) -> None:
         """Start a command with a duration at an edge; it replaces the previous one."""
-        begin = partial(self._drive.edges.command, command, side)
+        begin = partial(self._drive.command, command, side)
+        self._pending.append(_PendingCommand(source, begin, command))
+
+    def play(self, source: str, command: EdgeCommand, rotor: int, limit: float) -> None:
+        """Start a waveform on a rotor, with torques up to a limit [N m], like `command`.
+
+        Raises ValueError for a command without a waveform, and for an impossible one.
+        """
+        if command.waveform is None:
+            raise ValueError(f'a {command.kind.value} is no waveform; call command')
+        quantity = command.waveform.quantity
+        begin = partial(self._drive.play, command.profile, quantity, rotor, limit)
         self._pending.append(_PendingCommand(source, begin, command))
 
     def hold(self, source: str, rotors: Rotors, torques: Array) -> None:
@@ -123,7 +134,7 @@ class ChainDriver:
         pending, self._pending = self._pending, []
         for each in pending:
             if each.command is not None and self._driving:
-                unfinished = self._drive.edges.unfinished(time)
+                unfinished = self._drive.edge_command_unfinished(time)
                 self.record.end(stamp, superseded=True, cut_short=unfinished)
             each.begin(time)
             if self._drive.active:

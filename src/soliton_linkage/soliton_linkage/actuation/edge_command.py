@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Commands to the actuator at an edge: a kick, an actuator command, or a torque pulse."""
+"""Commands to the actuator at an edge: kick, actuator command, torque pulse or waveform."""
 
 from __future__ import annotations
 
@@ -11,8 +11,12 @@ import numpy as np
 
 from soliton_linkage.actuation.actuators import Actuator
 from soliton_linkage.actuation.profile import Profile, trapezoid
+from soliton_linkage.actuation.waveform import DrivenQuantity, Waveform
 from soliton_linkage.linear.rigidity import Edge
 from soliton_linkage.linkage.chain import Array, Chain
+
+_LARGEST_ANGLE = math.pi
+"""Largest amplitude of an imposed angle [rad]; half a turn reaches every orientation."""
 
 
 class CommandKind(enum.Enum):
@@ -24,6 +28,8 @@ class CommandKind(enum.Enum):
     """Pressure in the chamber [Pa], or the command of another actuator model in its own unit."""
     PULSE = 'pulse'
     """Torque along the unit zero mode [N m]; it bypasses the actuator model."""
+    WAVEFORM = 'waveform'
+    """Torque [N m] or angle [rad] of a single rotor; it bypasses the actuator model."""
 
 
 @dataclass(frozen=True)
@@ -41,7 +47,8 @@ class EdgeCommand:
     """Command to the actuator at an edge; raises ValueError for times that do not fit its kind.
 
     The value rises from 0 during `ramp_up`, is constant for `duration` and falls to 0 during
-    `ramp_down` [s]. A pressure with duration 0 is held until the next command.
+    `ramp_down` [s]. A pressure with duration 0 is held until the next command. A waveform is
+    multiplied by the value.
     """
 
     edge: Edge
@@ -50,6 +57,8 @@ class EdgeCommand:
     duration: float = 0.0
     ramp_up: float = 0.0
     ramp_down: float = 0.0
+    waveform: Waveform | None = None
+    """Waveform of the kind WAVEFORM, None for all others."""
 
     def __post_init__(self) -> None:
         """Raise ValueError for times that the kind does not allow."""
@@ -67,12 +76,25 @@ class EdgeCommand:
                 f'ramp_down = {self.ramp_down:g} s must be 0 for a pressure without duration, '
                 'which is held until the next command; specify a duration'
             )
+        if (self.waveform is None) == (self.kind is CommandKind.WAVEFORM):
+            raise ValueError(f'a {self.kind.value} must have a waveform only if it is a WAVEFORM')
+        if self.waveform is not None and self.waveform.cycles and self.duration:
+            raise ValueError(
+                f'duration = {self.duration:g} s must be 0 for a waveform with cycles, which '
+                'determine its duration'
+            )
+
+    @property
+    def length(self) -> float:
+        """Whole duration with ramps [s]."""
+        total = self.duration + self.ramp_up + self.ramp_down
+        return total if self.waveform is None else self.waveform.length(total)
 
     @property
     def instantaneous(self) -> bool:
         """Whether the command is a single impulse."""
-        total = self.duration + self.ramp_up + self.ramp_down
-        return self.kind is CommandKind.KICK or (self.kind is CommandKind.PULSE and not total)
+        short = self.kind is CommandKind.PULSE and not self.length
+        return self.kind is CommandKind.KICK or short
 
     @property
     def held(self) -> bool:
@@ -86,16 +108,22 @@ class EdgeCommand:
 
     @property
     def profile(self) -> Profile:
-        """Value as a function of the time since the command [s]."""
+        """Value as a function of the time since the command [s]; ValueError if it has none."""
+        if self.waveform is not None:
+            ramps = self.ramp_up, self.ramp_down
+            return self.waveform.profile(self.value, self.length, ramps)
         duration = math.inf if self.held else self.duration
         return trapezoid(self.value, self.ramp_up, duration, self.ramp_down)
 
     def check(self, limits: EdgeLimits, actuator: Actuator) -> None:
-        """Raise ValueError for a value beyond the limits."""
+        """Raise ValueError for a value beyond the limits; joints limit the torque of waveforms."""
         if self.kind is CommandKind.PRESSURE:
             actuator.check_command(self.value)
         elif self.kind is CommandKind.KICK:
             _check_size('speed', self.value, limits.speed, 'rad/s')
+        elif self.waveform is not None:
+            if self.waveform.quantity is DrivenQuantity.ANGLE:
+                _check_size('angle', self.value, _LARGEST_ANGLE, 'rad')
         else:
             _check_size('torque', self.value, limits.torque, 'N m')
 
@@ -126,7 +154,8 @@ def _check_size(name: str, value: float, limit: float, unit: str) -> None:
     if not math.isfinite(value):
         raise ValueError(f'{name} = {value} {unit} must be a finite number')
     if abs(value) > limit:
+        remedy = '' if name == 'angle' else f' or raise {name}_limit'
         raise ValueError(
             f'{name} = {value:g} {unit} must lie in the range {-limit:g} to {limit:g} {unit}; '
-            f'lower the {name} or raise {name}_limit'
+            f'lower the {name}{remedy}'
         )

@@ -82,7 +82,8 @@ class Profile:
 
     def segments(self, start: float, end: float) -> Iterator[Segment]:
         """Yield the linear segments of the profile from an instant to a later one [s]."""
-        inside = np.unique(self.times[(self.times > start) & (self.times < end)])
+        first = np.searchsorted(self.times, start, side='right')
+        inside = np.unique(self.times[first : np.searchsorted(self.times, end)])
         for left, right in pairwise([start, *inside.tolist(), end]):
             yield Segment(left, right, self.after(left), self.before(right))
 

@@ -12,6 +12,8 @@ from numpy.typing import NDArray
 from soliton_linkage.actuation.actuators import Actuator
 from soliton_linkage.actuation.edge_command import CommandKind, EdgeCommand
 from soliton_linkage.actuation.profile import AT_REST, RESOLUTION, Profile
+from soliton_linkage.actuation.rotor_drive import RotorDrive
+from soliton_linkage.actuation.waveform import DrivenQuantity
 from soliton_linkage.linear.rigidity import Edge, mode_towards_last
 from soliton_linkage.linkage.chain import Array, Chain
 
@@ -244,27 +246,45 @@ class DriveTorques:
 
 
 class TorqueDrive:
-    """Sum of the torques of the edge actuators and the joint actuators."""
+    """Sum of the torques of the edge actuators, the joint actuators and a waveform."""
 
     def __init__(self, chain: Chain, actuator: Actuator, timeout: float) -> None:
         """Start at rest; `timeout` [s] limits how long joint torques are held, 0 for no limit."""
         self.chain = chain
         self.edges = EdgeDrive(actuator)
         self.joints = JointDrive(chain.number_of_rotors, timeout)
+        self._rotor = RotorDrive(chain)
 
     @property
     def active(self) -> bool:
         """Whether a torque acts now or will act later."""
-        return self.edges.active or self.joints.active
+        return self.edges.active or self.joints.active or self._rotor.active
+
+    def edge_command_unfinished(self, time: float) -> bool:
+        """Return whether the last edge command is still active at an instant [s]."""
+        return self.edges.unfinished(time) or self._rotor.unfinished(time)
 
     def unfinished(self, time: float) -> bool:
         """Return whether a command with a finite duration is still active at an instant [s]."""
-        return self.edges.unfinished(time) or self.joints.unfinished(time)
+        return self.edge_command_unfinished(time) or self.joints.unfinished(time)
+
+    def command(self, command: EdgeCommand, side: Edge, time: float) -> None:
+        """Start a command at the first or last edge at an instant [s]; it replaces the last."""
+        self._rotor.drop()
+        self.edges.command(command, side, time)
+
+    def play(
+        self, profile: Profile, quantity: DrivenQuantity, rotor: int, limit: float, time: float
+    ) -> None:
+        """Start a waveform on a rotor, with torques up to a limit [N m], at an instant [s]."""
+        self.edges.drop(time)
+        self._rotor.command(profile, quantity, rotor, limit, time)
 
     def drop(self, time: float) -> None:
         """End all commands at an instant [s]; the edge actuators return to rest."""
         self.edges.drop(time)
         self.joints.drop()
+        self._rotor.drop()
 
     def torques(self, angles: Array, start: float, end: float) -> DriveTorques:
         """Return the mean torques from `start` to `end` [s] in a configuration [rad].
@@ -276,4 +296,5 @@ class TorqueDrive:
         edge = self.edges.mean_torque(start, end)
         if edge.torque:
             torques += edge.torque * mode_towards_last(self.chain, angles)
-        return DriveTorques(torques, edge.saturated)
+        limited = self._rotor.add_torque(torques, angles, start, end)
+        return DriveTorques(torques, edge.saturated or limited)

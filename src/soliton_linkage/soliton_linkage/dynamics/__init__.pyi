@@ -2,6 +2,7 @@
 
 from soliton_linkage.dynamics.elastic import ElasticSimulation as ElasticSimulation
 from soliton_linkage.dynamics.elastic import simulate as simulate
+from soliton_linkage.dynamics.ensemble import simulate_many as simulate_many
 from soliton_linkage.dynamics.equation_of_motion import EquationOfMotion as EquationOfMotion
 from soliton_linkage.dynamics.initial_states import State as State
 from soliton_linkage.dynamics.initial_states import leaning as leaning

@@ -14,6 +14,7 @@ from trajectory_msgs.msg import JointTrajectory
 from soliton_linkage.actuation.actuators import Actuator
 from soliton_linkage.actuation.chain_driver import ChainDriver
 from soliton_linkage.actuation.edge_command import CommandKind, EdgeCommand, EdgeLimits
+from soliton_linkage.actuation.waveform import DrivenQuantity, Waveform
 from soliton_linkage.dynamics.work import work_of_impulse
 from soliton_linkage.linear.rigidity import Edge, resolved_edge_mode
 from soliton_linkage_msgs import msg
@@ -77,9 +78,11 @@ class Commands:
         """Command an actuator at an edge."""
         command = edge_command_from_msg(message)
         self._check_made(message.header.stamp)
-        lasting = command.duration + command.ramp_up + command.ramp_down
-        self._rule.check_length(source, lasting)
-        self._command(source, command)
+        self._rule.check_length(source, command.length)
+        if command.waveform is None:
+            self._command(source, command)
+        else:
+            self._play(source, command, command.waveform)
 
     def joint_commands(self, source: str, message: JointState) -> None:
         """Hold torques of named joints."""
@@ -145,6 +148,20 @@ class Commands:
             record.kicked(stamp, source, meant, impulses, work)
         else:
             chain.driver.command(source, meant, side)
+
+    def _play(self, source: str, command: EdgeCommand, waveform: Waveform) -> None:
+        command.check(self._limits, self._actuator)
+        chain = self._ready()
+        named, joints = chain.named, chain.joints
+        frame, _ = self._frames.read(named)
+        joint, side = waveform.joint, command.edge
+        if not joint:
+            side, _ = resolved_edge_mode(named.chain, frame.angles, side, anywhere=True)
+            joint = named.joint_names[0 if side is Edge.FIRST else -1]
+        torque = command.value if waveform.quantity is DrivenQuantity.TORQUE else 0.0
+        (rotor,), _ = joints.checked(source, [joint], np.array([torque]))
+        limit = float(joints.limits[joints.names.index(joint)])
+        chain.driver.play(source, replace(command, edge=side), int(rotor), limit)
 
     def _ready(self, at_once: bool = False) -> ActuatedChain:
         """Return the chain; raise ValueError if it or a subscriber is missing."""

@@ -5,6 +5,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from sensor_msgs.msg import JointState
@@ -14,6 +15,7 @@ from trajectory_msgs.msg import JointTrajectory
 from soliton_linkage.actuation.edge_command import CommandKind, EdgeCommand
 from soliton_linkage.actuation.kick_record import DeliveryTotals, KickReport
 from soliton_linkage.actuation.torque_drive import Rotors
+from soliton_linkage.actuation.waveform import DrivenQuantity, Waveform, WaveShape, WaveWindow
 from soliton_linkage.linear.rigidity import Edge
 from soliton_linkage.linkage.chain import Array
 from soliton_linkage_msgs import msg
@@ -22,6 +24,17 @@ from soliton_linkage_nodes.runtime.stamps import SECOND, time_from_msg, time_to_
 
 _EDGES = {getattr(msg.EdgeCommand, edge.name): edge for edge in Edge}
 _KINDS = {getattr(msg.EdgeCommand, kind.name): kind for kind in CommandKind}
+_CHOICES: dict[str, dict[int, Any]] = {
+    name: {getattr(msg.EdgeCommand, each.name): each for each in choices}
+    for name, choices in (
+        ('quantity', DrivenQuantity),
+        ('shape', WaveShape),
+        ('window', WaveWindow),
+    )
+}
+"""Fields of a waveform that are codes."""
+_NUMBERS = ('joint', 'frequency', 'last_frequency', 'cycles', 'seed')
+"""Fields of a waveform that the message has too."""
 
 
 @dataclass(frozen=True)
@@ -83,31 +96,52 @@ def joint_actuators(
 
 
 def edge_command_from_msg(message: msg.EdgeCommand) -> EdgeCommand:
-    """Return the command to an edge actuator; ValueError if edge or kind is unknown."""
-    for name, known in (('edge', _EDGES), ('kind', _KINDS)):
+    """Return the command to an edge actuator; ValueError if a code is unknown or does not fit."""
+    for name, known in (('edge', _EDGES), ('kind', _KINDS), *_CHOICES.items()):
         code = getattr(message, name)
         if code not in known:
             raise ValueError(f'{name} = {code} must be one of {", ".join(map(str, known))}')
+    kind = _KINDS[message.kind]
+    waveform = None
+    if kind is CommandKind.WAVEFORM:
+        waveform = Waveform(
+            **{name: known[getattr(message, name)] for name, known in _CHOICES.items()},
+            **{name: getattr(message, name) for name in _NUMBERS},
+            samples=tuple(message.samples),
+        )
     return EdgeCommand(
         _EDGES[message.edge],
-        _KINDS[message.kind],
+        kind,
         message.value,
         message.duration,
         message.ramp_up,
         message.ramp_down,
+        waveform,
     )
 
 
 def edge_command_to_msg(command: EdgeCommand) -> msg.EdgeCommand:
     """Return the message of a command to an edge actuator."""
-    return msg.EdgeCommand(
-        edge=next(code for code, edge in _EDGES.items() if edge is command.edge),
-        kind=next(code for code, kind in _KINDS.items() if kind is command.kind),
+    message = msg.EdgeCommand(
+        edge=_code(_EDGES, command.edge),
+        kind=_code(_KINDS, command.kind),
         value=command.value,
         duration=command.duration,
         ramp_up=command.ramp_up,
         ramp_down=command.ramp_down,
     )
+    waveform = command.waveform
+    if waveform is not None:
+        for name, known in _CHOICES.items():
+            setattr(message, name, _code(known, getattr(waveform, name)))
+        for name in _NUMBERS:
+            setattr(message, name, getattr(waveform, name))
+        message.samples = list(waveform.samples)
+    return message
+
+
+def _code(known: dict[int, Any], value: Any) -> int:
+    return next(code for code, each in known.items() if each is value)
 
 
 def efforts_from_msg(

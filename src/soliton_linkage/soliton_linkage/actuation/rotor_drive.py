@@ -1,0 +1,116 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Torque over time on a single rotor that follows a waveform of torque or angle."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from scipy.interpolate import CubicSpline
+
+from soliton_linkage.actuation.profile import RESOLUTION, Profile
+from soliton_linkage.actuation.waveform import DrivenQuantity
+from soliton_linkage.linkage.chain import Array, Chain
+
+_STIFFNESS = 0.3
+"""Natural frequency of an angle servo times the period of the frames [1]. Sensitivity, for a burst
+of 40 rad/s at 500 Hz: the largest error is 0.3 % of the amplitude; at 0.5x, 0.7 %; at 2x, 0.2 %.
+At 250 Hz it is 3 %, and at 100 Hz the servo fails."""
+
+
+class RotorDrive:
+    """Waveform on one rotor; a command replaces the previous one.
+
+    An angle q_ref is imposed by the torque
+
+        tau = I q_ref'' - tau_springs + I [w^2 (q_ref - q) + 2 w (q_ref' - q')],    w = 0.3 / T,
+
+    up to a limit, with the period T of the frames. A torque acts from the next frame on. Therefore
+    the spring torque is extrapolated, and q and q' are predicted for the next frame from two
+    frames and from the torque that acts until then.
+    """
+
+    def __init__(self, chain: Chain) -> None:
+        """Start without a waveform."""
+        self._chain = chain
+        self._profile: Profile | None = None
+        self._servo: _AngleServo | None = None
+        self._rotor = 0
+        self._limit = math.inf
+        self._started = 0.0
+
+    @property
+    def active(self) -> bool:
+        """Whether a torque acts now or will act later."""
+        return self._profile is not None
+
+    def unfinished(self, time: float) -> bool:
+        """Return whether the waveform continues after an instant [s]."""
+        return self._profile is not None and time < self._started + self._profile.end - RESOLUTION
+
+    def command(
+        self, profile: Profile, quantity: DrivenQuantity, rotor: int, limit: float, time: float
+    ) -> None:
+        """Start a waveform on a rotor at an instant [s], with torques up to a limit [N m]."""
+        self._profile, self._rotor, self._limit = profile, rotor, limit
+        self._started, self._servo = time, None
+        if quantity is DrivenQuantity.ANGLE:
+            self._servo = _AngleServo(profile, float(self._chain.moments_of_inertia[rotor]))
+
+    def drop(self) -> None:
+        """End the waveform."""
+        self._profile = self._servo = None
+
+    def add_torque(self, torques: Array, angles: Array, start: float, end: float) -> bool:
+        """Add the mean torque from `start` to `end` [s] to torques [N m] of shape (N,).
+
+        Return whether it is limited. `angles` [rad] are those of the frame at `start`.
+        """
+        if not self.unfinished(start):
+            self.drop()
+        if self._profile is None:
+            return False
+        since = start - self._started
+        if self._servo is None:
+            wanted = float(self._profile.mean(since, since + end - start))
+        else:
+            springs = float(self._chain.spring_torques(angles)[self._rotor])
+            angle = float(angles[self._rotor])
+            wanted = self._servo.torque(angle, springs, since, end - start)
+        given = min(max(wanted, -self._limit), self._limit)
+        torques[self._rotor] += given
+        if self._servo is not None:
+            self._servo.sent = given
+        return given != wanted
+
+
+class _AngleServo:
+    """Torques that impose an angle on a rotor; see `RotorDrive`."""
+
+    def __init__(self, profile: Profile, inertia: float) -> None:
+        # The last two points are one jump to 0.
+        self._reference = CubicSpline(profile.times[:-1], profile.values[:-1])
+        self._inertia = inertia
+        self._start: float | None = None
+        self._before: tuple[float, float] | None = None
+        self._acceleration = 0.0
+        self.sent = 0.0
+        """Torque sent with the last frame [N m], which acts from the present one on."""
+
+    def torque(self, angle: float, springs: float, since: float, period: float) -> float:
+        """Return the torque that acts from the next frame [s since the start] for a period [s]."""
+        if self._start is None:
+            self._start = angle
+        angle_before, springs_before = self._before or (angle, springs)
+        self._before = angle, springs
+        rate = (angle - angle_before) / period + self._acceleration * period / 2
+        slope = springs - springs_before
+        self._acceleration = (self.sent + springs + slope / 2) / self._inertia
+        angle += period * (rate + self._acceleration * period / 2)
+        rate += period * self._acceleration
+        instants = np.minimum([since, since + period], self._reference.x[-1])
+        first, last = self._reference(instants, 1)
+        behind = self._start + float(self._reference(instants[0])) - angle
+        stiffness = _STIFFNESS / period
+        wanted = stiffness * (stiffness * behind + 2 * (first - rate)) + (last - first) / period
+        return self._inertia * float(wanted) - springs - 1.5 * slope
