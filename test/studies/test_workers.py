@@ -178,11 +178,11 @@ def test_a_task_that_the_process_cannot_import_is_reported(
     [
         (
             (signal.raise_signal, signal.SIGKILL),
-            'was ended: Killed, before .* use fewer --workers',
+            r'was ended by a signal \(Killed\) before .* use fewer --workers',
         ),
         (
             (signal.raise_signal, signal.SIGSEGV),
-            'was ended: Segmentation fault, before its task was done$',
+            r'was ended by a signal \(Segmentation fault\) before its task was done$',
         ),
         ((os._exit, 3), 'ended with 3 before its task was done$'),
     ],
@@ -371,6 +371,6 @@ def test_a_cluster_that_does_not_answer_is_reported() -> None:
 
 def test_without_the_package_a_cluster_is_rejected(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setitem(sys.modules, 'distributed', None)
-    complaint = 'not installed; pip install distributed, or use --workers'
+    complaint = 'not installed; run pip install distributed, or use --workers'
     with pytest.raises(ValueError, match=complaint), cluster('tcp://127.0.0.1:9'):
         pass
