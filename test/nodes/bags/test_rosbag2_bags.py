@@ -27,23 +27,16 @@ def frames(named: NamedChain) -> list[tuple[int, interfaces.JointState]]:
     return [(START + n * MILLISECOND, frame_message(named, n)) for n in range(100)]
 
 
-def test_every_message_is_read(
-    layout: Layout, frames: list[tuple[int, interfaces.JointState]], tmp_path: Path
-) -> None:
-    bag = write_rosbag2_bag(tmp_path / 'rosbag2_2026', layout, frames)
-    with open_bag(bag) as reader:
-        assert list(read_topic(reader, 'joint_states')) == frames
-
-
-def test_it_is_whole_and_comes_back_whole(
+def test_it_is_read_whole_and_comes_back_whole(
     layout: Layout, frames: list[tuple[int, interfaces.JointState]], tmp_path: Path
 ) -> None:
     bag = write_rosbag2_bag(tmp_path / 'rosbag2_2026', layout, frames)
     report = check_bag(bag)
     assert (report.damage, report.messages, report.lost) == ([], 100, 0)
     _, new = recover_bag(bag, tmp_path / 'new')
-    with open_bag(new) as reader:
-        assert list(read_topic(reader, 'joint_states')) == frames
+    for path in (bag, new):
+        with open_bag(path) as reader:
+            assert list(read_topic(reader, 'joint_states')) == frames
 
 
 @pytest.mark.parametrize('name', ['mcap in zstd chunks', 'split mcap', 'split sqlite3'])

@@ -237,13 +237,13 @@ WRONG: list[tuple[interfaces.Topic, Any, str]] = [
 ]
 
 
-@pytest.mark.parametrize('names', [[], ['rotor_4', 'rotor_5']])
-def test_a_trajectory_without_points_ends_torques(desk: Desk, names: list[str]) -> None:
-    desk.say(TRAJECTORY, trajectory(['rotor_4'], (0.0, [1e-3]), (10.0, [1e-3])))
-    assert desk.frames(2)[-1][4] == pytest.approx(1e-3)
-    desk.say(TRAJECTORY, JointTrajectory(joint_names=names))
-    assert not desk.frames(1).any()
-    desk.frames(5, 0)
+def test_a_trajectory_without_points_ends_torques(desk: Desk) -> None:
+    for names in [[], ['rotor_4', 'rotor_5']]:
+        desk.say(TRAJECTORY, trajectory(['rotor_4'], (0.0, [1e-3]), (10.0, [1e-3])))
+        assert desk.frames(2)[-1][4] == pytest.approx(1e-3)
+        desk.say(TRAJECTORY, JointTrajectory(joint_names=names))
+        assert not desk.frames(1).any()
+        desk.frames(5, 0)
 
 
 def test_wrong_commands_are_rejected_whole(desk: Desk) -> None:
@@ -284,20 +284,15 @@ def test_a_frame_that_comes_twice_changes_nothing(desk: Desk) -> None:
     np.testing.assert_array_equal(desk.frames(1), [at(r6=2e-3)])
 
 
-@pytest.mark.parametrize(
-    ('given', 'complaint'),
-    [
+def test_wrong_parameters_stop_it(graph: Graph, named: NamedChain) -> None:
+    for given, complaint in [
         ({'joints': ['rotor_1', 'rotor_1']}, 'each once'),
         ({'joints': ['rotor_1'], 'torque_limits.rotor_2': 1.0}, 'is unknown'),
         ({'joints': ['rotor_1'], 'torque_limits.rotor_1': -1.0}, 'must lie in the range 0'),
         ({'lowest_pressure': -2e5}, 'must lie in the range -101325 to 0 Pa'),
-    ],
-)
-def test_wrong_parameters_stop_it(
-    graph: Graph, named: NamedChain, given: dict[str, Any], complaint: str
-) -> None:
-    with pytest.raises(ValueError, match=complaint):
-        Bench(graph, named, given)
+    ]:
+        with pytest.raises(ValueError, match=complaint):
+            Bench(graph, named, given)
 
 
 def test_a_listed_joint_that_is_unknown_is_rejected_with_the_chain(

@@ -23,7 +23,7 @@ from soliton_linkage.microcontroller.simulated_controller import (
 )
 from soliton_linkage_nodes.programs.simulated_controller import PseudoTerminal
 from soliton_linkage_nodes.runtime import interfaces
-from soliton_linkage_nodes.runtime.stamps import time_from_msg, time_to_msg
+from soliton_linkage_nodes.runtime.stamps import time_from_msg
 from soliton_linkage_nodes.serial_encoders.node import SerialEncoders
 
 ROTORS = 4
@@ -211,46 +211,40 @@ def test_a_node_that_is_deactivated_closes_the_valves(
     graph.until(lambda: not any(controller.torques()), 'closed valves')
 
 
-@pytest.mark.parametrize(
-    ('message', 'reason'),
-    [
-        (JointState(name=['rotor_9'], effort=[0.01]), "joint 'rotor_9'"),
-        (JointState(name=['rotor_0'], effort=[1.0]), 'must lie in the range -0.1 to 0.1'),
-        (JointState(name=['rotor_0'], effort=[math.nan]), 'must be a finite number'),
-    ],
-)
 def test_a_message_with_an_invalid_torque_is_rejected_as_a_whole(
-    graph: Graph, plugged: Callable[..., Controller], message: JointState, reason: str
+    graph: Graph, plugged: Callable[..., Controller]
 ) -> None:
     controller = plugged()
     node, received = begin(graph, controller)
     torques = graph.speak(interfaces.ROTOR_TORQUES)
     controller.send(received, 1)
-    message.header.stamp = time_to_msg(0)
-    torques.publish(message)
-    graph.until(lambda: node.diagnostics.rejected == 1, 'the rejection')
-    report = graph.next_report('serial_encoders')
-    assert reason in values(report)['last rejection']
+    for number, (name, effort, reason) in enumerate(
+        (
+            ('rotor_9', 0.01, "joint 'rotor_9'"),
+            ('rotor_0', 1.0, 'must lie in the range -0.1 to 0.1'),
+            ('rotor_0', math.nan, 'must be a finite number'),
+        ),
+        start=1,
+    ):
+        torques.publish(JointState(name=['rotor_1', name], effort=[0.01, effort]))
+        graph.until(lambda n=number: node.diagnostics.rejected == n, 'the rejection')
+        assert reason in values(graph.next_report('serial_encoders'))['last rejection']
     assert node.valves.commands == 0
 
 
-@pytest.mark.parametrize(
-    ('parameters', 'reason'),
-    [
+def test_an_invalid_parameter_is_reported_in_one_line_at_the_start(graph: Graph) -> None:
+    pytest.importorskip('serial', reason='needs pyserial: pip install pyserial')
+    chain = {'chain_from': 'parameters', 'chain.number_of_rotors': ROTORS}
+    wrong: list[tuple[dict[str, Any], str]] = [
         ({}, r'parameter port is empty; set it: this machine has'),
         ({'port': '/dev/no_such_port'}, r"'/dev/no_such_port' cannot be opened: No such file"),
         ({'port': 'x', 'encoders.signs': [1.0]}, 'signs has 1 values for a chain of 4 rotors'),
         ({'port': 'x', 'valves.hold': 0.001}, r'hold = 0.001 s is shorter'),
-    ],
-)
-def test_an_invalid_parameter_is_reported_in_one_line_at_the_start(
-    graph: Graph, parameters: dict[str, Any], reason: str
-) -> None:
-    pytest.importorskip('serial', reason='needs pyserial: pip install pyserial')
-    chain = {'chain_from': 'parameters', 'chain.number_of_rotors': ROTORS}
-    with pytest.raises(ValueError, match=reason) as raised:
-        graph.start(SerialEncoders, {**chain, **parameters})
-    assert '\n' not in str(raised.value)
+    ]
+    for parameters, reason in wrong:
+        with pytest.raises(ValueError, match=reason) as raised:
+            graph.start(SerialEncoders, {**chain, **parameters})
+        assert '\n' not in str(raised.value)
 
 
 def test_a_denied_port_names_the_group_that_may_open_it(

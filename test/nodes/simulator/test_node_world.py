@@ -212,9 +212,10 @@ def test_a_reset_to_a_soliton_and_to_angles_by_name(graph: Graph, velocity: floa
     assert_shown(paused.taken(30), ElasticSimulation(CHAIN, angles, rates, 1 / RATE))
 
 
-@pytest.mark.parametrize(
-    ('request_', 'complaint'),
-    [
+def test_an_impossible_reset_changes_nothing(graph: Graph) -> None:
+    paused = Paused(graph, {'mechanics': 'rigid'})
+    paused.reset(state=Reset.Request.SOLITON, rotor=3.0, velocity=0.5)
+    for request_, complaint in (
         (
             {'state': Reset.Request.SOLITON, 'rotor': 7.5},
             'site = 7.5 must lie in the range 0 to',
@@ -236,16 +237,10 @@ def test_a_reset_to_a_soliton_and_to_angles_by_name(graph: Graph, velocity: floa
             'start from angles that the bars allow',
         ),
         ({'state': 7}, 'state = 7 must be one of 0 to 4'),
-    ],
-)
-def test_an_impossible_reset_changes_nothing(
-    graph: Graph, request_: dict[str, Any], complaint: str
-) -> None:
-    paused = Paused(graph, {'mechanics': 'rigid'})
-    paused.reset(state=Reset.Request.SOLITON, rotor=3.0, velocity=0.5)
-    response = paused.reset(**request_)
-    assert not response.success
-    assert complaint in response.message
+    ):
+        response = paused.reset(**request_)
+        assert not response.success
+        assert complaint in response.message
     state = with_soliton(CHAIN, 3.0, 0.5)
     assert_shown(paused.taken(10), RigidSimulation(CHAIN, state.angles, state.rates, 1 / RATE))
 
@@ -299,19 +294,26 @@ def test_the_real_time_factor_sets_the_rate_of_the_loop_and_is_reported(graph: G
     assert stamps == sorted(set(stamps))
 
 
-@pytest.mark.parametrize(
-    'name', ['chain.damping', 'mechanics', 'sensors.seed', 'chain.disorder.mass', 'publish_rate']
-)
-def test_fixed_parameters_are_read_only(graph: Graph, name: str) -> None:
+def test_fixed_parameters_are_read_only(graph: Graph) -> None:
     paused = Paused(graph)
-    before = paused.node.get_parameter(name).value
-    changed = 'rigid' if name == 'mechanics' else type(before)(1)
-    parameter = Parameter(name, value=changed).to_parameter_msg()
-    response = graph.call(SetParameters, 'simulator/set_parameters', parameters=[parameter])
-    assert not response.results[0].successful
-    assert 'read-only' in response.results[0].reason
-    kept = graph.call(GetParameters, 'simulator/get_parameters', names=[name]).values[0]
-    assert kept == Parameter(name, value=before).get_parameter_value()
+    names = ('chain.damping', 'mechanics', 'sensors.seed', 'chain.disorder.mass', 'publish_rate')
+    before = {name: paused.node.get_parameter(name).value for name in names}
+    changed = [
+        Parameter(name, value='rigid' if name == 'mechanics' else type(value)(1))
+        for name, value in before.items()
+    ]
+    response = graph.call(
+        SetParameters,
+        'simulator/set_parameters',
+        parameters=[parameter.to_parameter_msg() for parameter in changed],
+    )
+    for result in response.results:
+        assert not result.successful
+        assert 'read-only' in result.reason
+    kept = graph.call(GetParameters, 'simulator/get_parameters', names=names).values
+    assert kept == [
+        Parameter(name, value=value).get_parameter_value() for name, value in before.items()
+    ]
 
 
 def test_only_the_valid_commands_of_a_flood_are_executed(graph: Graph) -> None:

@@ -6,7 +6,6 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
-import pytest
 from rclpy.serialization import deserialize_message
 from sensor_msgs.msg import JointState
 
@@ -29,35 +28,31 @@ def read(joints: SensedJoints, frame: int, simulation: Simulation) -> JointState
     return deserialize_message(bytes(joints.fill(10**9, frame, simulation)), JointState)
 
 
-@pytest.mark.parametrize('missing', [(), (0, 5), (7,)])
-def test_without_errors_the_readings_are_exact(
-    named: NamedChain, missing: tuple[int, ...]
-) -> None:
-    joints, simulation = SensedJoints(named, PERIOD, EncoderErrors(), missing), moving(named)
-    shown = [rotor for rotor in range(8) if rotor not in missing]
-    for frame in range(3):
-        message = read(joints, frame, simulation)
-        assert message.name == [f'rotor_{rotor}' for rotor in shown]
-        assert list(message.position) == simulation.angles[shown].tolist()
-        assert list(message.velocity) == simulation.rates[shown].tolist()
-        assert list(message.effort) == simulation.link_torques[shown].tolist()
-        simulation.advance()
+def test_without_errors_the_readings_are_exact(named: NamedChain) -> None:
+    for missing in [(), (0, 5), (7,)]:
+        joints, simulation = SensedJoints(named, PERIOD, EncoderErrors(), missing), moving(named)
+        shown = [rotor for rotor in range(8) if rotor not in missing]
+        for frame in range(3):
+            message = read(joints, frame, simulation)
+            assert message.name == [f'rotor_{rotor}' for rotor in shown]
+            assert list(message.position) == simulation.angles[shown].tolist()
+            assert list(message.velocity) == simulation.rates[shown].tolist()
+            assert list(message.effort) == simulation.link_torques[shown].tolist()
+            simulation.advance()
 
 
-@pytest.mark.parametrize('missing', [(), (0, 5)])
-def test_with_errors_the_readings_equal_the_encoder_model(
-    named: NamedChain, missing: tuple[int, ...]
-) -> None:
-    joints, simulation = SensedJoints(named, PERIOD, NOISY, missing), moving(named)
-    encoders = Encoders(8, PERIOD, NOISY)
-    shown = [rotor for rotor in range(8) if rotor not in missing]
-    for frame in range(3):
-        message = read(joints, frame, simulation)
-        readings, rates = encoders.read(frame, simulation.angles)
-        assert list(message.position) == readings[shown].tolist()
-        assert list(message.velocity) == rates[shown].tolist()
-        assert list(message.effort) == simulation.link_torques[shown].tolist()
-        simulation.advance()
+def test_with_errors_the_readings_equal_the_encoder_model(named: NamedChain) -> None:
+    for missing in [(), (0, 5)]:
+        joints, simulation = SensedJoints(named, PERIOD, NOISY, missing), moving(named)
+        encoders = Encoders(8, PERIOD, NOISY)
+        shown = [rotor for rotor in range(8) if rotor not in missing]
+        for frame in range(3):
+            message = read(joints, frame, simulation)
+            readings, rates = encoders.read(frame, simulation.angles)
+            assert list(message.position) == readings[shown].tolist()
+            assert list(message.velocity) == rates[shown].tolist()
+            assert list(message.effort) == simulation.link_torques[shown].tolist()
+            simulation.advance()
 
 
 def test_known_offsets_are_read_besides_errors(named: NamedChain) -> None:

@@ -6,7 +6,6 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
-import pytest
 from graphs import Graph
 from simulated_streams import (
     CHAIN,
@@ -96,17 +95,7 @@ def test_a_step_while_running_or_of_a_wrong_length_is_rejected(graph: Graph) -> 
     stream.explain([])
 
 
-@pytest.mark.parametrize(
-    ('state', 'lean', 'message'),
-    [
-        (Reset.Request.INITIAL, -1, 'in the initial state'),
-        (Reset.Request.LEFT_LEANING, -1, 'at rest, left-leaning'),
-        (Reset.Request.RIGHT_LEANING, 1, 'at rest, right-leaning'),
-    ],
-)
-def test_a_reset_forgets_commands_but_not_the_time(
-    graph: Graph, state: int, lean: int, message: str
-) -> None:
+def test_a_reset_forgets_commands_but_not_the_time(graph: Graph) -> None:
     stream = Stream(graph)
     impulses = graph.speak(interfaces.ROTOR_IMPULSES)
     torques = graph.speak(interfaces.ROTOR_TORQUES)
@@ -115,32 +104,34 @@ def test_a_reset_forgets_commands_but_not_the_time(
     pause(graph, True)
     impulses.publish(kick_message())
     graph.until(lambda: stream.node.control.status.pending, 'the kick')
-    response = reset(graph, state)
-    assert (response.success, response.message) == (True, message)
+    for state, message in (
+        (Reset.Request.INITIAL, 'in the initial state'),
+        (Reset.Request.LEFT_LEANING, 'at rest, left-leaning'),
+        (Reset.Request.RIGHT_LEANING, 'at rest, right-leaning'),
+    ):
+        response = reset(graph, state)
+        assert (response.success, response.message) == (True, message)
     before = settled(stream)
     assert step(graph, 200).success
     settled(stream)
     numbers = [stream.number(frame) for frame in stream.frames]
     assert numbers == list(range(numbers[0], numbers[0] + len(numbers)))
-    twin = ElasticSimulation(CHAIN, CHAIN.uniform_state(lean), period=1 / RATE)
+    twin = ElasticSimulation(CHAIN, CHAIN.uniform_state(1), period=1 / RATE)
     for frame in stream.frames[before:]:
         np.testing.assert_array_equal(frame.position, twin.angles)
         np.testing.assert_array_equal(frame.velocity, twin.rates)
         twin.advance()
 
 
-@pytest.mark.parametrize('stepping', [False, True])
-def test_a_motion_too_fast_to_compute_pauses_until_a_reset(graph: Graph, stepping: bool) -> None:
+def test_a_motion_too_fast_to_compute_pauses_until_a_reset(graph: Graph) -> None:
     stream = Stream(graph, {'impulse_limit': 1e6})
     impulses = graph.speak(interfaces.ROTOR_IMPULSES)
-    if stepping:
-        pause(graph, True)
+    pause(graph, True)
     impulses.publish(RotorImpulses(name=['rotor_3'], impulse=[1e6]))
-    if stepping:
-        graph.until(lambda: stream.node.control.status.pending, 'the kick')
-        response = step(graph, 10)
-        assert not response.success
-        assert 'call ~/reset to continue' in response.message
+    graph.until(lambda: stream.node.control.status.pending, 'the kick')
+    response = step(graph, 10)
+    assert not response.success
+    assert 'call ~/reset to continue' in response.message
     graph.until(lambda: stream.node.control.status.failure, 'the failure')
     frames = settled(stream)
     report = graph.next_report('simulator')
@@ -151,8 +142,7 @@ def test_a_motion_too_fast_to_compute_pauses_until_a_reset(graph: Graph, steppin
         assert 'call ~/reset to continue' in response.message
     assert len(stream.frames) == frames
     assert reset(graph).success
-    if stepping:
-        pause(graph, False)
+    pause(graph, False)
     stream.grow(30)
     numbers = [stream.number(frame) for frame in stream.frames]
     assert numbers == list(range(numbers[0], numbers[0] + len(numbers)))

@@ -88,9 +88,7 @@ def test_a_ring_has_a_spring_beyond_its_last_rotor_and_no_mode() -> None:
     assert not len(shape('zero_mode', angles, ring).points)
 
 
-@pytest.mark.parametrize(('deviation', 'length'), [(0.02, 0.08), (0.0, ChainScene(CHAIN).width)])
-def test_a_wall_spans_two_standard_deviations_to_each_side(
-    deviation: float, length: float
-) -> None:
-    (box,) = ChainScene(CHAIN).boxes([(0.3, deviation), (float('nan'), 0.1)])
-    assert (box.position, box.length) == (0.3, pytest.approx(length))
+def test_a_wall_spans_two_standard_deviations_to_each_side() -> None:
+    for deviation, length in [(0.02, 0.08), (0.0, ChainScene(CHAIN).width)]:
+        (box,) = ChainScene(CHAIN).boxes([(0.3, deviation), (float('nan'), 0.1)])
+        assert (box.position, box.length) == (0.3, pytest.approx(length))

@@ -6,6 +6,7 @@ from __future__ import annotations
 import argparse
 import math
 import signal
+import threading
 from textwrap import indent
 from typing import Any
 
@@ -55,6 +56,7 @@ def _send_goal(visitor: Visitor, options: argparse.Namespace) -> int:
             f'there is no action {options.action} of the type {options.type}; '
             'list all with: soliton-linkage action list -t'
         )
+    interrupted = _note_interrupt()
     _print('Sending goal', goal)
     sent = client.send_goal_async(
         goal,
@@ -69,20 +71,38 @@ def _send_goal(visitor: Visitor, options: argparse.Namespace) -> int:
         raise RuntimeError('Goal was rejected.')
     print(f'Goal accepted with ID: {bytes(handle.goal_id.uuid).hex()}\n', flush=True)
     ended = handle.get_result_async()
-    code = 0
-    try:
-        visitor.until(lambda: ended.done() or not client.server_is_ready(), math.inf)
-    except KeyboardInterrupt:
-        code = int(signal.SIGINT)
+
+    def over() -> bool:
+        return ended.done() or not client.server_is_ready()
+
+    visitor.until(lambda: over() or interrupted.is_set(), math.inf)
+    if interrupted.is_set() and not over():
         print('Canceling goal...', flush=True)
         handle.cancel_goal_async()
-        visitor.until(ended.done, ANSWER_LIMIT)
+        visitor.until(over, math.inf)
     if not ended.done():
-        raise RuntimeError(f'{options.action} has stopped or gave no result')
+        raise RuntimeError(f'{options.action} has stopped without a result')
     status = ended.result().status
     _print('Result', ended.result().result)
     print(f'Goal finished with status: {_STATUS.get(status, status)}')
-    return code or int(status != GoalStatus.STATUS_SUCCEEDED)
+    if interrupted.is_set():
+        return int(signal.SIGINT)
+    return int(status != GoalStatus.STATUS_SUCCEEDED)
+
+
+def _note_interrupt() -> threading.Event:
+    """Return an event that the next Ctrl-C sets; a second one interrupts the command.
+
+    A KeyboardInterrupt inside the executor of rclpy can block the callbacks of the node for good.
+    """
+    interrupted = threading.Event()
+
+    def note(*_: object) -> None:
+        signal.signal(signal.SIGINT, signal.default_int_handler)
+        interrupted.set()
+
+    signal.signal(signal.SIGINT, note)
+    return interrupted
 
 
 def _print(title: str, message: Any) -> None:
