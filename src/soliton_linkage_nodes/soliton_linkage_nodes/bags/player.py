@@ -122,9 +122,9 @@ class BagPlayer(ManagedNode):
             self._awaited = self._topics_to_wait_for(reader)
             self._latched = {each.topic for each in reader.connections if latched(each)}
             if settings.lockstep:
-                self._lockstep = self._keep_step(reader)
+                self._lockstep = self._create_lockstep(reader)
             else:
-                self._give_way(reader)
+                self._suppress_recorded_states(reader)
         topic = interfaces.CLOCK
         self._clock_publisher = (
             self.create_publisher(topic.type, topic.name, topic.qos)
@@ -189,14 +189,14 @@ class BagPlayer(ManagedNode):
         self.get_logger().info('the recorded /clock is not played, because publish_clock is set')
         return others
 
-    def _keep_step(self, reader: Reader) -> Lockstep:
+    def _create_lockstep(self, reader: Reader) -> Lockstep:
         frames = find_topic(reader, interfaces.JOINT_STATES.name).topic
         settings = self._settings
         lockstep = Lockstep(self, frames, settings.lockstep_window, settings.lockstep_timeout)
         self._replay.set_lockstep(lockstep)
         return lockstep
 
-    def _give_way(self, reader: Reader) -> None:
+    def _suppress_recorded_states(self, reader: Reader) -> None:
         chosen = {topic.rpartition('/')[2] for topic in self._settings.topics}
         for connection in self._replay.of(reader.connections):
             name = connection.topic.rpartition('/')[2]

@@ -21,12 +21,12 @@ def main(arguments: list[str]) -> int:
 
 
 def _get(visitor: Visitor, options: argparse.Namespace) -> None:
-    state = visitor.ask(options.node, GetState).current_state
+    state = visitor.call_node(options.node, GetState).current_state
     print(f'{state.label} [{state.id}]')
 
 
 def _set(visitor: Visitor, options: argparse.Namespace) -> None:
-    answer = visitor.ask(options.node, GetAvailableTransitions)
+    answer = visitor.call_node(options.node, GetAvailableTransitions)
     known = [each.transition for each in answer.available_transitions]
     chosen = [each for each in known if options.transition in (each.label, str(each.id))]
     if not chosen:
@@ -34,6 +34,6 @@ def _set(visitor: Visitor, options: argparse.Namespace) -> None:
         raise RuntimeError(
             f'Unknown transition {options.transition!r} requested, available ones are: {available}'
         )
-    if not visitor.ask(options.node, ChangeState, transition=chosen[0]).success:
+    if not visitor.call_node(options.node, ChangeState, transition=chosen[0]).success:
         raise RuntimeError(f'Transitioning failed; the log of {options.node} has the reason')
     print('Transitioning successful')

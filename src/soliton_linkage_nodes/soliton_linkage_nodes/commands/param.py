@@ -39,7 +39,7 @@ def main(arguments: list[str]) -> int:
 
 
 def _names(visitor: Visitor, node: str) -> list[str]:
-    return sorted(visitor.ask(node, ListParameters).result.names)
+    return sorted(visitor.call_node(node, ListParameters).result.names)
 
 
 def _list(visitor: Visitor, options: argparse.Namespace) -> None:
@@ -49,7 +49,7 @@ def _list(visitor: Visitor, options: argparse.Namespace) -> None:
 def _values(visitor: Visitor, node: str, names: list[str]) -> list[Any]:
     return [
         parameter_value_to_python(value)
-        for value in visitor.ask(node, GetParameters, names=names).values
+        for value in visitor.call_node(node, GetParameters, names=names).values
     ]
 
 
@@ -67,7 +67,7 @@ def _value(visitor: Visitor, options: argparse.Namespace) -> str:
 
 def _set(visitor: Visitor, options: argparse.Namespace) -> None:
     parameter = Parameter(name=options.name, value=get_parameter_value(options.value))
-    answer = visitor.ask(options.node, SetParameters, parameters=[parameter])
+    answer = visitor.call_node(options.node, SetParameters, parameters=[parameter])
     result = answer.results[0]
     if not result.successful:
         raise RuntimeError(f'{options.node} rejected {options.name}: {result.reason}')
@@ -75,7 +75,7 @@ def _set(visitor: Visitor, options: argparse.Namespace) -> None:
 
 
 def _describe(visitor: Visitor, options: argparse.Namespace) -> None:
-    found = visitor.ask(options.node, DescribeParameters, names=[options.name])
+    found = visitor.call_node(options.node, DescribeParameters, names=[options.name])
     for descriptor in found.descriptors:
         print(f'{descriptor.name}: {descriptor.description}')
         for bounds in (*descriptor.floating_point_range, *descriptor.integer_range):

@@ -113,7 +113,7 @@ class Visitor:
             raise RuntimeError(f'{client.srv_name} gave no response within {ANSWER_LIMIT:g} s')
         return future.result()
 
-    def ask(self, node: str, service_type: Any, **request: Any) -> Any:
+    def call_node(self, node: str, service_type: Any, **request: Any) -> Any:
         """Call a standard service of a node, such as GetState; RuntimeError if there is none."""
         words = ''.join(
             f'_{each.lower()}' if each.isupper() else each for each in service_type.__name__

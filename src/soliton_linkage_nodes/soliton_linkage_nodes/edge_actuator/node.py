@@ -77,8 +77,8 @@ class EdgeActuator(ManagedNode):
         self.carried_out = 0
         self._delivery: Delivery | None = None
         self.diagnostics = Diagnostics(self, 'actuation', self.reporting(self._report))
-        self.source = ChainSource(self, self.diagnostics, self._learn)
-        self._listen()
+        self.source = ChainSource(self, self.diagnostics, self._set_chain)
+        self._create_subscriptions()
         self.get_logger().info(
             f'{settings.actuator} actuators on {self.source.description}; a nudge is a '
             f'{settings.nudge_as} at the {settings.nudge_edge} edge'
@@ -90,14 +90,14 @@ class EdgeActuator(ManagedNode):
         if chain is not None:
             if chain.driver.busy:
                 self.output.drive(chain.named, np.zeros(chain.named.rotors))
-            self._learn(chain.named)
+            self._set_chain(chain.named)
         self.output.flush()
 
     def follow_parameters(self) -> None:
         """Apply changed parameters of nudges."""
         self.commands.settings = current(self, EdgeActuatorParameters)
 
-    def _listen(self) -> None:
+    def _create_subscriptions(self) -> None:
         commands = self.commands
         for topic, name, take in (
             (interfaces.NUDGE, 'nudge', commands.nudge),
@@ -133,12 +133,12 @@ class EdgeActuator(ManagedNode):
             take(source, message)
             if self.commands.chain is not None:
                 self.commands.chain.driver.record.measured = self.output.measured
-            self._attend()
+            self._dispatch_while_busy()
             self.carried_out += 1
 
         return carry_out
 
-    def _learn(self, named: NamedChain) -> None:
+    def _set_chain(self, named: NamedChain) -> None:
         settings, before = self.commands.settings, self.commands.chain
         if before is not None:
             before.driver.abandon()
@@ -188,7 +188,7 @@ class EdgeActuator(ManagedNode):
                 self.output.drive(chain.named, np.zeros(chain.named.rotors))
             raise
 
-    def _attend(self) -> None:
+    def _dispatch_while_busy(self) -> None:
         """Take each arriving frame while the chain is driven and shortly afterwards."""
         now, chain = time.monotonic(), self.commands.chain
         if chain is not None and chain.driver.busy:
@@ -204,7 +204,7 @@ class EdgeActuator(ManagedNode):
 
     def _poll(self) -> None:
         """Warm the code path of a kick, because a cold path takes twice as long."""
-        self._attend()
+        self._dispatch_while_busy()
         self._catch_up()
         chain = self.commands.chain
         if chain is not None and self.active and not chain.driver.busy:

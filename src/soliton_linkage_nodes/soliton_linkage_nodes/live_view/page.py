@@ -134,7 +134,7 @@ class Page:
             self._chooser.on_value_change(lambda event: self._choose(event.value))
             ui.html(
                 '<div id="live-health" role="status" aria-live="polite"></div>', sanitize=False
-            ).classes('live-health-place')
+            ).classes('live-health-area')
             if self._view.read_only:
                 ui.label('read-only').classes('live-badge')
             for icon, label, script in _SHARING:

@@ -196,9 +196,9 @@ class BrowserStream:
         try:
             if name == 'pull':
                 self._pull.held = False
-                place = float(arguments['x']), float(arguments['z'])
+                target = float(arguments['x']), float(arguments['z'])
                 self._pull = arguments['pull'] = Pull(int(arguments['rotor']), 0.0, 0.0)
-                self._pull.point_to(*place)
+                self._pull.point_to(*target)
             text, good = await carry_out(self._source, name, arguments), True
         except KeyError as error:
             text, good = f'action {name!r} needs the argument {error}', False

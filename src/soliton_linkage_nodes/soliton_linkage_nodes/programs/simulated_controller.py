@@ -131,7 +131,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
                 f'-p chain_from:=parameters -p port:={terminal.path}',
                 flush=True,
             )
-            _keep_time(played)
+            _run_in_real_time(played)
         finally:
             terminal.close()
 
@@ -141,7 +141,7 @@ def encoders_of(named: NamedChain, counts_per_turn: float) -> RotaryEncoders:
     return RotaryEncoders((counts_per_turn,), offsets=named.encoder_offsets)
 
 
-def _keep_time(played: RealTimeChain) -> None:
+def _run_in_real_time(played: RealTimeChain) -> None:
     """Play in real time, and report once if the machine is too slow."""
     begun, reported = time.monotonic(), False
     while True:

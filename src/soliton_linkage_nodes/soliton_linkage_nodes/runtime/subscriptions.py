@@ -76,7 +76,7 @@ class AdaptiveSubscription:
         """Sequence number of the last message that `newest` returned."""
         self._node, self._take, self._raw = node, take, raw
         self._type_name = '/'.join([*topic.type.__module__.split('.')[:2], topic.type.__name__])
-        self.publishers = self._ask()
+        self.publishers = self._query_publishers()
         """Publishers with the type of this topic at the last query of the graph."""
         self.qos = self._qos_for_all()
         self.subscription: Subscription = self._subscribe()
@@ -126,7 +126,7 @@ class AdaptiveSubscription:
 
     def adapt(self, before: Callable[[], object] = lambda: None) -> bool:
         """Call `before` and subscribe again if publishers require it; return whether they do."""
-        self.publishers = self._ask()
+        self.publishers = self._query_publishers()
         qos = self._qos_for_all() if self.publishers else self.qos
         if _same_offer(qos, self.qos):
             return False
@@ -144,7 +144,7 @@ class AdaptiveSubscription:
         """End the subscription."""
         self._node.destroy_subscription(self.subscription)
 
-    def _ask(self) -> list[Any]:
+    def _query_publishers(self) -> list[Any]:
         publishers = self._node.get_publishers_info_by_topic(self.topic.name)
         return [each for each in publishers if each.topic_type == self._type_name]
 

@@ -108,9 +108,9 @@ class Visualisation(GuardedNode):
             return
         text = robot_description(named.chain, named.joint_names, self._limits)
         self._description.publish(String(data=text))
-        self.observed.learn(named)
+        self.observed.set_chain(named)
         for drawing in self._drawings:
-            drawing.learn(named)
+            drawing.set_chain(named)
 
     def _draw(self) -> None:
         """Draw the newest messages, except in the pause after a slow picture."""

@@ -92,7 +92,7 @@ class ObservedChain:
         apart = self.seconds - time_from_msg(self.state_stamp) / SECOND
         return self._walls if abs(apart) < _FRESH else []
 
-    def learn(self, named: NamedChain) -> None:
+    def set_chain(self, named: NamedChain) -> None:
         """Observe this chain from now on."""
         self.named = named
         self._reader = FrameReader(named.joint_names, named.encoder_offsets)

@@ -172,7 +172,7 @@ class MarkerPublisher(DrawingPublisher):
         self._walls = 0
         self._clear = False
 
-    def learn(self, named: NamedChain) -> None:
+    def set_chain(self, named: NamedChain) -> None:
         """Draw this chain from now on."""
         self._clear = self._scene is not None
         self._scene = ChainScene(named.chain)
@@ -225,7 +225,7 @@ class PosePublisher(DrawingPublisher):
 
     name = 'soliton_pose'
 
-    def learn(self, named: NamedChain) -> None:
+    def set_chain(self, named: NamedChain) -> None:
         """Do nothing, because the pose does not depend on the chain."""
 
     def draw(self, chain: ObservedChain) -> None:
@@ -250,7 +250,7 @@ class KymographPublisher(DrawingPublisher):
         self._kymograph: Kymograph | None = None
         self._next = 0.0
 
-    def learn(self, named: NamedChain) -> None:
+    def set_chain(self, named: NamedChain) -> None:
         """Draw this chain from now on."""
         self._kymograph = Kymograph(named.chain, self._length)
 

@@ -132,7 +132,7 @@ _MOST_TOPICS = 1000
 be created."""
 _LONGEST_DELIVERY = 10.0
 """Longest wait for a subscriber to acknowledge the last messages [s]."""
-_REFUSED = (ValueError, NameValidationException, rclpy_implementation.RCLError)
+_REJECTED = (ValueError, NameValidationException, rclpy_implementation.RCLError)
 """Errors for a topic whose type is not installed, or whose name or type ROS does not accept."""
 
 
@@ -168,17 +168,17 @@ class ReplayPublishers:
         self._unconfirmed: Counter[str] = Counter()
         self._silent: set[str] = set()
         self._connections = connections
-        refusals = []
+        rejections = []
         for each in connections:
             try:
                 self._open(each)
-            except _REFUSED as error:
+            except _REJECTED as error:
                 reason = ' '.join(str(error).partition(', at /')[0].split())
-                refusals.append(f'{each.topic} of type {each.msgtype} is not played: {reason}')
-        if refusals and not self._publishers:
-            raise ValueError(f'no topic can be played; {"; ".join(refusals[:_MOST_REASONS])}')
-        for refusal in refusals:
-            node.get_logger().warning(refusal)
+                rejections.append(f'{each.topic} of type {each.msgtype} is not played: {reason}')
+        if rejections and not self._publishers:
+            raise ValueError(f'no topic can be played; {"; ".join(rejections[:_MOST_REASONS])}')
+        for rejection in rejections:
+            node.get_logger().warning(rejection)
 
     @property
     def total(self) -> int:

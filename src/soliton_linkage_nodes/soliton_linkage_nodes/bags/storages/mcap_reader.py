@@ -85,7 +85,7 @@ class IndexedMcap(LimitedReader):
         (summary,) = struct.unpack_from('<Q', self._data, self._end + mcap.RECORD_HEADER.size)
         if summary:
             for _, opcode, body in mcap.records_in(self._data[summary : self._end]):
-                self._learn(opcode, body)
+                self._take_record(opcode, body)
             self._end = min(summary, self._end)
         if self._counts is None or not self._is_defined(self._counts):
             self._parts, self._after = [], {}
@@ -127,7 +127,7 @@ class IndexedMcap(LimitedReader):
         schemas = {channel.schema for channel in self._channels.values()} - {0}
         return set(counts) <= self._channels.keys() and schemas <= self._schemas.keys()
 
-    def _learn(self, opcode: int, body: Bytes) -> None:
+    def _take_record(self, opcode: int, body: Bytes) -> None:
         if opcode == Opcode.SCHEMA:
             schema = mcap.parse_schema(body)
             self._schemas[schema.id] = schema
@@ -179,7 +179,7 @@ class IndexedMcap(LimitedReader):
                     counts[message.topic] += 1
                     stamps.append(message.stamp)
                 elif kind in (Opcode.SCHEMA, Opcode.CHANNEL):
-                    self._learn(kind, content)
+                    self._take_record(kind, content)
             if stamps:
                 part = _Stretch(min(stamps), max(stamps), offset, end - offset)
                 self._add_part(part, opcode == Opcode.MESSAGE)

@@ -156,7 +156,7 @@ class RecoveredMcap(RecoveredFile):
             if mcap.extra_bytes(opcode, body) and not _may_follow(self._data, end):
                 return None
             self._define(opcode, body, self._unverified_schemas, self._unverified_channels)
-            self._learn_about_file(offset, opcode, body)
+            self._take_file_record(offset, opcode, body)
         except ValueError:
             return None
         self._after_damage &= opcode in _IN_CHUNKS
@@ -261,7 +261,7 @@ class RecoveredMcap(RecoveredFile):
             channel = mcap.parse_channel(body)
             channels[channel.id] = channel
 
-    def _learn_about_file(self, offset: int, opcode: int, body: Bytes) -> None:
+    def _take_file_record(self, offset: int, opcode: int, body: Bytes) -> None:
         if opcode == Opcode.METADATA:
             name, texts = mcap.parse_metadata(body)
             if name == mcap.CUSTOM_DATA:

@@ -173,7 +173,7 @@ class StoredSqlite(LimitedReader):
         try:
             path = _with_journal(self._path, Path(self._folder.name))
             self._tables = Tables(path, self.limits.max_unpacked)
-            self._learn(self._tables)
+            self._read_topics_and_times(self._tables)
         except BaseException:
             self.close()
             raise
@@ -212,7 +212,7 @@ class StoredSqlite(LimitedReader):
             if number in wanted:
                 yield wanted[number], stamp, data
 
-    def _learn(self, tables: Tables) -> None:
+    def _read_topics_and_times(self, tables: Tables) -> None:
         counts = tables.counts('messages', 'topic_id')
         for row in tables.topics():
             number, *texts = row
@@ -247,7 +247,7 @@ class RecoveredSqlite(RecoveredFile):
             self.report_damage(f'sqlite3 reports: {error}')
         try:
             with closing(self._tables()) as tables:
-                self._learn_topics(tables)
+                self._read_topics(tables)
         except (sqlite3.Error, ValueError) as damage:
             self._report_error(damage)
 
@@ -284,7 +284,7 @@ class RecoveredSqlite(RecoveredFile):
             self.report_damage(f'the last {excess} bytes are not a whole page')
         return _with_journal(path, Path(self._folder.name), excess)
 
-    def _learn_topics(self, tables: Tables) -> None:
+    def _read_topics(self, tables: Tables) -> None:
         if 'metadata' in tables.columns('metadata'):
             for (text,) in tables.rows('metadata', ('metadata',)):
                 self.custom_data.update(custom_data_of(_text(text)))

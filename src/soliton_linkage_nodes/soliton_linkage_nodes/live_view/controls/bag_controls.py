@@ -104,7 +104,7 @@ class BagControls:
         with ui.element('div').classes('live-row'):
             ui.label('Recorded bags').classes('live-title')
             ui.button('Refresh', icon='refresh', on_click=self.list_bags).props(
-                'flat dense no-caps id=live-bags-look'
+                'flat dense no-caps id=live-bags-list'
             )
         self._list = ui.element('div').classes('live-bags').props('id=live-bags')
         self._transport = ControlGroup('Replay of a bag', 'replay')

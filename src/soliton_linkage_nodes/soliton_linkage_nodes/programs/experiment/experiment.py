@@ -106,7 +106,7 @@ class Experiment:
         return self._summary(recorded, replayed, pacing)
 
     def _start_nodes(self) -> None:
-        _say(f'Starting {", ".join(_NODES)} in a private domain of this machine.')
+        _print(f'Starting {", ".join(_NODES)} in a private domain of this machine.')
         if self._page:
             page = ['-p', 'port:=0', '-p', 'read_only:=true']
             self._processes.start(_PAGE, page, dict(os.environ))
@@ -133,14 +133,14 @@ class Experiment:
                 self._interrupted()
                 address = page_address(self._processes.output(_PAGE))
                 if address:
-                    _say(f'Watch the chain while it runs:\n  {address}')
+                    _print(f'Watch the chain while it runs:\n  {address}')
                     if has_display():
                         webbrowser.open(address)
                     return True
         except RuntimeError:
             pass
         output = self._processes.output(_PAGE).splitlines()
-        _say(f'The page is not available: {output[-1] if output else "it did not start"}')
+        _print(f'The page is not available: {output[-1] if output else "it did not start"}')
         self._processes.stop([_PAGE])
         return False
 
@@ -171,7 +171,7 @@ class Experiment:
 
     def _nudge(self) -> None:
         speed = self._settings.nudge
-        _say(f'Nudging the edge: a kick of {speed:g} rad/s along the zero mode.')
+        _print(f'Nudging the edge: a kick of {speed:g} rad/s along the zero mode.')
         self._observer.nudge_publisher.publish(Float64(data=speed))
 
     def _watch(self) -> None:
@@ -206,7 +206,7 @@ class Experiment:
 
     def _start_replay(self) -> None:
         """Start a second analyser and a paused player."""
-        _say(f'Replaying {self.bag} into a second analyser, and drawing the motion.')
+        _print(f'Replaying {self.bag} into a second analyser, and drawing the motion.')
         self._observer.forget()
         self._start('soliton_analyser', _ALL_FRAMES)
         topics_played = (interfaces.CHAIN, interfaces.DELIVERED_IMPULSES, interfaces.JOINT_STATES)
@@ -306,7 +306,7 @@ class Experiment:
         return False
 
 
-def _say(text: str) -> None:
+def _print(text: str) -> None:
     print(text, flush=True)
 
 

@@ -47,7 +47,7 @@ class PositionErrors:
     """Standard deviation of the angle errors, without the mean error of each rotor [rad]."""
     stated_angle_noise: float
     """Median of the stated standard deviations of the angles [rad]."""
-    places: int
+    frames: int
     """Number of frames that were compared."""
     error: float
     """Root mean square error of the position [rotor spacings]."""
@@ -108,13 +108,13 @@ class FilmedExperiment:
         self._film(film)
         write_camera(lens, CAMERA)
         seen = self._seen(film, lens, self._plan, 'seen')
-        _say(
+        _print(
             f'Measured {seen.shares:.1%} of the angles in {seen.pictures} pictures, with a '
             f'standard deviation of {1e3 * seen.deviation:.2g} mrad.'
         )
-        _say('Identifying the chain from the angles; this is the longest step.')
+        _print('Identifying the chain from the angles; this is the longest step.')
         found = identify_bags([seen.bag], self._folder)
-        _say(summary(found))
+        _print(summary(found))
         identified = chain_of_file(self._folder / 'chain.yaml')
         overlay = self._folder / 'overlay.mp4'
         again = self._seen(film, lens, identified, 'identified', overlay)
@@ -127,7 +127,7 @@ class FilmedExperiment:
 
     def _film(self, path: Path) -> None:
         pictures = self._bench.pictures
-        _say(
+        _print(
             f'Filming a chain of {self._plan.rotors} rotors, whose lengths deviate by '
             f'{self._bench.parameters.spread:.0%}.'
         )
@@ -199,7 +199,7 @@ def describe_errors(errors: PositionErrors, spread: float) -> str:
         else 'No rotor was hidden.'
     )
     return (
-        f'The angles have a noise of {1e3 * errors.angle_noise:.2g} mrad. In {errors.places} '
+        f'The angles have a noise of {1e3 * errors.angle_noise:.2g} mrad. In {errors.frames} '
         f'pictures the rms error of the soliton position is {errors.error:.2g} rotor spacings '
         f'with the chain that was identified from the film, and {errors.with_true_chain:.2g} with '
         f'the true chain, whose lengths deviate by {spread:.0%}. With this noise and all rotors '
@@ -230,7 +230,7 @@ def _rms(values: Array) -> float:
     return float(np.sqrt(np.mean(np.square(values))))
 
 
-def _say(text: str) -> None:
+def _print(text: str) -> None:
     print(text, flush=True)
 
 
