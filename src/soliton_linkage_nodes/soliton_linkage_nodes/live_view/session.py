@@ -75,7 +75,7 @@ def _start(processes: ChildProcesses, arguments: argparse.Namespace) -> None:
 
 
 def _respawn(processes: ChildProcesses, stopping: threading.Event) -> None:
-    """Restart each node that ends until `stopping` is set, as the launch files do."""
+    """Until `stopping` is set, restart each node that ends, as the launch files do."""
     restarts = 0
     while not stopping.wait(_POLL_INTERVAL):
         for node, how in processes.ended().items():

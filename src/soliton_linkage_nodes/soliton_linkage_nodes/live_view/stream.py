@@ -67,8 +67,8 @@ async def carry_out(view: View, name: str, arguments: Mapping[str, Any]) -> str:
 class BrowserStream:
     """Stream of frames to a browser, and of actions from it.
 
-    Each browser has at most two frames in transit, so that no queue grows. It receives the newest
-    frame after it has reported that it drew one.
+    Each browser has at most two frames in transit, so that no queue grows. When a browser reports
+    that it has drawn a frame, it receives the newest frame.
     """
 
     def __init__(self, socket: WebSocket, source: View) -> None:
