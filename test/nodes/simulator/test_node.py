@@ -212,7 +212,7 @@ def test_it_ends_once_its_last_frames_are_acknowledged_or_cannot_be(
         recorder.process.wait()
 
 
-@pytest.mark.parametrize(('seconds', 'when'), [(1, 'ago'), (2**31 - 1, 'ahead')])
+@pytest.mark.parametrize(('seconds', 'when'), [(1, 'past'), (2**31 - 1, 'future')])
 def test_commands_of_another_time_are_rejected(graph: Graph, seconds: int, when: str) -> None:
     stream = Stream(graph)
     header = Header(stamp=Time(sec=seconds))
@@ -224,4 +224,4 @@ def test_commands_of_another_time_are_rejected(graph: Graph, seconds: int, when:
     )
     graph.until(lambda: stream.node.diagnostics.rejected == 2, 'two refusals')
     last = values(graph.next_report('simulator'))['last rejection']
-    assert f'{when}, the limit is 10 s; use the present time or 0, or raise stamp_' in last
+    assert f'{when}, the limit is 10 s; use the current time or 0, or raise stamp_' in last
