@@ -54,7 +54,7 @@ def test_a_soliton_is_back_once_it_has_been_at_the_other_edge(graph: Graph) -> N
         graph.until(lambda rotor=rotor: observer.rotor == rotor, 'the state')
         assert trip.ended() is ended
         assert trip.remark.endswith('going out' if second < 2 else 'coming back')
-    assert 'it is at rotor 1.5 now; raise nudge or time_limit' in trip.missing()
+    assert 'the soliton is at rotor 1.5 now; raise the parameter nudge or' in trip.missing()
 
 
 def test_a_rejected_nudge_ends_the_wait(graph: Graph) -> None:
