@@ -274,7 +274,7 @@ class Live {
       Object.assign(document.createElement('span'), { textContent, className }))));
   }
 
-  // Warns if the shown frame is old, because it does not show the present state.
+  // Warns if the shown frame is old and does not show the present state.
   refreshWarning(index, newest) {
     const banner = element('stale');
     const silence = (performance.now() - this.received) / 1000;
