@@ -20,7 +20,7 @@ def opencv() -> ModuleType:
 
 def pyav() -> ModuleType:
     """Return the module av; raise ValueError if it is not installed."""
-    return _imported('av', 'writing videos needs PyAV', 'av', 'av')
+    return _imported('av', 'films need PyAV', 'av', 'av')
 
 
 def _imported(name: str, need: str, wheel: str, package: str) -> ModuleType:

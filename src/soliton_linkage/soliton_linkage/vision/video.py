@@ -1,8 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Pictures with times, from video files and from cameras of this computer.
 
-The times are read from the file, so that they are correct for a variable frame rate. PyAV reads
-the files, or OpenCV if PyAV is not installed.
+The times are read from the file, so that they are correct for a variable frame rate.
 """
 
 from __future__ import annotations
@@ -12,7 +11,6 @@ import math
 import time
 from collections.abc import Iterable, Iterator
 from fractions import Fraction
-from importlib import import_module
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -85,55 +83,6 @@ def read_video(path: Path) -> Video:
         raise ValueError(f'film {str(path)!r} is a directory; give a file')
     if not path.is_file():
         raise ValueError(f'film {str(path)!r} does not exist; check the path')
-    try:
-        import_module('av')
-    except ImportError:
-        return _read_by_opencv(path)
-    return _read_by_av(path)
-
-
-def capture_camera(number: int) -> Iterator[TimedPicture]:
-    """Yield the pictures of a camera of this computer; raise ValueError when they end."""
-    start = None
-    for picture in _captured(_opened_camera(number)):
-        now = time.monotonic()
-        start = now if start is None else start
-        yield TimedPicture(now - start, picture)
-    raise ValueError(
-        f'camera {number} delivers no picture; check that it is connected and that no other '
-        'program uses it'
-    )
-
-
-def write_video(
-    path: Path, pictures: Iterable[TimedPicture], quality: int = 18, alone: bool = False
-) -> int:
-    """Write pictures with their times as H.264, and return their number.
-
-    A lower `quality` number (CRF) gives better pictures. With `alone`, each picture is a key
-    frame; the file is larger but contains all small motions.
-    """
-    av: Any = pyav()
-    count = 0
-    with av.open(str(path), 'w') as container:
-        stream = container.add_stream('libx264', rate=Fraction(60))
-        stream.options = {'crf': str(quality), 'preset': 'veryfast'}
-        if alone:
-            stream.gop_size = 1
-        stream.pix_fmt = 'yuv420p'
-        stream.codec_context.time_base = Fraction(1, _TICKS)
-        for taken in pictures:
-            if not count:
-                stream.height, stream.width = taken.picture.shape[:2]
-            frame = av.VideoFrame.from_ndarray(taken.picture, format='bgr24')
-            frame.pts, frame.time_base = round(taken.time * _TICKS), Fraction(1, _TICKS)
-            container.mux(stream.encode(frame))
-            count += 1
-        container.mux(stream.encode())
-    return count
-
-
-def _read_by_av(path: Path) -> Video:
     av: Any = pyav()
     try:
         container = av.open(str(path))
@@ -169,27 +118,50 @@ def _read_by_av(path: Path) -> Video:
     return Video(_start(path, created, length), int(stream.frames), film)
 
 
-def _read_by_opencv(path: Path) -> Video:
-    cv2 = opencv()
-    source = cv2.VideoCapture(str(path))
-    if not source.isOpened():
-        raise ValueError(
-            f'film {str(path)!r} cannot be read; install PyAV, which reads more formats'
-        )
-    # The rows must be those of the sensor, as with PyAV, because each has its own exposure time.
-    source.set(cv2.CAP_PROP_ORIENTATION_AUTO, 0)
-    frames = max(int(source.get(cv2.CAP_PROP_FRAME_COUNT)), 0)
-    rate = float(source.get(cv2.CAP_PROP_FPS)) or 30.0
+def capture_camera(number: int) -> Iterator[TimedPicture]:
+    """Yield the pictures of a camera of this computer; raise ValueError when they end."""
+    source, start = _opened_camera(number), None
+    try:
+        while True:
+            good, picture = source.read()
+            if not good:
+                raise ValueError(
+                    f'camera {number} delivers no picture; check that it is connected and that no '
+                    'other program uses it'
+                )
+            now = time.monotonic()
+            start = now if start is None else start
+            yield TimedPicture(now - start, np.asarray(picture))
+    finally:
+        source.release()
 
-    def pictures() -> Iterator[TimedPicture]:
-        first = None
-        for picture in _captured(source):
-            taken = float(source.get(cv2.CAP_PROP_POS_MSEC)) / 1000
-            first = taken if first is None else first
-            yield TimedPicture(taken - first, picture)
 
-    film = _checked(path, pictures(), frames / rate, _SOUND)
-    return Video(_start(path, '', frames / rate), frames, film)
+def write_video(
+    path: Path, pictures: Iterable[TimedPicture], quality: int = 18, alone: bool = False
+) -> int:
+    """Write pictures with their times as H.264, and return their number.
+
+    A lower `quality` number (CRF) gives better pictures. With `alone`, each picture is a key
+    frame; the file is larger but contains all small motions.
+    """
+    av: Any = pyav()
+    count = 0
+    with av.open(str(path), 'w') as container:
+        stream = container.add_stream('libx264', rate=Fraction(60))
+        stream.options = {'crf': str(quality), 'preset': 'veryfast'}
+        if alone:
+            stream.gop_size = 1
+        stream.pix_fmt = 'yuv420p'
+        stream.codec_context.time_base = Fraction(1, _TICKS)
+        for taken in pictures:
+            if not count:
+                stream.height, stream.width = taken.picture.shape[:2]
+            frame = av.VideoFrame.from_ndarray(taken.picture, format='bgr24')
+            frame.pts, frame.time_base = round(taken.time * _TICKS), Fraction(1, _TICKS)
+            container.mux(stream.encode(frame))
+            count += 1
+        container.mux(stream.encode())
+    return count
 
 
 def _checked(
@@ -224,17 +196,6 @@ def _opened_camera(number: int) -> Any:
         return cv2.VideoCapture(number)
     finally:
         log.setLogLevel(level)
-
-
-def _captured(source: Any) -> Iterator[Picture]:
-    try:
-        while True:
-            good, picture = source.read()
-            if not good:
-                return
-            yield np.asarray(picture)
-    finally:
-        source.release()
 
 
 def _start(path: Path, created: str, length: float) -> float:
