@@ -89,7 +89,7 @@ def test_the_status_without_markers_names_the_remedy() -> None:
         0.0, np.full((360, 640, 3), 128, dtype=np.uint8)
     )
     assert np.isnan(seen.angles).all()
-    assert 'show two markers or more' in seen.status
+    assert 'show two or more complete markers' in seen.status
 
 
 def test_a_picture_of_another_size_is_rejected() -> None:
