@@ -198,7 +198,9 @@ class SweepTrial:
     time_limit: float = quantity(
         2000.0, 'time limit for the return of the wall', 'sqrt(M / k_e)', 1.0, 1e6
     )
-    tolerance: float = quantity(1e-7, 'tolerance of the angles in a time unit', 'rad', 1e-13, 1e-2)
+    tolerance: float = quantity(
+        1e-7, 'largest integration error of an angle per time unit', 'rad', 1e-13, 1e-2
+    )
 
     def __post_init__(self) -> None:
         """Check the parameter ranges."""

@@ -76,7 +76,7 @@ class Section:
         value = self._value(key, wanted)
         number = self._checked(key, value, minimum, maximum, wanted)
         if not isinstance(value, int):
-            raise self.error(key, f'must be {wanted}; leave out the decimal point')
+            raise self.error(key, f'must be {wanted}; omit the decimal point')
         return int(number)
 
     def numbers(self, key: str, minimum: float, maximum: float) -> tuple[float, ...]:

@@ -109,16 +109,16 @@ class PneumaticActuator:
         return np.array(pressures)
 
     def torque(self, pressure: ArrayLike) -> Array:
-        """Return the torque of a pressure [N m], k p up to the saturation torque, shape (...)."""
+        """Return the torque at a pressure [N m], k p up to the saturation torque, shape (...)."""
         unlimited = self.torque_per_pressure * np.asarray(pressure, dtype=np.float64)
         return np.clip(unlimited, -self.saturation_torque, self.saturation_torque)
 
     def is_saturated(self, pressure: float) -> bool:
-        """Return whether the torque of a pressure [Pa] is limited to the saturation torque."""
+        """Return whether the torque at a pressure [Pa] is limited to the saturation torque."""
         return abs(self.torque_per_pressure * pressure) > self.saturation_torque
 
     def pulse_command(self, impulse: float, duration: float) -> float:
-        """Return the commanded pressure [Pa] of a pulse of a duration [s] and an impulse [N m s].
+        """Return the commanded pressure [Pa] of a pulse, given duration [s] and impulse [N m s].
 
         A pulse u of duration T, followed by venting, gives the impulse k u [T + (tau_2 - tau_1) (1
         - exp(-T / tau_1))]. The pressure approaches u with the time constant tau_1, and then 0
@@ -159,13 +159,13 @@ class Actuator(Protocol):
         """Return the level at `end` and its integral from `start` to `end` [s]."""
 
     def torque(self, level: float) -> SupportsFloat:
-        """Return the torque of a level [N m]."""
+        """Return the torque at a level [N m]."""
 
     def is_saturated(self, level: float) -> bool:
-        """Return whether the torque of a level is limited."""
+        """Return whether the torque at a level is limited."""
 
     def pulse_command(self, impulse: float, duration: float) -> float:
-        """Return the command of a pulse of a duration [s] and an impulse [N m s]."""
+        """Return the command of a pulse, given duration [s] and impulse [N m s]."""
 
 
 ACTUATORS: dict[str, type[Actuator]] = {'pneumatic': PneumaticActuator}
@@ -173,7 +173,7 @@ ACTUATORS: dict[str, type[Actuator]] = {'pneumatic': PneumaticActuator}
 
 
 def actuator_type(name: str) -> type[Actuator]:
-    """Return the actuator model of a name; raise ValueError for an unknown name."""
+    """Return the actuator model with this name; raise ValueError for an unknown name."""
     if name not in ACTUATORS:
         known = ', '.join(map(repr, ACTUATORS))
         raise ValueError(f'parameter actuator = {name!r} must be one of {known}')

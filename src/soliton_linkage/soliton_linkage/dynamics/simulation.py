@@ -168,7 +168,7 @@ class Simulation(ABC):
         self._restart()
 
     def set_gravity(self, gravity: Gravity) -> None:
-        """Change gravity at the instant of the current frame; the energy difference is work."""
+        """Change gravity at the time of the current frame; the change of energy counts as work."""
         if gravity != self.gravity:
             before = self.energy
             self.gravity = gravity

@@ -89,7 +89,8 @@ class Analyser:
         """
         if noise is not None and not 0 < noise < math.inf:
             raise ValueError(
-                f'noise = {noise:g} rad must be finite and above 0; give None to have it estimated'
+                f'noise = {noise:g} rad must be finite and above 0; give None to estimate the '
+                'noise'
             )
         self.chain = chain
         self._settings = settings

@@ -77,9 +77,9 @@ class Analysis(NamedTuple):
 def cycle_phase(estimate: OrbitEstimate, orbit: Orbit | None) -> CyclePhase:
     """Return the phase of the cycle of an estimate.
 
-    For spinners that were assembled upside down, the phase decreases with the arc. Thus for both
-    assemblies a wall that leaves rotor 0 from the left-leaning state does so in leg 0, with
-    increasing phase.
+    For spinners that were assembled upside down, the phase decreases with the arc. Thus in both
+    assemblies a wall that starts at rotor 0 in the left-leaning state is in leg 0, with increasing
+    phase.
     """
     if orbit is None or not estimate.leg_known:
         return CyclePhase(math.nan, math.nan, math.nan, math.nan, 0, -1)

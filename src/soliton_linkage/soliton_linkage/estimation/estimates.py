@@ -43,7 +43,7 @@ class OrbitEstimate(NamedTuple):
         belong to one of them.
     noise: standard deviation of the noise of an angle [rad], given or estimated.
     misfit: root mean square residual of the rotors near the wall in recent frames [rad].
-    frame_misfit: the same of this frame alone [rad], NaN if it was empty.
+    frame_misfit: misfit of this frame alone [rad], NaN if the frame is empty.
     upside_down: whether the chain is the mirror image phi -> pi - phi of the chain of the orbit.
     """
 

@@ -134,7 +134,7 @@ class ImpulseQueue:
             self._waiting.append((stamp if known else None, impulses))
 
     def due(self, stamp: int) -> list[FrameImpulse]:
-        """Remove and return the impulses that act from the frame of a stamp [ns]."""
+        """Remove and return the impulses that take effect in the frame with this stamp [ns]."""
         if self._frame is not None and stamp < self._frame:
             self._waiting.clear()
         self._frame = stamp
@@ -237,8 +237,8 @@ def complete(
     """Fill in the missing rotors of a frame from the orbit or, without one, from neighbours.
 
     Angles [rad] and rates [rad/s] have shape (N,), NaN if unknown; the last angles determine the
-    whole turns. A single rotor that differs from the orbit by more than half of its swing counts
-    as unseen.
+    whole turns. A single rotor that differs from the orbit by more than half of its swing is
+    treated as unseen.
     """
     unseen = ~np.isfinite(angles)
     if expected is None:

@@ -44,7 +44,7 @@ class LinearisedMeasurement(NamedTuple):
     information: float
     """Information on the arc for a noise of 1 rad [1]."""
     full_information: float
-    """The same if all known rotors except doubtful ones had full weight [1]."""
+    """Information if all known rotors except doubtful ones had full weight [1]."""
     squares: float
     """Sum of the squares of the inlying residuals [rad^2]."""
     degrees_of_freedom: int

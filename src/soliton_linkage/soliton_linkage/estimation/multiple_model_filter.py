@@ -8,12 +8,12 @@ is z = s + b + noise. Its bias b persists while the wall moves by about one roto
     ds = w dt,   dw = sqrt(q) dB,   b' = a b + noise of variance m^2 (1 - a^2),
 
 with a = exp(-|w| dt / (Lambda / 2)) and q = e^2 |w|^3 / Lambda; e is the relative change of the
-rate per rotor. Filters with several e and m run in parallel. The estimate is their mean, weighted
-by the likelihood of recent measurements. The steady filter has e = m = 0 and uses the whole
-record. Its weight is high until the likelihood of all measurements contradicts it. Then it
-restarts from the mean of the others, with a low weight. At edges the springs exchange energy with
-the wall: there e is larger in the other filters, and the weight of the steady filter is limited.
-Waves as strong as the motion of the wall limit it too.
+rate per rotor. Filters with different values of e and m run in parallel. The estimate is their
+mean, weighted by the likelihood of recent measurements. The steady filter has e = m = 0 and uses
+the whole record. Its weight is high until the likelihood of all measurements contradicts it. Then
+it restarts from the mean of the others, with a low weight. At edges the springs exchange energy
+with the wall: there e is larger in the other filters, and the weight of the steady filter is
+limited. Waves as strong as the motion of the wall limit it too.
 
 An impulse changes the rate instantly. One filter assumes an impulse about 1 frame ago, one about 2
 frames ago, then 4, 8, ...; the rate after the impulse is almost unknown. The weight of such a

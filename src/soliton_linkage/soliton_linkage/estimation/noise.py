@@ -235,11 +235,11 @@ def median_change(first: Array, second: Array, third: Array, ratio: float) -> fl
 class RateNoise:
     """Standard deviation of the noise of rates, from second differences in time.
 
-    For three frames dt_1 and dt_2 apart and q = dt_1 / dt_2, white noise of the rates r gives r_1
-    - (1 + q) r_2 + q r_3 the variance (1 + (1 + q)^2 + q^2) sigma^2. A phonon of angular frequency
-    w contributes only (w dt)^4 / 2 of its squared amplitude at equal intervals. The median over
-    the rotors, with a bias of 1 / (3 N), excludes the rotors in a wall. Frames further apart than
-    0.5 / w of the fastest phonon cannot separate noise from phonons.
+    Let three frames be dt_1 and dt_2 apart, and q = dt_1 / dt_2. White noise of the rates r causes
+    a variance (1 + (1 + q)^2 + q^2) sigma^2 of r_1 - (1 + q) r_2 + q r_3. A phonon of angular
+    frequency w contributes only (w dt)^4 / 2 of its squared amplitude at equal intervals. The
+    median over the rotors, with a bias of 1 / (3 N), excludes the rotors in a wall. Frames further
+    apart than 0.5 / w of the fastest phonon cannot separate noise from phonons.
     """
 
     def __init__(self, chain: Chain, settings: NoiseSettings = DEFAULTS.noise) -> None:
@@ -277,9 +277,9 @@ class RateNoise:
 class StampJitter:
     """Variance of the error of stamps, from second differences of measured arcs.
 
-    A stamp error e shifts a wall of rate w by w e. For three measurements dt_1 and dt_2 apart and
-    q = dt_2 / dt_1, white errors of variance v give z_3 - (1 + q) z_2 + q z_1 the variance v_3 +
-    (1 + q)^2 v_2 + q^2 v_1. The excess over this variance, weighted by w^2, is the jitter.
+    A stamp error e shifts a wall of rate w by w e. Let three measurements be dt_1 and dt_2 apart,
+    and q = dt_2 / dt_1. White errors of variance v cause a variance v_3 + (1 + q)^2 v_2 + q^2 v_1
+    of z_3 - (1 + q) z_2 + q z_1. The excess over this variance, weighted by w^2, is the jitter.
     """
 
     def __init__(self, settings: NoiseSettings = DEFAULTS.noise) -> None:

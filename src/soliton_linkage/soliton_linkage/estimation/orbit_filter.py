@@ -64,8 +64,8 @@ class OrbitFilter:
         """
         if noise is not None and not (math.isfinite(noise) and noise > 0):
             raise ValueError(
-                f'noise = {noise} rad must be a finite number above 0; leave it out to have it '
-                'estimated'
+                f'noise = {noise} rad must be a finite number above 0; omit it to estimate the '
+                'noise'
             )
         chain = orbit.chain
         self.orbit = orbit
@@ -320,7 +320,7 @@ class OrbitFilter:
         return candidate.view.likelihood - expected
 
     def _predict(self, motion: MultipleModelFilter, elapsed: float, acceleration: float) -> None:
-        """Predict over a time [s] with torques, as an acceleration [rad/s^2], and springs."""
+        """Predict over a time [s], given the acceleration by torques [rad/s^2]."""
         arc, rate, *_ = motion.summary
         ahead = arc + rate * elapsed
         ratio = self._compliance.rate_ratio(ahead, rate, arc)

@@ -63,7 +63,7 @@ class LikelihoodSettings(_Part):
     )
     largest_noise: float = quantity(0.25, 'largest noise of an angle', 'rad')
     informative_share: float = quantity(
-        0.7, 'least fraction of the information of a frame that outliers must leave'
+        0.7, 'least fraction of the information of a frame that remains without outliers'
     )
 
 

@@ -291,7 +291,7 @@ class WallShapes:
     def __init__(self, chain: Chain) -> None:
         """Sample static walls in the middle of a long chain without deviations.
 
-        Raises ValueError and ArithmeticError as `static_wall` does.
+        Raises the ValueError and the ArithmeticError of `static_wall`.
         """
         depth = penetration_depth(chain) / chain.spacing
         beside = math.ceil(_DEPTHS * depth + _ROTORS)

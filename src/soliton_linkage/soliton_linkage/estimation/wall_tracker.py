@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Tracker of all walls of a chain, which keep their identifiers, and detector of events.
+"""Tracker of all walls of a chain, with constant identifiers, and detector of events.
 
 Each wall has a track that predicts it in the next frame; measurements are assigned to predictions.
 An unassigned track or measurement is a wall that disappeared or appeared: at an edge, where it may

@@ -80,8 +80,8 @@ class WallFamily:
     ) -> Contraction:
         """Fit the contraction to one frame, near a site and a logarithm of gamma, by Gauss-Newton.
 
-        Angles [rad], shape (N,), NaN where unknown, are in the orientation of the orbit, with
-        independent noise [rad]; the leg belongs to the orbit. The result is unknown if the wall is
+        Angles [rad], shape (N,), NaN if unknown, are in the orientation of the orbit and have
+        independent noise [rad]. `leg` is a leg of the orbit. The result is unknown if the wall is
         nearer to an edge than twice its width or decay length, or if the standard deviation of
         ln(gamma) exceeds ln(1.5).
         """

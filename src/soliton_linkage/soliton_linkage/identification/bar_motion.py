@@ -56,7 +56,7 @@ _LARGEST_EXCESS = 1.5
 """Ratio of the residual noise of arcs to the reading noise, above which the motion is not free
 [1]."""
 _MOST_STEPS = 15
-"""Largest number of evaluations of a fit [1]; 4 to 6 are usual."""
+"""Largest number of evaluations of a fit [1]; usually 4 to 6 are needed."""
 _CONVERGED = 1e-4
 """Relative decrease of the squares below which a fit ends [1]; noise in 1000 frames causes ten
 times as much."""

@@ -96,7 +96,7 @@ class Identification:
     tolerance: float
     """Standard deviation of the relative differences of lengths of one kind [1]."""
     rigid: bool
-    """Whether all bonds close within the noise, as for rigid bars; then stiffnesses are
+    """Whether all bonds close within the noise, so that bars seem rigid and stiffnesses are
     unknown."""
     unused_frames: int
     """Number of frames that were not used for masses, stiffnesses and drag [1]."""

@@ -235,7 +235,7 @@ class MotionFitter:
         return sum(float(np.maximum(each - 2, 0).sum()) for each in counts)
 
     def _counts(self, window: FreeWindow) -> Array:
-        """Return the number of independent readings that each reading counts as [1], (T, N)."""
+        """Return the information of each reading, in independent readings [1], shape (T, N)."""
         return np.asarray(self._seen(window) / self._repeats[window.frames])
 
     def _scatter(self) -> float:

@@ -36,7 +36,7 @@ dominate."""
 _BETTER = 0.8
 """Largest misfit of a better curve, relative to that of the readings as recorded [1]."""
 _AS_GOOD = 1.25
-"""The same, if no wall can pass the bond of the readings as recorded [1]."""
+"""The same ratio, if no wall can pass the bond of the readings as recorded [1]."""
 _IMPASSABLE = 0.95
 """Square of l relative to its limit [1], below which no wall can pass a bond; noise changes it by
 0.03."""
@@ -199,7 +199,7 @@ half the chain. Degrees give 0.4 or more."""
 
 
 def check_unit(readings: Array) -> None:
-    """Raise ValueError if most of the checked frames seem to be in degrees; readings (T, N)."""
+    """Raise ValueError if most of the checked frames, shape (T, N), seem to be in degrees."""
     some = readings[:: max(1, len(readings) // _CHECKED_FRAMES)]
     if np.mean([in_degrees(frame) for frame in some]) > 0.5:
         raise ValueError('the angles look like degrees; publish radians')

@@ -122,8 +122,8 @@ LEAST_NOISE = 1e-4
 _OUTLIER = 7.0
 """Distance of a wrong reading from a smooth motion, in standard deviations [1]."""
 _OF_RANGE = 0.25
-"""The same relative to the range of the adjacent readings [1], because fast motions are less
-smooth."""
+"""Distance of a wrong reading, relative to the range of adjacent readings [1], because fast
+motions are less smooth."""
 _PASSES = 6
 """Largest number of searches for wrong readings [1]; readings near larger errors are found
 later."""

@@ -70,8 +70,8 @@ def zero_modes(chain: Chain, angles: Array, tolerance: float = 1e-10) -> Array:
     """Return orthonormal motions [1] that stretch no spring to first order, R t = 0, (N, N_0).
 
     The numbers of zero modes and states of self-stress satisfy N_0 - N_ss = N - springs (paper,
-    section 1). A singular value counts as 0 below the tolerance times the largest one. The
-    algorithm is dense, O(N^3).
+    section 1). A singular value is regarded as 0 if it is below the tolerance times the largest
+    one. The algorithm is dense, O(N^3).
     """
     return _null_space(rigidity_matrix(chain, angles).toarray(), tolerance)
 

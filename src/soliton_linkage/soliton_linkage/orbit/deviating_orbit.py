@@ -34,7 +34,7 @@ missing."""
 def orbit_of(chain: Chain) -> Orbit:
     """Return the orbit of a chain, with its deviations if it has any.
 
-    Raises ValueError as `UniformOrbit` and `DeviatingOrbit` do.
+    Raises the ValueError of `UniformOrbit` or `DeviatingOrbit`.
     """
     return UniformOrbit(chain) if chain.deviations == NO_DEVIATIONS else DeviatingOrbit(chain)
 

@@ -31,7 +31,7 @@ _MOST_SPLITS = 8
 _ACCURACY = 1e-11
 """Limit of the last two coefficients of a converged series [rad]."""
 _STILL = 2e-11
-"""Tangent below which a rotor counts as immobile [1], the rounding error of a series."""
+"""Tangent below which a rotor is regarded as immobile [1], the rounding error of a series."""
 _DEPTHS_BESIDE = 25
 """Rotors on each side of a seed in penetration depths [1]: e^-25 is below `_STILL`."""
 _ROTORS_BESIDE = 6
@@ -168,7 +168,7 @@ class _Window:
         return np.asarray(mode / np.linalg.norm(mode, axis=-1, keepdims=True))
 
     def _neighbour(self, angles: Array, rotor: int, neighbour: int, bar: int) -> Array:
-        """Return the angles of a neighbour [rad], as `neighbour_angle` does, (P, K)."""
+        """Return the angles of a neighbour [rad], shape (P, K); see `neighbour_angle`."""
         branches = self.right_branches if neighbour > rotor else self.left_branches
         spacings = self.spacings[:, bar, None] * (-1 if neighbour > rotor else 1)
         r, length = self.rotor_lengths[:, neighbour, None], self.bar_lengths[:, bar, None]

@@ -66,7 +66,7 @@ class UniformOrbit(Orbit):
 
     Angles are accurate to 1e-6 rad. The computation takes less than a second, except for wobbling
     flippers close to d_c and for walls that extend over 1000 rotors. Raises ValueError for a chain
-    of two rotors or with periodic ends, and as `site_arc` does.
+    of two rotors or with periodic ends, and that of `site_arc`.
     """
 
     def __init__(self, chain: Chain) -> None:

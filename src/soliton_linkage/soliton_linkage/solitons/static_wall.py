@@ -36,7 +36,7 @@ _TRANSITION = 1e-9
 _TOLERANCE = 1e-13
 """Relative and absolute [rad] tolerance of a step; the arcs then have an error of 1e-11."""
 _ARRIVED = 1e-4
-"""Largest distance between configurations that count as equal [rad]."""
+"""Largest distance between configurations that are regarded as equal [rad]."""
 
 
 def static_wall(chain: Chain, site: float, leg: int = 0, inverted: bool = False) -> Array:

@@ -117,7 +117,8 @@ def adiabatic_rate(orbit: Orbit, settings: SteeringSettings = DEFAULTS) -> float
     spectrum = np.fft.rfft(passages * np.hanning(_SAMPLES))
     shares = (np.abs(spectrum) * step * numbers) ** 2
     radiating = np.flatnonzero(shares.max(axis=0) > settings.radiated_share)
-    # If every wave number radiates, as for a wall that jumps, the largest one is the limit.
+    # If every wave number radiates, for example of a wall that jumps, the largest one is the
+    # limit.
     first_quiet = min(max(radiating, default=0) + 1, len(numbers) - 1)
     return settings.adiabatic_fraction * gap(orbit.chain) / float(numbers[first_quiet])
 

@@ -41,7 +41,7 @@ from soliton_linkage.steering.torque_allocation import TorqueAllocation
 from soliton_linkage.steering.wall_observer import WallEstimate, WallObserver
 
 _BANDWIDTH_EXPONENT = 1 / 5
-"""Exponent e in b ~ q^e [1]: it keeps the torques from noise, b^(5/2) q^(-1/2), constant."""
+"""Exponent e in b ~ q^e [1], with which torques from noise, b^(5/2) q^(-1/2), are constant."""
 _MAX_EXTENSIONS = 8
 """Number of durations tried to brake a moving wall [1]."""
 _EXTENSION = 1.5
@@ -159,7 +159,7 @@ class Steering:
         return self._trajectory is not None
 
     def reset(self) -> None:
-        """Release the wall and discard all frames, as in a new controller."""
+        """Release the wall and discard all frames."""
         self.release()
         self._period, self._bandwidth_factor = math.nan, 1.0
         self._gap_until = self._last = None

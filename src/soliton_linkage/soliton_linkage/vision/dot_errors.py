@@ -11,15 +11,15 @@ pixels of the previous picture exactly; without a codec, camera noise prevents e
 repeated dot is not a new measurement. The mass may have moved by up to the threshold since the
 last update. At the next update the dot jumps along its circle by this error. If some dots are
 repeated while others move, the video has a dead zone, in which slow motion is invisible. The
-errors of dots that move beyond the dead zone in each picture are estimated as follows:
+errors of dots that move beyond the dead zone in each picture are estimated as follows.
 
-* Along the path, the sixth divided difference of seven pictures contains only errors, because slow
-    motions and the usual waves do not contribute to it. * This difference reduces correlated
-    errors. The reduction factor is assumed to be that of the errors across the path, which are
-    also measured directly.
+Along the path, the sixth divided difference of seven pictures contains only errors, because slow
+    motions and typical waves do not contribute to it. This difference reduces correlated errors.
+    The reduction factor is assumed to be that of the errors across the path, which are also
+    measured directly.
 
-Let s^2 be the variance of resting dots, e^2 the variance of moving dots, and t the usual number of
-repeats. A dot that was repeated in n pictures has the variance
+Let s^2 be the variance of resting dots, e^2 the variance of moving dots, and t the typical number
+of repeats. A dot that was repeated in n pictures has the variance
 
     s^2 + (e^2 - s^2) / (1 + n / t).
 

@@ -163,6 +163,6 @@ def _draw_walls(pen: _Pen, frame: AngleFrame, walls: Sequence[WallMark]) -> None
 
 
 def _bgr(colour: str) -> tuple[int, int, int]:
-    """Return blue, green and red of a colour."""
+    """Return the blue, green and red components of a colour."""
     red, green, blue = (round(255 * share) for share in shares(colour))
     return blue, green, red

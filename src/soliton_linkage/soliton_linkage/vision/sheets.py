@@ -31,7 +31,7 @@ _BOARD = (9, 6, 0.025)
 """Columns and rows of squares of the chessboard, and their side [m]: 8 x 5 inner corners."""
 
 _DrawMarker = Callable[[Any, int, Array], None]
-"""Function that draws a marker of a number with its centre at a point of a sheet [m]."""
+"""Function of axes, marker number and centre on the sheet [m] that draws a marker."""
 
 
 def write_sheets(layout: MarkerLayout, path: Path, paper: str = 'a4') -> list[Path]:

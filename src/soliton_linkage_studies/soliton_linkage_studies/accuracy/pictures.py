@@ -64,7 +64,8 @@ _OFFSET = 0.15
 _SIGNIFICANT = 3.0
 """Threshold of a significant bias [standard errors]; its false-positive rate is 0.3 %."""
 _UNBIASED = 0.002
-"""Largest bias of an unbiased estimator [rotor spacings], far below every Cramer-Rao bound."""
+"""Bias below which an estimator is regarded as unbiased [rotor spacings], far below every
+bound."""
 _LEAST_BIAS = 1e-5
 """Lower limit of the bias axis [rotor spacings]."""
 _ROUNDING = 1e-12

@@ -35,9 +35,10 @@ from soliton_linkage_studies.sweep.table import fingerprint
 _LOST_WIDTHS = 2.0
 """Largest error of a wall that is regarded as found [wall widths]."""
 _LOST = 1.0
-"""The same in rotor spacings; the largest of the three limits applies."""
+"""Largest error of a wall that is regarded as found, in rotor spacings; the largest limit
+applies."""
 _LOST_DEVIATIONS = 6.0
-"""The same in stated standard deviations."""
+"""Largest error of a wall that is regarded as found, in stated standard deviations."""
 _LARGEST_DEVIATION = 0.25
 """Stated deviation, relative to the chain length, above which a wall is false [1]."""
 _FALSE_MISFIT = 0.5

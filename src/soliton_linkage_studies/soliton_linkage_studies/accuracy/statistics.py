@@ -86,7 +86,7 @@ _SIGNIFICANT = 3.0
 _SINGLE_RECORD = 0.3
 """Relative standard error if there is only one record [1]."""
 _LARGER = 1.1
-"""Ratio of errors above which the error counts as larger [1]."""
+"""Ratio of errors above which an error is regarded as larger [1]."""
 _USEFUL = 2.0
 """Largest rms normalised error at which a stated position is useful [1]."""
 _FEWER = 0.01

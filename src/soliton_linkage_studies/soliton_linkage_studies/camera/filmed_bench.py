@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Simulated handmade chain in front of a camera, with known deviations from its plan."""
+"""Simulated handmade chain in front of a camera, with known manufacturing deviations."""
 
 from __future__ import annotations
 
@@ -45,7 +45,7 @@ class BenchParameters:
 
 @dataclass(frozen=True)
 class FilmedBench:
-    """Chain with manufacturing deviations, and markers printed for its plan."""
+    """Chain with manufacturing deviations, and markers printed for the nominal chain."""
 
     plan: Chain
     markers: MarkerSettings

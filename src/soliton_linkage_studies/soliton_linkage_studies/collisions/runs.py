@@ -225,7 +225,7 @@ def initial_state(task: Collision) -> State:
 
 
 def ring_order_field(ring: Chain, angles: Array) -> Array:
-    """Return the order field, shape (..., N); as `order_field`, for spinners of the family +1."""
+    """Return the order field, (..., N); spinners are assumed to be of the family +1."""
     theta = staggered(angles)
     if ring.motion is Motion.SPINNER:
         return np.asarray(np.cos(theta - ring.rest_angle))

@@ -211,7 +211,7 @@ def _draw_work(
     axes.set_title('c  energy gained by the chain, and work of the torques', loc='left')
     axes.legend()
     report.add_comparison(
-        'work of a pressure on the chain [J]',
+        'work of the actuator on the chain [J]',
         '',
         'energy gained',
         float(driven.works[-1]),

@@ -115,7 +115,8 @@ class SolverSettings:
     shortest: float = 1e-6
     """Smallest step length before the solver fails, as a fraction of the longest stable step."""
     trials: int = 60
-    """Number of step lengths that are tried before the solver fails; one to three are usual."""
+    """Number of step lengths that are tried before the solver fails; usually one to three are
+    needed."""
 
 
 DEFAULTS = SolverSettings()
