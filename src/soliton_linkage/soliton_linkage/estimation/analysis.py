@@ -75,7 +75,7 @@ class Analysis(NamedTuple):
 
 
 def cycle_phase(estimate: OrbitEstimate, orbit: Orbit | None) -> CyclePhase:
-    """Return the phase of the cycle of an estimate.
+    """Return the phase of an estimate in the cycle.
 
     For spinners that were assembled upside down, the phase decreases with the arc. Thus in both
     assemblies a wall that starts at rotor 0 in the left-leaning state is in leg 0, with increasing

@@ -203,7 +203,7 @@ class OnOrbit(NamedTuple):
 
 
 def on_orbit(orbit: Orbit, estimate: OrbitEstimate, residuals: Array) -> OnOrbit:
-    """Return the predicted rotors of a frame with the residuals [rad], shape (N,)."""
+    """Return predicted angles and rates, with the residuals of a frame [rad], shape (N,)."""
     angles = orbit.configuration(estimate.arc)
     rates = orbit.tangent(estimate.arc) * estimate.rate
     if estimate.upside_down:

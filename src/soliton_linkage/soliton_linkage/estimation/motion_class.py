@@ -310,7 +310,7 @@ class MotionClass(NamedTuple):
 
 
 class MotionEvidence(NamedTuple):
-    """Evidence of all frames on the motion.
+    """Evidence about the class of motion from all frames.
 
     site: crossing of u through 0 in the last frame [rotor spacings]; NaN without a wall.
     flipping: log likelihood ratio of a flipper against a spinner [1], limited because errors may

@@ -148,7 +148,7 @@ def _wrong_rotors(curves: Sequence[_Curve]) -> dict[int, Mounting]:
 
 
 def _curves(readings: Array) -> list[_Curve]:
-    """Return the curve of each bond, without a fault for bonds that no wall has passed."""
+    """Return the curve of each bond; bonds that no wall has passed are assumed correct."""
     low, high = np.quantile(np.sin(readings), _QUANTILES, axis=0)
     swings = high - low > _LEAST_SWING * np.median(high - low)
     return [

@@ -150,7 +150,7 @@ class _Seed:
         return best
 
     def _bond(self, rotor: int, towards: int, angle: float) -> _Bond:
-        """Return the bar from a rotor with an angle [rad] to its right or left neighbour."""
+        """Return the bar from a rotor at a given angle [rad] to its right or left neighbour."""
         bar, far = min(rotor, rotor + towards), rotor + towards
         branch = (self.right_branches if towards > 0 else self.left_branches)[bar]
         spacing = towards * self._spacings[bar]
@@ -164,7 +164,8 @@ class _Seed:
     def turn(self, most: float) -> int:
         """Turn the seed by a step of at most `most` [rad], or until another rotor moves as much.
 
-        Returns the number of the next seed. Raises ArithmeticError if a bar cannot reach.
+        Returns the number of the next seed. Raises ArithmeticError if a bar is too short or too
+        long.
         """
         step = min(self._step, most)
         while step > _SHORTEST_STEP:

@@ -80,7 +80,7 @@ _COLUMNS = (
     'failures',
 )
 _CONSISTENT = (0.95, 1.05)
-"""Range of the rms normalised error for consistent stated deviations [1]."""
+"""Range of the rms normalised error in which stated deviations are consistent with errors [1]."""
 _SIGNIFICANT = 3.0
 """Threshold of a significant difference [standard errors]; false-positive rate 1 in 400."""
 _SINGLE_RECORD = 0.3

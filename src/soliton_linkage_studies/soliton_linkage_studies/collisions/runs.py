@@ -310,8 +310,7 @@ def _turns(ring: Chain, path: WallPaths, state: State) -> int:
 def _broken(task: Collision, path: WallPaths, state: State, escaped: bool) -> bool:
     """Return whether rotors of a flipper turned over, or an escaped anti-kink was destroyed.
 
-    If less than half of the continuum rest energy of an anti-kink is left, only a few rotors
-    deviate.
+    If less than half of the continuum rest energy is left, only a few rotors deviate from rest.
     """
     ring = task.ring
     if ring.motion is not Motion.SPINNER:

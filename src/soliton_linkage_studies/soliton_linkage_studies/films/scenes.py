@@ -193,7 +193,7 @@ class ProfilePanel:
         self.moving = [*self.theory, *self.rotors]
 
     def show(self, angles: Array) -> None:
-        """Show a configuration [rad], shape (N,), and the theory if it has one wall."""
+        """Show a configuration [rad], shape (N,), and the theory if there is one wall."""
         lean = displacement(self._chain, angles)
         for parity, markers in enumerate(self.rotors):
             markers.set_data(self._places[parity::2], 100 * lean[parity::2])
