@@ -115,11 +115,11 @@ class TanhFit:
             start = np.array([np.argmax(sines < 0), 1.0])
         fitted, covariance = curve_fit(self._profile, self._rotors, sines, start)
         self._last = fitted
-        (place, width), deviations = fitted, np.sqrt(np.diag(covariance))
+        (position, width), deviations = fitted, np.sqrt(np.diag(covariance))
         spacing = self._chain.spacing
         soliton = Soliton(
-            rotor=place,
-            position=place * spacing,
+            rotor=position,
+            position=position * spacing,
             width=width * spacing,
             charge=1,
             position_deviation=deviations[0] * spacing,
@@ -127,8 +127,8 @@ class TanhFit:
         )
         self._publisher.publish(SolitonState(header=message.header, solitons=[soliton]))
 
-    def _profile(self, rotors: Array, place: float, width: float) -> Array:
-        return np.asarray(-np.sin(self._chain.rest_angle) * np.tanh((rotors - place) / width))
+    def _profile(self, rotors: Array, position: float, width: float) -> Array:
+        return np.asarray(-np.sin(self._chain.rest_angle) * np.tanh((rotors - position) / width))
 
 
 class StateQueue:
@@ -238,8 +238,8 @@ def run(
         take(serialized)
     wall, cpu = time.perf_counter() - wall, time.process_time() - cpu
     results = [deserialize_message(each, SolitonState) for each in states.wait_for(len(given))]
-    places = zip(results, given, strict=True)
-    errors = [state.solitons[0].rotor - place for state, (_, place) in places]
+    positions = zip(results, given, strict=True)
+    errors = [state.solitons[0].rotor - position for state, (_, position) in positions]
     return Run(len(given), wall, cpu, float(np.sqrt(np.mean(np.square(errors)))))
 
 

@@ -94,8 +94,8 @@ def _one_wall(chain: Chain, frames: int) -> Record:
     rotors = chain.number_of_rotors
     orbit = UniformOrbit(chain)
     speed = min(SPEED, 0.5 * rotors / (frames + WARM))
-    places = 0.25 * rotors + speed * np.arange(frames + WARM)
-    angles = np.array([orbit.configuration(orbit.arc_at(place, 0)) for place in places])
+    positions = 0.25 * rotors + speed * np.arange(frames + WARM)
+    angles = np.array([orbit.configuration(orbit.arc_at(position, 0)) for position in positions])
     return Record(f'N = {rotors}', chain, _noisy(angles), walls=1)
 
 
@@ -113,8 +113,8 @@ def _ring_with_walls(chain: Chain, count: int, shift: float) -> Array:
     width, apart = chain.wall_width / chain.spacing, chain.number_of_rotors / count
     order = np.ones(len(rotors))
     for wall in range(count):
-        place = (wall + 0.5) * apart + shift
-        way = rotors - place
+        position = (wall + 0.5) * apart + shift
+        way = rotors - position
         way = way - chain.number_of_rotors * np.rint(way / chain.number_of_rotors)
         near = np.abs(way) <= apart / 2
         order[near] = (-1) ** (wall + 1) * np.tanh(way[near] / width)

@@ -58,7 +58,7 @@ def figures_of_lengths(name: str, draws: list[Draw]) -> list[Figure]:
         shown = *(f'{each:.3f}' for each in numbers), f'{_root(unbiased.mean()):.3f}'
         print(f'  {kind:12}', *shown, flush=True)
     worst = int(np.argmax(over))
-    places = [draw.place for draw in draws]
+    positions = [draw.position for draw in draws]
     return [
         Figure(f'{name}: error / bound', '', [math.sqrt(over.mean())], '1.1'),
         Figure(f'{name}: the same of the worst unknown', '', [math.sqrt(over[worst])], '1.1'),
@@ -67,7 +67,7 @@ def figures_of_lengths(name: str, draws: list[Draw]) -> list[Figure]:
         Figure(
             f'{name}: error / stated deviation', '', [_root(over_stated.mean())], '0.95 to 1.05'
         ),
-        Figure(f'{name}: position error / bound', '', [_rms(np.array(places))], '1.05'),
+        Figure(f'{name}: position error / bound', '', [_rms(np.array(positions))], '1.05'),
     ]
 
 

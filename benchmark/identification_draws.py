@@ -38,7 +38,7 @@ OFFSET = 0.05
 """Standard deviation of the encoder offsets [rad]."""
 SPREAD = 0.05
 """Relative standard deviation of lengths of one kind [1]."""
-PLACES = 200
+POSITIONS = 200
 """Number of frames with a measured position [1]."""
 _SEEDS = 1000
 """Number of seeds per chain [1]; the first seed whose chain can be passed by a wall is used."""
@@ -59,7 +59,7 @@ class Draw:
     """Cramer-Rao bound from the angles alone."""
     stated: Array
     """Stated standard deviations."""
-    place: float
+    position: float
     """Root mean square error of the nearest-point position, divided by its bound [1]."""
 
 
@@ -73,7 +73,7 @@ def draw_of(name: str, number: int, folder: Path) -> Draw:
         partial.rename(path)
     with np.load(path) as stored:
         values = {key: stored[key] for key in stored.files}
-    return Draw(**{**values, 'place': float(values['place'])})
+    return Draw(**{**values, 'position': float(values['position'])})
 
 
 def chain_of(nominal: Chain, number: int) -> Chain:
@@ -122,21 +122,21 @@ def made(name: str, number: int) -> Draw:
         bound=np.sqrt(np.diag(known)),
         alone=np.sqrt(np.diag(cramer_rao_bound(chain, angles, NOISE))),
         stated=found.deviations,
-        place=place_error(orbit, used, offsets - found.lengths.offsets, random),
+        position=position_error(orbit, used, offsets - found.lengths.offsets, random),
     )
 
 
-def place_error(true: Orbit, used: Orbit, offsets: Array, random: np.random.Generator) -> float:
+def position_error(true: Orbit, used: Orbit, offsets: Array, random: np.random.Generator) -> float:
     """Return the rms position error on an identified chain, divided by its bound [1].
 
     `offsets` are the remaining encoder offsets [rad], shape (N,).
     """
     rotors = true.chain.number_of_rotors
     squares = []
-    for place in random.uniform(4, rotors - 5, PLACES):
-        arc = true.arc_at(float(place), 0)
+    for position in random.uniform(4, rotors - 5, POSITIONS):
+        arc = true.arc_at(float(position), 0)
         noise = NOISE * random.standard_normal(rotors)
-        found = fit_near(used, true.configuration(arc) + offsets + noise, used.arc_at(place, 0))
+        found = fit_near(used, true.configuration(arc) + offsets + noise, used.arc_at(position, 0))
         least = NOISE / true.site_arc_at(arc)
-        squares.append(((used.site(found.arc) - place) / least) ** 2)
+        squares.append(((used.site(found.arc) - position) / least) ** 2)
     return math.sqrt(float(np.mean(squares)))

@@ -94,23 +94,23 @@ def _uses(name: str, count: int) -> Iterator[tuple[float, float, float, float]]:
         used = lengths.scaled(float(chain.spacings.mean())).chain(nominal)
         again = angles + offsets + NOISE * random.standard_normal(angles.shape)
         yield (
-            _place_error(used, orbit, again - lengths.offsets),
-            _place_error(chain, orbit, again - offsets),
+            _position_error(used, orbit, again - lengths.offsets),
+            _position_error(chain, orbit, again - offsets),
             _move_error(orbit_of(used), orbit, offsets - lengths.offsets, random),
             _move_error(orbit, orbit, np.zeros_like(offsets), random),
         )
         print(f'{name} {number}: analysed and moved', flush=True)
 
 
-def _place_error(used: Chain, orbit: Orbit, readings: Array) -> float:
+def _position_error(used: Chain, orbit: Orbit, readings: Array) -> float:
     """Return the rms position error of the analyser, divided by the bound of one frame."""
     analyser = Analyser(used)
     over = []
     for frame, arc in enumerate(np.linspace(*orbit.leg_arcs(0), len(readings))):
         shown = analyser.analyse(round(1e9 * frame / RATE), readings[frame])
-        place = orbit.site(arc)
-        if 4 < place < len(readings[0]) - 5 and shown is not None and shown.solitons:
-            over.append((shown.solitons[0].rotor - place) * orbit.site_arc_at(arc) / NOISE)
+        position = orbit.site(arc)
+        if 4 < position < len(readings[0]) - 5 and shown is not None and shown.solitons:
+            over.append((shown.solitons[0].rotor - position) * orbit.site_arc_at(arc) / NOISE)
     return _rms(np.array(over))
 
 

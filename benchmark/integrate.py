@@ -149,8 +149,8 @@ def comparisons_of(
 ) -> list[Comparison]:
     made = []
     for name in needed.keys() - {OURS.name}:
-        for place, target in enumerate(TARGETS):
-            theirs, mine = (times_at(needed[n][place], target) for n in (name, OURS.name))
+        for number, target in enumerate(TARGETS):
+            theirs, mine = (times_at(needed[n][number], target) for n in (name, OURS.name))
             made.append(Comparison(name, f'{work}, error {target:g} rad', 's', theirs, mine))
         set_up = [[max(s.set_up for s in curves[n])] for n in (name, OURS.name)]
         made.append(Comparison(name, f'{work}, set-up', 's', *set_up))
@@ -273,7 +273,7 @@ def compilation() -> list[Figure]:
 
 
 def draw(curves: dict[str, dict[str, list[dict[str, Any]]]], path: Path) -> None:
-    colours = {peer.name: f'C{place}' for place, peer in enumerate((OURS, *PEERS))}
+    colours = {peer.name: f'C{number}' for number, peer in enumerate((OURS, *PEERS))}
     size = 4 * len(curves), 4
     figure, axes = plt.subplots(1, len(curves), figsize=size, squeeze=False, layout='constrained')
     for axis, (work, by_method) in zip(axes[0], curves.items(), strict=True):

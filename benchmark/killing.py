@@ -231,8 +231,8 @@ def losses_of(bag: Path, recovered: Path, sent: Sequence[int], announced: int, a
     """Return the losses, given the times of the line `recording to` and of the kill [ns]."""
     held = recovered_stamps(bag, recovered)
     stamps = [stamp for stamp, _ in held]
-    place = sent.index(stamps[0]) if stamps else 0
-    if stamps != sent[place : place + len(stamps)]:
+    first_index = sent.index(stamps[0]) if stamps else 0
+    if stamps != sent[first_index : first_index + len(stamps)]:
         raise AssertionError(f'{bag} is not a contiguous part of the published messages')
     # Messages that were published before the line `recording to` are not losses.
     last = max(stamps[-1], announced) if stamps else announced

@@ -38,7 +38,7 @@ from soliton_linkage_nodes.runtime import interfaces
 Command = Callable[[int, float], list[str | Path]]
 
 ROTORS, RATE = 40, 1000.0
-PLACE, VELOCITY = 1.5, 0.3
+POSITION, VELOCITY = 1.5, 0.3
 FEWEST_ROTORS, MOST_ROTORS, MOST_RATE = 3, 20_000, 10_000.0
 FINEST_STEP = 1.15
 STEP_DOWN = 0.9
@@ -198,7 +198,7 @@ def ours(integrator: str) -> Command:
             'publish_rate': float(rate),
             'integrator': integrator,
             'initial_state': 'soliton',
-            'initial_position': min(PLACE, rotors - PLACE),
+            'initial_position': min(POSITION, rotors - POSITION),
             'initial_velocity': VELOCITY,
             'subscribers': 1,
             'real_time': 'true',
@@ -209,8 +209,8 @@ def ours(integrator: str) -> Command:
 
 
 def timer_node(rotors: int, rate: float) -> list[str | Path]:
-    place = min(PLACE, rotors - PLACE)
-    return program_command(FOLDER / 'timer_node.py', rotors, rate, place, VELOCITY)
+    position = min(POSITION, rotors - POSITION)
+    return program_command(FOLDER / 'timer_node.py', rotors, rate, position, VELOCITY)
 
 
 def wait_for_frames(subscription: Subscription, process: subprocess.Popen[bytes]) -> None:

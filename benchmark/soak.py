@@ -47,7 +47,7 @@ ROTORS, RATE = 100, 1000.0
 DAMPING = 2e-5
 PICTURES = 10.0
 NUDGE = 3.0
-PLACES = (30.0, 70.0, 50.0)
+POSITIONS = (30.0, 70.0, 50.0)
 NUDGES, MOVES, SPLITS, SAMPLES, KILLS, PAGES, HEAPS = 5.0, 20.0, 30.0, 5.0, 60.0, 300.0, 30.0
 LONGEST_STOP = 30.0
 RESTART_DELAY = 10.0
@@ -184,7 +184,7 @@ class User:
             service_type('SplitBagfile'), 'bag_recorder/split_bagfile'
         )
         self._signs = cycle((1, -1))
-        self._places = cycle(PLACES)
+        self._positions = cycle(POSITIONS)
         self._reports: dict[str, dict[str, str]] = {}
 
     def nudge(self) -> None:
@@ -194,7 +194,7 @@ class User:
 
     def move(self) -> None:
         """Request a move, and record its result."""
-        rotor = next(self._places)
+        rotor = next(self._positions)
         requested = self._ledger.note('move', rotor=rotor)
         if not self._moves.server_is_ready():
             return
@@ -328,9 +328,9 @@ def run(
     while ledger.now < seconds and not stopping.is_set():
         rclpy.spin_once(user.node, timeout_sec=SPIN)
         suite.restart_ended()
-        for place, (period, act) in enumerate(actions):
-            if time.monotonic() >= due[place]:
-                due[place] = time.monotonic() + period
+        for number, (period, act) in enumerate(actions):
+            if time.monotonic() >= due[number]:
+                due[number] = time.monotonic() + period
                 act()
         progress.show(ledger.now)
     progress.end(f'{ledger.now / 60:.1f} minutes')

@@ -24,11 +24,11 @@ from soliton_linkage.linkage.chain import Array, Chain
 class TimerNode(Node):
     """Node that publishes joint_states from a timer."""
 
-    def __init__(self, rotors: int, rate: float, place: float, velocity: float) -> None:
+    def __init__(self, rotors: int, rate: float, position: float, velocity: float) -> None:
         """Start with a soliton at a position [rotor spacings] with a velocity [m/s]."""
         super().__init__('timer_node')
         self.chain = Chain(number_of_rotors=rotors)
-        start = with_soliton(self.chain, place, velocity)
+        start = with_soliton(self.chain, position, velocity)
         self.state = np.concatenate([start.angles, start.rates])
         self.names = [f'rotor_{rotor}' for rotor in range(rotors)]
         self.period = 1 / rate
@@ -70,8 +70,8 @@ def main() -> None:
     # If a signal of rclpy arrives during a callback, the shutdown causes various exceptions.
     rclpy.init(signal_handler_options=SignalHandlerOptions.NO)
     signal.signal(signal.SIGTERM, signal.default_int_handler)
-    rotors, rate, place, velocity = sys.argv[1:]
-    node = TimerNode(int(rotors), float(rate), float(place), float(velocity))
+    rotors, rate, position, velocity = sys.argv[1:]
+    node = TimerNode(int(rotors), float(rate), float(position), float(velocity))
     try:
         rclpy.spin(node)
     except KeyboardInterrupt:

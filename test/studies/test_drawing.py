@@ -204,14 +204,14 @@ def test_projections_are_the_displacements_below_their_pivots(
 ) -> None:
     chain, angles = configuration
     quiver = projection_quiver(new_axes(), chain, angles)
-    vectors, places = arrow_vectors(quiver), np.asarray(quiver.get_offsets())
+    vectors, positions = arrow_vectors(quiver), np.asarray(quiver.get_offsets())
     limit = 8 * EPS * reach(chain)
     leans = [chain.rotor_length * math.sin(angle) for angle in angles]
     assert vectors[:, 0] == pytest.approx(leans, rel=0, abs=limit)
     assert not vectors[:, 1].any()
     pivots = chain.spacing * np.arange(chain.number_of_rotors)
-    assert places[:, 0] == pytest.approx(pivots, rel=0, abs=limit)
-    assert (places[:, 1] < -chain.rotor_length).all()
+    assert positions[:, 0] == pytest.approx(pivots, rel=0, abs=limit)
+    assert (positions[:, 1] < -chain.rotor_length).all()
 
 
 @given(st.floats(-20, 20), st.floats(-3, 3), st.floats(-3, 3))

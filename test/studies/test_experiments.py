@@ -30,10 +30,10 @@ FLIPPER = Chain(30, spacing=0.1, rotor_length=0.05, rest_angle=0.6)
 SPINNER = Chain(30, spacing=0.1, rotor_length=0.3, rest_angle=1.0)
 
 
-def walls_at(chain: Chain, places: Array, period: float) -> Recording:
+def walls_at(chain: Chain, positions: Array, period: float) -> Recording:
     """Return a recording of static walls at successive positions."""
-    angles = np.array([static_wall(chain, place) for place in places])
-    times = period * np.arange(len(places))
+    angles = np.array([static_wall(chain, position) for position in positions])
+    times = period * np.arange(len(positions))
     return Recording(times, angles, np.empty((0, chain.number_of_rotors)))
 
 
@@ -53,13 +53,13 @@ def test_a_kick_gives_the_masses_its_speed_and_stretches_no_spring() -> None:
             assert inwards * (mode_centre(zero_mode(chain, moved.angles)) - start) > 1
 
 
-@given(places=st.lists(st.floats(0, 9), min_size=1, max_size=1), width=st.floats(0.5, 3))
+@given(positions=st.lists(st.floats(0, 9), min_size=1, max_size=1), width=st.floats(0.5, 3))
 def test_a_zero_is_interpolated_linearly_between_two_rotors(
-    places: list[float], width: float
+    positions: list[float], width: float
 ) -> None:
-    place = 1.5 + 0.75 * places[0]
-    field = (place - np.arange(11)) / width
-    assert zero_crossing(field) == pytest.approx(place, abs=1e-12)
+    position = 1.5 + 0.75 * positions[0]
+    field = (position - np.arange(11)) / width
+    assert zero_crossing(field) == pytest.approx(position, abs=1e-12)
 
 
 def test_a_field_without_a_zero_gives_nan_and_edge_rotors_are_ignored() -> None:
@@ -69,15 +69,17 @@ def test_a_field_without_a_zero_gives_nan_and_edge_rotors_are_ignored() -> None:
 
 def test_the_arctanh_width_of_a_tanh_is_its_width() -> None:
     for width in [0.8, 3.0]:
-        places = np.linspace(-12, 12, 40)
-        assert arctanh_width(places, -np.tanh(places / width)) == pytest.approx(width, rel=1e-12)
+        positions = np.linspace(-12, 12, 40)
+        assert arctanh_width(positions, -np.tanh(positions / width)) == pytest.approx(
+            width, rel=1e-12
+        )
 
 
 def test_snapshots_have_the_known_speed_and_position_of_walls() -> None:
     for direction in [1, -1]:
-        places = np.linspace(3, 26, 47)[::direction]
-        recording = walls_at(FLIPPER, places, period=0.02)
-        assert wall_positions(FLIPPER, recording) == pytest.approx(places, abs=0.02)
+        positions = np.linspace(3, 26, 47)[::direction]
+        recording = walls_at(FLIPPER, positions, period=0.02)
+        assert wall_positions(FLIPPER, recording) == pytest.approx(positions, abs=0.02)
         seen = snapshots(FLIPPER, recording, 5)
         assert seen.speed == pytest.approx(0.5 / 0.02, rel=2e-3)
         assert seen.distances.shape == seen.fields.shape == seen.angles.shape == (5, 30)

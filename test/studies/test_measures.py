@@ -113,8 +113,8 @@ def test_a_track_that_jumps_to_another_wall_is_no_crossing(
 
     def path(_chain: Chain, recording: Recording) -> Track:
         frames = recording.times / chain.time_unit
-        places = np.clip(29 - spacings_a_frame * (frames - 10), 0, 29)
-        return Track(recording.times, places, 0 * places)
+        positions = np.clip(29 - spacings_a_frame * (frames - 10), 0, 29)
+        return Track(recording.times, positions, 0 * positions)
 
     monkeypatch.setattr('soliton_linkage_studies.measures.follow', path)
     assert len(send_wall(chain, SweepTrial(kick=0.01, time_limit=60.0))[2]) == crossings

@@ -22,7 +22,7 @@ from soliton_linkage_studies.pictures import (
     kymograph_figure,
     save_run,
     track_figure,
-    track_places,
+    track_positions,
     track_velocities,
 )
 
@@ -72,10 +72,10 @@ def test_a_track_shows_position_velocity_and_the_mean_of_each_crossing() -> None
     times = np.linspace(0, 10, 11)
     track = Track(times, 2 * times, np.full(11, 2.0))
     crossings = (Crossing(1.0, 4.0, 1, 2.0), Crossing(6.0, 9.0, -1, 3.0))
-    place, velocity = track_places(new_axes(), CHAIN, track), new_axes()
+    position, velocity = track_positions(new_axes(), CHAIN, track), new_axes()
     assert track_velocities(velocity, track, crossings) is velocity
-    assert place.lines[0].get_ydata() == pytest.approx(track.sites)
-    assert place.get_ylim() == (0, 19)
+    assert position.lines[0].get_ydata() == pytest.approx(track.sites)
+    assert position.get_ylim() == (0, 19)
     means = [
         (list(line.get_xdata()), list(line.get_ydata()))
         for line in velocity.lines
@@ -105,9 +105,9 @@ def test_oscillations_about_rest_have_distinct_colours_in_every_chain() -> None:
 def test_a_track_has_a_band_of_twice_its_deviations() -> None:
     times = np.linspace(0, 4, 5)
     track = Track(times, 3 * times, np.full(5, 3.0), np.full(5, 0.25), np.full(5, 0.5))
-    place, velocity = track_places(new_axes(), CHAIN, track), new_axes()
+    position, velocity = track_positions(new_axes(), CHAIN, track), new_axes()
     track_velocities(velocity, track, ())
-    for axes, middle, off in ((place, track.sites, 0.5), (velocity, track.site_rates, 1.0)):
+    for axes, middle, off in ((position, track.sites, 0.5), (velocity, track.site_rates, 1.0)):
         (band,) = axes.collections
         low, high = band.get_datalim(axes.transData).intervaly
         assert (low, high) == pytest.approx((middle.min() - off, middle.max() + off))

@@ -162,10 +162,10 @@ def test_the_curves_pass_through_the_ground_states(chain: Chain) -> None:
 
 @settings(max_examples=10)
 @given(any_chain(2, 2), st.integers(0, 99), st.integers(-2, 2))
-def test_mirror_images_lie_on_the_curves(chain: Chain, place: int, turns: int) -> None:
+def test_mirror_images_lie_on_the_curves(chain: Chain, position: int, turns: int) -> None:
     curves = configuration_curves(chain, 100)
     spinner = len(curves) == 2
-    first, second = curves[0][place]
+    first, second = curves[0][position]
     mirrored = np.array([[-second, -first], [second - np.pi, first + np.pi]])
     turned = mirrored + 2 * np.pi * np.array([turns, -turns])
     # Angles up to 22 rad are rounded twice, and each angle moves an end of the bar by up to r.
@@ -191,8 +191,8 @@ def test_the_curve_of_a_flipper_visits_all_ground_states_in_order() -> None:
     for example in [FLIPPER, WOBBLER, STRONG_WOBBLER]:
         chain = chain_of(example, 2)
         (curve,) = configuration_curves(chain)
-        places = [int(np.argmin(distance(curve, state))) for state in ground_states(chain)]
-        right, left, left_hanging, right_hanging = places
+        positions = [int(np.argmin(distance(curve, state))) for state in ground_states(chain)]
+        right, left, left_hanging, right_hanging = positions
         assert right < right_hanging < left_hanging < left
         assert component_of(chain, ground_states(chain)).tolist() == [0, 0, 0, 0]
 

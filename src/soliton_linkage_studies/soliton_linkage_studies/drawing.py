@@ -96,11 +96,11 @@ def limits(
 
 def lean_norm(chain: Chain) -> FuncNorm:
     """Return the matplotlib norm that maps displacements u [m] to `LEAN_COLOURS`."""
-    places, shares = lean_colour_scale(chain)
+    positions, shares = lean_colour_scale(chain)
     return FuncNorm(
-        (partial(_between, places, shares), partial(_between, shares, places)),
-        vmin=float(places[0]),
-        vmax=float(places[-1]),
+        (partial(_between, positions, shares), partial(_between, shares, positions)),
+        vmin=float(positions[0]),
+        vmax=float(positions[-1]),
     )
 
 
@@ -249,9 +249,11 @@ def projection_quiver(axes: Axes, chain: Chain, angles: Array, lowered: float = 
     arrows alternate between several rows. `move_projections` moves them.
     """
     along = displacement(chain, angles)
-    places = pivot_points(chain) + np.column_stack([np.zeros_like(along), _rows(chain) - lowered])
+    positions = pivot_points(chain) + np.column_stack(
+        [np.zeros_like(along), _rows(chain) - lowered]
+    )
     vectors = np.column_stack([along, np.zeros_like(along)])
-    arrows = _quiver(axes, places, vectors, 0.9 * _thickness(chain), None)
+    arrows = _quiver(axes, positions, vectors, 0.9 * _thickness(chain), None)
     arrows.set_cmap(LEAN_COLOURS)
     arrows.set_norm(lean_norm(chain))
     arrows.set_array(along)
@@ -340,10 +342,10 @@ def _points(axes: Axes, chain: Chain) -> tuple[Line2D, Line2D]:
 
 
 def _quiver(
-    axes: Axes, places: Array, vectors: Array, thickness: float, colour: str | None
+    axes: Axes, positions: Array, vectors: Array, thickness: float, colour: str | None
 ) -> Quiver:
     return axes.quiver(
-        *places.T,
+        *positions.T,
         *vectors.T,
         angles='xy',
         units='inches',
@@ -383,10 +385,13 @@ def _turned(tilt: float) -> Array:
     return np.array([[cosine, -sine], [sine, cosine]])
 
 
-def _between(places: Array, values: Array, wanted: ArrayLike) -> Array:
+def _between(positions: Array, values: Array, wanted: ArrayLike) -> Array:
     """Interpolate linearly between positions and extrapolate linearly beyond both ends."""
     at = np.asarray(np.ma.filled(wanted, np.nan), dtype=np.float64)
-    inside = np.interp(at, places, values)
-    slopes = np.diff(values)[[0, -1]] / np.diff(places)[[0, -1]]
-    beyond = np.minimum(at - places[0], 0) * slopes[0] + np.maximum(at - places[-1], 0) * slopes[1]
+    inside = np.interp(at, positions, values)
+    slopes = np.diff(values)[[0, -1]] / np.diff(positions)[[0, -1]]
+    beyond = (
+        np.minimum(at - positions[0], 0) * slopes[0]
+        + np.maximum(at - positions[-1], 0) * slopes[1]
+    )
     return np.asarray(inside + beyond)

@@ -132,14 +132,14 @@ def static_profile(chain: Chain, middle: float) -> tuple[Array, Array]:
 
     Both have shape (K,). Edge rotors are excluded, because each has two rest angles.
     """
-    places, fields = [], []
+    positions, fields = [], []
     for beyond in np.arange(SNAPSHOTS) / SNAPSHOTS:
         angles = static_wall(chain, middle + beyond)
         field, _ = order_field(chain, angles)
         rotors = np.arange(chain.number_of_rotors)
-        places.append((rotors - zero_crossing(field))[1:-1])
+        positions.append((rotors - zero_crossing(field))[1:-1])
         fields.append(field[1:-1])
-    return np.ravel(places), np.ravel(fields)
+    return np.ravel(positions), np.ravel(fields)
 
 
 def wall_positions(chain: Chain, recording: Recording) -> Array:
@@ -161,12 +161,12 @@ def zero_crossing(field: Array) -> float:
     return n + float(field[n] / (field[n] - field[n + 1]))
 
 
-def arctanh_width(places: Array, fields: Array) -> float:
+def arctanh_width(positions: Array, fields: Array) -> float:
     """Estimate the width w of a wall m = -tanh(x / w) from the slope of arctanh(m) against x.
 
     Returns rotor spacings. The fit is linear least squares over all points with |m| < 0.9
     (paper, Fig. 5).
     """
     near = np.abs(fields) < _ARCTANH_REACH
-    slope = np.polyfit(places[near], -np.arctanh(fields[near]), 1)[0]
+    slope = np.polyfit(positions[near], -np.arctanh(fields[near]), 1)[0]
     return float(1 / slope)

@@ -301,8 +301,8 @@ def phonon_share(chain: Chain, recording: Recording, track: Track, crossing: Cro
 def _unbroken(track: Track, crossing: Crossing) -> bool:
     """Return whether the track of a crossing has no jump to another wall."""
     passage = (track.times >= crossing.start) & (track.times <= crossing.end)
-    places = track.sites[passage]
-    steps = np.diff(places[np.isfinite(places)])
+    positions = track.sites[passage]
+    steps = np.diff(positions[np.isfinite(positions)])
     return bool((np.abs(steps) < _JUMP).all())
 
 

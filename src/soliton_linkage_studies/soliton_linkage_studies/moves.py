@@ -224,7 +224,7 @@ def read_move_study(settings: Section, quick: bool) -> MoveStudy:
     }
     tasks = {}
     for number, (name, chain) in enumerate(chains.items()):
-        places = np.random.default_rng([seed, number]).uniform(
+        positions = np.random.default_rng([seed, number]).uniform(
             0, chain.number_of_rotors - 1, (moves, 2)
         )[: _QUICK_MOVES if quick else moves]
         for title, condition in conditions.items():
@@ -232,7 +232,7 @@ def read_move_study(settings: Section, quick: bool) -> MoveStudy:
                 MoveTask(
                     chain, condition, start, goal, seed + move, frame_rate, held, torque_limit
                 )
-                for move, (start, goal) in enumerate(places.tolist())
+                for move, (start, goal) in enumerate(positions.tolist())
             ]
     return MoveStudy(tasks)
 

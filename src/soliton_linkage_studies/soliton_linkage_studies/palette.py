@@ -109,18 +109,18 @@ def lean_colour_scale(chain: Chain) -> tuple[Array, Array]:
     near = [
         (share * rest, offset) for share, offset in _NEAR_REST if share * rest < 0.99 * largest
     ]
-    places, offsets = np.array([*near, (largest, 0.5)]).T
+    positions, offsets = np.array([*near, (largest, 0.5)]).T
     return (
-        np.concatenate([-places[::-1], [0.0], places]),
+        np.concatenate([-positions[::-1], [0.0], positions]),
         np.concatenate([0.5 - offsets[::-1], [0.5], 0.5 + offsets]),
     )
 
 
 def lean_colour_table(chain: Chain, levels: int) -> NDArray[np.uint8]:
     """Return RGB values of evenly spaced displacements from -r to r, shape (levels, 3)."""
-    places, shares = lean_colour_scale(chain)
+    positions, shares = lean_colour_scale(chain)
     largest = float(lean_ticks(chain)[4])
-    map_positions = np.interp(np.linspace(-largest, largest, levels), places, shares)
+    map_positions = np.interp(np.linspace(-largest, largest, levels), positions, shares)
     return np.asarray(colormaps[LEAN_COLOURS](map_positions, bytes=True)[:, :3], dtype=np.uint8)
 
 

@@ -86,7 +86,7 @@ def kymograph(axes: Axes, chain: Chain, recording: Recording, track: Track) -> A
     return axes
 
 
-def track_places(axes: Axes, chain: Chain, track: Track) -> Axes:
+def track_positions(axes: Axes, chain: Chain, track: Track) -> Axes:
     """Draw the soliton position over time, with a band of two standard deviations."""
     axes.plot(track.times, track.sites, color=MEASURED, linewidth=0.8, label='measured')
     _draw_band(axes, track.times, track.sites, track.site_deviations)
@@ -156,7 +156,7 @@ def track_figure(chain: Chain, track: Track, crossings: tuple[Crossing, ...]) ->
     figure = Figure(figsize=(8, 7 if known else 5.5), layout='constrained')
     ratios = [2, 2, 1][: 3 if known else 2]
     above, below, *last = figure.subplots(len(ratios), sharex=True, height_ratios=ratios)
-    track_places(above, chain, track).label_outer()
+    track_positions(above, chain, track).label_outer()
     track_velocities(below, track, crossings)
     if known:
         below.label_outer()
@@ -227,11 +227,11 @@ def _draw_lengths(axes: Axes, found: Identification) -> None:
         ('rest_length', 'spring or bar l', RED),
     ):
         fractions = np.array(getattr(found.chain.deviations, name))
-        places = np.arange(len(fractions)) + (0.0 if name == 'rotor_length' else 0.5)
+        positions = np.arange(len(fractions)) + (0.0 if name == 'rotor_length' else 0.5)
         spreads = 100 * found.deviations[name] * (1 + fractions)
         shift = {'spacing': -0.1, 'rest_length': 0.1}.get(name, 0.0)
         axes.errorbar(
-            places + shift, 100 * fractions, spreads, fmt='o', ms=3, color=colour, label=label
+            positions + shift, 100 * fractions, spreads, fmt='o', ms=3, color=colour, label=label
         )
     axes.axhline(0, color=PALE, linewidth=0.8, zorder=0)
     axes.set(ylabel='deviation from the mean [%]')
@@ -239,8 +239,8 @@ def _draw_lengths(axes: Axes, found: Identification) -> None:
 
 
 def _draw_bonds(axes: Axes, found: Identification) -> None:
-    places = np.arange(len(found.bond_noise)) + 0.5
-    axes.bar(places, found.bond_noise, color=BLUE, width=0.7)
+    positions = np.arange(len(found.bond_noise)) + 0.5
+    axes.bar(positions, found.bond_noise, color=BLUE, width=0.7)
     axes.axhline(found.reading_noise, color=BLACK, linewidth=0.8)
     top = float(np.max(found.bond_noise))
     for bond in found.worst_bonds[:_WORST]:

@@ -135,8 +135,8 @@ def run_study(
 def installed_settings(name: str) -> Path | None:
     """Return the settings file of this name from the installation or the source tree, or None."""
     for folder in Path(__file__).resolve().parents:
-        for place in ('share/soliton_linkage_studies/settings', 'config/studies'):
-            path = folder / place / f'{name}.yaml'
+        for subfolder in ('share/soliton_linkage_studies/settings', 'config/studies'):
+            path = folder / subfolder / f'{name}.yaml'
             if path.is_file():
                 return path
     return None

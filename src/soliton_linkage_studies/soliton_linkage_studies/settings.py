@@ -36,9 +36,9 @@ class Section:
 
     def error(self, key: str, what: str) -> ValueError:
         """Return an error that names the file, the key and its value, if any."""
-        place = f'{self.file}: {self._full(key)}'
+        where = f'{self.file}: {self._full(key)}'
         value = f' = {self.values[key]!r}' if key in self.values else ''
-        return ValueError(f'{place}{value} {what}')
+        return ValueError(f'{where}{value} {what}')
 
     def check_keys(self, *keys: str) -> None:
         """Raise ValueError for unknown keys, because they are typing errors."""

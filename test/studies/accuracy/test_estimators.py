@@ -20,7 +20,7 @@ from soliton_linkage_studies.accuracy.estimators import (
     ZERO_CROSSING,
     Estimate,
     EstimatorTrial,
-    bias_by_place,
+    bias_by_position,
     bound,
     errors,
     estimators_of,
@@ -36,8 +36,8 @@ def test_the_bound_is_the_noise_over_the_angle_change_per_spacing(
 ) -> None:
     chain = chain_of(example, 60)
     step = 1e-3
-    for place in (29.5, 29.8, 30.0):
-        ahead, behind = (static_wall(chain, place + side * step / 2) for side in (1, -1))
+    for position in (29.5, 29.8, 30.0):
+        ahead, behind = (static_wall(chain, position + side * step / 2) for side in (1, -1))
         change = float(np.linalg.norm(np.sin(ahead - behind))) / step
         # The angles and their derivatives change by a few rad per spacing, so that the error of a
         # finite difference is a few times the square of the step.
@@ -79,8 +79,8 @@ def test_biases_between_rotors_are_odd_about_the_middle_of_a_bond(
 ) -> None:
     """Flipper walls on the two sides of the middle are mirror images."""
     chain = chain_of(example, 28)
-    places, found = bias_by_place(chain, 21)
-    assert places[[0, 10, 20]].tolist() == [0, 1, 2]
+    positions, found = bias_by_position(chain, 21)
+    assert positions[[0, 10, 20]].tolist() == [0, 1, 2]
     for name in (ZERO_CROSSING, TANH_FIT):
         bias = found[name]
         assert bias[:11] == pytest.approx(-bias[10::-1], abs=1e-9)

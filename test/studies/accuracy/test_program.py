@@ -65,7 +65,7 @@ FILES = {
     'rigid_steps.md',
     *(
         f'{picture}.{suffix}'
-        for picture in ('single_frame', 'bias_by_place', *PICTURES)
+        for picture in ('single_frame', 'bias_by_position', *PICTURES)
         for suffix in ('png', 'pdf', 'csv', 'txt')
     ),
 }

@@ -15,12 +15,12 @@ STUDY = RecordStudy(CHAINS, 0.05, speed=5.0, frame_rate=1000.0, frames=300, runs
 
 
 def test_the_bound_is_the_bound_of_end_and_slope_of_a_line_fit() -> None:
-    of_place, of_velocity = STUDY.bounds(CHAINS[0])
+    of_position, of_velocity = STUDY.bounds(CHAINS[0])
     for number, frames in enumerate(STUDY.shown.tolist()):
         before = (np.arange(frames) - (frames - 1)) / STUDY.frame_rate
         design = np.column_stack([np.ones(frames), before])
         covariance = np.linalg.inv(design.T @ design) * bound(CHAINS[0], 0.05) ** 2
-        assert of_place[number] == pytest.approx(np.sqrt(covariance[0, 0]), rel=1e-9)
+        assert of_position[number] == pytest.approx(np.sqrt(covariance[0, 0]), rel=1e-9)
         assert of_velocity[number] * 5.0 == pytest.approx(np.sqrt(covariance[1, 1]), rel=1e-9)
 
 

@@ -30,13 +30,13 @@ def test_a_wall_without_phonons_moves_at_the_requested_constant_speed(
     cell = cell_of(example, 30)
     scene = scene_of(cell, FRAMES, np.random.default_rng(4))
     assert scene.angles.shape == (FRAMES, 30)
-    assert scene.places.shape == scene.instants.shape == scene.site_rates.shape == (FRAMES, 1)
+    assert scene.positions.shape == scene.instants.shape == scene.site_rates.shape == (FRAMES, 1)
     sound = speed_of_sound(cell.chain) / cell.chain.spacing
     inner = scene.scored[:, 0]
     assert np.abs(scene.site_rates[inner]) == pytest.approx(0.15 * sound, rel=0.2)
-    assert scene.instants[inner] == pytest.approx(scene.places[inner], abs=0.01)
+    assert scene.instants[inner] == pytest.approx(scene.positions[inner], abs=0.01)
     period = cell.period * cell.chain.time_unit
-    slopes = np.diff(scene.places[:, 0]) / period
+    slopes = np.diff(scene.positions[:, 0]) / period
     both = inner[1:] & inner[:-1]
     assert slopes[both] == pytest.approx(scene.site_rates[1:, 0][both], rel=0.05)
 
@@ -49,7 +49,7 @@ def test_a_nudged_wall_moves_away_from_its_edge(
     assert np.abs(np.diff(scene.instants[:, 0])).max() < 0.3
     for frame in np.flatnonzero(scene.scored[:, 0])[::20]:
         (wall,) = find_solitons(CHAIN_OF[example], scene.angles[frame])
-        assert wall.rotor == pytest.approx(scene.places[frame, 0], abs=0.7)
+        assert wall.rotor == pytest.approx(scene.positions[frame, 0], abs=0.7)
 
 
 @pytest.mark.parametrize('example', [FLIPPER, WOBBLER, SPINNER])
@@ -59,9 +59,9 @@ def test_walls_of_both_charges_have_their_detected_positions(example: tuple[floa
     assert sorted(scene.charges) == [-1, 1]
     for frame in (0, len(scene.angles) - 1):
         seen = find_solitons(cell.chain, scene.angles[frame])
-        places = [each.rotor for each in seen]
+        positions = [each.rotor for each in seen]
         assert [each.charge for each in seen] == list(scene.charges)
-        assert places == pytest.approx(list(scene.places[frame]), abs=0.7)
+        assert positions == pytest.approx(list(scene.positions[frame]), abs=0.7)
 
 
 def test_impulses_change_the_rate_and_are_reported() -> None:
@@ -84,7 +84,7 @@ def test_scenes_without_intact_walls_state_none() -> None:
         scene = scene_of(cell_of(FLIPPER, 16, **others), FRAMES, np.random.default_rng(1))
         assert scene.charges == ()
         assert scene.angles.shape == (FRAMES, 16)
-        assert scene.places.shape == (FRAMES, 0)
+        assert scene.positions.shape == (FRAMES, 0)
 
 
 def test_a_linear_track_equals_its_average_and_impulses_divide_it() -> None:

@@ -37,9 +37,9 @@ def test_consistent_deviations_give_a_root_mean_square_of_1() -> None:
     random = np.random.default_rng(1)
     line = line_of([scores(random, 1.0) for _ in range(50)])
     assert tuple(line) == COLUMNS
-    assert line['place_rms'] == pytest.approx(1, abs=4 * line['place_rms_error'])
-    assert line['place_rms_error'] == pytest.approx(1 / math.sqrt(2 * 5000), rel=0.4)
-    assert line['place_coverage_1'] == pytest.approx(68.3, abs=3)
+    assert line['position_rms'] == pytest.approx(1, abs=4 * line['position_rms_error'])
+    assert line['position_rms_error'] == pytest.approx(1 / math.sqrt(2 * 5000), rel=0.4)
+    assert line['position_coverage_1'] == pytest.approx(68.3, abs=3)
     assert line['rate_coverage_2'] == pytest.approx(95.4, abs=1.5)
     assert (line['lost'], line['false'], line['wrong_leg']) == (50, 100, 150)
 
@@ -47,13 +47,13 @@ def test_consistent_deviations_give_a_root_mean_square_of_1() -> None:
 def test_correlated_frames_increase_the_standard_error() -> None:
     random = np.random.default_rng(2)
     apart, alike = ([scores(random, 1.0, count) for _ in range(50)] for count in (1, 25))
-    assert line_of(alike)['place_rms_error'] > 3 * line_of(apart)['place_rms_error']
+    assert line_of(alike)['position_rms_error'] > 3 * line_of(apart)['position_rms_error']
 
 
 def test_a_cell_without_found_walls_reports_only_failures() -> None:
     line = line_of([Scores(frames=9, expected=9, lost=9)])
     assert line['lost'] == 9
-    assert math.isnan(line['place_rms'])
+    assert math.isnan(line['position_rms'])
     assert math.isnan(line['rate_rms_error'])
 
 
@@ -135,7 +135,7 @@ def test_the_table_contains_its_lines(tmp_path: Path) -> None:
     assert [row['failures'] for row in rows] == ['3', '0']
 
 
-NOT_STATED = {'place_rms': '', 'lost': 1000, 'place_beyond_4': ''}
+NOT_STATED = {'position_rms': '', 'lost': 1000, 'position_beyond_4': ''}
 
 
 def row(**others: object) -> dict[str, str]:
@@ -144,8 +144,8 @@ def row(**others: object) -> dict[str, str]:
     known |= {
         'wrong_leg': 0,
         'walls_looked_for': 1000,
-        'place_rms': 1.0,
-        'place_rms_error': 0.05,
+        'position_rms': 1.0,
+        'position_rms_error': 0.05,
         'error_rms': 0.01,
     }
     return plain | {name: str(value) for name, value in (known | others).items()}
@@ -153,13 +153,13 @@ def row(**others: object) -> dict[str, str]:
 
 def test_worse_results_are_reported() -> None:
     for now, was, what in [
-        ({'place_rms': 1.6}, {}, 'place rms 1.6 after 1'),
-        ({'place_rms': 0.4}, {}, 'place rms 0.4 after 1'),
+        ({'position_rms': 1.6}, {}, 'position rms 1.6 after 1'),
+        ({'position_rms': 0.4}, {}, 'position rms 0.4 after 1'),
         ({'error_rms': 0.02}, {}, 'error 0.02 after 0.01 spacings'),
         ({'lost': 30}, {}, 'lost in 3 % after 0 %'),
-        ({'place_beyond_4': 5}, {'place_beyond_4': 0}, 'lost in 5 % after 0 %'),
+        ({'position_beyond_4': 5}, {'position_beyond_4': 0}, 'lost in 5 % after 0 %'),
         ({'failure': 'jams'}, {}, 'jams'),
-        ({'place_rms': ''}, {}, 'states no place'),
+        ({'position_rms': ''}, {}, 'states no position'),
     ]:
         said = worse_cells([row(**now)], [row(**was)])
         assert said == ['1 of 1 cells are worse', f'3 (flipper): {what}']
@@ -168,13 +168,13 @@ def test_worse_results_are_reported() -> None:
 def test_insignificant_changes_and_improvements_are_not_reported() -> None:
     for now, was in [
         ({}, {}),
-        ({'place_rms': 1.15}, {}),
-        ({'place_rms': 1.0}, {'place_rms': 3.0}),
+        ({'position_rms': 1.15}, {}),
+        ({'position_rms': 1.0}, {'position_rms': 3.0}),
         ({'lost': 1}, {}),
         ({'error_rms': 0.02}, {'lost': 200}),
-        ({}, {'place_rms': ''}),
-        (NOT_STATED, {'place_rms': 90, 'lost': 100, 'place_beyond_4': 100}),
-        ({'error_rms': 3.0}, {'place_rms': 90}),
+        ({}, {'position_rms': ''}),
+        (NOT_STATED, {'position_rms': 90, 'lost': 100, 'position_beyond_4': 100}),
+        ({'error_rms': 3.0}, {'position_rms': 90}),
     ]:
         assert worse_cells([row(**now)], [row(**was)]) == ['0 of 1 cells are worse']
 

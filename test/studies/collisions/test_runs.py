@@ -139,8 +139,8 @@ def test_only_spinners_with_long_rotors_have_an_anti_kink(
     theory, rotors = SpinnerTheory(ring), ring.number_of_rotors
     damped = replace(ring, damping=0.2 * ring.moment_of_inertia * gap(ring))
     angles: Array = -(ring.uniform_state(1) + np.pi)
-    for place, charge in ((rotors // 4 - 0.5, 1), (3 * rotors // 4 - 0.5, -1)):
-        angles = angles + theory.state(place, charge=charge)[0]
+    for position, charge in ((rotors // 4 - 0.5, 1), (3 * rotors // 4 - 0.5, -1)):
+        angles = angles + theory.state(position, charge=charge)[0]
     simulation = ElasticSimulation(damped, angles, None, 1.0, 1e-6, integrator='symplectic')
     simulation.record(100 / gap(ring))
     energy = float(ring.elastic_energy(simulation.angles))

@@ -102,7 +102,7 @@ def test_a_wall_that_does_not_cross_in_time_raises_an_error() -> None:
 def test_a_wall_without_gravity_does_not_fall() -> None:
     task = TiltTask.read(load_settings(CONFIG).section('tilt'), 'rigid')
     still = dataclasses.replace(task, gravity=0.0, kept=0.1)()
-    np.testing.assert_allclose(still.places, still.places[0], atol=1e-6)
+    np.testing.assert_allclose(still.positions, still.positions[0], atol=1e-6)
     assert list(dict.fromkeys(still.tilts.tolist())) == [-0.25, 0.25]
 
 

@@ -281,12 +281,12 @@ def test_the_profile_of_the_theory_is_that_of_a_wall_in_the_continuum() -> None:
                 walls = [wall_between(chain, rotor, turned, crossed) for turned in (False, True)]
                 starts = [np.cos(staggered(wall)[0] - chain.rest_angle) for wall in walls]
                 angles = walls[int(np.argmax(starts))] if spinner else walls[0]
-                places = chain.spacing * np.arange(120)
+                positions = chain.spacing * np.arange(120)
                 wall = chain.spacing * (rotor + 0.5)
                 lean, _ = chain.positions(angles)
                 limit = 1.5 * chain.spacing if spinner else 0.05 * lean.max()
                 for parity in (0, 1):
-                    theory = static_profile(chain, angles, wall, places[parity::2], parity)
+                    theory = static_profile(chain, angles, wall, positions[parity::2], parity)
                     assert lean[parity::2] == pytest.approx(theory, rel=0, abs=limit)
 
 

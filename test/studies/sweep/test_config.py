@@ -32,13 +32,13 @@ def study_of(tmp_path: Path, content: str, quick: bool = False) -> SweepStudy:
 def test_rows_have_the_order_of_nested_loops_over_the_grid(sizes: list[int], seeds: int) -> None:
     names = ('rest_angle', 'rotor_length_ratio', 'kick')
     axes = [
-        Axis(name, tuple(0.1 * (1 + place) for place in range(size)))
+        Axis(name, tuple(0.1 * (1 + number) for number in range(size)))
         for name, size in zip(names, sizes, strict=False)
     ]
     study = SweepStudy('any', 'motion', {}, tuple(axes), tuple(range(5, 5 + seeds)))
     loops = itertools.product(*(axis.values for axis in axes), study.seeds)
-    places = [study.point(row) for row in range(study.rows)]
-    assert [(*values.values(), seed) for values, seed in places] == list(loops)
+    positions = [study.point(row) for row in range(study.rows)]
+    assert [(*values.values(), seed) for values, seed in positions] == list(loops)
 
 
 def test_ranges_include_both_ends_and_have_equal_steps_on_their_scale(tmp_path: Path) -> None:

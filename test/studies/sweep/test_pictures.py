@@ -160,10 +160,10 @@ def test_fractions_are_drawn_from_0_to_1_with_errors_in_distinct_colours() -> No
     for bars, line, share in zip(axes.collections, axes.lines, (1.0, 0.25), strict=True):
         assert tuple(bars.get_colors()[0][:3]) == pytest.approx(to_rgb(line.get_color()))
         assert len(bars.get_segments()) == len(KICKS.values)
-        for place, ((left, low), (right, high)) in zip(
+        for number, ((left, low), (right, high)) in zip(
             KICKS.values, bars.get_segments(), strict=True
         ):
-            assert left == right == pytest.approx(place, abs=0.02)
+            assert left == right == pytest.approx(number, abs=0.02)
             assert 0 <= low <= share <= high <= 1
         beside.append(tuple(segment[0][0] for segment in bars.get_segments()))
     assert np.abs(np.subtract(*beside)).min() > 0.01  # No bar hides another.

@@ -38,7 +38,7 @@ def leaning(chain: Chain, lean: int) -> State:
     return State(angles, np.zeros_like(angles))
 
 
-def with_soliton(chain: Chain, place: float, velocity: float) -> State:
+def with_soliton(chain: Chain, site: float, velocity: float) -> State:
     """Return a wall of charge +1 at a site coordinate [rotor spacings] with a velocity [m/s].
 
     The angles are those of a static wall on leg 0, with relaxed springs. The rotors move along the
@@ -52,6 +52,6 @@ def with_soliton(chain: Chain, place: float, velocity: float) -> State:
 
     if not math.isfinite(velocity):
         raise ValueError(f'velocity of the soliton = {velocity} m/s must be a finite number')
-    angles = static_wall(chain, place)
+    angles = static_wall(chain, site)
     rate = velocity * site_arc(chain) / chain.spacing
     return State(angles, rate * mode_towards_last(chain, angles))

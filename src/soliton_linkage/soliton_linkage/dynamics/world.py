@@ -85,9 +85,9 @@ class World:
         """Return the state at rest that leans left (-1) or right (1)."""
         return leaning(self._chain, lean)
 
-    def soliton(self, place: float, velocity: float) -> State:
+    def soliton(self, site: float, velocity: float) -> State:
         """Return a soliton at a site coordinate [rotor spacings] with a velocity [m/s]."""
-        return with_soliton(self._chain, place, velocity)
+        return with_soliton(self._chain, site, velocity)
 
 
 def joint_numbers(

@@ -116,7 +116,9 @@ class TrackingSettings(_Part):
     """Gating, acquisition and loss of a wall."""
 
     gate: float = quantity(4.0, 'gate of an innovation in standard deviations')
-    decisive_odds: float = quantity(12.0, 'log odds of the best position above which the others are discarded')
+    decisive_odds: float = quantity(
+        12.0, 'log odds of the best position above which the others are discarded'
+    )
     confirming_frames: int = quantity(
         3, 'number of successive frames that confirm a new wall or a loss'
     )

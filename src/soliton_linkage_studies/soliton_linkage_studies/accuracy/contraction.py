@@ -174,11 +174,11 @@ def passage_of(
     times_inside = np.array([time for time, _ in inside])
     walls = [wall for _, wall in inside]
     slope = np.polyfit(times_inside, [wall.position for wall in walls], 1)[0]
-    of_place = float(np.median([wall.position_deviation for wall in walls]))
+    of_position = float(np.median([wall.position_deviation for wall in walls]))
     return ContractedWall(
         speed=abs(float(slope)) / sound,
         speed_deviation=math.sqrt(2)
-        * of_place
+        * of_position
         / float(times_inside[-1] - times_inside[0])
         / sound,
         width=float(np.mean([wall.width for wall in walls])) / at_rest,
@@ -192,7 +192,7 @@ def rest_width(chain: Chain) -> float:
     The result is a mean over positions in one period of the chain, two spacings.
     """
     middle = chain.number_of_rotors // 2 - 1
-    walls = np.array([static_wall(chain, middle + place) for place in np.arange(0, 2, 0.1)])
+    walls = np.array([static_wall(chain, middle + position) for position in np.arange(0, 2, 0.1)])
     return float(_widths(chain, walls).mean())
 
 

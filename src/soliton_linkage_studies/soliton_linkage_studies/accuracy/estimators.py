@@ -43,7 +43,7 @@ _QUANTILE = 0.975
 class Estimate:
     """Estimate of a wall; quantities that the estimator does not provide are NaN or None."""
 
-    place: float
+    position: float
     """Wall position [rotor spacings]."""
     margin: float = math.nan
     """Half the width of the stated 95 % interval [rotor spacings]."""
@@ -104,9 +104,9 @@ def errors(
     )
     found: dict[str, list[tuple[float, float]]] = {name: [] for name in estimators_of(chain)}
     for frame in range(trial.frames):
-        place = float(generator.uniform(*inner_positions(chain)))
+        position = float(generator.uniform(*inner_positions(chain)))
         leg = int(generator.integers(orbit.number_of_legs))
-        arc = orbit.arc_at(place, leg)
+        arc = orbit.arc_at(position, leg)
         noise = trial.noise * generator.standard_normal(chain.number_of_rotors)
         angles = orbit.configuration(arc) + noise
         guess = arc + trial.coarse_start * orbit.site_arc * float(generator.uniform(-1, 1))
@@ -114,13 +114,13 @@ def errors(
             if name == ORBIT_COLD and frame % trial.cold_every:
                 continue
             estimate = estimator(orbit, angles, guess)
-            error = estimate.place - place
+            error = estimate.position - position
             failed = not abs(error) <= lost or estimate.leg not in (None, leg)
             found[name].append((math.nan if failed else error, estimate.margin))
     return {name: np.array(pairs).reshape(-1, 2) for name, pairs in found.items()}
 
 
-def bias_by_place(chain: Chain, points: int) -> tuple[Array, dict[str, Array]]:
+def bias_by_position(chain: Chain, points: int) -> tuple[Array, dict[str, Array]]:
     """Return the noiseless bias of each estimator over one period of the chain.
 
     Returns positions relative to an even rotor and errors by estimator, each [rotor spacings] and
@@ -132,11 +132,11 @@ def bias_by_place(chain: Chain, points: int) -> tuple[Array, dict[str, Array]]:
     walls = [static_wall(chain, float(rotor + step)) for step in beyond]
     found = {}
     for name, estimator in estimators_of(chain).items():
-        places = [
-            estimator(orbit, wall, orbit.arc_at(float(rotor + step), 0)).place
+        positions = [
+            estimator(orbit, wall, orbit.arc_at(float(rotor + step), 0)).position
             for wall, step in zip(walls, beyond, strict=True)
         ]
-        found[name] = np.array(places) - rotor - beyond
+        found[name] = np.array(positions) - rotor - beyond
     return beyond, found
 
 

@@ -16,7 +16,7 @@ import numpy as np
 from soliton_linkage.linkage.chain import Array, Chain
 from soliton_linkage_studies.accuracy.estimators import (
     EstimatorTrial,
-    bias_by_place,
+    bias_by_position,
     bound,
     errors,
     estimators_of,
@@ -50,7 +50,7 @@ class FrameStudy:
         cells = product(range(len(self.chains)), range(len(self.noises)), range(self._chunks))
         return [
             *(partial(self.sample, *numbers) for numbers in cells),
-            *(partial(bias_by_place, chain, _POINTS) for chain in self.chains),
+            *(partial(bias_by_position, chain, _POINTS) for chain in self.chains),
         ]
 
     def write(self, results: Sequence[Any], folder: Path) -> None:
@@ -59,7 +59,7 @@ class FrameStudy:
         lines = self.lines(results[: -len(self.chains)])
         write_lines(lines, folder)
         draw_accuracy(lines).save(folder, 'single_frame')
-        draw_bias(biases).save(folder, 'bias_by_place')
+        draw_bias(biases).save(folder, 'bias_by_position')
 
     def sample(self, chain: int, noise: int, chunk: int) -> dict[str, Array]:
         """Return errors and margins by estimator [rotor spacings].

@@ -113,13 +113,13 @@ def draw_bias(biases: Sequence[tuple[Chain, tuple[Array, dict[str, Array]]]]) ->
         rows, min(len(biases), 3), sharex=True, sharey=True, squeeze=False
     )
     names: set[str] = set()
-    for axes, (chain, (places, found)) in zip(panels.flat, biases, strict=False):
+    for axes, (chain, (positions, found)) in zip(panels.flat, biases, strict=False):
         for name, bias in found.items():
             colour, _ = _STYLES[name]
             size = np.maximum(np.abs(bias), _ROUNDING)
-            axes.plot(places, size, _dashes(name), color=colour, linewidth=2)
+            axes.plot(positions, size, _dashes(name), color=colour, linewidth=2)
             report.add_points(
-                class_and_shape(chain), name, (_BEYOND, 'bias [rotor spacings]'), places, bias
+                class_and_shape(chain), name, (_BEYOND, 'bias [rotor spacings]'), positions, bias
             )
             names.add(name)
         axes.axhline(_UNBIASED, color=GREY, linewidth=0.8, linestyle='--')
@@ -138,9 +138,9 @@ def draw_bias(biases: Sequence[tuple[Chain, tuple[Array, dict[str, Array]]]]) ->
     return report
 
 
-def _draw_line(report: FigureReport, column: Sequence[Axes], line: Line, place: int) -> None:
+def _draw_line(report: FigureReport, column: Sequence[Axes], line: Line, position: int) -> None:
     found, colour, marker = line.accuracy, *_STYLES[line.estimator]
-    x = place + _OFFSET * (list(_STYLES).index(line.estimator) - (len(_STYLES) - 1) / 2)
+    x = position + _OFFSET * (list(_STYLES).index(line.estimator) - (len(_STYLES) - 1) / 2)
     panel = f'noise {line.noise:g} rad'
     series = f'{line.estimator}, {class_and_shape(line.chain)}'
     unlike_0 = abs(found.bias) > _SIGNIFICANT * found.bias_error
@@ -151,15 +151,15 @@ def _draw_line(report: FigureReport, column: Sequence[Axes], line: Line, place: 
     ):
         face = colour if filled else WHITE
         axes.plot(x, y, marker, color=colour, markerfacecolor=face, markersize=_SIZE)
-        report.add_points(panel, series, ('number of the chain', name), place, y)
+        report.add_points(panel, series, ('number of the chain', name), position, y)
 
 
 def _dress(column: Sequence[Axes], noise: float, names: Sequence[str]) -> None:
     column[0].set(title=f'noise {noise:g} rad')
     for axes, level in zip(column, (1.0, _UNBIASED, 95.0), strict=True):
         axes.axhline(level, color=GREY, linewidth=0.8, linestyle='--', zorder=0)
-        for place in range(1, len(names)):
-            axes.axvline(place - 0.5, color=PALE, linewidth=0.8, zorder=0)
+        for position in range(1, len(names)):
+            axes.axvline(position - 0.5, color=PALE, linewidth=0.8, zorder=0)
     column[-1].set_xticks(range(len(names)), names, rotation=40, ha='right')
 
 
@@ -200,11 +200,11 @@ _SHOWN = (
     ('v / c', 'speed', '.2g'),
     ('walls', 'walls', ''),
     ('phonons', 'phonons', '.2g'),
-    ('position rms', 'place_rms', '.2f'),
-    ('±', 'place_rms_error', '.2f'),
-    ('99 %', 'place_99', '.2f'),
-    ('in 1, 2 σ [%]', 'place_coverage', ''),
-    ('bias [σ]', 'place_bias', '+.2f'),
+    ('position rms', 'position_rms', '.2f'),
+    ('±', 'position_rms_error', '.2f'),
+    ('99 %', 'position_99', '.2f'),
+    ('in 1, 2 σ [%]', 'position_coverage', ''),
+    ('bias [σ]', 'position_bias', '+.2f'),
     ('instant rms', 'instant_rms', '.2f'),
     ('rate rms', 'rate_rms', '.2f'),
     ('± ', 'rate_rms_error', '.2f'),
@@ -224,7 +224,7 @@ def draw_cells(rows: Sequence[Row], seed: int, frames: int) -> FigureReport:
     figure = Figure(figsize=(width, 11), layout='constrained')
     report = FigureReport(figure, _CAPTION.format(seed=seed, frames=frames))
     panels = figure.subplots(3, 1, sharex=True)
-    for axes, name in zip(panels, ('place', 'rate'), strict=False):
+    for axes, name in zip(panels, ('position', 'rate'), strict=False):
         for number, row in enumerate(rows):
             _draw_errors(report, axes, name, number, row)
         for limit in _LIMITS:

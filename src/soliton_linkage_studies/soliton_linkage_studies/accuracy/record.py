@@ -137,9 +137,9 @@ class RecordStudy:
         """Return the Cramer-Rao bounds of position [rotor spacings] and relative velocity [1]."""
         n = self.shown.astype(np.float64)
         single = bound(chain, self.noise)
-        of_place = single * np.sqrt(2 * (2 * n - 1) / (n * (n + 1)))
+        of_position = single * np.sqrt(2 * (2 * n - 1) / (n * (n + 1)))
         of_velocity = single * np.sqrt(12 / (n * (n**2 - 1))) * self.frame_rate
-        return of_place, of_velocity / self.speed
+        return of_position, of_velocity / self.speed
 
     def _draw(
         self, report: FigureReport, column: Sequence[Axes], chain: Chain, runs: Array

@@ -102,7 +102,9 @@ def record(
         clean = reference.analyse(stamp, angles) if reference else None
         last = frame == frames[-1]
         if last and cell.wrong_reading:
-            angles[_wrong_rotor(scene.places[frame, 0], len(angles), random)] += cell.wrong_reading
+            angles[_wrong_rotor(scene.positions[frame, 0], len(angles), random)] += (
+                cell.wrong_reading
+            )
         if cell.impulses_known and frame in scene.impulse_frames:
             analyser.apply_impulse(stamp, scene.impulses[scene.impulse_frames.index(frame)])
         analysis = analyser.analyse(stamp, angles)
@@ -128,11 +130,11 @@ def _rotors_with_encoder(
     return readable
 
 
-def _wrong_rotor(place: float, rotors: int, random: np.random.Generator) -> int:
+def _wrong_rotor(position: float, rotors: int, random: np.random.Generator) -> int:
     """Draw the rotor with the wrong reading: any rotor or one near the wall, equally probable."""
     if random.integers(2):
         return int(random.integers(rotors))
-    return min(max(round(place + random.uniform(-_NEAR, _NEAR)), 0), rotors - 1)
+    return min(max(round(position + random.uniform(-_NEAR, _NEAR)), 0), rotors - 1)
 
 
 def _score(
@@ -164,14 +166,14 @@ def _score(
             scores.wrong_leg += analysis.cycle.leg != scene.legs[frame]
 
 
-def _matches(cell: AccuracyCell, wall: AnalysedSoliton, place: float) -> bool:
+def _matches(cell: AccuracyCell, wall: AnalysedSoliton, position: float) -> bool:
     """Return whether a reported wall matches the true wall at a position."""
     chain = cell.chain
     deviation = wall.position_deviation / chain.spacing
     if deviation > _LARGEST_DEVIATION * chain.number_of_rotors:
         return False
     limit = max(_LOST_WIDTHS * chain.wall_width / chain.spacing, _LOST)
-    return abs(wall.rotor - place) < max(limit, _LOST_DEVIATIONS * deviation)
+    return abs(wall.rotor - position) < max(limit, _LOST_DEVIATIONS * deviation)
 
 
 def _wall_values(
@@ -179,7 +181,7 @@ def _wall_values(
 ) -> tuple[float, ...]:
     spacing = cell.chain.spacing
     deviation = wall.position_deviation / spacing
-    error = wall.rotor - float(scene.places[frame, number])
+    error = wall.rotor - float(scene.positions[frame, number])
     of_instant = wall.rotor - float(scene.instants[frame, number])
     rate = float(scene.site_rates[frame, number])
     rate_error = wall.velocity / spacing - rate
@@ -203,9 +205,9 @@ def _is_false(cell: AccuracyCell, angles: Array, wall: AnalysedSoliton) -> bool:
         return True
     inner = chain.number_of_rotors - 1
     legs = (0, 1) if chain.motion is Motion.SPINNER and wall.charge > 0 else (0,)
-    place = min(max(wall.rotor, 1.0), inner - 1.0)
+    position = min(max(wall.rotor, 1.0), inner - 1.0)
     error = min(
-        wall_path(chain, wall.charge, leg).misfit(image, place, _CORE)
+        wall_path(chain, wall.charge, leg).misfit(image, position, _CORE)
         for leg in legs
         for image in (angles, math.pi - angles)
     )

@@ -82,7 +82,7 @@ class WallScene:
     """Actual angles [rad], shape (T, N)."""
     kinetic: Array
     """Kinetic energy [J], shape (T,)."""
-    places: Array
+    positions: Array
     """Averaged positions of the walls [rotor spacings], shape (T, K)."""
     instants: Array
     """Positions without the average over time [rotor spacings], shape (T, K)."""
@@ -210,13 +210,13 @@ def _single_wall(
     means, slopes = averages_and_slopes(np.array(raw), beside, at, slow)
     kept = slice(margin, total - margin)
     arcs, arc_rates = means[kept], slopes[kept] / springs.period
-    places = np.array([orbit.site(arc) for arc in arcs])
+    positions = np.array([orbit.site(arc) for arc in arcs])
     instants = np.array([orbit.site(arc) for arc in raw[kept]])
     legs = np.array([orbit.leg(arc) for arc in arcs])
     spacing = np.array([orbit.site_arc_at(arc) for arc in arcs])
     outer = 0.0 if start.speed == 0 else _FROM_EDGE
-    inner = np.minimum(places, instants) > outer
-    inner &= np.maximum(places, instants) < last - outer
+    inner = np.minimum(positions, instants) > outer
+    inner &= np.maximum(positions, instants) < last - outer
     in_scene = [
         (frame - margin, impulse)
         for frame, impulse in zip(at, impulses, strict=True)
@@ -225,7 +225,7 @@ def _single_wall(
     return WallScene(
         angles=np.array(angles[kept]),
         kinetic=np.array(kinetic[kept]),
-        places=places[:, None],
+        positions=positions[:, None],
         instants=instants[:, None],
         site_rates=(np.where(legs % 2 == 0, 1, -1) * arc_rates / spacing)[:, None],
         charges=(1,),
@@ -242,7 +242,7 @@ def _started(cell: AccuracyCell, random: np.random.Generator) -> _Start:
     last = chain.number_of_rotors - 1
     leg = int(random.integers(orbit.number_of_legs))
     sense = 1 if random.integers(2) else -1
-    place = float(random.uniform(_BEGIN, max(last - _BEGIN, _BEGIN)))
+    position = float(random.uniform(_BEGIN, max(last - _BEGIN, _BEGIN)))
     if not math.isnan(cell.start):
         arc = orbit.arc_at(cell.start, leg)
         wall_at_rest = static_wall(chain, cell.start, leg)
@@ -250,13 +250,13 @@ def _started(cell: AccuracyCell, random: np.random.Generator) -> _Start:
     if cell.nudged:
         return _nudged(cell, orbit, random)
     if cell.disorder:
-        speed, arc = launch_speed(chain, cell.speed), orbit.arc_at(place, leg)
+        speed, arc = launch_speed(chain, cell.speed), orbit.arc_at(position, leg)
         rates = sense * speed * orbit.site_arc * orbit.tangent(arc)
         springs = Springs(orbit.chain, orbit.configuration(arc), rates, period)
         return _Start(springs, orbit, arc, speed)
     wall = steady_wall(chain, leg if chain.motion is Motion.SPINNER else 0, cell.speed)
-    shift = 2 * round((place - wall.place) / 2)
-    arc = orbit.arc_at(wall.place + shift, leg)
+    shift = 2 * round((position - wall.position) / 2)
+    arc = orbit.arc_at(wall.position + shift, leg)
     angles, rates = orbit.configuration(arc), np.zeros(last + 1)
     add_motion(wall, shift, angles, rates, sense if leg % 2 == 0 else -sense)
     return _Start(Springs(chain, angles, rates, period), orbit, arc, wall.speed)
@@ -340,7 +340,7 @@ def _several_walls(cell: AccuracyCell, frames: int, random: np.random.Generator)
 class _MovingWalls:
     springs: Springs
     paths: list[WallPath]
-    places: list[float]
+    positions: list[float]
     speeds: list[float]
     """Speeds of the walls [rotor spacings / s]."""
 
@@ -351,29 +351,31 @@ def _placed(
     chain, near = cell.chain, reach(cell.chain)
     rotors = chain.number_of_rotors
     angles, rates = left_of(chain, charges[0]), np.zeros(rotors)
-    paths, places, speeds = [], [], []
+    paths, positions, speeds = [], [], []
     distance = (rotors - 1 - near) / len(charges)
     for number, charge in enumerate(charges):
         leg = int(random.integers(2)) if chain.motion is Motion.SPINNER else 0
         path = wall_path(chain, charge, leg if charge > 0 else 0)
         aside = float(random.uniform(-_JITTER, _JITTER))
-        place = near / 2 + distance * (number + 0.5 + aside)
+        position = near / 2 + distance * (number + 0.5 + aside)
         sense = 1 if random.integers(2) else -1
         if charge > 0:
             wall = steady_wall(chain, leg, cell.speed)
-            shift = 2 * round((place - wall.place) / 2)
-            place, speed = wall.place + shift, wall.speed
+            shift = 2 * round((position - wall.position) / 2)
+            position, speed = wall.position + shift, wall.speed
             add_motion(wall, shift, angles, rates, sense)
         else:
-            place = path.nearest_allowed(place) if slower == 1 else path.nearest_minimum(place)
+            position = (
+                path.nearest_allowed(position) if slower == 1 else path.nearest_minimum(position)
+            )
             speed = slower * cell.speed * speed_of_sound(chain) / chain.spacing
-            rates += sense * speed * path.derivative(rotors, place)
-        angles += path.relative_angles(rotors, place)
+            rates += sense * speed * path.derivative(rotors, position)
+        angles += path.relative_angles(rotors, position)
         paths.append(path)
-        places.append(place)
+        positions.append(position)
         speeds.append(speed)
     springs = Springs(chain, angles, rates, cell.period * chain.time_unit)
-    return _MovingWalls(springs, paths, places, speeds)
+    return _MovingWalls(springs, paths, positions, speeds)
 
 
 def _followed(
@@ -384,21 +386,21 @@ def _followed(
     angles: list[Array] = []
     kinetic: list[float] = []
     raw: list[Array] = []
-    places = walls.places
+    positions = walls.positions
     for frame in range(frames):
         if frame:
             springs.advance()
-        guesses = places if len(raw) < 2 else (2 * raw[-1] - raw[-2]).tolist()
+        guesses = positions if len(raw) < 2 else (2 * raw[-1] - raw[-2]).tolist()
         both = zip(walls.paths, guesses, strict=True)
-        places = [path.nearest(springs.angles, guess, near) for path, guess in both]
-        apart = np.diff([-near, *places, last + near])
-        both = zip(walls.paths, places, strict=True)
+        positions = [path.nearest(springs.angles, guess, near) for path, guess in both]
+        apart = np.diff([-near, *positions, last + near])
+        both = zip(walls.paths, positions, strict=True)
         broken = any(is_broken(path, chain, springs.angles, x, _CORE) for path, x in both)
         if broken or apart.min() < 2 * near:
             break
         angles.append(springs.angles.copy())
         kinetic.append(float(chain.kinetic_energy(springs.rates)))
-        raw.append(np.array(places))
+        raw.append(np.array(positions))
     track = np.array(raw).reshape(-1, len(charges))
     beside = [frames_beside(speed, cell) for speed in walls.speeds]
     means = [
@@ -407,7 +409,7 @@ def _followed(
     return WallScene(
         angles=np.array(angles),
         kinetic=np.array(kinetic),
-        places=np.stack([mean for mean, _ in means], axis=1),
+        positions=np.stack([mean for mean, _ in means], axis=1),
         instants=track,
         site_rates=np.stack([slope / springs.period for _, slope in means], axis=1),
         charges=charges,

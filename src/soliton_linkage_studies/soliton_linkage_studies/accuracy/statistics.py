@@ -21,14 +21,14 @@ COLUMNS = (
     'speed',
     'frames',
     'walls_looked_for',
-    'place_rms',
-    'place_rms_error',
-    'place_99',
-    'place_max',
-    'place_beyond_4',
-    'place_coverage_1',
-    'place_coverage_2',
-    'place_bias',
+    'position_rms',
+    'position_rms_error',
+    'position_99',
+    'position_max',
+    'position_beyond_4',
+    'position_coverage_1',
+    'position_coverage_2',
+    'position_bias',
     'instant_rms',
     'rate_rms',
     'rate_rms_error',
@@ -47,7 +47,7 @@ COLUMNS = (
 )
 """Measured columns of a cell.
 
-`speed` is the speed of the fastest wall relative to the speed of sound. `place` and `rate` are
+`speed` is the speed of the fastest wall relative to the speed of sound. `position` and `rate` are
 errors of the position and of the rate, divided by their stated deviations: root mean square and
 its standard error, 99 % quantile and maximum of the absolute value, fractions beyond 4 and within
 1 and 2 [%], and mean. `instant` compares with the position without the average over time.
@@ -56,11 +56,11 @@ spacings]. `shift_max` is the largest shift by a wrong reading, in stated deviat
 `false` count walls, `wrong_leg` counts frames.
 """
 
-WALL_VALUES = ('place', 'instant', 'rate', 'error', 'deviation', 'rate_error')
+WALL_VALUES = ('position', 'instant', 'rate', 'error', 'deviation', 'rate_error')
 """Values of each found wall.
 
-`place`, `instant` (position without the average over time) and `rate` are errors divided by their
-stated deviations [1]. `error` and `deviation` are the position error and its stated deviation
+`position`, `instant` (position without the average over time) and `rate` are errors divided by
+their stated deviations [1]. `error` is the position error, `deviation` its stated deviation
 [rotor spacings]. `rate_error` is the relative error of the rate [1].
 """
 
@@ -95,8 +95,8 @@ _FEWER = 0.01
 Otherwise the errors would include walls that were lost in the earlier table.
 """
 _FAILURES = ('lost', 'false', 'wrong_leg')
-_ERRORS = ('place_rms', 'place_rms_error', 'rate_rms', 'rate_rms_error', 'error_rms')
-_COMPARED = (*_ERRORS, *_FAILURES, 'frames', 'failure', 'place_beyond_4', 'walls_looked_for')
+_ERRORS = ('position_rms', 'position_rms_error', 'rate_rms', 'rate_rms_error', 'error_rms')
+_COMPARED = (*_ERRORS, *_FAILURES, 'frames', 'failure', 'position_beyond_4', 'walls_looked_for')
 
 _TITLES = (
     'class (r/a, θ̄)',
@@ -142,7 +142,7 @@ def line_of(scores: Sequence[Scores]) -> dict[str, float]:
         'false': sum(each.false for each in scores),
         'wrong_leg': sum(each.wrong_leg for each in scores),
     }
-    line |= _normalised('place', [each[:, 0] for each in found])
+    line |= _normalised('position', [each[:, 0] for each in found])
     line |= _normalised('rate', [each[:, 2] for each in found])
     whole = np.concatenate(found)
     line['instant_rms'] = _rms(_finite(whole[:, 1]))
@@ -320,8 +320,8 @@ def _key(row: Row) -> tuple[str, ...]:
 
 def _worse(row: Row, old: Row) -> list[str]:
     changes = [row['failure']] if row['failure'] and not old['failure'] else []
-    useful = _number(old['place_rms']) < _USEFUL
-    for name in ('place', 'rate'):
+    useful = _number(old['position_rms']) < _USEFUL
+    for name in ('position', 'rate'):
         changes += _less_consistent(name, row, old, useful)
     now, was = _number(row['error_rms']), _number(old['error_rms'])
     if useful and now > _LARGER * was and not _rate(old, 'lost') > _rate(row, 'lost') + _FEWER:
@@ -346,7 +346,7 @@ def _less_consistent(name: str, row: Row, old: Row, useful: bool) -> list[str]:
 def _more_failures(name: str, row: Row, old: Row) -> list[str]:
     """Report a significant increase of failures; a wall with a large error counts as lost."""
     share, earlier = _rate(row, name), _rate(old, name)
-    misplaced = _misplaced(row), _misplaced(old)
+    misplaced = _large_errors(row), _large_errors(old)
     if name == 'lost' and math.isfinite(sum(misplaced)):
         share, earlier = share + misplaced[0], earlier + misplaced[1]
     frames = (_number(row['frames']), _number(old['frames']))
@@ -357,12 +357,12 @@ def _more_failures(name: str, row: Row, old: Row) -> list[str]:
     return []
 
 
-def _misplaced(row: Row) -> float:
+def _large_errors(row: Row) -> float:
     """Return the fraction of frames with an error above four stated deviations."""
     found = _number(row['walls_looked_for']) - _number(row['lost'])
     if not found:
         return 0.0
-    return _number(row['place_beyond_4']) / 100 * found / max(_number(row['frames']), 1.0)
+    return _number(row['position_beyond_4']) / 100 * found / max(_number(row['frames']), 1.0)
 
 
 def _inconsistency(rms: float) -> float:

@@ -71,26 +71,26 @@ class WallPath:
         """Whether the wall can rest only at positions two spacings apart."""
         return self.spline is None
 
-    def window(self, place: float) -> tuple[int, Array, Array]:
+    def window(self, position: float) -> tuple[int, Array, Array]:
         """Return first rotor, angles [rad] and their derivatives [rad/spacing], (M,) each."""
         if self.spline is None:
-            shift = 2 * round((place - self.rest_position) / 2)
+            shift = 2 * round((position - self.rest_position) / 2)
             return shift, self.resting, np.zeros_like(self.resting)
-        shift = 2 * math.floor((place - self.base) / 2)
-        within = place - shift
+        shift = 2 * math.floor((position - self.base) / 2)
+        within = position - shift
         return shift, self.spline(within), self.spline(within, 1)
 
-    def nearest_allowed(self, place: float) -> float:
+    def nearest_allowed(self, position: float) -> float:
         """Return the nearest allowed position of the wall [rotor spacings]."""
-        return self.nearest_minimum(place) if self.pinned else place
+        return self.nearest_minimum(position) if self.pinned else position
 
-    def nearest_minimum(self, place: float) -> float:
+    def nearest_minimum(self, position: float) -> float:
         """Return the nearest position of least energy [rotor spacings]."""
-        return self.rest_position + 2 * round((place - self.rest_position) / 2)
+        return self.rest_position + 2 * round((position - self.rest_position) / 2)
 
-    def relative_angles(self, rotors: int, place: float) -> Array:
+    def relative_angles(self, rotors: int, position: float) -> Array:
         """Return the angles relative to the domain left of the wall [rad], shape (rotors,)."""
-        first, angles, _ = self.window(place)
+        first, angles, _ = self.window(position)
         base = self._left(len(angles))
         added = np.zeros(rotors)
         numbers = np.arange(first, first + len(angles))
@@ -101,42 +101,42 @@ class WallPath:
         added[beyond] = ends[(beyond - first - len(angles) + 1) % 2]
         return added
 
-    def derivative(self, rotors: int, place: float) -> Array:
+    def derivative(self, rotors: int, position: float) -> Array:
         """Return the derivative of the angles by the position [rad/spacing], shape (rotors,)."""
-        first, _, slope = self.window(place)
+        first, _, slope = self.window(position)
         moving = np.zeros(rotors)
         numbers = np.arange(first, first + len(slope))
         inside = (numbers >= 0) & (numbers < rotors)
         moving[numbers[inside]] = slope[inside]
         return moving
 
-    def nearest(self, angles: Array, place: float, within: float) -> float:
+    def nearest(self, angles: Array, position: float, within: float) -> float:
         """Return the position of the nearest static wall [rotor spacings].
 
-        The search starts at `place` and uses the rotors `within` this distance from the wall.
+        The search starts at `position` and uses the rotors `within` this distance from the wall.
         """
         if self.pinned:
-            return self.nearest_allowed(place)
+            return self.nearest_allowed(position)
         numbers = np.arange(len(angles))
         for _ in range(_GAUSS_STEPS):
-            first, wall, slope = self.window(place)
+            first, wall, slope = self.window(position)
             low, high = max(first, 0), min(first + len(wall), len(angles))
-            near = np.abs(numbers[low:high] - place) < within
+            near = np.abs(numbers[low:high] - position) < within
             residual = wrapped(angles[low:high] - wall[low - first : high - first])
             segment = slope[low - first : high - first]
             size = float(segment[near] @ segment[near])
             step = float(residual[near] @ segment[near]) / size
             step = min(max(step, -_LONGEST / math.sqrt(size)), _LONGEST / math.sqrt(size))
-            place += step
+            position += step
             if abs(step) * math.sqrt(size) < _CLOSE:
                 break
-        return place
+        return position
 
-    def misfit(self, angles: Array, place: float, within: float) -> float:
+    def misfit(self, angles: Array, position: float, within: float) -> float:
         """Return the rms deviation from a static wall [rad] of the rotors `within` a distance."""
-        first, wall, _ = self.window(place)
+        first, wall, _ = self.window(position)
         low, high = max(first, 0), min(first + len(wall), len(angles))
-        near = np.abs(np.arange(low, high) - place) < within
+        near = np.abs(np.arange(low, high) - position) < within
         residual = wrapped(angles[low:high] - wall[low - first : high - first])[near]
         return math.sqrt(float(residual @ residual) / max(len(residual), 1))
 
@@ -167,13 +167,13 @@ def wall_path(chain: Chain, charge: int, leg: int = 0) -> WallPath:
     """Return the path of a wall far from the edges; kinks of spinners have one path per leg."""
     beside = extent(chain)
     window = replace(chain, number_of_rotors=2 * beside + 3, deviations=NO_DEVIATIONS)
-    places = np.linspace(beside, beside + 2, _SAMPLES)
+    positions = np.linspace(beside, beside + 2, _SAMPLES)
     if charge > 0:
-        walls = np.unwrap([static_wall(window, place, leg) for place in places], axis=0)
+        walls = np.unwrap([static_wall(window, position, leg) for position in positions], axis=0)
         walls[:, 0], walls[:, -1] = walls[:, 2], walls[:, -3]
         left = walls[0, 2:4] - wrapped(walls[0, 2:4] - chain.uniform_state(1)[:2])
-        spline = CubicSpline(places, walls)
-        return WallPath(1, beside, spline, walls[0], float(places[0]), left)
+        spline = CubicSpline(positions, walls)
+        return WallPath(1, beside, spline, walls[0], float(positions[0]), left)
     left = continuum_anti_kink(window, beside)[:2]
     try:
         counted, found = anti_kink_path(window, beside)
@@ -203,7 +203,7 @@ _TRIES = 25
 class SteadyWall:
     """Difference between a wall that moves without phonons and the static wall."""
 
-    place: float
+    position: float
     """Position in a long chain [rotor spacings]."""
     first: int
     """First rotor of the arrays in this chain."""
@@ -264,26 +264,28 @@ def _settled(chain: Chain, path: WallPath, speed: float) -> SteadyWall | None:
     return SteadyWall(track[-1], first, beside, springs.rates[window].copy(), found)
 
 
-def _launched(chain: Chain, path: WallPath, place: float, speed: float) -> Springs:
+def _launched(chain: Chain, path: WallPath, position: float, speed: float) -> Springs:
     rotors = chain.number_of_rotors
-    static = left_of(chain, 1) + path.relative_angles(rotors, place)
-    return Springs(chain, static, speed * path.derivative(rotors, place), _STEP * chain.time_unit)
+    static = left_of(chain, 1) + path.relative_angles(rotors, position)
+    return Springs(
+        chain, static, speed * path.derivative(rotors, position), _STEP * chain.time_unit
+    )
 
 
 def _positions(
-    springs: Springs, path: WallPath, place: float, near: float, frames: int
+    springs: Springs, path: WallPath, position: float, near: float, frames: int
 ) -> list[float] | None:
     """Return the wall positions while its phonons are absorbed, None if it is destroyed."""
     chain = springs.chain
     rotors = np.arange(chain.number_of_rotors)
-    track = [place]
+    track = [position]
     for _ in range(frames):
-        springs.advance(_ABSORPTION / chain.time_unit * (np.abs(rotors - place) > near))
+        springs.advance(_ABSORPTION / chain.time_unit * (np.abs(rotors - position) > near))
         ahead = track[-1] - track[-2] if len(track) > 1 else 0.0
-        place = path.nearest(springs.angles, track[-1] + ahead, near)
-        track.append(place)
-        inside = near < place < chain.number_of_rotors - 1 - near
-        if not inside or is_broken(path, chain, springs.angles, place, near):
+        position = path.nearest(springs.angles, track[-1] + ahead, near)
+        track.append(position)
+        inside = near < position < chain.number_of_rotors - 1 - near
+        if not inside or is_broken(path, chain, springs.angles, position, near):
             return None
     return track
 
@@ -305,7 +307,7 @@ def left_of(chain: Chain, charge: int) -> Array:
     return chain.uniform_state(-1)
 
 
-def is_broken(path: WallPath, chain: Chain, angles: Array, place: float, within: float) -> bool:
+def is_broken(path: WallPath, chain: Chain, angles: Array, position: float, within: float) -> bool:
     """Return whether the rotors within a distance of a position form no wall."""
     swing = math.pi if chain.motion is Motion.SPINNER else 2 * chain.rest_angle
-    return path.misfit(angles, place, within) > _BROKEN * swing
+    return path.misfit(angles, position, within) > _BROKEN * swing

@@ -219,10 +219,10 @@ class Renderer:
             rows = np.arange(top, bottom + 1) - 0.5
             corners = self._plane.points(np.stack(np.meshgrid(columns, rows), axis=-1))
             across = _between(corners.swapaxes(0, 1), fine).swapaxes(0, 1)
-            places = (_between(across, fine) - centre) / size
-            paper = np.abs(places).max(axis=-1) < half
-            from_dot = np.hypot(*(np.abs(places) * size - size / 2 - layout.label_radius).T).T
-            cells = np.floor((places * [1, -1] + 0.5) * MODULES).astype(int)
+            positions = (_between(across, fine) - centre) / size
+            paper = np.abs(positions).max(axis=-1) < half
+            from_dot = np.hypot(*(np.abs(positions) * size - size / 2 - layout.label_radius).T).T
+            cells = np.floor((positions * [1, -1] + 0.5) * MODULES).astype(int)
             on = np.all((cells >= 0) & (cells < MODULES), axis=-1)
             inside = np.clip(cells, 0, MODULES - 1)
             black = on & (bits[inside[..., 1], inside[..., 0]] == 0)

@@ -217,12 +217,13 @@ def _pixel_bound(task: FilmedTask, layout: MarkerLayout, plane: ChainPlane) -> f
     change = (pictures[0] - pictures[1]) / (2 * _TURN)
     lengths = task.chain.rotor_lengths[:, None]
     arms = lengths * np.column_stack([np.sin(rest), np.cos(rest)])
-    places = plane.pixels(np.column_stack([task.chain.pivots, 0 * rest]) + arms)
+    positions = plane.pixels(np.column_stack([task.chain.pivots, 0 * rest]) + arms)
     radius = layout.label_radius * float(np.median(plane.pixels_per_metre(arms)))
     rows, columns = np.indices(change.shape)
     weights = np.array([0.299, 0.587, 0.114])
     noise = task.settings.noise * float(np.sqrt(np.sum(weights**2)))
     sums = [
-        np.sum(change[np.hypot(columns - x, rows - y) < radius] ** 2) for x, y in places.tolist()
+        np.sum(change[np.hypot(columns - x, rows - y) < radius] ** 2)
+        for x, y in positions.tolist()
     ]
     return noise / float(np.sqrt(np.median(sums)))

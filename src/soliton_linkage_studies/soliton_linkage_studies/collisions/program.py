@@ -235,10 +235,10 @@ def draw_pictures(collisions: Mapping[str, Collision]) -> FigureReport:
 def _draw(report: FigureReport, axes: Axes, name: str, collision: Collision) -> None:
     times, angles = _recorded(collision)
     rotors = np.arange(angles.shape[1])
-    places = rotors - (len(rotors) - 1) / 2
-    shown = np.abs(places) < _SHOWN / 2 * collision.reach
+    positions = rotors - (len(rotors) - 1) / 2
+    shown = np.abs(positions) < _SHOWN / 2 * collision.reach
     fields = ring_order_field(collision.ring, angles)[:, shown]
-    places = places[shown]
+    positions = positions[shown]
     axes.imshow(
         fields,
         origin='lower',
@@ -247,7 +247,7 @@ def _draw(report: FigureReport, axes: Axes, name: str, collision: Collision) -> 
         cmap=LEAN_COLOURS,
         vmin=-_LARGEST,
         vmax=_LARGEST,
-        extent=(places[0] - 0.5, places[-1] + 0.5, times[0], times[-1]),
+        extent=(positions[0] - 0.5, positions[-1] + 0.5, times[0], times[-1]),
     )
     ring = collision.ring
     title = f'{name}: v / c = {collision.speed:g}\n{ring.motion.value}, {parameters(ring)}'
@@ -255,7 +255,7 @@ def _draw(report: FigureReport, axes: Axes, name: str, collision: Collision) -> 
     axes.set_xlabel('position [rotor spacings]')
     if ring.motion is Motion.SPINNER:
         _label_turns(axes, collision, times, angles)
-    middle = int(np.argmin(np.abs(places)))
+    middle = int(np.argmin(np.abs(positions)))
     names = ('t c / 2 l [1]', 'order field in the middle [1]')
     report.add_points(name, 'middle', names, times, fields[:, middle])
 
@@ -280,8 +280,8 @@ def _label_turns(axes: Axes, collision: Collision, times: Array, angles: Array) 
     for rotor, share in ((middle, 0.03), (middle, 0.94), (outside, 0.03)):
         frame = round(share * (len(times) - 1))
         halves = round((angles[frame, rotor] - rest[rotor]) / math.pi)
-        place = (rotor - (len(rest) - 1) / 2, times[frame])
-        axes.annotate(_TURNS.get(halves, f'{halves}/2'), place, ha='center', va='center')
+        position = (rotor - (len(rest) - 1) / 2, times[frame])
+        axes.annotate(_TURNS.get(halves, f'{halves}/2'), position, ha='center', va='center')
 
 
 def main(arguments: Sequence[str] | None = None) -> int:

@@ -323,10 +323,10 @@ def _broken(task: Collision, path: WallPaths, state: State, escaped: bool) -> bo
 def _radiated(task: Collision, path: WallPaths, state: State, escaped: bool) -> float:
     """Return the fraction of the energy outside the walls, or outside a captured pair [1]."""
     rotors, energies = np.arange(task.ring.number_of_rotors), _energies(task.ring, state)
-    places, reach = [path.kinks[-1], path.anti_kinks[-1]], _CORE
+    positions, reach = [path.kinks[-1], path.anti_kinks[-1]], _CORE
     if not escaped:
-        places, reach = [(len(rotors) - 1) / 2], _LUMP
-    outside = np.abs(rotors[:, None] - places).min(axis=1) > reach * task.reach
+        positions, reach = [(len(rotors) - 1) / 2], _LUMP
+    outside = np.abs(rotors[:, None] - positions).min(axis=1) > reach * task.reach
     return float(energies[outside].sum() / energies.sum())
 
 

@@ -65,13 +65,13 @@ class TravellingWall:
     slopes: Array
     """Derivatives of the angles along the chain [rad per spacing], shape (2, J)."""
 
-    def at(self, rotors: NDArray[np.int64], place: float) -> tuple[Array, Array]:
-        """Return angles [rad] and slopes [rad per spacing] of rotors (K,) for a wall at `place`.
+    def at(self, rotors: NDArray[np.int64], position: float) -> tuple[Array, Array]:
+        """Return angles [rad] and slopes [rad/spacing] of rotors (K,) for a wall at a position.
 
-        The position `place` [rotor spacings] is rounded to the grid.
+        The position [rotor spacings] is rounded to the grid.
         """
         last = self.angles.shape[1] - 1
-        columns = np.rint((rotors - place) * self.points).astype(int) + (last + 1) // 2
+        columns = np.rint((rotors - position) * self.points).astype(int) + (last + 1) // 2
         inside = (columns >= 0) & (columns <= last)
         columns = np.clip(columns, 0, last)
         return self.angles[rotors % 2, columns], self.slopes[rotors % 2, columns] * inside
@@ -123,7 +123,7 @@ class _Grid:
         self._second = self._derivative(_SECOND, 1)
 
     @cached_property
-    def places(self) -> Array:
+    def positions(self) -> Array:
         """Positions of the grid points relative to the wall [m], shape (J,)."""
         spacing = self.chain.spacing / self.points
         return np.asarray((np.arange(self.count) - self.count // 2) * spacing)
@@ -135,11 +135,11 @@ class _Grid:
         if chain.motion is Motion.SPINNER:
             theory = SpinnerTheory(chain)
             even, odd = (
-                theory.staggered_angles(self.places, sublattice, 0.0, slow, charge, turn)
+                theory.staggered_angles(self.positions, sublattice, 0.0, slow, charge, turn)
                 for sublattice in (0, 1)
             )
         else:
-            lean = FlipperTheory(chain).displacements(self.places, 0.0, slow, charge)
+            lean = FlipperTheory(chain).displacements(self.positions, 0.0, slow, charge)
             even = odd = np.arcsin(lean / chain.rotor_length)
         return np.concatenate([even, np.pi - odd])
 
@@ -164,7 +164,7 @@ class _Grid:
     def _held(self) -> Array:
         """Squared penalty of each point, flat."""
         depth, chain = penetration_depth(self.chain), self.chain
-        beyond = np.abs(self.places) / (2 * depth * _QUIET_FROM) - 1
+        beyond = np.abs(self.positions) / (2 * depth * _QUIET_FROM) - 1
         strength = _QUIETNESS * chain.moment_of_inertia * gap(chain) ** 2
         return np.tile((strength * np.clip(2 * beyond, 0, 1)) ** 2, 2)
 

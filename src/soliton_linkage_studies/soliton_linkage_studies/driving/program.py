@@ -109,8 +109,8 @@ def draw_balance(report: FigureReport, axes: Axes, runs: Mapping[str, BalancedRu
         report.add_points('b', mechanics, (_TIME, 'imbalance [1]'), run.times, run.imbalances)
     run = next(iter(runs.values()))
     for marker, instants, label in (('v', run.kicks, 'kick'), ('s', run.turns, 'gravity turns')):
-        places = np.full(len(instants), 4 * IMBALANCE_LIMIT)
-        axes.plot(instants, places, marker, color=GREY, markersize=4, label=label)
+        positions = np.full(len(instants), 4 * IMBALANCE_LIMIT)
+        axes.plot(instants, positions, marker, color=GREY, markersize=4, label=label)
     axes.fill_between(
         run.times,
         2 * IMBALANCE_LIMIT,
@@ -147,9 +147,9 @@ def draw_tilt(
     """Draw the tilt over time, and below it the wall position for springs and bars."""
     for mechanics, run in runs.items():
         colour = MECHANICS_COLOURS[mechanics]
-        axes.plot(run.times, run.places, color=colour, linewidth=1.2, label=mechanics)
+        axes.plot(run.times, run.positions, color=colour, linewidth=1.2, label=mechanics)
         report.add_points(
-            'd', mechanics, (_TIME, 'position [rotor spacings]'), run.times, run.places
+            'd', mechanics, (_TIME, 'position [rotor spacings]'), run.times, run.positions
         )
     run = next(iter(runs.values()))
     above.step(run.times, run.tilts, where='post', color=BLACK)
@@ -290,7 +290,7 @@ def _tilt_findings(study: DrivingStudy, results: Results) -> list[Finding]:
         task = study.tilts[name]
         last = task.chain.number_of_rotors - 1
         lower = [last if tilt > 0 else 0 for tilt in task.tilts]
-        left = run.places.reshape(len(task.tilts), -1)[:, -1]
+        left = run.positions.reshape(len(task.tilts), -1)[:, -1]
         farthest = float(np.abs(left - lower).max())
         title = f'distance of the wall from the lower end [rotor spacings], {name}'
         findings.append(Finding('d', title, 0, 2, farthest))

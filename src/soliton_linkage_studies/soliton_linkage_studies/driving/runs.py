@@ -162,7 +162,7 @@ MECHANICS: dict[str, type[Simulation]] = {'elastic': ElasticSimulation, 'rigid':
 _BALANCE_KEYS = (
     'chain',
     'disorder',
-    'place',
+    'position',
     'velocity',
     'gravity',
     'tilt',
@@ -212,7 +212,7 @@ class BalanceTask:
 
     chain: Chain
     mechanics: str
-    place: float
+    position: float
     """Initial position of the wall [rotor spacings]."""
     velocity: float
     """Initial velocity of the wall [m/s]."""
@@ -240,7 +240,7 @@ class BalanceTask:
         return BalanceTask(
             replace(bare, deviations=drawn),
             mechanics,
-            section.number('place', 0.0, bare.number_of_rotors - 1),
+            section.number('position', 0.0, bare.number_of_rotors - 1),
             section.number('velocity', -100.0, 100.0),
             section.number('gravity', 0.0, 1e3),
             section.number('tilt', 0.0, 3.2),
@@ -253,7 +253,7 @@ class BalanceTask:
     def __call__(self) -> BalancedRun:
         """Run the simulation."""
         chain = self.chain
-        state = with_soliton(chain, self.place, self.velocity)
+        state = with_soliton(chain, self.position, self.velocity)
         simulation = MECHANICS[self.mechanics](
             chain, state.angles, state.rates, _PERIOD, _BALANCE_TOLERANCE, Gravity(self.gravity)
         )
@@ -330,7 +330,7 @@ class TiltedRun:
     """Instants of the frames [s], shape (T,)."""
     tilts: Array
     """Tilt from each frame to the next [rad], shape (T,)."""
-    places: Array
+    positions: Array
     """Centre of the zero mode [rotor spacings], shape (T,)."""
 
 
@@ -369,7 +369,7 @@ class TiltTask:
         for tilt in self.tilts:
             simulation.set_gravity(Gravity(self.gravity, tilt))
             for _ in range(round(self.kept / _PERIOD)):
-                place = mode_centre(zero_mode(chain, simulation.angles))
-                frames.append((simulation.time, tilt, place))
+                position = mode_centre(zero_mode(chain, simulation.angles))
+                frames.append((simulation.time, tilt, position))
                 simulation.advance()
         return TiltedRun(*np.array(frames).T)

@@ -76,10 +76,10 @@ def _ring_of_lean(ratio: float, lean_ratio: float) -> Chain:
 def _anti_kink_cost(ring: Chain) -> float:
     """Return the energy of the ring in equilibrium [J]; its kink has zero energy."""
     rotors, theory = ring.number_of_rotors, FlipperTheory(ring)
-    places = ring.spacing * np.arange(rotors)
+    positions = ring.spacing * np.arange(rotors)
     kink, anti_kink = (ring.spacing * (rotors * share - 0.5) for share in (0.25, 0.75))
-    first = theory.displacements(places, kink, charge=1)
-    second = theory.displacements(places, anti_kink, charge=-1)
+    first = theory.displacements(positions, kink, charge=1)
+    second = theory.displacements(positions, anti_kink, charge=-1)
     lean = np.where(np.arange(rotors) < rotors // 2, first, second)
     return float(
         ring.elastic_energy(equilibrium(ring, staggered(np.arcsin(lean / ring.rotor_length))))
@@ -184,16 +184,16 @@ def _energies(chain: Chain, kick: float) -> tuple[float, float, float, float, fl
     The flag is 1 if the fastest phonon can be behind the wall in one of these frames, else 0.
     """
     recording, speed = record_moving_wall(chain, kick)
-    places = wall_positions(chain, recording)
+    positions = wall_positions(chain, recording)
     middle = (chain.number_of_rotors - 1) / 2
-    inside = np.flatnonzero(np.abs(places - middle) < MIDDLE * middle)
+    inside = np.flatnonzero(np.abs(positions - middle) < MIDDLE * middle)
     # Use only the first passage, because a fast wall is reflected and passes again.
     inside = inside[: np.append(np.diff(inside) > 1, True).argmax() + 1]
     angles, rates = recording.angles[inside], recording.rates[inside]
     stretched = 0.5 * chain.stiffnesses * chain.spring_extensions(angles) ** 2
     moving = 0.5 * chain.moments_of_inertia * rates**2
     reach = _REACH * penetration_depth(chain) / chain.spacing + 3
-    behind = np.arange(chain.number_of_rotors) > places[inside, None] + reach
+    behind = np.arange(chain.number_of_rotors) > positions[inside, None] + reach
     wake = np.where(behind, moving, 0).sum() + np.where(behind[:, :-1], stretched, 0).sum()
     fastest = largest_group_velocity(chain) / chain.spacing
     back = 2 * (chain.number_of_rotors - 1) / (fastest + speed)

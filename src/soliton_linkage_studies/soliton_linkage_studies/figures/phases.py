@@ -102,12 +102,12 @@ def _draw_diagram(report: FigureReport, axes: Axes, chains: list[Chain], points:
         np.clip(spinner_limit(rest_angles), low, high),
         np.full(points, high),
     ]
-    for (motion, place), left, right in zip(
+    for (motion, position), left, right in zip(
         _REGIONS.items(), borders[:-1], borders[1:], strict=True
     ):
         colour = tint(MOTION_COLOURS[motion], _TINT)
         axes.fill_betweenx(rest_angles, left, right, color=colour, linewidth=0)
-        axes.text(*place, f'{motion.value}s', ha='center', va='center', fontsize=13)
+        axes.text(*position, f'{motion.value}s', ha='center', va='center', fontsize=13)
     axes.plot(flipper_limit(rest_angles), rest_angles, '-', color=BLACK, label='$d = 1$')
     axes.plot(
         spinner_limit(rest_angles),
@@ -120,8 +120,8 @@ def _draw_diagram(report: FigureReport, axes: Axes, chains: list[Chain], points:
     report.add_points('a', 'd = 1', names, flipper_limit(rest_angles), rest_angles)
     report.add_points('a', 'd = d_c', names, spinner_limit(rest_angles), rest_angles)
     for chain in chains:
-        place = chain.rotor_length / chain.spacing, chain.rest_angle
-        axes.plot(*place, 'o', color=BLACK)
+        position = chain.rotor_length / chain.spacing, chain.rest_angle
+        axes.plot(*position, 'o', color=BLACK)
     axes.plot([], [], 'o', color=BLACK, label='cells of b, c and d')
     axes.set(
         xscale='log',

@@ -266,10 +266,10 @@ def _compare_walls(report: FigureReport, chain: Chain, walls: list[WallAtSpeed])
 
 def _draw_wobbler(report: FigureReport, axes: Axes, chain: Chain) -> None:
     middle = (chain.number_of_rotors - 1) / 2
-    places, fields = static_profile(chain, middle)
-    near = np.abs(places) < 7
+    positions, fields = static_profile(chain, middle)
+    near = np.abs(positions) < 7
     fine = np.linspace(-7, 7, 400)
-    axes.plot(places[near], fields[near], '.', color=MEASURED, markersize=4, label='chain')
+    axes.plot(positions[near], fields[near], '.', color=MEASURED, markersize=4, label='chain')
     axes.plot(fine, -np.tanh(fine * chain.lean_ratio), '-', color=GREY, label='tanh')
     beyond = fine < -1
     overshoot = float(fields.max() - 1)
@@ -284,26 +284,26 @@ def _draw_wobbler(report: FigureReport, axes: Axes, chain: Chain) -> None:
     axes.set_title(f'b  wobbler at rest, {shape(chain)}', loc='left', fontsize=10)
     axes.legend(fontsize=8, loc='lower left')
     report.add_points(
-        'wobbler', 'chain', (DISTANCE_LABEL, 'u / ub [1]'), places[near], fields[near]
+        'wobbler', 'chain', (DISTANCE_LABEL, 'u / ub [1]'), positions[near], fields[near]
     )
 
 
 def _draw_offset(report: FigureReport, axes: Axes, chain: Chain, wall: WallAtSpeed) -> None:
     """Draw the angles of even and odd rotors in one snapshot, and their constant difference."""
-    places = wall.snapshots.distances[len(wall.snapshots.distances) // 2]
+    positions = wall.snapshots.distances[len(wall.snapshots.distances) // 2]
     angles = wall.snapshots.angles[len(wall.snapshots.distances) // 2]
     theta = staggered(angles)
     even, odd = theta[::2], np.pi - theta[1::2]
-    axes.plot(places[::2], even, 'o', color=MEASURED, markersize=4, label='φ, even rotors')
-    (hollow,) = axes.plot(places[1::2], odd, 'o', color=MEASURED, markersize=4)
+    axes.plot(positions[::2], even, 'o', color=MEASURED, markersize=4, label='φ, even rotors')
+    (hollow,) = axes.plot(positions[1::2], odd, 'o', color=MEASURED, markersize=4)
     hollow.set(markerfacecolor=WHITE, label='φ, odd rotors')
     axes.set(xlabel='n − X [rotor spacings]', ylabel='actual angle φ [rad]')
     axes.set_title('b  angles of the rotors in one snapshot', loc='left', fontsize=10)
     axes.legend()
     names = (DISTANCE_LABEL, 'phi [rad]')
-    report.add_points('angles', 'even rotors', names, places[::2], even)
-    report.add_points('angles', 'odd rotors', names, places[1::2], odd)
-    long_side = slice(-_FAR, None) if places[-1] > -places[0] else slice(_FAR)
+    report.add_points('angles', 'even rotors', names, positions[::2], even)
+    report.add_points('angles', 'odd rotors', names, positions[1::2], odd)
+    long_side = slice(-_FAR, None) if positions[-1] > -positions[0] else slice(_FAR)
     offset = float(np.abs(np.median(odd[long_side]) - np.median(even[long_side])))
     report.add_comparison(
         'angle between neighbours far from the wall [rad]',

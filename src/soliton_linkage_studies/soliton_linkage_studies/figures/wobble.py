@@ -94,16 +94,16 @@ def figure_s2(section: Section, quick: bool) -> FigureReport:
     for (linear, logarithmic), chain in zip(panels, chains, strict=True):
         seen = _slow_snapshots(chain, count)
         beyond = (seen.distances < 0) & (seen.distances > -_BESIDE)
-        places = -seen.distances[beyond]
+        positions = -seen.distances[beyond]
         lean = chain.lean_ratio / 2
-        from_tanh = lean * (seen.fields[beyond] - np.tanh(places * 2 * lean))
+        from_tanh = lean * (seen.fields[beyond] - np.tanh(positions * 2 * lean))
         from_rest = lean * (seen.fields[beyond] - 1)
         for axes, values in ((linear, from_tanh), (logarithmic, np.abs(from_rest))):
-            axes.plot(places, values, 'o', color=MEASURED, markersize=4, label='chain')
-        _draw_decays(report, linear, logarithmic, chain, places, from_rest)
+            axes.plot(positions, values, 'o', color=MEASURED, markersize=4, label='chain')
+        _draw_decays(report, linear, logarithmic, chain, positions, from_rest)
         name = shape(chain)
-        report.add_points(name, 'chain', (_BEYOND, '(u - u_tanh) / a [1]'), places, from_tanh)
-        report.add_points(name, 'chain', (_BEYOND, '(u - ub) / a [1]'), places, from_rest)
+        report.add_points(name, 'chain', (_BEYOND, '(u - u_tanh) / a [1]'), positions, from_tanh)
+        report.add_points(name, 'chain', (_BEYOND, '(u - ub) / a [1]'), positions, from_rest)
         linear.set(ylabel=r'$(u - u_{\tanh}) / a$ [1]')
         linear.set_title(f'a  deviation from tanh, {name}', loc='left')
         logarithmic.set(ylabel=r'$|u - \bar u| / a$ [1]', yscale='log', ylim=(1e-9, 3))
@@ -129,7 +129,7 @@ def _draw_decays(
     linear: Axes,
     logarithmic: Axes,
     chain: Chain,
-    places: Array,
+    positions: Array,
     from_rest: Array,
 ) -> None:
     """Draw u = ub + e^(-x / depth) (A cos(pi x / a) + B sin(pi x / a)) with two depths.
@@ -137,14 +137,14 @@ def _draw_decays(
     A and B are fitted beyond 1.5 spacings from the wall, with weights e^(x / depth).
     """
     fine = np.linspace(1.0, _BESIDE, 400)
-    far = places > _NEAR
+    far = positions > _NEAR
     beside_tanh = chain.lean_ratio / 2 * (1 - np.tanh(fine * chain.lean_ratio))
     for depth, style, colour, label in (
         (penetration_depth(chain) / chain.spacing, '-', THEORY, 'decay exact, ℓ'),
         (chain.lean_ratio / 2, '--', PAPER, 'decay r sin θ̄ (paper)'),
     ):
-        waves = np.stack([np.cos(np.pi * places[far]), np.sin(np.pi * places[far])], axis=1)
-        strengths = np.linalg.lstsq(waves, from_rest[far] * np.exp(places[far] / depth))[0]
+        waves = np.stack([np.cos(np.pi * positions[far]), np.sin(np.pi * positions[far])], axis=1)
+        strengths = np.linalg.lstsq(waves, from_rest[far] * np.exp(positions[far] / depth))[0]
         wave = strengths @ np.stack([np.cos(np.pi * fine), np.sin(np.pi * fine)])
         decay = np.exp(-fine / depth)
         linear.plot(fine, wave * decay + beside_tanh, style, color=colour, label=label)
@@ -155,9 +155,9 @@ def _draw_decays(
 
 
 def _compare_overshoot(report: FigureReport, chain: Chain) -> None:
-    places, fields = static_profile(chain, (chain.number_of_rotors - 1) / 2)
+    positions, fields = static_profile(chain, (chain.number_of_rotors - 1) / 2)
     lean_ratio = chain.lean_ratio
-    from_tanh = lean_ratio / 2 * (fields + np.tanh(places * lean_ratio))
+    from_tanh = lean_ratio / 2 * (fields + np.tanh(positions * lean_ratio))
     report.add_comparison(
         f'max |u − u_tanh| / (a d³), {shape(chain)}',
         'a constant: the deviation is ∝ d³',

@@ -97,10 +97,10 @@ class InsulatorScene(Scene):
         chain = self._pictures[0].chain
         rest = chain.uniform_state(1)
         time = self.times[frame]
-        for place, picture in enumerate(self._pictures):
-            turn = np.exp(1j * self._frequencies[place] * time)
-            angles = rest + np.imag(self._swings[place] * turn)
-            picture.update(angles, zero_mode(chain, rest) if place == 0 else None)
+        for number, picture in enumerate(self._pictures):
+            turn = np.exp(1j * self._frequencies[number] * time)
+            angles = rest + np.imag(self._swings[number] * turn)
+            picture.update(angles, zero_mode(chain, rest) if number == 0 else None)
 
     def _add_chains(self, chain: Chain, mode: Array, texts: tuple[str, ...]) -> list[ChainPicture]:
         rest = chain.uniform_state(1)
@@ -118,14 +118,14 @@ class InsulatorScene(Scene):
     def _add_swings(self, chain: Chain, motion: Insulation) -> None:
         left, right, *_ = limits(chain)
         axes = self.figure.add_axes((LEFT, BOTTOM, WIDTH, 0.2))
-        places = pivot_points(chain)[:, 0]
+        positions = pivot_points(chain)[:, 0]
         names = ('1  zero mode', '2  driven in the gap', '3  driven above it')
         for swings, name, colour, marker in zip(
             self._swings, names, (GREEN, RED, BLUE), 'o^s', strict=True
         ):
-            axes.semilogy(places, np.abs(swings), marker, color=colour, label=name)
-        decay = np.exp((places - places[-1]) / penetration_depth(chain))
-        axes.semilogy(places, motion.swing * decay, '-', color=GREEN, label='exp(−distance/ℓ)')
+            axes.semilogy(positions, np.abs(swings), marker, color=colour, label=name)
+        decay = np.exp((positions - positions[-1]) / penetration_depth(chain))
+        axes.semilogy(positions, motion.swing * decay, '-', color=GREEN, label='exp(−distance/ℓ)')
         axes.set(xlim=(left, right), ylim=(_SMALLEST_SWING, 3 * motion.swing))
         axes.set(xlabel='x [m]', ylabel='amplitude [rad]')
         axes.legend(loc='lower center', bbox_to_anchor=(0.5, 0.98), ncols=4, frameon=False)

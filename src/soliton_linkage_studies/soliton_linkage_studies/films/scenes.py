@@ -165,8 +165,8 @@ class ProfilePanel:
     def __init__(self, axes: Axes, chain: Chain) -> None:
         """Prepare the panel for a chain that starts in its right-leaning state."""
         self._chain = chain
-        self._places = pivot_points(chain)[:, 0]
-        self._fine = np.linspace(self._places[0], self._places[-1], 400)
+        self._positions = pivot_points(chain)[:, 0]
+        self._fine = np.linspace(self._positions[0], self._positions[-1], 400)
         spinner = chain.motion is Motion.SPINNER
         names = ('theory, even', 'theory, odd') if spinner else ('theory', '')
         lines = ('-', '--')
@@ -196,7 +196,7 @@ class ProfilePanel:
         """Show a configuration [rad], shape (N,), and the theory if there is one wall."""
         lean = displacement(self._chain, angles)
         for parity, markers in enumerate(self.rotors):
-            markers.set_data(self._places[parity::2], 100 * lean[parity::2])
+            markers.set_data(self._positions[parity::2], 100 * lean[parity::2])
         walls = find_solitons(self._chain, angles)
         for parity, line in enumerate(self.theory):
             profile = np.full_like(self._fine, np.nan)
@@ -208,7 +208,7 @@ class ProfilePanel:
 
 
 def static_profile(
-    chain: Chain, angles: Array, wall: float, places: Array, parity: int = 0
+    chain: Chain, angles: Array, wall: float, positions: Array, parity: int = 0
 ) -> Array:
     """Return u [m] at positions [m] in the continuum theory of a wall at rest, same shape.
 
@@ -217,7 +217,7 @@ def static_profile(
     for even rotors (parity 0) and - for odd rotors (parity 1). The sign s follows from the angles
     [rad], shape (N,).
     """
-    order = -np.tanh((places - wall) / chain.wall_width)
+    order = -np.tanh((positions - wall) / chain.wall_width)
     rest = chain.rest_angle
     if chain.motion is not Motion.SPINNER:
         return np.asarray(chain.rotor_length * math.sin(rest) * order)

@@ -230,23 +230,23 @@ def _draw_shares(
     axes: Axes, along: Axis, share: Array, seeds: int, aside: float, style: Mapping[str, Any]
 ) -> None:
     """Draw a fraction of the seeds as a line with error bars, shifted by `aside`."""
-    places = _beside(along, aside)
-    axes.vlines(places, *score_interval(share, seeds), color=style['color'], linewidth=1.5)
-    axes.plot(places, share, '-', markersize=5, clip_on=False, zorder=3, **style)
+    positions = _beside(along, aside)
+    axes.vlines(positions, *score_interval(share, seeds), color=style['color'], linewidth=1.5)
+    axes.plot(positions, share, '-', markersize=5, clip_on=False, zorder=3, **style)
 
 
 def _draw_curve(axes: Axes, along: Axis, curve: Array, style: Mapping[str, Any]) -> None:
     """Draw the median over the last axis as a line, the range as a band, and seeds as dots."""
-    places, colour = _places(along), style['color']
+    positions, colour = _positions(along), style['color']
     seen = np.isfinite(curve).any(axis=-1)
     middle, low, high = (
         np.array([quantile(one[np.isfinite(one)]) for one in curve[seen]])
         for quantile in (np.median, np.min, np.max)
     )
-    axes.fill_between(places[seen], low, high, color=colour, alpha=0.25, linewidth=0)
+    axes.fill_between(positions[seen], low, high, color=colour, alpha=0.25, linewidth=0)
     if curve.shape[-1] > 1:
-        axes.plot(places, curve, '.', color=colour, markersize=3)
-    axes.plot(places[seen], middle, '-', markersize=4, **style)
+        axes.plot(positions, curve, '.', color=colour, markersize=3)
+    axes.plot(positions[seen], middle, '-', markersize=4, **style)
 
 
 def _scale_is_fraction(study: SweepStudy) -> bool:
@@ -324,14 +324,14 @@ def _edges(axis: Axis) -> Array:
     return np.asarray(np.clip(np.exp(edges) if axis.logarithmic else edges, 0, highest))
 
 
-def _places(axis: Axis) -> Array:
+def _positions(axis: Axis) -> Array:
     """Return the coordinates of the axis values."""
     return np.array(axis.values if _numeric(axis) else range(len(axis.values)), dtype=np.float64)
 
 
 def _beside(axis: Axis, aside: float) -> Array:
     """Return the coordinates, shifted by a fraction of their smallest distance."""
-    scaled = np.log(_places(axis)) if axis.logarithmic else _places(axis)
+    scaled = np.log(_positions(axis)) if axis.logarithmic else _positions(axis)
     least = float(np.diff(np.sort(scaled)).min()) if len(scaled) > 1 else 1.0
     moved = scaled + aside * least
     return np.asarray(np.exp(moved) if axis.logarithmic else moved)
