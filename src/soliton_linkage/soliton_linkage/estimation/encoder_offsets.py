@@ -174,7 +174,7 @@ class FarFieldResiduals:
         noise = variance / self._frames
         strong = self._strong + 4 * noise
         speed = (self._highest - self._lowest) * self._time_unit / max(self._time, 1e-12)
-        # Springs exchange energy with a wall at an edge, and bend a fast wall.
+        # Springs exchange energy with a wall at an edge, and deform a fast wall.
         inside = self._lowest > _FROM_EDGE and self._highest < len(sides) - 1 - _FROM_EDGE
         self._beside = np.where(inside & (sides == 0), np.abs(means) - speed**2, 0.0)
         changed, self._means = means - self._means, means.copy()

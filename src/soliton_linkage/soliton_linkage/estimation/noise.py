@@ -130,7 +130,7 @@ def learn(
     """Add the residuals of a frame to the sums; return the `estimate`.
 
     The residuals have a number of degrees of freedom and a sum of squares [rad^2]. `pairs` is the
-    number of rotors in `products_in_time`, 0 without two earlier frames.
+    number of rotors in `products_in_time`, 0 in the first two frames.
     """
     sums, numbers = noise[0], settings[0]
     fade = 1 - 1 / numbers['memory']

@@ -299,7 +299,7 @@ class FrameDecoder:
 
 
 class _Splitter:
-    """Splitter of a stream at each end of a frame."""
+    """Splitter of a stream at the ends of frames."""
 
     def __init__(self, end: bytes) -> None:
         self._end = end

@@ -30,7 +30,7 @@ _QUICK_EVERY = 40
 _QUICK_HALVINGS = 2
 """Number of bisections for a speed in a quick study [1]."""
 _HALVINGS = 13
-"""Number of bisections in a full study [1], from a range of 0.6 c to 1e-4 c."""
+"""Number of bisections in a full study [1], which reduce a range of 0.6 c to 1e-4 c."""
 _FASTEST = 2.0
 """Largest speed in units of the speed of sound [1]; flippers with d near 1 are supersonic."""
 
