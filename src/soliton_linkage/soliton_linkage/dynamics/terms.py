@@ -37,7 +37,7 @@ from soliton_linkage.linkage.chain import Array, Chain
 from soliton_linkage.linkage.gravity import Gravity
 
 TorqueFunction = Callable[[float, Array, Array], Array]
-"""Torques [N m] by time [s], angles [rad] and rates [rad/s], shape (N,) each."""
+"""Function from time [s], angles [rad] and rates [rad/s] to torques [N m], shape (N,) each."""
 
 VECTOR = 8
 """Largest number of doubles in a vector register."""

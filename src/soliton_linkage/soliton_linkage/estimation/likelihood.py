@@ -73,7 +73,7 @@ def _core(square: float, inner: float) -> float:
 
 @compiled(f8, f8, f8)
 def _log_likelihood(square: float, bound: float, floor: float) -> float:
-    """Return the logarithm of p(d) sqrt(V) / ((1 - e) C) for a square r^2 [1]."""
+    """Return the logarithm of p(d) sqrt(V) / ((1 - e) C), given r^2 [1]."""
     core = _core(square, bound * bound)
     if square <= bound * bound:
         return core
@@ -90,7 +90,7 @@ def _of_rotor(apart: float, variance: float, bound: float, floor: float) -> floa
 
 @compiled(f8, f8, f8)
 def _weight(square: float, bound: float, floor: float) -> float:
-    """Return the weight w of a rotor with a square r^2 [1]."""
+    """Return the weight w of a rotor, given r^2 [1]."""
     inner = bound * bound
     if square <= inner:
         return 1.0

@@ -127,7 +127,7 @@ class AngleStream:
         self.clock = DeviceClock()
         """Clock of the controller."""
         self.lost = 0
-        """Number of numbered frames that did not arrive."""
+        """Number of lost frames, from gaps in the frame numbers."""
         self._reader = reader
         self._arrived = 0
         self._numbers: deque[tuple[int, int, int]] = deque(maxlen=_COMPARED_NUMBERS)

@@ -25,7 +25,7 @@ from soliton_linkage.orbit.seed_path import blocked_wall_error
 from soliton_linkage.orbit.uniform_orbit import UniformOrbit
 
 _SAMPLES_A_SITE = 4
-"""Samples of the median of |t|^2 per rotor spacing [1], which bracket the arcs at the bonds."""
+"""Number of samples of the median of |t|^2 per rotor spacing [1]; they bracket arcs at bonds."""
 _SAME_MODE = 1 - 1e-6
 """Smallest cosine between tangent and zero mode [1]; it is smaller if moving rotors are
 missing."""

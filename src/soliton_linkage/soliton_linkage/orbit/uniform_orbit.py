@@ -50,7 +50,7 @@ proportional with a relative error of e^-16."""
 _SAMPLES_A_SITE = 16
 """Samples of the site near an edge per spacing or penetration depth [1]: errors are 1e-6."""
 _STEP = 1e-5
-"""Step of the site for the derivative of a wall at rest [rotor spacings]."""
+"""Step of the site in the numerical derivative of a wall at rest [rotor spacings]."""
 _SHORT = 0.3
 """Ratio of the last step to the step before, below which the two steps are merged [1]."""
 _EXACT = 1e-12

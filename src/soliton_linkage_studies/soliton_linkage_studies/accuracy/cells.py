@@ -92,7 +92,7 @@ class AccuracyCell:
     offsets: float = 0.0
     """Offset of the encoders of every tenth rotor [rad]."""
     damping: float = 0.0
-    """Decay rate of the rotor rates [1 / time unit]."""
+    """Decay rate of the rates of rotors due to damping [1 / time unit]."""
     damping_known: bool = False
     """Whether the analyser is configured with the damping."""
     length_error: float = 0.0

@@ -275,7 +275,7 @@ def _launched(chain: Chain, path: WallPath, position: float, speed: float) -> Sp
 def _positions(
     springs: Springs, path: WallPath, position: float, near: float, frames: int
 ) -> list[float] | None:
-    """Return the wall positions while its phonons are absorbed, None if it is destroyed."""
+    """Return the positions while phonons are absorbed, None if the wall is destroyed."""
     chain = springs.chain
     rotors = np.arange(chain.number_of_rotors)
     track = [position]

@@ -306,8 +306,7 @@ class StiffnessTask:
         ]
 
     def __call__(self) -> float:
-        """Return the largest deviation of an angle from rigid bars until the wall has crossed
-        [rad]."""
+        """Return the largest deviation of an angle from rigid bars during the crossing [rad]."""
         chain, rates = self.chain, np.array(self.rates)
         rest = chain.uniform_state(1)
         period = self.duration / _CROSSING_FRAMES

@@ -321,7 +321,7 @@ def load(work: Array, state: Array, circular: Array) -> None:
 def put_knot(
     work: Array, forces: Forces, state: Array, unit: float, knots: Array, knot: int
 ) -> None:
-    """Set angles, dissipated energy, and their first two derivatives by time in a unit [s]."""
+    """Set angles, dissipated energy and their first two derivatives; time unit `unit` [s]."""
     rotors, first = state.size // 2, 3 * knot
     active_before = sum_terms(work, rotors, forces.kinds, forces.parameters)
     for n in range(rotors):
