@@ -90,7 +90,9 @@ def test_snapshots_have_the_known_speed_and_position_of_walls() -> None:
 
 def test_a_wall_that_never_reaches_the_middle_is_rejected() -> None:
     recording = walls_at(FLIPPER, np.array([1.0, 1.5, 2.0]), period=1.0)
-    with pytest.raises(ValueError, match='in 0 frames, but 2 are required; kick it, record'):
+    with pytest.raises(
+        ValueError, match='in 0 frames, but 2 are required; kick the wall, or record'
+    ):
         snapshots(FLIPPER, recording, 2)
 
 

@@ -98,7 +98,7 @@ def test_an_error_names_file_key_and_limit() -> None:
 
 def test_a_whole_number_has_no_decimal_point() -> None:
     section = Section('file.yaml', '', {'n': 3.0})
-    with pytest.raises(ValueError, match=r'n = 3\.0 must be a whole .* leave out the decimal poi'):
+    with pytest.raises(ValueError, match=r'n = 3\.0 must be a whole .* omit the decimal poi'):
         section.whole_number('n', 0, 9)
 
 

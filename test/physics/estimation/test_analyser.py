@@ -358,7 +358,7 @@ def domains(chain: Chain, walls: Sequence[float]) -> Array:
 
 def test_an_invalid_noise_is_rejected() -> None:
     for noise in [-1.0, 0.0, math.nan, math.inf]:
-        with pytest.raises(ValueError, match='must be finite and above 0; give None to have it'):
+        with pytest.raises(ValueError, match='must be finite and above 0; give None to estimate'):
             Analyser(Chain(), noise)
 
 
