@@ -85,7 +85,7 @@ def test_all_files_are_written_and_tables_do_not_depend_on_the_processes(
     assert {path.name for path in folder.iterdir()} == FILES
     lines = (folder / 'table.md').read_text(encoding='utf-8').splitlines()
     assert len(lines) == 2 + 4 + 5
-    assert [line.split('|')[7] for line in lines if 'cold' in line] == [' 0 of 6 '] * 2
+    assert [line.split('|')[7] for line in lines if 'without a guess' in line] == [' 0 of 6 '] * 2
     assert 'are in' in capsys.readouterr().out
 
     study = accuracy.read_parts(load_settings(config), False)[0]
@@ -148,8 +148,8 @@ def test_invalid_settings_are_named(tmp_path: Path, capsys: pytest.CaptureFixtur
             'single_frame',
             'chains',
             {'short': FLIPPER | {'number_of_rotors': 5}},
-            'short.number_of_rotors = 5 leaves no position two wall widths (2.42 spacings) from '
-            'both edges; use 6 or more',
+            'short.number_of_rotors = 5 leaves no position at a distance of two wall widths (2.42 '
+            'spacings) from both edges; use 6 or more',
         ),
         ('contraction', 'noise', -1, 'contraction.noise = -1 must be a number'),
         (
