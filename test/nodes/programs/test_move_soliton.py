@@ -20,7 +20,12 @@ from soliton_linkage_nodes.runtime import interfaces
 from soliton_linkage_nodes.simulator.node import Simulator
 from soliton_linkage_nodes.soliton_steering.node import SolitonSteering
 
-QUICK = {'chain.number_of_rotors': 8, 'publish_rate': 250.0, 'tolerance': 1e-8}
+QUICK = {
+    'chain.number_of_rotors': 8,
+    'publish_rate': 250.0,
+    'real_time_factor': 0.25,
+    'tolerance': 1e-8,
+}
 
 
 def steered(graph: Graph) -> Callable[[], float]:

@@ -28,7 +28,7 @@ from soliton_linkage_nodes.messages.view_conversions import AdjustableParameter,
 from soliton_linkage_nodes.runtime import interfaces
 from soliton_linkage_nodes.runtime.guarded import ACTION_QOS, SERVICE_QOS
 
-_ANSWER_TIMEOUT = 10.0
+_ANSWER_TIMEOUT = 60.0
 """Longest wait for the answer to a command [s]. The page reports a missing answer after 2 s."""
 _ACCEPTED_TIME = 2.0
 """Time to wait for the effect of an accepted command [s]."""

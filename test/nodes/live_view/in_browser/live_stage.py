@@ -31,6 +31,7 @@ ROTORS, PLACE = 12, 5.5
 SIMULATED = {
     'chain.number_of_rotors': ROTORS,
     'publish_rate': 50.0,
+    'real_time_factor': 0.25,
     'initial_state': 'soliton',
     'initial_position': PLACE,
 }
@@ -132,7 +133,7 @@ class Visit:
         self._context = browser.new_context(
             viewport={'width': 1400, 'height': 1000}, **self._options
         )
-        self._context.set_default_timeout(60_000)
+        self._context.set_default_timeout(1000 * LONGEST_WAIT)
         self.page = self._context.new_page()
         self.page.on('console', lambda message: self.console.append(message.text))
         self.page.on('pageerror', lambda error: self.console.append(str(error)))
@@ -145,7 +146,13 @@ class Visit:
         self.wait('window.live && live.drawn > 2 && live.status.chains.length')
 
     def wait(self, condition: str) -> None:
-        self.page.wait_for_function(f'() => {condition}')
+        from playwright import sync_api
+
+        try:
+            self.page.wait_for_function(f'() => {condition}')
+        except sync_api.TimeoutError:
+            shown = self.js('[live.answers.log, document.getElementById("live-move").textContent]')
+            pytest.fail(f'waited {LONGEST_WAIT:g} s for {condition}; the page shows {shown}')
 
     def js(self, expression: str) -> Any:
         return self.page.evaluate(expression)
