@@ -4,10 +4,8 @@
 from __future__ import annotations
 
 import asyncio
-import json
 import os
 import sys
-from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -46,15 +44,3 @@ def test_memory_is_the_resident_memory_of_a_process() -> None:
     before = memory(os.getpid())
     kept = bytearray(os.urandom(50_000_000))
     assert memory(os.getpid()) - before == pytest.approx(len(kept) / 1e6, abs=10)
-
-
-@pytest.fixture(scope='module')
-def part(run_part: Callable[..., Path]) -> dict[str, Any]:
-    return json.loads(run_part('live', '--only', 'silent').read_text())['live']
-
-
-def test_memory_does_not_grow_for_a_browser_that_reads_nothing(part: dict[str, Any]) -> None:
-    (figure,) = part['figures']
-    assert figure['what'] == 'memory for a browser that reads nothing for 3 s'
-    (grown,) = figure['values']
-    assert grown < 20

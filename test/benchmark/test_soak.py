@@ -76,9 +76,8 @@ def noted(folder: Path, **changes: Any) -> Ledger:
     return ledger
 
 
-@pytest.mark.parametrize(
-    ('changes', 'complaints'),
-    [
+def test_losses_without_a_kill_are_reported(tmp_path: Path) -> None:
+    for changes, complaints in [
         ({}, 0),
         ({'gaps': [[59.9, 63.0]]}, 0),
         ({'gaps': [[80.0, 80.1]]}, 1),
@@ -86,13 +85,9 @@ def noted(folder: Path, **changes: Any) -> Ledger:
         ({'lost': 3}, 1),
         ({'damage': ['it was not finished: there is no index']}, 0),
         ({'damage': ['bytes 10 to 20 are damaged']}, 1),
-    ],
-)
-def test_losses_without_a_kill_are_reported(
-    tmp_path: Path, changes: dict[str, Any], complaints: int
-) -> None:
-    judged = verdicts(noted(tmp_path, **changes))
-    assert sum(not good for _, good in judged) == complaints
+    ]:
+        judged = verdicts(noted(tmp_path, **changes))
+        assert sum(not good for _, good in judged) == complaints
 
 
 def test_a_run_continues_after_a_truncated_line(tmp_path: Path) -> None:

@@ -120,18 +120,6 @@ def test_a_signal_while_nodes_come_up_stops_them_and_leaves_a_readable_bag(
     assert check_bag(bag).damage == []
 
 
-def test_a_nudge_without_a_soliton_is_reported(start: Start, tmp_path: Path) -> None:
-    configuration = configured(tmp_path, 'flipper', 50.0, nudge=0.0, time_limit=2.0)
-    process = start(configuration, tmp_path / 'out')
-    said = process.communicate(timeout=LONGEST_RUN)[0]
-    assert process.returncode == 1
-    complaint = 'within 2 s after a nudge of 0 rad/s; no soliton is visible now; raise'
-    assert complaint in said.splitlines()[-1]
-    assert 'Traceback' not in said
-    assert_nothing_runs(tmp_path / 'out')
-    assert frames_in(tmp_path / 'out' / 'flipper_0') > 0
-
-
 def test_a_wrong_configuration_is_logged_in_one_line(start: Start, tmp_path: Path) -> None:
     process = start(configured(tmp_path, 'flipper', nugde=10.0), tmp_path / 'out')
     said = process.communicate(timeout=LONGEST_RUN)[0]

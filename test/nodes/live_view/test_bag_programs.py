@@ -61,12 +61,12 @@ def run(action: Any) -> None:
     asyncio.run(wait())
 
 
-@pytest.mark.parametrize('name', RECORDER)
-def test_a_read_only_page_records_nothing(tmp_path: Path, name: str) -> None:
-    recording = BagRecording(tmp_path, finder(), read_only=True)
-    with pytest.raises(ValueError, match='this page is read-only'):
-        run(RECORDER[name](recording))
-    assert not list(tmp_path.iterdir())
+def test_a_read_only_page_records_nothing(tmp_path: Path) -> None:
+    for name in RECORDER:
+        recording = BagRecording(tmp_path, finder(), read_only=True)
+        with pytest.raises(ValueError, match='this page is read-only'):
+            run(RECORDER[name](recording))
+        assert not list(tmp_path.iterdir())
 
 
 @pytest.mark.parametrize('name', PLAYER)

@@ -32,11 +32,11 @@ def test_the_torque_is_bounded(direction: float, angle: float, rate: float) -> N
     assert abs(pulled(direction, angle, rate)) <= LIMIT
 
 
-@pytest.mark.parametrize('turns', [-3, 0, 2])
-def test_the_torque_turns_the_rotor_towards_the_pointer(turns: int) -> None:
-    angle = 0.4 + math.tau * turns
-    assert pulled(0.9, angle) > 0 > pulled(-0.1, angle)
-    assert pulled(0.4, angle) == pytest.approx(0.0, abs=1e-12)
+def test_the_torque_turns_the_rotor_towards_the_pointer() -> None:
+    for turns in [-3, 0, 2]:
+        angle = 0.4 + math.tau * turns
+        assert pulled(0.9, angle) > 0 > pulled(-0.1, angle)
+        assert pulled(0.4, angle) == pytest.approx(0.0, abs=1e-12)
 
 
 def test_the_torque_damps_the_rotor() -> None:
@@ -48,7 +48,7 @@ def test_a_pointer_at_the_pivot_has_no_direction() -> None:
     assert pull.torque(CHAIN, np.zeros(4), None, LIMIT) == 0.0
 
 
-@pytest.mark.parametrize('place', [(math.nan, 0.0), (0.0, math.inf)])
-def test_a_pointer_without_a_position_is_rejected(place: tuple[float, float]) -> None:
-    with pytest.raises(ValueError, match='of the pointer must be finite'):
-        Pull(ROTOR, 0.0, 0.0).point_to(*place)
+def test_a_pointer_without_a_position_is_rejected() -> None:
+    for place in [(math.nan, 0.0), (0.0, math.inf)]:
+        with pytest.raises(ValueError, match='of the pointer must be finite'):
+            Pull(ROTOR, 0.0, 0.0).point_to(*place)

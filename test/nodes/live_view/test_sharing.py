@@ -43,12 +43,12 @@ def test_the_frames_are_in_the_page() -> None:
     assert data['solitons'][:4] == [[], [0.1, 0.0001, 1.0], [], [0.3, 0.0001, 1.0]]
 
 
-@pytest.mark.parametrize(('rotors', 'frames'), [(3, 100_000), (400, 15_000), (4000, 900)])
-def test_a_long_recording_is_thinned_to_five_megabytes(rotors: int, frames: int) -> None:
-    text = page(rotors, frames)
-    assert len(text.encode()) < LARGEST
-    times = numbers(data_of(text)['times'])
-    assert times[-1] > 0.9 * (frames - 1) / 250.0
+def test_a_long_recording_is_thinned_to_five_megabytes() -> None:
+    for rotors, frames in [(3, 100_000), (400, 15_000), (4000, 900)]:
+        text = page(rotors, frames)
+        assert len(text.encode()) < LARGEST
+        times = numbers(data_of(text)['times'])
+        assert times[-1] > 0.9 * (frames - 1) / 250.0
 
 
 def test_the_page_loads_nothing() -> None:

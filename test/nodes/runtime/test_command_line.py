@@ -84,17 +84,18 @@ def test_help_describes_each_parameter() -> None:
     assert max(map(len, told.splitlines())) < 100
 
 
-@pytest.mark.parametrize('arguments', [['--help'], ['-h'], ['--ros-args', '-p', 'x:=1', '-h']])
-def test_help_ends_well(arguments: list[str], capsys: pytest.CaptureFixture[str]) -> None:
-    with pytest.raises(SystemExit) as ended:
-        check_arguments(BagRecorder, arguments)
-    assert ended.value.code == 0
-    assert capsys.readouterr().out.startswith('bag_recorder: Node that records')
+def test_help_ends_well(capsys: pytest.CaptureFixture[str]) -> None:
+    for arguments in [['--help'], ['-h'], ['--ros-args', '-p', 'x:=1', '-h']]:
+        with pytest.raises(SystemExit) as ended:
+            check_arguments(BagRecorder, arguments)
+        assert ended.value.code == 0
+        assert capsys.readouterr().out.startswith('bag_recorder: Node that records')
 
 
-@pytest.mark.parametrize(
-    ('node', 'arguments', 'meant'),
-    [
+def test_unknown_arguments_are_rejected_with_a_proposal(
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    for node, arguments, meant in [
         (Simulator, ['config/flipper.yaml'], '--ros-args --params-file config/flipper.yaml'),
         (Simulator, ['--params-file', 'x.yaml'], '--ros-args --params-file x.yaml'),
         (Simulator, ['-p', 'publish_rate:=5'], '--ros-args -p publish_rate:=5'),
@@ -105,23 +106,21 @@ def test_help_ends_well(arguments: list[str], capsys: pytest.CaptureFixture[str]
         (Simulator, ['--ros-args', '-p', 'x:=1', '--', 'bags'], None),
         (BagPlayer, ['bags/flipper_0'], '--ros-args -p bag:=bags/flipper_0'),
         (BagRecorder, ['run', '--ros-args'], '--ros-args -p output:=run'),
-    ],
-)
-def test_unknown_arguments_are_rejected_with_a_proposal(
-    node: type[Node], arguments: list[str], meant: str | None, capsys: pytest.CaptureFixture[str]
-) -> None:
-    with pytest.raises(SystemExit) as ended:
-        check_arguments(node, arguments)
-    assert ended.value.code == 2
-    (line,) = capsys.readouterr().err.splitlines()
-    assert line.startswith(f'{executable_name(node)}: unknown argument ')
-    command = f'{executable_name(node)} {meant}' if meant else f'{executable_name(node)} --help'
-    assert line.endswith(command)
+    ]:
+        with pytest.raises(SystemExit) as ended:
+            check_arguments(node, arguments)
+        assert ended.value.code == 2
+        (line,) = capsys.readouterr().err.splitlines()
+        assert line.startswith(f'{executable_name(node)}: unknown argument ')
+        command = (
+            f'{executable_name(node)} {meant}' if meant else f'{executable_name(node)} --help'
+        )
+        assert line.endswith(command)
 
 
-@pytest.mark.parametrize('arguments', [[], ['--ros-args', '-p', 'publish_rate:=5']])
-def test_arguments_of_ros_are_left_to_ros(arguments: list[str]) -> None:
-    check_arguments(Simulator, arguments)
+def test_arguments_of_ros_are_left_to_ros() -> None:
+    for arguments in [[], ['--ros-args', '-p', 'publish_rate:=5']]:
+        check_arguments(Simulator, arguments)
 
 
 def test_a_program_prints_its_help_and_starts_nothing(

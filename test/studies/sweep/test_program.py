@@ -9,15 +9,12 @@ import signal
 import subprocess
 import sys
 import time
-from collections.abc import Callable, Iterator
-from contextlib import nullcontext
+from collections.abc import Callable
 from pathlib import Path
 
 import pytest
 from matplotlib.image import imread
 
-from soliton_linkage_studies.sweep import table as sweep_table
-from soliton_linkage_studies.sweep.config import SweepStudy
 from soliton_linkage_studies.sweep.program import main
 
 LONGEST_WAIT = 300.0
@@ -111,31 +108,31 @@ def test_the_same_command_on_a_complete_table_redraws_it(
     assert (output / 'small.png').exists()
 
 
-@pytest.mark.parametrize('sent', [signal.SIGINT, signal.SIGKILL])
 def test_an_interrupted_sweep_continues_to_the_same_table(
-    sent: signal.Signals, tmp_path: Path, whole_table: bytes, capsys: pytest.CaptureFixture[str]
+    tmp_path: Path, whole_table: bytes, capsys: pytest.CaptureFixture[str]
 ) -> None:
     config = written(tmp_path / 'long.yaml', LONG)
     folder = tmp_path / 'out'
-    process = started(config, '--output', folder, '--workers', 2)
     part = folder / 'long.csv.part'
-    wait_until(lambda: lines_in(part) > 20, 'the first rows')
-    if sent == signal.SIGINT:
-        os.killpg(process.pid, sent)
-    else:
-        process.send_signal(sent)
-    _, errors = process.communicate(timeout=LONGEST_WAIT)
-    wait_until(lambda: is_empty(process.pid), 'the end of the workers')
-    assert not (folder / 'long.csv').exists()
-    if sent == signal.SIGKILL:
-        assert process.returncode == -signal.SIGKILL
-        with part.open('ab') as file:
-            file.write(b'17,0.2,0.')
-    else:
-        assert process.returncode == 130
-        assert errors.endswith('sweep: stopped; the same command continues the measurement\n')
-        assert 'Traceback' not in errors
-    measured = lines_in(part)
+    measured = 0
+    for sent in (signal.SIGINT, signal.SIGKILL):
+        process = started(config, '--output', folder, '--workers', 2)
+        wait_until(lambda before=measured: lines_in(part) > before + 20, 'some rows')
+        if sent == signal.SIGINT:
+            os.killpg(process.pid, sent)
+        else:
+            process.send_signal(sent)
+        _, errors = process.communicate(timeout=LONGEST_WAIT)
+        wait_until(lambda group=process.pid: is_empty(group), 'the end of the workers')
+        assert not (folder / 'long.csv').exists()
+        measured = lines_in(part)
+        if sent == signal.SIGINT:
+            assert process.returncode == 130
+            assert errors.endswith('sweep: stopped; the same command continues the measurement\n')
+            assert 'Traceback' not in errors
+    assert process.returncode == -signal.SIGKILL
+    with part.open('ab') as file:
+        file.write(b'17,0.2,0.')
     assert main([str(config), '--output', str(folder), '--workers', '1']) == 0
     assert f'{1350 - measured} rows in' in capsys.readouterr().err
     assert (folder / 'long.csv').read_bytes() == whole_table
@@ -187,40 +184,3 @@ def test_an_error_is_one_line(
     error = capsys.readouterr().err
     assert 'contains rows of another configuration, which differs in seeds' in error
     assert error.count('\n') == 1
-
-
-def test_rates_are_averages_since_the_start(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    now, remarks = 0.0, []
-
-    def measured(_pool: object, study: SweepStudy, rows: list[int]) -> Iterator[list[list[str]]]:
-        nonlocal now
-        # Processes take 5 s to start; both chunks finish at the same time.
-        for chunk, seconds in ((rows[:1], 5.0), (rows[1:2], 0.0), (rows[2:], 15.0)):
-            now += seconds
-            yield [study.cells(row) for row in chunk]
-
-    class Line:
-        def __init__(self, *_: object) -> None:
-            pass
-
-        def show(self, _done: float, remark: str) -> None:
-            remarks.append(remark)
-
-        def end(self, remark: str) -> None:
-            remarks.append(remark)
-
-    monkeypatch.setattr(sweep_table.time, 'monotonic', lambda: now)
-    monkeypatch.setattr(sweep_table, 'ProgressLine', Line)
-    monkeypatch.setattr(sweep_table, 'local_processes', lambda _count: nullcontext())
-    monkeypatch.setattr(sweep_table, 'measure_rows', measured)
-    config = written(tmp_path / 'mine.yaml', 'measure: motion\nsweep: {rest_angle: [1, 0.5, 0.7]}')
-    assert main([str(config), '--output', str(tmp_path / 'out')]) == 0
-    assert remarks == [
-        '0 of 3',
-        '1 of 3 rows, 0.2 a second, 10 s left',
-        '2 of 3 rows, 0.4 a second, 2 s left',
-        '3 of 3 rows, 0.15 a second, 0 s left',
-        'mine: 3 rows in 20.0 s, 0.15 a second',
-    ]

@@ -44,15 +44,16 @@ def started(clock: Clock) -> Callable[..., PlaybackClock]:
     return start
 
 
-@pytest.mark.parametrize('rate', [0.5, 1.0, 4.0])
 def test_messages_are_due_at_the_rate_without_any_drift(
-    clock: Clock, started: Callable[..., PlaybackClock], rate: float
+    clock: Clock, started: Callable[..., PlaybackClock]
 ) -> None:
-    moved = started(rate)
-    for number in range(2000):
-        stamp = number * 7_000_001
-        assert moved.wait_for(stamp) is NextAction.PLAY
-        assert clock.now - 1000.0 == pytest.approx(stamp / SECOND / rate, abs=1e-9)
+    for rate in [0.5, 1.0, 4.0]:
+        begin = clock.now
+        moved = started(rate)
+        for number in range(2000):
+            stamp = number * 7_000_001
+            assert moved.wait_for(stamp) is NextAction.PLAY
+            assert clock.now - begin == pytest.approx(stamp / SECOND / rate, abs=1e-9)
 
 
 def test_the_rate_may_change_on_the_way(
@@ -77,17 +78,6 @@ def test_a_pause_delays_later_messages_by_its_duration(
     moved.resume()
     moved.wait_for(3 * SECOND)
     assert clock.now == pytest.approx(1000.0 + 0.5 + 50.0 + 1.0)
-
-
-def test_pausing_and_resuming_twice_is_as_good_as_once(
-    clock: Clock, started: Callable[..., PlaybackClock]
-) -> None:
-    moved = started(1.0)
-    for act in (moved.pause, moved.pause, moved.resume, moved.resume):
-        act()
-        clock.now += 1.0
-    moved.wait_for(4 * SECOND)
-    assert clock.now == pytest.approx(1000.0 + 2.0 + 4.0)
 
 
 def test_without_pace_everything_is_due(
@@ -122,10 +112,6 @@ def test_in_a_pause_one_message_passes_for_each_step() -> None:
     playing.join(120)
     assert passed == [0, 1, 2]
     assert not moved.play_next()
-
-
-def test_there_is_no_step_where_there_is_no_pause() -> None:
-    assert not PlaybackClock().play_next()
 
 
 def test_an_unused_step_is_forgotten() -> None:

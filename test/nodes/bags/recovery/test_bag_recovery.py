@@ -7,7 +7,6 @@ import os
 import random
 import sqlite3
 import struct
-from collections.abc import Callable
 from contextlib import closing
 from functools import partial
 from pathlib import Path
@@ -261,12 +260,13 @@ def test_a_file_by_itself_comes_back(named: NamedChain, storage: str, tmp_path: 
     assert report.damage == []
 
 
-@pytest.mark.parametrize('make', [Path.mkdir, lambda path: path.write_text('no bag')])
-def test_a_path_without_a_bag_is_named(tmp_path: Path, make: Callable[[Path], object]) -> None:
-    make(tmp_path / 'x')
-    with pytest.raises(ValueError, match=r"/x' has no .mcap or .db3 file"):
-        recover_bag(tmp_path / 'x', tmp_path / 'new')
-    assert not (tmp_path / 'new_0').exists()
+def test_a_path_without_a_bag_is_named(tmp_path: Path) -> None:
+    (tmp_path / 'folder').mkdir()
+    (tmp_path / 'file').write_text('no bag')
+    for name in ('folder', 'file'):
+        with pytest.raises(ValueError, match=rf"/{name}' has no .mcap or .db3 file"):
+            recover_bag(tmp_path / name, tmp_path / 'new')
+        assert not (tmp_path / 'new_0').exists()
 
 
 @pytest.mark.parametrize('content', [b'', b'no bag', bytes(5000)])
