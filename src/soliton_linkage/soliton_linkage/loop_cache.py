@@ -126,7 +126,7 @@ def _code_digest(function: Any) -> str:
 
 
 def _instructions(function: Any) -> list[Any]:
-    """Return what the code objects of a function hold, but for the docstring and line numbers."""
+    """Return the contents of the code objects of a function, except docstring and line numbers."""
     return [
         (
             code.co_code.hex(),

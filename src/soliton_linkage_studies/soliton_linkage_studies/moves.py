@@ -238,7 +238,7 @@ def read_move_study(settings: Section, quick: bool) -> MoveStudy:
 
 
 def runs_by_key(numbered: Mapping[tuple[MoveKey, int], MoveRun]) -> dict[MoveKey, list[MoveRun]]:
-    """Group runs of `MoveStudy.numbered` by chain and condition, in their order."""
+    """Group the runs of `MoveStudy.numbered` by chain and condition; the order remains."""
     runs: dict[MoveKey, list[MoveRun]] = {}
     for (key, _), run in numbered.items():
         runs.setdefault(key, []).append(run)

@@ -30,7 +30,7 @@ _FAILURES = (ArithmeticError, ValueError, OSError, RuntimeError, subprocess.Subp
 
 
 class Registry(dict[str, Entry]):
-    """Entries by name, to which modules add themselves."""
+    """Entries by name; each module adds its own."""
 
     def add(self, name: str) -> Callable[[Entry], Entry]:
         """Return a decorator that adds an entry; it raises ValueError for a name in use."""

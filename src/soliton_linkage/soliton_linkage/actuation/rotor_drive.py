@@ -64,7 +64,7 @@ class RotorDrive:
     def add_torque(self, torques: Array, angles: Array, start: float, end: float) -> bool:
         """Add the mean torque from `start` to `end` [s] to torques [N m] of shape (N,).
 
-        Return whether it is limited. `angles` [rad] are those of the frame at `start`.
+        Return whether it is limited. `angles` [rad] are the angles at `start`.
         """
         if not self.unfinished(start):
             self.drop()

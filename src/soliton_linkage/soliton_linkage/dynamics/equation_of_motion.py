@@ -67,7 +67,7 @@ class EquationOfMotion:
 
     @cached_property
     def damped(self) -> bool:
-        """Whether the state ends with the dissipated energy."""
+        """Whether the last element of the state is the dissipated energy."""
         return any(term.dissipative or term.active for term in self.loads)
 
     @cached_property

@@ -41,7 +41,7 @@ def leaning(chain: Chain, lean: int) -> State:
 def with_soliton(chain: Chain, site: float, velocity: float) -> State:
     """Return a wall of charge +1 at a site coordinate [rotor spacings] with a velocity [m/s].
 
-    The angles are those of a static wall on leg 0, with relaxed springs. The rotors move along the
+    The angles describe a static wall on leg 0, with relaxed springs. The rotors move along the
     zero mode at |phi_dot| = Lambda |v| / a, which is exact for rigid bars. With springs the wall
     has the kinetic energy M_eff v^2 / 2 at first. It then contracts and radiates phonons, which
     reduces its speed. In the example chains the speed decreases by 0.4 to 4 % at 0.2 times the

@@ -59,7 +59,7 @@ class RigidSimulation(Simulation):
 
     Rates and impulses are projected onto the zero mode, because the bars resist all other
     components. After each step the simulation projects the state onto the curve and corrects its
-    energy. The arguments are those of `Simulation`. Fixed rotors and periodic ends are not
+    energy. The arguments are the same as for `Simulation`. Fixed rotors and periodic ends are not
     allowed. Raises ValueError for angles that the bars do not allow, and ArithmeticError if the
     bars jam.
     """

@@ -59,8 +59,8 @@ class EncoderOffsets:
     ) -> None:
         """Update with the residuals of readings from the orbit [rad], shape (N,), NaN if unknown.
 
-        Sides [1] are +1 before the wall, -1 beyond it and 0 near it, shape (N,). `variance` is
-        that of the noise, `persistent` that of the error common to all frames [rad^2].
+        Sides [1] are +1 before the wall, -1 beyond it and 0 near it, shape (N,). `variance`
+        belongs to the noise, `persistent` to the error common to all frames [rad^2].
         """
         given = self.settings
         known = np.isfinite(residuals)
@@ -161,8 +161,8 @@ class FarFieldResiduals:
     def learn(self, sign: int, variance: float) -> None:
         """Update the offsets with the block and start a new block.
 
-        Residuals are those of corrected angles. The sign is -1 if the chain is upside down; the
-        variance is that of the noise of an angle [rad^2].
+        Residuals belong to corrected angles. The sign is -1 if the chain is upside down.
+        `variance` is the variance of the noise of an angle [rad^2].
         """
         offsets, given = self._offsets, self._settings
         sides = self._sides()

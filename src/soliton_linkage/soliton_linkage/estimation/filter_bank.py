@@ -285,7 +285,7 @@ def _copy_state(filters: Records, source: int, target: int) -> None:
 def assume_impulse(
     filters: Records, base: int, older: int, elapsed: float, least_impulse: float
 ) -> None:
-    """Assume an impulse in this frame, after shifting the filters up to an index by one position.
+    """Add a filter that assumes an impulse in this frame; first shift filters 0 to `older` - 1.
 
     The variance of the new rate is its square plus the least variance [rad^2/s^2].
     """

@@ -134,7 +134,7 @@ class FrameLikelihood:
     ) -> LinearisedMeasurement:
         """Linearise at an arc [rad], given differences [rad], shape (N,), which are overwritten.
 
-        `variance` is that of a rotor, `spread` that of the arc [rad^2].
+        `variance` is the variance of a rotor, `spread` the variance of the arc [rad^2].
         """
         rows, floor = np.empty((2, len(differences))), self.floor(variance)
         self._density[0] = variance, spread, self._settings.bound, floor, self.gross
@@ -174,8 +174,8 @@ class FrameLikelihood:
     def over_random(self, residuals: Array, variance: float) -> float:
         """Return the log likelihood ratio of residuals [rad], shape (n,), against random angles.
 
-        The variance is that of a rotor [rad^2]; NaN has no effect. For random angles the ratio
-        exceeds x with a probability of at most exp(-x) (Markov's inequality).
+        `variance` is the variance of a rotor [rad^2]; NaN has no effect. For random angles the
+        ratio exceeds x with a probability of at most exp(-x) (Markov's inequality).
         """
         bound, floor = self._settings.bound, self.floor(variance)
         likelihood = frame_likelihood(residuals, variance, bound, floor)

@@ -379,7 +379,7 @@ class ResidualVariance:
         """Return the confidence, from 0 to 1, that waves do not disturb a wall with this arc rate.
 
         Waves of amplitude phi change the rate w of a wall by about phi / w relative to it, in the
-        time unit of the chain. Their ratio to the noise tells how certain the waves are.
+        time unit of the chain. A large ratio to the noise means that the waves are certain.
         """
         noise = self.noise
         field = max(noise.scatter - noise.variance, noise.excess, 0.0)

@@ -72,8 +72,8 @@ class OrbitMeasurementModel:
     ) -> LinearisedMeasurement:
         """Linearise a frame at an arc [rad] whose variance is `spread` [rad^2].
 
-        `variance` is that of a rotor [rad^2]. The rate of the arc [rad/s] determines the inertial
-        forces on unseen rotors.
+        `variance` is the variance of a rotor [rad^2]. The rate of the arc [rad/s] determines the
+        inertial forces on unseen rotors.
         """
         about = self._orbit.segment(arc)
         before, beyond = self._backgrounds[self._orbit.leg(arc)]
@@ -113,8 +113,8 @@ class OrbitMeasurementModel:
     ) -> LinearisedMeasurement:
         """Linearise a frame at its likeliest arc, given the prediction of the filters.
 
-        `variance` is that of a rotor, `impulse_variance` that of the arc after an unmodelled
-        impulse [rad^2].
+        `variance` is the variance of a rotor, `impulse_variance` the variance of the arc after an
+        unmodelled impulse [rad^2].
         """
         expected, spread = motion.expected, motion.expected_variance + impulse_variance
         views: list[LinearisedMeasurement] = []

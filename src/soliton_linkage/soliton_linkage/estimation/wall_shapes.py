@@ -196,8 +196,8 @@ def fit_wall(
 ) -> tuple[float, float, float, float]:
     """Fit the site of a wall, and its stretch if `free`, by reweighted Gauss-Newton steps.
 
-    Residuals up to `bound` standard deviations have full weight; `variance` is that of a rotor
-    [rad^2]. Returns site, stretch and the information on each for a noise of 1 rad.
+    Residuals up to `bound` standard deviations have full weight; `variance` is the variance of a
+    rotor [rad^2]. Returns site, stretch and the information on each for a noise of 1 rad.
     """
     site_information, of_stretch, last, share = 0.0, 0.0, 0.0, 1.0
     for _ in range(_STEPS):

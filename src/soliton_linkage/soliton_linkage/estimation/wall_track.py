@@ -300,7 +300,7 @@ class Encounter:
 
     @property
     def ids_before(self) -> tuple[int, ...]:
-        """Identifiers from left to right before the encounter, or that of the breather."""
+        """Identifiers from left to right before the encounter, or of the breather."""
         ids = self.left.id, self.right.id
         return (self.breather,) if self.breather else ids[::-1] if self.passed else ids
 

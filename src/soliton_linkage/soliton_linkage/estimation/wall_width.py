@@ -133,7 +133,7 @@ class ContractionMean:
         self._before, self._passage = (0.0, 0.0, 0.0, 0.0), (0.0, 0.0, 0.0)
 
     def update(self, angles: Array, site: float, leg: int, noise: float) -> Contraction:
-        """Return the mean including one more frame; arguments are those of `WallFamily.fit`.
+        """Return the mean including one more frame; arguments as in `WallFamily.fit`.
 
         The mean restarts when the leg changes and when a passage contradicts earlier ones. The
         result is unknown if the frame does not determine a contraction.

@@ -239,8 +239,8 @@ def bar_motion(
 ) -> BarMotion | None:
     """Estimate masses and forces from free motions of bars; return None if other forces act.
 
-    Lengths and gravity are in units of the mean spacing; `covariance` is that of the unknowns, (P,
-    P). The noise of a reading is in [rad].
+    Lengths and gravity are in units of the mean spacing; `covariance` is the covariance of the
+    unknowns, (P, P). The noise of a reading is in [rad].
     """
     orbit = orbit_of(lengths.chain(Chain()))
     intervals = free_intervals(readings.times, readings.interruptions)

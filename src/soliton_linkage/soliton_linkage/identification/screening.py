@@ -66,7 +66,8 @@ def check_motion(readings: Array, names: Sequence[str]) -> None:
 def check_zeros(readings: Array, names: Sequence[str]) -> None:
     """Raise ValueError for inner rotors whose mean angle over both sides of a wall is not upright.
 
-    Edge rotors are excluded, because those of flippers toggle between two angles on each side.
+    Edge rotors are excluded, because edge rotors of flippers have two possible angles on each
+    side.
     """
     errors = _zero_errors(readings)
     wrong = 1 + np.flatnonzero(np.abs(errors[1:-1]) > _LARGEST_ZERO_ERROR)
@@ -209,7 +210,7 @@ def noise_of(readings: Array, relative_deviations: Array) -> float:
 def check_jumps(recording: Readings, noise: float) -> None:
     """Raise ValueError for an inner rotor that jumps while its neighbours do not.
 
-    The noise is that of a reading with a relative deviation of 1 [rad].
+    `noise` is the noise of a reading with a relative deviation of 1 [rad].
     """
     times, readings, deviations = recording.times, recording.filled, recording.relative_deviations
     width = min(_JUMP_FRAMES, len(readings) // 4)
@@ -232,8 +233,8 @@ def check_jumps(recording: Readings, noise: float) -> None:
 def check_slips(recording: Readings, residuals: Array, noise: float) -> None:
     """Raise ValueError for an encoder whose residuals have a step.
 
-    Residuals [rad], (T, N), are divided by the relative deviations of the readings. The noise is
-    that of one reading [rad].
+    Residuals [rad], (T, N), are divided by the relative deviations of the readings. `noise` is the
+    noise of one reading [rad].
     """
     single = residuals / np.sqrt(repeat_counts(recording.unwrapped))
     sums = np.cumsum(single - single.mean(axis=0), axis=0) / (noise * math.sqrt(len(residuals)))

@@ -242,7 +242,7 @@ class Eliminated(NamedTuple):
     gain: float
 
     def change(self, chain: Array) -> Array:
-        """Return the change of all unknowns of the window, (Q,), given that of the chain."""
+        """Return the change of all unknowns of the window, (Q,), given the chain's."""
         return np.concatenate([chain, self.state - self.coupling @ chain])
 
 

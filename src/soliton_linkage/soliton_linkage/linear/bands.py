@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
 """Linear theory of the uniform chain: phonons, speed of sound, zero mode, tails of walls.
 
-Wave numbers k are those of the staggered angles, dtheta_n ~ e^(i k a n). The wave number of the
-angles phi differs by pi / a, because dphi_n = (-1)^n dtheta_n. Quantities that tend to 0 in a
-limit are computed without cancellation.
+Wave numbers k refer to the staggered angles, dtheta_n ~ e^(i k a n). The wave number of the angles
+phi differs by pi / a, because dphi_n = (-1)^n dtheta_n. Quantities that tend to 0 in a limit are
+computed without cancellation.
 """
 
 from __future__ import annotations

@@ -109,9 +109,9 @@ def mode_energies(modes: NormalModes, displacements: ArrayLike, rates: ArrayLike
 def phonon_energies(chain: Chain, angles: ArrayLike, rates: ArrayLike) -> tuple[Array, Array]:
     """Return frequencies [rad/s] and energies [J] of the modes of a moving state, shape (N,) each.
 
-    The modes are those of the nearest configuration with relaxed springs, see `unstretched`. The
-    sum of their energies equals the total energy up to third order in the distance from this
-    configuration. With free ends the first energy is that of the zero mode, the kinetic energy of
+    The modes belong to the nearest configuration with relaxed springs, see `unstretched`. The sum
+    of their energies equals the total energy up to third order in the distance from this
+    configuration. With free ends the first energy belongs to the zero mode: the kinetic energy of
     a wall in a chain of rigid bars. Raises ValueError for angles and rates that do not fit the
     chain, and if no relaxed configuration is near.
     """

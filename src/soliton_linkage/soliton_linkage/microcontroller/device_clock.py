@@ -36,7 +36,7 @@ _LONGEST_INTERVAL = 2.0
 """Duration of the later intervals [s]; together they cover two minutes. Sensitivity: at 0.5x, the
 line follows the drift of a warming clock faster; at 2x, a steady clock is known more precisely."""
 LARGEST_DRIFT = 0.01
-"""Largest drift of a clock [1], twice that of the ceramic resonator of an Arduino Uno."""
+"""Largest drift of a clock [1]: twice the drift of the ceramic resonator of an Arduino Uno."""
 _FROM_THE_FUTURE = 0.25
 """Largest apparent time of a measurement in the future [s], the effect of a drift of 1 % in 25 s
 without a frame. A larger value means that the clock has restarted."""
@@ -174,7 +174,7 @@ class DeviceClock:
     def stamp(self, time: int, arrival: int) -> int:
         """Return the stamp [ns] of a measurement, given controller time [us] and arrival [ns].
 
-        Raises ValueError if the time is implausible or equals that of the previous measurement.
+        Raises ValueError if the time is implausible or equal to the previous time.
         """
         if self._last is not None:
             self._advance(time, arrival)

@@ -66,7 +66,7 @@ class UniformOrbit(Orbit):
 
     Angles are accurate to 1e-6 rad. The computation takes less than a second, except for wobbling
     flippers close to d_c and for walls that extend over 1000 rotors. Raises ValueError for a chain
-    of two rotors or with periodic ends, and that of `site_arc`.
+    of two rotors or with periodic ends, and the errors of `site_arc`.
     """
 
     def __init__(self, chain: Chain) -> None:
@@ -393,11 +393,11 @@ def set_near_wall(
 ) -> tuple[int, int, int]:
     """Set the angles [rad], up to whole turns, and tangents [1] of a short chain, shape (2 n,).
 
-    `arc` [rad] is that of a long chain with 2 `repeats` more rotors than the short one. `legs`,
+    `arc` [rad] belongs to a long chain with 2 `repeats` more rotors than the short one. `legs`,
     shape (3, legs), has these rows [rad]: start of each leg in the long chain, the same in the
-    short chain, and arc from there to the middle of the short leg. `length` is that of the orbit
-    of the short chain [rad]; `knots` and `coefficients` are its spline. Returns the index of a
-    rotor of the long chain, and the range of rotors of the short chain that begins with this
+    short chain, and arc from there to the middle of the short leg. `length` is the length of the
+    orbit of the short chain [rad]; `knots` and `coefficients` are its spline. Returns the index of
+    a rotor of the long chain, and the range of rotors of the short chain that begins with this
     rotor.
     """
     leg = legs.shape[1] - 1

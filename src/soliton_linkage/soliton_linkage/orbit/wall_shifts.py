@@ -145,7 +145,7 @@ class _BarsNearWall:
         return effects
 
     def arc_effect(self, bond: int) -> Array:
-        """Return the effects on the arc at which a given part of |t|^2 is left of a bond [rad]."""
+        """Return the effects on the arc [rad] at a fixed share of |t|^2 left of a bond."""
         left = np.cumsum(self._tangent**2)[:-1]
         right = np.cumsum(self._tangent[::-1] ** 2)[-2::-1]
         weights = np.minimum(left / left[bond], right / right[bond])

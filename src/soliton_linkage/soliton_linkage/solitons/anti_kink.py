@@ -146,7 +146,7 @@ def _is_stable(diagonal: Array, beside: Array, along: Array) -> bool:
     """Return whether a tridiagonal matrix H is positive definite orthogonally to a vector b.
 
     This is so if the matrix H bordered by b has exactly one negative eigenvalue. By Haynsworth's
-    theorem, the number of its negative eigenvalues is that of H, plus one if b . H^-1 b > 0.
+    theorem, it has as many negative eigenvalues as H, plus one if b . H^-1 b > 0.
     """
     limit = -_BUCKLING * float(np.abs(diagonal).max())
     negative = eigvalsh_tridiagonal(diagonal, beside, select='v', select_range=(-np.inf, limit))

@@ -308,8 +308,8 @@ def charge_of_field(displacements: ArrayLike, lean: float) -> float:
 def topological_charge(chain: Chain, angles: ArrayLike) -> int:
     """Return the number of walls of charge +1 minus the number of charge -1: 1, 0 or -1.
 
-    It is half of the polarisation of the first domain minus that of the last domain. It is 0 for a
-    chain with periodic ends.
+    It is (P_first - P_last) / 2 with the polarisations P of the first and the last domain, and 0
+    for a chain with periodic ends.
     """
     if chain.periodic:
         chain.check_angles(angles)

@@ -230,7 +230,7 @@ class FrameMarkers:
 
 
 def _spreads(dots: Array) -> tuple[float, float]:
-    """Return the extent of the dots within markers and that of the markers [m]."""
+    """Return the extent of the dots within markers and the extent of the markers [m]."""
     centres = dots.mean(axis=1)
     within = np.linalg.norm(dots - centres[:, None]) / np.sqrt(len(dots))
     return float(within), float(np.linalg.norm(centres - centres.mean(axis=0)))

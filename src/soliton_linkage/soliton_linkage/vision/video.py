@@ -112,7 +112,7 @@ def read_video(path: Path) -> Video:
     created = container.metadata.get('creation_time', '')
     length = float(container.duration or 0) / av.time_base
     own = float(stream.duration * stream.time_base) if stream.duration else math.nan
-    # The duration of the file may be that of its sound.
+    # The stated duration may refer to the sound.
     slack = _SOUND if math.isnan(own) and container.streams.audio else 0.0
     film = _checked(path, pictures(), length if math.isnan(own) else own, slack)
     return Video(_start(path, created, length), int(stream.frames), film)

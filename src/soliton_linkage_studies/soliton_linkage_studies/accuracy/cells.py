@@ -181,7 +181,7 @@ _DISORDERS = (0.01, 0.03, 0.05, 0.1)
 
 
 def hard_cells() -> list[AccuracyCell]:
-    """Return the hard cells; their names describe the difficulty."""
+    """Return the difficult cells, whose names describe the difficulty."""
     chains = {name: chain_of(*lean) for name, lean in _LEANS.items()}
     each = [cell for name, chain in chains.items() for cell in _of_class(name, chain)]
     return each + _of_few() + _of_model(chains)
@@ -261,7 +261,7 @@ def _of_class(name: str, chain: Chain) -> list[AccuracyCell]:
 
 
 def _of_few() -> list[AccuracyCell]:
-    """Return the hard cells that exist for single motion classes only."""
+    """Return the difficult cells that exist for single motion classes only."""
     flipper, wobbler, spinner = (chain_of(*lean) for lean in _LEANS.values())
     pair = chain_of(60, 0.9, 0.7)
     cells = [

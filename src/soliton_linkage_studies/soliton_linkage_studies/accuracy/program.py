@@ -2,9 +2,9 @@
 """Measure the errors of estimators, and check the deviations that the analyser states.
 
 The study compares estimators with their bound, the contraction of walls with theory, and stated
-deviations with errors, in random and hard cells. It also simulates a million steps of rigid bars.
-Tables are written as Markdown and CSV, pictures as PNG and PDF. They depend only on the settings
-and the seed of the cells, not on the number of processes or on interruptions.
+deviations with errors, in random and difficult cells.  It also simulates a million steps of rigid
+bars. Tables are written as Markdown and CSV, pictures as PNG and PDF. They depend only on the
+settings and the seed of the cells, not on the number of processes or on interruptions.
 """
 
 from __future__ import annotations

@@ -234,7 +234,7 @@ _QUICK_CELLS = 15
 
 @dataclass(frozen=True)
 class CellStudy:
-    """Study of random and hard cells, optionally limited to the names in `only`."""
+    """Study of random and difficult cells, limited to the names in `only` if given."""
 
     seed: int
     count: int

@@ -160,7 +160,7 @@ errors relative to the stated deviation [1]; CPU time per picture [s]."""
 
 
 def _changes(errors: Array) -> int:
-    """Return the number of times that a rotor reappears with a wrong change of its turns."""
+    """Return how often a rotor reappears with a wrong number of turns."""
     turns = np.rint(errors / (2 * np.pi))
     return sum(
         int(np.count_nonzero(np.diff(of_rotor[np.isfinite(of_rotor)]))) for of_rotor in turns.T

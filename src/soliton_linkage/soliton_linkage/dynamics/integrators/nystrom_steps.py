@@ -166,9 +166,9 @@ class NystromSteps:
     ) -> tuple[Array, float]:
         """Return the states at the start and after each of `count` steps, and the largest error.
 
-        `length` is that of a step [s]. Stop before a step in which a rotor would turn by more than
-        LARGEST_TURN in a drift, or whose error, compared with two steps of half the length,
-        exceeds 1. The states have the shape (steps taken + 1, len(state)).
+        `length` is the length of a step [s]. Stop before a step in which a rotor would turn by
+        more than LARGEST_TURN in a drift, or whose error, compared with two steps of half the
+        length, exceeds 1. The states have the shape (steps taken + 1, len(state)).
         """
         rotors = self._motion.rotors
         states = np.empty((count + 1, len(state)))
