@@ -134,7 +134,9 @@ def recorded(rotors: int) -> Iterator[Work]:
     node = rclpy.create_node('recorded')
     name = f'/recorded_{rotors}'
     publisher = node.create_publisher(kind, name, qos)
-    subscription = RecordedSubscription(node, RecordedTopic(name, type_name(kind), (qos,)), kind)
+    subscription = RecordedSubscription(
+        node, RecordedTopic(name, type_name(kind), (qos,)), kind, 0
+    )
     with tempfile.TemporaryDirectory() as folder:
         writer = BagWriter(Path(folder, 'run'))
         topic = writer.add_topic(name, type_name(kind), qos)

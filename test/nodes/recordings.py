@@ -51,10 +51,16 @@ def run_of(named: NamedChain, frames: int, gap: int = MILLISECOND) -> list[Entry
 
 
 def write_bag(
-    name: Path, entries: Sequence[Entry], storage: str = 'mcap', namespace: str = ''
+    name: Path,
+    entries: Sequence[Entry],
+    storage: str = 'mcap',
+    namespace: str = '',
+    gaps: Sequence[tuple[int, int]] = (),
 ) -> Path:
-    """Write a bag and return its path."""
+    """Write a bag with some times without recording [ns] and return its path."""
     writer = BagWriter(name)
+    for gap in gaps:
+        writer.add_gap(*gap)
     connections = {}
     for topic, stamp, message in entries:
         full_name = f'{namespace}/{topic.name.lstrip("/")}'

@@ -18,7 +18,7 @@ from hypothesis.strategies import DataObject
 from rclpy.serialization import serialize_message
 from recordings import run_of, write_bag
 
-from soliton_linkage_nodes.bags.play.playback import PlaybackClock
+from soliton_linkage_nodes.bags.play.playback_clock import PlaybackClock
 from soliton_linkage_nodes.bags.player import BagPlayer
 from soliton_linkage_nodes.bags.recorder import BagRecorder
 from soliton_linkage_nodes.edge_actuator.node import EdgeActuator

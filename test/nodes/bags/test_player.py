@@ -36,7 +36,7 @@ from soliton_linkage_nodes.messages.conversions import (
     frame_to_msg,
 )
 from soliton_linkage_nodes.runtime import interfaces
-from soliton_linkage_nodes.runtime.stamps import time_from_msg, time_to_msg
+from soliton_linkage_nodes.runtime.stamps import SECOND, time_from_msg, time_to_msg
 from soliton_linkage_nodes.soliton_analyser.node import SolitonAnalyser
 
 MINUTE = 60 * 10**9
@@ -259,9 +259,9 @@ def test_a_seek_sends_the_preceding_latched_message_and_continues_there(
     graph.until(lambda: chains, 'the first chain')
     assert stamps_of(chains) == [0]
     assert frames == []
-    for place in (57, 33):
+    for place, origin in ((57, START), (71, 0), (33, START)):
         chains.clear()
-        sought = time_to_msg(START + place * MILLISECOND)
+        sought = time_to_msg(origin + place * MILLISECOND)
         assert graph.call(Seek, 'bag_player/seek', time=sought).success
         graph.until(lambda: chains, 'the chain before it')
         assert stamps_of(chains) == [place // 10 * 10 * MILLISECOND]
@@ -269,6 +269,20 @@ def test_a_seek_sends_the_preceding_latched_message_and_continues_there(
     assert graph.call(Trigger, 'bag_player/resume').success
     graph.until(lambda: player.finished and len(frames) == 67, 'the rest')
     assert stamps_of(frames) == [n * MILLISECOND for n in range(33, 100)]
+
+
+def test_the_time_in_which_the_recorder_was_paused_is_skipped(
+    graph: Graph, named: NamedChain, tmp_path: Path, capfd: pytest.CaptureFixture[str]
+) -> None:
+    entries = run_of(named, 20)
+    paused, resumed = START + 9 * MILLISECOND + 1, START + 1000 * SECOND
+    pause = resumed - paused
+    later = [(t, stamp + pause * (stamp > paused), message) for t, stamp, message in entries]
+    bag = write_bag(tmp_path / 'run', later, gaps=[(paused, resumed)])
+    frames = graph.hear(interfaces.JOINT_STATES)
+    player = graph.start(BagPlayer, {'bag': str(bag)})
+    graph.until(lambda: player.finished and len(frames) == 20, 'the end')
+    assert 'skipped 1000 s without a message' in capfd.readouterr().err
 
 
 @pytest.mark.parametrize('place', [-1, 200])

@@ -25,7 +25,7 @@ from std_msgs.msg import Float64
 from std_srvs.srv import Trigger
 
 from soliton_linkage_nodes.bags import recorder
-from soliton_linkage_nodes.bags.reading import open_bag, read_topic
+from soliton_linkage_nodes.bags.reading import gaps_of, open_bag, read_topic
 from soliton_linkage_nodes.bags.record.subscriptions import RecordedSubscription
 from soliton_linkage_nodes.bags.recorder import BagRecorder
 from soliton_linkage_nodes.bags.recovery import check_bag, recover_bag
@@ -299,6 +299,10 @@ def test_messages_during_a_pause_are_omitted_except_latched_ones(
     assert held['/joint_states'] == before + after
     assert len(held['/chain']) == 1
     assert lost_in(tmp_path / 'run_0')['/joint_states'] == 0
+    with open_bag(tmp_path / 'run_0') as reader:
+        ((start, end),) = gaps_of(reader)
+        received = [stamp for stamp, _ in read_topic(reader, 'joint_states')]
+    assert received[9] < start < end < received[10]
 
 
 def test_each_service_logs_its_result_or_the_reason_of_a_rejection(

@@ -36,6 +36,13 @@ def test_readable_bags_are_listed_newest_first(tmp_path: Path, named: NamedChain
     assert sorted(bags[0].played) == ['/chain', '/joint_states']
 
 
+def test_the_recorded_time_has_no_pauses(tmp_path: Path, named: NamedChain) -> None:
+    gaps = [(START + 10**9, START + 3 * 10**9), (START + 7 * 10**9, START + 8 * 10**9)]
+    write_bag(tmp_path / 'run', run_of(named, 10, 10**9), gaps=gaps)
+    (bag,) = BagCatalogue([tmp_path]).bags()
+    assert (bag.duration, bag.recorded) == pytest.approx((10.0, 7.0))
+
+
 @pytest.mark.parametrize('name', ['../secret_0', '/etc', 'secret_0', '', '..', 'link_0'])
 def test_bags_in_other_folders_are_not_opened(
     tmp_path: Path, named: NamedChain, name: str

@@ -4,16 +4,24 @@
 from __future__ import annotations
 
 import math
+from itertools import count
 
 import numpy as np
+import pytest
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
+from divided_frames import halves
 from graphs import Graph
 from rclpy.node import Node
 from std_msgs.msg import Header
 
 from soliton_linkage_msgs.msg import Soliton, SolitonState
 from soliton_linkage_nodes.live_view.chain_topics import ChainFinder
-from soliton_linkage_nodes.messages.conversions import Frame, NamedChain, frame_to_msg
+from soliton_linkage_nodes.messages.conversions import (
+    Frame,
+    NamedChain,
+    chain_to_msg,
+    frame_to_msg,
+)
 from soliton_linkage_nodes.runtime import interfaces
 from soliton_linkage_nodes.runtime.stamps import SECOND, time_to_msg
 
@@ -60,6 +68,33 @@ def test_frames_are_shown_without_an_analyser(graph: Graph, named: NamedChain) -
     angles = np.full(named.rotors, 0.5)
     joints.publish(frame_to_msg(named, Frame(angles, angles), angles, time_to_msg(SECOND)))
     graph.until(lambda: found.update() or model.frames == 1, 'the frame')
+
+
+@pytest.mark.parametrize('publishers', [1, 2])
+def test_frames_in_two_messages_are_shown_whole(
+    graph: Graph, named: NamedChain, publishers: int
+) -> None:
+    found = finder(graph)
+    model = found.chains['/'].model
+    chain = graph.speak(interfaces.CHAIN)
+    chain.publish(chain_to_msg(named, time_to_msg(0)))
+    graph.until(lambda: found.update() or model.named == named, 'the chain')
+    boards = [graph.speak(interfaces.JOINT_STATES) for _ in range(publishers)]
+    shown: list[bool] = []
+
+    def shows_whole_frames() -> bool:
+        angles = np.full(named.rotors, 0.001 * len(shown))
+        frame = frame_to_msg(named, Frame(angles, angles), angles, time_to_msg(next(stamps)))
+        for board, half in zip(2 * boards, halves(frame), strict=False):
+            board.publish(half)
+        before = model.frames
+        found.update()
+        if model.frames > before:
+            shown.append(bool(np.isfinite(model.angles).all() and np.ptp(model.angles) == 0.0))
+        return len(shown) > 5 and all(shown[-3:])
+
+    stamps = count(SECOND, SECOND // 100)
+    graph.until(shows_whole_frames, 'three whole frames', lambda: (shown, model.angles))
 
 
 def test_late_frames_are_a_share_of_the_last_seconds(graph: Graph) -> None:

@@ -51,6 +51,7 @@ def test_a_recording_needs_messages_of_the_chain_and_of_its_joints(
                 writer.write(connection, stamp, serialize_message(message))
     writer.close({})
     with open_bag(writer.path) as reader:
-        said = f'has no message on the topic {missing}'
+        remedy = '; record the topic chain$' if missing == 'chain' else '$'
+        said = f'has no message on the topic {missing}{remedy}'
         with pytest.raises(ValueError, match=said):
             read_recording(reader)

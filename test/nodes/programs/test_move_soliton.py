@@ -47,7 +47,7 @@ def test_it_ends_when_the_soliton_is_there(graph: Graph, start: Callable[..., Pr
     graph.until(lambda: program.process.poll() is not None, 'the end of the move')
     assert program.process.returncode == 0
     assert any('J in phonons' in line for line in program.said)
-    assert program.said[-1].startswith('the wall is held at rotor 2.')
+    assert program.said[-1].startswith('the soliton is held at rotor 2.')
     graph.next_report('soliton_steering')
     assert abs(rotor() - 2.5) < 0.1
 
@@ -68,7 +68,7 @@ def test_interrupted_it_stops_the_soliton(graph: Graph, start: Callable[..., Pro
     assert program.process.returncode == 130
     assert program.said[-1] in (
         'cancelled; soliton_steering brings the soliton to rest',
-        f'the wall is held at rotor {rotor():.3f}',
+        f'the soliton is held at rotor {rotor():.3f}',
     )
     reports = graph.reports('soliton_steering')
     graph.until(

@@ -54,6 +54,17 @@ def test_a_whole_bag_is_reported_in_the_layout_of_rosbag2(
     ]
 
 
+def test_the_recorded_time_is_reported_without_pauses(
+    start: Callable[..., Program], named: NamedChain, tmp_path: Path
+) -> None:
+    pause = (START + SECOND, START + 3 * SECOND)
+    bag = write_bag(tmp_path / 'run', run_of(named, 10, SECOND), gaps=[pause])
+    program = start('check_bag', str(bag))
+    assert program.wait() == 0
+    assert 'Duration:          10.000000000s' in program.said
+    assert 'Recorded:          8.000000000s, without 2.000000000s of pauses' in program.said
+
+
 def test_a_report_as_json_has_the_same_numbers(
     start: Callable[..., Program], named: NamedChain, tmp_path: Path
 ) -> None:

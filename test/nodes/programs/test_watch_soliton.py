@@ -5,9 +5,11 @@ from __future__ import annotations
 
 import signal
 from collections.abc import Callable
+from itertools import count
 
 import numpy as np
 import pytest
+from divided_frames import halves
 from graphs import Graph
 from programs import Program
 
@@ -85,7 +87,7 @@ def test_as_a_person_runs_it_in_a_namespace(
 
 
 @pytest.mark.parametrize('chain_from', ['parameters', 'topic'])
-def test_parameters_describe_the_chain_and_its_joints(
+def test_parameters_describe_the_chain_and_its_joints_in_two_messages(
     graph: Graph, named: NamedChain, capsys: pytest.CaptureFixture[str], chain_from: str
 ) -> None:
     text = ''
@@ -97,15 +99,20 @@ def test_parameters_describe_the_chain_and_its_joints(
     frames = graph.speak(interfaces.JOINT_STATES)
     states = graph.speak(interfaces.SOLITON_STATE)
     angles = named.chain.uniform_state(-1)
-    joints = frame_to_msg(named, Frame(angles, None), np.zeros(named.rotors), time_to_msg(1))
+    stamps = count(1)
+
+    def publish() -> None:
+        joints = frame_to_msg(named, Frame(angles, angles), angles, time_to_msg(next(stamps)))
+        for half in halves(joints):
+            frames.publish(half)
+        states.publish(SolitonState(solitons=[Soliton(rotor=3.0)]))
 
     def drawn() -> bool:
         nonlocal text
-        frames.publish(joints)
-        states.publish(SolitonState(solitons=[Soliton(rotor=3.0)]))
         text += capsys.readouterr().err
         return r'[\\\O\\\\]  rotor   3.00' in text
 
+    graph.user.create_timer(0.1, publish)
     graph.until(drawn, 'the chain of the parameters', lambda: text)
     with pytest.raises(ValueError, match='joint_names has 1 names for a chain of 8 rotors'):
         graph.start(WatchSoliton, {**own, 'chain_from': 'parameters', 'joint_names': ['a']})

@@ -174,7 +174,7 @@ def test_a_random_chain_is_published_exactly_with_a_warning(graph: Graph) -> Non
     )
     figures = values(graph.next_report('simulator'))
     obstacles = len(find_obstacles(paused.chain))
-    assert int(figures['bonds that may stop a wall']) == obstacles > 0
+    assert int(figures['bonds that may stop a soliton']) == obstacles > 0
 
 
 def test_periodic_ends_and_fixed_rotors(graph: Graph) -> None:

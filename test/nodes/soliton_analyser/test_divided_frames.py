@@ -8,10 +8,10 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from divided_frames import halves, part
 from graphs import Graph, values
 from recordings import START, write_bag
 from sensor_msgs.msg import JointState
-from std_msgs.msg import Header
 
 from soliton_linkage.dynamics.elastic import simulate
 from soliton_linkage.linear.rigidity import mode_towards_last
@@ -46,21 +46,6 @@ def frames(named: NamedChain) -> list[JointState]:
         frame_to_msg(named, Frame(*each), 0 * each[0], time_to_msg(START + number * PERIOD))
         for number, each in enumerate(zip(record.angles, record.rates, strict=True))
     ]
-
-
-def part(frame: JointState, joints: Sequence[int], later: int = 0) -> JointState:
-    """Some joints of a frame, as a board sends them a time later [ns]."""
-    return JointState(
-        header=Header(stamp=time_to_msg(time_from_msg(frame.header.stamp) + later)),
-        name=[frame.name[joint] for joint in joints],
-        position=[frame.position[joint] for joint in joints],
-        velocity=[frame.velocity[joint] for joint in joints],
-    )
-
-
-def halves(frame: JointState, later: int = 0) -> list[JointState]:
-    middle = len(frame.name) // 2
-    return [part(frame, range(middle)), part(frame, range(middle, len(frame.name)), later)]
 
 
 def expected(named: NamedChain, frames: Sequence[JointState]) -> list[SolitonState]:

@@ -454,7 +454,7 @@ def test_wrong_joint_states_are_rejected_and_valid_ones_analysed_as_before(
         (
             'flipper',
             {'rest_angle': 0.6},
-            'the angles do not fit one wall',
+            'the angles do not fit one soliton',
             'check the parameters in chain',
         ),
     ],

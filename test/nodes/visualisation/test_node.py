@@ -3,12 +3,14 @@
 
 from __future__ import annotations
 
+from itertools import count
 from typing import Any
 
 import numpy as np
 import pytest
 from builtin_interfaces.msg import Time
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
+from divided_frames import halves
 from graphs import Graph, values
 from std_msgs.msg import Header
 from urdf_parser_py.urdf import URDF
@@ -204,3 +206,17 @@ def test_joints_of_another_chain_are_rejected(stage: Stage) -> None:
     stage.joints.publish(frame_to_msg(other, Frame(angles, None), angles, Time()))
     stage.graph.until(lambda: stage.node.diagnostics.rejected, 'a refusal')
     assert stage.move(angles)
+
+
+def test_frames_in_two_messages_are_drawn_whole(stage: Stage) -> None:
+    observed, angles = stage.node.observed, stage.named.chain.uniform_state(1)
+    stamps = count(1)
+
+    def is_whole() -> bool:
+        stamp = Time(sec=next(stamps))
+        frame = frame_to_msg(stage.named, Frame(angles, angles), angles, stamp)
+        for half in halves(frame):
+            stage.joints.publish(half)
+        return np.array_equal(observed.angles, angles)
+
+    stage.graph.until(is_whole, 'all angles', lambda: observed.angles)

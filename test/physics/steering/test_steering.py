@@ -339,7 +339,7 @@ def test_an_edge_actuator_reaches_as_far_as_the_edge_mode() -> None:
     refused = steering.move(7.0)
     assert refused is not None
     assert refused.outcome is Outcome.OUT_OF_REACH
-    assert 'they can move a wall at rotor 0.50 between rotors 0.00 and ' in refused.message
+    assert 'they can move a soliton at rotor 0.50 between rotors 0.00 and ' in refused.message
     reach = float(refused.message.partition(' and ')[2].split()[0])
     assert 0.5 < reach < 7
     assert steering.move(1.2) is None

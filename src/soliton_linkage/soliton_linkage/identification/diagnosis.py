@@ -83,7 +83,8 @@ def check_explained(
 def obstacle_warnings(chain: Chain, lengths: Lengths, covariance: Array) -> list[str]:
     """Return warnings about bonds that stop walls or may stop walls."""
     warnings = [
-        f'bond {each.bond} may stop a wall: its spring of {each.rest_length:.4g} m {each.reason}'
+        f'bond {each.bond} may stop a soliton: its spring of {each.rest_length:.4g} m '
+        f'{each.reason}'
         for each in find_obstacles(chain)
     ]
     near = near_limit_bonds(lengths, covariance)

@@ -22,7 +22,7 @@ class SteeringSettings:
     """
 
     tolerance: float = quantity(
-        0.1, 'distance from the goal at which a wall has arrived', 'rotor spacings', 1e-6
+        0.1, 'distance from the goal at which a soliton has arrived', 'rotor spacings', 1e-6
     )
     """Sensitivity: at 0.5x, arrivals are reported up to 4 s later; at 2x, up to 0.6 s earlier. The
     holding accuracy does not change."""
@@ -32,7 +32,7 @@ class SteeringSettings:
     be lost."""
 
     radiated_share: float = quantity(
-        1e-5, 'fraction of the energy of a wall that one rotor may radiate', '', 1e-12, 1.0
+        1e-5, 'fraction of the energy of a soliton that one rotor may radiate', '', 1e-12, 1.0
     )
     """Sensitivity: at 0.5x, moves take up to 7 % longer. At 2x, moves of a wobbling flipper take
     28 % less and leave 2000 times the phonon energy, still 1e-6 of the energy of the wall."""
@@ -90,7 +90,7 @@ class SteeringSettings:
 
     settling_time: float = quantity(
         3.0,
-        'time within the tolerance after which a wall is at rest, times the bandwidth',
+        'time within the tolerance after which a soliton is at rest, times the bandwidth',
         '',
         0.0,
     )
@@ -106,7 +106,7 @@ class SteeringSettings:
 
     max_error: float = quantity(
         1.5,
-        'distance from the reference at which the reference restarts at the wall',
+        'distance from the reference at which the reference restarts at the soliton',
         'rotor spacings',
         1e-3,
     )
@@ -114,19 +114,19 @@ class SteeringSettings:
     spacings, or if an impulse displaces it by 0.8. At 2x, torques before a restart are larger."""
 
     max_restarts: int = quantity(
-        20, 'number of restarts after which a wall that does not settle is lost', '', 0
+        20, 'number of restarts after which a soliton that does not settle is lost', '', 0
     )
     """After missing frames one to three restarts suffice. Sensitivity: if the load exceeds the
     actuators, a wall is released 15 rotor spacings earlier at 0.5x, and 30 later at 2x."""
 
     max_gap: float = quantity(
-        5.0, 'time without frames after which the wall may have moved', 'frame periods', 1.0
+        5.0, 'time without frames after which the soliton may have moved', 'frame periods', 1.0
     )
     """Sensitivity: at 0.5x, the move continues for a wall that was displaced while two frames were
     missing. At 2x, a wall that continues through a gap of 8 frames is released."""
 
     detection_timeout: float = quantity(
-        0.2, 'time without a frame that shows the wall, after which it is lost', 's', 0.0
+        0.2, 'time without a frame that shows the soliton, after which it is lost', 's', 0.0
     )
     """Sensitivity: at 0.5x, the wall is lost after a gap of 0.15 s; at 2x, it is not lost after
     0.35 s, and the error is the same."""

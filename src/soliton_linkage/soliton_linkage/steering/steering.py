@@ -180,20 +180,20 @@ class Steering:
         after_gap = self._gap_until is not None and time <= self._gap_until
         estimate = self._observer.update(time, angles, self._sent[0].torques)
         if estimate is None:
-            lost = 'the angles no longer show a wall'
+            lost = 'the angles no longer show a soliton'
             return None if self.holding and after_gap else self._lost(lost)
         last, self._last = self._last, estimate
         if before is not None and estimate.time < before.time:
             return self._lost(f'the stamps decreased by {before.time - estimate.time:.3g} s')
         if last is not None and self._jumped(last, estimate):
-            return self._lost('the wall has moved farther than its speed allows')
+            return self._lost('the soliton has moved farther than its speed allows')
         if self._trajectory is None:
             return None
         error = abs(self._trajectory.at(time).arc - estimate.arc) / self.orbit.site_arc
         if error > self.settings.max_error:
             if self._restarts >= self.settings.max_restarts:
                 return self._lost(
-                    f'the wall differs from its reference by {error:.2g} rotor spacings, more '
+                    f'the soliton differs from its reference by {error:.2g} rotor spacings, more '
                     f'than {self.settings.max_error:g}, after {self._restarts} restarts'
                 )
             self._restart(estimate)
@@ -345,12 +345,12 @@ class Steering:
         elif estimate.time - self._resting_since > self.settings.settling_time / self._bandwidth:
             self._restarts = 0
             outcome = Outcome.STOPPED if self._stopping else Outcome.REACHED
-            return self._ended(outcome, f'the wall is held at {self._here}')
+            return self._ended(outcome, f'the soliton is held at {self._here}')
         if estimate.time - trajectory.end > self.settings.settling_timeout / self._bandwidth:
             return self._ended(
                 Outcome.NOT_HELD,
-                f'the wall does not settle within {self.settings.tolerance:g} rotor spacings of '
-                f'rotor {self.orbit.site(trajectory.goal):.3f}; it is held at {self._here}',
+                f'the soliton does not settle within {self.settings.tolerance:g} rotor spacings '
+                f'of rotor {self.orbit.site(trajectory.goal):.3f}; it is held at {self._here}',
             )
         return None
 
@@ -390,7 +390,7 @@ class Steering:
         if estimate is None:
             return MoveResult(
                 Outcome.NO_SOLITON,
-                'the angles show no wall, because they fit no zero-energy configuration of the '
+                'the angles show no soliton, because they fit no zero-energy configuration of the '
                 'chain; wait until the chain is at rest, or check its parameters',
                 here,
             )
@@ -405,10 +405,10 @@ class Steering:
         reach = self.allocation.reach(estimate.arc, force)
         here = self.orbit.site(estimate.arc)
         able = (
-            f'they cannot hold a wall at rotor {here:.2f}'
+            f'they cannot hold a soliton at rotor {here:.2f}'
             if math.isnan(reach.first)
-            else f'they can move a wall at rotor {here:.2f} between rotors {reach.first:.2f} and '
-            f'{reach.last:.2f}'
+            else f'they can move a soliton at rotor {here:.2f} between rotors {reach.first:.2f} '
+            f'and {reach.last:.2f}'
         )
         return MoveResult(
             Outcome.OUT_OF_REACH,

@@ -14,7 +14,14 @@ from typing import Any, Final
 
 import yaml
 
-from soliton_linkage_nodes.bags.guards import MAX_TEXT_SIZE, PACKED, load_yaml, read_file
+from soliton_linkage_nodes.bags.guards import (
+    MAX_TEXT_SIZE,
+    PACKED,
+    load_json,
+    load_yaml,
+    parse_count,
+    read_file,
+)
 from soliton_linkage_nodes.bags.stored_topic import StoredTopic, profiles_in
 
 MCAP: Final = 'mcap'
@@ -25,6 +32,8 @@ METADATA_VERSION: Final = 9
 METADATA_FILE: Final = 'metadata.yaml'
 _KEY: Final = 'rosbag2_bagfile_information'
 _TOPICS: Final = 'topics_with_message_count'
+GAPS: Final = 'gaps'
+"""Key of the custom data for the times without recording: pairs of start and end [ns]."""
 _DUMPER: Any = getattr(yaml, 'CSafeDumper', yaml.SafeDumper)
 
 
@@ -151,6 +160,21 @@ def custom_data_in(information: object) -> dict[str, str]:
     custom = information.get('custom_data') if isinstance(information, dict) else None
     items = custom.items() if isinstance(custom, dict) else ()
     return {str(key): str(value) for key, value in items if isinstance(value, (str, int, float))}
+
+
+def gaps_in(custom_data: Mapping[str, str]) -> list[tuple[int, int]]:
+    """Return start and end of the times without recording [ns]; empty if they are invalid."""
+    try:
+        gaps = load_json(custom_data.get(GAPS, '[]'))
+        return [(parse_count(start), parse_count(end)) for start, end in gaps]
+    except (TypeError, ValueError):
+        return []
+
+
+def time_in_gaps(gaps: Sequence[tuple[int, int]], start: int, end: int) -> int:
+    """Return the time without recording between two stamps [ns]."""
+    found = sum(max(0, min(end, last) - max(start, first)) for first, last in gaps)
+    return max(0, min(found, end - start))
 
 
 def _pieces(information: Mapping[str, Any], margin: str) -> Iterator[str]:

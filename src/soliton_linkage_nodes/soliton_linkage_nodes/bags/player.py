@@ -14,13 +14,12 @@ from soliton_linkage.linkage.quantities import quantity
 from soliton_linkage_nodes.bags.guards import BagLimits
 from soliton_linkage_nodes.bags.play.controls import PlayerControls
 from soliton_linkage_nodes.bags.play.playback import (
-    RATES,
-    PlaybackClock,
     PlaybackThread,
     find_topics,
     full_name,
     playback_range,
 )
+from soliton_linkage_nodes.bags.play.playback_clock import RATES, PlaybackClock
 from soliton_linkage_nodes.bags.play.replay_publishers import (
     Lockstep,
     RecordedStates,
@@ -83,7 +82,7 @@ class BagPlayer(ManagedNode):
 
     The node ends at the end of the bag, unless it is paused there or `stay` is set. After `~/stop`
     it waits for `~/play`, which plays the whole bag or a part. In a pause, `~/burst` plays several
-    messages without waiting.
+    messages without waiting. Times in which the recorder was paused are skipped.
 
     Publishes the topics of the bag, `/diagnostics` and, if `publish_clock` is set, `/clock`.
     Serves `~/pause`, `~/resume`, `~/toggle_paused`, `~/is_paused`, `~/play_next`, `~/burst`,

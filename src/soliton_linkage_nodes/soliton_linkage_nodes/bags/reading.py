@@ -23,7 +23,7 @@ from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
 from soliton_linkage_nodes.bags.bag_files import BagFiles, encoding_of
 from soliton_linkage_nodes.bags.guards import DEFAULT_LIMITS, PACKED, BagLimits
-from soliton_linkage_nodes.bags.metadata import METADATA_FILE, SUFFIXES, explain_no_bag
+from soliton_linkage_nodes.bags.metadata import METADATA_FILE, SUFFIXES, explain_no_bag, gaps_in
 from soliton_linkage_nodes.bags.stored_topic import CDR, type_definition
 
 if TYPE_CHECKING:
@@ -85,6 +85,11 @@ def read_messages(
             f'bag {str(reader.path)!r} is damaged: {_one_line(error).rstrip(".")}. '
             f'Recover the intact messages with: recover_bag {reader.path}'
         ) from error
+
+
+def gaps_of(reader: Reader) -> list[tuple[int, int]]:
+    """Return start and end of the times without recording in a bag [ns], such as pauses."""
+    return gaps_in(cast('BagFiles', reader.storage).metadata.custom or {})
 
 
 def latched_before(reader: Reader, connection: Connection, stop: int) -> list[bytes]:

@@ -10,7 +10,13 @@ from pathlib import Path
 from typing import Any
 
 from soliton_linkage_nodes.bags.guards import load_json, parse_count
-from soliton_linkage_nodes.bags.metadata import METADATA_FILE, read_metadata
+from soliton_linkage_nodes.bags.metadata import (
+    METADATA_FILE,
+    custom_data_in,
+    gaps_in,
+    read_metadata,
+    time_in_gaps,
+)
 from soliton_linkage_nodes.bags.reading import decoder, open_bag, read_messages
 from soliton_linkage_nodes.messages.view_conversions import state_numbers
 from soliton_linkage_nodes.runtime import interfaces
@@ -40,6 +46,8 @@ class CataloguedBag:
     """Time of the first message [ns]."""
     duration: float
     """Time from the first message to the last [s]."""
+    recorded: float
+    """Duration without the pauses of the recorder [s]."""
     topics: dict[str, int]
     """Number of messages of each topic."""
     lost: int
@@ -120,12 +128,17 @@ def _catalogued(path: Path) -> CataloguedBag | None:
             each['topic_metadata']['name']: int(each['message_count'])
             for each in information['topics_with_message_count']
         }
-        losses = load_json((information.get('custom_data') or {}).get('lost_messages', '{}'))
+        custom = custom_data_in(information)
+        losses = load_json(custom.get('lost_messages', '{}'))
+        start = int(information['starting_time']['nanoseconds_since_epoch'])
+        duration = int(information['duration']['nanoseconds'])
+        paused = time_in_gaps(gaps_in(custom), start, start + duration)
         return CataloguedBag(
             path.name,
             path,
-            int(information['starting_time']['nanoseconds_since_epoch']),
-            information['duration']['nanoseconds'] / SECOND,
+            start,
+            duration / SECOND,
+            (duration - paused) / SECOND,
             topics,
             sum(map(parse_count, losses.values())),
         )

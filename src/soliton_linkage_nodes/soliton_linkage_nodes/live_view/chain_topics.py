@@ -15,8 +15,9 @@ from rclpy.serialization import deserialize_message
 from soliton_linkage_msgs.msg import LastKick, SolitonState
 from soliton_linkage_nodes.live_view.chain_model import ChainModel
 from soliton_linkage_nodes.live_view.frame_layout import pack_camera
-from soliton_linkage_nodes.messages.cdr import JointStateDecoder, stamp_of
+from soliton_linkage_nodes.messages.cdr import stamp_of
 from soliton_linkage_nodes.messages.conversions import JointStates, chain_from_msg
+from soliton_linkage_nodes.messages.newest_frame import NewestFrame
 from soliton_linkage_nodes.messages.picture_conversions import jpeg_from_msg
 from soliton_linkage_nodes.messages.view_conversions import (
     NodeReport,
@@ -129,11 +130,8 @@ class ChainTopics:
         """Latest message of last_kick."""
         self.kicks = 0
         """Number of messages of last_kick."""
-        self._decoder = JointStateDecoder()
         self._chain = subscribe_newest(node, interfaces.CHAIN, f'{namespace}chain')
-        self._joints = subscribe_newest(
-            node, interfaces.JOINT_STATES, f'{namespace}joint_states', raw=True
-        )
+        self._joints = NewestFrame(node, f'{namespace}joint_states')
         self._states = subscribe_newest(
             node, interfaces.SOLITON_STATE, f'{namespace}soliton_state', raw=True, depth=_PAIRED
         )
@@ -155,7 +153,9 @@ class ChainTopics:
         chain = self._chain.newest()
         if chain is not None:
             try:
-                self.model.set_chain(chain_from_msg(chain))
+                named = chain_from_msg(chain)
+                self.model.set_chain(named)
+                self._joints.set_joints(named.joint_names)
             except ValueError as error:
                 self.model.error = f'chain: {error}'
         for serialized, _ in self._states.waiting():
@@ -165,14 +165,14 @@ class ChainTopics:
                 self.model.error = f'soliton_state: {error}'
         for stamp in list(self._analysed)[:-_PAIRED]:
             del self._analysed[stamp]
-        joints = self._joints.newest()
-        if joints is not None:
-            self.model.update_rate(self._joints.sequence)
-            try:
-                frame = self._decoder.decode(joints)
-                self._frames[frame.stamp] = frame
-            except ValueError as error:
-                self.model.error = str(error)
+        try:
+            frame = self._joints.take()
+        except ValueError as error:
+            self.model.error = str(error)
+            frame = None
+        if frame is not None:
+            self.model.update_rate(self._joints.number)
+            self._frames[frame.stamp] = frame
         self._show_frame()
 
     def _show_frame(self) -> None:
@@ -202,7 +202,7 @@ class ChainTopics:
         """Adapt to new publishers."""
         for topic in (self._joints, self._states, self._kicks, self.camera):
             topic.adapt()
-        self.publishers = len(self._joints.publishers)
+        self.publishers = self._joints.publishers
 
     def close(self) -> None:
         """Unsubscribe."""

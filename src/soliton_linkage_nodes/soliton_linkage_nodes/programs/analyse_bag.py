@@ -63,6 +63,7 @@ from soliton_linkage_studies.workers import (
     process_count,
 )
 
+_NO_CHAIN = 'specify the chain with --chain, or record the topic chain'
 _STATES = 'soliton_state.csv'
 COLUMNS = (
     'number',
@@ -253,7 +254,7 @@ def analyse(
     analysed = JointStateAnalysis(noise)
     with open_bag(bag, limits) as reader:
         total = find_topic(reader, 'joint_states').msgcount
-        named = given or read_chain(reader)
+        named = given or read_chain(reader, _NO_CHAIN)
         drawn = PictureFrames(named)
         progress = ProgressLine('analysing', total)
         folder.mkdir(parents=True, exist_ok=True)

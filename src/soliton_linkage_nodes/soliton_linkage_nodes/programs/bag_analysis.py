@@ -32,7 +32,7 @@ from soliton_linkage_nodes.messages.frame_assembler import FrameAssembler
 from soliton_linkage_nodes.messages.joint_state_analysis import JointStateAnalysis
 from soliton_linkage_nodes.runtime import interfaces
 
-_NO_CHAIN = 'specify the chain with --chain, or record the topic chain'
+_RECORD_CHAIN = 'record the topic chain'
 _MAX_LINES = 3
 """Largest number of lines about rejected messages of a topic."""
 
@@ -53,7 +53,7 @@ def analyse_frames(
     joints = find_topic(reader, interfaces.JOINT_STATES.name)
     connections = [joints]
     if given is None:
-        first = next((message for _, message in read_topic(reader, 'chain', _NO_CHAIN)), None)
+        first = next((message for _, message in read_topic(reader, 'chain')), None)
         analysis.set_chain(read_chain(reader) if first is None else chain_from_msg(first))
         connections.append(find_topic(reader, 'chain'))
     else:
@@ -105,13 +105,11 @@ def _decoder(connection: Connection) -> Callable[[bytes], JointStates]:
     return lambda serialized: joint_states_from_msg(decode(serialized))
 
 
-def read_chain(reader: Reader) -> NamedChain:
-    """Return the last chain in a bag."""
-    chains = [message for _, message in read_topic(reader, 'chain', _NO_CHAIN)]
+def read_chain(reader: Reader, remedy: str = _RECORD_CHAIN) -> NamedChain:
+    """Return the last chain in a bag; ValueError without one, which ends with `remedy`."""
+    chains = [message for _, message in read_topic(reader, 'chain', remedy)]
     if not chains:
-        raise ValueError(
-            f'bag {str(reader.path)!r} has no message on the topic chain; {_NO_CHAIN}'
-        )
+        raise ValueError(f'bag {str(reader.path)!r} has no message on the topic chain; {remedy}')
     return chain_from_msg(chains[-1])
 
 

@@ -18,12 +18,15 @@ from soliton_linkage_msgs import msg
 from soliton_linkage_nodes.messages.cdr import JointStateDecoder
 from soliton_linkage_nodes.messages.chain_source import with_joints
 from soliton_linkage_nodes.messages.conversions import NamedChain, chain_from_msg
+from soliton_linkage_nodes.messages.frame_assembler import SerializedFrames
 from soliton_linkage_nodes.messages.frame_reader import FrameReader
 from soliton_linkage_nodes.runtime import interfaces
 
 LEGEND = '/ leans right, \\ leans left, | is upright, ? is missing, O is a soliton'
 _UPRIGHT = 1 / 3
 """Lean relative to the uniform state below which a rotor is drawn upright [1]."""
+_DEPTH = 10
+"""Depth of the queue of joint_states [1], so that a frame may have up to ten messages."""
 _FEWEST = 10
 """Smallest number of marks in the line, even if the remark is long [1]."""
 
@@ -41,11 +44,12 @@ class ChainLine:
         self._line = ProgressLine('', 0)
         self._chain: tuple[NamedChain, FrameReader] | None = None
         self._decoder = JointStateDecoder()
+        self._frames = SerializedFrames()
         self._serialized: bytes | None = None
         self.received_at = -math.inf
         """Arrival time of the last joint states, on the monotonic clock [s]."""
         self._explained = False
-        latest = QoSProfile(depth=1, reliability=ReliabilityPolicy.BEST_EFFORT)
+        latest = QoSProfile(depth=_DEPTH, reliability=ReliabilityPolicy.BEST_EFFORT)
         chain, joints = interfaces.CHAIN, interfaces.JOINT_STATES
         self._subscriptions = [
             node.create_subscription(chain.type, chain.name, self._on_chain, chain.qos),
@@ -111,10 +115,12 @@ class ChainLine:
         """Set the chain to draw; ValueError if it has another number of rotors than of joints."""
         named = with_joints(named, self._joint_names)
         self._chain = (named, FrameReader(named.joint_names, named.encoder_offsets))
+        self._frames.set_joints(named.joint_names)
         self._explained = False
 
     def _on_joint_states(self, serialized: Any) -> None:
-        self._serialized, self.received_at = serialized, time.monotonic()
+        for frame in self._frames.add(serialized):
+            self._serialized, self.received_at = frame, time.monotonic()
 
 
 def drawn(leans: Array, solitons: Sequence[float], room: int) -> str:

@@ -16,6 +16,7 @@ from typing import Any
 
 from soliton_linkage.command_line import PlainParser
 from soliton_linkage_nodes.bags.guards import load_json, parse_count
+from soliton_linkage_nodes.bags.metadata import gaps_in, time_in_gaps
 from soliton_linkage_nodes.bags.recovery import BagReport, check_bag
 from soliton_linkage_nodes.programs.command_line import (
     add_limits,
@@ -78,6 +79,10 @@ def _lines(report: BagReport) -> Iterator[tuple[str, list[str]]]:
     yield 'Topic information:', [_row('Topic', 'Count', each) for each in topics]
     yield 'Service:', [str(len(services))]
     yield 'Service information:', [_row('Service', 'Event Count', each) for each in services]
+    paused = report.end - start - _recorded(report)
+    if report.messages and paused:
+        recorded = _seconds(_recorded(report))
+        yield 'Recorded:', [f'{recorded}s, without {_seconds(paused)}s of pauses']
     yield 'Lost:', [_losses(report)]
     missed = _counts_in(report, 'missed_messages')
     if missed:
@@ -142,6 +147,7 @@ def _as_json(report: BagReport) -> dict[str, Any]:
         'size': sum(file.stat().st_size for file in report.files),
         'start': report.start,
         'end': report.end if report.messages else None,
+        'recorded': _recorded(report),
         'messages': report.messages,
         'topics': [dict(zip(keys, (*own, *counts), strict=True)) for own, *counts in topics],
         'services': [dict(zip(keys, (*own, *counts), strict=True)) for own, *counts in services],
@@ -153,6 +159,13 @@ def _as_json(report: BagReport) -> dict[str, Any]:
         'custom_data': report.custom_data,
         'sound': _is_sound(report),
     }
+
+
+def _recorded(report: BagReport) -> int:
+    """Return the duration without the times in which the recorder was paused or ended [ns]."""
+    start = report.end if report.start is None else report.start
+    gaps = gaps_in(report.custom_data)
+    return report.end - start - time_in_gaps(gaps, start, report.end)
 
 
 def _seconds(nanoseconds: int) -> str:

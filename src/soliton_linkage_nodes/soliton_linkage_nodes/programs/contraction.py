@@ -116,7 +116,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
     parser.add_argument('config', type=Path, nargs='?', default=default, help=settings)
     output = 'folder for the bags, the table and the picture (%(default)s)'
     parser.add_argument('--output', type=Path, default=Path('out/contraction'), help=output)
-    parser.add_argument('--quick', action='store_true', help='only every fourth wall')
+    parser.add_argument('--quick', action='store_true', help='only every fourth soliton')
     options = parser.parse(arguments)
     stopping = stop_on_signals()
     with exit_on_failure('contraction'):
@@ -163,5 +163,5 @@ def _measured(
         except (RuntimeError, ValueError) as error:
             print(f'\ncontraction: recording {which} again, because: {error}', file=sys.stderr)
             passages.append(measured(number, kick))
-    progress.end(f'{len(runs)} walls recorded and measured')
+    progress.end(f'{len(runs)} solitons recorded and measured')
     return passages

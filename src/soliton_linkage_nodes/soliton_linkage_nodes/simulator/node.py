@@ -211,7 +211,7 @@ class Simulator(ManagedNode):
         return self._figures(
             {
                 'motion': self.named.chain.motion.value,
-                'bonds that may stop a wall': len(self._obstacles),
+                'bonds that may stop a soliton': len(self._obstacles),
                 'gravity [m/s^2]': gravity.acceleration,
                 'tilt [rad]': gravity.tilt,
             }
@@ -319,7 +319,7 @@ def describe_obstacles(obstacles: Sequence[Obstacle]) -> str:
     """Return a warning about bonds that may stop a soliton."""
     first = obstacles[0]
     return (
-        f'{len(obstacles)} bonds may stop a wall, first bond {first.bond} between rotors '
+        f'{len(obstacles)} bonds may stop a soliton, first bond {first.bond} between rotors '
         f'{first.bond} and {first.bond + 1}: its spring of {first.rest_length:.6g} m '
         f'{first.reason}; lower the deviations of the chain'
     )

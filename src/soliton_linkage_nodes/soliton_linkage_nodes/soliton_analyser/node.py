@@ -288,8 +288,8 @@ def describe(analysis: JointStateAnalysis, misfit_limit: float) -> tuple[str, bo
     alone = len(latest.solitons) < 2 and not analyser.limitation
     if alone and latest.estimate.status is TrackingStatus.LOST:
         return (
-            'the angles do not fit one wall of the chain; if the chain has one wall, check the '
-            'parameters in chain and that joint_states are in rad',
+            'the angles do not fit one soliton of the chain; if the chain has one soliton, check '
+            'the parameters in chain and that joint_states are in rad',
             True,
         )
     misfit = latest.estimate.misfit

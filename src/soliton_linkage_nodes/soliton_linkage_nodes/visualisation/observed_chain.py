@@ -12,7 +12,6 @@ from rclpy.node import Node
 
 from soliton_linkage.linkage.chain import Array
 from soliton_linkage_msgs import msg
-from soliton_linkage_nodes.messages.cdr import JointStateDecoder
 from soliton_linkage_nodes.messages.conversions import FRAME, NamedChain
 from soliton_linkage_nodes.messages.frame_reader import FrameReader
 from soliton_linkage_nodes.messages.marker_conversions import (
@@ -20,6 +19,7 @@ from soliton_linkage_nodes.messages.marker_conversions import (
     kick_from_msg,
     walls_from_msg,
 )
+from soliton_linkage_nodes.messages.newest_frame import NewestFrame
 from soliton_linkage_nodes.messages.view_conversions import (
     NodeReport,
     Numbers,
@@ -59,18 +59,14 @@ class ObservedChain:
         """Stamp of the solitons."""
         self.numbers: Numbers = {}
         """Quantities of the latest soliton state."""
-        self._joints, self._states, self._kicks = (
-            subscribe_newest(
-                inbox,
-                topic,
-                owner.resolve_topic_name(topic.name),
-                raw=topic is interfaces.JOINT_STATES,
-            )
-            for topic in (interfaces.JOINT_STATES, interfaces.SOLITON_STATE, interfaces.LAST_KICK)
+        joints = owner.resolve_topic_name(interfaces.JOINT_STATES.name)
+        self._joints = NewestFrame(inbox, joints)
+        self._states, self._kicks = (
+            subscribe_newest(inbox, topic, owner.resolve_topic_name(topic.name))
+            for topic in (interfaces.SOLITON_STATE, interfaces.LAST_KICK)
         )
         self._diagnostics = AdaptiveSubscription(inbox, interfaces.DIAGNOSTICS)
         self._reports: dict[str, tuple[float, NodeReport]] = {}
-        self._decoder = JointStateDecoder()
         self._reader: FrameReader | None = None
         self._walls: list[Wall] = []
         self._kick: msg.LastKick | None = None
@@ -96,6 +92,7 @@ class ObservedChain:
         """Observe this chain from now on."""
         self.named = named
         self._reader = FrameReader(named.joint_names, named.encoder_offsets)
+        self._joints.set_joints(named.joint_names)
         self.angles = np.zeros(0)
 
     def take(self) -> None:
@@ -112,9 +109,8 @@ class ObservedChain:
             for report in reports_from_msg(message):
                 self._reports[report.node] = (time.monotonic(), report)
         self._kick = self._kicks.newest() or self._kick
-        serialized = self._joints.newest() if self._reader else None
-        if self._reader is not None and serialized is not None:
-            joints = self._decoder.decode(serialized)
+        joints = self._joints.take() if self._reader else None
+        if self._reader is not None and joints is not None:
             self.angles = self._reader.read(joints).angles
             self.stamp, self.frame = time_to_msg(joints.stamp), joints.frame_id or FRAME
             self._taken_at = time.monotonic()

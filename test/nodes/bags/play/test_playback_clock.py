@@ -9,7 +9,7 @@ from typing import Any
 
 import pytest
 
-from soliton_linkage_nodes.bags.play.playback import NextAction, PlaybackClock
+from soliton_linkage_nodes.bags.play.playback_clock import NextAction, PlaybackClock
 
 SECOND = 10**9
 

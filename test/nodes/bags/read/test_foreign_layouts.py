@@ -13,11 +13,13 @@ import yaml
 from graphs import Graph
 from mcap.writer import Writer
 from rclpy.serialization import serialize_message
+from std_msgs.msg import String
 from std_srvs.srv import Trigger
 
 from soliton_linkage_nodes.bags.player import BagPlayer
 from soliton_linkage_nodes.bags.reading import open_bag, read_messages
 from soliton_linkage_nodes.bags.recovery import check_bag, recover_bag
+from soliton_linkage_nodes.runtime.interfaces import Topic, reliable_qos
 
 DATA = b'\x00\x01\x00\x00\x02\x00\x00\x00a\x00'
 Held = list[tuple[str, int]]
@@ -143,7 +145,9 @@ def test_a_topic_may_have_any_name(tmp_path: Path) -> None:
             assert held(new) == [(name, 10), ('/b', 20)]
 
 
-def test_messages_in_a_write_ahead_log_are_read_and_the_bag_is_unchanged(tmp_path: Path) -> None:
+def test_messages_in_a_write_ahead_log_are_read_and_the_bag_is_unchanged(
+    graph: Graph, tmp_path: Path
+) -> None:
     messages = [('/a', stamp) for stamp in range(101)]
     bag = write_bag(tmp_path / 'run', [messages], '.db3')
     (bag / 'run_0.db3').unlink()
@@ -154,6 +158,9 @@ def test_messages_in_a_write_ahead_log_are_read_and_the_bag_is_unchanged(tmp_pat
     assert (check_bag(bag).damage, check_bag(bag).messages) == ([], 101)
     _, new = recover_bag(bag, tmp_path / 'new')
     assert held(new) == messages
+    heard = graph.hear(Topic('a', String, reliable_qos(200)))
+    player = graph.start(BagPlayer, {'bag': str(bag), 'wait_for': ['a']})
+    graph.until(lambda: player.finished and len(heard) == 101, 'the end', lambda: len(heard))
     assert {path: path.read_bytes() for path in bag.iterdir()} == before
 
 

@@ -7,6 +7,7 @@ import json
 from collections.abc import Callable
 from pathlib import Path
 
+import pytest
 from graphs import Graph, values
 from hypothesis import given
 from hypothesis import strategies as st
@@ -48,16 +49,18 @@ def test_messages_of_an_earlier_publisher_are_not_missed(
     assert missed(first, begin, period) == 0
 
 
+@pytest.mark.parametrize('name', ['joint_states', 'motor_states'])
 def test_a_publisher_that_sends_before_it_is_matched_is_reported(
-    graph: Graph, tmp_path: Path, said: Callable[[], str]
+    graph: Graph, tmp_path: Path, said: Callable[[], str], name: str
 ) -> None:
-    given = {'output': str(tmp_path / 'run'), 'topics': ['joint_states']}
+    given = {'output': str(tmp_path / 'run'), 'topics': [name]}
     recorder = graph.start(BagRecorder, given)
     reports = graph.reports('bag_recorder')
     graph.until(lambda: len(reports) > 1, 'some time')
-    # The recorder subscribes again for a publisher that is not reliable, and misses the first.
+    # The recorder subscribes to a new topic, or again to one that is not reliable, and misses the
+    # first messages.
     qos = QoSProfile(depth=10, reliability=ReliabilityPolicy.BEST_EFFORT)
-    publisher = graph.user.create_publisher(JointState, 'joint_states', qos)
+    publisher = graph.user.create_publisher(JointState, name, qos)
     sent = 0
 
     def send() -> bool:
@@ -70,15 +73,15 @@ def test_a_publisher_that_sends_before_it_is_matched_is_reported(
     graph.until(lambda: recorder.messages + recorder.missed == sent, 'the rest')
     assert recorder.missed > 0
     report = graph.next_report('bag_recorder')
-    assert values(report)['missed on /joint_states'] == str(recorder.missed)
+    assert values(report)[f'missed on /{name}'] == str(recorder.missed)
     assert report.level == report.WARN
     counted = recorder.missed
     graph.stop(recorder)
     assert f'{sent - counted} messages, 0 lost, {counted} missed before matching' in said()
-    assert len(messages_of(tmp_path / 'run_0')['/joint_states']) == sent - counted
+    assert len(messages_of(tmp_path / 'run_0')[f'/{name}']) == sent - counted
     with open_bag(tmp_path / 'run_0') as reader:
         stored = reader.storage.metadata.custom['missed_messages']
-    assert json.loads(stored) == {'/joint_states': counted}
+    assert json.loads(stored) == {f'/{name}': counted}
 
 
 def test_check_bag_states_the_missed_messages(

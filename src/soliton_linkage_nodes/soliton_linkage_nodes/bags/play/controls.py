@@ -12,12 +12,8 @@ import tty
 from collections.abc import Callable, Mapping
 from typing import Any
 
-from soliton_linkage_nodes.bags.play.playback import (
-    RATES,
-    PlaybackClock,
-    PlaybackRange,
-    PlaybackThread,
-)
+from soliton_linkage_nodes.bags.play.playback import PlaybackRange, PlaybackThread
+from soliton_linkage_nodes.bags.play.playback_clock import RATES, PlaybackClock
 from soliton_linkage_nodes.bags.services import Reply, serve, serve_value
 from soliton_linkage_nodes.runtime.managed import ManagedNode
 from soliton_linkage_nodes.runtime.stamps import SECOND, time_from_msg
@@ -162,9 +158,12 @@ class PlayerControls:
         return 'the playback is not paused; call ~/pause first'
 
     def _seek(self, stamp: int) -> Reply:
+        """Continue at a stamp [ns]; a stamp before the bag is a time since its start."""
         first, last = self._range.origin, self._range.end
         if not self._playing.playing:
             raise ValueError('nothing is playing; call ~/play')
+        if 0 <= stamp < first and stamp <= last - first:
+            stamp += first
         if not first <= stamp <= last:
             raise ValueError(f'{stamp} ns is outside the bag, {first} to {last} ns')
         self._clock.seek(stamp)

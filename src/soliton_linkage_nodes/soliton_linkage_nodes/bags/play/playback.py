@@ -1,14 +1,11 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Playback clock, and the thread that publishes the messages of a bag when they are due."""
+"""Thread that publishes the messages of a bag when they are due."""
 
 from __future__ import annotations
 
-import sys
 import threading
-import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from enum import Enum, auto
 from functools import partial
 from itertools import islice
 from pathlib import Path
@@ -18,8 +15,11 @@ from rosbags.rosbag2 import Reader
 
 from soliton_linkage.progress import ProgressLine
 from soliton_linkage_nodes.bags.guards import DEFAULT_LIMITS, BagLimits
+from soliton_linkage_nodes.bags.metadata import time_in_gaps
+from soliton_linkage_nodes.bags.play.playback_clock import NextAction, PlaybackClock
 from soliton_linkage_nodes.bags.play.replay_publishers import ReplayPublishers
 from soliton_linkage_nodes.bags.reading import (
+    gaps_of,
     latched,
     latched_before,
     open_bag,
@@ -27,216 +27,6 @@ from soliton_linkage_nodes.bags.reading import (
     types_of_topic,
 )
 from soliton_linkage_nodes.runtime.stamps import SECOND
-
-RATES = (1e-3, 1e3)
-"""Lowest and highest playback rate relative to the recording [1]."""
-_LONGEST_WAIT = 0.1
-"""Longest interval between two updates of the progress line [s]."""
-
-
-class NextAction(Enum):
-    """Action after waiting for a message."""
-
-    PLAY = auto()
-    SEEK = auto()
-    STOP = auto()
-
-
-class PlaybackClock:
-    """Clock of the playback [ns] with a rate; other threads may pause, seek, step and stop it.
-
-    The playback time is `p = p0 + rate (t - t0)`. Each change of the rate, pause or seek sets new
-    values of t0 and p0. Without `paced`, every message is due immediately unless the playback is
-    paused. `stopping` is set after a stop.
-    """
-
-    def __init__(
-        self,
-        rate: float = 1.0,
-        paused: bool = False,
-        paced: bool = True,
-        clock: Callable[[], float] = time.monotonic,
-        longest_step: float = 1.0,
-        longest_burst: float = 2.0,
-        changed: threading.Condition | None = None,
-    ) -> None:
-        """Create a clock that does not advance until `start` is called.
-
-        `play_next` waits at most `longest_step` [s] and `burst` at most `longest_burst` [s]. These
-        waits are limited because they block all other services of the node. All waits use the
-        condition `changed`.
-        """
-        self.stopping = threading.Event()
-        self._longest_step = longest_step
-        self._longest_burst = longest_burst
-        self._changed = changed or threading.Condition()
-        self._clock = clock
-        self._paced = paced
-        self._rate = rate
-        self._paused = paused
-        self._position = 0.0
-        self._since = clock()
-        self._steps = 0
-        self._passed = 0
-        self._at_end = False
-        self._sought: int | None = None
-
-    @property
-    def rate(self) -> float:
-        """Playback rate relative to the recording [1]."""
-        return self._rate
-
-    @property
-    def paced(self) -> bool:
-        """Whether messages are published at their recorded intervals, scaled by the rate."""
-        return self._paced
-
-    @property
-    def paused(self) -> bool:
-        """Whether the playback is paused."""
-        return self._paused
-
-    @property
-    def stepping(self) -> bool:
-        """Whether a step or burst still has messages to play."""
-        return bool(self._steps)
-
-    def start(self, stamp: int) -> None:
-        """Continue from an instant [ns]."""
-        with self._changed:
-            self._position = float(stamp)
-            self._since = self._clock()
-
-    def pause(self) -> None:
-        """Pause the playback."""
-        with self._changed:
-            self._move()
-            self._paused = True
-            self._changed.notify_all()
-
-    def resume(self) -> None:
-        """End a pause."""
-        with self._changed:
-            self._move()
-            self._paused = False
-            self._steps = 0
-            self._changed.notify_all()
-
-    def toggle(self) -> None:
-        """Pause or resume."""
-        if self._paused:
-            self.resume()
-        else:
-            self.pause()
-
-    def set_rate(self, rate: float) -> None:
-        """Change the rate."""
-        with self._changed:
-            self._move()
-            self._rate = rate
-            self._changed.notify_all()
-
-    def play_next(self) -> bool:
-        """Play one message of a paused playback; return False if none was played in time."""
-        with self._changed:
-            return bool(self._step(1, self._longest_step))
-
-    def burst(self, number: int) -> int:
-        """Play `number` messages (0: all) without waiting during a pause.
-
-        Return the number of messages that were played within the time limit. If that is at least
-        one, the player continues with the remaining messages.
-        """
-        with self._changed:
-            return self._step(number or sys.maxsize, self._longest_burst)
-
-    def seek(self, stamp: int) -> None:
-        """Continue from another instant [ns] as soon as the player waits for a message."""
-        with self._changed:
-            self._sought = stamp
-            self._changed.notify_all()
-
-    def reopen(self) -> None:
-        """Allow playing again after a stop. The clock remains paused if it was paused."""
-        with self._changed:
-            self.stopping.clear()
-            self._sought = None
-            self._steps = 0
-
-    def stop(self) -> None:
-        """Stop the playback."""
-        with self._changed:
-            self.stopping.set()
-            self._changed.notify_all()
-
-    def take_sought(self) -> int:
-        """Return the requested instant of a seek [ns]; ValueError if no seek was requested."""
-        with self._changed:
-            sought, self._sought = self._sought, None
-        if sought is None:
-            raise ValueError('there was no seek; call this only after NextAction.SEEK')
-        return sought
-
-    def wait_for(self, stamp: int, meanwhile: Callable[[], None] = lambda: None) -> NextAction:
-        """Wait until a message with `stamp` [ns] is due; call `meanwhile` ten times a second."""
-        while True:
-            with self._changed:
-                early = self._early(stamp)
-                if self.stopping.is_set():
-                    return NextAction.STOP
-                if self._sought is not None:
-                    return NextAction.SEEK
-                if early <= 0.0:
-                    if self._paused:
-                        self._pass_one(stamp)
-                    return NextAction.PLAY
-                self._changed.wait(min(early, _LONGEST_WAIT))
-            meanwhile()
-
-    def wait_at_end(self) -> NextAction:
-        """Wait at the end of the bag until a seek, a stop or the end of a pause."""
-        with self._changed:
-            self._at_end, self._steps = True, 0
-            self._changed.notify_all()
-            self._changed.wait_for(
-                lambda: not self._paused or self.stopping.is_set() or self._sought is not None
-            )
-            self._at_end = False
-            if self.stopping.is_set():
-                return NextAction.STOP
-            return NextAction.PLAY if self._sought is None else NextAction.SEEK
-
-    def _step(self, number: int, limit: float) -> int:
-        if not self._paused or self._at_end or self.stopping.is_set():
-            return 0
-        before = self._passed
-        self._steps += number
-        self._changed.notify_all()
-        self._changed.wait_for(lambda: not self._steps or self.stopping.is_set(), limit)
-        passed = self._passed - before
-        if not passed:
-            self._steps = 0
-        return passed
-
-    def _early(self, stamp: int) -> float:
-        """Return the time until a message is due [s]."""
-        if self._paused:
-            return 0.0 if self._steps else _LONGEST_WAIT
-        if not self._paced:
-            return 0.0
-        return self._since + (stamp - self._position) * 1e-9 / self._rate - self._clock()
-
-    def _pass_one(self, stamp: int) -> None:
-        self._steps -= 1
-        self._passed += 1
-        self._position = max(self._position, float(stamp))
-        self._changed.notify_all()
-
-    def _move(self) -> None:
-        now = self._clock()
-        if not self._paused:
-            self._position += (now - self._since) * 1e9 * self._rate
-        self._since = now
 
 
 @dataclass(frozen=True)
@@ -373,6 +163,7 @@ class PlaybackThread:
     def _run(self) -> None:
         try:
             with open_bag(self._path, self._limits) as reader:
+                self._gaps = gaps_of(reader)
                 self._play(reader)
             self._publishers.deliver()
         except Exception as error:
@@ -409,7 +200,7 @@ class PlaybackThread:
                 continue
             if self._publishers.leaves_out(connection):
                 continue
-            self._skip_long_gap(before, stamp)
+            self._skip_gap(before, stamp)
             before = stamp
             action = self._clock.wait_for(stamp, partial(self._show, stamp))
             if action is not NextAction.PLAY:
@@ -419,11 +210,15 @@ class PlaybackThread:
             self._show(stamp)
         return self._clock.wait_at_end()
 
-    def _skip_long_gap(self, before: int, stamp: int) -> None:
-        gap = (stamp - before) / SECOND
-        if self._longest_gap and gap > self._longest_gap:
-            self._publishers.report_gap(stamp, gap)
-            self._clock.start(stamp)
+    def _skip_gap(self, before: int, stamp: int) -> None:
+        """Skip the time without recording before a message, or a gap that is too long."""
+        skipped = time_in_gaps(self._gaps, before, stamp)
+        limit = round(self._longest_gap * SECOND)
+        if limit and stamp - before - skipped > limit:
+            skipped = stamp - before
+        if skipped:
+            self._publishers.report_gap(stamp, skipped / SECOND)
+            self._clock.start(before + skipped)
 
     def _publish_latched(self, reader: Reader, start: int) -> dict[str, int]:
         """Publish the last latched messages before `start` [ns].

@@ -195,10 +195,10 @@ class ReplayPublishers:
         self._states[states.topic] = states
 
     def report_gap(self, stamp: int, gap: float) -> None:
-        """Log that a gap of `gap` [s] before the message at `stamp` [ns] was skipped."""
-        self._node.get_logger().warning(
-            f'skipped {gap:.0f} s without a message before {stamp} ns; '
-            'parameter longest_gap limits such gaps'
+        """Log that `gap` [s] without messages before the message at `stamp` [ns] were skipped."""
+        self._node.get_logger().info(
+            f'skipped {gap:.0f} s without a message before {stamp} ns: the recorder was paused, '
+            'or the gap exceeds parameter longest_gap'
         )
 
     def reset(self) -> None:

@@ -14,14 +14,15 @@ from pathlib import Path
 
 from rclpy.qos import QoSProfile
 
-from soliton_linkage_nodes.bags.guards import load_json
 from soliton_linkage_nodes.bags.metadata import (
+    GAPS,
     MCAP,
     METADATA_FILE,
     SUFFIXES,
     StoredFile,
     as_text,
     bag_information,
+    gaps_in,
     write_metadata,
 )
 from soliton_linkage_nodes.bags.storages.mcap_records import Bytes
@@ -32,7 +33,6 @@ from soliton_linkage_nodes.runtime.stamps import SECOND
 COMPRESSIONS = ('none', 'zstd')
 _CUSTOM_DATA_INTERVAL = 1.0
 """Period at which changed custom data is written [s]; the file keeps every version."""
-_GAPS = 'gaps'
 _RESERVE = 'space_for_the_index'
 _RESERVE_BYTES = 2**20
 """Space for the index of one day [B], about 100 bytes per chunk."""
@@ -202,6 +202,11 @@ class BagWriter:
         """Set texts for the bag's metadata; they are also stored if the bag is never closed."""
         self._custom_data.update(custom_data)
 
+    def add_gap(self, start: int, end: int) -> None:
+        """Add a time without recording [ns], such as a pause, to the custom data."""
+        gaps = [*gaps_in(self._custom_data), (start, end)]
+        self._custom_data[GAPS] = json.dumps(gaps)
+
     def split(self) -> None:
         """Continue in a new file."""
         with self._naming_the_bag():
@@ -251,9 +256,8 @@ class BagWriter:
         now = time.time_ns()
         missing = (now - begun.file.end) / SECOND
         self.gap_description = f', a continued bag; the last {missing:.1f} s are missing'
-        earlier = load_json(begun.custom_data.get(_GAPS, '[]'))
-        gaps = [*(earlier if isinstance(earlier, list) else []), [begun.file.end, now]]
-        self._custom_data = {**begun.custom_data, _GAPS: json.dumps(gaps)}
+        self._custom_data = dict(begun.custom_data)
+        self.add_gap(begun.file.end, now)
 
     def _split_if_full(self, stamp: int) -> None:
         if self._begun is None:

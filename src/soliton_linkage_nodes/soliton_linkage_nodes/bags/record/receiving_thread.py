@@ -114,10 +114,13 @@ class DiscoveryWait:
 
 _POLL_INTERVAL = 0.05
 """Period at which messages are taken from the middleware [s]."""
+_DISCOVERY_INTERVAL = 0.01
+"""Period of queries for awaited topics [s], because messages before the subscription are missed
+and rclpy reports no graph events. A query takes at most 0.1 ms."""
 _LONGEST_ROUND = 5.0
 """Longest wait until the thread has taken all waiting messages [s]; typical: 0.01 s."""
 _SEARCH_INTERVAL = 0.25
-"""Period of graph queries for new topics [s]; one query takes a millisecond."""
+"""Period of graph queries for new publishers of subscribed topics [s]."""
 
 
 class ReceivingThread:
@@ -150,6 +153,7 @@ class ReceivingThread:
         self._real_time = real_time
         self._discovery: DiscoveryWait | None = DiscoveryWait(discovery)
         self._lock = threading.Lock()
+        self._paused_at = time.time_ns()
         self._metadata = RecordingMetadata()
         self._subscriptions: list[RecordedSubscription] = []
         self._add(finder.of_suite())
@@ -180,6 +184,8 @@ class ReceivingThread:
     def pause(self) -> None:
         """Stop recording until `resume`."""
         with self._lock:
+            if not self._buffer.paused:
+                self._paused_at = time.time_ns()
             self._buffer.paused = True
 
     def settle(self) -> None:
@@ -190,6 +196,8 @@ class ReceivingThread:
 
     def resume(self) -> int:
         """End a pause; record its last latched messages first and return their number."""
+        if self._buffer.paused:
+            self._bag.add_gap(self._paused_at, time.time_ns())
         return self._record(self._buffer.resume)
 
     def snapshot(self) -> int:
@@ -208,7 +216,7 @@ class ReceivingThread:
         last_round = False
         try:
             while not last_round:
-                last_round = self._stopping.wait(_POLL_INTERVAL)
+                last_round = self._wait()
                 priority.update()
                 searching = time.monotonic() >= search_at and not last_round
                 batch = [message for each in self._subscriptions for message in each.drain()]
@@ -221,8 +229,7 @@ class ReceivingThread:
                 else:
                     changed = [each for each in self._subscriptions if each.changed]
                     batch += [message for each in changed for message in each.adapt(True)]
-                if searching or self._finder.appeared:
-                    self._add(self._finder.find())
+                self._add(self._finder.find())
                 self._metadata.take(batch)
                 batch.sort(key=attrgetter('stamp'))
                 with self._lock:
@@ -233,6 +240,14 @@ class ReceivingThread:
         except Exception as error:
             self.failure = error
             self._end_round(sys.maxsize)
+
+    def _wait(self) -> bool:
+        """Wait for the next round or a new topic; return whether the thread must stop."""
+        round_at = time.monotonic() + _POLL_INTERVAL
+        while not self._stopping.wait(_DISCOVERY_INTERVAL):
+            if time.monotonic() >= round_at or self._finder.appeared:
+                return False
+        return True
 
     def _announce_once_connected(self) -> None:
         discovery = self._discovery

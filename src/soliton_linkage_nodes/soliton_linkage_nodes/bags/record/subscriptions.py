@@ -27,12 +27,19 @@ _DEPTH = 5000
 class RecordedSubscription:
     """Subscription to a topic that is recorded."""
 
-    def __init__(self, node: GuardedNode, source: RecordedTopic, message_type: Any) -> None:
-        """Subscribe with a QoS profile that is compatible with all offered profiles."""
+    def __init__(
+        self, node: GuardedNode, source: RecordedTopic, message_type: Any, wanted_since: int
+    ) -> None:
+        """Subscribe with a QoS profile that is compatible with all offered profiles.
+
+        Messages of publishers that began after `wanted_since` [ns] are missed if they are sent
+        before the publisher is matched.
+        """
         self.source = source
         self.gaps = SequenceGaps()
         self.starts = MissedStarts()
-        self._began = self._created = time.time_ns()
+        self._wanted_since = wanted_since
+        self._began = time.time_ns()
         topic = Topic(source.name, message_type, qos_for_all(source.profiles, _DEPTH))
         self._subscription = AdaptiveSubscription(node, topic, raw=True)
         self.publishers = 0
@@ -64,7 +71,7 @@ class RecordedSubscription:
         if not self.gaps.take(number, self.connected):
             self.starts.take(number, sent)
         elif not self.source.latched:
-            self.starts.add(number, sent, info['received_timestamp'] - self._created)
+            self.starts.add(number, sent, info['received_timestamp'] - self._wanted_since)
 
     @property
     def changed(self) -> bool:
@@ -105,7 +112,9 @@ class TopicFinder:
         others = [name for name in names if name.lstrip('/') not in known]
         self.awaited = {_resolved(node, name) for name in others}
         self.rejected: dict[str, str] = {}
+        self._began = time.time_ns()
         self._open: set[str] = set()
+        self._searched: set[str] = set()
 
     def of_suite(self) -> list[RecordedSubscription]:
         """Subscribe to the suite's topics, whose types are known without publishers."""
@@ -116,19 +125,24 @@ class TopicFinder:
             (RecordedTopic(name, type_name(each.type), (each.qos,), each.latched), each.type)
             for name, each in chosen.items()
         ]
-        return [RecordedSubscription(self._node, source, kind) for source, kind in sources]
+        return [
+            RecordedSubscription(self._node, source, kind, self._began) for source, kind in sources
+        ]
 
     @property
     def appeared(self) -> bool:
-        """Whether an awaited topic has a publisher. This query is 100 times faster than `find`."""
-        return any(map(self._node.count_publishers, self.awaited))
+        """Whether an awaited topic has a publisher, or topics have appeared since `find`."""
+        new = self._regex is not None and self._names() != self._searched
+        return new or any(map(self._node.count_publishers, self.awaited))
 
     def find(self) -> list[RecordedSubscription]:
         """Subscribe to the topics that have appeared since the last call."""
         found: list[RecordedSubscription] = []
         if not (self.awaited or self._regex):
             return found
-        for name, types in self._node.get_topic_names_and_types():
+        topics = self._node.get_topic_names_and_types()
+        self._searched = {name for name, _ in topics}
+        for name, types in topics:
             chosen = name in self.awaited or (self._regex and self._regex.search(name))
             if not chosen or not self._wanted(name) or name.endswith('/_action/feedback'):
                 continue
@@ -136,6 +150,9 @@ class TopicFinder:
             if publishers:
                 found += self._subscribe(name, types[0], [p.qos_profile for p in publishers])
         return found
+
+    def _names(self) -> set[str]:
+        return {name for name, _ in self._node.get_topic_names_and_types()}
 
     def _wanted(self, name: str) -> bool:
         excluded = self._exclude is not None and self._exclude.search(name)
@@ -153,7 +170,7 @@ class TopicFinder:
         self.awaited.discard(name)
         latched = all(p.durability == DurabilityPolicy.TRANSIENT_LOCAL for p in profiles)
         source = RecordedTopic(name, type_, tuple(profiles), latched)
-        return [RecordedSubscription(self._node, source, message_type)]
+        return [RecordedSubscription(self._node, source, message_type, self._began)]
 
 
 def _resolved(node: GuardedNode, name: str) -> str:

@@ -111,6 +111,10 @@ class WritingThread:
         """Set custom data of the bag."""
         self._post(lambda: self._writer.set_custom_data(texts))
 
+    def add_gap(self, start: int, end: int) -> None:
+        """Add a time without recording [ns] to the custom data of the bag."""
+        self._post(lambda: self._writer.add_gap(start, end))
+
     def split(self) -> None:
         """Continue the bag in a new file."""
         self._post(self._writer.split)

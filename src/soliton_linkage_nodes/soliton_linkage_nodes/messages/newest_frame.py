@@ -1,0 +1,89 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Newest frame of joint states, for displays."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Sequence
+
+from rclpy.node import Node
+
+from soliton_linkage_nodes.messages.cdr import JointStateDecoder
+from soliton_linkage_nodes.messages.conversions import JointStates
+from soliton_linkage_nodes.messages.frame_assembler import FrameAssembler
+from soliton_linkage_nodes.runtime import interfaces
+from soliton_linkage_nodes.runtime.subscriptions import subscribe_newest
+
+_DEPTH = 200
+"""Depth of the queue for frames in several messages [1]: 0.1 s of two messages at 1000 Hz."""
+_LONGEST_ASSEMBLY = 0.3
+"""Silence after which an incomplete frame is shown [s]. The next frame ends the wait."""
+
+
+class NewestFrame:
+    """Subscription of a display to the newest frame, for a node that no executor spins.
+
+    The queue has one message, because a display needs only 60 of 1000 frames per second. After a
+    message that lacks joints of the chain, the queue is deep and all messages are assembled.
+    """
+
+    def __init__(self, node: Node, name: str) -> None:
+        """Subscribe to the joint states with full name `name`."""
+        self.number: int | None = None
+        """Number of the newest frame, None if unknown; its increments count frames."""
+        self._node, self._name = node, name
+        self._decoder = JointStateDecoder()
+        self._assembler = FrameAssembler()
+        self._joints: frozenset[str] = frozenset()
+        self._divided = False
+        self._taken_at = 0.0
+        self._subscription = subscribe_newest(node, interfaces.JOINT_STATES, name, raw=True)
+
+    @property
+    def publishers(self) -> int:
+        """Number of publishers at the last call of `adapt`."""
+        return len(self._subscription.publishers)
+
+    def set_joints(self, joint_names: Sequence[str]) -> None:
+        """Assemble frames of these joints from now on."""
+        self._joints = frozenset(joint_names)
+        self._assembler = FrameAssembler(joint_names)
+
+    def take(self) -> JointStates | None:
+        """Return the newest frame since the last call, or None; ValueError if it is damaged."""
+        return self._assembled() if self._divided else self._last()
+
+    def adapt(self) -> None:
+        """Adapt the quality of service to new publishers."""
+        self._subscription.adapt()
+
+    def close(self) -> None:
+        """Unsubscribe."""
+        self._subscription.close()
+
+    def _last(self) -> JointStates | None:
+        serialized = self._subscription.newest()
+        if serialized is None:
+            return None
+        joints = self._decoder.decode(serialized)
+        self.number = self._subscription.sequence
+        absent = self._joints.difference(joints.name)
+        self._divided = 0 < len(absent) < len(self._joints)
+        if self._divided:
+            self.close()
+            topic = interfaces.JOINT_STATES
+            self._subscription = subscribe_newest(
+                self._node, topic, self._name, raw=True, depth=_DEPTH
+            )
+        return joints
+
+    def _assembled(self) -> JointStates | None:
+        frames: list[JointStates] = []
+        now = time.monotonic()
+        for serialized, _ in self._subscription.waiting():
+            self._taken_at = now
+            frames += self._assembler.add(self._decoder.decode(serialized))
+        if not frames and now - self._taken_at > _LONGEST_ASSEMBLY:
+            frames = self._assembler.flush()
+        self.number = (self.number or 0) + len(frames)
+        return frames[-1] if frames else None
