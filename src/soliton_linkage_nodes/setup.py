@@ -84,7 +84,14 @@ setup(
     license_files=['LICENSE'],
     python_requires='>=3.10',
     packages=find_packages(include=[PACKAGE, f'{PACKAGE}.*']),
-    package_data={PACKAGE: ['py.typed', 'live_view/browser/*']},
+    package_data={
+        PACKAGE: [
+            'py.typed',
+            'live_view/browser/*',
+            'live_view/docs/*.md',
+            'live_view/docs/pictures/*',
+        ]
+    },
     data_files=[
         ('share/ament_index/resource_index/packages', [f'resource/{PACKAGE}']),
         (SHARE, ['package.xml']),

@@ -283,6 +283,22 @@ def test_nodes_and_services_are_listed_and_called(said: Said, graph: Graph) -> N
 
 
 @pytest.mark.parametrize(
+    ('command', 'shown'), [(topic, '/angle'), (service, '/pendulum/get_parameters')]
+)
+def test_hidden_names_are_not_listed(said: Said, graph: Graph, command: Any, shown: str) -> None:
+    user, listed = graph.user, list[str]()
+    truth = [*user.get_topic_names_and_types(), *user.get_service_names_and_types()]
+    assert any('/_action/' in name for name, _ in truth)
+
+    def complete() -> bool:
+        listed[:] = said(command, 'list', timeout=0.0).split()
+        return shown in listed
+
+    graph.until(complete, shown, lambda: listed)
+    assert not any('/_' in name for name in listed)
+
+
+@pytest.mark.parametrize(
     ('announced', 'length'),
     [([3.1], 4.1), ([3.1, 4.0, 4.9], 5.9), ([], 3.2), ([0.7 * n for n in range(20)], 10)],
 )

@@ -26,7 +26,7 @@ def main(arguments: list[str]) -> int:
 
 def _list(visitor: Visitor, _: argparse.Namespace) -> None:
     for name, namespace in sorted(visitor.settled(visitor.node.get_node_names_and_namespaces)):
-        if name != visitor.node.get_name():
+        if not (name == visitor.node.get_name() or name.startswith('_')):
             print(f'{namespace.rstrip("/")}/{name}')
 
 

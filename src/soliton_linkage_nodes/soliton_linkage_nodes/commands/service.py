@@ -5,6 +5,8 @@ from __future__ import annotations
 
 import argparse
 
+from rclpy.topic_or_service_is_hidden import topic_or_service_is_hidden
+
 from soliton_linkage_nodes.commands.visitor import Verbs, Visitor
 from soliton_linkage_nodes.messages.fields import interface_type, read, to_yaml
 
@@ -25,7 +27,8 @@ def main(arguments: list[str]) -> int:
 
 def _list(visitor: Visitor, options: argparse.Namespace) -> None:
     for name, types in sorted(visitor.settled(visitor.node.get_service_names_and_types)):
-        if not name.startswith(f'/{visitor.node.get_name()}/'):
+        own = name.startswith(f'/{visitor.node.get_name()}/')
+        if not (own or topic_or_service_is_hidden(name)):
             print(f'{name} [{", ".join(types)}]' if options.show_types else name)
 
 

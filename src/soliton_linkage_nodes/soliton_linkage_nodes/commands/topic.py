@@ -9,6 +9,7 @@ from itertools import count, pairwise
 from typing import Any
 
 from rclpy.qos import QoSProfile
+from rclpy.topic_or_service_is_hidden import topic_or_service_is_hidden
 
 from soliton_linkage_nodes.commands.visitor import Verbs, Visitor
 from soliton_linkage_nodes.messages.fields import interface_type, read, to_yaml
@@ -24,7 +25,7 @@ _LINGER = 0.1
 def main(arguments: list[str]) -> int:
     """Run one of the verbs; return its exit code."""
     verbs = Verbs('topic', __doc__)
-    listing = verbs.add('list', _list, 'print the names of all topics')
+    listing = verbs.add('list', _list, 'print the names of all topics that are not hidden')
     listing.add_argument('-t', '--show-types', action='store_true', help='also print the types')
     info = verbs.add('info', _info, 'print the type of a topic and its numbers of endpoints')
     info.add_argument('topic')
@@ -67,7 +68,8 @@ def _positive(text: str) -> float:
 
 def _list(visitor: Visitor, options: argparse.Namespace) -> None:
     for name, types in sorted(visitor.settled(visitor.node.get_topic_names_and_types)):
-        print(f'{name} [{", ".join(types)}]' if options.show_types else name)
+        if not topic_or_service_is_hidden(name):
+            print(f'{name} [{", ".join(types)}]' if options.show_types else name)
 
 
 def _info(visitor: Visitor, options: argparse.Namespace) -> None:

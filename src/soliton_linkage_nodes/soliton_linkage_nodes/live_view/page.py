@@ -76,6 +76,8 @@ _SHARING = (
 )
 """Icon, label and script of each save button."""
 _PLOTS = Path(__file__).with_name('browser') / 'plots.html'
+_MARKDOWN = ['fenced-code-blocks', 'header-ids', 'tables']
+_DOCUMENTS = Path(__file__).with_name('docs')
 
 
 def add(served: FastAPI, view: View, lesson: bool) -> None:
@@ -85,6 +87,15 @@ def add(served: FastAPI, view: View, lesson: bool) -> None:
     @ui.page('/', response_timeout=_BUILD_TIMEOUT)
     async def index() -> None:
         await Page(view, lesson).build(plots)
+
+    @ui.page('/docs/{name}')
+    def document(name: str) -> None:
+        pages = {path.name: path for path in _DOCUMENTS.glob('*.md')}
+        if name not in pages:
+            ui.label(f'The documentation has no page {name!r}.')
+            return
+        with ui.element('main').classes('live-document'):
+            ui.markdown(pages[name].read_text(encoding='utf-8'), extras=_MARKDOWN)
 
     ui.run_with(
         served,

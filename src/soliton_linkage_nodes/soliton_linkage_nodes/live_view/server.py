@@ -24,12 +24,14 @@ from fastapi.responses import (
     RedirectResponse,
     Response,
 )
+from fastapi.staticfiles import StaticFiles
 from starlette.requests import HTTPConnection
 
 if TYPE_CHECKING:
     from starlette.types import ASGIApp, Receive, Scope, Send
 
 _SCRIPTS = Path(__file__).with_name('browser')
+_PICTURES = Path(__file__).parent / 'docs' / 'pictures'
 _START_TIMEOUT = 30.0
 """Longest time for the server to start [s]. NiceGUI takes seconds on a busy machine."""
 _LONGEST_PERIOD = 0.2
@@ -69,6 +71,8 @@ def application(
     """
     created = FastAPI(docs_url=None, redoc_url=None, openapi_url=None)
     files = {path.name: path for path in _SCRIPTS.iterdir() if path.suffix in ('.js', '.css')}
+
+    created.mount('/docs/pictures', StaticFiles(directory=_PICTURES, check_dir=False))
 
     @created.get('/live/{name}', response_class=Response)
     async def own_file(name: str) -> Response:

@@ -196,12 +196,16 @@ def test_the_first_steps_go_on_with_each_success(at_rest: Visit) -> None:
     visit.wait('document.getElementById("live-guide").hidden')
 
 
-def test_each_panel_explains_itself(visit: Visit) -> None:
+def test_each_panel_explains_itself_and_links_to_the_documentation(visit: Visit) -> None:
     buttons = visit.page.locator('.live-help:visible')
     assert buttons.count() == 6
     for button in buttons.all():
         button.click()
-        visit.page.locator('.live-help-text:popover-open a').wait_for()
+        links = visit.page.locator('.live-help-text:popover-open a')
+        with visit.page.context.expect_page() as opened:
+            links.last.click()
+        opened.value.locator('h1').first.wait_for()
+        opened.value.close()
         visit.page.keyboard.press('Escape')
 
 
