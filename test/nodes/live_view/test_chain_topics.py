@@ -61,6 +61,32 @@ def test_a_late_state_is_shown_with_its_own_frame(graph: Graph, named: NamedChai
     assert model.delay == 0.0
 
 
+def test_each_frame_has_its_own_state_if_the_analyser_lags(
+    graph: Graph, named: NamedChain
+) -> None:
+    found, lag = finder(graph), 20
+    model = found.chains['/'].model
+    joints, states = graph.speak(interfaces.JOINT_STATES), graph.speak(interfaces.SOLITON_STATE)
+    numbers, shown = count(1), list[bool]()
+
+    def shows_pairs() -> bool:
+        number = next(numbers)
+        angles = np.full(named.rotors, float(number))
+        stamp = time_to_msg(number * SECOND)
+        joints.publish(frame_to_msg(named, Frame(angles, angles), angles, stamp))
+        if number > lag:
+            late = number - lag
+            header = Header(stamp=time_to_msg(late * SECOND))
+            states.publish(SolitonState(header=header, solitons=[Soliton(rotor=float(late))]))
+        before = model.frames
+        found.update()
+        if model.frames > before:
+            shown.append(model.angles[0] == model.numbers.get('rotor'))
+        return len(shown) > 10 and all(shown[-10:])
+
+    graph.until(shows_pairs, 'ten frames with their states', lambda: shown)
+
+
 def test_frames_are_shown_without_an_analyser(graph: Graph, named: NamedChain) -> None:
     found = finder(graph)
     model = found.chains['/'].model

@@ -38,9 +38,13 @@ _SEARCH_INTERVAL = 0.5
 _MOST_REPORTS = 200
 """Largest number of diagnostics that one call of `update` takes [1]."""
 _PAIRED = 200
-"""Largest number of states that wait for their frames [1], 0.2 s at 1000 Hz."""
-_LONGEST_WAIT = 0.3
-"""Time without a pair of frame and state after which frames are shown without states [s]."""
+"""Largest number of states or frames that wait for each other [1]: states of 0.2 s at 1000 Hz,
+frames of 3 s."""
+_SILENCE = 0.3
+"""Time without a state after which frames are shown without states [s]."""
+_LONGEST_WAIT = 2.0
+"""Time without a pair of frame and state after which they are shown apart [s], for example if the
+analyser replaces the stamps."""
 _LATE_SPAN = 10.0
 """Time over which missed deadlines are counted [s]."""
 _MOST_CHAINS = 16
@@ -138,8 +142,8 @@ class ChainTopics:
         # Frames and states by their stamps [ns], until both of a stamp have arrived.
         self._frames: dict[int, JointStates] = {}
         self._analysed: dict[int, bytes] = {}
-        self._shown_at = -math.inf
-
+        self._shown_at = self._state_at = -math.inf
+        self._apart = False
         self._kicks = AdaptiveSubscription(
             node, replace(interfaces.LAST_KICK, name=f'{namespace}{interfaces.LAST_KICK.name}')
         )
@@ -161,10 +165,9 @@ class ChainTopics:
         for serialized, _ in self._states.waiting():
             try:
                 self._analysed[stamp_of(serialized)] = serialized
+                self._state_at = time.monotonic()
             except ValueError as error:
                 self.model.error = f'soliton_state: {error}'
-        for stamp in list(self._analysed)[:-_PAIRED]:
-            del self._analysed[stamp]
         try:
             frame = self._joints.take()
         except ValueError as error:
@@ -173,17 +176,23 @@ class ChainTopics:
         if frame is not None:
             self.model.update_rate(self._joints.number)
             self._frames[frame.stamp] = frame
-        self._show_frame()
+        for kept in (self._frames, self._analysed):
+            for stamp in list(kept)[:-_PAIRED]:
+                del kept[stamp]
+        self._show_frame(frame is not None)
 
-    def _show_frame(self) -> None:
+    def _show_frame(self, fresh: bool) -> None:
         """Update the model with the newest frame whose state has also arrived.
 
-        If no analyser runs or its lag exceeds 0.3 s, frames without states are used.
+        If no analyser runs, each `fresh` frame is shown. If no pair is found for two seconds, the
+        newest frame and the newest state are shown.
         """
         now = time.monotonic()
         paired = [stamp for stamp in self._frames if stamp in self._analysed]
-        late = now - self._shown_at > _LONGEST_WAIT or self.model.state_age > _LONGEST_WAIT
-        if not paired and not (late and (self._frames or self._analysed)):
+        silent = now - self._state_at > _SILENCE
+        self._apart = not paired and (self._apart or now - self._shown_at > _LONGEST_WAIT)
+        new = fresh or bool(silent and self._analysed)
+        if not paired and not (new and (silent or self._apart)):
             return
         self._shown_at = now
         if self._analysed:
@@ -195,7 +204,7 @@ class ChainTopics:
             self.model.update_joints(self._frames[frame])
         # The order of arrival is used, because stamps may restart at a reset.
         for kept in (self._frames, self._analysed):
-            for stamp in _until(kept, paired[-1]) if paired else list(kept):
+            for stamp in _until(kept, paired[-1]) if paired else list(kept) if silent else ():
                 del kept[stamp]
 
     def adapt(self) -> None:
