@@ -202,7 +202,7 @@ def test_a_client_calls_services_by_their_definitions(
     empty = np.zeros(0)
     lean = request(
         state=Reset.Request.RIGHT_LEANING,
-        place=0.0,
+        rotor=0.0,
         velocity=0.0,
         name=[],
         angle=empty,
