@@ -36,7 +36,7 @@ def test_a_watcher_reports_exactly_the_drawn_pictures() -> None:
                 await asyncio.sleep(0.01)
             watching.cancel()
 
-    asyncio.run(asyncio.wait_for(watch(), 60))
+    asyncio.run(asyncio.wait_for(watch(), 240))
     assert said == [['drawn', 'drawn']] * 3
 
 

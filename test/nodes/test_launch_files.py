@@ -30,7 +30,7 @@ BEGUN = {
     },
     ('view.launch.py', 'namespace:=lab'): {'lab/visualisation'},
 }
-LONGEST_END = 60.0
+LONGEST_END = 240.0
 
 
 def begun(graph: Graph) -> set[str]:

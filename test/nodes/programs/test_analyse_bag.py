@@ -184,7 +184,7 @@ def test_a_node_and_a_bag_use_kicks_and_deviations_equally(graph: Graph, tmp_pat
     for topic, message in sent:
         speakers[topic.name].publish(message)
         if topic in first_of_frame:
-            assert speakers[topic.name].wait_for_all_acked(Duration(seconds=10))
+            assert speakers[topic.name].wait_for_all_acked(Duration(seconds=240))
         if topic is interfaces.JOINT_STATES and message.header.stamp == begun:
             interfaces.CHAIN.publisher(graph.user).publish(told)
             graph.until(lambda: states, 'the chain')

@@ -120,7 +120,7 @@ def test_a_recorder_that_stood_still_has_every_delivery_of_that_time(
         for count in range(500):
             publisher.publish(Delivery(impulses=count, impulse_of_torques=torques))
         recorder.process.send_signal(signal.SIGCONT)
-        assert publisher.wait_for_all_acked(Duration(seconds=60))
+        assert publisher.wait_for_all_acked(Duration(seconds=240))
     finally:
         recorder.stop()
     said = messages_of(tmp_path / 'run_0')['/delivery']
