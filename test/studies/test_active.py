@@ -12,6 +12,7 @@ import pytest
 import yaml
 
 from soliton_linkage.dynamics.equation_of_motion import EquationOfMotion
+from soliton_linkage.dynamics.initial_states import with_pair
 from soliton_linkage.linkage.chain import Chain
 from soliton_linkage_studies.active import program
 from soliton_linkage_studies.active.runs import (
@@ -20,7 +21,6 @@ from soliton_linkage_studies.active.runs import (
     motorised,
     moving,
     outcome,
-    pair,
     stability_limit,
     terminal_velocity,
     wall_drive,
@@ -90,7 +90,7 @@ def test_waves_in_a_uniform_ring_grow_beyond_the_limit() -> None:
 
 
 def test_the_walls_of_a_pair_are_found_with_their_charges() -> None:
-    angles = pair(FLIPPER, 30.0, 15.5)
+    angles = with_pair(FLIPPER, 30.0, 15.5).angles
     (first, charge), (second, other) = wall_sites(FLIPPER, angles)
     assert (charge, other) == (-1, 1)
     assert first == pytest.approx(15.5, abs=0.2)

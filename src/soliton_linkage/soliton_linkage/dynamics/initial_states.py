@@ -55,3 +55,18 @@ def with_soliton(chain: Chain, site: float, velocity: float) -> State:
     angles = static_wall(chain, site)
     rate = velocity * site_arc(chain) / chain.spacing
     return State(angles, rate * mode_towards_last(chain, angles))
+
+
+def with_pair(chain: Chain, kink: float, anti_kink: float) -> State:
+    """Return a kink and an anti-kink at rest at their sites, joined in the middle.
+
+    The chain leans left outside the pair if the kink is beyond the anti-kink. Raises the errors
+    of `static_wall` and of `continuum_anti_kink`.
+    """
+    from soliton_linkage.solitons.anti_kink import continuum_anti_kink
+    from soliton_linkage.solitons.static_wall import static_wall
+
+    first, second = static_wall(chain, kink), continuum_anti_kink(chain, anti_kink)
+    left = np.arange(chain.number_of_rotors) < (kink + anti_kink) / 2
+    angles = np.where(left == (kink < anti_kink), first, second)
+    return State(angles, np.zeros_like(angles))

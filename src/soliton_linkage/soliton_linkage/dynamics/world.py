@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 from soliton_linkage.dynamics.elastic import ElasticSimulation
-from soliton_linkage.dynamics.initial_states import State, leaning, with_soliton
+from soliton_linkage.dynamics.initial_states import State, leaning, with_pair, with_soliton
 from soliton_linkage.dynamics.integrators import INTEGRATORS
 from soliton_linkage.dynamics.rigid import RigidSimulation
 from soliton_linkage.dynamics.simulation import Simulation
@@ -18,7 +18,7 @@ from soliton_linkage.linkage.quantities import quantity
 _MECHANICS = ('elastic', 'rigid')
 _LEANS = {'left_leaning': -1, 'right_leaning': 1}
 """Sign of the staggered angle of the uniform states [1]."""
-_SOLITON = 'soliton'
+_SOLITON, _PAIR = 'soliton', 'pair'
 
 
 @dataclass(frozen=True)
@@ -41,11 +41,18 @@ class WorldParameters:
     )
     initial_state: str = quantity(
         'left_leaning',
-        'initial state: one of the uniform states, or a soliton',
-        choices=(*_LEANS, _SOLITON),
+        'initial state: one of the uniform states, a soliton, or a pair of kink and anti-kink',
+        choices=(*_LEANS, _SOLITON, _PAIR),
     )
     initial_position: float = quantity(
         1.0, 'initial position of the soliton, from 0.5 to N - 1.5', 'rotor spacings', 0.5, 1e5
+    )
+    initial_distance: float = quantity(
+        12.0,
+        'distance of the anti-kink of a pair before the kink, which is at initial_position',
+        'rotor spacings',
+        -1e5,
+        1e5,
     )
     initial_velocity: float = quantity(0.0, 'initial velocity of the soliton', 'm/s', -1e6, 1e6)
 
@@ -79,6 +86,9 @@ class World:
         given = self._parameters
         if given.initial_state == _SOLITON:
             return self.soliton(given.initial_position, given.initial_velocity)
+        if given.initial_state == _PAIR:
+            site = given.initial_position
+            return with_pair(self._chain, site, site - given.initial_distance)
         return self.leaning(_LEANS[given.initial_state])
 
     def leaning(self, lean: int) -> State:

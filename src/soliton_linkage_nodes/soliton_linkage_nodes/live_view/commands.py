@@ -121,12 +121,13 @@ class ChainCommands:
         return await self._actuate('nudge', lambda: self._publish_edge('nudge', message))
 
     async def drive(
-        self, kind: str, edge: str, value: float, times: tuple[float, float, float]
+        self, kind: str, edge: str, value: float, times: tuple[float, float, float], **wave: Any
     ) -> str:
         """Send an edge_command; the times are duration, ramp up and ramp down [s]."""
-        message = views.edge_command_of(kind, edge, value, *times)
+        message = views.edge_command_of(kind, edge, value, *times, **wave)
+        lasting = any(times) or bool(wave)
         return await self._actuate(
-            'edge_command', lambda: self._publish_edge('edge_command', message), any(times)
+            'edge_command', lambda: self._publish_edge('edge_command', message), lasting
         )
 
     async def pull(self, pull: Pull, updated: Callable[[], Awaitable[None]]) -> str:

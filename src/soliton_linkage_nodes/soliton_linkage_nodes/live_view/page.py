@@ -25,6 +25,7 @@ from soliton_linkage_nodes.live_view.controls.node_controls import (
     IdentifyControls,
     ParameterControls,
 )
+from soliton_linkage_nodes.live_view.controls.wave_controls import WaveControls
 from soliton_linkage_nodes.live_view.lesson import EXPERIMENTS, GuidedExperiment, Laboratory
 from soliton_linkage_nodes.live_view.status import REPLAY
 from soliton_linkage_nodes.live_view.view import ALL, View
@@ -171,6 +172,8 @@ class Page:
             with ui.tab_panel('Drive'):
                 self._drive = DriveControls(view, self)
                 await asyncio.sleep(0)
+                self._waves = WaveControls(view, self)
+                await asyncio.sleep(0)
             with ui.tab_panel('Run'):
                 self._run = RunControls(view, self)
                 await asyncio.sleep(0)
@@ -237,7 +240,7 @@ class Page:
         elif self._chooser.value is None:
             self._chooser.value = self.namespace
         why = reasons_for(self._view, '' if self.namespace == ALL else self.namespace)
-        for controls in (self._drive, self._run, self._identify):
+        for controls in (self._drive, self._waves, self._run, self._identify):
             controls.refresh(why)
         for others in (self._parameters, self._record, self._bags):
             others.refresh()

@@ -41,8 +41,15 @@ STATES = {
 }
 """Code of each state of a reset."""
 _EDGES = {name: getattr(msg.EdgeCommand, name.upper()) for name in ('nearest', 'first', 'last')}
-_KINDS = {name: getattr(msg.EdgeCommand, name.upper()) for name in ('kick', 'pulse', 'pressure')}
-KICK_UNITS = {'kick': 'rad/s', 'pulse': 'N m', 'pressure': 'Pa'}
+_KINDS, _SHAPES, _QUANTITIES = (
+    {name: getattr(msg.EdgeCommand, name.upper()) for name in names}
+    for names in (
+        ('kick', 'pulse', 'pressure', 'waveform'),
+        ('burst', 'chirp', 'noise'),
+        ('torque', 'angle'),
+    )
+)
+KICK_UNITS = {'kick': 'rad/s', 'pulse': 'N m', 'pressure': 'Pa', 'waveform': 'N m'}
 """Unit of the value of each kind of edge command."""
 _TYPES: Mapping[int, tuple[type[bool | int | float | str], str]] = {
     ParameterType.PARAMETER_BOOL: (bool, 'bool_value'),
@@ -199,7 +206,9 @@ def describe_kick(kick: msg.LastKick) -> str:
     kind = next((k for k, code in _KINDS.items() if code == command.kind), 'kick')
     lasting = f' for {kick.duration:.3g} s' if kick.duration else ''
     peak = f', up to {kick.peak_torque:.3g} N m' if kick.peak_torque else ''
-    what = f'a {kind} of {command.value:g} {KICK_UNITS[kind]}{lasting} at the {edge} edge{peak}'
+    imposed = kind == 'waveform' and command.quantity == msg.EdgeCommand.ANGLE
+    unit, where = 'rad' if imposed else KICK_UNITS[kind], command.joint or f'the {edge} edge'
+    what = f'a {kind} of {command.value:g} {unit}{lasting} at {where}{peak}'
     if not command.value:
         what = f'torques on {", ".join(kick.name) or "no joint"}{lasting}{peak}'
     parts = [
@@ -275,7 +284,7 @@ def _level(status: DiagnosticStatus) -> int:
     return level[0] if isinstance(level, bytes) else int(level)
 
 
-def _finite(name: str, value: float) -> float:
+def _finite(name: str, value: float | str) -> float:
     if isinstance(value, bool) or not isinstance(value, (int, float)):
         raise ValueError(f'{name} = {value!r} must be a number')
     try:

@@ -16,6 +16,7 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
+from soliton_linkage.dynamics.initial_states import with_pair
 from soliton_linkage.linkage.chain import Array, Chain, displacement
 from soliton_linkage_studies.active.runs import (
     ActiveRun,
@@ -24,7 +25,6 @@ from soliton_linkage_studies.active.runs import (
     motorised,
     moving,
     outcome,
-    pair,
     stability_limit,
     terminal_velocity,
     wall_drive,
@@ -152,7 +152,7 @@ class ActiveStudy:
         rest = np.zeros(rotors)
         duration = 0.75 * rotors / velocity
         for panel, kink, anti_kink in (('b', 24.0, 12.5), ('c', 12.0, 16.5)):
-            angles = pair(chain, kink, anti_kink)
+            angles = with_pair(chain, kink, anti_kink).angles
             tasks[panel,] = ActiveTask(active, angles, rest, duration, duration / _FRAMES, 1)
         angles, _ = moving(chain, 10.0, 1, 0.0)
         tasks['e',] = ActiveTask(active, angles, rest, duration, duration / _FRAMES, 1)

@@ -207,13 +207,6 @@ _AHEAD = 1e-4
 """Step of a finite difference along an orbit [rotor spacings]."""
 
 
-def pair(chain: Chain, kink: float, anti_kink: float) -> Array:
-    """Return the angles of a kink and an anti-kink at their sites, joined in the middle, (N,)."""
-    first, second = static_wall(chain, kink), continuum_anti_kink(chain, anti_kink)
-    left = np.arange(chain.number_of_rotors) < (kink + anti_kink) / 2
-    return np.where(left == (kink < anti_kink), first, second)
-
-
 def motorised(chain: Chain, decay: float, ratio: float) -> Chain:
     """Return a chain with a decay rate c / (M r^2) [1/s] and a ratio kappa / c [1/s]."""
     damping = decay * chain.moment_of_inertia

@@ -20,6 +20,8 @@ SUMMARY: dict[str, Any] = {
     'motion': 'flipper',
     'rotors': 40,
     'crossings': 2,
+    'first_sites': [24.0, 12.0],
+    'last_sites': [51.94],
     'speed_rotors_per_s': 9.7,
     'recorded_messages': 4734,
     'lost_messages': 0,
@@ -33,6 +35,7 @@ def test_the_end_is_described() -> None:
     for changed, said in [
         ({}, 'A soliton crossed the chain of 40 rotors (flipper) 2 times at 9.70 rotors/s.'),
         ({'speed_rotors_per_s': None}, '(flipper) 2 times.'),
+        ({'crossings': 0}, 'were first at rotors 24.0, 12.0, and last at 51.9.'),
         ({}, '4734 messages were recorded, none lost.'),
         ({'lost_messages': 3}, '4734 messages were recorded, 3 lost.'),
         ({}, 'Live and replayed positions agree to the last digit in all 2344 frames.'),
@@ -48,7 +51,15 @@ def test_the_end_is_described() -> None:
 
 def test_omitted_steps_are_suggested() -> None:
     others = [path.stem for path in other_scenarios(CONFIG / 'wobbler.yaml')]
-    assert others == ['filmed', 'filmed_spinner', 'filmed_wobbler', 'flipper', 'spinner']
+    assert others == [
+        'active',
+        'filmed',
+        'filmed_spinner',
+        'filmed_wobbler',
+        'flipper',
+        'spinner',
+        'wave',
+    ]
 
 
 def test_files_that_are_no_scenario_are_not_suggested(tmp_path: Path) -> None:

@@ -23,7 +23,7 @@ from std_msgs.msg import Float64
 
 from soliton_linkage.linkage.quantities import quantity
 from soliton_linkage.progress import ProgressLine
-from soliton_linkage_msgs.msg import SolitonState
+from soliton_linkage_msgs.msg import EdgeCommand, SolitonState
 from soliton_linkage_nodes.bags.services import service_type
 from soliton_linkage_nodes.messages.conversions import chain_from_msg
 from soliton_linkage_nodes.programs.chain_line import ChainLine
@@ -37,7 +37,7 @@ from soliton_linkage_nodes.runtime.child_processes import (
 from soliton_linkage_nodes.runtime.guarded import SERVICE_QOS
 from soliton_linkage_nodes.runtime.parameters import declare, reject_unknown
 from soliton_linkage_nodes.runtime.process import interruptible, spin_until
-from soliton_linkage_nodes.runtime.stamps import time_from_msg
+from soliton_linkage_nodes.runtime.stamps import SECOND, time_from_msg
 
 _REPORT = 'soliton_linkage_nodes.programs.experiment.report'
 _NODES = ('bag_recorder', 'soliton_analyser', 'edge_actuator', 'simulator')
@@ -95,7 +95,7 @@ class Experiment:
         """Run all steps and return the summary."""
         try:
             self._start_nodes()
-            self._nudge()
+            self._drive()
             self._watch()
             pacing = self._finish()
             self._start_replay()
@@ -156,6 +156,7 @@ class Experiment:
             all(self._observer.well(node) for node in ('soliton_analyser', 'edge_actuator'))
             and received >= _RECORDED_TOPICS
             and self._observer.nudge_publisher.get_subscription_count() == 2
+            and self._observer.edge_publisher.get_subscription_count()
             and self._observer.figures('edge_actuator').get('subscribers') == '2'
             and self._observer.informed
         )
@@ -169,23 +170,40 @@ class Experiment:
         ]
         return f'the nodes were not ready after {START_LIMIT:g} s: ' + '; '.join(reports)
 
-    def _nudge(self) -> None:
-        speed = self._settings.nudge
+    def _drive(self) -> None:
+        settings = self._settings
+        speed, cycles = settings.nudge, settings.burst_cycles
+        if cycles:
+            _print(
+                f'Driving rotor 0 with {cycles:g} periods at {settings.burst_frequency:g} rad/s.'
+            )
+            self._observer.send_burst()
+            return
+        if not speed:
+            _print('The soliton starts by itself.')
+            return
         _print(f'Nudging the edge: a kick of {speed:g} rad/s along the zero mode.')
         self._observer.nudge_publisher.publish(Float64(data=speed))
 
     def _watch(self) -> None:
-        """Show the soliton until it has crossed the chain, been reflected and come back."""
+        """Show the soliton until it has returned, or until the time limit."""
+        settings = self._settings
+        timed, start = settings.end == 'time', self._observer.stamp
         line, trip = ChainLine(self._observer), RoundTrip(self._observer)
 
-        def back() -> bool:
-            ended = trip.ended()
+        def ended() -> bool:
+            returned = trip.ended()
             if trip.remark:
-                line.show([self._observer.rotor], trip.remark)
-            return ended
+                line.show(self._observer.rotors_of_walls, trip.remark)
+            passed = (self._observer.stamp - start) / SECOND
+            return passed >= settings.time_limit if timed else returned
 
-        self._wait_until(back, self._settings.time_limit, trip.missing)
-        line.end('The soliton crossed the chain, was reflected at the far edge and came back.')
+        self._wait_until(ended, math.inf if timed else settings.time_limit, trip.missing)
+        line.end(
+            f'{settings.time_limit:g} s of motion are recorded.'
+            if timed
+            else 'The soliton crossed the chain, was reflected at the far edge and came back.'
+        )
 
     def _finish(self) -> dict[str, str]:
         """Receive the last report of the simulator, then stop the nodes."""
@@ -320,6 +338,20 @@ class ExperimentParameters:
 
     scenario: str = quantity('flipper', 'name of the experiment and of its bag')
     nudge: float = quantity(10.0, 'speed of the kick that is published on nudge', 'rad/s')
+    burst_cycles: float = quantity(
+        0.0,
+        'number of periods of a burst of torque on rotor 0 instead of the nudge; 0 for none',
+        '',
+        0.0,
+        1e6,
+    )
+    burst_frequency: float = quantity(0.0, 'angular frequency of the burst', 'rad/s', 0.0, 1e6)
+    burst_torque: float = quantity(0.0, 'amplitude of the burst', 'N m', 0.0, 1e6)
+    end: str = quantity(
+        'return',
+        'end of the experiment: the return of the soliton, or the time limit',
+        choices=('return', 'time'),
+    )
     time_limit: float = quantity(
         60.0, 'time limit for the return of the soliton', 's', 1.0, 3600.0
     )
@@ -336,10 +368,13 @@ class Observer(Node):
         self.states: dict[int, tuple[float, ...]] = {}
         self.rotors = 0
         self.rotor = math.nan
+        self.rotors_of_walls: list[float] = []
         self.velocity = 0.0
         self._spacing = 1.0
         topic = interfaces.NUDGE
         self.nudge_publisher = self.create_publisher(topic.type, topic.name, topic.qos)
+        topic = interfaces.EDGE_COMMAND
+        self.edge_publisher = self.create_publisher(topic.type, topic.name, topic.qos)
         topic = interfaces.SOLITON_STATE
         self.state_subscription = self.create_subscription(
             topic.type, topic.name, self._on_state, interfaces.lossless_stream_qos()
@@ -347,10 +382,27 @@ class Observer(Node):
         self._subscribe(interfaces.CHAIN, self._on_chain)
         self._subscribe(interfaces.DIAGNOSTICS, self._on_diagnostics)
 
+    def send_burst(self) -> None:
+        """Publish the burst of torque on rotor 0 that the parameters specify."""
+        command = EdgeCommand(
+            edge=EdgeCommand.FIRST,
+            kind=EdgeCommand.WAVEFORM,
+            value=self.settings.burst_torque,
+            frequency=self.settings.burst_frequency,
+            cycles=self.settings.burst_cycles,
+            window=EdgeCommand.HANN,
+        )
+        self.edge_publisher.publish(command)
+
     def forget(self) -> None:
         """Discard all reports and states received so far."""
         self.reports.clear()
         self.states.clear()
+
+    @property
+    def stamp(self) -> int:
+        """Stamp of the last state [ns]."""
+        return next(reversed(self.states), 0)
 
     @property
     def informed(self) -> bool:
@@ -375,7 +427,8 @@ class Observer(Node):
 
     def _on_state(self, message: SolitonState) -> None:
         self.states[time_from_msg(message.header.stamp)] = soliton_sites(message)
-        self.rotor = message.solitons[0].rotor if message.solitons else math.nan
+        self.rotors_of_walls = [wall.rotor for wall in message.solitons]
+        self.rotor = next(iter(self.rotors_of_walls), math.nan)
         if message.solitons:
             self.velocity = message.solitons[0].velocity / self._spacing
 

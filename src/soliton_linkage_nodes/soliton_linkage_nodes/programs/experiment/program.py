@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Run an experiment: nudge the chain, watch a soliton cross it and return, record and replay.
+"""Run an experiment: drive the chain, watch its solitons, record and replay.
 
 The program starts simulator, actuator, analyser and recorder in a private domain of this
 machine. It writes a bag, two pictures, a page and a summary. If the parameter file has a section
@@ -161,10 +161,16 @@ def _claim(folder: Path) -> int | None:
 def conclusion(summary: dict[str, Any], folder: Path, bag: Path) -> str:
     """Return a report of a finished experiment with the paths of its results."""
     speed, lost = summary['speed_rotors_per_s'], summary['lost_messages']
+    of_chain = f'the chain of {summary["rotors"]} rotors ({summary["motion"]})'
+    moved = (
+        f'A soliton crossed {of_chain} {summary["crossings"]} times'
+        + (f' at {speed:.2f} rotors/s.' if speed else '.')
+        if summary['crossings']
+        else f'The walls of {of_chain} were first at rotors {_listed(summary["first_sites"])}, '
+        f'and last at {_listed(summary["last_sites"])}.'
+    )
     return f"""
-A soliton crossed the chain of {summary['rotors']} rotors ({summary['motion']}) \
-{summary['crossings']} times\
-{f' at {speed:.2f} rotors/s' if speed else ''}.
+{moved}
 {summary['recorded_messages']} messages were recorded, {lost or 'none'} lost.
 {_agreement(summary)}
 
@@ -174,6 +180,10 @@ A soliton crossed the chain of {summary['rotors']} rotors ({summary['motion']}) 
   {folder / 'summary.json'}    the numbers above
   {bag}/      the bag; play it with bag_player
 """
+
+
+def _listed(sites: list[float]) -> str:
+    return ', '.join(f'{site:.1f}' for site in sites) or 'none'
 
 
 def _agreement(summary: dict[str, Any]) -> str:

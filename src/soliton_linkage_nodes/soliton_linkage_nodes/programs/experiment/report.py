@@ -114,11 +114,14 @@ def draw(run: RecordedRun, folder: Path) -> None:
 
 def summarise(run: RecordedRun) -> dict[str, Any]:
     """Return the numbers from the bag for summary.json."""
+    walls = list(run.states.values()) or [()]
     speeds = [crossing.site_rate for crossing in run.crossings]
     return {
         'motion': run.named.chain.motion.value,
         'rotors': run.named.rotors,
         'crossings': len(run.crossings),
+        'first_sites': walls[0],
+        'last_sites': walls[-1],
         'speed_rotors_per_s': float(np.mean(speeds)) if speeds else None,
         'events': dict(Counter(run.events)),
         'recorded_messages': run.messages,

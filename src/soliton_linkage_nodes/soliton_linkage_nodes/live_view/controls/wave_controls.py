@@ -1,0 +1,141 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Controls of a waveform on an edge rotor and of the motors of a simulated chain."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import replace
+
+from nicegui import ui
+
+from soliton_linkage.linear.bands import band_edges
+from soliton_linkage.linkage.chain import Chain
+from soliton_linkage_nodes.live_view.controls.drive_controls import (
+    ChainControls,
+    ControlGroup,
+    Shown,
+    attempt,
+    button,
+    number,
+    value_of,
+)
+from soliton_linkage_nodes.live_view.view import View
+
+_UNITS = {'torque': 'N m', 'angle': 'rad'}
+_AMPLITUDES = {'torque': 0.002, 'angle': 0.1}
+"""Default amplitude [N m, rad]: a packet that moves a kink."""
+
+
+_LARGEST_COUPLING = 1e-3
+"""Non-reciprocity at the end of the slider of a chain without motors [N m/rad]."""
+
+
+class WaveControls(ChainControls):
+    """Shape, amplitude and frequency of a waveform, and the non-reciprocity of the motors.
+
+    The slider of the frequency shows the phonon band of the chain.
+    """
+
+    def __init__(self, view: View, page: Shown) -> None:
+        super().__init__(view, page)
+        self._chain: Chain | None = None
+        group = ControlGroup('Waveform of an edge rotor', 'drive')
+        self.groups = [group, self._motors()]
+        with group.body:
+            self._shape = ui.select(['burst', 'chirp', 'noise'], value='burst', label='shape')
+            self._edge = ui.select(['first', 'last'], value='first', label='driven edge')
+            self._quantity = ui.select(list(_UNITS), value='torque', label='quantity')
+            for each in (self._shape, self._edge, self._quantity):
+                each.props('dense outlined')
+            self._value = number('amplitude', _AMPLITUDES['torque'], _UNITS['torque'])
+            self._slider = ui.slider(min=1.0, max=100.0, step=0.5, value=40.0)
+            label = 'angular frequency [rad/s]'
+            self._slider.props(f'label aria-label="{label}" id=live-frequency')
+            self._slider.classes('live-slider')
+            frequency = number('frequency', 40.0, 'rad/s', min=0).bind_value(self._slider)
+            last = number('to', 60.0, 'rad/s', min=0)
+            cycles, duration = number('cycles', 20.0, '', min=0), number('length', 3.0, 's')
+            self._band = ui.label().classes('live-hint').props('id=live-band role=status')
+
+            def adapt() -> None:
+                burst = self._shape.value == 'burst'
+                cycles.set_visibility(burst)
+                for field in (last, duration):
+                    field.set_visibility(not burst)
+
+            def convert() -> None:
+                self._value.value = _AMPLITUDES[self._quantity.value]
+                self._value.props(f'suffix="{_UNITS[self._quantity.value]}"')
+
+            self._shape.on_value_change(adapt)
+            self._quantity.on_value_change(convert)
+            adapt()
+
+            async def send() -> str:
+                burst = self._shape.value == 'burst'
+                given = {'cycles': cycles} if burst else {'last_frequency': last}
+                return await self._commands.drive(
+                    'waveform',
+                    self._edge.value,
+                    value_of(self._value),
+                    (0.0 if burst else value_of(duration), 0.0, 0.0),
+                    shape=self._shape.value,
+                    quantity=self._quantity.value,
+                    frequency=value_of(frequency),
+                    **{name: value_of(field) for name, field in given.items()},
+                )
+
+            button('Send', send, 'waves', 'live-wave')
+
+    def _motors(self) -> ControlGroup:
+        group = ControlGroup('Motors: non-reciprocal coupling κ of a simulated chain', 'pause')
+        with group.body:
+            self._coupling = ui.slider(
+                min=-_LARGEST_COUPLING, max=_LARGEST_COUPLING, step=1e-6, value=0.0
+            )
+            self._coupling.props('aria-label="non-reciprocity [N m/rad]" id=live-coupling')
+            self._coupling.classes('live-slider')
+
+            async def set_coupling() -> str:
+                commands = self._commands
+                node = f'{commands.namespace}simulator'
+                known = {p.name: p for p in await commands.parameters(node)}
+                parameter, value = known['chain.non_reciprocity'], float(self._coupling.value)
+                return await commands.set_parameter(node, parameter, value)
+
+            async def change() -> None:
+                await attempt('Motors', set_coupling)
+
+            self._coupling.on('change', change)
+            self._current = ui.label().classes('live-hint').props('id=live-motors role=status')
+        return group
+
+    def refresh(self, why: Mapping[str, str]) -> None:
+        """Disable the group for a reason, and mark the phonon band of the chain."""
+        super().refresh(why)
+        shown = self._view.chains.get(self._page.namespace)
+        named = shown.model.named if shown else None
+        if named is None or named.chain == self._chain:
+            return
+        known, self._chain = self._chain, named.chain
+        kappa = named.chain.non_reciprocity
+        self._current.text = f'κ = {kappa:.3g} N m/rad; 0 is a chain without motors'
+        if known == replace(named.chain, non_reciprocity=known.non_reciprocity if known else 0.0):
+            return
+        largest = 2 * abs(kappa) or _LARGEST_COUPLING
+        self._coupling.props(f'min={-largest:.4g} max={largest:.4g} step={largest / 100:.4g}')
+        self._coupling.value = kappa
+        low, high = band_edges(named.chain)
+        end = 2 * high
+        self._slider.props(f'max={end:.4g}')
+        self._slider.value = round((low + high) / 2, 1)
+        first, second = (100 * (edge - 1) / (end - 1) for edge in (low, high))
+        self._slider.style(
+            f'background: linear-gradient(to right, transparent {first:.1f}%, '
+            f'#e69f0066 {first:.1f}%, #e69f0066 {second:.1f}%, transparent {second:.1f}%) '
+            'content-box'
+        )
+        self._band.text = (
+            f'Phonon band, shaded: {low:.3g} to {high:.3g} rad/s. '
+            'Waves of other frequencies do not propagate.'
+        )
