@@ -14,7 +14,7 @@ from rclpy.qos import DurabilityPolicy, ReliabilityPolicy
 from soliton_linkage_nodes.bags.reading import type_name
 from soliton_linkage_nodes.bags.recorder import BagRecorder
 from soliton_linkage_nodes.edge_actuator.node import EdgeActuator
-from soliton_linkage_nodes.programs.experiment.experiment import Observer
+from soliton_linkage_nodes.programs.experiment.observer import Observer
 from soliton_linkage_nodes.runtime import interfaces
 from soliton_linkage_nodes.runtime.interfaces import wait_for_subscriber
 from soliton_linkage_nodes.simulator.node import Simulator

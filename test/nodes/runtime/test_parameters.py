@@ -43,10 +43,10 @@ from soliton_linkage_nodes.messages.chain_source import (
     ChainSourceParameters,
     OptionalChainSourceParameters,
 )
-from soliton_linkage_nodes.programs.experiment.experiment import ExperimentParameters
 from soliton_linkage_nodes.programs.experiment.filmed_experiment import (
     FilmedExperimentParameters,
 )
+from soliton_linkage_nodes.programs.experiment.observer import ExperimentParameters
 from soliton_linkage_nodes.runtime.managed import ManagedParameters
 from soliton_linkage_nodes.runtime.parameters import current, declare, reject_unknown
 from soliton_linkage_nodes.serial_encoders.node import SerialEncodersParameters

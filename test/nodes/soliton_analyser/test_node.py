@@ -184,7 +184,7 @@ def test_no_frame_is_lost_while_the_analyser_is_busy(graph: Graph, named: NamedC
 
 OBSERVER = """
 import rclpy
-from soliton_linkage_nodes.programs.experiment.experiment import Observer
+from soliton_linkage_nodes.programs.experiment.observer import Observer
 rclpy.init()
 observer = Observer()
 while len(observer.states) < {count}:

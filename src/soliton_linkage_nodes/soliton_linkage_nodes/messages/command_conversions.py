@@ -97,7 +97,8 @@ def joint_actuators(
 
 def edge_command_from_msg(message: msg.EdgeCommand) -> EdgeCommand:
     """Return the command to an edge actuator; ValueError if a code is unknown or does not fit."""
-    for name, known in (('edge', _EDGES), ('kind', _KINDS), *_CHOICES.items()):
+    codes: dict[str, dict[int, Any]] = {'edge': _EDGES, 'kind': _KINDS, **_CHOICES}
+    for name, known in codes.items():
         code = getattr(message, name)
         if code not in known:
             raise ValueError(f'{name} = {code} must be one of {", ".join(map(str, known))}')

@@ -15,7 +15,7 @@ from soliton_linkage_nodes.messages.conversions import (
     chain_to_msg,
     default_joint_names,
 )
-from soliton_linkage_nodes.programs.experiment.experiment import Observer, RoundTrip
+from soliton_linkage_nodes.programs.experiment.observer import Observer, RoundTrip
 from soliton_linkage_nodes.runtime import interfaces
 from soliton_linkage_nodes.runtime.stamps import time_to_msg
 

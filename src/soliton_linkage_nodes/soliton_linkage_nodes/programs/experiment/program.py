@@ -27,7 +27,8 @@ import rclpy
 
 from soliton_linkage.command_line import PlainParser
 from soliton_linkage_nodes.programs.command_line import reason
-from soliton_linkage_nodes.programs.experiment.experiment import Experiment, Observer
+from soliton_linkage_nodes.programs.experiment.experiment import Experiment
+from soliton_linkage_nodes.programs.experiment.observer import Observer
 from soliton_linkage_nodes.runtime.child_processes import has_display, private_domain
 from soliton_linkage_nodes.runtime.parameter_files import read_sections
 from soliton_linkage_nodes.runtime.process import (

@@ -22,7 +22,7 @@ from soliton_linkage_nodes.live_view.sharing import shared_page
 from soliton_linkage_nodes.messages.conversions import NamedChain
 from soliton_linkage_nodes.messages.state_conversions import solitons_from_msg
 from soliton_linkage_nodes.programs.bag_analysis import read_recording
-from soliton_linkage_nodes.programs.experiment.experiment import soliton_sites
+from soliton_linkage_nodes.programs.experiment.observer import soliton_sites
 from soliton_linkage_nodes.runtime import interfaces
 from soliton_linkage_nodes.runtime.stamps import time_from_msg
 from soliton_linkage_studies.pictures import save_run

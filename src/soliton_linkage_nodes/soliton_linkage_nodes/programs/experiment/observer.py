@@ -1,0 +1,171 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Node of an experiment, which drives the chain and follows its solitons and reports."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any
+
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
+from rclpy.node import Node
+
+from soliton_linkage.linkage.quantities import quantity
+from soliton_linkage_msgs.msg import EdgeCommand, SolitonState
+from soliton_linkage_nodes.messages.conversions import chain_from_msg
+from soliton_linkage_nodes.runtime import interfaces
+from soliton_linkage_nodes.runtime.parameters import declare, reject_unknown
+from soliton_linkage_nodes.runtime.stamps import time_from_msg
+
+_NEAR_EDGE = 2.0
+"""Distance from an edge at which the soliton counts as having reached it [rotor spacings]."""
+
+
+@dataclass(frozen=True)
+class ExperimentParameters:
+    """Parameters of the experiment."""
+
+    scenario: str = quantity('flipper', 'name of the experiment and of its bag')
+    nudge: float = quantity(10.0, 'speed of the kick that is published on nudge', 'rad/s')
+    burst_cycles: float = quantity(
+        0.0,
+        'number of periods of a burst of torque on rotor 0 instead of the nudge; 0 for none',
+        '',
+        0.0,
+        1e6,
+    )
+    burst_frequency: float = quantity(0.0, 'angular frequency of the burst', 'rad/s', 0.0, 1e6)
+    burst_torque: float = quantity(0.0, 'amplitude of the burst', 'N m', 0.0, 1e6)
+    end: str = quantity(
+        'return',
+        'end of the experiment: the return of the soliton, or the time limit',
+        choices=('return', 'time'),
+    )
+    time_limit: float = quantity(
+        60.0, 'time limit for the return of the soliton', 's', 1.0, 3600.0
+    )
+
+
+class Observer(Node):
+    """Node that receives soliton states and diagnostics, and can nudge the chain."""
+
+    def __init__(self, **kwargs: Any) -> None:
+        super().__init__('experiment', **kwargs)
+        self.settings = declare(self, ExperimentParameters)
+        reject_unknown(self)
+        self.reports: dict[str, DiagnosticStatus] = {}
+        self.states: dict[int, tuple[float, ...]] = {}
+        self.rotors = 0
+        self.rotor = math.nan
+        self.rotors_of_walls: list[float] = []
+        self.velocity = 0.0
+        self._spacing = 1.0
+        topic = interfaces.NUDGE
+        self.nudge_publisher = self.create_publisher(topic.type, topic.name, topic.qos)
+        topic = interfaces.EDGE_COMMAND
+        self.edge_publisher = self.create_publisher(topic.type, topic.name, topic.qos)
+        topic = interfaces.SOLITON_STATE
+        self.state_subscription = self.create_subscription(
+            topic.type, topic.name, self._on_state, interfaces.lossless_stream_qos()
+        )
+        self._subscribe(interfaces.CHAIN, self._on_chain)
+        self._subscribe(interfaces.DIAGNOSTICS, self._on_diagnostics)
+
+    def send_burst(self) -> None:
+        """Publish the burst of torque on rotor 0 that the parameters specify."""
+        command = EdgeCommand(
+            edge=EdgeCommand.FIRST,
+            kind=EdgeCommand.WAVEFORM,
+            value=self.settings.burst_torque,
+            frequency=self.settings.burst_frequency,
+            cycles=self.settings.burst_cycles,
+            window=EdgeCommand.HANN,
+        )
+        self.edge_publisher.publish(command)
+
+    def forget(self) -> None:
+        """Discard all reports and states received so far."""
+        self.reports.clear()
+        self.states.clear()
+
+    @property
+    def stamp(self) -> int:
+        """Stamp of the last state [ns]."""
+        return next(reversed(self.states), 0)
+
+    @property
+    def informed(self) -> bool:
+        """Whether the chain and a soliton state have been received."""
+        return self.rotors > 0 and bool(self.states)
+
+    def figures(self, node: str) -> dict[str, str]:
+        """Return the values in the latest report of a node."""
+        report = self.reports.get(node)
+        return {} if report is None else {pair.key: pair.value for pair in report.values}
+
+    def well(self, node: str) -> bool:
+        """Whether the latest report of a node has no warning."""
+        return node in self.reports and self.reports[node].level == DiagnosticStatus.OK
+
+    def _subscribe(self, topic: interfaces.Topic, callback: Callable[[Any], None]) -> Any:
+        return self.create_subscription(topic.type, topic.name, callback, topic.qos)
+
+    def _on_chain(self, message: Any) -> None:
+        named = chain_from_msg(message)
+        self.rotors, self._spacing = named.rotors, named.chain.spacing
+
+    def _on_state(self, message: SolitonState) -> None:
+        self.states[time_from_msg(message.header.stamp)] = soliton_sites(message)
+        self.rotors_of_walls = [wall.rotor for wall in message.solitons]
+        self.rotor = next(iter(self.rotors_of_walls), math.nan)
+        if message.solitons:
+            self.velocity = message.solitons[0].velocity / self._spacing
+
+    def _on_diagnostics(self, message: DiagnosticArray) -> None:
+        for status in message.status:
+            self.reports[status.name.partition(':')[0]] = status
+
+
+class RoundTrip:
+    """Round trip of a soliton through the chain."""
+
+    def __init__(self, observer: Observer) -> None:
+        self._observer = observer
+        self._away = False
+
+    def ended(self) -> bool:
+        """Whether the soliton is back; raises RuntimeError if the actuator rejected the nudge."""
+        rejection = self._observer.figures('edge_actuator').get('last rejection')
+        if rejection:
+            raise RuntimeError(f'edge_actuator rejected {rejection}')
+        rotor, last = self._observer.rotor, self._observer.rotors - 1
+        self._away = self._away or rotor >= last - _NEAR_EDGE
+        return self._away and rotor <= _NEAR_EDGE
+
+    @property
+    def remark(self) -> str:
+        """Position, speed and direction of the soliton; empty without a soliton."""
+        rotor, velocity = self._observer.rotor, self._observer.velocity
+        if not math.isfinite(rotor):
+            return ''
+        leg = 'coming back' if self._away else 'going out'
+        return f'rotor {rotor:5.1f}  {velocity:+6.1f} rotors/s  {leg}'
+
+    def missing(self) -> str:
+        """Return the error message for a soliton that is not back in time."""
+        rotor, settings = self._observer.rotor, self._observer.settings
+        where = (
+            'no soliton is visible now'
+            if math.isnan(rotor)
+            else f'the soliton is at rotor {rotor:.1f} now'
+        )
+        return (
+            f'no soliton crossed the chain and came back within {settings.time_limit:g} s after a '
+            f'nudge of {settings.nudge:g} rad/s; {where}; raise the parameter nudge or time_limit'
+        )
+
+
+def soliton_sites(state: SolitonState) -> tuple[float, ...]:
+    """Return the site coordinates of the solitons of a state [rotor spacings]."""
+    return tuple(soliton.rotor for soliton in state.solitons)
