@@ -45,7 +45,7 @@ _MOST_BYTES = 2**16
 
 
 class PseudoTerminal:
-    """Pseudo-terminal, which a client opens as a serial port and this program reads and writes."""
+    """Pseudo-terminal: a client opens it as a serial port; this program has the other end."""
 
     def __init__(self, link: Path | None = None) -> None:
         """Open the terminal; `link` is the path of a symbolic link to create."""

@@ -262,7 +262,7 @@ class StreamArbitration:
 
     @property
     def foreign(self) -> int:
-        """Number of messages of other publishers of the same parts."""
+        """Number of messages of other publishers with a common part."""
         return self._counts[1] + sum(each.arbitration.foreign for each in self._shares)
 
     @property
