@@ -143,7 +143,7 @@ def _by_impulses(
 
 
 def _work(times: Array, angles: Array, impulses: Sequence[tuple[float, Array]]) -> float:
-    """Return the work of impulses on rotors with known angles [J], infinite if it is 0."""
+    """Return the work of impulses on rotors with known angles [J], a divisor: inf for 0."""
     rates = np.gradient(angles, times, axis=0)
     frames = np.searchsorted(times, [time for time, _ in impulses])
     work = float(np.sum(np.array([values for _, values in impulses]) * rates[frames]))

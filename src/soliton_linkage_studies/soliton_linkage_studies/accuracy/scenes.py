@@ -67,7 +67,7 @@ _FEWEST = 20
 _DRAWS = 20
 """Largest number of draws until the walls stay intact and apart for `_FEWEST` frames [1]."""
 _SLOWER = 0.7
-"""Factor on the speed of anti-kinks after each draw [1]."""
+"""Factor by which each further draw reduces the initial speed of anti-kinks [1]."""
 _JITTER = 0.05
 """Random shift of the initial wall positions, relative to their distance [1]."""
 _CORE = 3.0
