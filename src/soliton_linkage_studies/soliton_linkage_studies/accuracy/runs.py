@@ -108,7 +108,8 @@ def record(
         if cell.impulses_known and frame in scene.impulse_frames:
             analyser.apply_impulse(stamp, scene.impulses[scene.impulse_frames.index(frame)])
         analysis = analyser.analyse(stamp, angles)
-        assert analysis is not None
+        if analysis is None:  # The error of a stamp may exceed the period.
+            continue
         if last or not cell.wrong_reading:
             _score(cell, scene, frame, analysis, scores)
         if last and clean is not None:
