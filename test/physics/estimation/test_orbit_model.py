@@ -9,7 +9,9 @@ from functools import lru_cache
 
 import numpy as np
 import pytest
-from chains import FLIPPER, SPINNER, WOBBLER, chain_of
+from chains import FLIPPER, SPINNER, STRONG_WOBBLER, WOBBLER, chain_of
+from scipy.optimize import brentq
+from scipy.signal import savgol_filter
 
 from soliton_linkage.dynamics.elastic import simulate
 from soliton_linkage.estimation.orbit_model import (
@@ -17,6 +19,7 @@ from soliton_linkage.estimation.orbit_model import (
     UnseenRotorCorrection,
     rate_after_impulse,
 )
+from soliton_linkage.linear.bands import gap
 from soliton_linkage.linear.rigidity import dynamical_matrix, rigidity_matrix
 from soliton_linkage.linkage.chain import Array, Chain
 from soliton_linkage.linkage.deviations import drawn_deviations
@@ -163,3 +166,36 @@ def test_the_correction_vanishes_in_noise_and_for_distant_rotors() -> None:
     assert abs(noisy - without) < 0.2 * abs(informed - without)
     far, same = seen_shift(orbit, orbit.arc_at(1.0, 0), beside, [9], 0.0, 1.0)
     assert same == far
+
+
+@pytest.mark.parametrize('periods', [3.5, 8.0])
+def test_the_stated_change_of_the_rate_within_a_site_is_that_of_a_wall_on_springs(
+    periods: float,
+) -> None:
+    chain = chain_of(STRONG_WOBBLER, 21)
+    orbit = orbit_of(chain)
+    compliance, begin = ComplianceCorrection(orbit), orbit.arc_at(5.0, 0)
+    phonon = 2 * math.pi / gap(chain)
+    rate = orbit.site_arc / (periods * phonon)
+    angles = orbit.configuration(begin) - rate**2 * bent(orbit, begin)[1]
+    step, passage = phonon / 40, periods * phonon
+    run = simulate(chain, angles, rate * orbit.tangent(begin), 4 * passage, step)
+    arcs = [begin]
+    for frame in run.angles[1:]:
+        arcs.append(nearest_arc(orbit, frame, 2 * arcs[-1] - arcs[-2] if arcs[1:] else begin))
+    # The slope over three periods; its line would level out the speed of the slower wall.
+    slopes = savgol_filter(arcs, 121, 1 if periods < 4 else 3, deriv=1, delta=step)[60:-60]
+    predicted = [compliance.rate_ratio(arc, rate, begin) for arc in arcs[60:-60]]
+    missing = float(np.std(slopes / predicted) / np.mean(slopes))
+    stated = compliance.unpredicted_change(rate)
+    assert 0.3 * stated < missing < 1.5 * stated
+
+
+@pytest.mark.parametrize('chain', [FLIPPER_CHAIN, WOBBLER_CHAIN, SPINNER_CHAIN])
+def test_damping_acts_on_the_momentum(chain: Chain) -> None:
+    compliance = ComplianceCorrection(orbit_of(chain))
+    for rate in (-9.0, 0.5, 6.0):
+        step = 1e-4 * rate
+        slope = (compliance.rate_after_impulse(rate, step) - rate) / step
+        momentum = -brentq(lambda p, w=rate: compliance.rate_after_impulse(w, p), -1e3, 1e3)
+        assert compliance.damped(rate) == pytest.approx(momentum * slope, rel=1e-3)

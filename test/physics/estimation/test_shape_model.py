@@ -13,12 +13,17 @@ import pytest
 from meeting_walls import NARROW, meeting
 from scipy.interpolate import CubicSpline
 
+from soliton_linkage.dynamics.elastic import simulate
 from soliton_linkage.estimation.analyser import Analyser
 from soliton_linkage.estimation.analysis import Analysis
 from soliton_linkage.estimation.estimates import EventKind, TrackingStatus
 from soliton_linkage.estimation.wall_shapes import WallShape, WallShapes, fit_wall, set_residuals
 from soliton_linkage.linkage.chain import Array, Chain, Motion, staggered
-from soliton_linkage.solitons.anti_kink import anti_kink_path, resting_anti_kink
+from soliton_linkage.solitons.anti_kink import (
+    anti_kink_path,
+    constraint_field,
+    resting_anti_kink,
+)
 from soliton_linkage.solitons.static_wall import site_arc, static_wall
 from soliton_linkage_studies.collisions.runs import INITIAL_DISTANCE, Collision, simulate_frames
 from soliton_linkage_studies.collisions.travelling_wall import travelling_wall
@@ -223,3 +228,18 @@ def test_the_shape_of_a_pinned_anti_kink_is_exact_at_rest(
     one, other = shapes.anti_kinks
     assert leaves_nothing(one, staggered(angles), site)
     assert leaves_nothing(other, np.roll(staggered(angles), 1), site + 1)
+
+
+@pytest.mark.parametrize(('share', 'passes'), [(0.7, False), (1.4, True)])
+def test_an_anti_kink_passes_its_energy_barrier_above_the_pinning_speed(
+    share: float, passes: bool
+) -> None:
+    chain = Chain(41, rest_angle=0.97)
+    sites, states = anti_kink_path(chain, 20.0)
+    begin = int(np.argmin(chain.elastic_energy(states)))
+    along = CubicSpline(sites, states)(sites[begin], 1)
+    speed = share * WallShapes(chain).pinning_speed
+    run = simulate(chain, states[begin], speed * along, 2 / speed, 0.2 * chain.time_unit)
+    field = np.array([constraint_field(chain, angles)[0].sum() for angles in run.angles])
+    moved = np.abs(field - field[0]).max() / 2
+    assert (moved > 1.2) == passes

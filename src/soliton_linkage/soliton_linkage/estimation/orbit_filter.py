@@ -326,7 +326,7 @@ class OrbitFilter:
         ratio = self._compliance.rate_ratio(ahead, rate, arc)
         if self._deviates:
             ratio *= self.orbit.free_rate(ahead) / self.orbit.free_rate(arc)
-        acceleration -= rate * self._damping(arc)
+        acceleration -= self._compliance.damped(rate) * self._damping(arc)
         motion.predict(elapsed, self._variance.at_edge, ratio, acceleration, self.bandwidth)
 
     def _damping(self, arc: float) -> float:
@@ -366,9 +366,11 @@ class OrbitFilter:
         # of the stamp shifts the wall.
         by_disorder, rate_disorder = self._model.disorder_deviations(arc)
         field = _FIELD_SHARE**2 * noise.excess
+        by_springs = self._compliance.unpredicted_change(rate)
         added = field + by_disorder**2 + rate**2 * self.jitter.variance
+        added += (by_springs * orbit.site_arc / (2 * math.pi)) ** 2
         correlation = self._settings.filter.bias_way * orbit.site_arc
-        rate_added = (rate_disorder**2 + field / correlation**2) * rate**2
+        rate_added = (rate_disorder**2 + by_springs**2 + field / correlation**2) * rate**2
         wall = self._hypotheses.mixture(added, rate_added)
         seen = self.view if status is not TrackingStatus.COASTING else None
         self.estimate = OrbitEstimate(

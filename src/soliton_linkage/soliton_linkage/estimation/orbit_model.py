@@ -229,6 +229,11 @@ _PERIOD = 2
 _SLOW = 0.25
 """Largest number of rotors that a slow wall passes per period of the slowest phonon [1]; its third
 harmonic is then below the band."""
+_SECOND_ORDER = 0.5
+"""Square root of the relative error of the predicted change at the fastest slow wall [1]: a wall
+of the chain with d = 0.7 d_c confirms the square of it at one and at two times that period."""
+_LONGEST_RESOLVED = 4 / 3
+"""Speed above which three phonon periods average over a rotor, over the fastest slow one [1]."""
 
 
 class ComplianceCorrection:
@@ -245,8 +250,10 @@ class ComplianceCorrection:
         sites = np.minimum(sites, chain.number_of_rotors - 1.0)
         self._mu = [[_mu(even, even.arc_at(site, leg)) for site in sites] for leg in (0, 1)]
         self._mean = float(np.mean(self._mu))
-        adiabatic = _SLOW * gap(chain) * orbit.site_arc / (2 * math.pi)
-        self._fastest = min(adiabatic, math.sqrt(_LOWEST_ORDER / (3 * np.max(self._mu))))
+        self._spread = float(np.std(self._mu))
+        self._adiabatic = _SLOW * gap(chain) * orbit.site_arc / (2 * math.pi)
+        lowest_order = math.sqrt(_LOWEST_ORDER / (3 * np.max(self._mu)))
+        self._fastest = min(self._adiabatic, lowest_order)
 
     def mu(self, arc: float) -> float:
         """Return the compliance mu at an arc of the orbit [s^2]."""
@@ -260,12 +267,31 @@ class ComplianceCorrection:
         """Return the rate after adding a momentum p / I [rad/s], for the mean compliance."""
         return rate_after_impulse(rate, momentum, self._mean)
 
+    def damped(self, rate: float) -> float:
+        """Return the loss of rate over the decay rate of the momentum p / I = w + 2 mu w^3."""
+        square = 2 * self._mean * rate * rate
+        return rate * (1 + square) / (1 + 3 * square)
+
     def rate_ratio(self, arc: float, rate: float, before: float) -> float:
         """Return the factor by which springs change the rate of a slow wall between two arcs."""
         if abs(rate) > self._fastest:
             return 1.0
         square = 3 * rate * rate
         return math.sqrt((1 + square * self.mu(before)) / (1 + square * self.mu(arc)))
+
+    def unpredicted_change(self, rate: float) -> float:
+        """Return the standard deviation of the change of a rate within a site, relative [1].
+
+        It covers the change that `rate_ratio` does not predict. For slow walls this is of second
+        order in the frequency of passing sites over that of the slowest phonon. Faster walls pass
+        several sites in the three phonon periods over which the velocity is defined.
+        """
+        square = 3 * rate * rate
+        change = 0.5 * square * self._spread / (1 + square * self._mean)
+        relative = abs(rate) / self._adiabatic
+        if abs(rate) <= self._fastest:
+            return change * (_SECOND_ORDER * relative) ** 2
+        return change * min(_LONGEST_RESOLVED / relative, 1.0) ** 2
 
 
 def _mu(orbit: Orbit, arc: float) -> float:

@@ -218,6 +218,7 @@ class ShapeMeasurementModel:
             persistent=product * scale,
             noise=noise * (variance * scale) ** 2,
             elastic=self._elastic * scale,
+            pinning=self._shapes.pinning_speed if wall.charge < 0 else 0.0,
         )
 
 

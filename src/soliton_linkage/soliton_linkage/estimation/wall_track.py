@@ -132,6 +132,9 @@ of the noise above which they are significant [1]."""
 _AVERAGED = 20
 """Number of frames over which the variance of a fit is averaged [1]. One frame does not suffice,
 because a wall has few rotors."""
+_FORCE = 0.6
+"""Process noise of the rate of an anti-kink over u^4 / v [1], with its speed v and the speed u of
+its energy barrier: 2 f^2 / 4 for the rms force f = pi u^2 / sqrt(8) of a sinusoidal potential."""
 
 
 class WallMeasurement(NamedTuple):
@@ -151,6 +154,8 @@ class WallMeasurement(NamedTuple):
     """Variance of `persistent` due to noise [rotor spacings^4]."""
     elastic: float = 0.0
     """Prior variance of the centre due to the deformation by springs [rotor spacings^2]."""
+    pinning: float = 0.0
+    """Speed of a wall whose kinetic energy is its energy barrier [rotor spacings/s]."""
     estimate: OrbitEstimate | None = None
     """Estimate of the filter on the orbit, which replaces the filter of the track."""
 
@@ -186,7 +191,7 @@ class WallTrack:
         self.was_free = False
         """Whether the wall was far from edges and other walls in the preceding frame."""
         self._motion: MultipleModelFilter | None = None
-        self._variance = self._persistent = self._noise = 0.0
+        self._variance = self._persistent = self._noise = self._pinning = 0.0
 
     @property
     def is_seen(self) -> bool:
@@ -210,6 +215,11 @@ class WallTrack:
             spread = 0.0 if rate else self._scale / self._arc * elapsed
             return self._line.wrap(self.rotor + rate * elapsed), spread**2 + self._variance
         self._motion.predict(elapsed, self._line.edge_distance(self.rotor) < self._line.near)
+        if self._pinning:
+            # The force between two sites persists for about a quarter of a rotor spacing.
+            speed = max(abs(self.rate), self._pinning)
+            added = _FORCE * self._pinning**4 / speed * elapsed * self._arc**2
+            self._motion.apply_impulse(0.0, added, added * elapsed**2 / 3)
         site, variance = self._motion.expected / self._arc, self._motion.expected_variance
         return self._line.wrap(site), variance / self._arc**2 + self._variance
 
@@ -217,6 +227,7 @@ class WallTrack:
         """Update with a measurement at `time` [s]; call `predict` first."""
         self.frames += 1
         self.missed, self.last_seen, self.width = 0, time, measured.width
+        self._pinning = measured.pinning
         wall = measured.estimate
         if wall is not None:
             self.rotor, self.rate = wall.site, wall.site_rate
