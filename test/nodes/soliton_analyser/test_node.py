@@ -448,8 +448,8 @@ def test_wrong_joint_states_are_rejected_and_valid_ones_analysed_as_before(
         (
             'flipper',
             {'rest_angle': 0.85},
-            'the misfit of the angles is',
-            'check the parameters in chain',
+            'rad more than chain.rest_angle',
+            'identify_chain estimates it',
         ),
         (
             'flipper',

@@ -160,6 +160,16 @@ class Analyser:
         return self._filter.offsets.deviations
 
     @property
+    def stamp_error(self) -> float:
+        """Standard deviation of the errors of the stamps [s], 0 unless significant."""
+        return 0.0 if self._filter is None else math.sqrt(self._filter.jitter.variance)
+
+    @property
+    def rest_angle_error(self) -> float:
+        """Common error of the rest angles [rad], 0 unless significant."""
+        return 0.0 if self._filter is None else self._filter.offsets.rest_angle_error
+
+    @property
     def late(self) -> int:
         """Number of frames that were not later than the preceding one."""
         return self._clock.late

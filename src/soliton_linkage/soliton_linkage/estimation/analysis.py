@@ -117,6 +117,14 @@ class FrameAnalyser(Protocol):
         """Number of times that the chain was located on its orbit."""
 
     @property
+    def stamp_error(self) -> float:
+        """Standard deviation of the errors of the stamps [s], 0 unless significant."""
+
+    @property
+    def rest_angle_error(self) -> float:
+        """Common error of the rest angles [rad], 0 unless significant."""
+
+    @property
     def offsets(self) -> Array:
         """Offsets of the encoders [rad], shape (N,), 0 unless significant."""
 
@@ -143,6 +151,7 @@ class UnknownChainAnalyser:
 
     limitation = 'the parameters of the chain are unknown'
     starts = late_impulses = 0
+    stamp_error = rest_angle_error = 0.0
 
     def __init__(self, number_of_rotors: int) -> None:
         """Start without a frame; raise ValueError for fewer than 2 rotors."""

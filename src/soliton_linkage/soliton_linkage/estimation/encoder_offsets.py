@@ -27,6 +27,8 @@ _DEPTHS_BESIDE = 3.0
 """Least distance of far rotors from the wall [penetration depths]; tails there are below 5 %."""
 _FEWEST_MEANS = 5
 """Number of block means that must confirm an offset [1]."""
+_FEWEST_ROTORS = 5
+"""Rotors that must confirm a common error of the rest angles [1]."""
 _WAVE_TIME = 10.0
 """Correlation time of waves [time units of the chain]."""
 _EVENNESS = 4e-3
@@ -91,6 +93,21 @@ class EncoderOffsets:
         of_offset, mixed, of_rest = self._covariance
         expected = self.values + sides * self.rest_angles
         return expected, of_offset + sides * (2 * mixed + sides * of_rest)
+
+    @property
+    def rest_angle_error(self) -> float:
+        """Common error of the rest angles [rad], 0 unless significant.
+
+        It is the median over the rotors of both sides, because offsets have no common sign there.
+        """
+        signs = np.where(np.arange(len(self.means)) % 2, -1.0, 1.0) * np.array([[1.0], [-1.0]])
+        seen = self.weights > 0
+        errors = (signs * self.sums)[seen] / self.weights[seen]
+        if len(errors) < _FEWEST_ROTORS:
+            return 0.0
+        error = float(np.median(errors))
+        chance = robust_deviation(np.abs(errors - error)) / math.sqrt(len(errors))
+        return error if abs(error) > self.settings.significance * chance else 0.0
 
     def retest(self, rotors: Flags) -> None:
         """Require another block mean of the flagged rotors, shape (N,), before a correction."""

@@ -14,7 +14,7 @@ import numpy as np
 from rclpy.clock import Clock, ClockType
 
 from soliton_linkage.estimation.analyser import Analyser
-from soliton_linkage.estimation.analysis import Analysis
+from soliton_linkage.estimation.analysis import Analysis, FrameAnalyser
 from soliton_linkage.estimation.estimates import TrackingStatus
 from soliton_linkage.linear.bands import gap
 from soliton_linkage.linkage.quantities import quantity
@@ -297,13 +297,25 @@ def describe(analysis: JointStateAnalysis, misfit_limit: float) -> tuple[str, bo
     if misfit > explained:
         return (
             f'the misfit of the angles is {misfit:.3g} rad, above the misfit_limit of '
-            f'{misfit_limit:g} rad; check the parameters in chain and its publisher',
+            f'{misfit_limit:g} rad; {_likely_error(analyser)}; identify_chain estimates it from a '
+            'recording',
             True,
         )
     solitons = f'{len(latest.solitons)} solitons, {latest.status.value}'
     if analyser.limitation:
         return f'{solitons}; {analyser.limitation}', True
     return solitons, False
+
+
+def _likely_error(analyser: FrameAnalyser) -> str:
+    """Return the parameter whose error is the likeliest cause of a misfit.
+
+    Rotors far from the wall show the rest angle; the others only change the shape of the wall.
+    """
+    error = analyser.rest_angle_error
+    if error:
+        return f'the rotors far from the wall lean by {error:+.3g} rad more than chain.rest_angle'
+    return 'the likeliest cause is an error of chain.rotor_length or chain.spacing'
 
 
 def _disagreement(latest: Analysis) -> str:
@@ -350,6 +362,7 @@ def figures(analysis: JointStateAnalysis) -> dict[str, Any]:
         'noise [rad]': latest.estimate.noise,
         'misfit [rad]': latest.estimate.misfit,
         'starts': analyser.starts,
+        'stamp error [s]': analyser.stamp_error,
         'motion of the angles': getattr(latest.measured_motion.motion, 'value', 'unknown'),
         'confidence': latest.measured_motion.confidence,
         'encoder offsets [rad]': ', '.join(

@@ -4,8 +4,8 @@
 The position of a wall is the point of its static path nearest to the noiseless frame. It is
 averaged over one period of the slowest phonon, or over the passage of a rotor if that is shorter,
 so that oscillations due to phonons are removed. The rate is the slope of a line fitted to
-positions over three times this duration. For slow walls, whose speed varies between rotors, it is
-the slope of a cubic. Averages never extend across an impulse.
+positions over three times this duration. For slow walls, whose speed varies between rotors, and
+with damping, it is the slope of a cubic. Averages never extend across an impulse.
 """
 
 from __future__ import annotations
@@ -207,7 +207,9 @@ def _single_wall(
         kinetic.append(float(springs.chain.kinetic_energy(springs.rates)))
         raw.append(arc)
     slow = abs(start.speed) < _SLOW * gap(chain) / (2 * math.pi)
-    means, slopes = averages_and_slopes(np.array(raw), beside, at, slow)
+    # The slope of a line is too large for an exponential decay of the speed.
+    cubic = slow or cell.damping > 0
+    means, slopes = averages_and_slopes(np.array(raw), beside, at, cubic)
     kept = slice(margin, total - margin)
     arcs, arc_rates = means[kept], slopes[kept] / springs.period
     positions = np.array([orbit.site(arc) for arc in arcs])
