@@ -189,6 +189,15 @@ class MultipleModelFilter:
         self.expected_rate += change
         self._refresh()
 
+    def add_rate_noise(self, variance: float, elapsed: float) -> None:
+        """Add a variance to the rate [rad^2/s^2] that grew over a time [s], except if steady."""
+        covariances = self.filters['covariance'][1:]
+        covariances[:, RATE, RATE] += variance
+        covariances[:, ARC, ARC] += variance * elapsed**2 / 3
+        covariances[:, ARC, RATE] += variance * elapsed / 2
+        covariances[:, RATE, ARC] += variance * elapsed / 2
+        self._refresh()
+
     def update(
         self,
         arc: float,

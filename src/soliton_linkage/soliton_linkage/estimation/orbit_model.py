@@ -230,8 +230,8 @@ _SLOW = 0.25
 """Largest number of rotors that a slow wall passes per period of the slowest phonon [1]; its third
 harmonic is then below the band."""
 _SECOND_ORDER = 0.5
-"""Square root of the relative error of the predicted change at the fastest slow wall [1]: a wall
-of the chain with d = 0.7 d_c confirms the square of it at one and at two times that period."""
+"""Square root of the relative error of the predicted change for the fastest slow wall [1],
+measured with d = 0.7 d_c at one and at two times the period of this wall."""
 _LONGEST_RESOLVED = 4 / 3
 """Speed above which three phonon periods average over a rotor, over the fastest slow one [1]."""
 
@@ -283,15 +283,16 @@ class ComplianceCorrection:
         """Return the standard deviation of the change of a rate within a site, relative [1].
 
         It covers the change that `rate_ratio` does not predict. For slow walls this is of second
-        order in the frequency of passing sites over that of the slowest phonon. Faster walls pass
-        several sites in the three phonon periods over which the velocity is defined.
+        order in the frequency of passing sites over that of the slowest phonon. For fast walls the
+        average over three phonon periods and the inertia of the rotors each reduce it by the
+        square of this ratio.
         """
         square = 3 * rate * rate
         change = 0.5 * square * self._spread / (1 + square * self._mean)
         relative = abs(rate) / self._adiabatic
         if abs(rate) <= self._fastest:
             return change * (_SECOND_ORDER * relative) ** 2
-        return change * min(_LONGEST_RESOLVED / relative, 1.0) ** 2
+        return change * min(_LONGEST_RESOLVED / relative, 1.0) ** 4
 
 
 def _mu(orbit: Orbit, arc: float) -> float:

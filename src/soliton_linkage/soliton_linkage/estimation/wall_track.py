@@ -219,7 +219,7 @@ class WallTrack:
             # The force between two sites persists for about a quarter of a rotor spacing.
             speed = max(abs(self.rate), self._pinning)
             added = _FORCE * self._pinning**4 / speed * elapsed * self._arc**2
-            self._motion.apply_impulse(0.0, added, added * elapsed**2 / 3)
+            self._motion.add_rate_noise(added, elapsed)
         site, variance = self._motion.expected / self._arc, self._motion.expected_variance
         return self._line.wrap(site), variance / self._arc**2 + self._variance
 
