@@ -190,8 +190,8 @@ class MultipleModelFilter:
         self._refresh()
 
     def add_rate_noise(self, variance: float, elapsed: float) -> None:
-        """Add a variance to the rate [rad^2/s^2] that grew over a time [s], except if steady."""
-        covariances = self.filters['covariance'][1:]
+        """Add a variance to the rate [rad^2/s^2] that grew over a time [s]."""
+        covariances = self.filters['covariance']
         covariances[:, RATE, RATE] += variance
         covariances[:, ARC, ARC] += variance * elapsed**2 / 3
         covariances[:, ARC, RATE] += variance * elapsed / 2

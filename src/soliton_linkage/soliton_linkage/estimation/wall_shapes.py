@@ -30,7 +30,7 @@ from soliton_linkage.compiling import (
     named_tuple,
 )
 from soliton_linkage.estimation.frames import Flags, wrapped
-from soliton_linkage.linear.bands import gap, penetration_depth
+from soliton_linkage.linear.bands import penetration_depth
 from soliton_linkage.linkage.chain import Array, Chain, Motion, staggered
 from soliton_linkage.linkage.deviations import NO_DEVIATIONS
 from soliton_linkage.solitons.anti_kink import anti_kink_path, resting_anti_kink
@@ -332,13 +332,12 @@ class WallShapes:
     def pinning_speed(self) -> float:
         """Speed of an anti-kink whose kinetic energy is its energy barrier [rotor spacings/s].
 
-        A pinned anti-kink has no path; it moves by up to a quarter of a rotor spacing at
-        frequencies below the gap.
+        It is 0 for a pinned anti-kink, which has no path from site to site.
         """
         try:
             sites, states = anti_kink_path(self._window, float(self._sites[0]))
         except ArithmeticError:
-            return gap(self.chain) / 4
+            return 0.0
         barrier = float(np.ptp([self._window.elastic_energy(each) for each in states]))
         steps = np.diff(states, axis=0) / np.diff(sites)[:, None]
         mass = self.chain.moment_of_inertia * float((steps**2).sum(axis=1).mean())

@@ -133,8 +133,8 @@ _AVERAGED = 20
 """Number of frames over which the variance of a fit is averaged [1]. One frame does not suffice,
 because a wall has few rotors."""
 _FORCE = 0.6
-"""Process noise of the rate of an anti-kink over u^4 / v [1], with its speed v and the speed u of
-its energy barrier: 2 f^2 / 4 for the rms force f = pi u^2 / sqrt(8) of a sinusoidal potential."""
+"""Process noise of the rate of a fast anti-kink over u^4 / v [1], with its speed v and the speed u
+of its energy barrier: f^2 / 2 for the rms force f = pi u^2 / sqrt(8) of a sinusoidal potential."""
 
 
 class WallMeasurement(NamedTuple):
@@ -216,9 +216,11 @@ class WallTrack:
             return self._line.wrap(self.rotor + rate * elapsed), spread**2 + self._variance
         self._motion.predict(elapsed, self._line.edge_distance(self.rotor) < self._line.near)
         if self._pinning:
-            # The force between two sites persists for about a quarter of a rotor spacing.
-            speed = max(abs(self.rate), self._pinning)
-            added = _FORCE * self._pinning**4 / speed * elapsed * self._arc**2
+            # The force persists for a quarter of a rotor spacing, or of the period in a well. In a
+            # well it is in proportion to the speed.
+            speed = math.hypot(self.rate, self.rate_deviation)
+            force = min(speed, self._pinning) ** 2 * self._pinning**2
+            added = _FORCE * force / max(speed, self._pinning) * elapsed * self._arc**2
             self._motion.add_rate_noise(added, elapsed)
         site, variance = self._motion.expected / self._arc, self._motion.expected_variance
         return self._line.wrap(site), variance / self._arc**2 + self._variance
