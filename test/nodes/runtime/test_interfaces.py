@@ -26,7 +26,7 @@ ENDPOINTS = {
     'joint_states': (1, 3),
     'joint_state_deviations': (0, 2),
     'nudge': (1, 2),
-    'edge_command': (0, 2),
+    'edge_command': (1, 2),
     'joint_commands': (0, 2),
     'edge_actuator/commands': (0, 2),
     'edge_actuator/joint_trajectory': (0, 2),
