@@ -212,7 +212,7 @@ WRONG: list[tuple[dict[str, Any], str]] = [
     (FULL_KICK | {'duration': 0.5}, 'duration of a kick = 0.5 s must be 0'),
     (FULL_KICK | {'duration': math.nan}, 'duration of a kick = nan s must be 0'),
     (FULL_KICK | {'edge': 3}, 'edge = 3 must be one of 0, 1, 2'),
-    (FULL_KICK | {'kind': 3}, 'kind = 3 must be one of 0, 1, 2'),
+    (FULL_KICK | {'kind': 4}, 'kind = 4 must be one of 0, 1, 2, 3'),
     (FULL_KICK | {'ramp_up': 0.1}, 'ramp_up of a kick = 0.1 s must be 0'),
     (FULL_KICK | {'header': LONG_AGO}, 's old, the limit is 0.5 s; send it earlier, or'),
     (FULL_KICK | {'edge': EdgeCommand.LAST}, 'nearer the first edge than the last'),
