@@ -1,5 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Launch chains, each in a namespace, with one process for each core and optional recorders."""
+"""Launch several chains, each in its own namespace, with optional recorders.
+
+By default, the number of processes is the number of cores.
+"""
 
 import os
 from pathlib import Path
@@ -19,11 +22,15 @@ NAMED = {path.stem: path for path in sorted(EXAMPLES.glob('*.yaml'))}
 BAGS = ('each', 'one')
 SUITE = ('simulator', 'edge_actuator', 'soliton_analyser', 'soliton_steering')
 RESPAWN = {'respawn': True, 'respawn_delay': 1.0, 'respawn_max_retries': 100}
-"""Restart of ended processes after 1 s; the limit is for processes that cannot start."""
+"""Settings to restart an ended process after 1 s. The limit on restarts ends the attempts for a
+process that cannot start."""
 
 
 def chains_of(path):
-    """Return the namespaces of a parameter file in its order; ValueError if there is none."""
+    """Return the namespaces in a parameter file, in the order of the file.
+
+    Raises ValueError if the file has no namespace.
+    """
     sections = yaml.safe_load(path.read_text(encoding='utf-8'))
     firsts = [section.strip('/').split('/')[0] for section in sections]
     chains = [name for name in dict.fromkeys(firsts) if not name.startswith('*')]
@@ -33,7 +40,7 @@ def chains_of(path):
 
 
 def recorder(record, chains, path):
-    """Return a recorder of all topics of the chains, with one bag."""
+    """Return a recorder that writes all topics of these chains to one bag."""
     pattern = f'^/({"|".join(chains)})/'
     return Node(
         package=PACKAGE,
@@ -46,7 +53,10 @@ def recorder(record, chains, path):
 
 
 def suite(chains, record, path):
-    """Return one process with the nodes of chains, and a recorder of each if `record` is set."""
+    """Return one process with the nodes of these chains.
+
+    If `record` is set, the process also has a recorder for each chain.
+    """
     nodes = [*SUITE, *(['bag_recorder'] if record else [])]
     rules = [
         f'{chain}/bag_recorder:{rule}'
@@ -68,14 +78,17 @@ def suite(chains, record, path):
 
 
 def shared(chains, processes):
-    """Return the chains of each process; ValueError for an invalid number of processes."""
+    """Distribute the chains over processes; return a list of chains for each process.
+
+    Raises ValueError if the number of processes is invalid.
+    """
     if not (processes.isdecimal() and int(processes)):
         raise ValueError(f'processes:={processes} must be a whole number above 0')
     return [chains[first :: int(processes)] for first in range(min(int(processes), len(chains)))]
 
 
 def processes(context):
-    """Return the common recorder, if requested, and the processes of the chains."""
+    """Return the processes with the chains and, if requested, a recorder of all chains."""
     given, record, bags, number = (
         context.perform_substitution(LaunchConfiguration(name))
         for name in ('chains', 'record', 'bags', 'processes')

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Launch an analyser and play a recorded chain to it until the end of the bag."""
+"""Launch an analyser, and play a bag with a recorded chain to it until the bag ends."""
 
 from pathlib import Path
 
@@ -28,18 +28,22 @@ NAMED = {path.name: path for path in sorted(BAGS.iterdir()) if path.is_dir()}
 
 
 def analysed_topics(bag):
-    """Return the topics of a bag for the analyser; impulses and deviations are optional."""
+    """Return the topics of a bag that the analyser needs.
+
+    The topics with impulses and with standard deviations are included if the bag has them.
+    """
     with open_bag(bag) as reader:
         found = [full_name(reader, name) for name in OPTIONAL]
         return ['chain', 'joint_states', *filter(None, found)]
 
 
 def nodes(context):
-    """Return the analyser and the player, whose end stops the launch."""
+    """Return the analyser and the player. When the player ends, the launch stops."""
     given, rate = (
         context.perform_substitution(LaunchConfiguration(name)) for name in ('bag', 'rate')
     )
-    # Fail on a missing bag before any process starts, because launch would leave it running.
+    # Check the bag before any process starts. If an error occurs later, launch leaves the started
+    # processes running.
     bag = resolve_path('bag', given, NAMED)
     player = Node(
         package=PACKAGE,

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Launch a simulated or real chain with actuator, analyser, steering and visualisation."""
+"""Launch the nodes of a simulated or real chain: actuator, analyser, steering, visualisation."""
 
 from itertools import pairwise
 from pathlib import Path
@@ -24,20 +24,25 @@ PACKAGE = 'soliton_linkage_nodes'
 CONFIGURATIONS = Path(get_package_share_directory(PACKAGE), 'config')
 NAMED = {path.stem: path for path in sorted(CONFIGURATIONS.glob('*.yaml'))}
 IN_ORDER = ('bag_recorder', 'soliton_analyser', 'soliton_steering', 'edge_actuator')
-"""Subscribing nodes in the order of their start, before the publisher of joint states."""
+"""Nodes that subscribe, in the order of their start. The publisher of joint states starts after
+them."""
 RESPAWN = {'respawn': True, 'respawn_delay': 1.0, 'respawn_max_retries': 100}
-"""Restart of ended processes after 1 s; the limit is for processes that cannot start."""
+"""Settings to restart an ended process after 1 s. The limit on restarts ends the attempts for a
+process that cannot start."""
 
 
 def nodes(context):
-    """Return the first node; the start of each node launches the next one, once."""
+    """Return the first node and the event handlers that launch the other nodes.
+
+    The first start of each node launches the next node.
+    """
     config, namespace, record, port = (
         context.perform_substitution(LaunchConfiguration(name))
         for name in ('config', 'namespace', 'record', 'port')
     )
     path = str(resolve_path('config', config, NAMED))
     given = {
-        # A recorder that was restarted continues its bag.
+        # After a restart, the recorder continues the same bag.
         'bag_recorder': [{'output': record, 'append': True}],
         'serial_encoders': [{'port': port, 'chain_from': 'parameters'}],
     }
@@ -63,7 +68,10 @@ def nodes(context):
 
 
 def generate_launch_description():
-    """Return the launch arguments and the nodes, with one namespace and parameter file."""
+    """Return the launch arguments and the nodes.
+
+    All nodes have the same namespace and parameter file.
+    """
     return LaunchDescription(
         [
             DeclareLaunchArgument(

@@ -49,7 +49,7 @@ def installed(package):
 
 
 def layout_in(namespace, view):
-    """Return the path of a viewer layout with topics in a namespace."""
+    """Return the path of a viewer layout whose topics are in a namespace."""
     path = CONFIGURATIONS / 'views' / LAYOUTS[view]
     prefix = namespace.strip('/')
     if not prefix:
@@ -62,7 +62,10 @@ def layout_in(namespace, view):
 
 
 def frames(namespace, config):
-    """Return the publisher of the link frames, if it is installed."""
+    """Return the publisher of the link frames.
+
+    The list is empty if robot_state_publisher is not installed.
+    """
     if not installed('robot_state_publisher'):
         return []
     return [
@@ -71,7 +74,8 @@ def frames(namespace, config):
             executable='robot_state_publisher',
             namespace=namespace,
             parameters=[{'robot_description': description_of_file(config)}],
-            # The visualisation publishes the description of the present chain.
+            # The visualisation already publishes the description of the current chain as
+            # robot_description.
             remappings=[*FRAMES, ('robot_description', '~/robot_description')],
         )
     ]
@@ -94,7 +98,7 @@ def rviz(namespace, layout):
 
 
 def foxglove(namespace, layout):
-    """Return foxglove_bridge or, if it is missing, the server of this suite."""
+    """Return foxglove_bridge. If it is not installed, return the Foxglove server of this suite."""
     if installed('foxglove_bridge'):
         served = {'package': 'foxglove_bridge', 'executable': 'foxglove_bridge'}
         served['parameters'] = [{'address': ADDRESS, 'port': PORT}]
@@ -113,7 +117,7 @@ def foxglove(namespace, layout):
 
 
 def plotjuggler(namespace, layout):
-    """Return PlotJuggler, preferably version 4."""
+    """Return PlotJuggler, version 4 if it is installed."""
     arguments = ['--layout', layout]
     if shutil.which('plotjuggler4'):
         return [ExecuteProcess(cmd=['plotjuggler4', *arguments])]
@@ -137,7 +141,8 @@ def rqt(namespace, layout):
             )
         ]
     arguments = ['--perspective-file', layout]
-    # The monitor expects an aggregator; the remapping connects it to the nodes directly.
+    # The monitor of rqt expects the topic of an aggregator. The remapping connects the monitor to
+    # the nodes directly.
     remappings = [('/diagnostics_agg', '/diagnostics')]
     return [
         Node(package='rqt_gui', executable='rqt_gui', arguments=arguments, remappings=remappings)
@@ -148,7 +153,10 @@ VIEWERS = {'rviz': rviz, 'foxglove': foxglove, 'plotjuggler': plotjuggler, 'rqt'
 
 
 def view_of(context):
-    """Return the nodes; ValueError for an invalid parameter file."""
+    """Return the visualisation, the frame publisher and the viewer.
+
+    Raises ValueError if the parameter file is invalid.
+    """
     config, namespace, view = (
         context.perform_substitution(LaunchConfiguration(name))
         for name in ('config', 'namespace', 'view')

@@ -1,2 +1,2 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Conversions of messages to physics types and back. No other package reads message fields."""
+"""Conversions between ROS messages and physics types. Only this package accesses message fields."""

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Joint states from pictures with stamps, from a live camera or a film."""
+"""Measurement of joint states in pictures of a live camera or a film."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ from soliton_linkage_nodes.runtime.stamps import SECOND, time_to_msg
 
 @dataclass(frozen=True)
 class CameraParameters:
-    """Exposure of a camera, and markers of the chain."""
+    """Exposure settings of a camera, and whether the chain carries markers."""
 
     row_time: float = quantity(
         0.0,
@@ -46,10 +46,11 @@ class CameraParameters:
 
 
 class CameraReading(NamedTuple):
-    """Angles in a picture and their stamp."""
+    """Angles measured in one picture, with their stamp."""
 
     stamp: int
-    """Stamp of the angles [ns]: middle of the exposure of the row with the pivots."""
+    """Time at which the angles were measured [ns]: middle of the exposure of the picture row with
+    the pivots."""
     frame: AngleFrame
 
 
@@ -63,11 +64,13 @@ class CameraMeasurement:
         parameters: CameraParameters,
         camera: Camera | None = None,
     ) -> None:
-        """Use a calibrated camera or, without one, an ideal lens."""
+        """Prepare the measurement with a calibrated camera. If `camera` is None, assume an ideal
+        lens.
+        """
         self.gaps = GapCounter()
         """Counter of missing pictures."""
         self.detector: AngleCamera | DarkRotors | None = None
-        """Measurement by markers or dark rotors, None before the first picture."""
+        """Detector of markers or of dark rotors. None before the first picture."""
         self._named, self._markers, self._parameters = named, markers, parameters
         self._camera = camera
         self._first: int | None = None
@@ -75,14 +78,14 @@ class CameraMeasurement:
 
     @property
     def moves(self) -> int:
-        """Number of moves of the camera."""
+        """How often the camera was moved."""
         return self.detector.frame_markers.moves if isinstance(self.detector, AngleCamera) else 0
 
     def measure(self, stamp: int, picture: Picture) -> CameraReading:
-        """Return the angles in a picture whose exposure began at a stamp [ns].
+        """Return the angles in a picture. `stamp` is the time at which its exposure began [ns].
 
-        Raises ValueError if the picture is not later than the previous one, or if it has another
-        size than the calibration.
+        Raises ValueError if the picture is not later than the previous picture, or if the sizes of
+        the picture and of the calibration differ.
         """
         if stamp <= self._last:
             raise ValueError(
@@ -111,17 +114,17 @@ class CameraMeasurement:
 
 
 def angles_to_msg(named: NamedChain, seen: CameraReading) -> JointState:
-    """Return angles as joint states, NaN for hidden rotors."""
+    """Return the angles as joint states. A hidden rotor has the angle NaN."""
     return _to_msg(named, seen.stamp, seen.frame.angles)
 
 
 def deviations_to_msg(named: NamedChain, seen: CameraReading) -> JointState:
-    """Return the standard deviations of the angles [rad] as positions."""
+    """Return joint states that hold the standard deviations of the angles [rad] as positions."""
     return _to_msg(named, seen.stamp, seen.frame.deviations)
 
 
 def describe_reading(measurement: CameraMeasurement, seen: CameraReading) -> str:
-    """Return a sentence about a picture and the previous pictures."""
+    """Describe the visible rotors of a picture, and camera moves and missing pictures until then."""
     parts = [seen.frame.status or 'all rotors are visible']
     if measurement.moves:
         times = 'once' if measurement.moves == 1 else f'{measurement.moves} times'
@@ -132,7 +135,10 @@ def describe_reading(measurement: CameraMeasurement, seen: CameraReading) -> str
 
 
 def median_deviation(frame: AngleFrame) -> float:
-    """Return the median standard deviation of the visible angles [rad], NaN without any."""
+    """Return the median standard deviation of the visible angles [rad].
+
+    Returns NaN if no rotor is visible.
+    """
     known = frame.deviations[np.isfinite(frame.deviations)]
     return float(np.median(known)) if len(known) else float('nan')
 
@@ -148,7 +154,10 @@ def _to_msg(named: NamedChain, stamp: int, values: Array) -> JointState:
 def walls_on_overlay(
     solitons: tuple[AnalysedSoliton, ...], spacing: float, since: float = 0.0
 ) -> list[WallMark]:
-    """Return the wall marks, extrapolated by `since` [s]; the pivot spacing is in [m]."""
+    """Return the marks of the solitons on a picture, moved by their velocity times `since` [s].
+
+    `spacing` is the distance between neighbouring pivots [m].
+    """
     return [
         WallMark(
             each.rotor + (each.velocity * since / spacing if math.isfinite(each.velocity) else 0),

@@ -1,9 +1,10 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Fast CDR decoding and encoding of messages with a stamp, names and one double for each name.
+"""Faster CDR decoding and encoding of messages with a stamp, joint names and arrays of doubles.
 
-Names need most of the decoding time of such a message, but they never change. Decoders therefore
-compare the bytes of the names with the previous message and read only the arrays. Buffers
-overwrite the stamp and the arrays in place.
+The names take most of the time for decoding such a message, although they rarely change. A decoder
+therefore compares the bytes of the names with those of the previous message. If they are equal, it
+decodes only the stamp and the arrays. A buffer overwrites the stamp and the arrays of an encoded
+message in place.
 """
 
 from __future__ import annotations
@@ -37,7 +38,7 @@ from soliton_linkage_nodes.runtime.stamps import SECOND
 _LITTLE_ENDIAN = b'\x00\x01'
 _STAMP = struct.Struct('<4xiI')
 _SHORTEST = 12
-"""Length of the encapsulation and a stamp [bytes]."""
+"""Total size of the encapsulation header and a stamp [B]."""
 _COUNT = struct.Struct('<I')
 _ENCAPSULATION_BYTES = 4
 """Size of the encapsulation header [B]."""
@@ -47,15 +48,18 @@ _EMPTY = np.zeros(0)
 
 
 class Layout:
-    """Byte layout of messages with a given frame and given names.
+    """Byte layout of messages with a given frame id and given joint names.
 
-    CDR encodes a string as its length and its bytes with a final zero, and a sequence as its
-    count and its elements. Counts are aligned to 4 bytes and doubles to 8, from the end of the
-    encapsulation header. Padding bytes are arbitrary.
+    CDR encodes a string as its length, followed by its bytes and a zero byte. It encodes a
+    sequence as the number of elements, followed by the elements. Offsets are counted from the end
+    of the encapsulation header. Lengths and numbers of elements are aligned to 4 bytes, doubles to
+    8 bytes. Padding bytes have arbitrary values.
     """
 
     def __init__(self, frame_id: str, name: tuple[str, ...]) -> None:
-        """Compute the bytes between stamp and arrays, and a mask of the padding."""
+        """Compute the bytes between the stamp and the arrays, and a mask that excludes padding
+        bytes.
+        """
         self.frame_id, self.name = frame_id, name
         texts = [text.encode() + b'\x00' for text in (frame_id, *name)]
         head = [_COUNT.pack(len(text)) + text + bytes(-len(text) % 4) for text in texts]
@@ -68,7 +72,7 @@ class Layout:
         self._fitted = self._head.tobytes()
 
     def fits(self, serialized: bytes) -> bool:
-        """Whether a message has the frame and the names."""
+        """Return whether a message has the frame id and the names of this layout."""
         if len(serialized) < self._end or not serialized.startswith(_LITTLE_ENDIAN):
             return False
         if serialized.startswith(self._fitted, _STAMP.size):
@@ -85,7 +89,10 @@ class Layout:
         return seconds, nanoseconds
 
     def arrays(self, serialized: bytes | bytearray, number: int) -> list[Array]:
-        """Return the first arrays of a matching message, as views that may be unaligned."""
+        """Return the first `number` arrays of a matching message.
+
+        The arrays are views of the message and may be unaligned.
+        """
         arrays, end = [], self._end
         for _ in range(number):
             (count,) = _COUNT.unpack_from(serialized, end)
@@ -100,13 +107,19 @@ class Layout:
 
 
 class JointStateDecoder:
-    """Decoder of joint states, fast if frame id and names equal those of the previous message."""
+    """Decoder of joint states.
+
+    It is fast if the frame id and the names equal those of the previous message.
+    """
 
     def __init__(self) -> None:
         self._layout: Layout | None = None
 
     def decode(self, serialized: bytes) -> JointStates:
-        """Return joint states whose arrays may be unaligned views; ValueError if damaged."""
+        """Return joint states. Their arrays are views of `serialized` and may be unaligned.
+
+        Raises ValueError if the message is damaged.
+        """
         layout = self._layout
         try:
             if layout is not None and layout.fits(serialized):
@@ -124,7 +137,7 @@ class JointStateDecoder:
         return self._layout is not None and self._layout.fits(serialized)
 
     def stamp(self, serialized: bytes) -> int:
-        """Return only the stamp of joint states [ns]; ValueError if damaged."""
+        """Return only the stamp of joint states [ns]. Raises ValueError if the message is damaged."""
         layout = self._layout
         if layout is not None and layout.fits(serialized):
             seconds, nanoseconds = layout.stamp(serialized)
@@ -133,7 +146,10 @@ class JointStateDecoder:
 
 
 def stamp_of(serialized: bytes) -> int:
-    """Return the stamp [ns] of a message with a header; ValueError if it is damaged."""
+    """Return the stamp [ns] of a message that begins with a header.
+
+    Raises ValueError if the message is too short or big-endian.
+    """
     if len(serialized) < _SHORTEST or not serialized[1] & 1:
         raise ValueError('a message is shorter than its header, or big-endian')
     seconds, nanoseconds = _STAMP.unpack_from(serialized)
@@ -141,23 +157,29 @@ def stamp_of(serialized: bytes) -> int:
 
 
 class _RotorDecoder:
-    """Decoder of one value for each rotor, fast if frame id and names have not changed."""
+    """Decoder of messages with one value for each joint name.
+
+    It is fast if the frame id and the names equal those of the previous message.
+    """
 
     _type: Any
     _topic: str
     _arrays: int
-    """Number of arrays up to and including the values."""
+    """Position of the array with the values among the arrays of the message, counted from 1."""
     _from_msg: Callable[[Mapping[str, int], Any, float], Array]
 
     def __init__(self, rotors: Mapping[str, int], largest: float) -> None:
-        """Accept values up to `largest` for rotors whose numbers are given by name."""
+        """Accept values with magnitudes up to `largest`.
+
+        The keys of `rotors` are joint names, its values are the numbers of the rotors.
+        """
         self._rotors = rotors
         self._largest = largest
         self._layout: Layout | None = None
         self._order = np.zeros(0, dtype=np.intp)
 
     def decode(self, serialized: bytes) -> Array:
-        """Return the value of each rotor, shape (N,); ValueError if any is rejected."""
+        """Return the value of each rotor, shape (N,). Raises ValueError if any value is rejected."""
         layout = self._layout
         try:
             if layout is not None and layout.fits(serialized):
@@ -176,14 +198,14 @@ class _RotorDecoder:
 
 
 class ImpulseDecoder(_RotorDecoder):
-    """Decoder of rotor_impulses: angular impulses [N m s]."""
+    """Decoder of rotor_impulses messages, which hold angular impulses [N m s]."""
 
     _type, _topic, _arrays = RotorImpulses, 'rotor_impulses', 1
     _from_msg = staticmethod(impulses_from_msg)
 
 
 class TorqueDecoder(_RotorDecoder):
-    """Decoder of rotor_torques [N m], the efforts of joint states."""
+    """Decoder of rotor_torques messages, which are joint states with torques [N m] as efforts."""
 
     _type, _topic, _arrays = JointState, 'rotor_torques', 3
     _from_msg = staticmethod(torques_from_msg)
@@ -196,10 +218,10 @@ def _damaged(topic: str, serialized: bytes, type_name: str, error: Exception) ->
 
 
 class _MessageBuffer:
-    """Serialized message that begins with a stamp, whose last arrays are overwritten in place."""
+    """Serialized message whose stamp and last arrays can be overwritten in place."""
 
     def __init__(self, message: Any, arrays: int) -> None:
-        """Lay out a message with a number of arrays, each with one double for each joint."""
+        """Serialize a message with `arrays` arrays, each with one double for each joint."""
         self._bytes = bytearray(serialize(message))
         layout = Layout(message.header.frame_id, tuple(message.name))
         self._arrays = layout.arrays(self._bytes, arrays)
@@ -209,19 +231,19 @@ class _MessageBuffer:
         return len(self._bytes)
 
     def fill(self, stamp: int, *values: Array) -> bytearray:
-        """Return the message with a stamp [ns]; the next call overwrites it."""
+        """Write a stamp [ns] and values; return the message, which the next call overwrites."""
         self._stamp[0], self._stamp[1] = divmod(stamp, SECOND)
         for array, filling in zip(self._arrays[-len(values) :], values, strict=True):
             array[...] = filling
         return self._bytes
 
     def write(self, stamp: int, *values: Array) -> bytes:
-        """Return a copy of the message with a stamp [ns]."""
+        """Write a stamp [ns] and values; return a copy of the message."""
         return bytes(self.fill(stamp, *values))
 
 
 class JointStateBuffer(_MessageBuffer):
-    """Joint states of named joints: angles [rad], rates [rad/s] and torques [N m]."""
+    """Buffer for joint states: angles [rad], rates [rad/s] and torques [N m] of all joints."""
 
     def __init__(self, named: NamedChain) -> None:
         zeros = np.zeros(len(named.joint_names))
@@ -229,21 +251,24 @@ class JointStateBuffer(_MessageBuffer):
 
 
 class ImpulseBuffer(_MessageBuffer):
-    """Angular impulses of all rotors [N m s]."""
+    """Buffer for the angular impulses of all rotors [N m s]."""
 
     def __init__(self, named: NamedChain) -> None:
         super().__init__(impulses_to_msg(named, np.zeros(named.rotors), Time()), arrays=1)
 
 
 class TorqueBuffer(_MessageBuffer):
-    """Torques of all rotors [N m], as joint states that hold efforts only."""
+    """Buffer for the torques on all rotors [N m], sent as joint states that hold efforts only."""
 
     def __init__(self, named: NamedChain) -> None:
         super().__init__(torques_to_msg(named, np.zeros(named.rotors), Time()), arrays=3)
 
 
 def read_stamp(serialized: bytes) -> int:
-    """Return the stamp of a message that begins with a header [ns], 0 if it is big-endian."""
+    """Return the stamp [ns] of a message that begins with a header.
+
+    Returns 0 if the message is big-endian.
+    """
     if not serialized.startswith(_LITTLE_ENDIAN):
         return 0
     seconds, nanoseconds = _STAMP.unpack_from(serialized)
@@ -251,7 +276,7 @@ def read_stamp(serialized: bytes) -> int:
 
 
 def stamped(serialized: bytes, stamp: int) -> bytes:
-    """Return a message that begins with a header, with another stamp [ns]."""
+    """Return a copy of a message that begins with a header, and give the copy this stamp [ns]."""
     order = '<' if serialized[1:2] == _LITTLE_ENDIAN[1:] else '>'
     head = serialized[:_ENCAPSULATION_BYTES]
     return head + struct.pack(f'{order}iI', *divmod(stamp, SECOND)) + serialized[_STAMP.size :]

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Source of the chain of a node: the topic `chain` or the parameters of the node."""
+"""Description of the chain for a node, from the topic `chain` or from parameters of the node."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ Group = TypeVar('Group')
 
 @dataclass(frozen=True)
 class ChainSourceParameters:
-    """Source of the chain, and names of its joints."""
+    """Parameters for the source of the chain description, and for the names of the joints."""
 
     chain_from: str = quantity(
         'topic',
@@ -50,7 +50,7 @@ class ChainSourceParameters:
 
 @dataclass(frozen=True)
 class OptionalChainSourceParameters(ChainSourceParameters):
-    """Source of the chain of a node that can also work without a chain."""
+    """Parameters as in `ChainSourceParameters`, for a node that also works without a chain."""
 
     chain_from: str = quantity(
         'topic',
@@ -66,19 +66,22 @@ CHAIN_PARAMETERS: dict[type, str] = {
     Disorder: 'chain.disorder.',
     KnownEncoders: 'chain.encoders.',
 }
-"""Prefix of the parameters that describe a chain, by dataclass."""
+"""Prefix of the parameters of each dataclass that describes a chain."""
 
 
 def declare_chain(node: Node) -> NamedChain:
     """Declare the parameters `chain.*` and return the chain with default joint names.
 
-    Raises ValueError if they are invalid.
+    Raises ValueError if a parameter is invalid.
     """
     return chain_of(lambda kind: declare(node, kind, CHAIN_PARAMETERS[kind]))
 
 
 def chain_of(read: Callable[[Any], Any]) -> NamedChain:
-    """Return the chain with deviations and encoders; `read` returns an instance of a dataclass."""
+    """Return the chain with its deviations from the uniform chain and its encoder offsets.
+
+    `read` returns an instance of the dataclass that it receives.
+    """
     chain: Chain = read(Chain)
     given: Deviations = read(Deviations)
     disorder: Disorder = read(Disorder)
@@ -89,7 +92,7 @@ def chain_of(read: Callable[[Any], Any]) -> NamedChain:
 
 
 def describe_chain(chain: Chain) -> str:
-    """Return a short description: number of rotors, class of motion and lengths."""
+    """Describe a chain: number of rotors, class of motion, lengths and rest angle."""
     shape = 'a ring' if chain.periodic else 'a chain'
     deviations = '' if chain.deviations == NO_DEVIATIONS else ', with deviations'
     return (
@@ -100,13 +103,13 @@ def describe_chain(chain: Chain) -> str:
 
 
 def declare_chain_source(node: Node) -> None:
-    """Declare the parameters of a `ChainSource`; ValueError if they describe no chain."""
+    """Declare the parameters of a `ChainSource`. Raises ValueError if they describe no chain."""
     check_names('parameter joint_names', declare(node, ChainSourceParameters).joint_names)
     declare_chain(node)
 
 
 class ChainSource:
-    """Source of the chain of a node, from parameters or the topic `chain`."""
+    """Current chain of a node, from the topic `chain` or from parameters of the node."""
 
     def __init__(
         self,
@@ -115,13 +118,13 @@ class ChainSource:
         on_chain: Callable[[NamedChain], None] = lambda named: None,
         parameters: type[ChainSourceParameters] = ChainSourceParameters,
     ) -> None:
-        """Read the parameters or subscribe to the topic; `on_chain` is called with each chain.
+        """Read the chain from the parameters, or subscribe to the topic `chain`.
 
-        The node logs each new chain of the topic. Raises ValueError if the parameters describe no
-        chain.
+        `on_chain` is called with each chain. A chain from the topic is logged if it differs from
+        the previous chain. Raises ValueError if the parameters describe no chain.
         """
         self.named: NamedChain | None = None
-        """The chain, None until it is known."""
+        """Current chain. None until a chain is known."""
         self._subscription: StreamSubscription | None = None
         self._logger = node.get_logger()
         self._topic = node.resolve_topic_name(interfaces.CHAIN.name)
@@ -138,14 +141,14 @@ class ChainSource:
 
     @property
     def description(self) -> str:
-        """Description of the chain, or of its source while it is unknown."""
+        """Description of the chain. While the chain is unknown, description of its source."""
         if self.named is not None:
             return describe_chain(self.named.chain)
         known = self.parameters.chain_from == 'topic'
         return f'the chain of {self._topic}' if known else 'an unknown chain'
 
     def resubscribe(self) -> None:
-        """Receive the latched chain again, because another publisher replaced the first."""
+        """Subscribe again to receive the latched chain of a new publisher."""
         if self._subscription is not None:
             self._subscription.resubscribe()
 
@@ -171,9 +174,10 @@ class ChainSource:
 
 
 def with_joints(named: NamedChain, joints: tuple[str, ...]) -> NamedChain:
-    """Return the chain with the joints of the parameter `joint_names`, unless it is empty.
+    """Return the chain with joints renamed to `joints`.
 
-    Raises ValueError if their number differs from the number of rotors.
+    If `joints` is empty, the names stay the same. Raises ValueError if the number of names differs
+    from the number of rotors.
     """
     if joints and len(joints) != named.rotors:
         raise ValueError(
@@ -184,14 +188,14 @@ def with_joints(named: NamedChain, joints: tuple[str, ...]) -> NamedChain:
 
 
 _LONGEST_VALUE = 40
-"""Longest value that is printed [characters], because lists may have thousands of values."""
+"""Length at which a printed value is cut [characters]. Lists may have thousands of values."""
 
 
 class ParameterFile:
-    """Values of a parameter file by name, for all of its nodes."""
+    """Parameter values of a file by name. The sections of all nodes are combined."""
 
     def __init__(self, path: Path) -> None:
-        """Read the file; ValueError if it is no parameter file."""
+        """Read a file. Raises ValueError if the file is no parameter file."""
         self.path = path
         try:
             sections = read_sections(path).values()
@@ -201,13 +205,19 @@ class ParameterFile:
         self.values = {name: value for held in sections for name, value in held.items()}
 
     def read(self, kind: type[Group], prefix: str) -> Group:
-        """Return the values with a prefix in a dataclass, with its defaults for the others."""
+        """Return an instance of a dataclass with the values whose names begin with a prefix.
+
+        Fields without a value in the file have their default.
+        """
         given = {name: self.values.get(prefix + name) for name in described_fields(kind)}
         values = {name: value for name, value in given.items() if value is not None}
         return kind(**{n: tuple(v) if isinstance(v, list) else v for n, v in values.items()})
 
     def check(self, prefix: str, groups: Mapping[type, str]) -> None:
-        """Raise ValueError for a name with a prefix that is in none of the dataclasses."""
+        """Raise ValueError if a name begins with `prefix` and is a field of no dataclass.
+
+        `groups` holds the prefix of each dataclass.
+        """
         known = {
             before + name for kind, before in groups.items() for name in described_fields(kind)
         }
@@ -221,7 +231,10 @@ class ParameterFile:
 
 
 def chain_of_file(path: Path) -> NamedChain:
-    """Return the chain of a parameter file, with its joint names; ValueError if it is invalid."""
+    """Return the chain of a parameter file with its joint names.
+
+    Raises ValueError if the file or the chain is invalid.
+    """
     file = ParameterFile(path)
     file.check('chain.', CHAIN_PARAMETERS)
     named = chain_of(lambda kind: file.read(kind, CHAIN_PARAMETERS[kind]))
@@ -236,7 +249,10 @@ def chain_of_file(path: Path) -> NamedChain:
 
 
 def markers_of_file(path: Path) -> MarkerSettings:
-    """Return the printed markers of a parameter file; ValueError for an unknown markers.*."""
+    """Return the settings of the printed markers from a parameter file.
+
+    Raises ValueError if a parameter with the prefix `markers.` is unknown.
+    """
     file = ParameterFile(path)
     file.check('markers.', {MarkerSettings: 'markers.'})
     settings = file.read(MarkerSettings, 'markers.')
@@ -244,7 +260,7 @@ def markers_of_file(path: Path) -> MarkerSettings:
 
 
 def differences(one: NamedChain, other: NamedChain) -> str:
-    """Return the parameters of a chain that differ from another one, with both values."""
+    """List the parameters in which two chains differ, with the values of both chains."""
     pairs = [
         (name, getattr(one.chain, name), getattr(other.chain, name))
         for name in (field.name for field in fields(Chain))

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Conversions of commands and their effects: messages to physics types and back."""
+"""Conversions between messages and physics types, for commands and their effects."""
 
 from __future__ import annotations
 
@@ -32,24 +32,25 @@ _CHOICES: dict[str, dict[int, Any]] = {
         ('window', WaveWindow),
     )
 }
-"""Fields of a waveform that are codes."""
+"""Choices of each field that a message holds as an integer code."""
 _NUMBERS = ('joint', 'frequency', 'last_frequency', 'cycles', 'seed')
-"""Fields of a waveform that the message has too."""
+"""Fields that have the same name in a `Waveform` and in its message."""
 
 
 @dataclass(frozen=True)
 class JointActuators:
-    """Joints with an actuator, their rotors, and the largest torque of each [N m]."""
+    """Joints with an actuator, and their rotors and torque limits [N m]."""
 
     names: tuple[str, ...]
     rotors: Rotors
     limits: Array
 
     def checked(self, source: str, names: Sequence[str], torques: Array) -> tuple[Rotors, Array]:
-        """Return the rotors of the named joints and their torques [N m], shape (..., named).
+        """Return the rotors of the named joints, and the torques [N m] unchanged.
 
-        Raises ValueError for a joint without an actuator or named twice, and for a torque that is
-        missing, not finite or beyond the limit of its joint.
+        The last axis of `torques` has one entry for each name. Raises ValueError if a joint has no
+        actuator or is named twice, or if a torque is missing, not finite or larger than the limit
+        of its joint. The error message names `source`.
         """
         check_names(source, names)
         index_of = {name: index for index, name in enumerate(self.names)}
@@ -80,7 +81,11 @@ class JointActuators:
 def joint_actuators(
     named: NamedChain, names: Sequence[str], limit_of: Callable[[str], float]
 ) -> JointActuators:
-    """Return the actuators of the named joints, or of all; ValueError for an unknown joint."""
+    """Return the actuators of the named joints.
+
+    If `names` is empty, all joints have an actuator. `limit_of` returns the torque limit of a
+    joint [N m]. Raises ValueError for an unknown joint.
+    """
     chosen = tuple(names) or named.joint_names
     for name in chosen:
         if name not in named.numbers:
@@ -96,7 +101,10 @@ def joint_actuators(
 
 
 def edge_command_from_msg(message: msg.EdgeCommand) -> EdgeCommand:
-    """Return the command to an edge actuator; ValueError if a code is unknown or does not fit."""
+    """Return the command to an edge actuator from a message.
+
+    Raises ValueError if a code is unknown or a field is invalid.
+    """
     codes: dict[str, dict[int, Any]] = {'edge': _EDGES, 'kind': _KINDS, **_CHOICES}
     for name, known in codes.items():
         code = getattr(message, name)
@@ -122,7 +130,7 @@ def edge_command_from_msg(message: msg.EdgeCommand) -> EdgeCommand:
 
 
 def edge_command_to_msg(command: EdgeCommand) -> msg.EdgeCommand:
-    """Return the message of a command to an edge actuator."""
+    """Return the message that holds a command to an edge actuator."""
     message = msg.EdgeCommand(
         edge=_code(_EDGES, command.edge),
         kind=_code(_KINDS, command.kind),
@@ -148,13 +156,16 @@ def _code(known: dict[int, Any], value: Any) -> int:
 def efforts_from_msg(
     actuators: JointActuators, source: str, message: JointState
 ) -> tuple[Rotors, Array]:
-    """Return rotors and torques [N m] of the topic `source`; ValueError if any is rejected."""
+    """Return the rotors and their torques [N m] from a message of the topic `source`.
+
+    Raises ValueError if a joint or a torque is rejected.
+    """
     if message.position or message.velocity:
         raise ValueError(
             f'{source} commands positions or velocities; the actuators accept only effort'
         )
     if not message.name:
-        raise ValueError(f'{source} names no joint; fill the field name')
+        raise ValueError(f'{source} has an empty field name; list the joints of the efforts in it')
     efforts = np.asarray(message.effort, dtype=np.float64)
     return actuators.checked(f'{source}.effort', message.name, efforts)
 
@@ -162,7 +173,10 @@ def efforts_from_msg(
 def efforts_from_array(
     actuators: JointActuators, source: str, message: Float64MultiArray
 ) -> tuple[Rotors, Array]:
-    """Return rotors and torques [N m] in the order of the actuators; ValueError if rejected."""
+    """Return the rotors with actuators and their torques [N m], which have the same order.
+
+    Raises ValueError if a torque is rejected.
+    """
     torques = np.asarray(message.data, dtype=np.float64)
     return actuators.checked(f'{source}.data', actuators.names, torques)
 
@@ -170,9 +184,10 @@ def efforts_from_array(
 def trajectory_from_msg(
     actuators: JointActuators, source: str, message: JointTrajectory
 ) -> tuple[Rotors, Array, Array]:
-    """Return rotors, times from the start [s] and torques [N m], shape (points, named).
+    """Return the rotors, the times and the torques of a trajectory.
 
-    Raises ValueError if any of them is rejected.
+    The times are counted from the start of the trajectory [s], shape (points,). The torques [N m]
+    have the shape (points, rotors). Raises ValueError if a joint, time or torque is rejected.
     """
     if not message.joint_names:
         raise ValueError(f'{source} has points but no joints; fill joint_names')
@@ -198,7 +213,7 @@ def trajectory_from_msg(
 
 
 def delivery_to_msg(delivered: DeliveryTotals) -> msg.Delivery:
-    """Return the message of the impulses and torques delivered to the chain."""
+    """Return the message that holds the total impulse and work delivered to the chain."""
     return msg.Delivery(
         header=Header(stamp=time_to_msg(delivered.stamp), frame_id=FRAME),
         impulses=delivered.impulses,
@@ -210,7 +225,7 @@ def delivery_to_msg(delivered: DeliveryTotals) -> msg.Delivery:
 
 
 def delivery_from_msg(message: msg.Delivery) -> DeliveryTotals:
-    """Return the totals delivered to the chain from a message."""
+    """Return the total impulse and work delivered to the chain, from a message."""
     return DeliveryTotals(
         time_from_msg(message.header.stamp),
         message.impulses,
@@ -222,7 +237,10 @@ def delivery_from_msg(message: msg.Delivery) -> DeliveryTotals:
 
 
 def last_kick_to_msg(named: NamedChain, kick: KickReport) -> msg.LastKick:
-    """Return the message of a finished kick; joints without an impulse are omitted."""
+    """Return the message that reports a finished kick.
+
+    The message omits joints that received no impulse.
+    """
     acted_on = np.flatnonzero(kick.impulse)
     return msg.LastKick(
         header=Header(stamp=time_to_msg(kick.stamp), frame_id=FRAME),
@@ -241,17 +259,22 @@ def last_kick_to_msg(named: NamedChain, kick: KickReport) -> msg.LastKick:
 
 @dataclass(frozen=True)
 class StampRule:
-    """Limits of the stamps and durations of commands; a stamp of 0 means now.
+    """Limits for the stamps and durations of commands.
 
-    oldest: largest age of a command [s], 0 for the value of `longest`.
-    longest: largest duration of a command, and largest time of its stamp in the future [s].
+    A command with the stamp 0 starts now.
+
+    oldest: largest age of a command [s]. If it is 0, `longest` is used.
+    longest: largest time from now to the end of a command [s].
     """
 
     oldest: float
     longest: float
 
     def check_at_once(self, source: str, stamp: int, now: int) -> None:
-        """Raise ValueError if an immediate command is too old or too early; times in [ns]."""
+        """Raise ValueError if the stamp of an immediate command is too far from now.
+
+        The limit is the same for the past and for the future. `stamp` and `now` are in [ns].
+        """
         age = self._age(stamp, now)
         limit = self.oldest or self.longest
         if age > limit:
@@ -266,7 +289,11 @@ class StampRule:
             )
 
     def delay(self, source: str, stamp: int, now: int, duration: float) -> float:
-        """Return the time until a command with a duration starts [s]; ValueError if rejected."""
+        """Return the time from now to the start of a command [s].
+
+        The time is negative if the command has started. `stamp` and `now` are in [ns], `duration`
+        is in [s]. Raises ValueError if the command has already ended or ends too late.
+        """
         delay = -self._age(stamp, now)
         if delay + duration < 0:
             raise ValueError(
@@ -277,7 +304,10 @@ class StampRule:
         return delay
 
     def check_length(self, source: str, ends: float) -> None:
-        """Raise ValueError if a command ends later than `longest` after now; its end is in [s]."""
+        """Raise ValueError if the time from now to the end of a command exceeds `longest`.
+
+        `ends` is this time [s].
+        """
         if ends > self.longest:
             raise ValueError(
                 f'{source} ends {ends:.3g} s from now, the limit is {self.longest:g} s; send '

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Named chains and their frames; conversions of messages to physics types and back."""
+"""Chains with joint names, frames of joint states, and their conversions to and from messages."""
 
 from __future__ import annotations
 
@@ -24,9 +24,10 @@ from soliton_linkage_msgs import msg
 from soliton_linkage_nodes.runtime.stamps import SECOND
 
 FRAME = 'linkage'
-"""Coordinate frame whose x axis runs along the pivots."""
+"""Name of the coordinate frame whose x axis runs along the pivots."""
 _LARGEST_ANGLE = 1e6
-"""Largest angle of a reset [rad]. Beyond it, rounding exceeds the small steps of solvers."""
+"""Largest angle of a reset [rad]. At larger angles, rounding errors exceed the changes of the
+angle in one step of a solver."""
 _LARGEST_RATE = 1e6
 """Largest rate of a reset [rad/s]."""
 _CHAIN_FIELDS = tuple(
@@ -37,15 +38,16 @@ _DEVIATIONS = tuple(f.name for f in fields(Deviations))
 
 @dataclass(frozen=True)
 class NamedChain:
-    """A chain and the names of its joints, rotor 0 first.
+    """A chain with the names of its joints, rotor 0 first.
 
-    Raises ValueError unless there is a known offset for each encoder, or none.
+    Raises ValueError if encoder offsets are given, but not one for each rotor.
     """
 
     chain: Chain
     joint_names: tuple[str, ...]
     encoder_offsets: tuple[float, ...] = ()
-    """Known encoder offsets, position minus angle [rad]: one for each rotor, or none."""
+    """Known encoder offsets, position minus angle [rad], one for each rotor. Empty if the offsets
+    are unknown."""
 
     def __post_init__(self) -> None:
         check_one_each(KnownEncoders(self.encoder_offsets).offsets, self.rotors)
@@ -57,20 +59,26 @@ class NamedChain:
 
     @cached_property
     def numbers(self) -> Mapping[str, int]:
-        """Number of each rotor by the name of its joint."""
+        """Mapping from joint names to rotor numbers."""
         return {name: rotor for rotor, name in enumerate(self.joint_names)}
 
 
 @dataclass(frozen=True)
 class Frame:
-    """One frame of joint states in the order of the rotors; rates are None if unknown."""
+    """Angles [rad] and rates [rad/s] of all rotors at one time, rotor 0 first.
+
+    `rates` is None if the rates are unknown.
+    """
 
     angles: Array
     rates: Array | None
 
 
 class JointStates(NamedTuple):
-    """A JointState without efforts; positions and velocities may be empty."""
+    """Fields of a JointState message without the efforts.
+
+    The arrays `position` and `velocity` may be empty.
+    """
 
     seconds: int
     nanoseconds: int
@@ -81,7 +89,7 @@ class JointStates(NamedTuple):
 
     @property
     def stamp(self) -> int:
-        """Time since the epoch [ns]."""
+        """Stamp of the joint states, counted from the epoch [ns]."""
         return self.seconds * SECOND + self.nanoseconds
 
 
@@ -91,7 +99,7 @@ def default_joint_names(number_of_rotors: int) -> tuple[str, ...]:
 
 
 def chain_to_msg(named: NamedChain, stamp: Time) -> msg.Chain:
-    """Return the message of a chain with its joint names and encoder offsets."""
+    """Return the message that describes a chain with its joint names and encoder offsets."""
     chain = named.chain
     deviations = {f'{name}_deviations': getattr(chain.deviations, name) for name in _DEVIATIONS}
     return msg.Chain(
@@ -104,7 +112,7 @@ def chain_to_msg(named: NamedChain, stamp: Time) -> msg.Chain:
 
 
 def chain_from_msg(message: msg.Chain) -> NamedChain:
-    """Return the chain of a message; ValueError if it is invalid."""
+    """Return the chain that a message describes. Raises ValueError if the chain is invalid."""
     names = tuple(message.joint_names)
     check_names('chain.joint_names', names)
     parameters = {name: getattr(message, name) for name in _CHAIN_FIELDS}
@@ -129,7 +137,7 @@ def joint_states_from_msg(message: JointState) -> JointStates:
 
 
 def frame_to_msg(named: NamedChain, frame: Frame, efforts: Array, stamp: Time) -> JointState:
-    """Return joint states with the angles, rates and torques of a frame."""
+    """Return a message with the angles and rates of a frame, and with torques [N m] as efforts."""
     return JointState(
         header=Header(stamp=stamp, frame_id=FRAME),
         name=list(named.joint_names),
@@ -140,11 +148,11 @@ def frame_to_msg(named: NamedChain, frame: Frame, efforts: Array, stamp: Time) -
 
 
 def frame_from_msg(named: NamedChain, message: JointState | JointStates) -> Frame:
-    """Return angles and rates in the order of the rotors, from joints in any order.
+    """Return the angles and rates of all rotors, rotor 0 first.
 
-    Known encoder offsets are subtracted. Joints that belong to no rotor are ignored. Raises
-    ValueError if a rotor is missing or named twice, an array has the wrong length or a value is
-    not finite.
+    The joints in the message may have any order. Known encoder offsets are subtracted. Joints that
+    belong to no rotor are ignored. Raises ValueError if a rotor is missing, if a joint is named
+    twice, if an array has the wrong length, or if a value is not finite.
     """
     order = _order(named.joint_names, message.name)
     angles = np.asarray(message.position, dtype=np.float64)
@@ -158,12 +166,15 @@ def frame_from_msg(named: NamedChain, message: JointState | JointStates) -> Fram
 
 
 def without_offsets(positions: Array, encoder_offsets: Sequence[float] | Array) -> Array:
-    """Return the angles [rad], (N,), from encoder positions and known offsets [rad]."""
+    """Return the angles [rad], shape (N,): encoder positions [rad] minus known offsets [rad].
+
+    If `encoder_offsets` is empty, the positions are returned unchanged.
+    """
     return positions - encoder_offsets if len(encoder_offsets) else positions
 
 
 def impulses_to_msg(named: NamedChain, impulses: Array, stamp: Time) -> msg.RotorImpulses:
-    """Return the message of the angular impulses of all rotors [N m s]."""
+    """Return the message that holds the angular impulses on all rotors [N m s]."""
     return msg.RotorImpulses(
         header=Header(stamp=stamp, frame_id=FRAME),
         name=list(named.joint_names),
@@ -174,15 +185,20 @@ def impulses_to_msg(named: NamedChain, impulses: Array, stamp: Time) -> msg.Roto
 def impulses_from_msg(
     rotors: Mapping[str, int], message: msg.RotorImpulses, largest: float
 ) -> Array:
-    """Return the angular impulse of each rotor [N m s]; ValueError if any is rejected."""
+    """Return the angular impulse on each rotor [N m s], 0 for rotors that are not named.
+
+    Raises ValueError if a joint is unknown or named twice, or if an impulse is missing, not finite
+    or larger in magnitude than `largest`.
+    """
     return _by_rotor(rotors, 'rotor_impulses.impulse', message.name, message.impulse, largest)
 
 
 def state_from_reset(named: NamedChain, request: Any, now: State) -> State:
-    """Return the state of a `Reset.Request`; other joints keep their angle and come to rest.
+    """Return the state of the chain after a `Reset.Request`.
 
-    Raises ValueError for a joint that is unknown or named twice, and for an angle or rate that is
-    missing or not finite. Rates may all be absent.
+    Joints that the request does not name keep the angle of the state `now`, and their rate becomes
+    0. If the request has no rates, all rates become 0. Raises ValueError if a joint is unknown or
+    named twice, or if an angle or rate is missing, not finite or too large.
     """
     rotors = named.numbers
     remedy = 'reset to smaller angles and rates'
@@ -197,7 +213,7 @@ def state_from_reset(named: NamedChain, request: Any, now: State) -> State:
 
 
 def torques_to_msg(named: NamedChain, torques: Array, stamp: Time) -> JointState:
-    """Return joint states with only efforts, the torques of all rotors [N m]."""
+    """Return joint states that hold only the torques on all rotors [N m], as efforts."""
     return JointState(
         header=Header(stamp=stamp, frame_id=FRAME),
         name=list(named.joint_names),
@@ -206,12 +222,16 @@ def torques_to_msg(named: NamedChain, torques: Array, stamp: Time) -> JointState
 
 
 def torques_from_msg(rotors: Mapping[str, int], message: JointState, largest: float) -> Array:
-    """Return the torque of each rotor [N m]; ValueError if any is rejected."""
+    """Return the torque on each rotor [N m], 0 for rotors that are not named.
+
+    Raises ValueError if a joint is unknown or named twice, or if a torque is missing, not finite
+    or larger in magnitude than `largest`.
+    """
     return _by_rotor(rotors, 'rotor_torques.effort', message.name, message.effort, largest)
 
 
 def check_names(source: str, names: Sequence[str]) -> None:
-    """Raise ValueError for a duplicate name."""
+    """Raise ValueError if a name occurs twice."""
     if len(set(names)) != len(names):
         twice = next(name for name in names if list(names).count(name) > 1)
         raise ValueError(f'{source} has {twice!r} twice; name each joint once')
@@ -259,7 +279,7 @@ def _by_rotor(
 
 
 def check_length(source: str, names: Sequence[str], values: Sequence[float] | Array) -> None:
-    """Raise ValueError unless there are as many values as names."""
+    """Raise ValueError if the number of values differs from the number of names."""
     if len(values) != len(names):
         raise ValueError(
             f'{source} has {len(values)} values for {len(names)} names; give one for each name'

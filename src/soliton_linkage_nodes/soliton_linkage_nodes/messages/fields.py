@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Conversion of messages to plain values and YAML, and back."""
+"""Conversions between messages, plain Python values and YAML."""
 
 from __future__ import annotations
 
@@ -14,13 +14,13 @@ import yaml
 
 _SEQUENCE = re.compile(r'^(?:sequence<(?P<item>[^,>]+)(?:, \d+)?>|(?P<element>.+)\[\d+\])$')
 _WIDTH = 100
-"""Length of a line of YAML [characters]."""
+"""Largest length of a line of YAML [characters]."""
 
 
 def interface_type(name: str, kind: str) -> Any:
-    """Return a type by name, such as 'std_msgs/Float64', and kind, such as 'msg'.
+    """Return the Python class of an interface type, such as 'std_msgs/Float64'.
 
-    Raises ValueError if it does not exist.
+    `kind` is 'msg', 'srv' or 'action'. Raises ValueError if the type does not exist.
     """
     package, _, rest = name.partition('/')
     middle, _, last = rest.rpartition('/')
@@ -35,7 +35,7 @@ def interface_type(name: str, kind: str) -> Any:
 
 
 def plain(value: Any) -> Any:
-    """Return a message or field value as dictionaries, lists and plain values."""
+    """Convert a message or the value of a field to dictionaries, lists and plain values."""
     if hasattr(value, 'get_fields_and_field_types'):
         return {name: plain(getattr(value, name)) for name in value.get_fields_and_field_types()}
     if isinstance(value, (array.array, np.ndarray)):
@@ -48,7 +48,10 @@ def plain(value: Any) -> Any:
 
 
 def to_yaml(value: Any) -> str:
-    """Return the YAML text of a message or field, with each list of numbers in flow style."""
+    """Return the YAML text of a message or field.
+
+    Each list of plain values is written in one line, as [1, 2, 3].
+    """
     text: str = yaml.dump(
         plain(value), Dumper=_Dumper, sort_keys=False, width=_WIDTH, allow_unicode=True
     )
@@ -65,7 +68,10 @@ _Dumper.add_representer(list, _list_in_lines)
 
 
 def read(message_type: Any, text: str) -> Any:
-    """Return a message from YAML such as '{data: 0.25}'; ValueError if the text is invalid."""
+    """Return the message that a YAML text such as '{data: 0.25}' describes.
+
+    Raises ValueError if the text is invalid.
+    """
     try:
         values = yaml.safe_load(text or '{}')
     except yaml.YAMLError as error:
@@ -74,7 +80,10 @@ def read(message_type: Any, text: str) -> Any:
 
 
 def built(message_type: Any, values: Any) -> Any:
-    """Return a message with the fields of a mapping; ValueError if a field is invalid."""
+    """Return a message whose fields have the values of a mapping.
+
+    Other fields keep their defaults. Raises ValueError if a field is invalid.
+    """
     types = message_type.get_fields_and_field_types()
     name = _name(message_type)
     if not isinstance(values, Mapping):
@@ -105,7 +114,7 @@ def built(message_type: Any, values: Any) -> Any:
 
 
 def _converted(present: Any, value: Any) -> Any:
-    """Convert a value to the type of the present value of the field."""
+    """Convert a new value of a field to the type of its present value."""
     if isinstance(present, float):
         return float(value)
     if isinstance(present, bytes):

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Assembly of frames whose joints arrive in several messages."""
+"""Assembly of frames of joint states whose joints arrive in several messages."""
 
 from __future__ import annotations
 
@@ -17,21 +17,23 @@ from soliton_linkage_nodes.messages.conversions import JointStates, check_length
 from soliton_linkage_nodes.runtime.serialization import serialize
 
 _SHORT_FRAMES = 10
-"""Number of consecutive frames without a joint after which frames no longer wait for it [1].
-Sensitivity: at 0.5x, the joints of a board that pauses are missing in one more frame. At 2x,
-frames are delayed by a period for a longer time after a board has failed."""
+"""Number of consecutive incomplete frames after which frames no longer wait for the missing joints
+[1]. Sensitivity: at 0.5x, one more frame lacks the joints of an encoder board after a pause of
+this board. At 2x, frames are delayed by a period for a longer time after an encoder board has
+failed."""
 
 
 class FrameAssembler:
     """Assembler of joint states with equal stamps and disjoint joints into frames.
 
-    A frame is complete when it has all joints of the chain, or all joints of the frames before it.
-    Otherwise it is complete when a message with another stamp arrives. If that frame consisted of
-    one message, each later message is a frame until two messages share a stamp.
+    A frame is complete when it has all joints of the chain, or all joints that earlier assembled
+    frames had. Any other frame is returned incomplete when a message with another stamp arrives.
+    If the incomplete frame consists of one message, each later message is returned as a frame,
+    until two messages have the same stamp.
     """
 
     def __init__(self, joint_names: Sequence[str] = ()) -> None:
-        """Assemble frames of these joints, without names of any joints."""
+        """Assemble frames of these joints. If `joint_names` is empty, accept any joints."""
         self._rotors = frozenset(joint_names)
         self._parts: list[JointStates] = []
         self._joints: frozenset[str] = frozenset()
@@ -39,18 +41,20 @@ class FrameAssembler:
         self._short = 0
         self._last: tuple[int, frozenset[str]] | None = None
         self.whole: tuple[str, ...] | None = None
-        """Names of the last message with all joints of the chain, None before."""
+        """Joint names in the last message that had all joints of the chain. None before such a
+        message."""
 
     @property
     def waiting_since(self) -> int | None:
-        """Stamp of the incomplete frame [ns], None without one."""
+        """Stamp of the incomplete frame [ns]. None if no frame is incomplete."""
         return self._parts[0].stamp if self._parts else None
 
     def add(self, joints: JointStates) -> list[JointStates]:
-        """Add a message and return the frames that are complete now, none to two.
+        """Add a message and return zero, one or two frames that are finished now.
 
         A message without a joint of the chain is returned unchanged. Raises ValueError if a joint
-        is named twice, or an array and the names of a part of a frame differ in length.
+        is named twice, or if a message with some joints of the chain has arrays and names of
+        different lengths.
         """
         if not self._parts and joints.name is self.whole:
             self._last = joints.stamp, self._rotors
@@ -76,13 +80,13 @@ class FrameAssembler:
         return [*earlier, *self._complete()]
 
     def add_all(self, messages: Iterable[JointStates]) -> Iterator[JointStates]:
-        """Yield the frames of a record, the incomplete last one as well."""
+        """Yield all frames of a record. The last frame may be incomplete."""
         for joints in messages:
             yield from self.add(joints)
         yield from self.flush()
 
     def flush(self) -> list[JointStates]:
-        """Return the incomplete frame, if there is one."""
+        """Return a list with the incomplete frame. The list is empty if no frame is incomplete."""
         if not self._parts:
             return []
         self._short += 1
@@ -129,7 +133,7 @@ class FrameAssembler:
 
 
 class SerializedFrames:
-    """Assembler of joint states that are serialized, for nodes that decode few of their frames."""
+    """Assembler of serialized joint states, for nodes that do not decode every frame."""
 
     def __init__(self) -> None:
         self._decoder = JointStateDecoder()
@@ -141,15 +145,15 @@ class SerializedFrames:
         self._assembler, self._all_alike = FrameAssembler(joint_names), False
 
     def parts(self, serialized: bytes) -> tuple[str, ...]:
-        """Return the joints in a message, none if it is damaged."""
+        """Return the joint names in a message. A damaged message has none."""
         with suppress(ValueError):
             return self._decoder.decode(serialized).name
         return ()
 
     def add(self, serialized: bytes) -> list[bytes]:
-        """Add a message and return the frames that are complete.
+        """Add a message and return the frames that are finished now.
 
-        Invalid messages, and messages before the joints are set, are returned unchanged.
+        A message is returned unchanged if it is invalid, or if `set_joints` has not been called.
         """
         if self._assembler is None:
             return [serialized]

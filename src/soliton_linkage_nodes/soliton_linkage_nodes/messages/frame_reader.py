@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Angles and rates from joint states, and checks of their stamps and units."""
+"""Reading of angles and rates from joint states, and checks of their stamps and units."""
 
 from __future__ import annotations
 
@@ -21,12 +21,12 @@ from soliton_linkage_nodes.runtime.stamps import SECOND
 
 
 class FrameReader:
-    """Reader of joint states in the order of the rotors, with NaN for missing values."""
+    """Reader of the angles and rates of all rotors. Missing values are NaN."""
 
     def __init__(self, joint_names: Sequence[str], encoder_offsets: Sequence[float] = ()) -> None:
-        """Read these joints, rotor 0 first; known encoder offsets [rad] are subtracted.
+        """Read these joints, rotor 0 first, and subtract known encoder offsets [rad].
 
-        Raises ValueError without joints.
+        Raises ValueError if `joint_names` is empty.
         """
         if not joint_names:
             raise ValueError('joint_states.name is empty; name the joints')
@@ -38,11 +38,12 @@ class FrameReader:
         self._in_order = False
 
     def read(self, joints: JointStates) -> Frame:
-        """Return angles and rates of all rotors, NaN for missing and invalid values.
+        """Return the angles and rates of all rotors, rotor 0 first.
 
-        A value is invalid if it is infinite or exceeds 1e9. Joints that belong to no rotor are
-        ignored. Raises ValueError if no rotor is named, a joint is named twice, or an array and
-        the names differ in length.
+        Missing and invalid values are NaN. A value is invalid if it is infinite or its magnitude
+        exceeds 1e9. Joints that belong to no rotor are ignored. Raises ValueError if no rotor is
+        named, if a joint is named twice, or if the length of an array differs from the number of
+        names.
         """
         _, _, _, name, position, velocity = joints
         check_length('joint_states.position', name, position)
@@ -79,24 +80,31 @@ class FrameReader:
 
 
 _LONGEST_LATENESS = SECOND
-"""Largest decrease of the stamp of a late frame [ns]. A larger decrease means that the clock was
-reset, for example by a replayed bag."""
+"""Threshold on a decrease of the stamp from one frame to the next [ns]. After a smaller decrease,
+the frame counts as late. A larger decrease means that the clock was reset, for example by a
+replayed bag."""
 _UNIT_CHECK_INTERVAL = 100
-"""Number of frames between checks of the unit [1], because a check takes 80 us."""
+"""Number of frames from one check of the angle unit to the next [1]. A check takes 80 us, which is
+too long for every frame."""
 
 
 class EncoderMonitor:
     """Monitor that warns of wrong stamps and units of joint states."""
 
     def __init__(self, warn: Callable[[str], object]) -> None:
-        """Call `warn` once for each kind of fault, with the fault and its remedy."""
+        """Call `warn` once for each kind of fault. Its argument describes the fault and the
+        remedy.
+        """
         self._warn = warn
         self._warned: set[str] = set()
         self._last: int | None = None
         self._frames = 0
 
     def check(self, stamp: int, angles: Array | None = None) -> None:
-        """Check the stamp of a frame [ns] and the angles [rad], NaN if missing, if given."""
+        """Check the stamp of a frame [ns] and, if `angles` is given, the unit of the angles.
+
+        Missing angles are NaN.
+        """
         if stamp == 0:
             self._warn_once(
                 'joint_states have no stamps; stamp each frame with the time of its measurement, '

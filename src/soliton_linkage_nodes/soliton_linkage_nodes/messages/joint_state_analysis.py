@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Analysis of joint states, shared by the live node, replays and offline programs."""
+"""Analysis of joint states, for the live node, replays and offline programs."""
 
 from __future__ import annotations
 
@@ -18,14 +18,18 @@ from soliton_linkage_nodes.messages.frame_assembler import FrameAssembler
 from soliton_linkage_nodes.messages.frame_reader import FrameReader
 
 _MOST_WAITING = 1000
-"""Largest number of messages with standard deviations that wait for their frames [1]."""
+"""Largest number of stored messages with standard deviations whose frame has not arrived [1]."""
 
 
 class JointStateAnalysis:
-    """Analysis of the joint states of a chain, which may be unknown."""
+    """Analysis of the joint states of a known or unknown chain."""
 
     def __init__(self, noise: float | None = None) -> None:
-        """Wait for a chain; `noise` of the angles is in [rad], None to estimate it."""
+        """Wait for `set_chain` or `set_joints`.
+
+        `noise` is the standard deviation of the measured angles [rad]. If it is None, the analyser
+        estimates it.
+        """
         self._noise = noise
         self._named: NamedChain | None = None
         self._reader: FrameReader | None = None
@@ -34,11 +38,12 @@ class JointStateAnalysis:
         self._deviations: dict[int, Array] = {}
         self.analyser: FrameAnalyser | None = None
         self.assembler = FrameAssembler()
-        """Assembler of the messages for `analyse`, for frames that arrive in parts."""
+        """Assembler for frames whose joints arrive in several messages. It prepares the frames for
+        `analyse`."""
         self._unseen: set[int] = set()
         self.latest: Analysis | None = None
         self.frame: Frame | None = None
-        """Last frame that was read."""
+        """Last frame that `analyse` read."""
 
     @property
     def joint_names(self) -> tuple[str, ...]:
@@ -47,7 +52,7 @@ class JointStateAnalysis:
 
     @property
     def absent(self) -> tuple[str, ...]:
-        """Names of the joints that had no angle in any frame."""
+        """Names of the joints whose angle was missing in every frame so far."""
         return tuple(self.joint_names[rotor] for rotor in sorted(self._unseen))
 
     @property
@@ -56,7 +61,10 @@ class JointStateAnalysis:
         return math.nan if self._named is None else self._named.chain.spacing
 
     def set_chain(self, named: NamedChain) -> None:
-        """Analyse frames of this chain from now on; the same chain keeps its estimates."""
+        """Analyse frames of this chain from now on.
+
+        If the chain is the same as before, the analyser keeps its estimates.
+        """
         if named == self._named:
             return
         if self._named is None or named.chain != self._named.chain:
@@ -67,25 +75,27 @@ class JointStateAnalysis:
         self._deviation_reader, self._deviations = FrameReader(named.joint_names), {}
 
     def set_joints(self, joint_names: Sequence[str]) -> None:
-        """Analyse frames of an unknown chain, whose joints are given in order."""
+        """Analyse frames of an unknown chain with these joints, rotor 0 first."""
         self.analyser = UnknownChainAnalyser(len(joint_names))
         self._named = None
         self._set_reader(FrameReader(joint_names))
         self._impulses = self._deviation_reader = None
 
     def add_impulses(self, serialized: bytes) -> None:
-        """Add the impulses of `delivered_impulses`, as CDR bytes, which act from their stamp on.
+        """Add impulses from the CDR bytes of a message of the topic `delivered_impulses`.
 
-        They are ignored if the chain is unknown. Raises ValueError for invalid impulses.
+        The stamp of the message is the time of the impulses. The impulses are ignored if the chain
+        is unknown. Raises ValueError if an impulse is invalid.
         """
         if isinstance(self.analyser, Analyser) and self._impulses is not None:
             impulses = self._impulses.decode(serialized)
             self.analyser.apply_impulse(read_stamp(serialized) or None, impulses)
 
     def add_deviations(self, deviations: JointStates) -> None:
-        """Add standard deviations for the angles of the same stamp, which arrive later.
+        """Add standard deviations of the angles in the frame with the same stamp.
 
-        They are ignored if the chain is unknown. Raises ValueError for invalid deviations.
+        They must arrive before that frame. They are ignored if the chain is unknown. Raises
+        ValueError if a standard deviation is invalid.
         """
         if self._deviation_reader is None:
             return
@@ -98,9 +108,10 @@ class JointStateAnalysis:
             del self._deviations[next(iter(self._deviations))]
 
     def analyse(self, joints: JointStates) -> Analysis | None:
-        """Analyse a frame; return None if it is not later than the previous frame.
+        """Analyse a frame; return None if the frame is not later than the previous frame.
 
-        Raises ValueError for invalid joint states, and before a chain or joints are set.
+        Raises ValueError if the joint states are invalid, or if neither `set_chain` nor
+        `set_joints` was called before.
         """
         if self.analyser is None or self._reader is None:
             raise ValueError(

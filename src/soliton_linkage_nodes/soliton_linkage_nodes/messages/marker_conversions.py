@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Conversions of drawings to messages for ROS viewers."""
+"""Conversions of drawings to messages for ROS viewers, and of messages to drawn quantities."""
 
 from __future__ import annotations
 
@@ -27,14 +27,18 @@ class Wall(NamedTuple):
     deviation: float
     """Standard deviation of the position [m]."""
     rotor: float
-    """Position [rotor spacings]."""
+    """Site coordinate of the wall [rotor spacings]."""
     charge: int
 
 
 def lines_to_msg(
     header: Header, name: str, points: Array, colours: Array, width: float, spheres: bool = False
 ) -> Marker:
-    """Return lines between pairs of points [m], or spheres at them, each point with a colour."""
+    """Return a marker with lines between pairs of points [m].
+
+    If `spheres` is set, the marker has a sphere at each point instead. Each point has its own
+    colour. `width` is the width of the lines or the diameter of the spheres [m].
+    """
     return Marker(
         header=header,
         ns=name,
@@ -55,7 +59,10 @@ def box_to_msg(
     size: Sequence[float],
     colour: Sequence[float],
 ) -> Marker:
-    """Return a box by its centre and size [m]; colour: red, green, blue, opacity [1]."""
+    """Return a marker for a box with this centre [m] and this size [m].
+
+    `colour` consists of red, green, blue and opacity, each from 0 to 1.
+    """
     red, green, blue, opacity = colour
     x, y, z = size
     pose = _upright()
@@ -80,14 +87,17 @@ def text_to_msg(
     colour: Sequence[float],
     text: str,
 ) -> Marker:
-    """Return a text by its position and height [m]; colour: red, green, blue, opacity [1]."""
+    """Return a marker for a text at this position [m] with this letter height [m].
+
+    `colour` consists of red, green, blue and opacity, each from 0 to 1.
+    """
     marker = box_to_msg(header, name, 0, position, (0.0, 0.0, size), colour)
     marker.type, marker.text = Marker.TEXT_VIEW_FACING, text
     return marker
 
 
 def walls_from_msg(message: msg.SolitonState) -> list[Wall]:
-    """Return the walls of a state in order of their position."""
+    """Return the walls of a state, sorted by position."""
     return [
         Wall(each.position, each.position_deviation, each.rotor, int(each.charge))
         for each in message.solitons
@@ -95,7 +105,11 @@ def walls_from_msg(message: msg.SolitonState) -> list[Wall]:
 
 
 def pose_to_msg(header: Header, position: float, deviation: float) -> PoseWithCovarianceStamped:
-    """Return a pose on the axis of the chain, with its standard deviation, both [m]."""
+    """Return a pose on the axis of the chain.
+
+    `position` is its coordinate along the chain [m] and `deviation` the standard deviation of this
+    coordinate [m].
+    """
     pose = _upright()
     pose.position.x = position
     covariance = np.zeros((6, 6))
@@ -118,7 +132,10 @@ def picture_to_msg(header: Header, pixels: NDArray[np.uint8]) -> Image:
 
 
 def kick_from_msg(named: NamedChain, message: msg.LastKick) -> Array:
-    """Return the impulse of each rotor [N m s], shape (N,), 0 for joints that are not named."""
+    """Return the impulse of a kick on each rotor [N m s], shape (N,).
+
+    Rotors that the message does not name have the impulse 0.
+    """
     impulses = np.zeros(named.rotors)
     for name, impulse in zip(message.name, message.impulse, strict=False):
         if name in named.numbers:

@@ -15,22 +15,26 @@ from soliton_linkage_nodes.runtime import interfaces
 from soliton_linkage_nodes.runtime.subscriptions import subscribe_newest
 
 _DEPTH = 200
-"""Depth of the queue for frames in several messages [1]: 0.1 s of two messages at 1000 Hz."""
+"""Depth of the queue if a frame arrives in several messages [messages]. It holds 0.1 s of two
+messages for each frame at 1000 Hz."""
 _LONGEST_ASSEMBLY = 0.3
-"""Silence after which an incomplete frame is shown [s]. The next frame ends the wait."""
+"""Time without messages after which an incomplete frame is returned [s]. If the next frame arrives
+earlier, the incomplete frame is returned immediately."""
 
 
 class NewestFrame:
     """Subscription of a display to the newest frame, for a node that no executor spins.
 
     The queue has one message, because a display needs only 60 of 1000 frames per second. After a
-    message that lacks joints of the chain, the queue is deep and all messages are assembled.
+    message without some joints of the chain, the queue holds 200 messages and this class assembles
+    all of them.
     """
 
     def __init__(self, node: Node, name: str) -> None:
-        """Subscribe to the joint states with full name `name`."""
+        """Subscribe to the joint states on the topic with the full name `name`."""
         self.number: int | None = None
-        """Number of the newest frame, None if unknown; its increments count frames."""
+        """Number of the newest frame. It increases by 1 with each published frame. None if the
+        number is unknown."""
         self._node, self._name = node, name
         self._decoder = JointStateDecoder()
         self._assembler = FrameAssembler()
@@ -50,11 +54,14 @@ class NewestFrame:
         self._assembler = FrameAssembler(joint_names)
 
     def take(self) -> JointStates | None:
-        """Return the newest frame since the last call, or None; ValueError if it is damaged."""
+        """Return the newest frame that arrived since the last call, or None.
+
+        Raises ValueError if the message is damaged.
+        """
         return self._assembled() if self._divided else self._last()
 
     def adapt(self) -> None:
-        """Adapt the quality of service to new publishers."""
+        """Change the quality of service if new publishers require it."""
         self._subscription.adapt()
 
     def close(self) -> None:

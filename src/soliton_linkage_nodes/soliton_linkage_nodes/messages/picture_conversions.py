@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Conversions of pictures and cameras to messages, and calibration files of camera_calibration."""
+"""Conversions between messages and pictures, and files in the format of camera_calibration."""
 
 from __future__ import annotations
 
@@ -17,7 +17,8 @@ from soliton_linkage.vision.opencv import Picture, opencv
 from soliton_linkage_nodes.runtime.stamps import time_to_msg
 
 _QUALITY = 80
-"""Quality of JPEG [1]. Letters are sharp; a picture of 1280 x 720 pixels has about 150 kB."""
+"""JPEG quality on a scale to 100 [1]. At this quality, text in a picture is sharp, and a picture
+of 1280 x 720 pixels has about 150 kB."""
 
 _CHANNELS = {
     'bgr8': (3, [0, 1, 2]),
@@ -28,16 +29,19 @@ _CHANNELS = {
     'mono8': (1, [0]),
     '8UC1': (1, [0]),
 }
-"""Bytes of a pixel, and the indices of blue, green and red in it."""
+"""For each encoding, the number of bytes of a pixel and the indices of blue, green and red among
+these bytes."""
 _JPEG_HEADER = b'\xff\xd8\xff'
 _MODELS = {'plumb_bob': 5, 'rational_polynomial': 8}
-"""Number of coefficients of each lens model [1]."""
+"""Number of distortion coefficients of each lens model [1]."""
 
 
 def picture_from_msg(message: Image) -> Picture:
-    """Return pixels in BGR, (height, width, 3), or grey, (height, width).
+    """Return the pixels of an image message.
 
-    Raises ValueError for another encoding, and if the message has too few bytes for its size.
+    The shape is (height, width, 3) in the order blue, green, red, or (height, width) for a grey
+    picture. Raises ValueError if the encoding is not supported or if the message has too few bytes
+    for its height and width.
     """
     if message.encoding not in _CHANNELS:
         raise ValueError(
@@ -57,7 +61,10 @@ def picture_from_msg(message: Image) -> Picture:
 
 
 def jpeg_from_msg(message: CompressedImage, most: int) -> bytes:
-    """Return the bytes of a JPEG; ValueError if it is none or has more than `most` bytes."""
+    """Return the JPEG bytes of a message.
+
+    Raises ValueError if the data are no JPEG or have more than `most` bytes.
+    """
     data = bytes(message.data)
     if len(data) > most:
         raise ValueError(
@@ -69,7 +76,10 @@ def jpeg_from_msg(message: CompressedImage, most: int) -> bytes:
 
 
 def picture_from_compressed_msg(message: CompressedImage) -> Picture:
-    """Return pixels in BGR, (height, width, 3); ValueError if they cannot be decoded."""
+    """Return the pixels of a compressed picture, shape (height, width, 3).
+
+    The colours are in the order blue, green, red. Raises ValueError if the data cannot be decoded.
+    """
     cv2 = opencv()
     data = np.frombuffer(message.data, dtype=np.uint8)
     picture = cv2.imdecode(data, cv2.IMREAD_COLOR) if len(data) else None
@@ -81,7 +91,10 @@ def picture_from_compressed_msg(message: CompressedImage) -> Picture:
 
 
 def picture_to_compressed_msg(stamp: int, frame_id: str, picture: Picture) -> CompressedImage:
-    """Return a JPEG message from BGR pixels, (height, width, 3), with a stamp [ns]."""
+    """Return a JPEG message with a stamp [ns].
+
+    `picture` has the shape (height, width, 3) with colours in the order blue, green, red.
+    """
     cv2 = opencv()
     _, data = cv2.imencode('.jpg', picture, [cv2.IMWRITE_JPEG_QUALITY, _QUALITY])
     return CompressedImage(
@@ -92,7 +105,10 @@ def picture_to_compressed_msg(stamp: int, frame_id: str, picture: Picture) -> Co
 
 
 def read_camera(path: Path) -> Camera:
-    """Return the camera of a calibration file; ValueError or OSError if it is invalid."""
+    """Return the camera that a calibration file describes.
+
+    Raises ValueError if the file is invalid and OSError if it cannot be read.
+    """
     try:
         content = yaml.safe_load(path.read_text(encoding='utf-8'))
         return _camera(
@@ -110,7 +126,7 @@ def read_camera(path: Path) -> Camera:
 
 
 def write_camera(path: Path, camera: Camera) -> None:
-    """Write a calibration file for this suite and for ROS camera drivers."""
+    """Write a calibration file that this suite and ROS camera drivers can read."""
     model = (
         'plumb_bob' if len(camera.distortion) <= _MODELS['plumb_bob'] else 'rational_polynomial'
     )
@@ -139,7 +155,11 @@ def write_camera(path: Path, camera: Camera) -> None:
 
 
 def camera_from_msg(message: CameraInfo) -> Camera | None:
-    """Return the camera of a message, None without a calibration; ValueError if it is invalid."""
+    """Return the calibrated camera from a message.
+
+    Returns None if the message has no calibration. Raises ValueError if the calibration is
+    invalid.
+    """
     if not message.k[0]:
         return None
     return _camera(message.width, message.height, message.distortion_model, message.k, message.d)

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Conversions of analyses to messages and rows of tables, and of messages to solitons."""
+"""Conversions of analyses to messages and table rows, and of messages to solitons."""
 
 from __future__ import annotations
 
@@ -33,10 +33,11 @@ _STATUSES = {status: getattr(msg.SolitonState, status.name) for status in Tracki
 
 
 class NumberFields:
-    """Two or more numeric fields of a message, and the attributes that fill them.
+    """Mapping from attributes of a class to two or more numeric fields of a message.
 
-    Each field takes its value from the attribute of the same name, or from the given attribute
-    path. Raises TypeError if a class has no attribute for a field.
+    A field gets its value from the attribute with the same name. If `paths` has an entry for the
+    field, the field gets its value from that attribute path. Raises TypeError if an attribute does
+    not exist.
     """
 
     def __init__(
@@ -45,7 +46,7 @@ class NumberFields:
         filled_by: type,
         paths: Mapping[str, str] | None = None,
     ) -> None:
-        """Fill the fields from instances of the class `filled_by`."""
+        """Map attributes of the class `filled_by` to the fields `names`."""
         self.names = tuple(names)
         paths = {name: (paths or {}).get(name, name) for name in names}
         for name, path in paths.items():
@@ -53,14 +54,16 @@ class NumberFields:
         self._values = attrgetter(*paths.values())
 
     def __call__(self, filled_by: Any) -> tuple[Any, ...]:
-        """Return the values of the fields, NaN for None."""
+        """Return the values of the fields from an object. If the object is None, all values are
+        NaN.
+        """
         if filled_by is None:
             return len(self.names) * (math.nan,)
         values: tuple[Any, ...] = self._values(filled_by)
         return values
 
     def message(self, kind: Any, filled_by: Any) -> Any:
-        """Return a message of a type that has exactly these fields."""
+        """Return a message of the type `kind`, which must have exactly these fields."""
         return kind(**dict(zip(self.names, self(filled_by), strict=True)))
 
 
@@ -76,7 +79,7 @@ def _check_path(filled_by: Any, field: str, path: str) -> None:
 
 
 def _kinds(message_type: Any) -> dict[str, str]:
-    """Return the type of each field of a message by name, in order."""
+    """Return a mapping from the field names of a message to their types, in message order."""
     return dict(message_type.get_fields_and_field_types())
 
 
@@ -106,7 +109,7 @@ _REST = NumberFields(
     {'noise': 'estimate.noise', 'misfit': 'estimate.misfit'},
 )
 _NO_SIDES = (0, 0, math.nan, math.nan, 0, math.nan)
-"""First fields of a Topology message if the topology is unknown."""
+"""Values of the first six fields of a Topology message if the topology is unknown."""
 _NO_EDGES = (False, False, math.nan, math.nan)
 _ROTORS = 'rotor spacings'
 _UNITS = {
@@ -127,11 +130,12 @@ _UNITS = {
     **dict.fromkeys(_ENERGIES.names, 'J'),
     **dict.fromkeys(_WOBBLE.names, 'm'),
 }
-"""Units of the fields of SolitonState and its nested messages; other fields have no unit."""
+"""Units of the fields of SolitonState and its nested messages. Fields that are not listed have no
+unit."""
 
 
 def state_to_msg(analysis: Analysis, joints: JointStates) -> msg.SolitonState:
-    """Return the SolitonState of an analysed frame."""
+    """Return the SolitonState message for the analysis of a frame."""
     stamp = Time(sec=joints.seconds, nanosec=joints.nanoseconds)
     values = {
         'header': Header(stamp=stamp, frame_id=joints.frame_id),
@@ -150,10 +154,11 @@ def state_to_msg(analysis: Analysis, joints: JointStates) -> msg.SolitonState:
 
 
 def columns() -> list[str]:
-    """Return the column names of a table of states: the fields of SolitonState with units.
+    """Return the column names of a table of states, one for each field of SolitonState.
 
-    A field of a nested message begins with the name of that message, a field of the first soliton
-    with `soliton_`. Units are in brackets, for example `soliton_velocity [m/s]`.
+    For a field of a nested message, the column name begins with the name of that message. For a
+    field of the first soliton, it begins with `soliton_`. Units are in brackets, for example
+    `soliton_velocity [m/s]`.
     """
     names = ['stamp [ns]']
     for name in list(_STATE)[1:]:
@@ -172,7 +177,10 @@ def _column(message: str, field: str) -> str:
 
 
 def row(analysis: Analysis, joints: JointStates) -> tuple[Any, ...]:
-    """Return a state as a row of the table, with NaN in the cells of a missing soliton."""
+    """Return a state as a row of the table.
+
+    Without a soliton, the cells of the first soliton are NaN.
+    """
     solitons = analysis.solitons
     return (
         joints.stamp,
@@ -184,7 +192,7 @@ def row(analysis: Analysis, joints: JointStates) -> tuple[Any, ...]:
 
 
 def _leading(analysis: Analysis) -> tuple[int, str, int, float, int]:
-    """Return the fields of a state between the header and the solitons."""
+    """Return the values of the fields between the header and the solitons of a SolitonState."""
     motion, measured = analysis.motion, analysis.measured_motion
     return (
         _MOTIONS[motion],
@@ -196,7 +204,7 @@ def _leading(analysis: Analysis) -> tuple[int, str, int, float, int]:
 
 
 def _following(analysis: Analysis) -> tuple[Any, ...]:
-    """Return the fields of a state after the solitons, with nested messages flattened."""
+    """Return the values of the fields after the solitons, including those of nested messages."""
     return (
         *_CYCLE(analysis),
         *_topology(analysis.topology, analysis.edge_rotors),
@@ -244,13 +252,16 @@ EVENT_COLUMNS = (
     'energy_after [J]',
     'collisions',
 )
-"""Columns of a table of events; ids of walls are separated by spaces."""
+"""Columns of a table of events. A cell with several wall ids separates them by spaces."""
 
 
 def events_to_msgs(
     analysis: Analysis, joints: JointStates, spacing: float
 ) -> list[msg.SolitonEvent]:
-    """Return the SolitonEvents of an analysed frame; the pivot spacing is in [m]."""
+    """Return the SolitonEvent messages for the analysis of a frame.
+
+    `spacing` is the distance between neighbouring pivots [m].
+    """
     return [
         msg.SolitonEvent(
             header=Header(stamp=time_to_msg(joints.stamp), frame_id=joints.frame_id),
@@ -265,7 +276,10 @@ def events_to_msgs(
 
 
 def event_rows(analysis: Analysis, joints: JointStates, spacing: float) -> list[tuple[Any, ...]]:
-    """Return the events of an analysed frame as rows of the table."""
+    """Return the events of an analysed frame as rows of the table of events.
+
+    `spacing` is the distance between neighbouring pivots [m].
+    """
     rows = []
     for event in analysis.events:
         rotor, *others = (getattr(event, name) for name in _EVENT_FIELDS)
@@ -276,5 +290,5 @@ def event_rows(analysis: Analysis, joints: JointStates, spacing: float) -> list[
 
 
 def _instant(analysis: Analysis, joints: JointStates, event: SolitonEvent) -> int:
-    """Return the time of an event on the clock of the frames [ns]."""
+    """Return the time of an event [ns], on the same clock as the stamps of the frames."""
     return joints.stamp - round((analysis.estimate.time - event.time) * SECOND)

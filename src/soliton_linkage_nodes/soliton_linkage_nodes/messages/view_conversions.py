@@ -22,7 +22,7 @@ from soliton_linkage_nodes.runtime.stamps import SECOND, time_from_msg
 Numbers = dict[str, float]
 
 _INT64_END = 2**63
-"""Smallest integer above the range of an int64 parameter [1]."""
+"""Largest value of an int64 parameter plus 1."""
 
 OUTCOMES = {
     getattr(MoveSoliton.Result, name): name.lower().replace('_', ' ')
@@ -34,12 +34,12 @@ OUTCOMES = {
     MoveSoliton.Result.OUT_OF_CHAIN: 'outside the chain',
     MoveSoliton.Result.PREEMPTED: 'replaced by another goal',
 }
-"""Text of each outcome of a move."""
+"""Text for each outcome of the action that moves a soliton."""
 STATES = {
     name: getattr(Reset.Request, name.upper().replace('-', '_'))
     for name in ('initial', 'left-leaning', 'right-leaning', 'soliton', 'angles')
 }
-"""Code of each state of a reset."""
+"""Code of each state to which a request can reset the chain."""
 _EDGES = {name: getattr(msg.EdgeCommand, name.upper()) for name in ('nearest', 'first', 'last')}
 _KINDS, _SHAPES, _QUANTITIES = (
     {name: getattr(msg.EdgeCommand, name.upper()) for name in names}
@@ -50,14 +50,15 @@ _KINDS, _SHAPES, _QUANTITIES = (
     )
 )
 KICK_UNITS = {'kick': 'rad/s', 'pulse': 'N m', 'pressure': 'Pa', 'waveform': 'N m'}
-"""Unit of the value of each kind of edge command."""
+"""Unit of the field `value` for each kind of edge command."""
 _TYPES: Mapping[int, tuple[type[bool | int | float | str], str]] = {
     ParameterType.PARAMETER_BOOL: (bool, 'bool_value'),
     ParameterType.PARAMETER_INTEGER: (int, 'integer_value'),
     ParameterType.PARAMETER_DOUBLE: (float, 'double_value'),
     ParameterType.PARAMETER_STRING: (str, 'string_value'),
 }
-"""Python type and field name of the value for each parameter type."""
+"""For each type of ROS parameter, the Python type of the value and the message field that holds
+it."""
 _SOLITON = (
     *('rotor', 'position', 'position_deviation', 'velocity', 'velocity_deviation', 'width'),
 )
@@ -70,19 +71,20 @@ _TOPOLOGY = (
 
 @dataclass(frozen=True)
 class NodeReport:
-    """Last report of a node on /diagnostics."""
+    """Latest report of a node on /diagnostics."""
 
     node: str
-    """Full name, or the part before the colon if the report has no hardware_id."""
+    """Full name of the node. If the report has no hardware_id, text before the colon in the name
+    of the report."""
     level: int
-    """0 OK, 1 warning, 2 error, 3 stale."""
+    """Level of the report: 0 OK, 1 warning, 2 error, 3 stale."""
     message: str
     figures: Mapping[str, str]
 
 
 @dataclass(frozen=True)
 class AdjustableParameter:
-    """Parameter that can be changed while its node runs."""
+    """Parameter that can be changed while its node is running."""
 
     name: str
     kind: str
@@ -94,7 +96,10 @@ class AdjustableParameter:
 
 
 def state_numbers(message: msg.SolitonState) -> Numbers:
-    """Return the numbers of a state and its first soliton by name, NaN without a soliton."""
+    """Return the numbers of a state and of its first soliton by name.
+
+    Without a soliton, the numbers of the first soliton are NaN.
+    """
     first = message.solitons[0] if message.solitons else None
     cycle, energies = message.cycle, message.energies
     return {
@@ -115,7 +120,11 @@ def state_numbers(message: msg.SolitonState) -> Numbers:
 
 
 def soliton_values(message: msg.SolitonState) -> list[float]:
-    """Return position [rotor spacings], deviation [m] and charge of all solitons as a list."""
+    """Return three numbers for each soliton, in one list.
+
+    These are its site coordinate [rotor spacings], the standard deviation of its position [m], and
+    its charge [1].
+    """
     return [
         value
         for soliton in message.solitons
@@ -137,7 +146,7 @@ def reports_from_msg(message: DiagnosticArray) -> list[NodeReport]:
 
 
 def figure(figures: Mapping[str, str], name: str) -> float:
-    """Return a reported value as a number, NaN if it is missing or not finite."""
+    """Return a reported value as a number. Returns NaN if it is missing or not finite."""
     try:
         value = float(figures.get(name, 'nan'))
     except ValueError:
@@ -146,19 +155,22 @@ def figure(figures: Mapping[str, str], name: str) -> float:
 
 
 def number_to_msg(value: float) -> Float64:
-    """Return the message of a number, such as a nudge [rad/s] or a tilt [rad]."""
+    """Return a message with a number, such as a nudge [rad/s] or a tilt [rad]."""
     return Float64(data=_finite('value', value))
 
 
 def torque_to_msg(joint: str, torque: float) -> JointState:
-    """Return the command of a torque on a joint [N m]."""
+    """Return the command that applies a torque [N m] to a joint."""
     return JointState(name=[joint], effort=[torque])
 
 
 def edge_command_of(
     kind: str, edge: str, value: float, duration: float, ramp_up: float, ramp_down: float
 ) -> msg.EdgeCommand:
-    """Return a command to an edge actuator; ValueError for an unknown name or invalid number."""
+    """Return a command to an edge actuator.
+
+    Raises ValueError if a name is unknown or a number is not finite.
+    """
     return msg.EdgeCommand(
         kind=_chosen('kind', kind, _KINDS),
         edge=_chosen('edge', edge, _EDGES),
@@ -177,8 +189,8 @@ def reset_request(
 ) -> Reset.Request:
     """Return a request to reset the chain.
 
-    A soliton is put at the position `rotor` [rotor spacings] with `velocity` [m/s]. The keys of
-    `joints` are joint names, its values are angles [rad].
+    A soliton starts at the site coordinate `rotor` [rotor spacings] with `velocity` [m/s]. The
+    keys of `joints` are joint names, its values are angles [rad].
     """
     named = joints or {}
     return Reset.Request(
@@ -191,14 +203,17 @@ def reset_request(
 
 
 def step_request(periods: float) -> Step.Request:
-    """Return a request to advance a paused simulation; ValueError for an invalid number."""
+    """Return a request to advance a paused simulation by some periods.
+
+    Raises ValueError if `periods` is not a positive whole number.
+    """
     if not (_finite('periods', periods) == int(periods) and 1 <= periods < 2**32):
         raise ValueError(f'periods = {periods} must be a whole number of 1 or more')
     return Step.Request(periods=int(periods))
 
 
 def describe_kick(kick: msg.LastKick) -> str:
-    """Return the effect of a kick as text; raises ValueError if nothing was delivered."""
+    """Describe the effect of a kick. Raises ValueError if no impulse was delivered."""
     if kick.cut_short and not kick.name:
         raise ValueError('the simulator did not execute the command; see its log')
     command = kick.command
@@ -222,7 +237,7 @@ def describe_kick(kick: msg.LastKick) -> str:
 
 
 def move_goal(rotor: float, speed: float) -> MoveSoliton.Goal:
-    """Return a goal: position [rotor spacings] and speed [rotor spacings/s]."""
+    """Return a goal with a site coordinate [rotor spacings] and a speed [rotor spacings/s]."""
     return MoveSoliton.Goal(rotor=_finite('rotor', rotor), speed=_finite('speed', speed))
 
 
@@ -235,13 +250,14 @@ def is_adjustable(descriptor: ParameterDescriptor) -> bool:
 def adjustable_parameters(
     descriptors: Sequence[ParameterDescriptor], values: Sequence[ParameterValue]
 ) -> list[AdjustableParameter]:
-    """Return the parameters of these descriptors that have a value."""
+    """Return the parameters with these descriptors and values."""
     found = []
     for descriptor, value in zip(descriptors, values, strict=False):
         kind, field = _TYPES[descriptor.type]
         ranges = [*descriptor.floating_point_range, *descriptor.integer_range]
         ends = (ranges[0].from_value, ranges[0].to_value) if ranges else ()
-        # A descriptor states a missing limit as the largest number of its type.
+        # If a parameter has no limit, its descriptor has the largest number of the type as the
+        # limit.
         low, high = (
             each if abs(each) < _INT64_END - 1 else None for each in ends or (math.inf,) * 2
         )
@@ -259,7 +275,10 @@ def adjustable_parameters(
 
 
 def parameter_value(parameter: AdjustableParameter, value: Any) -> ParameterValue:
-    """Return the message of a parameter value; ValueError if its type is wrong."""
+    """Return the message with a new value of a parameter.
+
+    Raises ValueError if the type is wrong or the value is not allowed.
+    """
     code, kind, field = next(
         (code, kind, field)
         for code, (kind, field) in _TYPES.items()
