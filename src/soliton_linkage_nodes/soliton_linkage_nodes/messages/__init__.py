@@ -1,2 +1,2 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Conversions between ROS messages and physics types. Only this package accesses message fields."""
+"""Conversions between messages and physics types. No other package accesses message fields."""

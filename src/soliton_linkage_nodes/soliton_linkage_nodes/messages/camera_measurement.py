@@ -64,8 +64,9 @@ class CameraMeasurement:
         parameters: CameraParameters,
         camera: Camera | None = None,
     ) -> None:
-        """Prepare the measurement with a calibrated camera. If `camera` is None, assume an ideal
-        lens.
+        """Prepare the measurement with a calibrated camera.
+
+        If `camera` is None, assume an ideal lens.
         """
         self.gaps = GapCounter()
         """Counter of missing pictures."""
@@ -124,7 +125,7 @@ def deviations_to_msg(named: NamedChain, seen: CameraReading) -> JointState:
 
 
 def describe_reading(measurement: CameraMeasurement, seen: CameraReading) -> str:
-    """Describe the visible rotors of a picture, and camera moves and missing pictures until then."""
+    """Describe the visible rotors of a picture, and earlier camera moves and missing pictures."""
     parts = [seen.frame.status or 'all rotors are visible']
     if measurement.moves:
         times = 'once' if measurement.moves == 1 else f'{measurement.moves} times'

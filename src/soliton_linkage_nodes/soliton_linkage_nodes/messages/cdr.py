@@ -57,9 +57,7 @@ class Layout:
     """
 
     def __init__(self, frame_id: str, name: tuple[str, ...]) -> None:
-        """Compute the bytes between the stamp and the arrays, and a mask that excludes padding
-        bytes.
-        """
+        """Compute the bytes between the stamp and the arrays, and a mask without padding bytes."""
         self.frame_id, self.name = frame_id, name
         texts = [text.encode() + b'\x00' for text in (frame_id, *name)]
         head = [_COUNT.pack(len(text)) + text + bytes(-len(text) % 4) for text in texts]
@@ -137,7 +135,10 @@ class JointStateDecoder:
         return self._layout is not None and self._layout.fits(serialized)
 
     def stamp(self, serialized: bytes) -> int:
-        """Return only the stamp of joint states [ns]. Raises ValueError if the message is damaged."""
+        """Return only the stamp of joint states [ns].
+
+        Raises ValueError if the message is damaged.
+        """
         layout = self._layout
         if layout is not None and layout.fits(serialized):
             seconds, nanoseconds = layout.stamp(serialized)
@@ -179,7 +180,10 @@ class _RotorDecoder:
         self._order = np.zeros(0, dtype=np.intp)
 
     def decode(self, serialized: bytes) -> Array:
-        """Return the value of each rotor, shape (N,). Raises ValueError if any value is rejected."""
+        """Return the value of each rotor, shape (N,).
+
+        Raises ValueError if any value is rejected.
+        """
         layout = self._layout
         try:
             if layout is not None and layout.fits(serialized):

@@ -92,8 +92,9 @@ class EncoderMonitor:
     """Monitor that warns of wrong stamps and units of joint states."""
 
     def __init__(self, warn: Callable[[str], object]) -> None:
-        """Call `warn` once for each kind of fault. Its argument describes the fault and the
-        remedy.
+        """Call `warn` once for each kind of fault.
+
+        The argument of `warn` describes the fault and the remedy.
         """
         self._warn = warn
         self._warned: set[str] = set()

@@ -54,8 +54,9 @@ class NumberFields:
         self._values = attrgetter(*paths.values())
 
     def __call__(self, filled_by: Any) -> tuple[Any, ...]:
-        """Return the values of the fields from an object. If the object is None, all values are
-        NaN.
+        """Return the values of the fields from an object.
+
+        If the object is None, all values are NaN.
         """
         if filled_by is None:
             return len(self.names) * (math.nan,)
