@@ -1,8 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
 """Analyser of the frames of a known chain, live and offline.
 
-A single wall is located on the orbit of the chain by an `OrbitFilter`. Several walls are measured
-by their shapes. In both cases a `WallTracker` identifies the walls and reports events.
+An `OrbitFilter` locates a single wall on the orbit of the chain. If there are several walls, a
+`ShapeMeasurementModel` fits the shape of each wall. In both cases a `WallTracker` identifies the
+walls and reports events.
 """
 
 from __future__ import annotations
@@ -62,18 +63,18 @@ from soliton_linkage.orbit.orbit import Orbit
 from soliton_linkage.solitons.static_wall import site_arc
 
 _LEAST_NOISE = 1e-6
-"""Lower limit of the noise in the fit of a width [rad]."""
+"""Lower limit of the angle noise [rad] that the fit of a wall width assumes."""
 _FASTEST = 1e9
-"""Largest valid rate [rad/s]."""
+"""Largest valid rate of a rotor [rad/s]; larger rates count as unknown."""
 _UNKNOWN_WIDTH = math.nan, math.nan
 
 
 class Analyser:
     """Analyser of the frames of a chain in the order of their time.
 
-    The parameters of the chain, including deviations of single rotors and springs, must be known.
-    If the chain has no orbit, `limitation` gives the reason, and a fit to each frame locates the
-    walls.
+    The parameters of the chain must be known, including the deviations of single rotors and
+    springs from the uniform chain. If the chain has no orbit, `limitation` gives the reason. Then
+    the analyser fits the shapes of the walls to each frame.
     """
 
     def __init__(
@@ -82,10 +83,12 @@ class Analyser:
         noise: float | None = None,
         settings: EstimationSettings = DEFAULTS,
     ) -> None:
-        """Compute the orbit of the chain; this may take seconds for a chain with deviations.
+        """Compute the orbit of the chain.
 
-        The noise is the standard deviation of the angles [rad]; None estimates it. Raises
-        ValueError for a noise that is infinite or not above 0.
+        The computation may take seconds for a chain that deviates from a uniform chain. `noise` is
+        the standard deviation of the measured angles [rad]. If `noise` is None, the analyser
+        estimates this standard deviation from the frames. Raises ValueError for a noise that is
+        infinite or not above 0.
         """
         if noise is not None and not 0 < noise < math.inf:
             raise ValueError(
@@ -113,7 +116,7 @@ class Analyser:
             begin, end = self._orbit.leg_arcs(0)
             swing = max((end - begin) / self._orbit.site_arc - (chain.number_of_rotors - 1), 0.0)
         self._tracker = WallTracker(self._line, 1 / chain.time_unit, arc, swing, settings)
-        # Computed before the first frame, because it takes as long as hundreds of frames.
+        # Compute the shapes here, because the computation takes as long as hundreds of frames.
         self._shape_model: ShapeMeasurementModel | None = None
         with suppress(ValueError, ArithmeticError):
             self._shape_model = ShapeMeasurementModel(self._shapes, self._line, settings)
@@ -133,50 +136,52 @@ class Analyser:
 
     @property
     def late_impulses(self) -> int:
-        """Number of impulses that arrived after their frame."""
+        """Number of impulses that arrived too late, after the frame in which they must act."""
         return self._impulses.late
 
     def apply_impulse(self, stamp: int | None, impulses: Array) -> None:
-        """Apply angular impulses [N m s], shape (N,), that act at an instant [ns].
+        """Apply angular impulses [N m s], shape (N,), that act at the time `stamp` [ns].
 
-        They take effect in the first frame at or after that instant; for None, in the next frame.
-        Impulses that arrive after that frame are counted and have no effect. Raises ValueError for
+        The impulses take effect in the first frame at or after this time. If `stamp` is None, they
+        take effect in the next frame. Impulses that arrive after the frame in which they must act
+        are counted in `late_impulses` and have no effect. Raises ValueError for an array of
         another shape and for values that are not finite.
         """
         self._impulses.add(stamp, self.chain.check_angles(impulses, 'impulse'))
 
     @property
     def offsets(self) -> Array:
-        """Estimated offsets of the encoders [rad], shape (N,), 0 unless significant."""
+        """Estimated offset of each encoder [rad], shape (N,); offsets that are not significant
+        are 0."""
         if self._filter is None:
             return np.zeros(self.chain.number_of_rotors)
         return self._filter.offsets.corrections
 
     @property
     def offset_deviations(self) -> Array:
-        """Standard deviations of the offsets [rad], shape (N,)."""
+        """Standard deviation of each encoder offset [rad], shape (N,)."""
         if self._filter is None:
             return np.full(self.chain.number_of_rotors, math.nan)
         return self._filter.offsets.deviations
 
     @property
     def stamp_error(self) -> float:
-        """Standard deviation of the errors of the stamps [s], 0 unless significant."""
+        """Standard deviation of the errors of frame stamps [s]; 0 if it is not significant."""
         return 0.0 if self._filter is None else math.sqrt(self._filter.jitter.variance)
 
     @property
     def rest_angle_error(self) -> float:
-        """Common error of the rest angles [rad], 0 unless significant."""
+        """Common error of all rest angles [rad]; 0 if the error is not significant."""
         return 0.0 if self._filter is None else self._filter.offsets.rest_angle_error
 
     @property
     def late(self) -> int:
-        """Number of frames that were not later than the preceding one."""
+        """Number of rejected frames, whose stamp was not later than that of the last frame."""
         return self._clock.late
 
     @property
     def starts(self) -> int:
-        """Number of times that the chain was located on its orbit."""
+        """Number of times that a search has located the chain on its orbit."""
         return 0 if self._filter is None else self._filter.starts
 
     def analyse(
@@ -186,13 +191,17 @@ class Analyser:
         rates: Array | None = None,
         deviations: Array | None = None,
     ) -> Analysis | None:
-        """Analyse a frame of an instant [ns]; return None unless it is later than the last one.
+        """Analyse a frame that was measured at the time `stamp` [ns].
 
-        Angles [rad] and rates [rad/s] have shape (N,), NaN or infinite if unknown; angles may be
-        wrapped. Standard deviations of the angles [rad], shape (N,), NaN if unknown, weight the
-        angles of a single wall; the noise then refers to a typical angle. A stamp that goes back
-        by more than a second starts a new record. Raises ValueError for arrays of another shape,
-        and for deviations that are infinite or not above 0.
+        Returns None for a late frame, whose stamp is not later than that of the last frame. If a
+        stamp is earlier than the last one by more than the clock limit of the settings, the
+        analyser starts a new record.
+
+        Angles [rad] and rates [rad/s] have shape (N,). Unknown values are NaN or infinite. Angles
+        may be wrapped. `deviations` are the standard deviations of the angles [rad], shape (N,),
+        NaN if unknown. They determine the weight of each angle if there is a single wall; `noise`
+        is then the standard deviation of a typical angle. Raises ValueError for arrays of another
+        shape, and for standard deviations that are infinite or not above 0.
         """
         rotors = self.chain.number_of_rotors
         angles = np.ascontiguousarray(angles, dtype=np.float64)
@@ -325,7 +334,8 @@ class Analyser:
         )
 
     def _width(self, estimate: OrbitEstimate, frame: CompletedFrame) -> tuple[float, float]:
-        """Return the width of the wall on the orbit and its standard deviation [m]."""
+        """Return the width of the wall on the orbit [m] and the standard deviation of the width.
+        """
         if frame.others or self._widths is None:
             return _UNKNOWN_WIDTH
         angles = math.pi - frame.seen if estimate.upside_down else frame.seen

@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Analysis of one frame, the protocol of analysers, and the analyser of unknown chains."""
+"""Result of the analysis of one frame, the interface of analysers, and an analyser for chains with
+unknown parameters."""
 
 from __future__ import annotations
 
@@ -24,14 +25,19 @@ from soliton_linkage.orbit.orbit import Orbit
 
 
 class CyclePhase(NamedTuple):
-    """Phase of a chain on its orbit; NaN, and leg -1, if unknown.
+    """Phase of a chain in the cycle of its orbit.
+
+    In a leg of the cycle the wall passes along the chain once. If the phase is unknown, the leg is
+    -1 and the other quantities are NaN.
 
     phase: phase from 0 to 2 pi over a cycle [rad].
-    rate: rate of the phase [rad/s].
+    rate: rate of change of the phase [rad/s].
     phase_deviation: standard deviation of the phase [rad].
-    rate_deviation: standard deviation of the rate [rad/s].
-    completed: number of completed cycles since the start; it changes when the phase jumps by 2 pi.
-    leg: leg of the cycle; with increasing phase the wall moves away from rotor 0 in even legs.
+    rate_deviation: standard deviation of the rate of the phase [rad/s].
+    completed: number of completed cycles since the start; the number changes when the phase jumps
+        by 2 pi.
+    leg: number of the leg. While the phase increases, the wall moves away from rotor 0 in even
+        legs and towards rotor 0 in odd legs.
     """
 
     phase: float
@@ -43,21 +49,23 @@ class CyclePhase(NamedTuple):
 
 
 class Analysis(NamedTuple):
-    """Analysis of a frame and the preceding ones; unknown quantities are None or NaN.
+    """Result of the analysis of a frame, which also uses the preceding frames.
 
-    motion: class of motion from the parameters of the chain or, if they are unknown, from the
-        angles.
+    Unknown quantities are None or NaN.
+
+    motion: class of motion from the parameters of the chain. If the parameters are unknown, the
+        class of motion is determined from the angles.
     measured_motion: class of motion from the angles alone.
-    status: basis of the first wall or, if `solitons` is empty, of the estimate.
-    estimate: state on the orbit.
-    cycle: phase of the state on the orbit.
-    solitons: walls at least half a spacing from the edges, sorted by their site.
-    events: newly confirmed events.
+    status: tracking status of the first wall; if `solitons` is empty, status of `estimate`.
+    estimate: estimated state of the chain on its orbit.
+    cycle: phase of the chain in the cycle of its orbit.
+    solitons: walls that are at least half a rotor spacing from the edges, sorted by their site.
+    events: events that this frame has confirmed.
     topology: topology of the whole state.
-    edge_rotors: edge rotors of the whole state.
+    edge_rotors: states of the first and the last rotor.
     energies: energies of the whole state.
     wobble: wobble beside the wall on the orbit.
-    unseen: number of rotors without a reading.
+    unseen: number of rotors without a valid reading.
     """
 
     motion: Motion | None
@@ -75,11 +83,11 @@ class Analysis(NamedTuple):
 
 
 def cycle_phase(estimate: OrbitEstimate, orbit: Orbit | None) -> CyclePhase:
-    """Return the phase of an estimate in the cycle.
+    """Return the phase in the cycle of the orbit for an estimated arc length along the orbit.
 
-    For spinners that were assembled upside down, the phase decreases with the arc. Thus in both
-    assemblies a wall that starts at rotor 0 in the left-leaning state is in leg 0, with increasing
-    phase.
+    If a spinner was assembled upside down, the phase decreases with the arc length. Thus the
+    phase has the same meaning in both assemblies: a wall that starts at rotor 0 in the
+    left-leaning state is in leg 0, and its phase increases.
     """
     if orbit is None or not estimate.leg_known:
         return CyclePhase(math.nan, math.nan, math.nan, math.nan, 0, -1)
@@ -98,39 +106,46 @@ def cycle_phase(estimate: OrbitEstimate, orbit: Orbit | None) -> CyclePhase:
 
 
 class FrameAnalyser(Protocol):
-    """Analyser of the frames of a known or unknown chain, in the order of time."""
+    """Interface of an analyser that receives the frames of a chain in the order of their time.
+
+    The parameters of the chain may be known or unknown.
+    """
 
     @property
     def limitation(self) -> str:
-        """Reason why walls are not located on the orbit of the chain, empty if they are."""
+        """Reason why the analyser cannot locate walls on the orbit of the chain.
+
+        The text is empty if the analyser can locate walls on the orbit.
+        """
 
     @property
     def late(self) -> int:
-        """Number of frames that were not later than the preceding one."""
+        """Number of rejected frames, whose stamp was not later than that of the last frame."""
 
     @property
     def late_impulses(self) -> int:
-        """Number of impulses that arrived after their frame."""
+        """Number of impulses that arrived too late, after the frame in which they must act."""
 
     @property
     def starts(self) -> int:
-        """Number of times that the chain was located on its orbit."""
+        """Number of times that a search has located the chain on its orbit."""
 
     @property
     def stamp_error(self) -> float:
-        """Standard deviation of the errors of the stamps [s], 0 unless significant."""
+        """Standard deviation of the errors of frame stamps [s]; 0 if it is not significant."""
 
     @property
     def rest_angle_error(self) -> float:
-        """Common error of the rest angles [rad], 0 unless significant."""
+        """Common error of all rest angles [rad]; 0 if the error is not significant."""
 
     @property
     def offsets(self) -> Array:
-        """Offsets of the encoders [rad], shape (N,), 0 unless significant."""
+        """Estimated offset of each encoder [rad], shape (N,); offsets that are not significant
+        are 0."""
 
     @property
     def offset_deviations(self) -> Array:
-        """Standard deviations of the offsets [rad], shape (N,)."""
+        """Standard deviation of each encoder offset [rad], shape (N,)."""
 
     def analyse(
         self,
@@ -139,14 +154,18 @@ class FrameAnalyser(Protocol):
         rates: Array | None = None,
         deviations: Array | None = None,
     ) -> Analysis | None:
-        """Analyse a frame of an instant [ns]; return None unless it is later than the last one."""
+        """Analyse a frame that was measured at the time `stamp` [ns].
+
+        Returns None for a late frame, whose stamp is not later than that of the last frame.
+        """
 
 
 class UnknownChainAnalyser:
-    """Analyser of a chain whose parameters are unknown; the order of its joints is known.
+    """Analyser of a chain with unknown parameters; only the order of the joints is known.
 
-    It reports the class of motion and an approximate site of the wall: the crossing of u = r
-    sin(phi) through 0, which may be more than a spacing from the centre of the wall.
+    The analyser reports the class of motion and an approximate site of the wall. This site is the
+    point at which the displacement u = r sin(phi) changes its sign. The error of the site may
+    exceed one rotor spacing.
     """
 
     limitation = 'the parameters of the chain are unknown'
@@ -154,7 +173,7 @@ class UnknownChainAnalyser:
     stamp_error = rest_angle_error = 0.0
 
     def __init__(self, number_of_rotors: int) -> None:
-        """Start without a frame; raise ValueError for fewer than 2 rotors."""
+        """Start without frames; raise ValueError if the chain has fewer than 2 rotors."""
         if number_of_rotors < 2:
             raise ValueError(f'a chain of {number_of_rotors} joints is too short; give 2 or more')
         self.offsets = np.zeros(number_of_rotors)
@@ -164,7 +183,7 @@ class UnknownChainAnalyser:
 
     @property
     def late(self) -> int:
-        """Number of frames that were not later than the preceding one."""
+        """Number of rejected frames, whose stamp was not later than that of the last frame."""
         return self._clock.late
 
     def analyse(
@@ -174,7 +193,7 @@ class UnknownChainAnalyser:
         rates: Array | None = None,
         deviations: Array | None = None,
     ) -> Analysis | None:
-        """Analyse a frame as `Analyser.analyse` does, without rates and deviations."""
+        """Analyse a frame as `Analyser.analyse` does, but ignore rates and standard deviations."""
         check_shape(angles, len(self.offsets), 'angle')
         if not self._clock.advance(stamp):
             return None
@@ -194,7 +213,10 @@ class UnknownChainAnalyser:
 
 
 def _crossing(site: float, angles: Array) -> tuple[AnalysedSoliton, ...]:
-    """Return a wall with only a site and a charge, or no wall if the site is NaN."""
+    """Return a wall of which only the site and the charge are known.
+
+    If the site is NaN, no wall is returned.
+    """
     if math.isnan(site):
         return ()
     leans = np.sin(staggered(angles))[: math.floor(site) + 1]

@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
 """Constant offsets of single encoders, estimated from the residuals of rotors far from the wall.
 
-Far from the wall the residual of a rotor is x = o + side * delta + noise, with the offset o of its
-encoder and the error delta of its rest angle. The side is +1 before the wall and -1 beyond it, so
-that offset and rest angle are separable only after the wall has passed the rotor.
+Far from the wall the residual of a rotor is x = o + side * delta + noise. Here o is the offset of
+the encoder, and delta is the error of the rest angle. The side is +1 before the wall and -1 beyond
+the wall. Therefore o and delta can be separated only after the wall has passed the rotor.
 """
 
 from __future__ import annotations
@@ -24,28 +24,34 @@ from soliton_linkage.linear.bands import penetration_depth, tail_ratio
 from soliton_linkage.linkage.chain import Array, Chain
 
 _DEPTHS_BESIDE = 3.0
-"""Least distance of far rotors from the wall [penetration depths]; tails there are below 5 %."""
+"""Least distance of a far rotor from the wall [penetration depths]. At this distance the tail of
+the wall has decayed to less than 5 %."""
 _FEWEST_MEANS = 5
-"""Number of block means that must confirm an offset [1]."""
+"""Smallest number of block means of a rotor for which its offset can be corrected [1]."""
 _FEWEST_ROTORS = 5
-"""Rotors that must confirm a common error of the rest angles [1]."""
+"""Smallest number of mean residuals for an estimate of the common error of the rest angles [1]."""
 _WAVE_TIME = 10.0
-"""Correlation time of waves [time units of the chain]."""
+"""Assumed correlation time of waves [time units of the chain]."""
 _EVENNESS = 4e-3
-"""Persistent residual of a chain without deviations, due to the motion of its wall [rad]."""
+"""Persistent residual of a rotor in a uniform chain, caused by the motion of the wall [rad]."""
 _LEAST_DISTANCE = 0.01
-"""Least distance of a doubtful rotor from the orbit [rad]."""
+"""Least distance of a rotor from the orbit [rad] at which an offset makes the rotor doubtful."""
 _LEAST_ERROR = 3e-4
-"""Least persistent error of a residual [rad]; smaller offsets may be rounding errors."""
+"""Lower limit of the persistent error of a residual [rad]; smaller offsets may be rounding errors.
+"""
 _FROM_EDGE = 2.0
-"""Least distance of a wall from an edge for estimates of offsets [rotor spacings]."""
+"""Least distance of the wall from an edge for a test of the rotors near the wall [rotor spacings].
+"""
 _STUCK, _MOST_STUCK = 1e-5, 0.2
-"""Largest change of the reading of a rotor at rest [rad]; share of such rotors above which the
-chain is at rest [1]."""
+"""Two thresholds. A rotor is at rest if its reading changes by at most the first one [rad] from
+block to block. The chain is at rest if the share of such rotors exceeds the second one [1]."""
 
 
 class EncoderOffsets:
-    """Maximum-a-posteriori encoder offsets, with normal priors of offsets and rest angles."""
+    """Maximum-a-posteriori estimate of the encoder offsets.
+
+    The prior distributions of the offsets and of the errors of the rest angles are normal.
+    """
 
     def __init__(self, number_of_rotors: int, settings: OffsetSettings = DEFAULTS.offsets) -> None:
         self.settings = settings
@@ -53,16 +59,19 @@ class EncoderOffsets:
         self.means = np.zeros(rotors)
         """Number of block means of each rotor [1], shape (N,)."""
         self.weights, self.sums = np.zeros((2, rotors)), np.zeros((2, rotors))
-        """Weights [1/rad^2] and weighted sums [1/rad] before and beyond the wall, (2, N) each."""
+        """Sum of the weights [1/rad^2] and weighted sum of the residuals [1/rad], shape (2, N)
+        each. Row 0 holds residuals before the wall, and row 1 residuals beyond the wall."""
         self.update(np.full(rotors, np.nan), np.zeros(rotors), 1.0)
 
     def update(
         self, residuals: Array, sides: Array, variance: float, persistent: float = 0.0
     ) -> None:
-        """Update with the residuals of readings from the orbit [rad], shape (N,), NaN if unknown.
+        """Update the offsets with the residuals of the readings from the orbit.
 
-        Sides [1] are +1 before the wall, -1 beyond it and 0 near it, shape (N,). `variance`
-        belongs to the noise, `persistent` to the error common to all frames [rad^2].
+        Residuals [rad] have shape (N,), NaN if unknown. Sides [1], shape (N,), are +1 for rotors
+        before the wall, -1 for rotors beyond the wall, and 0 for rotors near the wall. `variance`
+        is the variance of the noise of a residual [rad^2]. `persistent` is the variance of the
+        error that all frames have in common [rad^2].
         """
         given = self.settings
         known = np.isfinite(residuals)
@@ -71,34 +80,38 @@ class EncoderOffsets:
         self.weights += seen * (1 / variance)
         self.sums += np.where(seen, residuals / variance, 0.0)
         (before, beyond), (one, other) = self.weights, self.sums
-        # Priors: an offset is uniform on the circle, with the variance pi^2 / 3.
+        # The prior of an offset has the variance pi^2 / 3 of a uniform distribution on the circle.
         of_offset = before + beyond + 3 / math.pi**2
         of_rest = before + beyond + given.rest_angle_deviation**-2
         mixed, total, apart = before - beyond, one + other, one - other
         determinant = of_offset * of_rest - mixed * mixed
         self.values: Array = (of_rest * total - mixed * apart) / determinant
-        """Offset of each encoder [rad], shape (N,)."""
+        """Estimated offset of each encoder [rad], shape (N,)."""
         self.rest_angles: Array = (of_offset * apart - mixed * total) / determinant
-        """Error of each rest angle [rad], shape (N,)."""
+        """Estimated error of each rest angle [rad], shape (N,)."""
         self._covariance = of_rest / determinant, -mixed / determinant, of_offset / determinant
         self.deviations: Array = np.sqrt(self._covariance[0] + persistent)
-        """Standard deviation of each offset [rad], shape (N,)."""
+        """Standard deviation of each estimated offset [rad], shape (N,)."""
         significant = np.abs(self.values) > given.significance * self.deviations
         confirmed = significant & (self.means >= _FEWEST_MEANS)
         self.corrections: Array = np.where(confirmed, self.values, 0.0)
-        """Offset to subtract from each angle [rad], shape (N,), 0 unless significant."""
+        """Offset to subtract from each angle [rad], shape (N,); 0 if it is not significant."""
 
     def predict(self, sides: Array) -> tuple[Array, Array]:
-        """Return the expected mean residuals on given sides [rad] and their variances [rad^2]."""
+        """Return the expected mean residual of each rotor [rad] and its variance [rad^2].
+
+        Sides have the same meaning as in `update`.
+        """
         of_offset, mixed, of_rest = self._covariance
         expected = self.values + sides * self.rest_angles
         return expected, of_offset + sides * (2 * mixed + sides * of_rest)
 
     @property
     def rest_angle_error(self) -> float:
-        """Common error of the rest angles [rad], 0 unless significant.
+        """Common error of all rest angles [rad]; 0 if the error is not significant.
 
-        It is the median over the rotors of both sides, because offsets have no common sign there.
+        The estimate is the median over the rotors on both sides of the wall. Encoder offsets have
+        random signs and therefore hardly change this median.
         """
         signs = np.where(np.arange(len(self.means)) % 2, -1.0, 1.0) * np.array([[1.0], [-1.0]])
         seen = self.weights > 0
@@ -110,19 +123,26 @@ class EncoderOffsets:
         return error if abs(error) > self.settings.significance * chance else 0.0
 
     def retest(self, rotors: Flags) -> None:
-        """Require another block mean of the flagged rotors, shape (N,), before a correction."""
+        """Require one more block mean of each flagged rotor before its offset is corrected.
+
+        `rotors` are the flags, shape (N,).
+        """
         self.means[rotors] = np.minimum(self.means[rotors], _FEWEST_MEANS) - 1
 
 
 class FarFieldResiduals:
-    """Block means of the residuals of rotors far from the wall.
+    """Means of the residuals of far rotors over blocks of frames.
 
-    Residuals that contradict earlier blocks are excluded: the encoder may be stuck, or another
-    wall near.
+    A residual that contradicts earlier blocks is excluded, because the encoder may be stuck or
+    another wall may be near the rotor.
     """
 
     def __init__(self, offsets: EncoderOffsets, chain: Chain, strong: float) -> None:
-        """Start without frames; blocks with a mean square above `strong` [rad^2] are ignored."""
+        """Start without frames.
+
+        Blocks whose mean square residual exceeds `strong` [rad^2] are ignored, because strong
+        waves have disturbed them.
+        """
         self._offsets, self._settings = offsets, offsets.settings
         self._margin = 1 + _DEPTHS_BESIDE * penetration_depth(chain) / chain.spacing
         self._tail, self._time_unit, self._strong = tail_ratio(chain), chain.time_unit, strong
@@ -131,16 +151,16 @@ class FarFieldResiduals:
         self._read, self._means, self._residuals = np.full((3, rotors), np.nan)
         self._uneven, self._first = False, True
         self.disorder = 0.0
-        """Standard deviation of far rotors due to unmodelled deviations [rad]. It includes all
-        persistent residuals until the first block ends, or the second if the first is ignored.
-        """
+        """Standard deviation of the angles of far rotors due to unmodelled deviations from the
+        uniform chain [rad]. Until the first accepted block ends, this value includes all
+        persistent residuals."""
         self.stuck = np.zeros(rotors, dtype=np.bool_)
         self.doubtful = np.zeros(rotors, dtype=np.bool_)
         self._outlying: Flags | None = None
         self.restart()
 
     def restart(self) -> None:
-        """Start a new block."""
+        """Discard the current block of frames and start a new one."""
         self._sums[:] = 0
         self._frames, self._time = 0, 0.0
         self._lowest, self._highest = math.inf, -math.inf
@@ -153,11 +173,12 @@ class FarFieldResiduals:
         elapsed: float,
         variance: float,
     ) -> bool:
-        """Add the residuals of a frame [rad], shape (N,); return whether the block is full.
+        """Add the residuals of a frame [rad], shape (N,), and return whether the block is full.
 
-        A rotor that is an outlier for the first time, or by a different amount, counts with its
-        mean so far. `elapsed` is the time since the last frame [s], `site` the position of the
-        wall [rotor spacings], and `variance` a lower limit of the noise variance [rad^2].
+        The mean so far replaces the residual of an outlier in two cases: the rotor was no outlier
+        in the preceding frame, or its residual has changed. `outlying` are the flags of outliers,
+        shape (N,), or None without outliers. `site` is the site of the wall [rotor spacings].
+        `elapsed` is the time since the last frame [s]. `variance` is a lower limit of the noise variance [rad^2].
         """
         self._sums += residuals
         if outlying is not None:
@@ -176,10 +197,11 @@ class FarFieldResiduals:
         return self._frames == self._settings.block
 
     def learn(self, sign: int, variance: float) -> None:
-        """Update the offsets with the block and start a new block.
+        """Update the offsets with the current block, and start a new block.
 
-        Residuals belong to corrected angles. The sign is -1 if the chain is upside down.
-        `variance` is the variance of the noise of an angle [rad^2].
+        The residuals are those of angles from which the known offsets were subtracted. `sign` is
+        -1 if the chain is upside down, else 1. `variance` is the variance of the noise of an angle
+        [rad^2].
         """
         offsets, given = self._offsets, self._settings
         sides = self._sides()
@@ -191,7 +213,7 @@ class FarFieldResiduals:
         noise = variance / self._frames
         strong = self._strong + 4 * noise
         speed = (self._highest - self._lowest) * self._time_unit / max(self._time, 1e-12)
-        # Springs exchange energy with a wall at an edge, and deform a fast wall.
+        # Springs deform a wall if the wall is at an edge or fast; test other walls only.
         inside = self._lowest > _FROM_EDGE and self._highest < len(sides) - 1 - _FROM_EDGE
         self._beside = np.where(inside & (sides == 0), np.abs(means) - speed**2, 0.0)
         changed, self._means = means - self._means, means.copy()
@@ -199,7 +221,7 @@ class FarFieldResiduals:
         first, self._first = self._first, False
         if _trimmed_mean(innovations[known] ** 2) > strong:
             both = changed[np.isfinite(changed)]
-            # Waves change from block to block; deviations of the chain do not.
+            # Waves change from block to block; residuals due to deviating rotors do not.
             if not len(both) or _trimmed_mean(both**2) >= strong:
                 if not first:
                     self.disorder = self._persistent_disorder()
@@ -209,7 +231,7 @@ class FarFieldResiduals:
         excess = np.maximum(np.abs(innovations[known]) - predicted[known], 0.0)
         waves = max(robust_deviation(excess) ** 2 - noise, 0.0)
         noise += waves * max(_WAVE_TIME * self._time_unit / self._time, 1.0)
-        # If most rotors seem to have an offset, rotors and springs deviate.
+        # If most rotors seem to have an offset, deviations of rotors and springs are the cause.
         passed = (offsets.weights > 0).all(axis=0)
         persistent = _LEAST_ERROR**2 + robust_deviation(np.abs(offsets.values[passed])) ** 2
         strange = np.abs(innovations) > given.significance * (predicted + math.sqrt(noise))
@@ -225,11 +247,12 @@ class FarFieldResiduals:
         self.restart()
 
     def find_doubtful(self, read: Array, outlying: Flags) -> None:
-        """Find doubtful rotors from their readings [rad], shape (N,).
+        """Find doubtful rotors, given the readings [rad] and the flags of outliers, shape (N,).
 
-        A rotor is stuck if it repeats its reading of the previous block; if many rotors do, only
-        outliers are stuck. A rotor much further from the orbit than most has an offset, which is
-        unknown until the wall has passed.
+        An encoder is stuck if it repeats its reading of the previous block. If many encoders
+        repeat their readings, the chain is at rest; then only outliers count as stuck. A rotor
+        that is much further from the orbit than most rotors has an offset. This offset is unknown
+        until the wall has passed the rotor, so the rotor is doubtful until then.
         """
         still = np.count_nonzero(np.abs(read - self._read) <= _STUCK)
         at_rest = still > _MOST_STUCK * np.count_nonzero(np.isfinite(read))
@@ -238,8 +261,8 @@ class FarFieldResiduals:
         self._read = read.copy()
         limit = self._settings.significance * DEVIATION_PER_MEDIAN * median(self._apart.copy())
         unknown = (self._apart > limit + _LEAST_DISTANCE) & (self._offsets.corrections == 0)
-        # An offset near the wall also shifts the residuals of its neighbours, so exclude one at a
-        # time.
+        # An offset of a rotor near the wall also shifts the residuals of the neighbouring rotors.
+        # Therefore exclude one rotor at a time.
         known = np.abs(self._means[np.isfinite(self._means)])
         typical = self._settings.significance * robust_deviation(known)
         beside = np.where(self._offsets.corrections == 0, self._beside, 0.0)
@@ -254,13 +277,16 @@ class FarFieldResiduals:
         return before.astype(np.float64) - beyond
 
     def _block_disorder(self, variance: float) -> float:
-        """Return the disorder in the mean residuals of the current block [rad]."""
+        """Return the disorder [rad] in the mean residuals of the current block.
+
+        `variance` is the variance of the noise of an angle [rad^2].
+        """
         sides, means = self._sides(), self._sums / self._frames
         rows = np.array([np.where(sides == side, means, np.nan) for side in (1, -1)])
         return self._disorder(rows, math.sqrt(variance / self._frames))
 
     def _persistent_disorder(self) -> float:
-        """Return the disorder in the mean residuals of all blocks [rad]."""
+        """Return the disorder [rad] in the mean residuals of all blocks."""
         weights = self._offsets.weights
         chances = 1 / np.sqrt(weights[weights > 0])
         with np.errstate(invalid='ignore'):
@@ -268,10 +294,11 @@ class FarFieldResiduals:
         return self._disorder(rows, median(chances) if len(chances) else 0.0)
 
     def _disorder(self, means: Array, noise: float) -> float:
-        """Return the disorder in mean residuals beyond tails [rad], by Student's distribution.
+        """Return the disorder [rad] of the rotors, without the effect of the tail of the wall.
 
-        It is a standard deviation, 0 unless it exceeds the noise of a mean [rad] significantly.
-        Residuals before and beyond the wall have shape (2, N), NaN if unknown.
+        The disorder is the standard deviation of Student's distribution of the mean residuals. It
+        is 0 if it does not significantly exceed `noise`, the noise of a mean [rad]. The mean
+        residuals before and beyond the wall [rad] have shape (2, N), NaN if unknown.
         """
         (before, beyond), tail = means, self._tail
         added = np.concatenate([before[:-1] - tail * before[1:], beyond[1:] - tail * beyond[:-1]])
@@ -285,7 +312,10 @@ class FarFieldResiduals:
 
 
 def _trimmed_mean(squares: Array) -> float:
-    """Return the mean [rad^2] without the two largest squares, which offsets may cause."""
+    """Return the mean of squared residuals [rad^2] without the two largest ones.
+
+    Encoder offsets may have caused the two largest squares.
+    """
     count = len(squares) - 2
     if count <= 0:
         return 0.0

@@ -10,41 +10,48 @@ from typing import NamedTuple
 
 
 class TrackingStatus(enum.Enum):
-    """Basis of an estimate."""
+    """Status that shows which frames an estimate is based on."""
 
     LOST = 'lost'
-    """No frame has been recognised."""
+    """No estimate exists, because no frame has matched the orbit since the start or since the
+    loss of the wall."""
     ACQUIRED = 'acquired'
-    """One frame, located by a search along the whole orbit; only the scale of the rate is known.
-    """
+    """The estimate is based on one frame, which a search along the whole orbit has located. Only
+    the order of magnitude of the rate is known."""
     TRACKING = 'tracking'
-    """This frame and earlier ones."""
+    """The estimate is based on this frame and earlier frames."""
     COASTING = 'coasting'
-    """Earlier frames only; this one was empty or implausible."""
+    """The estimate is based on earlier frames only, because this frame was empty or implausible.
+    """
 
 
 class OrbitEstimate(NamedTuple):
-    """State of a chain on its orbit; NaN, and leg -1, while it is lost.
+    """Estimated state of a chain on its orbit.
 
-    time: instant of the estimate [s].
-    status: basis of the estimate.
-    arc: arc length along the orbit [rad], which counts cycles.
-    rate: rate of the arc length [rad/s].
+    In a leg of the orbit the wall passes along the chain once. While the chain is lost, the leg is
+    -1 and all other unknown quantities are NaN.
+
+    time: time of the estimate [s].
+    status: status that shows which frames the estimate is based on.
+    arc: arc length along the orbit [rad]; it increases by the length of the orbit in each cycle.
+    rate: rate of change of the arc length [rad/s].
     arc_deviation: standard deviation of the arc length [rad].
-    rate_deviation: standard deviation of the rate [rad/s].
-    covariance: covariance of arc length and rate [rad^2/s].
+    rate_deviation: standard deviation of the rate of the arc length [rad/s].
+    covariance: covariance of the arc length and its rate [rad^2/s].
     site: site of the wall [rotor spacings].
-    site_rate: rate of the site [rotor spacings / s], 0 while the wall waits at an edge.
+    site_rate: rate of change of the site [rotor spacings / s]; 0 while the wall is at an edge.
     site_deviation: standard deviation of the site [rotor spacings].
     site_rate_deviation: standard deviation of the rate of the site [rotor spacings / s].
-    leg: leg of the orbit.
-    leg_known: whether the frames exclude the other legs with the wall at the same site. Two or
-        four legs of a flipper are possible if edge rotors are unseen; leg, arc and rate then
-        belong to one of them.
-    noise: standard deviation of the noise of an angle [rad], given or estimated.
+    leg: number of the leg of the orbit.
+    leg_known: whether the frames exclude all other legs that have the wall at the same site. If
+        edge rotors of a flipper are unseen, two or four legs are possible. Then the reported leg,
+        arc length and rate are those of the leading hypothesis.
+    noise: standard deviation of the noise of an angle [rad], either given or estimated.
     misfit: root mean square residual of the rotors near the wall in recent frames [rad].
-    frame_misfit: misfit of this frame alone [rad], NaN if the frame is empty.
-    upside_down: whether the chain is the mirror image phi -> pi - phi of the chain of the orbit.
+    frame_misfit: root mean square residual of the rotors near the wall in this frame alone [rad];
+        NaN if the frame is empty.
+    upside_down: whether the chain is upside down, that is, the mirror image phi -> pi - phi of
+        the chain for which the orbit was computed.
     """
 
     time: float
@@ -67,20 +74,26 @@ class OrbitEstimate(NamedTuple):
 
 
 def lost(time: float, noise: float = math.nan) -> OrbitEstimate:
-    """Return the estimate of a lost chain at an instant [s], with the noise [rad] if known."""
+    """Return the estimate of a lost chain at a time [s].
+
+    `noise` is the standard deviation of the noise of an angle [rad], NaN if unknown.
+    """
     return OrbitEstimate(time, TrackingStatus.LOST, noise=noise)
 
 
 class AnalysedSoliton(NamedTuple):
-    """One wall; an unknown quantity and its standard deviation are NaN.
+    """One measured wall; an unknown quantity and its standard deviation are NaN.
 
-    id: identifier while the wall is followed, from 1 on; 0 if walls are not followed.
-    rotor: centre [rotor spacings] from rotor 0.
-    position: centre [m] from the pivot of rotor 0.
+    id: identifier of the wall, 1 or more. The identifier is 0 if the analyser does not track
+        walls from frame to frame.
+    rotor: distance from rotor 0 to the centre of the wall [rotor spacings].
+    position: distance from the pivot of rotor 0 to the centre of the wall [m].
     velocity: velocity of the centre [m/s], positive towards the last rotor.
-    width: width w of tanh(x / w) [m]; NaN in chains with deviations.
-    theory_width: width at this velocity by continuum theory [m].
-    charge: +1 if the rotors lean right on the side of rotor 0 and left on the other side, else -1.
+    width: measured width w of the profile tanh(x / w) [m]; NaN if the rotors and springs of the
+        chain deviate from the uniform chain.
+    theory_width: width that continuum theory predicts at this velocity [m].
+    charge: +1 if the rotors between rotor 0 and the wall lean right and the rotors on the other
+        side lean left; -1 in the opposite case.
     position_deviation: standard deviation of the position [m].
     velocity_deviation: standard deviation of the velocity [m/s].
     width_deviation: standard deviation of the width [m].
@@ -99,24 +112,25 @@ class AnalysedSoliton(NamedTuple):
 
 
 class EventKind(enum.Enum):
-    """Kind of an event."""
+    """Kind of event that changes the number, the identity or the motion of walls."""
 
     FOUND = 'found'
-    """A wall appeared without a visible origin, or was present in the first frame."""
+    """A wall was present in the first frame, or appeared inside the chain for no visible reason.
+    """
     LOST = 'lost'
-    """A wall disappeared without a visible cause."""
+    """A wall disappeared inside the chain for no visible reason."""
     BIRTH_AT_EDGE = 'birth at an edge'
     """A wall entered from an edge."""
     DEATH_AT_EDGE = 'death at an edge'
-    """A wall left through an edge and did not return."""
+    """A wall disappeared at an edge and did not return."""
     REFLECTION = 'reflection'
     """A wall was reflected at an edge."""
     BIRTH_OF_PAIR = 'birth of a pair'
     """A kink and an anti-kink were created at one site."""
     ANNIHILATION = 'annihilation'
-    """A kink and an anti-kink annihilated into waves."""
+    """A kink and an anti-kink annihilated; their energy was radiated as waves."""
     BOUNCE = 'bounce'
-    """A kink and an anti-kink collided and separated, each on its own side."""
+    """A kink and an anti-kink collided and separated, and each returned to its own side."""
     PASSING = 'passing'
     """A kink and an anti-kink passed through each other and exchanged their charges."""
     BREATHER_FORMED = 'breather formed'
@@ -127,19 +141,19 @@ class EventKind(enum.Enum):
 
 @dataclass(frozen=True)
 class SolitonEvent:
-    """Event, reported with the frame that confirmed it.
+    """Event that is reported in the analysis of the frame that has confirmed the event.
 
     kind: kind of the event.
-    time: instant of the event since the first frame [s].
+    time: time of the event, counted from the first frame [s].
     rotor: site of the event [rotor spacings].
-    ids_before: identifiers of the walls before the event, from rotor 0 on; a breather has its own
-        identifier.
-    ids_after: identifiers of the walls after the event.
-    charge_before: sum of the charges before the event.
-    charge_after: sum of the charges after the event.
+    ids_before: identifiers of the walls before the event, in ascending order of their sites. A
+        breather has one identifier of its own.
+    ids_after: identifiers of the walls after the event, in the same order.
+    charge_before: sum of the charges of these walls before the event.
+    charge_after: sum of the charges of these walls after the event.
     energy_before: energy of the walls before the event, without the wake [J]; NaN if unknown.
-    energy_after: the same after the event [J].
-    collisions: number of overlaps of two walls.
+    energy_after: energy of the walls after the event, without the wake [J]; NaN if unknown.
+    collisions: number of times that the two walls overlapped before this event.
     """
 
     kind: EventKind

@@ -1,5 +1,10 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Compiled loops over the Kalman filters of a `MultipleModelFilter`; state (s, w, b, d)."""
+"""Compiled loops over the Kalman filters of a `MultipleModelFilter`.
+
+The state of each filter is (s, w, b, d): arc length s along the orbit [rad], its rate w [rad/s],
+bias b of the measurement [rad] and disturbance d [rad/s^2]. The state d is a damping rate [1/s]
+if the settings include no disturbance.
+"""
 
 from __future__ import annotations
 
@@ -23,11 +28,12 @@ from soliton_linkage.linkage.chain import Array
 Records = NDArray[np.void]
 
 LEAST_ODDS, _LEAST_ODDS_AT_EDGES = -9.0, -2.0
-"""Lower limits of the log odds against the steady filter [1]. At edges the steady filter has less
-weight, because springs exchange energy with the wall."""
+"""Lower limits of the log odds against the steady filter [1], inside the chain and at edges. The
+limit at edges is higher, because springs exchange energy with a wall at an edge."""
 _LEAST_EVIDENCE = 0.5
-"""Log odds of an impulse below which its filter has no weight [1]. Sensitivity: without a limit,
-the stated deviations of a steady wall grow by 3 %."""
+"""Threshold of the log odds of an impulse [1]: below it, the filter that assumes this impulse has
+no weight. Sensitivity: without a threshold, the stated standard deviations of a steady wall grow
+by 3 %."""
 
 ARC, RATE, BIAS, DISTURBANCE = range(4)
 FILTER = np.dtype(
@@ -43,11 +49,18 @@ FILTER = np.dtype(
         ),
     ]
 )
-"""Filter: mean and covariance of (s, w, b, d); stationary variance m^2 of the bias [rad^2];
-process noise e^2 of the rate inside the chain and at edges [1]; weight in the mixture [1]; prior
-and current probability among the filters that are neither steady nor assume an impulse [1]; log
-likelihood of a measurement; log odds of an impulse. The first filter is the steady one. The last
-ones assume an impulse, with ascending age."""
+"""Record of one filter. In a bank, the first filter is the steady one, and the last filters assume
+an impulse with ascending age. Fields:
+
+state, covariance: mean and covariance of (s, w, b, d).
+bias_variance: stationary variance m^2 of the bias [rad^2].
+rate_noise, edge_rate_noise: process noise e^2 of the rate inside the chain and at edges [1].
+weight: weight of the filter in the mixture of all filters [1].
+prior, probability: prior and current probability of the filter [1]. They are defined for filters
+    that are neither the steady filter nor assume an impulse.
+likelihood: log likelihood of recent measurements [1].
+odds: log odds of the impulse that the filter assumes [1].
+"""
 STATUS = np.dtype(
     [
         (name, np.float64)
@@ -57,17 +70,29 @@ STATUS = np.dtype(
         )
     ]
 )
-"""State of the whole bank: number of filters that assume no impulse, arc of a site [rad], least
-variance of an impulse [rad^2/s^2], variance of the last measurement [rad^2], time step [s],
-whether the wall is at an edge, rate of the mixture [rad/s], log odds against the steady filter,
-frames since all filters restarted from an impulse, and the number of these restarts."""
+"""Record of the state of the whole bank of filters. Fields:
+
+base: number of filters that assume no impulse [1].
+site_arc: arc length per rotor spacing [rad].
+least_impulse: lower limit of the variance of an impulse [rad^2/s^2].
+variance: variance of the last measurement [rad^2].
+elapsed: time step of the last prediction [s].
+at_edge: 1 if the wall is at an edge, else 0.
+rate: rate of the mixture of all filters [rad/s].
+log_odds: log odds against the steady filter [1].
+frames: number of frames since all filters restarted from an impulse [1].
+impulses: number of restarts from an impulse [1].
+"""
 _FILTERS = records(FILTER, writable=True)
 _STATUS = records(STATUS, writable=True)
 _NUMBERS = records(record_dtype(FilterSettings))
 
 
 def _transform(transition: Array, covariance: Array, product: Array) -> None:
-    """Set a covariance P to F P F^T, using storage for the product F P; shape (4, 4) each."""
+    """Replace a covariance P by F P F^T with the transition F.
+
+    `product` is storage for F P. All arrays have shape (4, 4).
+    """
     for i in range(4):
         for j in range(4):
             total = 0.0
@@ -94,7 +119,7 @@ correct = compile_loop(_correct, inlined=True)
 
 @compiled(_FILTERS)
 def expected_measurement(filters: Records) -> tuple[float, float]:
-    """Return the predicted measurement s + b of the mixture [rad] and its variance [rad^2]."""
+    """Return mean [rad] and variance [rad^2] of the measurement s + b that the filters predict."""
     arc, variance = 0.0, 0.0
     for n in range(filters.size):
         state = filters[n]['state']
@@ -118,9 +143,9 @@ def predict(
     acceleration: float,
     bandwidth: float,
 ) -> tuple[float, float]:
-    """Predict all filters; return the `expected_measurement`.
+    """Predict all filters over a time step, and return the `expected_measurement`.
 
-    See `MultipleModelFilter.predict`.
+    `MultipleModelFilter.predict` explains the arguments.
     """
     status[0]['elapsed'], status[0]['at_edge'] = elapsed, at_edge
     speed, site = abs(status[0]['rate']), status[0]['site_arc']
@@ -179,8 +204,7 @@ def _update_filters(filters: Records, arc: float, variance: float, freedoms: flo
 
 @compiled(const_f8_1d, const_f8_1d)
 def _log_mean(probabilities: Array, likelihoods: Array) -> float:
-    # The likelihood of a filter with zero weight may exceed all others by more than exp can
-    # represent.
+    # Skip filters with zero weight: their likelihood may be so large that exp overflows.
     top = -math.inf
     for n in range(probabilities.size):
         if probabilities[n] > 0:
@@ -197,10 +221,10 @@ def _log_mean(probabilities: Array, likelihoods: Array) -> float:
 def update(
     filters: Records, base: int, arc: float, variance: float, freedoms: float
 ) -> tuple[float, float]:
-    """Update all filters and their probabilities; return two log odds.
+    """Update all filters and their probabilities with a measurement, and return two log odds.
 
-    The first is the log likelihood ratio of the other `base` - 1 filters against the steady filter
-    for this measurement, the second the largest log odds of an impulse.
+    The first result is the log likelihood ratio of this measurement: filters 1 to `base` - 1
+    against the steady filter 0. The second result is the largest log odds of an impulse.
     """
     likely = _update_filters(filters, arc, variance, freedoms)
     probabilities, weights = np.empty(base - 1), np.empty(base)
@@ -229,10 +253,10 @@ def update(
 
 @compiled(_FILTERS, _NUMBERS, i8, f8)
 def set_weights(filters: Records, settings: Records, base: int, log_odds: float) -> None:
-    """Set all weights, given the log odds against the steady filter.
+    """Set the weights of all filters, given the log odds against the steady filter.
 
-    The filter that assumes the latest impulse has no weight, because noise can explain any single
-    measurement.
+    The filter that assumes an impulse in the latest frame gets no weight, because noise can also
+    explain a single unexpected measurement.
     """
     doubted = 1 / (1 + math.exp(-log_odds))
     filters[0]['weight'] = 1 - doubted
@@ -252,7 +276,10 @@ def set_weights(filters: Records, settings: Records, base: int, log_odds: float)
 
 @compiled(_FILTERS, i8)
 def mixture(filters: Records, count: int) -> tuple[float, float, float, float, float]:
-    """Return mean s and w, variance of s, covariance, and variance of w of the first filters."""
+    """Return the moments of s and w, averaged over the first `count` filters by weight.
+
+    The moments are: mean of s, mean of w, variance of s, covariance, and variance of w.
+    """
     whole, arc, rate = 0.0, 0.0, 0.0
     of_arc, both, of_rate = 0.0, 0.0, 0.0
     for n in range(count):
@@ -285,9 +312,10 @@ def _copy_state(filters: Records, source: int, target: int) -> None:
 def assume_impulse(
     filters: Records, base: int, older: int, elapsed: float, least_impulse: float
 ) -> None:
-    """Add a filter that assumes an impulse in this frame; first shift filters 0 to `older` - 1.
+    """Add a filter that assumes an impulse in this frame.
 
-    The variance of the new rate is its square plus the least variance [rad^2/s^2].
+    First, the `older` latest filters with an impulse move to the next age. The variance of the
+    rate in the new filter increases by the square of the rate plus `least_impulse` [rad^2/s^2].
     """
     likeliest = 0
     for n in range(1, base):
@@ -305,7 +333,7 @@ def assume_impulse(
 
 @compiled(_FILTERS, i8)
 def restart_steady(filters: Records, base: int) -> None:
-    """Restart the steady filter from the mean of the others, without a bias."""
+    """Restart the steady filter from the mean of the other filters, with zero bias."""
     filters[0]['weight'] = 0.0
     disturbance, of_disturbance = 0.0, 0.0
     for n in range(1, base):
@@ -324,7 +352,10 @@ def restart_steady(filters: Records, base: int) -> None:
 
 @compiled(_FILTERS, i8)
 def restart_from_impulse(filters: Records, base: int) -> None:
-    """Restart all filters from the likeliest impulse; each keeps its variance of the bias."""
+    """Restart all filters from the filter with the likeliest impulse.
+
+    Each filter keeps its own stationary variance of the bias.
+    """
     likeliest = base
     for n in range(base, filters.size):
         if filters[n]['odds'] > filters[likeliest]['odds']:
@@ -351,10 +382,10 @@ def measure(
     freedoms: float,
     calm: float,
 ) -> tuple[float, float, float, float, float]:
-    """Update with a measurement after a prediction; return the mixture.
+    """Update all filters with a measurement after a prediction, and return the `mixture`.
 
-    The filter that assumes an impulse about 2^k frames ago shifts in every 2^(k + 1)th frame. See
-    `MultipleModelFilter.update`.
+    The filter that assumes an impulse about 2^k frames ago moves to the next age in every
+    2^(k + 1)th frame. `MultipleModelFilter.update` explains the arguments.
     """
     given, now = settings[0], status[0]
     base, frames = int(now['base']), int(now['frames'])

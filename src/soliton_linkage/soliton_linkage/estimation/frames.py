@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Frames of angles: stamps, turns of rotors, queued impulses, and unseen rotors."""
+"""Preparation of a frame of angles: time stamps, whole turns, impulses, and unseen rotors."""
 
 from __future__ import annotations
 
@@ -19,9 +19,9 @@ from soliton_linkage.orbit.orbit import Orbit
 Flags = NDArray[np.bool_]
 
 _TURN = 2 * math.pi
-"""A turn [rad]."""
+"""Angle of one turn [rad]."""
 _SHARE_OF_A_TURN = 0.5 / math.pi
-"""One radian in turns [1/rad]."""
+"""Number of turns per radian [1/rad]."""
 
 
 def _wrapped(angle: float) -> float:
@@ -33,15 +33,17 @@ wrapped = compile_loop(_wrapped, (f8,), inlined=True)
 
 
 def rotor_swing(chain: Chain) -> float:
-    """Return the change of angle of a rotor while a wall passes [rad]."""
+    """Return the swing of a rotor: the change of its angle while a wall passes [rad]."""
     return math.pi if chain.motion is Motion.SPINNER else 2 * chain.rest_angle
 
 
 @compiled(const_f8_1d, f8_1d, f8_1d, f8_1d)
 def unwrap(angles: Array, last: Array, turns: Array, seen: Array) -> None:
-    """Set the unwrapped angles of seen rotors [rad], NaN for infinite or too large readings.
+    """Unwrap the angles of a frame, so that they continue the angles of the preceding frame.
 
-    Updates the last readings [rad] and the numbers of turns, shape (N,) each.
+    Sets `seen` to the unwrapped angles [rad]; invalid readings, which are NaN, infinite or too
+    large, give NaN. Updates the last valid readings [rad] and the numbers of turns [1]. All arrays
+    have shape (N,).
     """
     for n in range(angles.size):
         angle = angles[n]
@@ -57,7 +59,7 @@ def unwrap(angles: Array, last: Array, turns: Array, seen: Array) -> None:
 
 @compiled(const_f8_1d, f8)
 def all_within(values: Array, limit: float) -> bool:
-    """Return whether all values are finite with an absolute value up to a limit."""
+    """Return whether all values are finite and no absolute value exceeds a limit."""
     within = True
     for n in range(values.size):
         size = abs(values[n])
@@ -70,21 +72,29 @@ _NANOSECOND = 1e-9
 
 
 class FrameClock:
-    """Clock that accepts the stamps of frames in order and rejects late ones."""
+    """Clock that accepts the stamps of frames in ascending order and rejects late stamps."""
 
     def __init__(self, limit: float = DEFAULTS.tracking.clock_limit) -> None:
-        """Start at the first stamp; restart if a stamp goes back by more than the limit [s]."""
+        """Start without a stamp.
+
+        The clock restarts if a stamp is earlier than the last accepted one by more than `limit`
+        [s].
+        """
         self._limit = limit
         self.time = -math.inf
-        """Time of the last accepted frame since the first one [s]."""
+        """Time from the first frame to the last accepted frame [s]."""
         self.late = 0
-        """Number of rejected frames."""
+        """Number of rejected late frames."""
         self.restarted = False
         """Whether the last frame restarted the clock."""
         self._epoch: int | None = None
 
     def advance(self, stamp: int) -> bool:
-        """Advance to a stamp [ns]; return False if it is late by up to the limit."""
+        """Advance to a stamp [ns], and return whether the clock has accepted the stamp.
+
+        A stamp is rejected if it is not later than the last one. It is accepted, and restarts the
+        clock, if it is earlier than the last one by more than the limit.
+        """
         if self._epoch is None:
             self._epoch = stamp
         time = (stamp - self._epoch) * _NANOSECOND
@@ -97,15 +107,16 @@ class FrameClock:
 
 
 _NEAR = 3600 * 10**9
-"""Largest difference of two stamps of the same clock [ns]. An analyser lags by seconds or minutes;
-clocks with another origin differ by years."""
+"""Threshold of the difference between two stamps [ns]: stamps that differ by more come from two
+clocks. An analyser lags by seconds or minutes, but clocks with different origins differ by years.
+"""
 
 
 class FrameImpulse(NamedTuple):
-    """Impulses on the rotors of a chain at one instant.
+    """Impulses that act on the rotors of a chain at the same time.
 
     impulses: angular impulses [N m s], shape (N,).
-    ago: time from that instant to the frame from which they act [s].
+    ago: time from the impulses to the first frame that includes their effect [s].
     """
 
     impulses: Array
@@ -113,19 +124,19 @@ class FrameImpulse(NamedTuple):
 
 
 class ImpulseQueue:
-    """Queue of impulses until the first frame at or after their instant.
+    """Queue that keeps impulses until the first frame at or after their time.
 
-    Impulses without a stamp, or with a stamp of another clock, act from the next frame.
+    Impulses take effect in the next frame if they have no stamp, or a stamp of another clock.
     """
 
     def __init__(self) -> None:
         self.late = 0
-        """Number of impulses that arrived after their frame."""
+        """Number of impulses that arrived too late, after the frame in which they must act."""
         self._waiting: list[tuple[int | None, Array]] = []
         self._frame: int | None = None
 
     def add(self, stamp: int | None, impulses: Array) -> None:
-        """Queue impulses of an instant [ns], None if it is unknown."""
+        """Add impulses to the queue; `stamp` is their time [ns], None if unknown."""
         after = None if stamp is None or self._frame is None else stamp - self._frame
         if after is not None and -_NEAR < after <= 0:
             self.late += 1
@@ -152,9 +163,10 @@ class ImpulseQueue:
 
 
 def check_deviations(deviations: Array, rotors: int) -> Array:
-    """Return deviations of readings [rad], shape (N,), NaN if unknown, as a contiguous array.
+    """Return the standard deviations of readings as a contiguous array.
 
-    Raises ValueError for another shape, and for values that are infinite or not above 0.
+    The standard deviations [rad] have shape (N,), NaN if unknown. Raises ValueError for an array
+    of another shape, and for values that are infinite or not above 0.
     """
     deviations = np.ascontiguousarray(deviations, dtype=np.float64)
     check_shape(deviations, rotors, 'deviation')
@@ -169,21 +181,25 @@ def check_deviations(deviations: Array, rotors: int) -> Array:
 
 
 class CompletedFrame(NamedTuple):
-    """Angles and rates of all rotors of a frame, with estimates for missing rotors."""
+    """Angles and rates of all rotors of a frame; estimates replace missing values."""
 
     angles: Array
-    """Actual angles [rad], shape (N,); all NaN without any seen rotor and without an orbit."""
+    """Actual angles [rad], shape (N,). All angles are NaN if no rotor was seen and the orbit
+    cannot predict the angles."""
     rates: Array | None
-    """Rates [rad/s], shape (N,); None if unknown."""
+    """Rates of the rotors [rad/s], shape (N,); None if unknown."""
     filled: Flags
-    """Flags of rotors that were unseen or whose reading was implausible, shape (N,)."""
+    """Flags of filled rotors, whose angles are estimates, shape (N,). These rotors were unseen, or
+    their readings were implausible."""
     from_orbit: bool
-    """Whether filled angles come from the orbit; otherwise from neighbouring rotors."""
+    """Whether the angles of filled rotors come from the orbit. If not, they are interpolated
+    between neighbouring rotors."""
     others: bool
-    """Whether adjacent rotors differ from the orbit by more than half of their swing."""
+    """Whether two adjacent rotors differ from the orbit by more than half of their swing. Such a
+    difference indicates another wall."""
 
     number_filled: int
-    """Number of filled rotors."""
+    """Number of filled rotors, whose angles are estimates."""
 
     @property
     def seen(self) -> Array:
@@ -192,18 +208,21 @@ class CompletedFrame(NamedTuple):
 
 
 class OnOrbit(NamedTuple):
-    """State of the rotors predicted by the orbit, shape (N,) each."""
+    """Angles and rates of all rotors as predicted by the orbit; each array has shape (N,)."""
 
     angles: Array
-    """Actual angles [rad], up to whole turns."""
+    """Predicted actual angles [rad], up to whole turns."""
     rates: Array
-    """Rates [rad/s]."""
+    """Predicted rates [rad/s]."""
     residuals: Array
-    """Measured angles minus `angles` [rad], from -pi to pi, NaN if unknown."""
+    """Measured minus predicted angles [rad], from -pi to pi, NaN if unknown."""
 
 
 def on_orbit(orbit: Orbit, estimate: OrbitEstimate, residuals: Array) -> OnOrbit:
-    """Return predicted angles and rates, with the residuals of a frame [rad], shape (N,)."""
+    """Return the angles and rates that the orbit predicts for an estimate.
+
+    `residuals` are the residuals of the frame in the orientation of the orbit [rad], shape (N,).
+    """
     angles = orbit.configuration(estimate.arc)
     rates = orbit.tangent(estimate.arc) * estimate.rate
     if estimate.upside_down:
@@ -212,7 +231,7 @@ def on_orbit(orbit: Orbit, estimate: OrbitEstimate, residuals: Array) -> OnOrbit
 
 
 class Unwrapper:
-    """Remover of whole turns between the angles of successive frames."""
+    """Unwrapper that removes jumps by whole turns between the angles of successive frames."""
 
     def __init__(self, number_of_rotors: int) -> None:
         self._turns = np.zeros(number_of_rotors)
@@ -220,11 +239,17 @@ class Unwrapper:
 
     @property
     def last(self) -> Array:
-        """Last seen angle of each rotor [rad], shape (N,), NaN if it was never seen."""
+        """Last valid unwrapped angle of each rotor [rad], shape (N,).
+
+        The value is NaN if the rotor was never seen.
+        """
         return np.asarray(self._last + 2 * math.pi * self._turns)
 
     def unwrapped(self, angles: Array) -> Array:
-        """Return unwrapped angles [rad], shape (N,), NaN where not finite or too large."""
+        """Return unwrapped angles [rad], shape (N,).
+
+        A reading that is not finite or too large gives NaN.
+        """
         seen = np.empty(len(self._last))
         read = np.ascontiguousarray(angles, dtype=np.float64)
         unwrap(read, self._last, self._turns, seen)
@@ -234,11 +259,13 @@ class Unwrapper:
 def complete(
     chain: Chain, angles: Array, rates: Array | None, expected: OnOrbit | None, last: Array
 ) -> CompletedFrame:
-    """Fill in the missing rotors of a frame from the orbit or, without one, from neighbours.
+    """Replace the missing values of a frame by estimates.
 
-    Angles [rad] and rates [rad/s] have shape (N,), NaN if unknown; the last angles determine the
-    whole turns. A single rotor that differs from the orbit by more than half of its swing is
-    treated as unseen.
+    The estimates come from `expected`, the prediction of the orbit. If `expected` is None, missing
+    angles are interpolated between neighbouring rotors. Angles [rad] and rates [rad/s] have shape
+    (N,), NaN if unknown. The last angles determine the whole turns of replaced angles. A rotor
+    counts as unseen if it differs from the orbit by more than half of its swing while its
+    neighbours do not.
     """
     unseen = ~np.isfinite(angles)
     if expected is None:
@@ -274,7 +301,10 @@ def complete(
 def whole_frame(
     chain: Chain, angles: Array, rates: Array | None, largest: float
 ) -> CompletedFrame | None:
-    """Return the frame unchanged if its largest residual [rad] is small, else None."""
+    """Return a complete frame with unchanged angles and rates if all residuals are small.
+
+    Returns None if the largest residual [rad] exceeds half of the swing of a rotor or is NaN.
+    """
     if not largest <= rotor_swing(chain) / 2:
         return None
     return CompletedFrame(angles, rates, np.zeros(len(angles), dtype=np.bool_), True, False, 0)

@@ -1,8 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Hypotheses about the position of a chain on its orbit, and their mixture.
+"""Hypotheses about the position of a chain on its orbit, and the weighted mean over them.
 
-Each hypothesis has its own bank of filters; the likelihood of all frames is its weight. Examples
-are two legs that differ in an unseen edge rotor, and the turning sense of a spinner.
+Each hypothesis has its own bank of filters. The weight of a hypothesis is its likelihood, given
+all frames. Two hypotheses may differ, for example, in the state of an unseen edge rotor or in the
+turning sense of a spinner.
 """
 
 from __future__ import annotations
@@ -19,22 +20,24 @@ from soliton_linkage.estimation.settings import EstimationSettings
 from soliton_linkage.orbit.orbit import Orbit
 
 _LEAD = 3.0
-"""Log odds above which another hypothesis becomes the leading one [1]; 3 means 95 %."""
+"""Threshold of the log odds [1]: another hypothesis becomes the leading one if its log odds
+against the leading one exceed this threshold. The value 3 means a probability of 95 %."""
 _STEP = 1e-3
-"""Step for the derivative of the site arc [rotor spacings]."""
+"""Step for the derivative of the arc length per rotor spacing [rotor spacings]."""
 _NEAR = 0.5
-"""Distance below which two hypotheses are merged [rotor spacings]."""
+"""Threshold of the distance [rotor spacings]: two similar hypotheses can be merged only if the
+distance between their walls is smaller."""
 
 
 @dataclass
 class Hypothesis:
-    """Hypothesis about the position and the motion of a chain on its orbit."""
+    """Hypothesis about the position and the motion of a chain on its orbit, with its filters."""
 
     motion: MultipleModelFilter
     upside_down: bool
     view: LinearisedMeasurement
     evidence: float
-    """Log likelihood of all frames, relative to the likeliest hypothesis."""
+    """Log likelihood of all frames minus that of the likeliest hypothesis [1]."""
 
 
 class MixtureMoments(NamedTuple):
@@ -45,13 +48,17 @@ class MixtureMoments(NamedTuple):
     site_deviation: float
     """Standard deviation of the site [rotor spacings]."""
     site_rate: float
-    """Mean rate [rotor spacings / s]."""
+    """Mean rate of change of the site [rotor spacings / s]."""
     site_rate_deviation: float
-    """Standard deviation of the rate [rotor spacings / s]."""
+    """Standard deviation of the rate of the site [rotor spacings / s]."""
 
 
 class Hypotheses:
-    """Competing hypotheses; arc, rate and leg of the first, leading one are reported."""
+    """Competing hypotheses.
+
+    The first hypothesis is the leading one. Its arc length along the orbit, rate and leg are
+    reported.
+    """
 
     def __init__(self, orbit: Orbit, settings: EstimationSettings) -> None:
         self._orbit, self._settings = orbit, settings
@@ -63,7 +70,11 @@ class Hypotheses:
         return self.all[0]
 
     def weigh(self, likelihoods: list[float]) -> None:
-        """Add the log likelihood of a frame to each hypothesis, and remove refuted ones."""
+        """Add the log likelihood of a frame to the evidence of each hypothesis.
+
+        Hypotheses that have become too unlikely are removed, and equal ones are merged. The list
+        contains the log likelihood of the frame for each hypothesis.
+        """
         if len(self.all) == 1:
             return
         for each, likelihood in zip(self.all, likelihoods, strict=True):
@@ -82,7 +93,11 @@ class Hypotheses:
         self.all = kept
 
     def add_toggled(self) -> None:
-        """Add hypotheses with another leg if an edge rotor contradicts the leading hypothesis."""
+        """Add a hypothesis for each edge rotor that contradicts the leading hypothesis.
+
+        In the new hypothesis the chain is in the leg of the orbit in which this edge rotor of a
+        flipper has the other state.
+        """
         orbit, leader = self._orbit, self.leader
         view = leader.view
         if orbit.number_of_legs < 4 or not view.outliers:
@@ -99,7 +114,10 @@ class Hypotheses:
             self.all.append(Hypothesis(motion, leader.upside_down, view, evidence))
 
     def leg_is_known(self) -> bool:
-        """Return whether the frames exclude all legs except that of the leading hypothesis."""
+        """Return whether the frames exclude all legs of the orbit except the leading one.
+
+        The leading leg is that of the leading hypothesis.
+        """
         if len(self.all) == 1:
             return True
         legs = np.array([self._orbit.leg(each.motion.arc) for each in self.all])
@@ -108,7 +126,11 @@ class Hypotheses:
         return bool(others < self._settings.likelihood.false_alarms * weights.sum())
 
     def mixture(self, arc_variance: float, rate_variance: float) -> MixtureMoments:
-        """Return the mixture with additional variances of arc [rad^2] and rate [rad^2/s^2]."""
+        """Return site and rate of the wall, averaged over all hypotheses.
+
+        `arc_variance` is added to the variance of the arc length along the orbit [rad^2], and
+        `rate_variance` to the variance of its rate [rad^2/s^2].
+        """
         if len(self.all) == 1:
             site, site_var, rate, rate_var = self._row(self.all[0], arc_variance, rate_variance)
             return MixtureMoments(site, math.sqrt(site_var), rate, math.sqrt(rate_var))
@@ -129,7 +151,7 @@ class Hypotheses:
         site, slope = orbit.site(arc), 1 / orbit.site_arc_at(arc)
         inside = 0 < site < orbit.chain.number_of_rotors - 1
         direction = (1 - 2 * (orbit.leg(arc) % 2)) if inside else 0
-        # Near an edge the rate of the site also depends on the arc.
+        # Near an edge the rate of the site also depends on the arc length along the orbit.
         step = _STEP * orbit.site_arc
         change = rate * (1 / orbit.site_arc_at(arc + step) - slope) / step
         by_arc = change * (change * (of_arc + arc_variance) + 2 * slope * both)

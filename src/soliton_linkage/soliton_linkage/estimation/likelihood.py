@@ -1,15 +1,16 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Compiled loops over the rotors of a frame: its likelihood at an arc of the orbit.
+"""Compiled loops that compute the likelihood of a frame at a point of the orbit.
 
-The difference d between a rotor and the orbit, r = d / sqrt(V) standard deviations, has the
-density
+The difference d between the angle of a rotor and the orbit has the variance V. In standard
+deviations the difference is r = d / sqrt(V). The density of d is
 
     p(d) = (1 - e) C / sqrt(V) exp(-rho(r)) + e / 2 pi,
-    rho = r^2 / 2 up to k, k^2 (1/2 + log(r / k)) beyond,
+    rho(r) = r^2 / 2                     for |r| <= k,
+    rho(r) = k^2 (1/2 + log(|r| / k))    for |r| > k,
 
 where e is the share of readings without information. The slope of log p is -w d / V with the
-weight w = min(1, k^2 / r^2) P; P is the probability that the reading contains information. Since
-sqrt(w) r <= k, no single reading moves an arc by more than k of its standard deviations.
+weight w = min(1, k^2 / r^2) P. Here P is the probability that the reading contains information.
+Because sqrt(w) |r| <= k, the influence of a single reading on the arc length is limited.
 """
 
 from __future__ import annotations
@@ -52,10 +53,11 @@ def compare(
     first: int,
     differences: Array,
 ) -> None:
-    """Set the differences of corrected angles from a wall, from -pi to pi [rad], shape (N,).
+    """Set the differences between corrected angles and a wall on the orbit.
 
-    `about` are the angles near the wall from rotor `first` on; `before` and `beyond` are the
-    angles on either side of it, shape (N,) each.
+    Differences are in the range from -pi to pi [rad], shape (N,). `about` are the angles of the
+    orbit near the wall, starting at rotor `first`. `before` and `beyond` are the angles of the
+    uniform states before and beyond the wall, shape (N,) each.
     """
     end = first + about.size
     for n in range(angles.size):
@@ -73,7 +75,7 @@ def _core(square: float, inner: float) -> float:
 
 @compiled(f8, f8, f8)
 def _log_likelihood(square: float, bound: float, floor: float) -> float:
-    """Return the logarithm of p(d) sqrt(V) / ((1 - e) C), given r^2 [1]."""
+    """Return log(p(d) sqrt(V) / ((1 - e) C)) as a function of r^2 [1]."""
     core = _core(square, bound * bound)
     if square <= bound * bound:
         return core
@@ -82,7 +84,10 @@ def _log_likelihood(square: float, bound: float, floor: float) -> float:
 
 @compiled(f8, f8, f8, f8)
 def _of_rotor(apart: float, variance: float, bound: float, floor: float) -> float:
-    """Return the log likelihood of a difference [rad] with a variance [rad^2], 0 for NaN."""
+    """Return the log likelihood of a difference [rad] that has a given variance [rad^2].
+
+    A difference that is NaN gives 0.
+    """
     if not math.isfinite(apart):
         return 0.0
     return _log_likelihood(apart * apart / variance, bound, floor)
@@ -90,7 +95,7 @@ def _of_rotor(apart: float, variance: float, bound: float, floor: float) -> floa
 
 @compiled(f8, f8, f8)
 def _weight(square: float, bound: float, floor: float) -> float:
-    """Return the weight w of a rotor, given r^2 [1]."""
+    """Return the weight w of a rotor as a function of r^2 [1]."""
     inner = bound * bound
     if square <= inner:
         return 1.0
@@ -100,9 +105,15 @@ def _weight(square: float, bound: float, floor: float) -> float:
 DENSITY = np.dtype(
     [(name, np.float64) for name in ('variance', 'spread', 'bound', 'floor', 'gross')]
 )
-"""Density of the difference between a rotor and the orbit, one record: variance V of a rotor and
-variance of the arc [rad^2], bound k [1], log density of readings without information relative to
-the core [1], and least gross difference [rad]."""
+"""Record with the parameters of the density of the difference between a rotor and the orbit.
+Fields:
+
+variance: variance V of the difference [rad^2].
+spread: variance of the arc length along the orbit [rad^2].
+bound: bound k of the normal core of the density [1].
+floor: log density of readings without information, relative to the peak of the density [1].
+gross: smallest difference that counts as a gross error [rad].
+"""
 _DENSITY = records(DENSITY)
 
 
@@ -115,10 +126,11 @@ def _weigh(
     doubtful: Flags,
     weights: Array,
 ) -> tuple[float, float, float]:
-    """Set the weights w of all rotors [1], shape (N,), 0 for unknown and doubtful ones.
+    """Set the weights w of all rotors [1], shape (N,), given the tangent t of the orbit.
 
-    Returns the information on the arc, sum w t^2 [1], the step to the most likely arc [rad], and
-    the information if all weights were 1.
+    Unknown and doubtful rotors have weight 0. Returns three numbers: the information on the arc
+    length, sum w t^2 [1]; the step to the most likely arc length [rad]; and the information that
+    the frame would contain if all other weights were 1 [1].
     """
     end = first + tangent.size
     information, ahead, whole = 0.0, 0.0, 0.0
@@ -146,16 +158,19 @@ def weigh_frame(
     doubtful: Flags,
     rows: Array,
 ) -> tuple[tuple[float, float, float], tuple[int, int, int, int, int], tuple[float, float, float]]:
-    """Weigh rotors, and subtract the step to the most likely arc from the differences [rad].
+    """Compute the weights of all rotors and the residuals of a frame.
 
-    Differences, shape (N,), are NaN if unknown. The tangent starts at rotor `first`. Doubtful
-    flags have shape (N,) or (0,). Sets rows, shape (2, N): weights [1], and the residuals of
-    rotors near the wall with a weight of at least 0.5, else 0 [rad].
+    Differences [rad], shape (N,), are NaN if unknown. They become the residuals at the most likely
+    arc length along the orbit. The tangent starts at rotor `first`. Doubtful flags have shape (N,)
+    or (0,). An inlier is a rotor with a weight of at least 0.5. Sets `rows`, shape (2, N). Row 0
+    holds the weights [1]. Row 1 holds the residuals [rad] of inliers near the wall, else 0.
 
-    Returns three tuples: the results of `_weigh`; numbers of rotors (near the wall with a weight
-    of at least 0.5; known; below 0.5 with a gross difference; longest run of these; below 0.5);
-    sum of squared residuals [rad^2], log likelihood of the frame [1], and largest difference
-    [rad], infinite if a rotor is unknown.
+    Returns three tuples:
+    1. the results of `_weigh`;
+    2. five numbers of rotors: inliers near the wall; known rotors; outliers with a gross
+       difference; longest run of adjacent outliers of this kind; all known outliers;
+    3. the sum of the squares in row 1 [rad^2], the log likelihood of the frame [1], and the
+       largest residual [rad], which is infinite if a rotor is unknown.
     """
     weights, left = rows[0], rows[1]
     information, ahead, whole = _weigh(differences, first, tangent, density, doubtful, weights)
@@ -195,9 +210,10 @@ def weigh_frame(
 def sum_likelihoods(
     angles: Array, states: Array, variance: float, bound: float, floor: float, sums: Array
 ) -> None:
-    """Set the running sums of the log likelihoods of the rotors, shape (S, N + 1).
+    """Set the cumulative sums of the log likelihoods over the rotors, shape (S, N + 1).
 
-    Each row belongs to one state of the chain [rad], shape (S, N).
+    Each row of the sums belongs to one state of the chain. `states` are the angles of these states
+    [rad], shape (S, N).
     """
     for row in range(states.shape[0]):
         sums[row, 0] = 0.0
@@ -209,7 +225,10 @@ def sum_likelihoods(
 
 @compiled(f8, f8, f8, f8_1d)
 def tabulate(variance: float, bound: float, floor: float, table: Array) -> None:
-    """Set the log likelihoods of evenly spaced differences from 0 to pi, both included."""
+    """Fill a table with the log likelihoods of evenly spaced differences from 0 to pi.
+
+    The first entry belongs to the difference 0, and the last entry to pi.
+    """
     for n in range(table.size):
         apart = math.pi * n / (table.size - 1)
         table[n] = _of_rotor(apart, variance, bound, floor)
@@ -225,16 +244,17 @@ def _looked_up(apart: float, table: Array) -> float:
 
 
 class SampledWalls(NamedTuple):
-    """Samples of the walls of an orbit, with concatenated angles."""
+    """Walls at sampled points of an orbit; the angles of all walls are in one array."""
 
     legs: Counts
-    """Leg of each sample, shape (S,)."""
+    """Leg of the orbit to which each sample belongs, shape (S,)."""
     firsts: Counts
-    """First rotor near each wall, shape (S,)."""
+    """Index of the first rotor near each wall, shape (S,)."""
     begins: Counts
-    """Index in `angles` at which each wall starts, and the end of the last one, shape (S + 1,)."""
+    """Index in `angles` of the first angle of each wall, shape (S + 1,). The last entry is the
+    length of `angles`."""
     angles: Array
-    """Angles of the rotors near the walls [rad]."""
+    """Angles of the rotors near the walls [rad], wall after wall."""
 
 
 _WALLS = named_tuple(SampledWalls, i8_1d, i8_1d, i8_1d, f8_1d)
@@ -249,10 +269,10 @@ def scan(
     table: Array,
     likelihoods: Array,
 ) -> None:
-    """Set the log likelihood of a frame at samples of the orbit, shape (S,).
+    """Set the log likelihood of a frame at each sample of the orbit, shape (S,).
 
-    `before` and `beyond` are cumulative sums over the rotors on either side of the wall, for each
-    leg, shape (legs, N + 1). `tabulate` computes the table.
+    `before` and `beyond` are the sums from `sum_likelihoods` for the uniform states before and
+    beyond the wall, shape (legs, N + 1). `tabulate` computes the table.
     """
     for sample in range(likelihoods.size):
         leg, first, begin = walls.legs[sample], walls.firsts[sample], walls.begins[sample]
@@ -267,7 +287,7 @@ def scan(
 
 @compiled(const_f8_1d, f8, f8, f8)
 def frame_likelihood(differences: Array, variance: float, bound: float, floor: float) -> float:
-    """Return the log likelihood of a frame from its differences [rad], shape (N,)."""
+    """Return the log likelihood of a frame, given its differences from the orbit [rad], (N,)."""
     likelihood = 0.0
     for n in range(differences.size):
         likelihood += _of_rotor(differences[n], variance, bound, floor)

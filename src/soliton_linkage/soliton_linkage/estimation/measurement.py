@@ -1,5 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Linearised measurement of the arc from one frame, its likelihood, and the innovation gate."""
+"""Measurement of the arc length along the orbit from one frame, and tests of frames.
+
+The measurement is linear in the residuals. The tests use the likelihood of the frame and an
+innovation gate.
+"""
 
 from __future__ import annotations
 
@@ -15,38 +19,43 @@ from soliton_linkage.estimation.settings import EstimationSettings, LikelihoodSe
 from soliton_linkage.linkage.chain import Array
 
 NO_FLAGS: Flags = np.zeros(0, dtype=np.bool_)
-"""Flags of a chain without doubtful rotors."""
+"""Empty array of flags, which means that no rotor is doubtful."""
 LEAST_INFORMATION = 1e-6
-"""Information below which a frame does not determine the arc [1]."""
+"""Threshold of the information [1]: a frame with less information does not determine the arc
+length along the orbit."""
 LONGEST_STEP = 0.5
-"""Longest Gauss-Newton step of the arc [rad]; the linearisation holds for less than one rotor."""
+"""Longest Gauss-Newton step along the orbit [rad]. The linearisation is invalid for longer steps,
+which would move the wall by about one rotor."""
 _MOST_STEPS = 20
 """Largest number of Gauss-Newton steps [1]."""
 _LONGEST_RUN = 2
-"""Largest number of adjacent rotors that may have gross errors in one frame [1]."""
+"""Largest number of adjacent rotors that may have gross errors in an accepted frame [1]."""
 
 
 class LinearisedMeasurement(NamedTuple):
-    """Measurement of the arc by a frame, linearised at a point of the orbit."""
+    """Measurement of the arc length along the orbit, linearised at a point of the orbit."""
 
     arc: float
-    """Most likely arc, to first order in the residuals [rad]."""
+    """Most likely arc length, to first order in the residuals [rad]."""
     first: int
     """Index of the first rotor near the wall."""
     tangent: Array
-    """Derivative of the angles near the wall by the arc, over their scales [1], shape (n,)."""
+    """Derivative of the angles near the wall by the arc length [1], shape (n,). Each derivative is
+    divided by the scale of the reading."""
     residuals: Array
-    """Measured angles minus those at `arc` [rad], shape (N,), NaN if unknown."""
+    """Measured angles minus the angles of the orbit at `arc` [rad], shape (N,), NaN if unknown."""
     weights: Array
-    """Weight of each rotor, 0 to 1, shape (N,)."""
+    """Weight of each rotor, from 0 to 1, shape (N,)."""
     inlying: Array
-    """Residuals of inliers near the wall divided by their scales, else 0 [rad], shape (N,)."""
+    """Residuals of inliers near the wall [rad], shape (N,), 0 for all other rotors. Each residual
+    is divided by the scale of the reading."""
     information: float
-    """Information on the arc for a noise of 1 rad [1]."""
+    """Information on the arc length for a noise of 1 rad [1]."""
     full_information: float
-    """Information if all known rotors except doubtful ones had full weight [1]."""
+    """Information that the frame would contain if no known rotor were an outlier [1]. Doubtful
+    rotors are excluded."""
     squares: float
-    """Sum of the squares of the inlying residuals [rad^2]."""
+    """Sum of the squares of the residuals in `inlying` [rad^2]."""
     degrees_of_freedom: int
     """Number of inliers near the wall minus one, at least 1."""
     likelihood: float
@@ -54,33 +63,35 @@ class LinearisedMeasurement(NamedTuple):
     known: int
     """Number of known rotors."""
     random: float
-    """Log likelihood of random angles [1]."""
+    """Log likelihood that the frame would have if all angles were random [1]."""
     gross: int
-    """Number of outliers with gross differences."""
+    """Number of outliers with gross errors."""
     run: int
-    """Largest number of adjacent rotors with gross differences."""
+    """Largest number of adjacent outliers with gross errors."""
     outliers: int
-    """Number of rotors with less than half a weight."""
+    """Number of known rotors with a weight below 0.5."""
     largest: float
-    """Largest residual [rad]; infinite if a rotor is unknown."""
+    """Largest absolute residual [rad]; infinite if a rotor is unknown."""
     unseen_share: float = 1.0
-    """Share of the variance from unseen rotors that the correction for springs leaves [1]."""
+    """Share of the variance due to unseen rotors that remains after `UnseenRotorCorrection` [1].
+    The share is 1 without this correction."""
 
     @property
     def mean_square(self) -> float:
-        """Mean square of the inlying residuals [rad^2]."""
+        """Mean square of the residuals in `inlying` [rad^2]."""
         return self.squares / self.degrees_of_freedom
 
     @property
     def outlying(self) -> Flags:
-        """Flags of known rotors with less than half a weight, shape (N,)."""
+        """Flags of outliers, which are known rotors with a weight below 0.5, shape (N,)."""
         return np.asarray((self.weights < 0.5) & np.isfinite(self.residuals))
 
 
 def search_arc(arc: float, target: Callable[[float], float], close: float) -> float:
-    """Return the arc [rad] at which Gauss-Newton steps towards a target are shorter than `close`.
+    """Search the most likely arc length along the orbit [rad] by Gauss-Newton steps.
 
-    The target function returns the most likely arc of a frame linearised at a given arc.
+    The search ends with a step shorter than `close` [rad]. `target` linearises the measurement of
+    a frame at a given arc length, and returns the most likely arc length.
     """
     for _ in range(_MOST_STEPS):
         step = target(arc) - arc
@@ -91,20 +102,23 @@ def search_arc(arc: float, target: Callable[[float], float], close: float) -> fl
 
 
 CORE = 2.5
-"""Range of the rotors that show whether a wall still exists [rotor spacings]."""
+"""Range on either side of a wall whose rotors show whether the wall still exists [rotor spacings].
+"""
 _FAR, _FAR_NOISE, _FAR_SHARE = 0.75, 2.0, 0.3
-"""Smallest excessive difference of a rotor from a wall, relative to a gross error and relative to
-the noise [1]; largest share of rotors with such a difference [1]."""
+"""Thresholds of the test whether a wall still exists [1]. The residual of a rotor is excessive if
+it exceeds `_FAR` gross errors plus `_FAR_NOISE` standard deviations of the noise. At most the
+share `_FAR_SHARE` of the rotors near a wall may have an excessive residual."""
 
 
 class FrameLikelihood:
-    """Likelihood of frames: robust density of the difference between each rotor and the orbit."""
+    """Likelihood of frames, from a robust density of the difference of each rotor from the orbit.
+    """
 
     def __init__(self, swing: float, settings: LikelihoodSettings) -> None:
-        """Compute the density for the swing of a rotor during the passage of a wall [rad]."""
+        """Compute the density, given the swing of a rotor while a wall passes [rad]."""
         self._settings = settings
         self.gross = settings.gross_share * swing
-        """Difference that springs cannot cause [rad]."""
+        """Least size of a gross error [rad], which the deformation of springs cannot cause."""
         self._density = np.zeros(1, DENSITY)
         bound, wrong = settings.bound, settings.wrong
         core = math.sqrt(2 * math.pi) * math.erf(bound / math.sqrt(2))
@@ -112,14 +126,22 @@ class FrameLikelihood:
         self._log_wrong = math.log(wrong)
         self._floor = math.log(wrong / (1 - wrong) * (core + tails) / (2 * math.pi))
         self.scales: Array | None = None
-        """Scale of each reading, from `ReadingScales` [1], shape (N,); None if all are 1."""
+        """Scale of each reading from `ReadingScales` [1], shape (N,).
+
+        None means that all scales are 1."""
 
     def floor(self, variance: float) -> float:
-        """Return the log density of a reading without information, relative to the peak [1]."""
+        """Return the log density of a reading without information, relative to the peak [1].
+
+        `variance` is the variance of a rotor [rad^2].
+        """
         return self._floor + 0.5 * math.log(variance)
 
     def random(self, known: int, variance: float) -> float:
-        """Return the log likelihood of `known` random angles [1]."""
+        """Return the log likelihood of `known` random angles [1].
+
+        `variance` is the variance of a rotor [rad^2].
+        """
         return known * (self.floor(variance) - self._log_wrong)
 
     def linearise(
@@ -132,9 +154,11 @@ class FrameLikelihood:
         spread: float = 0.0,
         doubtful: Flags = NO_FLAGS,
     ) -> LinearisedMeasurement:
-        """Linearise at an arc [rad], given differences [rad], shape (N,), which are overwritten.
+        """Return the measurement of a frame, linearised at an arc length along the orbit [rad].
 
-        `variance` is the variance of a rotor, `spread` the variance of the arc [rad^2].
+        `differences` are the measured angles minus the angles of the orbit [rad], shape (N,); this
+        array is overwritten. `variance` is the variance of a rotor [rad^2]. `spread` is the
+        variance of the arc length [rad^2].
         """
         rows, floor = np.empty((2, len(differences))), self.floor(variance)
         self._density[0] = variance, spread, self._settings.bound, floor, self.gross
@@ -174,18 +198,19 @@ class FrameLikelihood:
     def over_random(self, residuals: Array, variance: float) -> float:
         """Return the log likelihood ratio of residuals [rad], shape (n,), against random angles.
 
-        `variance` is the variance of a rotor [rad^2]; NaN has no effect. For random angles the
-        ratio exceeds x with a probability of at most exp(-x) (Markov's inequality).
+        `variance` is the variance of a rotor [rad^2]. Residuals that are NaN have no effect. For
+        random angles, the probability that the ratio exceeds x is at most exp(-x) (Markov's
+        inequality).
         """
         bound, floor = self._settings.bound, self.floor(variance)
         likelihood = frame_likelihood(residuals, variance, bound, floor)
         return likelihood - self.random(int(np.isfinite(residuals).sum()), variance)
 
     def explains(self, view: LinearisedMeasurement, largest: float) -> bool:
-        """Return whether wrong readings can explain the outliers of a frame.
+        """Return whether single wrong readings can explain the outliers of a frame.
 
         At most two adjacent readings may be wrong, and the frame must be likelier than random
-        angles, given the largest possible variance of a rotor [rad^2].
+        angles. `largest` is the largest possible variance of a rotor [rad^2].
         """
         if view.run > _LONGEST_RUN:
             return False
@@ -197,8 +222,9 @@ class FrameLikelihood:
     def fits(self, residuals: Array, first: int, site: float, noise: float) -> bool:
         """Return whether the rotors near a site still form a wall.
 
-        Residuals, from rotor `first` on, and noise are in rad. After a wall has broken up, several
-        rotors differ from the nearest wall by more than springs can cause.
+        `residuals` are the differences from the wall [rad], starting at rotor `first`. `noise` is
+        the standard deviation of the noise [rad]. After a wall has broken up, several rotors
+        differ from any wall by more than the deformation of springs can cause.
         """
         beside = np.abs(np.arange(first, first + len(residuals)) - site)
         core = np.abs(residuals[beside <= CORE])
@@ -212,18 +238,24 @@ class FrameLikelihood:
 
 
 class ReadingScales:
-    """Standard deviations of the readings of a frame, relative to a typical reading."""
+    """Standard deviations of the readings of a frame, relative to that of a typical reading."""
 
     def __init__(self, usual: float | None = None) -> None:
-        """Start with the typical standard deviation [rad], or derive it from the first frame.
+        """Start with the standard deviation of a typical reading [rad], None if unknown.
 
-        For the first frame it is 1 / sqrt(mean of 1 / sigma^2), which gives the same information.
+        If it is unknown, the standard deviations sigma of the first frame give the typical value
+        1 / sqrt(mean of 1 / sigma^2). A frame with this value for all readings would contain the
+        same information.
         """
         self._usual = usual
         self._squares: Array | None = None
 
     def set_deviations(self, deviations: Array | None) -> None:
-        """Set the standard deviations of a frame [rad], shape (N,), NaN or None if typical."""
+        """Set the standard deviations of the readings of a frame [rad], shape (N,).
+
+        A standard deviation that is NaN means a typical reading. None means that all readings are
+        typical.
+        """
         self._squares = None
         if deviations is None:
             return
@@ -235,9 +267,11 @@ class ReadingScales:
         self._squares = np.where(known, (deviations / self._usual) ** 2, 1.0)
 
     def of_frame(self, noise: float, variance: float) -> Array | None:
-        """Return the scale of each reading [1], shape (N,), None if all are 1.
+        """Return the scale of each reading [1], shape (N,), or None if all scales are 1.
 
-        Only the noise, a part of the variance of a rotor [rad^2], scales with the reading.
+        The scale is the standard deviation of a rotor relative to that of a typical rotor.
+        `variance` is the variance of a typical rotor [rad^2]. `noise` is the share of this
+        variance that is noise [rad^2]; only this share differs from reading to reading.
         """
         if self._squares is None:
             return None
@@ -245,7 +279,10 @@ class ReadingScales:
 
 
 class InnovationGate:
-    """Gate that accepts or rejects frames, given the outliers of the preceding frame."""
+    """Gate that accepts or rejects frames because of their outliers.
+
+    The gate also uses the outliers of the preceding frame.
+    """
 
     def __init__(
         self, rotors: int, likelihood: FrameLikelihood, settings: EstimationSettings
@@ -256,18 +293,22 @@ class InnovationGate:
         self.restart()
 
     def restart(self) -> None:
-        """Discard the preceding frame."""
+        """Discard the outliers of the preceding frames."""
         self._outliers, self._strained = self._no_outliers, 0 * self._no_outliers
 
     def is_informative(self, view: LinearisedMeasurement) -> bool:
-        """Return whether most of the information about the wall remains without outliers."""
+        """Return whether a frame without its outliers still contains most of its information.
+
+        The information refers to the arc length along the orbit.
+        """
         return view.information >= self._settings.informative_share * view.full_information
 
     def is_strained(self, view: LinearisedMeasurement) -> bool:
         """Return whether the prediction is wrong, for example after an unmodelled impulse.
 
-        Three adjacent rotors are outliers, or one rotor is an outlier in several successive
-        frames; no difference is gross, and most of the wall is seen.
+        A prediction is wrong if three adjacent rotors are outliers, or if one rotor is an outlier
+        in several successive frames. Rotors with gross errors do not count. Most of the wall must
+        be seen, and the outliers must contain much of the information of the frame.
         """
         if (
             self.is_informative(view)
@@ -281,10 +322,11 @@ class InnovationGate:
         return bool(adjacent.any() or (self._strained >= self._frames).any())
 
     def accepts(self, view: LinearisedMeasurement, largest: float, doubtful: Flags) -> bool:
-        """Return whether a frame shows the wall, given the largest variance of a rotor [rad^2].
+        """Return whether a frame shows the wall.
 
-        Random gross errors occur in single frames; at most one rotor may be grossly wrong in two
-        successive frames, unless it is doubtful.
+        `largest` is the largest possible variance of a rotor [rad^2]. Random gross errors occur in
+        single frames. Therefore a frame is rejected if two or more rotors have a gross error in
+        both this frame and the preceding one. Doubtful rotors do not count.
         """
         outliers, repeated = self._no_outliers, 0
         if view.gross:
