@@ -151,8 +151,7 @@ class Analyser:
 
     @property
     def offsets(self) -> Array:
-        """Estimated offset of each encoder [rad], shape (N,); offsets that are not significant
-        are 0."""
+        """Estimated offset of each encoder [rad], shape (N,); 0 if it is not significant."""
         if self._filter is None:
             return np.zeros(self.chain.number_of_rotors)
         return self._filter.offsets.corrections
@@ -334,8 +333,7 @@ class Analyser:
         )
 
     def _width(self, estimate: OrbitEstimate, frame: CompletedFrame) -> tuple[float, float]:
-        """Return the width of the wall on the orbit [m] and the standard deviation of the width.
-        """
+        """Return the width [m] of the wall on the orbit, and the standard deviation [m]."""
         if frame.others or self._widths is None:
             return _UNKNOWN_WIDTH
         angles = math.pi - frame.seen if estimate.upside_down else frame.seen

@@ -1,6 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Result of the analysis of one frame, the interface of analysers, and an analyser for chains with
-unknown parameters."""
+"""Result of the analysis of one frame, interface of analysers, and analyser of unknown chains."""
 
 from __future__ import annotations
 
@@ -140,8 +139,7 @@ class FrameAnalyser(Protocol):
 
     @property
     def offsets(self) -> Array:
-        """Estimated offset of each encoder [rad], shape (N,); offsets that are not significant
-        are 0."""
+        """Estimated offset of each encoder [rad], shape (N,); 0 if it is not significant."""
 
     @property
     def offset_deviations(self) -> Array:

@@ -178,7 +178,8 @@ class FarFieldResiduals:
         The mean so far replaces the residual of an outlier in two cases: the rotor was no outlier
         in the preceding frame, or its residual has changed. `outlying` are the flags of outliers,
         shape (N,), or None without outliers. `site` is the site of the wall [rotor spacings].
-        `elapsed` is the time since the last frame [s]. `variance` is a lower limit of the noise variance [rad^2].
+        `elapsed` is the time since the last frame [s]. `variance` is a lower limit of the noise
+        variance [rad^2].
         """
         self._sums += residuals
         if outlying is not None:

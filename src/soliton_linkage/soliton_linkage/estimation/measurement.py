@@ -111,8 +111,7 @@ share `_FAR_SHARE` of the rotors near a wall may have an excessive residual."""
 
 
 class FrameLikelihood:
-    """Likelihood of frames, from a robust density of the difference of each rotor from the orbit.
-    """
+    """Likelihood of frames, from a robust density of the residuals of all rotors."""
 
     def __init__(self, swing: float, settings: LikelihoodSettings) -> None:
         """Compute the density, given the swing of a rotor while a wall passes [rad]."""
