@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Test cells: combinations of a chain, its walls and the errors of its encoders."""
+"""Test cells of the analyser: each combines a chain, its walls and the errors of its encoders."""
 
 from __future__ import annotations
 
@@ -23,7 +23,8 @@ _NOISES = (0.001, 0.1)
 _SPEEDS = (0.02, 0.9)
 """Range of the wall speed relative to the speed of sound [1]."""
 _PERIODS = (0.05, 0.5)
-"""Range of the frame period [time units]: 1000 to 100 Hz for 0.02 kg and 50 N/m."""
+"""Range of the frame period [time units]. For rotors of 0.02 kg and springs of 50 N/m, the limits
+correspond to 1000 Hz and 100 Hz."""
 _RUNS = (50, 400)
 """Range of the number of frames in a record [1]."""
 _PHONONS = (0.001, 0.03)
@@ -31,29 +32,33 @@ _PHONONS = (0.001, 0.03)
 _REST_ANGLES = (0.3, 1.3)
 """Range of the rest angle [rad]."""
 _NEAREST = 0.02
-"""Smallest relative distance of d from d_c [1]."""
+"""Smallest difference between the lean ratio d and its critical value d_c, relative to d_c [1]."""
 _FLIPPERS = (0.1, 1.0)
 """Range of the lean ratio d of flippers [1]."""
 _WIDEST = 3.0
-"""Largest d of spinners, relative to d_c [1]."""
+"""Largest lean ratio d of spinners, relative to its critical value d_c [1]."""
 _LONGEST = 4.0
-"""Largest r / a, as in the paper [1]."""
+"""Largest ratio of the rotor length r to the rotor spacing a, as in the paper [1]."""
 _APART = 1.6
-"""Ratio of the rotors per wall for several walls to the rotors that a single wall requires [1].
+"""Smallest number of rotors per wall in a chain with several walls, relative to the number that a
+single wall requires [1].
 
-Several walls need space to move.
+Several walls need this additional space to move.
 """
 _SEVERAL = (1, 1, 1, 2, 4)
-"""Numbers of walls, drawn with equal probability."""
+"""Possible numbers of walls [1]. A random cell draws each entry with equal probability."""
 
 
 @dataclass(frozen=True)
 class AccuracyCell:
-    """Chain, walls and encoder errors of one row of the table."""
+    """Test cell, one row of the table: a chain, its walls and the errors of its encoders."""
 
     name: str
     chain: Chain
-    """Chain without disorder, with which the analyser is configured."""
+    """True chain, without the random deviations of `disorder`.
+
+    The analyser is configured with `analysed_chain`.
+    """
     noise: float
     """Standard deviation of an angle [rad]."""
     speed: float
@@ -61,50 +66,55 @@ class AccuracyCell:
     period: float
     """Frame period [time units]."""
     run: int
-    """Frames of a record; each record starts with a new analyser [1]."""
+    """Number of frames of a record [1]. Each record starts with a new analyser."""
     phonons: float = 0.0
     """Rms rotor rate of the phonons [rad / time unit]."""
     walls: int = 1
     nudged: bool = False
-    """Whether a kick at the first edge starts the wall; the kick also excites phonons."""
+    """Whether the wall starts with a kick at the first edge. The kick also excites phonons."""
     outliers: float = 0.0
     """Fraction of readings that are replaced by uniformly random angles [1]."""
     wrong_reading: float = 0.0
-    """Error of one random reading in the last frame of a record [rad]."""
+    """Error that one random encoder has in the last frame of a record [rad]; 0 means no wrong
+    reading."""
     disorder: float = 0.0
-    """Relative standard deviation of r, a, k and M, unknown to the analyser [1]."""
+    """Relative standard deviation of the random rotor lengths, spacings, stiffnesses and masses
+    [1]. The analyser does not know their values."""
     impulses: int = 0
-    """Total number of impulses on the wall in all records [1]."""
+    """Number of impulses on the wall, summed over all records [1]."""
     impulses_known: bool = False
-    """Whether the analyser receives the impulses."""
+    """Whether each impulse is reported to the analyser."""
     unseen: str = ''
-    """Rotors without encoder: '', 'edges', 'all but one' or 'all but three'."""
+    """Rotors without encoder: none (''), the two edge rotors ('edges'), or all rotors except one
+    or three random ones ('all but one', 'all but three')."""
     kick: float = 0.0
-    """Rate of an edge kick that destroys the wall [rad / time unit]; 0 for no kick."""
+    """Rate of a kick at the edge that is too strong for a wall to survive [rad / time unit]; 0
+    means no kick."""
     noise_only: bool = False
-    """Whether angles are uniformly random."""
+    """Whether all angles are uniformly random, so that no wall exists."""
     degrees: bool = False
     """Whether the analyser receives degrees instead of radians."""
     start: float = math.nan
-    """Initial position [rotor spacings]; NaN for a random position."""
+    """Position of a wall at rest [rotor spacings]; NaN means a moving wall at a random position.
+    """
     jitter: float = 0.0
-    """Standard deviation of the stamps relative to the frame period [1]."""
+    """Standard deviation of the error of a time stamp, relative to the frame period [1]."""
     offsets: float = 0.0
-    """Offset of the encoders of every tenth rotor [rad]."""
+    """Offset of the encoder of every tenth rotor [rad]."""
     damping: float = 0.0
-    """Decay rate of the rates of rotors due to damping [1 / time unit]."""
+    """Rate at which damping reduces the rotor rates [1 / time unit]."""
     damping_known: bool = False
     """Whether the analyser is configured with the damping."""
     length_error: float = 0.0
     """Relative error of the configured rotor length [1]."""
     largest_impulse: float = 0.5
-    """Largest change of the speed by an impulse, relative to the speed [1]."""
+    """Largest change of the wall speed by one impulse, relative to the wall speed [1]."""
     configured_chain: Chain | None = None
-    """Wrong chain with which the analyser is configured, or None for the true chain."""
+    """Wrong chain with which the analyser is configured; None means the true chain."""
 
     @property
     def invalid_input(self) -> bool:
-        """Whether readings do not match the configured chain, so that every wall is false."""
+        """Whether the readings cannot match the configured chain, so that every wall is false."""
         return self.noise_only or self.degrees or self.configured_chain is not None
 
     @property
@@ -122,7 +132,10 @@ class AccuracyCell:
 
 
 def random_cells(seed: int, count: int) -> list[AccuracyCell]:
-    """Draw random cells from the ranges; the motion classes alternate."""
+    """Draw random cells from the ranges of this module.
+
+    Successive cells alternate between the motion classes.
+    """
     return [_drawn(number, np.random.default_rng([seed, number])) for number in range(count)]
 
 
@@ -145,7 +158,7 @@ def _drawn(number: int, random: np.random.Generator) -> AccuracyCell:
 
 
 def _chain(motion: Motion, walls: int, random: np.random.Generator) -> Chain:
-    """Draw a chain that is long enough for its walls, some widths apart."""
+    """Draw random chains until one is long enough for its walls; return this chain."""
     while True:
         rotors = round(_between(_ROTORS, random))
         rest_angle = float(random.uniform(*_REST_ANGLES))
@@ -168,27 +181,28 @@ def chain_of(rotors: int, rest_angle: float, lean_ratio: float) -> Chain:
 
 
 def _between(ends: tuple[float, float], random: np.random.Generator) -> float:
-    """Draw a number from a range with a uniform logarithm."""
+    """Draw a number from a range such that its logarithm is uniformly distributed."""
     return float(np.exp(random.uniform(*np.log(ends))))
 
 
 _LEANS = {'flipper': (33, 0.9, 0.7), 'wobbler': (33, 0.8, 1.6), 'spinner': (33, 1.1, 3.4)}
-"""Rotors, rest angle [rad] and lean ratio d of a chain of each class."""
+"""Number of rotors, rest angle [rad] and lean ratio d of one chain per motion class."""
 _OTHER = 1.3
-"""Ratio of the lean ratio of the wrong configured chain to that of the true chain [1]."""
+"""Lean ratio of the wrong configured chain, relative to that of the true chain [1]."""
 _DISORDERS = (0.01, 0.03, 0.05, 0.1)
-"""Relative standard deviations of r, a, k and M [1]."""
+"""Relative standard deviations of rotor lengths, spacings, stiffnesses and masses in the cells
+with disorder [1]."""
 
 
 def hard_cells() -> list[AccuracyCell]:
-    """Return the difficult cells, whose names describe the difficulty."""
+    """Return the difficult cells; the name of a cell describes its difficulty."""
     chains = {name: chain_of(*lean) for name, lean in _LEANS.items()}
     each = [cell for name, chain in chains.items() for cell in _of_class(name, chain)]
     return each + _of_few() + _of_model(chains)
 
 
 def _of_model(chains: dict[str, Chain]) -> list[AccuracyCell]:
-    """Return cells in which one effect dominates the stated deviations."""
+    """Return cells in which a single effect dominates the stated standard deviations."""
     edge, narrow = chain_of(40, 0.9, 0.2), chain_of(30, 1.1, 4.39)
     slow, wide = chain_of(40, 1.1, 1.25 * 2 / math.sin(1.1)), chain_of(30, 0.8, 1.6)
     cells = [
@@ -261,7 +275,7 @@ def _of_class(name: str, chain: Chain) -> list[AccuracyCell]:
 
 
 def _of_few() -> list[AccuracyCell]:
-    """Return the difficult cells that exist for single motion classes only."""
+    """Return the difficult cells that exist only for some of the motion classes."""
     flipper, wobbler, spinner = (chain_of(*lean) for lean in _LEANS.values())
     pair = chain_of(60, 0.9, 0.7)
     cells = [
@@ -305,7 +319,7 @@ _CELL_VALUES: dict[str, Callable[[AccuracyCell], object]] = {
     'walls': lambda cell: cell.walls,
 }
 CELL_COLUMNS = tuple(_CELL_VALUES)
-"""Columns that describe a cell.
+"""Columns of the table that describe a cell.
 
 Units: noise [rad], speed relative to the speed of sound [1], period [time units], run [frames per
 record], phonons [rad / time unit].
@@ -313,6 +327,6 @@ record], phonons [rad / time unit].
 
 
 def cell_values(cell: AccuracyCell) -> list[str]:
-    """Return the columns `CELL_COLUMNS` of a cell, as text."""
+    """Return the values of the columns `CELL_COLUMNS` for a cell, as text."""
     values = (of(cell) for of in _CELL_VALUES.values())
     return [f'{each:.6g}' if isinstance(each, float) else str(each) for each in values]

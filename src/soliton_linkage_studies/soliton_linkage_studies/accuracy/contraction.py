@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Lorentz contraction of walls, measured from noisy angles alone (paper, Figs. 5 and 6)."""
+"""Lorentz contraction of walls, measured from noisy angles only (paper, Figs. 5 and 6)."""
 
 from __future__ import annotations
 
@@ -44,11 +44,12 @@ SIMULATED, RECORDED = 'contraction_simulated', 'contraction_recorded'
 """File names of results for simulated walls and for walls recorded by the nodes."""
 _SOURCES = {SIMULATED: 'simulated frames', RECORDED: 'bags that the nodes recorded'}
 _QUICK_EVERY = 4
-"""A quick study uses one of this many kicks [1]."""
+"""Interval between the kicks that a quick study uses: 4 means every fourth kick [1]."""
 _QUICK_FRAMES = 400
 """Largest number of frames per wall in a quick study [1]."""
 _FEWEST_FRAMES = 10
-"""Fewest frames with the wall in the middle of its chain for a mean and a deviation [1]."""
+"""Smallest number of frames for a mean width and its standard deviation [1]. In these frames, the
+wall is in the middle of its chain."""
 
 
 @dataclass(frozen=True)
@@ -67,16 +68,16 @@ class ContractedWall:
 
 @dataclass(frozen=True)
 class Walls:
-    """One chain and its kicks [a sqrt(k_e / M)]."""
+    """One chain and the kicks [a sqrt(k_e / M)] that start its walls."""
 
     name: str
     chain: Chain
     kicks: tuple[float, ...]
     reference: Mapping[float, tuple[float, float]]
-    """Speed [a sqrt(k_e / M)] and relative width [1] of noiseless walls, by kick.
+    """Known speed [a sqrt(k_e / M)] and relative width [1] of walls without noise, by kick.
 
-    An independent integrator simulated these walls. The width is from a tanh fit, relative to a
-    slow wall in the continuum.
+    An independent integrator simulated these walls. Their width is from a tanh fit. It is divided
+    by the width of a slow wall in the continuum.
     """
 
 
@@ -88,11 +89,11 @@ class ContractionStudy:
     noise: float
     """Standard deviation of an angle [rad]."""
     frames: int
-    """Frames of a passage from edge to edge [1]."""
+    """Number of frames in which a wall passes from edge to edge [1]."""
     seed: int
 
     def tasks(self) -> list[Callable[[], Any]]:
-        """Return the tasks: passages of all walls, then the widths of the walls at rest."""
+        """Return the tasks: first the passages of all walls, then the widths of walls at rest."""
         return [
             *(
                 partial(self.passage, number, kick)
@@ -103,7 +104,10 @@ class ContractionStudy:
         ]
 
     def write(self, results: Sequence[Any], folder: Path, name: str = SIMULATED) -> None:
-        """Write table and picture of the results of the tasks, under the given file name."""
+        """Write the table and the picture of the study into a folder.
+
+        `results` are the results of the tasks in order. `name` is the file name without suffix.
+        """
         figure = Figure(figsize=(6 * len(self.walls), 5), layout='constrained')
         caption = _CAPTION.format(source=_SOURCES[name], noise=self.noise)
         report = FigureReport(figure, caption)
@@ -118,12 +122,18 @@ class ContractionStudy:
         write_table(lines, folder / f'{name}.md', list(lines))
 
     def duration(self, walls: int, kick: int) -> float:
-        """Return the duration of the recording of a crossing [time units sqrt(M / k_e)]."""
+        """Return for how long a crossing is recorded [time units sqrt(M / k_e)].
+
+        `walls` and `kick` are the indices of the chain and of its kick.
+        """
         chain, kicks = self.walls[walls].chain, self.walls[walls].kicks
         return crossing_duration(chain, kicks[kick])
 
     def passage(self, walls: int, kick: int) -> ContractedWall:
-        """Simulate a kick, with chain and kick given by index, and measure the wall."""
+        """Simulate a kick, and measure the speed and the width of its wall.
+
+        `walls` and `kick` are the indices of the chain and of its kick.
+        """
         chain, kicks = self.walls[walls].chain, self.walls[walls].kicks
         generator = np.random.default_rng([self.seed, walls, kick])
         recording = record_kick(chain, kicks[kick], self.duration(walls, kick), self.frames)
@@ -132,10 +142,11 @@ class ContractionStudy:
 
 
 def measured_passage(chain: Chain, times: Array, angles: Array) -> ContractedWall:
-    """Measure speed and width of a wall with the analyser, in the middle of the chain.
+    """Analyse frames, and measure the speed and the width of their wall.
 
-    `times` [s] has shape (T,), the noisy `angles` [rad] have shape (T, N). Raises ValueError if
-    the wall is in the middle in fewer than ten frames.
+    The wall is measured in the middle of the chain. `times` [s] has shape (T,), the noisy `angles`
+    [rad] have shape (T, N). Raises ValueError if the wall is in the middle in fewer than ten
+    frames.
     """
     analyser = Analyser(chain)
     stamps = np.rint(1e9 * times).astype(np.int64).tolist()
@@ -150,12 +161,13 @@ def passage_of(
 ) -> ContractedWall:
     """Measure speed and width of a wall on its first passage through the middle of the chain.
 
-    `times` [s] has shape (T,); only frames with exactly one wall are used. The speed is the slope
-    of a line fitted to the positions. The deviation of the speed follows from the median position
-    deviation at the two ends of the path, because a common error of all positions does not change
-    the slope. The width is the mean over the frames. The deviation of the width is the smallest
-    deviation of a frame, because the widths of successive frames are correlated. Raises ValueError
-    for fewer than ten frames.
+    `times` [s] has shape (T,). `frames` are the walls found at these times; only frames with
+    exactly one wall are used. The speed is the slope of a line fitted to the positions. Its
+    standard deviation follows from the median standard deviation of a position, applied to the
+    first and the last position. This is justified because a common error of all positions does not
+    change the slope. The width is the mean over the frames. Its standard deviation is the smallest
+    one that a frame states, because the widths of successive frames are correlated. Raises
+    ValueError for fewer than ten frames.
     """
     middle = (chain.number_of_rotors - 1) / 2
     alone = [
@@ -187,9 +199,9 @@ def passage_of(
 
 
 def rest_width(chain: Chain) -> float:
-    """Return the tanh width of a static wall relative to its width in the continuum [1].
+    """Return the width of a static wall from a tanh fit, relative to its continuum width [1].
 
-    The result is a mean over positions in one period of the chain, two spacings.
+    The result is the mean over wall positions within one period of the chain, two spacings.
     """
     middle = chain.number_of_rotors // 2 - 1
     walls = np.array([static_wall(chain, middle + position) for position in np.arange(0, 2, 0.1)])
@@ -230,7 +242,10 @@ def _walls(name: str, section: Section, quick: bool) -> Walls:
 
 
 def _widths(chain: Chain, angles: Array) -> Array:
-    """Return the finite tanh widths of frames with exactly one wall, relative to w_0 [1]."""
+    """Return the wall widths from tanh fits, relative to the continuum width w_0 [1].
+
+    Frames with an infinite width, without a wall or with several walls are left out.
+    """
     found = [find_solitons(chain, frame) for frame in angles]
     widths = np.array([walls[0].width for walls in found if len(walls) == 1])
     return np.asarray(widths[np.isfinite(widths)] / chain.wall_width)
@@ -278,7 +293,7 @@ def _draw(
 def _comparisons(
     walls: Walls, passages: Sequence[ContractedWall], rest: float
 ) -> list[Comparison]:
-    """Return the table rows: speed and width of each passage, and reference values if known."""
+    """Return the table rows: speed and width of each passage, with known reference values."""
     chain = walls.chain
     sound = speed_of_sound(chain) / chain.spacing * chain.time_unit
     lines = []

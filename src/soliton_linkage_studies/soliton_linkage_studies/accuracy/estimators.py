@@ -1,9 +1,10 @@
 # SPDX-License-Identifier: Apache-2.0
 """Estimators of the wall position from one noisy frame, and their errors on known walls.
 
-If every angle has independent noise of standard deviation sigma [rad], the Cramer-Rao bound of the
-position is sigma / Lambda [rotor spacings]. Positions are proportional to the arc length of the
-zero-energy orbit, as in `UniformOrbit`.
+The Cramer-Rao bound of the position is sigma / Lambda [rotor spacings] if every angle has
+independent noise of standard deviation sigma [rad]. Lambda is the arc length of the zero-energy
+orbit per rotor spacing [rad]. Positions are proportional to the arc length along the orbit, as in
+`UniformOrbit`.
 """
 
 from __future__ import annotations
@@ -30,25 +31,27 @@ ORBIT_NEAR = 'nearest point of the orbit'
 ORBIT_COLD = 'the same, without a guess'
 
 _FROM_EDGE = 2.0
-"""Distance from an edge, in wall widths, at which the edge changes the wall shape by 2 % [1]."""
+"""Smallest distance between a tested wall and an edge [wall widths]. At this distance, the edge
+changes the wall shape by 2 %."""
 _LOST_WIDTHS = 2.0
 """Largest position error of a successful estimate [wall widths]."""
 _LOST_BOUNDS = 6.0
-"""The same limit in Cramer-Rao bounds [1]; the larger limit applies."""
+"""Largest position error of a successful estimate, in Cramer-Rao bounds [1]. An estimate fails
+only if its error exceeds both this limit and `_LOST_WIDTHS`."""
 _QUANTILE = 0.975
-"""Probability of values below the upper limit of a 95 % interval [1]."""
+"""Probability that a value is below the upper limit of a 95 % interval [1]."""
 
 
 @dataclass(frozen=True)
 class Estimate:
-    """Estimate of a wall; quantities that the estimator does not provide are NaN or None."""
+    """Estimate of a wall. Quantities that the estimator does not provide are NaN or None."""
 
     position: float
     """Wall position [rotor spacings]."""
     margin: float = math.nan
     """Half the width of the stated 95 % interval [rotor spacings]."""
     leg: int | None = None
-    """Leg of the orbit."""
+    """Leg of the orbit: the number of the passage from edge to edge."""
 
 
 @dataclass(frozen=True)
@@ -59,28 +62,30 @@ class EstimatorTrial:
     noise: float
     """Standard deviation of an angle [rad]."""
     coarse_start: float
-    """Largest error of the initial guess of a fit [rotor spacings]."""
+    """Largest error of the initial guess that a fit receives [rotor spacings]."""
     cold_every: int
-    """Number of frames per test of the search without a guess, which is slow [1]."""
+    """Interval between the frames that test the search without a guess [frames]. This search is
+    too slow to be tested on every frame."""
 
 
 Estimator = Callable[[UniformOrbit, Array, float], Estimate]
-"""Function of the orbit, angles [rad] of shape (N,) and a guess of the arc length [rad]."""
+"""Function that estimates a wall from an orbit, angles [rad] of shape (N,) and a guess of the arc
+length along the orbit [rad]."""
 
 
 def bound(chain: Chain, noise: float) -> float:
-    """Return the Cramer-Rao bound of the position, sigma / Lambda [rotor spacings]."""
+    """Return the Cramer-Rao bound sigma / Lambda of the position error [rotor spacings]."""
     return noise / site_arc(chain)
 
 
 def inner_positions(chain: Chain) -> tuple[float, float]:
-    """Return the range of positions two wall widths from both edges [rotor spacings]."""
+    """Return the lowest and highest position two wall widths from both edges [rotor spacings]."""
     low = _FROM_EDGE * chain.wall_width / chain.spacing
     return low, chain.number_of_rotors - 1 - low
 
 
 def estimators_of(chain: Chain) -> dict[str, Estimator]:
-    """Return the estimators of a chain by name; the shifted field is for spinners only."""
+    """Return the estimators of a chain by name; only spinners have a shifted field."""
     return {
         name: estimator
         for name, estimator in ESTIMATORS.items()
@@ -91,11 +96,12 @@ def estimators_of(chain: Chain) -> dict[str, Estimator]:
 def errors(
     chain: Chain, trial: EstimatorTrial, generator: np.random.Generator
 ) -> dict[str, Array]:
-    """Return errors and margins [rotor spacings] by estimator, shape (tested frames, 2) each.
+    """Return error and margin of each tested frame [rotor spacings], by estimator.
 
-    Walls are at random positions within `inner_positions`, on all legs. An error is NaN if the
-    estimator fails: it finds no wall or several walls, its error exceeds both two wall widths and
-    six times the bound, or its leg is wrong.
+    Each array has shape (tested frames, 2). A margin is half the width of the stated 95 %
+    interval. Walls are at random positions within `inner_positions`, on random legs. The error is
+    NaN if the estimator fails. An estimator fails if it finds no wall or several walls, if its leg
+    is wrong, or if its error exceeds both two wall widths and six Cramer-Rao bounds.
     """
     orbit = orbit_of(chain)
     lost = max(
@@ -121,10 +127,11 @@ def errors(
 
 
 def bias_by_position(chain: Chain, points: int) -> tuple[Array, dict[str, Array]]:
-    """Return the noiseless bias of each estimator over one period of the chain.
+    """Return the bias of each estimator without noise, over one period of the chain.
 
-    Returns positions relative to an even rotor and errors by estimator, each [rotor spacings] and
-    of shape (points,). `static_wall` computes the walls, independently of the orbit.
+    Returns wall positions relative to an even rotor, and the errors by estimator. All arrays have
+    shape (points,) and the unit [rotor spacings]. The walls are from `static_wall`, a computation
+    that is independent of the orbit.
     """
     orbit = orbit_of(chain)
     rotor = 2 * (chain.number_of_rotors // 4)
@@ -158,7 +165,10 @@ def _crossing_of_shifted_field(orbit: UniformOrbit, angles: Array, _guess: float
 
 
 def _tanh_fit(orbit: UniformOrbit, angles: Array, _guess: float) -> Estimate:
-    """Estimate the position with `find_solitons`; the interval assumes a normal error."""
+    """Estimate the position with `find_solitons`.
+
+    The interval assumes that errors are normally distributed.
+    """
     walls = find_solitons(orbit.chain, angles)
     if len(walls) != 1:
         return Estimate(math.nan)
@@ -175,7 +185,10 @@ def _orbit_cold(orbit: UniformOrbit, angles: Array, _guess: float) -> Estimate:
 
 
 def _orbit_estimate(orbit: UniformOrbit, fit: NearestPoint) -> Estimate:
-    """Return the estimate with a Student interval, because the misfit estimates the noise."""
+    """Return the estimate that belongs to a nearest point of the orbit.
+
+    The interval is from Student's t distribution, because the noise is estimated from the misfit.
+    """
     freedom = len(orbit.segment(fit.arc).angles) - 1
     deviation = fit.misfit / math.sqrt(fit.information) / orbit.site_arc
     margin = float(stdtrit(freedom, _QUANTILE)) * deviation

@@ -27,11 +27,12 @@ from soliton_linkage_studies.accuracy.statistics import Line, accuracy_of, write
 from soliton_linkage_studies.settings import Section, chain_from
 
 _CHUNK = 250
-"""Number of frames per task, about one second of work [1]; it determines the frames of a seed."""
+"""Number of frames per task [1]. A task takes about one second. Another value changes the random
+frames that belong to a seed."""
 _QUICK_FRAMES = 400
 """Largest number of frames per chain and noise in a quick study [1]."""
 _POINTS = 81
-"""Number of wall positions in two spacings, 40 per spacing [1]."""
+"""Number of wall positions over two spacings, with 40 intervals per spacing [1]."""
 
 
 @dataclass(frozen=True)
@@ -42,11 +43,14 @@ class FrameStudy:
     noises: tuple[float, ...]
     """Standard deviations of an angle [rad]."""
     trial: EstimatorTrial
-    """Parameters for each combination of chain and noise."""
+    """Parameters of the tested frames, the same for each combination of chain and noise."""
     seed: int
 
     def tasks(self) -> list[Callable[[], Any]]:
-        """Return the tasks: errors in chunks of frames with individual seeds, then biases."""
+        """Return the tasks: first the errors in chunks of frames, then the bias of each chain.
+
+        Each chunk has its own seed.
+        """
         cells = product(range(len(self.chains)), range(len(self.noises)), range(self._chunks))
         return [
             *(partial(self.sample, *numbers) for numbers in cells),
@@ -54,7 +58,7 @@ class FrameStudy:
         ]
 
     def write(self, results: Sequence[Any], folder: Path) -> None:
-        """Write tables and pictures of the results of the tasks."""
+        """Write tables and pictures; `results` are the results of the tasks in order."""
         biases = list(zip(self.chains, results[-len(self.chains) :], strict=True))
         lines = self.lines(results[: -len(self.chains)])
         write_lines(lines, folder)
@@ -62,9 +66,10 @@ class FrameStudy:
         draw_bias(biases).save(folder, 'bias_by_position')
 
     def sample(self, chain: int, noise: int, chunk: int) -> dict[str, Array]:
-        """Return errors and margins by estimator [rotor spacings].
+        """Return error and margin of each tested frame [rotor spacings], by estimator.
 
-        `chain`, `noise` and `chunk` are indices; the result depends only on them and the seed.
+        `chain`, `noise` and `chunk` are indices. The result depends only on these indices and the
+        seed.
         """
         frames = min(_CHUNK, self.trial.frames - chunk * _CHUNK)
         trial = replace(self.trial, frames=frames, noise=self.noises[noise])
@@ -72,7 +77,10 @@ class FrameStudy:
         return errors(self.chains[chain], trial, generator)
 
     def lines(self, samples: Sequence[dict[str, Array]]) -> list[Line]:
-        """Return the table rows; samples are ordered by chain, noise and chunk."""
+        """Return the table rows.
+
+        `samples` must be ordered by chain, then by noise, then by chunk.
+        """
         lines = []
         cells = list(product(self.chains, self.noises))
         for cell, (chain, noise) in enumerate(cells):
@@ -107,7 +115,10 @@ def read_frame_study(section: Section, quick: bool) -> FrameStudy:
 
 
 def _chain_of(section: Section) -> Chain:
-    """Return the chain; raises ValueError if no position is two wall widths from both edges."""
+    """Return the chain of a section of the settings.
+
+    Raises ValueError if the chain is too short for a position two wall widths from both edges.
+    """
     chain = chain_from(section)
     low, high = inner_positions(chain)
     if low >= high:

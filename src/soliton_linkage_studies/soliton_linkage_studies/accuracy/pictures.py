@@ -60,21 +60,24 @@ _STYLES = dict(zip(ESTIMATORS, cycle(zip(COLOURS, MARKERS, strict=True)), strict
 _SIZE = 6
 """Marker size [points]."""
 _OFFSET = 0.15
-"""Horizontal offset between the estimators of a chain; the distance between chains is 1."""
+"""Horizontal offset between the estimators of a chain, relative to the distance between chains
+[1]."""
 _SIGNIFICANT = 3.0
-"""Threshold of a significant bias [standard errors]; its false-positive rate is 0.3 %."""
+"""Threshold of a significant bias [standard errors]: a bias counts as different from 0 if it
+exceeds this threshold. The false-positive rate is 0.3 %."""
 _UNBIASED = 0.002
-"""Bias below which an estimator is regarded as unbiased [rotor spacings], far below every
-bound."""
+"""Threshold of the bias [rotor spacings]: an estimator counts as unbiased if its absolute bias is
+smaller. This threshold is far below the Cramer-Rao bounds of the study."""
 _LEAST_BIAS = 1e-5
 """Lower limit of the bias axis [rotor spacings]."""
 _ROUNDING = 1e-12
-"""Lower limit of a drawn noiseless bias [rotor spacings]."""
+"""Smallest drawn bias of an estimator without noise [rotor spacings]. Smaller values are drawn at
+this limit."""
 _BEYOND = 'position beyond an even rotor [rotor spacings]'
 
 
 def draw_accuracy(lines: Sequence[Line]) -> FigureReport:
-    """Draw the ratio of standard deviation and bound, bias and coverage, one column per noise."""
+    """Draw standard deviation relative to the bound, bias and coverage, one column per noise."""
     noises = sorted({line.noise for line in lines})
     chains = list(dict.fromkeys(line.chain for line in lines))
     width = 1.5 + 0.6 * (len(chains) + 1) * len(noises)
@@ -105,7 +108,7 @@ def draw_accuracy(lines: Sequence[Line]) -> FigureReport:
 
 
 def draw_bias(biases: Sequence[tuple[Chain, tuple[Array, dict[str, Array]]]]) -> FigureReport:
-    """Draw the noiseless bias against the position between rotors, one panel per chain."""
+    """Draw the bias without noise against the position between rotors, one panel per chain."""
     rows = (len(biases) + 2) // 3
     caption = _BIASES.format(unbiased=_UNBIASED, rounding=_ROUNDING)
     report = FigureReport(Figure(figsize=(13, 1 + 3.6 * rows), layout='constrained'), caption)
@@ -164,7 +167,10 @@ def _dress(column: Sequence[Axes], noise: float, names: Sequence[str]) -> None:
 
 
 def _dashes(name: str) -> Literal['-', ':']:
-    """Return the line style; dots for the search without a guess show the line below."""
+    """Return the line style of an estimator.
+
+    The line of the search without a guess is dotted, so that the line below it remains visible.
+    """
     return ':' if name == ORBIT_COLD else '-'
 
 
@@ -188,9 +194,10 @@ three times this duration.
 """
 _COLOURS = {Motion.FLIPPER: BLUE, Motion.WOBBLING_FLIPPER: ORANGE, Motion.SPINNER: GREEN}
 _LIMITS = (0.95, 1.05)
-"""Range of the root mean square in which stated deviations are consistent with errors [1]."""
+"""Range of the rms normalised error in which the stated standard deviations count as consistent
+with the errors [1]."""
 _MOST = 20.0
-"""Largest drawn normalised error; larger errors are drawn at this limit [1]."""
+"""Largest drawn normalised error [1]. Larger errors are drawn at this limit."""
 _SHOWN = (
     ('cell', '', ''),
     ('class', '', ''),

@@ -31,13 +31,13 @@ from soliton_linkage_studies.sweep.table import fill_table, read_rows
 
 
 class AccuracyPart(Protocol):
-    """Part of the study, a section of the settings file."""
+    """Independent part of the study, with its own section in the settings file."""
 
     def tasks(self) -> list[Callable[[], Any]]:
-        """Return the measurements as tasks for other processes."""
+        """Return the measurements as tasks that other processes can run."""
 
     def write(self, results: Sequence[Any], folder: Path) -> None:
-        """Write tables and pictures into a folder, from the results of the tasks in order."""
+        """Write tables and pictures into a folder; `results` are those of the tasks in order."""
 
 
 PARTS: dict[str, Callable[[Section, bool], AccuracyPart]] = {
@@ -91,7 +91,10 @@ def _written(options: argparse.Namespace) -> str:
 def read_parts(
     settings: Section, quick: bool, names: Sequence[str] | None = None
 ) -> list[AccuracyPart]:
-    """Read the named parts of the settings, by default all; raises ValueError if invalid."""
+    """Read the parts with the given names from the settings; None means all parts.
+
+    Raises ValueError for invalid settings.
+    """
     settings.check_keys(*PARTS, CELLS)
     if not settings.values:
         raise ValueError(f'{settings.file}: is empty; give one or more of {", ".join(PARTS)}')
@@ -100,7 +103,7 @@ def read_parts(
 
 
 def _measure(parts: Sequence[AccuracyPart], folder: Path, workers: int) -> None:
-    """Measure and write parts.
+    """Measure all parts and write their results.
 
     The order of the tasks is random, so that the estimate of the remaining time is realistic.
     """
@@ -113,7 +116,10 @@ def _measure(parts: Sequence[AccuracyPart], folder: Path, workers: int) -> None:
 
 
 def _fill_cells(study: CellStudy, folder: Path, workers: int, against: Path | None) -> list[str]:
-    """Measure the cells that a folder does not contain, and draw all cells; return a summary."""
+    """Measure the cells that are missing in the table of a folder, and draw all cells.
+
+    Returns the lines of a summary.
+    """
     earlier = read_rows(against) if against else []
     if against:
         check_comparable(study.all, study.seed, earlier)

@@ -1,9 +1,10 @@
 # SPDX-License-Identifier: Apache-2.0
 """Errors of the recursive estimator for a wall at constant velocity, against the frame number.
 
-The Cramer-Rao bound is that of a line fit to n frames with period dt, each with the position
-variance s^2 = (sigma / Lambda)^2. It is 2 (2 n - 1) / (n (n + 1)) s^2 for the position in the last
-frame, and 12 / (n (n^2 - 1) dt^2) s^2 for the velocity.
+The errors are compared with the Cramer-Rao bounds of a line that is fitted to the positions in n
+frames. The frame period is dt, and each position has the variance s^2 = (sigma / Lambda)^2. The
+bound of the variance is 2 (2 n - 1) / (n (n + 1)) s^2 for the position in the last frame. It is 12
+/ (n (n^2 - 1) dt^2) s^2 for the velocity.
 """
 
 from __future__ import annotations
@@ -34,13 +35,16 @@ Relative error of the velocity. Blue lines are root mean squares over {runs} run
 are the standard deviations stated by the estimator. Dotted black lines are the Cramér-Rao bound.
 """
 _CLEAR = 8.0
-"""Distance from the edges at which a run starts and ends, if its path is short enough [rotors]."""
+"""Smallest distance between the path of a wall and the edges [rotors]. In a short chain, the
+distance is as large as possible."""
 _QUICK_RUNS = 4
 """Largest number of runs per chain in a quick study [1]."""
 _SHOWN = 60
-"""Number of evaluated frame counts, before duplicates are removed [1]."""
+"""Number of frame counts at which errors are evaluated [1]. Counts that are equal after rounding
+are evaluated once."""
 _FEWEST = 3
-"""Smallest evaluated frame count [1]; two frames give a line without residuals."""
+"""Smallest frame count at which errors are evaluated [1]. A line through two frames has no
+residuals."""
 _QUANTITIES = ('position [rotor spacings]', 'velocity, relative')
 
 
@@ -56,13 +60,13 @@ class RecordStudy:
     frame_rate: float
     """Frame rate [Hz]."""
     frames: int
-    """Frames per run [1]."""
+    """Number of frames per run [1]."""
     runs: int
     seed: int
 
     @property
     def shown(self) -> Array:
-        """Evaluated frame counts, evenly spaced on a logarithmic scale."""
+        """Frame counts at which errors are evaluated, evenly spaced on a logarithmic scale."""
         return np.unique(np.geomspace(_FEWEST, self.frames, _SHOWN).round().astype(np.int64))
 
     def tasks(self) -> list[Callable[[], Any]]:
@@ -74,7 +78,7 @@ class RecordStudy:
         ]
 
     def write(self, results: Sequence[Any], folder: Path) -> None:
-        """Write table and picture of the results of the tasks."""
+        """Write the table and the picture; `results` are the results of the tasks in order."""
         figure = Figure(figsize=(1 + 4.5 * len(self.chains), 8), layout='constrained')
         caption = _CAPTION.format(
             speed=self.speed, noise=self.noise, rate=self.frame_rate, runs=self.runs
@@ -94,9 +98,10 @@ class RecordStudy:
     def run(self, chain: int, run: int) -> Array:
         """Simulate a run; return errors of position and velocity and their stated deviations.
 
-        The shape is (4, evaluated frames), with positions in [rotor spacings] and velocities
-        relative to the true velocity. The leg of the orbit is random. The distance from the edges
-        is as large as the path allows, up to eight rotors.
+        The result has shape (4, evaluated frame counts). Its rows are the position error [rotor
+        spacings], the relative velocity error [1], and the stated standard deviations of both. The
+        wall moves on a random leg of the orbit. Its path keeps as far from both edges as possible,
+        up to eight rotors.
         """
         # This slow import is not needed by the other parts of the command.
         from soliton_linkage.estimation.orbit_filter import OrbitFilter
@@ -125,7 +130,7 @@ class RecordStudy:
         return np.array(found).T
 
     def _begin(self, orbit: UniformOrbit, generator: np.random.Generator) -> float:
-        """Draw the arc length at the start of a run [rad]."""
+        """Draw the arc length along the orbit at which the wall starts [rad]."""
         last = orbit.chain.number_of_rotors - 1.0
         room = max(last - self.speed * self.frames / self.frame_rate, 0.0)
         clear = min(_CLEAR, room / 2)
@@ -134,7 +139,10 @@ class RecordStudy:
         return orbit.arc_at(ahead if leg % 2 == 0 else last - ahead, leg)
 
     def bounds(self, chain: Chain) -> tuple[Array, Array]:
-        """Return the Cramer-Rao bounds of position [rotor spacings] and relative velocity [1]."""
+        """Return the bounds of the errors of position [rotor spacings] and relative velocity [1].
+
+        Both arrays have one value per evaluated frame count.
+        """
         n = self.shown.astype(np.float64)
         single = bound(chain, self.noise)
         of_position = single * np.sqrt(2 * (2 * n - 1) / (n * (n + 1)))

@@ -34,7 +34,7 @@ _POINTS = 60
 _QUICK_STEPS = 1000
 """Largest number of steps in a quick study [1]."""
 _PERIOD = 0.1
-"""Frame period [time units]; the tolerance determines the step size."""
+"""Frame period [time units]. The step size of the solver follows from its tolerance."""
 _QUANTITIES = ('length', 'energy')
 
 
@@ -45,7 +45,7 @@ class RigidSteps:
     chains: tuple[Chain, ...]
     steps: int
     speed: float
-    """Initial speed, the norm over all rotors [rad / time unit]."""
+    """Norm of the vector of the initial rotor rates [rad / time unit]."""
     gravity: Gravity
 
     def tasks(self) -> list[Callable[[], Any]]:
@@ -53,7 +53,7 @@ class RigidSteps:
         return [partial(self.errors, chain) for chain in self.chains]
 
     def write(self, results: Sequence[Any], folder: Path) -> None:
-        """Write table and picture of the results of the tasks."""
+        """Write the table and the picture; `results` are the results of the tasks in order."""
         caption = _CAPTION.format(steps=self.steps, rounding=_ROUNDING)
         report = FigureReport(Figure(figsize=(11, 4.8), layout='constrained'), caption)
         panels = report.figure.subplots(1, 2, sharex=True)
@@ -82,7 +82,11 @@ class RigidSteps:
         )
 
     def errors(self, chain: Chain) -> tuple[Array, Array, Array]:
-        """Return step counts, and the largest length and energy errors since the last count."""
+        """Simulate a chain; return step counts, errors of bar lengths and errors of the energy.
+
+        All arrays have the same shape. Each error is the largest one since the previous step
+        count.
+        """
         angles = chain.uniform_state(-1)
         rates = self.speed / chain.time_unit * mode_towards_last(chain, angles)
         period = _PERIOD * chain.time_unit

@@ -33,28 +33,32 @@ from soliton_linkage_studies.settings import Section
 from soliton_linkage_studies.sweep.table import fingerprint
 
 _LOST_WIDTHS = 2.0
-"""Largest error of a wall that is regarded as found [wall widths]."""
+"""Threshold of a lost wall [wall widths]. A wall counts as lost if its position error exceeds the
+largest of the three thresholds `_LOST_WIDTHS`, `_LOST` and `_LOST_DEVIATIONS`."""
 _LOST = 1.0
-"""Largest error of a wall that is regarded as found, in rotor spacings; the largest limit
-applies."""
+"""Threshold of a lost wall [rotor spacings]."""
 _LOST_DEVIATIONS = 6.0
-"""Largest error of a wall that is regarded as found, in stated standard deviations."""
+"""Threshold of a lost wall, in stated standard deviations of the position [1]."""
 _LARGEST_DEVIATION = 0.25
-"""Stated deviation, relative to the chain length, above which a wall is false [1]."""
+"""Threshold of the stated standard deviation of a position, relative to the chain length [1]. A
+reported wall counts as false if its standard deviation is larger."""
 _FALSE_MISFIT = 0.5
-"""Rms misfit of the rotors near a reported wall, above which the wall is false [rad]."""
+"""Threshold of the rms misfit of the rotors near a reported wall [rad]. The wall counts as false
+if the misfit is larger."""
 _CORE = 2.5
-"""Largest distance from the wall of the rotors in this misfit [rotor spacings]."""
+"""Largest distance between a wall and the rotors that contribute to this misfit [rotor spacings].
+"""
 _SCENES = 8
-"""Largest number of scenes per cell, from which records are drawn [1]."""
+"""Largest number of scenes per cell [1]. Each record is a random section of a scene."""
 _LONGER = 2
-"""Ratio of the number of frames of a scene to that of a record [1]."""
+"""Number of frames of a scene, relative to the number of frames of a record [1]."""
 _NEAR = 3.0
-"""Largest distance of the wrong reading from the wall in half of the records [rotor spacings]."""
+"""Largest distance between the wall and the wrong reading [rotor spacings]. This limit applies to
+half of the records."""
 
 
 def records(cell: AccuracyCell, frames: int, random: np.random.Generator) -> Iterator[Scores]:
-    """Simulate records of `frames` frames in total; yield the scores of each record."""
+    """Simulate records with `frames` frames in total; yield the scores of each record."""
     run = min(cell.run, frames)
     left, template = frames, Analyser(cell.analysed_chain)
     scenes: list[WallScene] = []
@@ -79,7 +83,10 @@ def record(
     frames: range,
     random: np.random.Generator,
 ) -> Scores:
-    """Run a copy of a new analyser on the frames of a record; return its scores."""
+    """Analyse the frames of a record with a copy of `template`; return the scores of the record.
+
+    `template` is an analyser without any data.
+    """
     analyser, scores = deepcopy(template), Scores()
     if scene.charges:
         sound = speed_of_sound(cell.chain) / cell.chain.spacing
@@ -132,7 +139,10 @@ def _rotors_with_encoder(
 
 
 def _wrong_rotor(position: float, rotors: int, random: np.random.Generator) -> int:
-    """Draw the rotor with the wrong reading: any rotor or one near the wall, equally probable."""
+    """Draw the rotor with the wrong reading.
+
+    Any rotor of the chain and a rotor near the wall are equally probable choices.
+    """
     if random.integers(2):
         return int(random.integers(rotors))
     return min(max(round(position + random.uniform(-_NEAR, _NEAR)), 0), rotors - 1)
@@ -168,7 +178,7 @@ def _score(
 
 
 def _matches(cell: AccuracyCell, wall: AnalysedSoliton, position: float) -> bool:
-    """Return whether a reported wall matches the true wall at a position."""
+    """Return whether a reported wall is close to the position of a true wall [rotor spacings]."""
     chain = cell.chain
     deviation = wall.position_deviation / chain.spacing
     if deviation > _LARGEST_DEVIATION * chain.number_of_rotors:
@@ -197,7 +207,7 @@ def _wall_values(
 
 
 def _is_false(cell: AccuracyCell, angles: Array, wall: AnalysedSoliton) -> bool:
-    """Return whether the rotors near a reported wall match no wall configuration."""
+    """Return whether the rotors near a reported wall do not have the shape of a wall."""
     chain = cell.chain
     if (
         cell.invalid_input
@@ -216,7 +226,7 @@ def _is_false(cell: AccuracyCell, angles: Array, wall: AnalysedSoliton) -> bool:
 
 
 def _score_shift(cell: AccuracyCell, analysis: Analysis, clean: Analysis, scores: Scores) -> None:
-    """Score the shift of a single wall by a wrong reading, in stated deviations."""
+    """Score how far a wrong reading moves a single wall, in stated standard deviations."""
     if len(clean.solitons) != 1:
         return
     before = clean.solitons[0]
@@ -235,7 +245,7 @@ _QUICK_CELLS = 15
 
 @dataclass(frozen=True)
 class CellStudy:
-    """Study of random and difficult cells, limited to the names in `only` if given."""
+    """Study of random and difficult cells; `only` are the names of its cells, if not empty."""
 
     seed: int
     count: int
@@ -245,7 +255,7 @@ class CellStudy:
 
     @cached_property
     def all(self) -> list[AccuracyCell]:
-        """Cells in the order of the rows; raises ValueError for an unknown name."""
+        """Cells in the order of the rows. Raises ValueError if `only` contains an unknown name."""
         known = [*random_cells(self.seed, self.count), *hard_cells()]
         names = select_names([cell.name for cell in known], self.only, '--cells')
         return [cell for cell in known if cell.name in names]
@@ -261,7 +271,10 @@ class CellStudy:
         return len(self.all)
 
     def cells(self, row: int) -> list[str]:
-        """Measure a cell; return its columns as text, with the error if the measurement fails."""
+        """Measure the cell of a row, and return its columns as text.
+
+        If the measurement fails, the last column is the error message.
+        """
         cell = self.all[row]
         line: dict[str, float] = {}
         failure = ''
@@ -276,7 +289,7 @@ class CellStudy:
         return [str(row), cell.name, *cell_values(cell), *measured, failure]
 
     def described(self) -> dict[str, Any]:
-        """Return everything that determines the rows, including a fingerprint of the estimator."""
+        """Return all data that determine the rows, with a fingerprint of the estimator code."""
         return {
             'seed': self.seed,
             'frames': self.frames,

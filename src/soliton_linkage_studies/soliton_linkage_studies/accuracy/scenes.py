@@ -1,11 +1,11 @@
 # SPDX-License-Identifier: Apache-2.0
 """Noiseless frames of elastic chains, and the true positions of the walls in them.
 
-The position of a wall is the point of its static path nearest to the noiseless frame. It is
+The position of a wall is that of the static wall nearest to the noiseless frame. This position is
 averaged over one period of the slowest phonon, or over the passage of a rotor if that is shorter,
-so that oscillations due to phonons are removed. The rate is the slope of a line fitted to
-positions over three times this duration. For slow walls, whose speed varies between rotors, and
-with damping, it is the slope of a cubic. Averages never extend across an impulse.
+so that oscillations due to phonons are removed. The rate is the slope of a line that is fitted to
+the positions over three times this duration. A cubic replaces the line for slow walls, because
+their speed varies between rotors, and for damped rotors. No average extends across an impulse.
 """
 
 from __future__ import annotations
@@ -41,68 +41,73 @@ from soliton_linkage_studies.accuracy.walls import (
 )
 
 _SLOW = 0.25
-"""Largest displacement of a slow wall in a period of the slowest phonon [rotor spacings]."""
+"""Threshold of a slow wall [rotor spacings]: a wall counts as slow if its displacement in a period
+of the slowest phonon is smaller."""
 _SETTLED = (20, 400)
 """Range of the number of frames between a kick and the start of a scene [1]."""
 # Scenes with one wall:
 _FROM_EDGE = 1.0
-"""Distance from an edge within which walls are not scored [rotor spacings].
+"""Smallest distance between a scored wall and an edge [rotor spacings].
 
-The edge absorbs the wall there.
+A wall closer to an edge is not scored, because the edge absorbs the wall.
 """
 _BEGIN = 2.0
-"""Least distance from an edge at the start [rotor spacings]."""
+"""Smallest distance between a wall and an edge at the start of a scene [rotor spacings]."""
 _SAMPLES = 200
-"""Number of samples of the orbit near the first edge, to locate the rest state on the orbit
-[1]."""
+"""Number of samples of the orbit near the first edge [1]. They locate the rest state on the orbit.
+"""
 _LEGS = 2.0
-"""Longest path of a kicked wall before the scene starts [legs]."""
+"""Longest path of a kicked wall before the scene starts [legs]. A leg is a passage from edge to
+edge."""
 _CHAINS = 200
-"""Largest number of disorder draws until a wall can pass through the chain [1]."""
+"""Largest number of disordered chains that are drawn until a wall can pass through one [1]."""
 _IMPULSE_REACH = 1.5
-"""Range of an impulse on either side of the wall [rotor spacings]."""
+"""Largest distance between the wall and a rotor that receives an impulse [rotor spacings]."""
 # Scenes with several walls:
 _FEWEST = 20
-"""Smallest number of frames of a scene [1]."""
+"""Smallest number of frames of a scene with several walls [1]."""
 _DRAWS = 20
-"""Largest number of draws until the walls stay intact and apart for `_FEWEST` frames [1]."""
+"""Largest number of scenes that are drawn until the walls of one stay intact and apart for
+`_FEWEST` frames [1]."""
 _SLOWER = 0.7
 """Factor by which each further draw reduces the initial speed of anti-kinks [1]."""
 _JITTER = 0.05
-"""Random shift of the initial wall positions, relative to their distance [1]."""
+"""Largest random shift of an initial wall position, relative to the distance between walls [1]."""
 _CORE = 3.0
-"""Largest distance from a wall of the rotors that show whether it is intact [rotor spacings]."""
+"""Largest distance between a wall and the rotors that are tested to find out whether the wall is
+intact [rotor spacings]."""
 
 
 @dataclass(frozen=True)
 class WallScene:
-    """Noiseless frames and the walls in them."""
+    """Noiseless frames and the true walls in them: K walls in T frames."""
 
     angles: Array
-    """Actual angles [rad], shape (T, N)."""
+    """Angles without encoder errors [rad], shape (T, N)."""
     kinetic: Array
     """Kinetic energy [J], shape (T,)."""
     positions: Array
-    """Averaged positions of the walls [rotor spacings], shape (T, K)."""
+    """Wall positions, averaged over time [rotor spacings], shape (T, K)."""
     instants: Array
-    """Positions without the average over time [rotor spacings], shape (T, K)."""
+    """Wall positions without the average over time [rotor spacings], shape (T, K)."""
     site_rates: Array
     """Velocities of the walls [rotor spacings / s], shape (T, K)."""
     charges: tuple[int, ...]
     legs: Array
-    """Leg of the orbit for a single wall, otherwise -1, shape (T,)."""
+    """Leg of the orbit (number of the passage from edge to edge), shape (T,). It is -1 unless the
+    scene has exactly one wall."""
     scored: NDArray[np.bool_]
-    """Whether a wall is far enough from edges and other walls, shape (T, K)."""
+    """Whether a wall is scored, shape (T, K). Walls near an edge are not."""
     impulse_frames: tuple[int, ...] = ()
-    """First frames after an impulse."""
+    """Number of the first frame after each impulse."""
     impulses: tuple[Array, ...] = ()
-    """Angular impulses [N m s], shape (N,) each."""
+    """Angular impulses on the rotors [N m s], shape (N,) for each impulse."""
 
 
 def scene_of(
     cell: AccuracyCell, frames: int, random: np.random.Generator, impulse_count: int = 0
 ) -> WallScene:
-    """Simulate a scene of at least `frames` frames, or fewer if several walls meet.
+    """Simulate a scene of `frames` frames, or fewer if several walls meet.
 
     `impulse_count` is the number of impulses on a single wall.
     """
@@ -130,7 +135,10 @@ def _without_walls(angles: Array, kinetic: Array) -> WallScene:
 
 
 def frames_beside(speed: float, cell: AccuracyCell) -> int:
-    """Return the half width of the average [frames] for a wall speed [rotor spacings / s]."""
+    """Return the number of frames on each side that an average contains.
+
+    `speed` is the wall speed [rotor spacings / s].
+    """
     time = 1 / max(abs(speed), gap(cell.chain) / (2 * math.pi))
     return max(round(time / (cell.period * cell.chain.time_unit) / 2), 1)
 
@@ -138,10 +146,11 @@ def frames_beside(speed: float, cell: AccuracyCell) -> int:
 def averages_and_slopes(
     values: Array, beside: int, breaks: list[int] | None = None, cubic: bool = False
 ) -> tuple[Array, Array]:
-    """Return averages over `beside` values on either side, and slopes over three times as many.
+    """Return a moving average and a slope for each value.
 
-    Windows do not extend across `breaks`. Slopes are those of fitted lines, or of cubics if
-    `cubic`.
+    An average contains `beside` values on either side, a slope three times as many. No window
+    extends across the indices `breaks`. A slope is that of a fitted line, or of a fitted cubic if
+    `cubic` is true.
     """
     means, slopes = np.empty_like(values), np.empty_like(values)
     for begin, end in pairwise([0, *(breaks or []), len(values)]):
@@ -158,7 +167,7 @@ def averages_and_slopes(
 
 
 def _convolved(values: Array, weights: Array) -> Array:
-    """Convolve with weights; the values are continued by odd reflection at both ends."""
+    """Convolve values with weights; odd reflection continues the values beyond both ends."""
     beside = len(weights) // 2
     if not beside:
         return np.asarray(weights[0] * values)
@@ -171,10 +180,10 @@ def _convolved(values: Array, weights: Array) -> Array:
 @dataclass(frozen=True)
 class _Start:
     springs: Springs
-    """Chain with its deviations, at the start."""
+    """Simulation of the chain with its deviations from the uniform chain, at the start."""
     orbit: Orbit
     arc: float
-    """Approximate arc of the wall on its orbit [rad]."""
+    """Approximate arc length of the wall along its orbit [rad]."""
     speed: float
     """Speed of the wall [rotor spacings / s]."""
 
@@ -182,7 +191,7 @@ class _Start:
 def _single_wall(
     cell: AccuracyCell, frames: int, random: np.random.Generator, impulse_count: int
 ) -> WallScene:
-    """Simulate a wall from a random orbit position, with impulses at random frames."""
+    """Simulate one wall from a random position of its orbit, with impulses at random frames."""
     start = _started(cell, random)
     springs, orbit = start.springs, start.orbit
     chain, last = cell.chain, cell.chain.number_of_rotors - 1
@@ -207,7 +216,7 @@ def _single_wall(
         kinetic.append(float(springs.chain.kinetic_energy(springs.rates)))
         raw.append(arc)
     slow = abs(start.speed) < _SLOW * gap(chain) / (2 * math.pi)
-    # The slope of a line is too large for an exponential decay of the speed.
+    # # The speed decays exponentially, so that the slope of a fitted line would be too large.
     cubic = slow or cell.damping > 0
     means, slopes = averages_and_slopes(np.array(raw), beside, at, cubic)
     kept = slice(margin, total - margin)
@@ -265,7 +274,7 @@ def _started(cell: AccuracyCell, random: np.random.Generator) -> _Start:
 
 
 def _nudged(cell: AccuracyCell, orbit: Orbit, random: np.random.Generator) -> _Start:
-    """Kick a wall off the first edge and let it run for up to two legs."""
+    """Kick a wall off the first edge, and simulate up to two passages from edge to edge."""
     chain = cell.chain
     left = chain.uniform_state(1) + math.pi
     angles = left if chain.motion is Motion.SPINNER else chain.uniform_state(-1)
@@ -285,7 +294,10 @@ def _nudged(cell: AccuracyCell, orbit: Orbit, random: np.random.Generator) -> _S
 def _apply_impulse(
     start: _Start, arc: float, largest: float, random: np.random.Generator
 ) -> Array:
-    """Apply a random impulse to the rotors near the wall; return the angular impulses [N m s]."""
+    """Apply a random impulse to the rotors near the wall; return the angular impulses [N m s].
+
+    `largest` is the largest change of the wall speed, relative to the wall speed [1].
+    """
     orbit = start.orbit
     near = np.abs(np.arange(orbit.chain.number_of_rotors) - orbit.site(arc)) < _IMPULSE_REACH
     change = start.speed * random.uniform(-largest, largest)
@@ -295,7 +307,11 @@ def _apply_impulse(
 
 
 def _orbit(cell: AccuracyCell, random: np.random.Generator) -> Orbit:
-    """Return the orbit of the true chain; deviations are drawn until a wall can pass."""
+    """Return the orbit of the true chain.
+
+    If the cell has disorder, chains are drawn until a wall can pass through one of them. Raises
+    ArithmeticError if no chain qualifies.
+    """
     if not cell.disorder:
         return _uniform_orbit(cell.chain)
     for _ in range(_CHAINS):
@@ -323,7 +339,10 @@ def _uniform_orbit(chain: Chain) -> Orbit:
 
 
 def _several_walls(cell: AccuracyCell, frames: int, random: np.random.Generator) -> WallScene:
-    """Simulate alternating kinks and anti-kinks until they meet; ArithmeticError if too early."""
+    """Simulate alternating kinks and anti-kinks until two of them meet.
+
+    Raises ArithmeticError if the walls meet too early in every draw.
+    """
     for draw in range(_DRAWS):
         begins = 1 if random.integers(2) else -1
         charges = tuple(begins * (-1) ** number for number in range(cell.walls))

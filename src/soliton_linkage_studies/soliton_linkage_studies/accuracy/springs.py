@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """Integrator of elastic chains that is independent of the simulator.
 
-Both share only the geometry of a spring. The integrator is Suzuki's composition of five leapfrog
-steps, which is symplectic and of fourth order:
+The integrator and the simulator share only the code for the geometry of a spring. The integrator
+is Suzuki's composition of five leapfrog steps, which is symplectic and of fourth order:
 
     x += w h v / 2,  v += w h F(x) / I,  x += w h v / 2  for w = p, p, 1 - 4 p, p, p,
 
@@ -23,9 +23,10 @@ from soliton_linkage.linkage.springs import spring_between
 _spring = compile_loop(spring_between, inlined=True)
 
 _STEP = 0.1
-"""Largest step [time units]; the energy of a wall at v = 0.9 c is then constant to 1e-6."""
+"""Largest step [time units]. With this step, the energy of a wall at v = 0.9 c is constant to
+1e-6."""
 _SHARE = 1 / (4 - 4 ** (1 / 3))
-"""Weight p of a leapfrog [1]."""
+"""Weight p of a leapfrog step [1]."""
 _WEIGHTS = np.array([_SHARE, _SHARE, 1 - 4 * _SHARE, _SHARE, _SHARE])
 """Weights of the five leapfrog steps, relative to the whole step [1]."""
 
@@ -44,14 +45,18 @@ class Springs:
         self._lengths, self._inertias = chain.rotor_lengths, chain.moments_of_inertia
 
     def advance(self, damping: Array | None = None) -> None:
-        """Advance by one period; `damping` [1/s], shape (N,), is the decay rate of the rates."""
+        """Advance by one frame period.
+
+        `damping` [1/s], shape (N,), is the rate at which each rotor rate decays; None means no
+        damping.
+        """
         step = self.period / self._steps
         kept = np.ones(len(self.angles)) if damping is None else np.exp(-damping * step)
         given = (self._lengths, self._inertias, self._bonds, kept)
         _advance(self.angles, self.rates, *given, _WEIGHTS * step, self._steps)
 
     def record(self, frames: int) -> Recording:
-        """Record a number of frames, starting with the current one."""
+        """Record `frames` frames; the first one is the current state."""
         angles = np.empty((frames, len(self.angles)))
         rates = np.empty_like(angles)
         for frame in range(frames):
@@ -64,7 +69,7 @@ class Springs:
 
 @compiled(const_f8_1d, const_f8_1d, const_f8_2d, f8_1d)
 def _pull(angles: Array, lengths: Array, bonds: Array, torques: Array) -> None:
-    """Compute the spring torques [N m] of forces k (l - lbar) between the masses."""
+    """Compute the torques [N m] on the rotors from the spring forces k (l - lbar)."""
     torques[:] = 0.0
     right, up = lengths[0] * math.sin(angles[0]), lengths[0] * math.cos(angles[0])
     for n in range(len(angles) - 1):
@@ -89,7 +94,10 @@ def _advance(
     steps: Array,
     count: int,
 ) -> None:
-    """Advance the rotors by `count` compositions of leapfrogs with the given steps [s]."""
+    """Advance the rotors by `count` compositions of leapfrog steps.
+
+    `steps` are the durations of the leapfrog steps [s].
+    """
     torques = np.empty(len(angles))
     for _ in range(count):
         for step in steps:

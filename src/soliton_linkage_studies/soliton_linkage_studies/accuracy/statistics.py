@@ -47,21 +47,25 @@ COLUMNS = (
 )
 """Measured columns of a cell.
 
-`speed` is the speed of the fastest wall relative to the speed of sound. `position` and `rate` are
-errors of the position and of the rate, divided by their stated deviations: root mean square and
-its standard error, 99 % quantile and maximum of the absolute value, fractions beyond 4 and within
-1 and 2 [%], and mean. `instant` compares with the position without the average over time.
-`error_rms` and `deviation_median` are the position error and its stated deviation [rotor
-spacings]. `shift_max` is the largest shift by a wrong reading, in stated deviations. `lost` and
-`false` count walls, `wrong_leg` counts frames.
+`speed` is the speed of the fastest wall, relative to the speed of sound [1]. `position` and `rate`
+are normalised errors: errors of the position and of the rate, divided by their stated standard
+deviations. The columns of a normalised error are its root mean square (`rms`) with the standard
+error (`rms_error`), the 99 % quantile (`99`) and the maximum (`max`) of its absolute value, the
+fraction beyond 4 (`beyond_4`) [%], the fractions within 1 and 2 (`coverage`) [%], and the mean
+(`bias`). `instant` is the normalised error with respect to the true position without an average
+over time. `error_rms` is the rms position error, and `deviation_median` is the median of its
+stated standard deviation [rotor spacings]. `shift_max` is the largest shift of a wall by a wrong
+reading, in stated standard deviations. `lost` and `false` count walls, and `wrong_leg` counts
+frames.
 """
 
 WALL_VALUES = ('position', 'instant', 'rate', 'error', 'deviation', 'rate_error')
 """Values of each found wall.
 
-`position`, `instant` (position without the average over time) and `rate` are errors divided by
-their stated deviations [1]. `error` is the position error, `deviation` its stated deviation
-[rotor spacings]. `rate_error` is the relative error of the rate [1].
+`position`, `instant` (with respect to the true position without an average over time) and `rate`
+are errors divided by their stated standard deviations [1]. `error` is the position error, and
+`deviation` is its stated standard deviation [rotor spacings]. `rate_error` is the relative error
+of the rate [1].
 """
 
 _COLUMNS = (
@@ -80,19 +84,24 @@ _COLUMNS = (
     'failures',
 )
 _CONSISTENT = (0.95, 1.05)
-"""Range of the rms normalised error in which stated deviations are consistent with errors [1]."""
+"""Range of the rms normalised error in which the stated standard deviations count as consistent
+with the errors [1]."""
 _SIGNIFICANT = 3.0
-"""Threshold of a significant difference [standard errors]; false-positive rate 1 in 400."""
+"""Threshold of a significant difference [standard errors]: a difference counts as significant if
+it is larger. The false-positive rate is 1 in 400."""
 _SINGLE_RECORD = 0.3
-"""Relative standard error if there is only one record [1]."""
+"""Assumed relative standard error of a root mean square from a single record [1]."""
 _LARGER = 1.1
-"""Ratio of errors above which an error is regarded as larger [1]."""
+"""Threshold of the ratio of a new error to an earlier error [1]: the new error counts as larger if
+the ratio exceeds this threshold."""
 _USEFUL = 2.0
-"""Largest rms normalised error at which a stated position is useful [1]."""
+"""Threshold of the rms normalised error [1]: stated positions count as useful if the rms is
+smaller."""
 _FEWER = 0.01
-"""Decrease of the lost fraction above which errors are not compared [1].
+"""Threshold of the decrease of the fraction of lost walls [1]: errors are not compared if the
+decrease is larger.
 
-Otherwise the errors would include walls that were lost in the earlier table.
+Otherwise the new errors would include walls that were lost in the earlier table.
 """
 _FAILURES = ('lost', 'false', 'wrong_leg')
 _ERRORS = ('position_rms', 'position_rms_error', 'rate_rms', 'rate_rms_error', 'error_rms')
@@ -116,13 +125,13 @@ class Scores:
     """Scores of the frames of one record."""
 
     walls: list[tuple[float, ...]] = field(default_factory=list)
-    """Values `WALL_VALUES` of found walls."""
+    """Values of the found walls; each tuple has the order of `WALL_VALUES`."""
     kinetic: list[float] = field(default_factory=list)
-    """Errors of the kinetic energy, divided by its stated deviation [1]."""
+    """Errors of the kinetic energy, divided by their stated standard deviations [1]."""
     shifts: list[float] = field(default_factory=list)
-    """Shifts of the position by a wrong reading, in stated deviations [1]."""
+    """Shifts of the position by a wrong reading, in stated standard deviations [1]."""
     speed: float = 0.0
-    """Speed of the fastest wall of the scene relative to the speed of sound [1]."""
+    """Speed of the fastest wall of the scene, relative to the speed of sound [1]."""
     frames: int = 0
     expected: int = 0
     """Number of true walls in the scored frames [1]."""
@@ -154,10 +163,10 @@ def line_of(scores: Sequence[Scores]) -> dict[str, float]:
 
 
 def _normalised(name: str, errors: list[Array]) -> dict[str, float]:
-    """Return statistics of errors divided by their deviations, from one array per record.
+    """Return the columns of errors that are divided by their stated standard deviations.
 
-    The error of the root mean square is from a jackknife over records, because frames of a record
-    are correlated.
+    `errors` has one array per record. The standard error of the root mean square is from a
+    jackknife over records, because the frames of a record are correlated.
     """
     pieces = [_finite(each) for each in errors]
     whole = np.concatenate(pieces)
@@ -199,7 +208,8 @@ def _finite(values: Array) -> Array:
 class Accuracy:
     """Accuracy of an estimator over many frames.
 
-    Bias, deviation and coverage exclude failures; they are NaN if fewer than two frames remain.
+    Bias, standard deviation and coverage are computed from the frames without failure. They are
+    NaN if there are fewer than two such frames.
     """
 
     frames: int
@@ -211,19 +221,20 @@ class Accuracy:
     deviation: float
     """Standard deviation of the error [rotor spacings]."""
     bound: float
-    """Smallest standard deviation of any unbiased estimator [rotor spacings]."""
+    """Cramer-Rao bound: smallest standard deviation of any unbiased estimator [rotor spacings]."""
     coverage: float
-    """Fraction of frames whose stated interval contains the position; NaN without intervals."""
+    """Fraction of frames whose stated interval contains the position; NaN if the estimator states
+    no intervals."""
 
     @property
     def ratio(self) -> float:
-        """Standard deviation divided by its bound [1]."""
+        """Standard deviation divided by the Cramer-Rao bound [1]."""
         return self.deviation / self.bound
 
 
 @dataclass(frozen=True)
 class Line:
-    """Accuracy of one estimator with one chain and noise."""
+    """Accuracy of one estimator for one chain and one noise."""
 
     chain: Chain
     noise: float
@@ -233,7 +244,10 @@ class Line:
 
 
 def accuracy_of(samples: Array, bound: float) -> Accuracy:
-    """Return the statistics of errors and margins, shape (frames, 2); NaN errors are failures."""
+    """Return the accuracy of an estimator from errors and margins, shape (frames, 2).
+
+    A NaN error is a failure.
+    """
     succeeded = samples[np.isfinite(samples[:, 0])]
     errors, margins = succeeded.T
     known = len(errors) > 1
@@ -251,7 +265,7 @@ def accuracy_of(samples: Array, bound: float) -> Accuracy:
 
 
 def write_lines(lines: Sequence[Line], folder: Path) -> None:
-    """Write the lines as table.md and table.csv."""
+    """Write the rows of the estimators as table.md and table.csv."""
     rows = []
     with (folder / 'table.csv').open('w', newline='', encoding='utf-8') as file:
         writer = csv.writer(file, lineterminator='\n')
@@ -287,12 +301,12 @@ def write_lines(lines: Sequence[Line], folder: Path) -> None:
 
 
 def number_text(number: float) -> str:
-    """Return a number with six digits as text, empty for NaN."""
+    """Return a number as text with six digits; NaN becomes an empty text."""
     return '' if math.isnan(number) else f'{number:.6g}'
 
 
 def check_comparable(cells: Sequence[AccuracyCell], seed: int, earlier: Sequence[Row]) -> None:
-    """Raise ValueError if an earlier table contains none of the cells of a seed."""
+    """Raise ValueError if an earlier table contains none of the cells of this seed."""
     if not earlier or not {'cell', *CELL_COLUMNS, *_COMPARED} <= earlier[0].keys():
         raise ValueError('the earlier table does not contain cells; give a file cells.csv')
     known = {_key(row) for row in earlier}
@@ -303,7 +317,7 @@ def check_comparable(cells: Sequence[AccuracyCell], seed: int, earlier: Sequence
 
 
 def worse_cells(rows: Sequence[Row], earlier: Sequence[Row]) -> list[str]:
-    """Return a summary line and one line per worse cell, of the cells in both tables."""
+    """Compare the cells of two tables; return a summary and one line per cell that is worse."""
     before = {_key(row): row for row in earlier}
     both = [(row, before[_key(row)]) for row in rows if _key(row) in before]
     worse = [
@@ -344,7 +358,10 @@ def _less_consistent(name: str, row: Row, old: Row, useful: bool) -> list[str]:
 
 
 def _more_failures(name: str, row: Row, old: Row) -> list[str]:
-    """Report a significant increase of failures; a wall with a large error counts as lost."""
+    """Return a message if failures have increased significantly, otherwise an empty list.
+
+    A found wall with an error above four stated standard deviations counts as lost.
+    """
     share, earlier = _rate(row, name), _rate(old, name)
     misplaced = _large_errors(row), _large_errors(old)
     if name == 'lost' and math.isfinite(sum(misplaced)):
@@ -366,7 +383,7 @@ def _large_errors(row: Row) -> float:
 
 
 def _inconsistency(rms: float) -> float:
-    """Return the logarithmic distance of a root mean square from the range `_CONSISTENT`."""
+    """Return the logarithmic distance of a root mean square from `_CONSISTENT` [1]."""
     if not rms > 0:
         return 0.0
     low, high = _CONSISTENT

@@ -1,10 +1,10 @@
 # SPDX-License-Identifier: Apache-2.0
-"""True positions of walls in noiseless frames: the nearest point of their static path.
+"""True positions of walls in noiseless frames, from the static wall nearest to each frame.
 
 A kink has zero energy at every position, so its path consists of static walls (`static_wall`). The
-path of an anti-kink consists of states of least energy (`anti_kink_path`). A pinned anti-kink has
-only its equilibrium, whose position is defined by the sum of the order field
-(`resting_anti_kink`).
+path of an anti-kink consists of the states of least energy, one for each position
+(`anti_kink_path`). A pinned anti-kink has only one equilibrium in two spacings. The position of
+this equilibrium is defined by the sum of the order field (`resting_anti_kink`).
 """
 
 from __future__ import annotations
@@ -29,40 +29,46 @@ from soliton_linkage.solitons.static_wall import static_wall
 from soliton_linkage_studies.accuracy.springs import Springs
 
 _SAMPLES = 65
-"""Number of samples of a path in its period of two spacings [1]; the spline error is 1e-6."""
+"""Number of static walls between which a spline interpolates the angles of a path [1]. They cover
+the period of two spacings. The interpolation error is below 1e-6 rad."""
 _LONGEST = 0.3
-"""Largest Gauss-Newton step to the nearest point [rad]."""
+"""Largest Gauss-Newton step towards the nearest point, as a change of the angles [rad]."""
 _GAUSS_STEPS = 6
-"""Largest number of Gauss-Newton steps [1]; two suffice between successive frames."""
+"""Largest number of Gauss-Newton steps [1]. Two steps suffice if the search starts at the nearest
+point of the previous frame."""
 _CLOSE = 1e-6
-"""Step size at which the search for the nearest point has converged [rad]."""
+"""Threshold of convergence [rad]: the search ends if a Gauss-Newton step is smaller."""
 
 
 def reach(chain: Chain) -> float:
-    """Return the half width in which a wall changes angles by more than 1 % [rotor spacings]."""
+    """Return the half width of a wall: beyond it, angles change by less than 1 % [spacings]."""
     return 2.5 * max(chain.wall_width, penetration_depth(chain)) / chain.spacing + 3
 
 
 def extent(chain: Chain) -> int:
-    """Return the even number of rotors on each side of a wall that a path contains [1]."""
+    """Return the number of rotors on each side of a wall in its path [1]; the number is even."""
     return 2 * math.ceil((3 * reach(chain)) / 2)
 
 
 @dataclass(frozen=True)
 class WallPath:
-    """Static path of a wall in an infinite chain."""
+    """Static walls of one charge in an infinite chain, at all allowed positions.
+
+    A wall is stored as the angles of a window, M successive rotors around the wall.
+    """
 
     charge: int
     base: int
-    """Wall position at which the path starts, relative to the first of the M rotors of the window
-    [rotor spacings]. The path covers the next two spacings."""
+    """Lowest wall position of the spline, relative to the first rotor of the window [rotor
+    spacings]. The spline covers two spacings from this position."""
     spline: CubicSpline | None
-    """Angles of the window [rad], shape (M,), as a function of the wall position [rotor
-    spacings]."""
+    """Angles of the window [rad], shape (M,), as a function of the wall position [rotor spacings];
+    None for a pinned wall."""
     resting: Array
     """Angles of the window at `rest_position` [rad], shape (M,)."""
     rest_position: float
-    """Position of least energy in the window [rotor spacings]."""
+    """Wall position of least energy, relative to the first rotor of the window [rotor spacings].
+    """
     left: Array
     """Angles of an even and of an odd rotor far to the left [rad], shape (2,)."""
 
@@ -72,7 +78,11 @@ class WallPath:
         return self.spline is None
 
     def window(self, position: float) -> tuple[int, Array, Array]:
-        """Return first rotor, angles [rad] and their derivatives [rad/spacing], (M,) each."""
+        """Return the window of a wall at a position: first rotor, angles and their derivatives.
+
+        The first rotor is a rotor number. The angles [rad] and their derivatives with respect to
+        the wall position [rad/spacing] have shape (M,).
+        """
         if self.spline is None:
             shift = 2 * round((position - self.rest_position) / 2)
             return shift, self.resting, np.zeros_like(self.resting)
@@ -81,15 +91,15 @@ class WallPath:
         return shift, self.spline(within), self.spline(within, 1)
 
     def nearest_allowed(self, position: float) -> float:
-        """Return the nearest allowed position of the wall [rotor spacings]."""
+        """Return the allowed wall position nearest to `position` [rotor spacings]."""
         return self.nearest_minimum(position) if self.pinned else position
 
     def nearest_minimum(self, position: float) -> float:
-        """Return the nearest position of least energy [rotor spacings]."""
+        """Return the wall position of least energy nearest to `position` [rotor spacings]."""
         return self.rest_position + 2 * round((position - self.rest_position) / 2)
 
     def relative_angles(self, rotors: int, position: float) -> Array:
-        """Return the angles relative to the domain left of the wall [rad], shape (rotors,)."""
+        """Return the angles minus those of the domain left of the wall [rad], shape (rotors,)."""
         first, angles, _ = self.window(position)
         base = self._left(len(angles))
         added = np.zeros(rotors)
@@ -102,7 +112,10 @@ class WallPath:
         return added
 
     def derivative(self, rotors: int, position: float) -> Array:
-        """Return the derivative of the angles by the position [rad/spacing], shape (rotors,)."""
+        """Return the derivatives of the angles [rad/spacing], shape (rotors,).
+
+        They are the derivatives with respect to the wall position.
+        """
         first, _, slope = self.window(position)
         moving = np.zeros(rotors)
         numbers = np.arange(first, first + len(slope))
@@ -111,9 +124,10 @@ class WallPath:
         return moving
 
     def nearest(self, angles: Array, position: float, within: float) -> float:
-        """Return the position of the nearest static wall [rotor spacings].
+        """Return the position of the static wall nearest to the angles [rotor spacings].
 
-        The search starts at `position` and uses the rotors `within` this distance from the wall.
+        The search starts at `position`. It uses the rotors whose distance from the wall is less
+        than `within` [rotor spacings]. A pinned wall has only its allowed positions.
         """
         if self.pinned:
             return self.nearest_allowed(position)
@@ -133,7 +147,10 @@ class WallPath:
         return position
 
     def misfit(self, angles: Array, position: float, within: float) -> float:
-        """Return the rms deviation from a static wall [rad] of the rotors `within` a distance."""
+        """Return the rms difference between the angles and those of a static wall [rad].
+
+        Only rotors whose distance from the wall is less than `within` [rotor spacings] contribute.
+        """
         first, wall, _ = self.window(position)
         low, high = max(first, 0), min(first + len(wall), len(angles))
         near = np.abs(np.arange(low, high) - position) < within
@@ -145,9 +162,9 @@ class WallPath:
 
 
 def nearest_arc(orbit: Orbit, angles: Array, arc: float) -> float:
-    """Return the arc length of the nearest configuration on an orbit [rad].
+    """Return the arc length along the orbit of the configuration nearest to the angles [rad].
 
-    The search starts at `arc`.
+    The search starts at the arc length `arc` [rad].
     """
     for _ in range(_GAUSS_STEPS):
         segment = orbit.segment(arc)
@@ -164,7 +181,10 @@ def nearest_arc(orbit: Orbit, angles: Array, arc: float) -> float:
 
 @cache
 def wall_path(chain: Chain, charge: int, leg: int = 0) -> WallPath:
-    """Return the path of a wall far from the edges; kinks of spinners have one path per leg."""
+    """Return the path of a wall far from the edges.
+
+    Only the kinks of spinners have a different path on each leg, a passage from edge to edge.
+    """
     beside = extent(chain)
     window = replace(chain, number_of_rotors=2 * beside + 3, deviations=NO_DEVIATIONS)
     positions = np.linspace(beside, beside + 2, _SAMPLES)
@@ -186,29 +206,30 @@ def wall_path(chain: Chain, charge: int, leg: int = 0) -> WallPath:
 
 
 _SETTLING = (60.0, 400.0)
-"""Range of the time in which a wall loses its phonons [time units]."""
+"""Shortest and longest simulated time in which a wall loses its phonons [time units]."""
 _ABSORPTION = 0.5
-"""Damping of the rotors outside a settling wall [1 / time unit]."""
+"""Damping of the rotors beside a settling wall, which absorbs the phonons [1 / time unit]."""
 _BROKEN = 0.15
-"""Misfit above which a wall is destroyed, relative to the swing of a rotor [1]."""
+"""Threshold of the misfit of a wall, relative to the swing of a rotor [1]. A wall counts as
+destroyed if its misfit is larger."""
 _STEP = 0.5
-"""Period at which the position of a settling wall is measured [time units]."""
+"""Interval between position measurements of a settling wall [time units]."""
 _SLOWER = 0.8
-"""Factor by which the speed is reduced after an attempt that destroys the wall [1]."""
+"""Factor by which the initial speed is reduced if the wall is destroyed [1]."""
 _TRIES = 25
-"""Number of attempted speeds; the last one is 1 / 200 of the first [1]."""
+"""Largest number of initial speeds that are tried [1]. The last speed is 1 / 200 of the first."""
 
 
 @dataclass(frozen=True)
 class SteadyWall:
-    """Difference between a wall that moves without phonons and the static wall."""
+    """Wall that moves without phonons, stored as its difference from a static wall."""
 
     position: float
-    """Position in a long chain [rotor spacings]."""
+    """Wall position in the long chain of the simulation [rotor spacings]."""
     first: int
-    """First rotor of the arrays in this chain."""
+    """Rotor of the long chain to which the first elements of `offsets` and `rates` belong."""
     offsets: Array
-    """Angles relative to the static wall [rad], shape (M,)."""
+    """Angles minus those of the static wall [rad], shape (M,)."""
     rates: Array
     """Rates of the same rotors [rad/s], shape (M,)."""
     speed: float
@@ -216,9 +237,10 @@ class SteadyWall:
 
 
 def launch_speed(chain: Chain, share: float) -> float:
-    """Return the initial speed of a static wall that settles at a fraction of the sound speed.
+    """Return the initial speed of a wall that later moves at a fraction of the sound speed.
 
-    The unit is [rotor spacings / s].
+    The wall starts with the shape of a static wall. `share` is the fraction [1], and the result
+    has the unit [rotor spacings / s].
     """
     sound = speed_of_sound(chain) / chain.spacing
     return sound * math.sqrt(2 * (1 / math.sqrt(1 - share**2) - 1))
@@ -226,10 +248,10 @@ def launch_speed(chain: Chain, share: float) -> float:
 
 @lru_cache(maxsize=8)
 def steady_wall(chain: Chain, leg: int, share: float) -> SteadyWall:
-    """Return a moving wall without phonons, at the given or the largest stable speed.
+    """Return a wall that moves without phonons, at the given or the largest stable speed.
 
-    `share` is the speed relative to the speed of sound [1]. Raises ArithmeticError if every
-    attempted speed destroys the wall.
+    `share` is the speed relative to the speed of sound [1]. Raises ArithmeticError if the wall is
+    destroyed at every speed that is tried.
     """
     speed = launch_speed(chain, share)
     for _ in range(_TRIES):
@@ -243,7 +265,7 @@ def steady_wall(chain: Chain, leg: int, share: float) -> SteadyWall:
 
 
 def _settled(chain: Chain, path: WallPath, speed: float) -> SteadyWall | None:
-    """Simulate a wall until its phonons have left; return None if it is destroyed."""
+    """Simulate a wall until its phonons have left; return None if it stops or is destroyed."""
     near, unit = reach(chain), chain.time_unit
     shortest, longest = _SETTLING
     time = min(max(2 * near / (speed * unit), shortest), longest)
@@ -275,7 +297,10 @@ def _launched(chain: Chain, path: WallPath, position: float, speed: float) -> Sp
 def _positions(
     springs: Springs, path: WallPath, position: float, near: float, frames: int
 ) -> list[float] | None:
-    """Return the positions while phonons are absorbed, None if the wall is destroyed."""
+    """Return the positions of a wall while its phonons are absorbed.
+
+    Returns None if the wall is destroyed.
+    """
     chain = springs.chain
     rotors = np.arange(chain.number_of_rotors)
     track = [position]
@@ -291,7 +316,11 @@ def _positions(
 
 
 def add_motion(wall: SteadyWall, shift: int, angles: Array, rates: Array, sense: int) -> None:
-    """Add the motion of a wall to a static wall, shifted by a number of rotors."""
+    """Add the motion of a wall to the angles and rates of a static wall, in place.
+
+    `shift` moves the wall by a number of rotors. `sense` is 1 for motion to the right, otherwise
+    -1.
+    """
     numbers = np.arange(len(wall.offsets)) + wall.first + shift
     inside = (numbers >= 0) & (numbers < len(angles))
     angles[numbers[inside]] += wall.offsets[inside]
@@ -299,7 +328,7 @@ def add_motion(wall: SteadyWall, shift: int, angles: Array, rates: Array, sense:
 
 
 def left_of(chain: Chain, charge: int) -> Array:
-    """Return the uniform state left of a wall of a charge [rad], shape (N,)."""
+    """Return the uniform state to the left of a wall with the given charge [rad], shape (N,)."""
     if charge > 0:
         return chain.uniform_state(1)
     if chain.motion is Motion.SPINNER:
@@ -308,6 +337,9 @@ def left_of(chain: Chain, charge: int) -> Array:
 
 
 def is_broken(path: WallPath, chain: Chain, angles: Array, position: float, within: float) -> bool:
-    """Return whether the rotors within a distance of a position form no wall."""
+    """Return whether the rotors near a position do not have the shape of a wall.
+
+    Only rotors closer to the position than `within` [rotor spacings] are tested.
+    """
     swing = math.pi if chain.motion is Motion.SPINNER else 2 * chain.rest_angle
     return path.misfit(angles, position, within) > _BROKEN * swing
