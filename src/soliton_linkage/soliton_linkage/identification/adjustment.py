@@ -1,9 +1,11 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Estimation of all lengths and offsets, such that every bond closes in every frame.
+"""Estimation of all lengths and encoder offsets such that every bond closes in every frame.
 
-Noise may put the estimated lengths of a bond beyond a limit of `solitons.passage`, although no
-bond stopped the wall in the recording. `passable` corrects such lengths by constrained least
-squares. With the violations s, their derivatives G, and the covariance C of the lengths,
+`solitons.passage` defines limits of the lengths beyond which a bond stops walls. Because of noise,
+the estimated lengths of a bond may exceed a limit although the wall passed this bond in the
+recording. `passable` corrects such lengths by constrained least squares. Let s be the amounts by
+which limits are exceeded, G the derivatives of s, and C the covariance of the lengths. The
+correction is
 
     dp = C G^T (G C G^T)^-1 s.
 """
@@ -31,35 +33,42 @@ from soliton_linkage.linkage.chain import Array, Chain
 _MOST_STEPS = 30
 """Largest number of Gauss-Newton steps [1]; usually 6 to 15 are taken."""
 _RESTARTS = 3
-"""Largest number of runs [1]; 2 suffice except for chains with several bonds near a limit."""
+"""Largest number of runs of the iteration [1]. Two runs suffice unless several bonds are near a
+limit."""
 _HALVINGS = 8
 """Number of fractions 1, 1/2, 1/4, ... of a step that are tried [1]."""
 _NOISE_OF_COST = 1.0
-"""Largest accepted increase of -2 log likelihood [1], because derivatives are first-order."""
+"""Change of -2 log likelihood that is attributed to the first-order derivatives [1]. A step that
+increases the cost by less than this value is accepted."""
 _CONVERGED = 0.05
-"""Step below which the iteration has converged, relative to the standard deviation of all unknowns
-together [1]."""
+"""Threshold of the length of a step, in standard deviations (Mahalanobis distance) [1]: the
+iteration has converged if a step is shorter."""
 _TOLERANCE_CHANGE = 0.05
-"""Relative change of the tolerances below which they have converged [1]."""
+"""Threshold of the relative change of the tolerances in a step [1]: the tolerances have converged
+if they change by less."""
 
 
 @dataclass(frozen=True)
 class Adjustment:
-    """Estimated lengths, in units of the mean spacing, and offsets, with their covariance."""
+    """Estimated lengths (in units of the mean spacing) and encoder offsets, with uncertainties."""
 
     lengths: Lengths
     covariance: Array
-    """Covariance of the unknowns, in their order, (P, P); the mean spacing has no error."""
+    """Covariance of the unknowns of `lengths`, shape (P, P).
+
+    The mean spacing has no error, because it is the unit of length.
+    """
     information: Array
-    """Information of the angles without the prior, shape (P, P)."""
+    """Fisher information of the readings about the unknowns, without the prior, (P, P)."""
     tolerances: Tolerances
     noise: float
-    """Standard deviation of a reading, from all misclosures [rad]."""
+    """Standard deviation of a reading, estimated from the misclosures of all bonds [rad]."""
     bond_noise: Array
-    """Standard deviation of a reading, from the misclosures of each bond [rad], (N - 1,)."""
+    """Standard deviation of a reading, estimated from each bond alone [rad], (N - 1,)."""
     residuals: Array
-    """Readings minus offsets and angles [rad], shape (T, N)."""
+    """Readings minus estimated readings (offset plus angle) [rad], shape (T, N)."""
     converged: bool
+    """Whether the iteration has converged."""
 
     @property
     def deviations(self) -> Array:
@@ -73,15 +82,16 @@ def adjust(
     tolerance: float | None = None,
     relative_deviations: Array | None = None,
 ) -> Adjustment:
-    """Estimate lengths and offsets from readings of frames [rad], NaN if missing, shape (T, N).
+    """Estimate lengths and offsets from the readings in T frames [rad], shape (T, N).
 
-    The tolerance of lengths [1] is estimated unless it is given. Relative deviations, (T, N), are
-    standard deviations of readings, divided by the typical standard deviation [1].
+    Missing readings are NaN. The tolerance of lengths [1] is estimated unless it is given. Each
+    relative deviation, (T, N), is the standard deviation of a reading divided by the typical
+    standard deviation [1].
 
-    If a bond is collinear with a rotor, the closure of a frame has two nearby solutions. With the
-    initial lengths the wrong solution may be found. After convergence, all frames are therefore
-    closed again, starting from the readings. If this changes the result, the iteration is
-    repeated.
+    If a bond is collinear with a rotor in a frame, two nearby configurations close all bonds. With
+    the initial lengths, the iteration may find the wrong configuration. After convergence, the
+    configurations of all frames are therefore computed again, starting from the readings. If this
+    reduces the cost, the iteration is repeated.
     """
     for _ in range(_RESTARTS):
         found = _adjust_once(readings, start, tolerance, relative_deviations)
@@ -136,9 +146,10 @@ def _adjust_once(
 
 
 def _stepped(bundle: Bundle, change: Array, prior: Array, noise: float) -> tuple[Bundle, bool]:
-    """Return the bundle after a step, halved until the cost decreases, and whether it decreased.
+    """Return the bundle after a step of the unknowns, and whether the step is an improvement.
 
-    Levenberg-Marquardt steps would end far from the minimum if bonds are in line with rotors.
+    The step is halved until the cost decreases. Levenberg-Marquardt steps are not used, because
+    they would end far from the minimum if bonds are collinear with rotors.
     """
     before = _cost(bundle, prior, noise)
     for halvings in range(_HALVINGS):
@@ -156,9 +167,9 @@ def _cost(bundle: Bundle, prior: Array, noise: float) -> float:
 
 
 def observable_basis(lengths: Lengths) -> Array:
-    """Return orthonormal changes of the unknowns with constant mean spacing, shape (P, P - 1).
+    """Return an orthonormal basis of the changes that keep the mean spacing, shape (P, P - 1).
 
-    Angles do not depend on the scale of all lengths.
+    Other changes are not observable, because angles stay the same if all lengths are scaled.
     """
     size = UNKNOWNS_PER_ROTOR * lengths.rotors - 2
     scale = np.zeros((size, 1))
@@ -171,8 +182,8 @@ def cramer_rao_bound(
 ) -> Array:
     """Return the Cramer-Rao bound of the covariance of the unknowns, shape (P, P).
 
-    Arguments are the true angles of frames [rad], shape (T, N), and the noise of readings [rad].
-    With tolerances, the bound is for random chains with these tolerances.
+    `angles` are the true angles in T frames [rad], shape (T, N). `noise` is the standard deviation
+    of a reading [rad]. If tolerances are given, they are used as prior knowledge of the chain.
     """
     bundle = Bundle(chain_lengths(chain), angles)
     information = bundle.normal_equations().matrix / noise**2
@@ -182,7 +193,7 @@ def cramer_rao_bound(
 
 
 def _covariance(bundle: Bundle, basis: Array, tolerances: Tolerances) -> tuple[float, Array]:
-    """Return the noise [rad] and the covariance of the unknowns."""
+    """Return the noise of a reading [rad] and the covariance of the unknowns."""
     normal = bundle.normal
     noise = math.sqrt(float(normal.squares.sum()) / max(bundle.conditions - len(basis.T), 1))
     prior = tolerances.information(bundle.lengths.rotors)
@@ -190,17 +201,21 @@ def _covariance(bundle: Bundle, basis: Array, tolerances: Tolerances) -> tuple[f
 
 
 _CHANCE = 3.0
-"""Largest violation of a limit that noise can explain, in standard deviations [1]."""
+"""Threshold of the distance of a bond from a limit, in standard deviations of this distance [1].
+Bonds at smaller distances are reported. Bonds that exceed the limit by less are corrected, because
+noise can explain the excess."""
 _MARGIN = 1e-3
-"""Distance of a corrected bond from its limit, relative to its spacing [1]."""
+"""Distance from the limit that a corrected bond receives, relative to its spacing [1]."""
 _ROUNDS = 5
-"""Largest number of corrections [1]; each may move a neighbouring bond beyond its limit."""
+"""Largest number of corrections [1]. A correction may move a neighbouring bond beyond its limit,
+so that another correction is needed."""
 
 
 def passable(lengths: Lengths, covariance: Array) -> Lengths:
-    """Return the nearest lengths for which no bond stops a wall, given their covariance, (P, P).
+    """Return the most likely lengths for which no bond stops a wall.
 
-    Violations that noise cannot explain are not corrected.
+    `covariance` is the covariance of the given lengths, (P, P). A bond that exceeds a limit by
+    more than noise can explain is not corrected.
     """
     for _ in range(_ROUNDS):
         room, slopes = _room(lengths)
@@ -218,11 +233,11 @@ def passable(lengths: Lengths, covariance: Array) -> Lengths:
 
 
 def near_limit_bonds(lengths: Lengths, covariance: Array) -> dict[int, float]:
-    """Return the probability that a bond exceeds its limit, for each bond close to a limit [1].
+    """Return the bonds close to a limit, with the probability that each exceeds the limit [1].
 
     The keys are the numbers of the bonds. The probability is computed to first order from the
-    covariance (P, P). Bonds whose distance from the limit is large compared with the noise are
-    omitted.
+    covariance of the lengths (P, P). A bond is omitted if its distance from the limit is large
+    compared with the noise.
     """
     room, slopes = _room(lengths)
     distances = (room / _deviations(slopes, covariance)).reshape(2, -1).min(axis=0)
@@ -231,15 +246,15 @@ def near_limit_bonds(lengths: Lengths, covariance: Array) -> dict[int, float]:
 
 
 def _deviations(slopes: Array, covariance: Array) -> Array:
-    """Return the standard deviations of quantities from their derivatives, shape (.,)."""
+    """Return the standard deviations of K quantities, (K,), with derivatives `slopes`, (K, P)."""
     return np.asarray(np.sqrt(np.einsum('cp,pq,cq->c', slopes, covariance, slopes)))
 
 
 def _room(lengths: Lengths) -> tuple[Array, Array]:
-    """Return the distances of bonds to both limits [m], and their derivatives, (., P).
+    """Return the distances of K bonds from both limits [m], (2 K,), and derivatives, (2 K, P).
 
-    The distances are l - a - |r_n - r_(n+1)|, and a + l - r_n - r_(n+1) for flippers or its
-    negative for spinners.
+    The distance from the first limit is l - a - |r_n - r_(n+1)|. The distance from the second
+    limit is a + l - r_n - r_(n+1) for flippers and r_n + r_(n+1) - a - l for spinners.
     """
     r, a, rest = lengths.rotor_lengths, lengths.spacings, lengths.rest_lengths
     left, right = r[:-1], r[1:]

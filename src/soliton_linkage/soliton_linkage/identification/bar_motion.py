@@ -1,21 +1,27 @@
 # SPDX-License-Identifier: Apache-2.0
 """Estimation of the mass ratios of rotors on rigid bars, from the free motion of the wall.
 
-A chain of rigid bars has one degree of freedom, the arc s along the orbit phi(s) with tangent t:
+A chain of rigid bars has one degree of freedom. Its coordinate is the arc length s [rad] along the
+orbit of configurations phi(s), in short the arc. With the unit tangent t = dphi/ds and the speed
+variable u,
 
     sqrt(I) ds/dt = u,    I = sum_n m_n r_n^2 t_n^2,
     sqrt(I) du/dt = sum_n m_n r_n g sin(phi_n + tilt) t_n - c ds/dt
                     - b tanh(ds/dt / w) sum_n |t_n|.
 
-Without gravity and drag u is constant, so that a wall is slow at heavy rotors. A least-squares fit
-of s(t) to the arcs of the frames gives the masses relative to their mean. Errors dp of lengths and
-offsets change the orbit. At a given arc, the true configuration differs from that of the assumed
-chain by
+where c is the damping, b the dry friction, and w the rate above which b is nearly constant.
+Without gravity and drag, u is constant, so that a wall moves slowly at heavy rotors. Each frame is
+projected onto the orbit, which gives its arc. A least-squares fit of s(t) to these arcs gives the
+masses relative to their mean.
 
-    dphi = -R^T (R R^T)^-1 (df/dp) dp.
+Errors dp of the estimated lengths and offsets change the orbit. At a given arc, the true
+configuration differs from the configuration of the estimated chain by
 
-Errors do of the offsets also shift the measured arcs of frames by t . do. Independent combinations
-of the errors of lengths and offsets, each of unit variance, are therefore unknowns of the fit too.
+    dphi = -R^T (R R^T)^-1 (df/dp) dp,
+
+with the misclosures f and their derivatives R by the angles. Errors do of the offsets also shift
+the measured arcs of frames by t . do. The fit therefore has additional unknowns: independent
+combinations of the errors of lengths and offsets, each of unit variance.
 """
 
 from __future__ import annotations
@@ -45,28 +51,30 @@ from soliton_linkage.orbit.deviating_orbit import orbit_of
 from soliton_linkage.orbit.orbit import Orbit
 
 _GRID = 0.03
-"""Arc between the rows of a table [rad]. Sensitivity: at 0.5x, masses change by 1e-4."""
+"""Difference of the arcs of successive rows of a table [rad]. Sensitivity: at 0.5x, estimated
+masses change by 1e-4."""
 _SLIDING = 0.1
-"""Rate w above which dry friction is nearly constant [rad/s], small compared with walls."""
+"""Rate w above which dry friction is nearly constant [rad/s]. It is small compared with the rates
+of rotors in a moving wall."""
 _ROUNDS = 2
-"""Number of estimates of the standard deviation of masses [1]."""
+"""Number of times that the standard deviation of masses is estimated [1]."""
 _KNOWN = 1e-6
-"""Standard deviation of the logarithm of known gravity [1]."""
+"""Prior standard deviation of the logarithm of gravity if gravity is known [1]."""
 _LARGEST_EXCESS = 1.5
-"""Ratio of the residual noise of arcs to the reading noise, above which the motion is not free
-[1]."""
+"""Threshold of the ratio of the residual noise of arcs to the reading noise [1]: the motion is not
+free if the ratio is larger."""
 _MOST_STEPS = 15
 """Largest number of evaluations of a fit [1]; usually 4 to 6 are needed."""
 _CONVERGED = 1e-4
-"""Relative decrease of the squares below which a fit ends [1]; noise in 1000 frames causes ten
-times as much."""
+"""Threshold of the relative decrease of the sum of squares in a step [1]: the fit ends if the
+decrease is smaller. Noise in 1000 frames changes the sum by ten times as much."""
 _RATE_FRAMES = 8
 """Number of frames from which the initial rate is estimated [1]."""
 _STEP = 1e-4
 """Step of the unknowns for finite differences [1]."""
 _INFORMED = 1e-9
-"""Smallest variance of a combination, relative to the largest [1]; smaller ones are rounding
-errors."""
+"""Threshold of the variance of a combination, relative to the largest variance [1]: smaller
+variances are rounding errors, and their combinations are omitted."""
 
 
 def _acceleration(
@@ -79,7 +87,10 @@ def _acceleration(
     grid: Array,
     drags: Array,
 ) -> tuple[float, float]:
-    """Return ds/dt and du/dt, interpolated linearly between the rows of the grid."""
+    """Return ds/dt and du/dt at an arc s and a speed u.
+
+    The tables are interpolated linearly between their rows.
+    """
     at = (arc - grid[0]) / grid[1]
     row = 0
     if at > 0.0:
@@ -116,12 +127,12 @@ def move_along(
     begin: Array,
     arcs: Array,
 ) -> None:
-    """Set the arcs of K motions along an orbit at times, (T, K), by the Runge-Kutta method.
+    """Integrate K motions along an orbit by the Runge-Kutta method; set `arcs`, (T, K).
 
-    `begin` has the initial arcs and speeds u, (2, K). `grid` is (first arc, step, rate w) of a
-    table of G arcs with these rows: `roots`, square roots of the inertias, and `gravity`, forces
-    of gravity, (G, K); `friction`, sums of |t_n|, (G,). `drags` are damping and dry friction, (2,
-    K).
+    `begin` contains the initial arcs and speeds u, (2, K). The tables have one row for each of G
+    equidistant arcs: `roots` are the square roots of the inertias I, (G, K); `gravity` are the
+    forces of gravity, (G, K); `friction` are the sums of |t_n|, (G,). `grid` contains the first
+    arc, the step between arcs, and the rate w. `drags` are damping and dry friction, (2, K).
     """
     for k in range(begin.shape[1]):
         s, u = begin[0, k], begin[1, k]
@@ -145,7 +156,7 @@ def move_along(
 
 
 class _Sums(NamedTuple):
-    """Sums over the rotors at the arcs of a grid, for K chains or changes of one."""
+    """Sums over the rotors at G arcs, for K chains; or changes of the sums by K unknowns."""
 
     inertia: Array
     """sum m r^2 t^2, shape (G, K)."""
@@ -154,10 +165,10 @@ class _Sums(NamedTuple):
 
 
 class _OrbitTable:
-    """Configurations at equidistant arcs of an orbit, and sums over the rotors at these arcs."""
+    """Configurations at equidistant arcs along an orbit, and sums over the rotors there."""
 
     def __init__(self, orbit: Orbit, lengths: Lengths, arcs: Array) -> None:
-        """Prepare a table that covers given arcs [rad], plus one rotor spacing on each side."""
+        """Prepare a table that extends beyond given arcs [rad] by one rotor spacing each way."""
         self._lengths = lengths
         self.begin = float(np.nanmin(arcs)) - orbit.site_arc
         count = math.ceil((float(np.nanmax(arcs)) + orbit.site_arc - self.begin) / _GRID)
@@ -171,23 +182,26 @@ class _OrbitTable:
         """sum |t|, shape (G,)."""
 
     def locate(self, arcs: Array) -> tuple[NDArray[np.intp], Array]:
-        """Return the row before each arc [rad], and the fraction of a step to the arc [1]."""
+        """Return the row before each arc [rad], and the fraction of a step from this row [1]."""
         at = (arcs - self.begin) / _GRID
         row = np.clip(at, 0, len(self.friction) - 2).astype(np.intp)
         return row, np.clip(at - row, 0.0, 1.0)
 
     def tangents(self, arcs: Array) -> Array:
-        """Return unit tangents at arcs [rad], (T, N)."""
+        """Return the unit tangents of the orbit at arcs [rad], shape (T, N)."""
         row, part = self.locate(arcs)
         before, after = self._tangents[row], self._tangents[row + 1]
         return np.asarray(before + part[:, None] * (after - before))
 
     def sums(self, masses: Array) -> _Sums:
-        """Return the sums for masses of K chains [1], shape (N, K)."""
+        """Return the sums for K chains whose masses [1] have the shape (N, K)."""
         return _Sums(self._inertias @ masses, self._weights @ masses)
 
     def changes(self, masses: Array, changes: Array) -> _Sums:
-        """Return the changes of the sums for masses [1], (N,), by changes of unknowns, (P, K)."""
+        """Return how the sums for masses [1], (N,), change if lengths and offsets change.
+
+        `changes` are K changes of the unknown lengths and offsets, (P, K).
+        """
         t, r = self._tangents, self._lengths.rotor_lengths
         linearised = misclosures(self._lengths, self._angles.T)
         factors = cholesky_factor(linearised.first, linearised.second, np.ones_like(t.T))
@@ -207,7 +221,7 @@ class _OrbitTable:
 
 
 def _arcs_of(orbit: Orbit, angles: Array, noise: float) -> tuple[Array, Array]:
-    """Return the arc of each frame and its standard deviation [rad], shape (T,) each."""
+    """Return the arc of each frame, and the standard deviation of the arc [rad], (T,) each."""
     arc = fit_anywhere(orbit, angles[0]).arc
     found = []
     for frame in angles:
@@ -219,19 +233,23 @@ def _arcs_of(orbit: Orbit, angles: Array, noise: float) -> tuple[Array, Array]:
 
 
 class BarMotion(NamedTuple):
-    """Masses and forces estimated from a free motion, in units of mean spacing and mean mass."""
+    """Masses and forces estimated from a free motion.
+
+    The unit of length is the mean spacing, and the unit of mass is the mean mass.
+    """
 
     masses: Array
     """Masses [1], shape (N,)."""
     mass_deviations: Array
-    """Standard deviations of their logarithms [1], shape (N,)."""
+    """Standard deviations of the logarithms of the masses [1], shape (N,)."""
     drag: tuple[float, float]
     """Damping [1/s] and dry friction [1/s^2]."""
     drag_deviations: tuple[float, float]
+    """Standard deviations of damping [1/s] and dry friction [1/s^2]."""
     gravity: float
     """Gravity [1/s^2]."""
     gravity_deviation: float
-    """Standard deviation of its logarithm [1], 0 if gravity is known."""
+    """Standard deviation of the logarithm of gravity [1], 0 if gravity is known."""
 
 
 def bar_motion(
@@ -239,8 +257,8 @@ def bar_motion(
 ) -> BarMotion | None:
     """Estimate masses and forces from free motions of bars; return None if other forces act.
 
-    Lengths and gravity are in units of the mean spacing; `covariance` is the covariance of the
-    unknowns, (P, P). The noise of a reading is in [rad].
+    The unit of length, also of gravity, is the mean spacing. `covariance` is the covariance of
+    lengths and offsets, (P, P). `noise` is the standard deviation of a reading [rad].
     """
     orbit = orbit_of(lengths.chain(Chain()))
     intervals = free_intervals(readings.times, readings.interruptions)
@@ -265,18 +283,18 @@ def bar_motion(
 
 
 def _combinations(covariance: Array) -> Array:
-    """Return independent changes of lengths and offsets of unit variance, (P, K)."""
+    """Return K independent changes of lengths and offsets, each of unit variance, (P, K)."""
     values, vectors = np.linalg.eigh(covariance)
     informed = values > _INFORMED * values[-1]
     return np.asarray(vectors[:, informed] * np.sqrt(values[informed]))
 
 
 class _Fit:
-    """Least squares between the arcs of motions and the arcs of frames.
+    """Least-squares fit of simulated motions to the arcs of frames.
 
-    The unknowns are logarithms of masses, forces, the initial state of each interval, and
-    combinations of lengths and offsets. The excess is the ratio of the residual noise of arcs to
-    the noise of readings [1].
+    The unknowns are the logarithms of the masses, the forces, the initial state of each interval,
+    and combinations of lengths and offsets. `excess` is the ratio of the residual noise of arcs to
+    the noise expected from the readings [1].
     """
 
     def __init__(
@@ -303,11 +321,11 @@ class _Fit:
 
     @property
     def masses(self) -> Array:
-        """Logarithms of the masses [1], (N,)."""
+        """Logarithms of the masses [1], shape (N,)."""
         return self._unknowns[: self._rotors]
 
     def _begin(self, interval: slice) -> Array:
-        """Return arc and speed u at the start of an interval."""
+        """Return the arc and the speed u at the start of an interval."""
         few = slice(interval.start, interval.start + _RATE_FRAMES)
         rate, arc = np.polyfit(self._times[few] - self._times[interval.start], self._arcs[few], 1)
         row, _ = self._table.locate(np.array(arc))
@@ -362,7 +380,7 @@ class _Fit:
         self.covariance = np.linalg.inv(found.jac.T @ found.jac) * max(self.excess, 1.0) ** 2
 
     def add_combinations(self, combinations: Array) -> None:
-        """Add combinations of lengths and offsets, (P, K), of unit variance to the unknowns."""
+        """Add K combinations of lengths and offsets, (P, K), to the unknowns."""
         changes = self._table.changes(np.exp(self.masses), combinations)
         offsets = split(combinations.T)[1].T
         rows = []
@@ -375,9 +393,10 @@ class _Fit:
         self._combined = np.concatenate(rows)
 
     def _moved(self, unknowns: Array, number: int, changes: _Sums | None = None) -> Array:
-        """Return arcs in the frames of an interval [rad], (T, K), for K columns of unknowns.
+        """Return simulated arcs in the frames of an interval [rad], (T, K).
 
-        If changes of the sums are given, all columns except the first include one step of them.
+        Each of the K columns of `unknowns` gives one motion. If changes of the sums are given, all
+        motions except the first use sums that are changed by one finite-difference step.
         """
         table = self._table
         damping, friction, log_gravity = unknowns[self._rotors : self._size]

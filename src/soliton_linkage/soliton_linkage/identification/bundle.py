@@ -2,22 +2,25 @@
 """Bundle adjustment of lengths and offsets: least squares with errors in all readings.
 
 Each frame has N unknown angles and N - 1 conditions, because every bond closes. The angles are
-eliminated frame by frame. With the derivatives J of the misclosures w by the unknowns p, sum over
-frames of (w + J dp)^T M^-1 (w + J dp) = minimum,    v = S R^T M^-1 (w + J dp)
+eliminated frame by frame. Let J be the derivatives of the misclosures w by the unknowns p. The
+change dp of the unknowns minimises
 
-gives the change dp of the unknowns and the errors v of the readings (Gauss-Helmert model). At the
-true angles and lengths, sum J^T M^-1 J is the Fisher information on p. It requires no assumption
-about the motion. The inverse of this matrix is the Cramer-Rao bound.
+    sum over frames of (w + J dp)^T M^-1 (w + J dp),
 
-The misclosure of a bond is the distance of its masses minus the length of its spring or bar. With
-h = r sin(phi), v = r cos(phi) and phi = y - o for a reading y,
+and the errors of the readings are v = S R^T M^-1 (w + J dp) (Gauss-Helmert model). At the true
+angles and lengths, the matrix sum J^T M^-1 J is the Fisher information on p. It requires no
+assumption about the motion. Its inverse is the Cramer-Rao bound.
+
+The misclosure of a bond is the distance between its two masses minus the length of its spring or
+bar. With h = r sin(phi), v = r cos(phi) and phi = y - o for a reading y,
 
     f_n = |(a_n + h_{n+1} - h_n, v_{n+1} - v_n)| - l_n.
 
-The readings y have independent errors of variance S. To first order at a configuration x, the
-misclosures are w = f(x) + R (y - o - x), with the covariance M = R S R^T. M is tridiagonal in each
-frame, so that its Cholesky factor has two diagonals. This factor whitens the misclosures, that is,
-it transforms them to independent numbers of unit variance.
+The readings y have independent errors with the variances S. To first order at a configuration x,
+the misclosures are w = f(x) + R (y - o - x), where R are the derivatives of f by the angles. Their
+covariance is M = R S R^T. In each frame M is tridiagonal, so that the Cholesky factor of M has two
+diagonals. This factor whitens the misclosures, that is, transforms them to independent numbers of
+unit variance.
 """
 
 from __future__ import annotations
@@ -33,20 +36,21 @@ from soliton_linkage.linkage.chain import Array
 from soliton_linkage.linkage.springs import spring_between
 
 _BATCH = 256
-"""Number of frames in a batch [1], whose arrays fit into the cache."""
+"""Number of frames in a batch [1], so that the arrays of a batch fit into the cache."""
 _MISSING_VARIANCE = 1e4
 """Variance of a missing reading, relative to that of a typical reading [1]."""
 _CLOSINGS = 8
 """Largest number of corrections of the angles after a step [1]; usually 2 or 3 are needed."""
 _CLOSED = 1e-4
-"""Change of an angle below which bonds are closed [rad], far below the noise."""
+"""Threshold of the change of an angle in a correction [rad]: the bonds are closed if all angles
+change by less. It is far below the noise."""
 _LARGEST_ERROR = 0.3
-"""Largest difference between angles and readings [rad]. Without this limit Newton's method
+"""Limit of the difference between angles and readings [rad]. Without this limit, Newton's method
 diverges if lengths are wrong and bonds are nearly collinear with rotors."""
 
 
 class Misclosures(NamedTuple):
-    """First-order misclosures of T frames; shapes are (N - 1, T), of `slopes` (N - 1, T, 6)."""
+    """First-order misclosures of the bonds in T frames, shape (N - 1, T) unless stated."""
 
     values: Array
     """Misclosures f [m]."""
@@ -55,10 +59,10 @@ class Misclosures(NamedTuple):
     second: Array
     """df_n / dphi_{n+1} [m/rad]."""
     slopes: Array
-    """Derivatives of f_n by the unknowns r_n, o_n, a_n, l_n, r_{n+1}, o_{n+1}."""
+    """Derivatives of f_n by the six unknowns of bond n (see `Lengths`), shape (N - 1, T, 6)."""
 
     def torques(self, forces: Array) -> Array:
-        """Return R^T f: torques on the rotors, (N, T), for forces f in bonds, (N - 1, T)."""
+        """Return the torques R^T f on the rotors, (N, T), for forces f in bonds, (N - 1, T)."""
         torques = np.zeros((len(forces) + 1, forces.shape[1]))
         torques[:-1] = self.first * forces
         torques[1:] += self.second * forces
@@ -66,7 +70,7 @@ class Misclosures(NamedTuple):
 
 
 def misclosures(lengths: Lengths, angles: Array) -> Misclosures:
-    """Return the misclosures about angles of frames [rad], shape (N, T)."""
+    """Return the misclosures, linearised at the angles of T frames [rad], shape (N, T)."""
     r, a = lengths.rotor_lengths[:, None], lengths.spacings[:, None]
     rest = lengths.rest_lengths[:, None]
     sine, cosine = np.sin(angles), np.cos(angles)
@@ -86,11 +90,12 @@ def misclosures(lengths: Lengths, angles: Array) -> Misclosures:
 
 
 class CholeskyFactor(NamedTuple):
-    """Cholesky factor of M = R S R^T of each frame, S diagonal; shapes (N - 1, T)."""
+    """Cholesky factor of M = R S R^T in each of T frames."""
 
     diagonal: Array
+    """Elements on the diagonal, shape (N - 1, T)."""
     below: Array
-    """Elements left of the diagonal, 0 in the first row."""
+    """Element left of the diagonal in each row, 0 in the first row, shape (N - 1, T)."""
 
     def whitened(self, values: Array) -> Array:
         """Return whitened misclosures, shape (N - 1, T)."""
@@ -101,7 +106,7 @@ class CholeskyFactor(NamedTuple):
         return whitened
 
     def solved(self, whitened: Array) -> Array:
-        """Return M^-1 times misclosures, given the whitened misclosures, shape (N - 1, T)."""
+        """Return M^-1 w, shape (N - 1, T), given the whitened misclosures w."""
         solved = np.empty_like(whitened)
         last = len(solved) - 1
         solved[last] = whitened[last] / self.diagonal[last]
@@ -111,7 +116,11 @@ class CholeskyFactor(NamedTuple):
 
 
 def cholesky_factor(first: Array, second: Array, variances: Array) -> CholeskyFactor:
-    """Factor M, given df/dphi [m/rad], (N - 1, T), and variances of readings [rad^2], (N, T)."""
+    """Return the Cholesky factor of M.
+
+    `first` and `second` are the derivatives of misclosures by angles [m/rad], (N - 1, T).
+    `variances` are the variances of readings [rad^2], (N, T).
+    """
     own = first**2 * variances[:-1] + second**2 * variances[1:]
     between = second[:-1] * first[1:] * variances[1:-1]
     diagonal, below = np.empty_like(own), np.zeros_like(own)
@@ -134,7 +143,7 @@ class NormalEquations(NamedTuple):
 
 
 class Bundle:
-    """Readings of T frames, and estimates of the true angles and of the lengths."""
+    """Readings in T frames, with estimates of the true angles and of the lengths."""
 
     def __init__(
         self,
@@ -143,11 +152,12 @@ class Bundle:
         relative_deviations: Array | None = None,
         repeat_counts: Array | None = None,
     ) -> None:
-        """Start with initial lengths and readings [rad], NaN if missing, shape (T, N).
+        """Start with initial lengths and with readings [rad], shape (T, N).
 
-        Relative deviations, (T, N), are standard deviations of readings, divided by the typical
-        standard deviation [1]. A run of equal readings has the weight of one reading;
-        `repeat_counts`, (T, N), are the lengths of the runs [1].
+        Missing readings are NaN. Each relative deviation, (T, N), is the standard deviation of a
+        reading divided by the typical standard deviation [1]. A run of equal readings has the
+        weight of one reading; `repeat_counts`, (T, N), contains the length of the run to which
+        each reading belongs [1].
         """
         self._readings = np.ascontiguousarray(readings.T)
         self._seen = np.isfinite(self._readings)
@@ -162,9 +172,9 @@ class Bundle:
             for values, seen in zip(self._readings, self._seen, strict=True)
         ]
         self.angles = np.array(interpolated) - lengths.offsets[:, None]
-        """True angles [rad], shape (N, T)."""
+        """Estimated true angles [rad], shape (N, T)."""
         self.normal: NormalEquations
-        """Normal equations of a bundle that `closed` returned."""
+        """Normal equations. Only bundles that `closed` has returned have this attribute."""
 
     def closed(self, lengths: Lengths) -> Bundle:
         """Return a bundle with other lengths and with the angles at which all bonds close."""
@@ -203,7 +213,10 @@ class Bundle:
         return NormalEquations(matrix, vector, squares)
 
     def close(self) -> float:
-        """Move the angles to the nearest closed configuration; return the change [rad]."""
+        """Take one Newton step towards the nearest closed configuration of each frame.
+
+        Return the largest change of an angle [rad].
+        """
         largest = 0.0
         for frames in self._batches():
             linearised, factors, whitened = self._linearised(frames)
@@ -216,7 +229,7 @@ class Bundle:
         return largest
 
     def residuals(self) -> Array:
-        """Return readings minus offsets and angles [rad], 0 if missing, shape (T, N)."""
+        """Return readings minus offsets minus angles [rad], shape (T, N), 0 for missing ones."""
         residuals = self._readings - self.lengths.offsets[:, None] - self.angles
         return np.asarray(np.where(self._seen, residuals, 0.0).T)
 
@@ -230,7 +243,7 @@ class Bundle:
         return linearised, factors, factors.whitened(values)
 
     def _corrected(self, frames: slice) -> Array:
-        """Return readings minus offsets [rad], (N, T), or the angles if readings are missing."""
+        """Return readings minus offsets, or angles where readings are missing [rad], (N, T)."""
         read = self._readings[:, frames] - self.lengths.offsets[:, None]
         return np.where(self._seen[:, frames], read, self.angles[:, frames])
 
@@ -240,5 +253,8 @@ class Bundle:
 
 
 def covariance_in(basis: Array, information: Array) -> Array:
-    """Return the covariance, (P, P), of changes in an orthonormal basis, (P, K)."""
+    """Return the covariance of the unknowns, (P, P), from their information, (P, P).
+
+    Only changes along the K columns of the orthonormal basis, (P, K), are uncertain.
+    """
     return np.asarray(basis @ np.linalg.inv(basis.T @ information @ basis) @ basis.T)

@@ -15,18 +15,22 @@ from soliton_linkage.linkage.chain import Array, Chain
 from soliton_linkage.solitons.passage import find_obstacles
 
 _LARGEST_SPREADS = 0.2, 0.25
-"""Largest plausible relative spreads of lengths, and of masses and stiffnesses [1]. A single rotor
-of twice the mass among 12 rotors gives 0.2."""
+"""Largest plausible spreads (relative standard deviations) of lengths, and of masses and
+stiffnesses [1]. One rotor with twice the mass of 11 others gives 0.2."""
 _USUAL_OF_ROTOR, _USUAL_OF_FRAMES = 1.3, 0.3
-"""Typical random values [1]: squared residuals of the worst rotor relative to the mean, and share
-of a tenth of the frames in the squared residuals."""
+"""Typical values if the residuals are random [1]. The first is the mean square of the residuals of
+the worst rotor, relative to the mean of all rotors. The second is the share of the worst tenth of
+the frames in the sum of squared residuals."""
 _SCALE_PARTS = {'rotor_length', 'spacing', 'rest_length'}
+"""Quantities that change together if a part of the chain is scaled."""
 _MOST_NAMED = 4
 """Largest number of weakly observable combinations that are named [1]."""
 _NOT_OBSERVABLE = 1e-4
-"""Information of an unobservable combination [1]; its standard deviation is 100."""
+"""Threshold of the information on a combination [1]: with less information, the combination is
+called not observable. At the threshold, its standard deviation is 100."""
 _WEAK = 0.1
-"""Standard deviation from the angles alone, above which a combination is weakly observable [1]."""
+"""Threshold of the standard deviation of a combination [1]: a combination is weakly observable if
+the readings alone, without the prior, give a larger standard deviation."""
 
 
 def check_explained(
@@ -34,9 +38,10 @@ def check_explained(
 ) -> None:
     """Raise ValueError with the most likely causes if the model does not explain the readings.
 
-    `noise` is the ratio of the residuals to the noise of the readings [1]. The spreads are the
-    standard deviations of lengths and of masses and stiffnesses, relative to their means [1];
-    large spreads indicate wrong readings, because the fit adapts masses and stiffnesses to them.
+    `noise` is the ratio of the residuals to the noise of the readings [1]. `spreads` are two
+    relative standard deviations within the estimated chain [1]: of lengths, and of masses and
+    stiffnesses. Large spreads indicate wrong readings, because the fit can only reproduce wrong
+    readings by implausible parameters.
     """
     lengths, masses = spreads
     faults = []
@@ -81,7 +86,7 @@ def check_explained(
 
 
 def obstacle_warnings(chain: Chain, lengths: Lengths, covariance: Array) -> list[str]:
-    """Return warnings about bonds that stop walls or may stop walls."""
+    """Return warnings about bonds that stop walls and bonds that possibly stop walls."""
     warnings = [
         f'bond {each.bond} may stop a soliton: its spring of {each.rest_length:.4g} m '
         f'{each.reason}'
@@ -101,10 +106,11 @@ def obstacle_warnings(chain: Chain, lengths: Lengths, covariance: Array) -> list
 def weakly_observable(
     information: Array, basis: Array, split: Callable[[Array], dict[str, Array]]
 ) -> tuple[str, ...]:
-    """Return descriptions of the weakly observable combinations, the least observable first.
+    """Return descriptions of the weakly observable combinations of unknowns.
 
-    Arguments are the information of the readings on all unknowns, (P, P), and an orthonormal basis
-    of observable changes. `split` returns the named parts of the unknowns.
+    The least observable combination is first. `information` is the information of the readings on
+    all P unknowns, (P, P). `basis` is an orthonormal basis of the changes that are observable in
+    principle, (P, K). `split` divides a vector of the unknowns into named parts.
     """
     values, vectors = np.linalg.eigh(basis.T @ information @ basis)
     weak = [
@@ -117,7 +123,7 @@ def weakly_observable(
 
 
 def _description(deviation: float, parts: dict[str, Array]) -> str:
-    """Return the quantities and rotors of a combination, and its standard deviation."""
+    """Return a text with the quantities, rotors and standard deviation of a combination."""
     size = max(float(np.abs(part).max()) for part in parts.values())
     kinds = [name for name, part in parts.items() if np.abs(part).max() > 0.5 * size]
     sides = [

@@ -1,23 +1,28 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Free motion of springs from frame to frame, and its sensitivities to all unknowns.
+"""Simulation of the free motion of a chain of springs, with sensitivities to all unknowns.
+
+The equation of motion of rotor n is
 
     m_n r_n^2 phi_n'' = -sum over both springs of k f df/dphi_n + g m_n r_n sin(phi_n + tilt)
                         - c phi_n' - b tanh(phi_n' / w),
 
-where f is the extension of a spring and b the dry friction, whose torque is nearly constant at
-rates above w. The unknowns q are the unknowns of `Lengths`, log k of each spring, log m of each
-rotor, c, b, log g, the initial angles and the initial rates. The sensitivities X = dphi/dq and V =
-X' satisfy
+where f is the extension of a spring, c the damping, and b the dry friction. The torque of dry
+friction is nearly constant at rates above w. The Q unknowns q are the unknowns of `Lengths`, log k
+of each spring, log m of each rotor, c, b, log g, the initial angles and the initial rates. The
+sensitivities X = dphi/dq and V = X' satisfy
 
-    X' = V,    V' = (dphi''/dphi) X + (dphi''/dphi') V + dphi''/dq,
+    X' = V,    V' = (dphi''/dphi) X + (dphi''/dphi') V + dphi''/dq.
 
-and are integrated together with the motion, by the classical Runge-Kutta method.
+The classical Runge-Kutta method integrates the sensitivities together with the motion.
 
-Arguments of the compiled loops: `table`, (5, N), has r, a, l, k of rotors and springs, and the
-inertias; `columns`, (5, N), has the indices of r, a, l, log k and log m among the unknowns;
-`forces`, (6,), has the entries `DAMPING` to `LONGEST`: c, b, w, the components of gravity along
-the chain and down from it, and the longest step. Angles and rates have the shape (N,), their
-sensitivities x and v the shape (N, Q). With Q = 0 only the motion is integrated.
+The compiled loops have these arguments:
+
+- `table`, (5, N): r, a, l, k, and the moments of inertia;
+- `columns`, (5, N): the indices of r, a, l, log k and log m among the unknowns;
+- `forces`, (6,): c, b, w, gravity along the chain, gravity down from the chain, longest step;
+- angles and rates, (N,), and their sensitivities x and v, (N, Q).
+
+With Q = 0 only the motion is integrated.
 """
 
 from __future__ import annotations
@@ -47,16 +52,18 @@ from soliton_linkage.linkage.chain import Array
 from soliton_linkage.linkage.springs import spring_between
 
 R, A, L, K, INERTIA = range(5)
-"""Rows of the table, and of the columns except the last."""
+"""Rows of `table`. The first four are also rows of `columns`."""
 M = INERTIA
-"""Row of log m in the columns."""
+"""Row of log m in `columns`."""
 BELOW, MAIN, ABOVE, PULL, FIRST, SECOND, BY_R, BY_NEXT_R = range(8)
 BY_A, NEXT_BY_R, NEXT_BY_NEXT_R, NEXT_BY_A, FRICTION_PART, DRAG, FALL, ACCELERATION = range(8, 16)
-"""Rows of the workspace, (16, N): diagonals of the stiffness matrix, tension, levers, derivatives
-of the torques by lengths, acting fraction of the dry friction, derivative of the total drag by the
-rate, acceleration by gravity, and acceleration by all torques."""
+"""Rows of the workspace `work`, (16, N): three diagonals of the stiffness matrix (`BELOW` to
+`ABOVE`), force of each spring (`PULL`), derivatives of its extension by both angles (`FIRST` and
+`SECOND`), derivatives of the torques by lengths (`BY_R` to `NEXT_BY_A`), dry friction divided by b
+(`FRICTION_PART`), derivative of the total drag by the rate (`DRAG`), acceleration by gravity
+(`FALL`), and acceleration by all torques (`ACCELERATION`)."""
 DAMPING, FRICTION, SLIDING, ALONG, DOWN, LONGEST = range(6)
-"""Indices of the forces."""
+"""Indices in `forces`."""
 Columns = NDArray[np.int64]
 
 
@@ -65,7 +72,7 @@ spring = compile_loop(spring_between, inlined=True)
 
 @compiled(const_f8_2d, const_f8_1d, f8_1d, f8_1d, f8_2d)
 def accelerate(table: Array, forces: Array, angles: Array, rates: Array, work: Array) -> None:
-    """Set the accelerations [rad/s^2] and the other rows of the workspace."""
+    """Set all rows of the workspace, among them the accelerations [rad/s^2]."""
     rotors, values = angles.size, work[ACCELERATION]
     gravity = forces[ALONG] != 0.0 or forces[DOWN] != 0.0
     for n in range(rotors):
@@ -126,7 +133,7 @@ def accelerate_sensitivities(
     v: Array,
     changes: Array,
 ) -> None:
-    """Set the sensitivities of accelerations, (N, Q), given the workspace."""
+    """Set `changes`, the sensitivities of the accelerations, (N, Q), given the workspace."""
     rotors, size = x.shape
     values, drag_column = work[ACCELERATION], columns[M, 0] + rotors
     for n in range(rotors):
@@ -170,10 +177,10 @@ def advance(
     state: Array,
     changes: Array,
 ) -> None:
-    """Integrate some steps [s] in place by the classical Runge-Kutta method.
+    """Integrate a number of steps in place by the classical Runge-Kutta method.
 
-    The rows of `state`, (2, N), are angles and rates; the rows of `changes`, (2, N, Q), are x and
-    v.
+    `step` is the duration of a step [s]. `state`, (2, N), contains angles and rates. `changes`,
+    (2, N, Q), contains x and v.
     """
     rotors, size = changes.shape[1:]
     work, rate_changes = np.empty((16, rotors)), np.empty((rotors, size))
@@ -217,7 +224,10 @@ def integrate(
     states: Array,
     slopes: Array,
 ) -> None:
-    """Integrate over spans of time [s], (T,), and set states, (T, 2, N), and x, (T, N, Q)."""
+    """Integrate over T successive spans of time [s], and store the results after each span.
+
+    `states`, (T, 2, N), receives angles and rates. `slopes`, (T, N, Q), receives x.
+    """
     for frame in range(spans.size):
         if spans[frame] != 0:
             steps = math.ceil(abs(spans[frame]) / forces[LONGEST])
@@ -226,19 +236,21 @@ def integrate(
 
 
 _LONGEST_STEP = 0.4
-"""Longest step, relative to the shortest vibration time [1]. Errors after a crossing of 40 rotors
-are at most 2e-5 rad. Sensitivity: at 0.5x, they are 2e-6 rad, and the computing time doubles."""
+"""Longest step times the largest rate of vibration and decay [1]. After a wall has crossed 40
+rotors, errors of angles are at most 2e-5 rad. Sensitivity: at 0.5x, they are 2e-6 rad, and the
+computing time doubles."""
 _BATCH = 32
-"""Number of frames whose sensitivities are integrated at once [1]; 40 rotors take 3 MB."""
+"""Number of frames whose sensitivities are computed in one batch [1]. A batch of 40 rotors needs
+3 MB."""
 _SLIDING = 0.1
-"""Rate w above which dry friction is nearly constant [rad/s], small compared with walls.
-Sensitivity: at 0.5x, friction takes more steps."""
+"""Rate w above which dry friction is nearly constant [rad/s]. It is small compared with the rates
+of rotors in a moving wall. Sensitivity: at 0.5x, the integration of friction needs more steps."""
 FORCE_UNKNOWNS = 3
 """Number of unknown forces [1]: c, b and log g."""
 
 
 class UnknownSlices(NamedTuple):
-    """Indices of the unknowns of a motion."""
+    """Indices of each kind of unknowns among the unknowns of a motion."""
 
     lengths: slice
     stiffnesses: slice
@@ -249,7 +261,7 @@ class UnknownSlices(NamedTuple):
 
 
 def unknown_slices(rotors: int) -> UnknownSlices:
-    """Return the indices of the unknowns of N rotors: the chain, then the initial state."""
+    """Return the indices of the unknowns of N rotors: first the chain, then the initial state."""
     sizes = [UNKNOWNS_PER_ROTOR * rotors - 2, rotors - 1, rotors, FORCE_UNKNOWNS, rotors, rotors]
     ends = np.cumsum(sizes).tolist()
     return UnknownSlices(*map(slice, [0, *ends[:-1]], ends))
@@ -257,18 +269,19 @@ def unknown_slices(rotors: int) -> UnknownSlices:
 
 @dataclass(frozen=True)
 class FreeMotion:
-    """Initial state of a chain of springs, and its forces; lengths in any unit.
+    """A chain of springs, the forces on its rotors, and its initial state.
 
-    Masses, stiffnesses, damping and friction are divided by the mean mass.
+    Lengths may be in any unit. Masses, stiffnesses, damping and friction are divided by the mean
+    mass.
     """
 
     lengths: Lengths
     stiffnesses: Array
-    """k divided by the mean mass [1/s^2], shape (N - 1,)."""
+    """Stiffnesses k divided by the mean mass [1/s^2], shape (N - 1,)."""
     masses: Array
-    """m, relative to the mean mass [1], shape (N,)."""
+    """Masses m divided by the mean mass [1], shape (N,)."""
     damping: float
-    """c divided by the mean mass [length^2/s]."""
+    """Damping c of each rotor divided by the mean mass [length^2/s]."""
     angles: Array
     """Initial angles [rad], shape (N,)."""
     rates: Array
@@ -276,13 +289,13 @@ class FreeMotion:
     friction: float = 0.0
     """Dry friction b of each rotor divided by the mean mass [length^2/s^2]."""
     gravity: float = 0.0
-    """g, in the plane of the chain [length/s^2], 0 for none."""
+    """Gravity g in the plane of the chain [length/s^2], 0 if gravity does not act."""
     tilt: float = 0.0
     """Tilt of the chain, positive if the last rotor is lower [rad]."""
 
     @property
     def slices(self) -> UnknownSlices:
-        """Indices of the unknowns."""
+        """Indices of each kind of unknowns."""
         return unknown_slices(len(self.masses))
 
     @property
@@ -297,7 +310,7 @@ class FreeMotion:
 
     @property
     def fastest(self) -> float:
-        """Upper bound of the rates of vibration and decay [rad/s]."""
+        """Upper bound of the angular frequencies of vibrations and of the decay rates [rad/s]."""
         vibrations = 2 * math.sqrt(float(self.stiffnesses.max() / self.masses.min()))
         return vibrations + abs(self.friction) / _SLIDING / float(self.inertias.min())
 
@@ -318,7 +331,7 @@ class FreeMotion:
         )
 
     def normalised(self) -> FreeMotion:
-        """Return the motion in units of its mean spacing and mean mass."""
+        """Return the motion in units of the mean spacing and the mean mass of its chain."""
         spacing, mass = float(self.lengths.spacings.mean()), float(self.masses.mean())
         return replace(
             self,
@@ -332,7 +345,7 @@ class FreeMotion:
 
 
 def split_chain(unknowns: Array) -> dict[str, Array]:
-    """Return the parts of the unknowns of a chain by name; `Deviations` has the same names."""
+    """Return each kind of unknowns of a chain by name; `Deviations` uses the same names."""
     at = unknown_slices((len(unknowns) + 3 - FORCE_UNKNOWNS) // (UNKNOWNS_PER_ROTOR + 2))
     damping, friction, gravity = np.split(unknowns[at.forces], FORCE_UNKNOWNS)
     return {
@@ -351,19 +364,22 @@ def angles_at(motion: FreeMotion, times: Array) -> Array:
 
 
 def states_at(motion: FreeMotion, times: Array) -> Array:
-    """Return angles and rates at each time [rad], [rad/s], shape (T, 2, N)."""
+    """Return the angles [rad] and the rates [rad/s] at each time, shape (T, 2, N)."""
     return next(_states(motion, times, np.empty((2, len(motion.masses), 0)), len(times)))[0]
 
 
 def propagate(motion: FreeMotion, times: Array) -> tuple[Array, FreeMotion]:
-    """Return the angles at each time [rad], (T, N), and the motion from the last time on."""
+    """Return the angles at each time [rad], (T, N), and the motion that begins at the last."""
     states = states_at(motion, times)
     angles, rates = states[-1]
     return states[:, 0], replace(motion, angles=angles, rates=rates)
 
 
 def states_with_sensitivities(motion: FreeMotion, times: Array) -> Iterator[tuple[Array, Array]]:
-    """Yield angles and rates, (B, 2, N), and sensitivities of angles, (B, N, Q), of B times."""
+    """Yield results for successive batches of B times.
+
+    Each result consists of angles and rates, (B, 2, N), and sensitivities of angles, (B, N, Q).
+    """
     rotors, at = len(motion.masses), motion.slices
     changes = np.zeros((2, rotors, motion.size))
     changes[0, :, at.angles] = changes[1, :, at.rates] = np.eye(rotors)
@@ -373,7 +389,7 @@ def states_with_sensitivities(motion: FreeMotion, times: Array) -> Iterator[tupl
 def _states(
     motion: FreeMotion, times: Array, changes: Array, batch: int
 ) -> Iterator[tuple[Array, Array]]:
-    """Yield states, (B, 2, N), and sensitivities of angles, (B, N, Q), in batches of times."""
+    """Yield states, (B, 2, N), and sensitivities of angles, (B, N, Q), for batches of B times."""
     state = np.array([motion.angles, motion.rates])
     along, down = motion.gravity * math.sin(motion.tilt), motion.gravity * math.cos(motion.tilt)
     longest = _LONGEST_STEP / motion.fastest

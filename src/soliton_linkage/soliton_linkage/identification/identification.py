@@ -51,28 +51,28 @@ _NOT_CLOSED = (
     'the joints, and whether a rotor was held'
 )
 _MOST_KICKS = 3
-"""Largest number of kicks in the search [1]; each requires another fit."""
+"""Largest number of unrecorded kicks that are searched [1]; each requires another fit."""
 _KICK_FRAMES = 7
 """Number of frames whose residuals are averaged to find a kick [1]."""
 _BEFORE_KICK = 0.06
-"""Time before the estimated time of a kick that is not used [s]; after it 0.05 s are not used."""
+"""Unused time before an estimated kick [s]; 0.05 s after the kick are also unused."""
 _SUSPICIOUS = 1.05
-"""Ratio of residual noise to reading noise, above which a kick is searched [1]."""
+"""Threshold of residual noise over reading noise [1]: above it, a kick is searched."""
 _KICKED = 5.5
-"""Mean residual of `_KICK_FRAMES` frames near a kick, in standard deviations [1]. With 2000 frames
-of 40 rotors, noise exceeds this value in one of 300 recordings."""
+"""Threshold of the mean residual of `_KICK_FRAMES` frames, in its standard deviations [1]: a kick
+is near if it is larger. Noise exceeds it in one of 300 recordings of 40 rotors and 2000 frames."""
 _KICK = (
     'a kick that was not recorded acts near {}; the frames near it were not used for masses, '
     'springs and drag'
 )
 _ADJUSTMENTS = 6
-"""Largest number of adjustments [1]; each may reveal outliers that larger outliers have hidden."""
+"""Largest number of adjustments [1]; each may reveal outliers that were hidden by larger ones."""
 _MOST_FITTED = 3000
 """Largest number of frames in the fit of a motion [1]; 40 rotors then take one or two minutes."""
 _STRAINED = 1.1
-"""Ratio of the noise from misclosures to the reading noise, above which bonds do not close [1]."""
+"""Threshold of the ratio of misclosures to reading noise [1]: above it, bonds do not close."""
 _WORSE = 1.25
-"""Noise of a bond, relative to the median, above which it is reported [1]; noise reaches 1.1."""
+"""Threshold of `bond_noise` over its median [1]: larger values are reported; 1.1 is usual."""
 
 
 @dataclass(frozen=True)
@@ -80,26 +80,26 @@ class Identification:
     """An identified chain with its uncertainties."""
 
     chain: Chain
-    """Identified chain, with given mean spacing, mass, stiffness and damping unless estimated."""
+    """Identified chain; the given chain supplies the values that could not be estimated."""
     deviations: dict[str, Array]
-    """Relative standard deviation of each length [1], by the names of `Deviations`."""
+    """Relative standard deviations of lengths, masses and stiffnesses [1]; names as in the chain's
+    `Deviations`."""
     offsets: Array
     """Offset of each encoder, reading minus angle [rad], shape (N,)."""
     offset_deviations: Array
     """Standard deviations of the offsets [rad], shape (N,)."""
     noise: float
-    """Standard deviation of a reading, from the residuals [rad]."""
+    """Standard deviation of a reading, estimated from the residuals of the model [rad]."""
     reading_noise: float
-    """Standard deviation of a reading, from changes from frame to frame [rad]."""
+    """Standard deviation of a reading, estimated from its changes between frames [rad]."""
     bond_noise: Array
-    """Standard deviation of a reading, from each bond alone [rad], shape (N - 1,)."""
+    """Standard deviation of a reading, estimated from each bond alone [rad], shape (N - 1,)."""
     tolerance: float
-    """Standard deviation of the relative differences of lengths of one kind [1]."""
+    """Relative standard deviation of lengths of one kind (e.g. of rotors) about their mean [1]."""
     rigid: bool
-    """Whether all bonds close within the noise, so that bars seem rigid and stiffnesses are
-    unknown."""
+    """Whether all bonds close within the noise; they then seem rigid, with unknown stiffness."""
     unused_frames: int
-    """Number of frames that were not used for masses, stiffnesses and drag [1]."""
+    """Number of frames that were not used to estimate masses, stiffnesses and drag [1]."""
     weakly_observable: tuple[str, ...]
     """Weakly observable combinations of lengths."""
     warnings: tuple[str, ...]
@@ -109,9 +109,9 @@ class Identification:
     damping_deviation: float = math.nan
     """Standard deviation of the damping [N m s/rad], NaN if it was not estimated."""
     friction: float = math.nan
-    """Dry friction of each rotor, in addition to the damping [N m], NaN if not estimated."""
+    """Dry friction of each rotor, in addition to the damping [N m], NaN if unknown."""
     friction_deviation: float = math.nan
-    """Standard deviation of the dry friction [N m], NaN if not estimated."""
+    """Standard deviation of the dry friction [N m], NaN if friction was not estimated."""
     spacing_deviation: float = math.nan
     """Standard deviation of the logarithm of the mean spacing [1], NaN if not estimated."""
     mass_deviation: float = math.nan
@@ -131,12 +131,11 @@ def identify(
 ) -> Identification:
     """Identify a chain from a recording.
 
-    Angles alone determine neither the mean spacing nor the scale of masses and stiffnesses, and
-    sometimes not the damping. The given chain supplies these values; its number of rotors and its
-    other lengths are ignored. If the mean spacing is unknown, it is estimated from gravity. The
-    mean mass is estimated from known impulses. The tolerance of lengths [1] is estimated unless it
-    is given. Raises ValueError, with a one-line message, if the recording does not determine a
-    chain.
+    Angles alone determine neither the mean spacing nor the mean mass, and often not the damping.
+    Gravity determines the mean spacing unless `spacing_known`. Known impulses determine the mean
+    mass. The given chain supplies the values that the recording does not determine; all other
+    parameters of the given chain are ignored. The tolerance of lengths [1] is estimated unless it
+    is given. Raises ValueError with a one-line message if the recording determines no chain.
     """
     for recording in readings.recordings:
         check_unit(recording.angles)
@@ -196,7 +195,7 @@ def _by_model(
 def _adjusted(
     readings: Readings, noise: float, tolerance: float | None
 ) -> tuple[Readings, Adjustment]:
-    """Return the readings without outliers of the bonds, and the adjusted lengths."""
+    """Adjust the lengths; return the readings without outliers, and the adjustment."""
     start = initial_lengths(readings.filled)
     deviations = readings.relative_deviations
     for _ in range(_ADJUSTMENTS):
@@ -215,7 +214,7 @@ def _adjusted(
 
 
 def _check_passage(recordings: Sequence[Readings]) -> None:
-    """Raise ValueError unless a wall passes all rotors in one of the recordings."""
+    """Raise ValueError unless a wall passes all rotors in at least one recording."""
     errors = []
     for each in recordings:
         try:
@@ -252,7 +251,7 @@ def _fit_around_kicks(
         better = _fit_springs(without, *inputs)
         if better is None:
             break
-        # An additional initial state reduces the squares by 2 N, with a variance of 4 N.
+        # By chance, an additional initial state reduces the squares by 2 N, with variance 4 N.
         gain = some.angles.size * (1 - (better.noise / fitted.noise) ** 2)
         states = 2 * some.angles.shape[1]
         if gain < states + _KICKED * math.sqrt(2 * states):
@@ -263,7 +262,7 @@ def _fit_around_kicks(
 
 
 def _worst_frames(fitted: MotionFit) -> tuple[int, float]:
-    """Return the frame with the largest mean residual of a rotor, and its ratio to the limit."""
+    """Return the frame with the largest mean residual of a rotor, and the ratio to its limit."""
     means = np.abs(uniform_filter1d(fitted.residuals, _KICK_FRAMES, axis=0))
     frame = int(np.argmax(means.max(axis=1)))
     return frame, float(means[frame].max() * math.sqrt(_KICK_FRAMES) / (_KICKED * fitted.noise))
@@ -322,7 +321,7 @@ def _by_springs(
     scale: tuple[float, float] | None,
     unused_frames: int,
 ) -> Identification:
-    """Return the chain from a fit of springs, with lengths, stiffnesses, masses and drag."""
+    """Return the result for springs: lengths, stiffnesses, masses and drag are estimated."""
     motion = fitted.motion
     deviations = split_chain(np.sqrt(np.diag(fitted.covariance)))
     geometry = motion.slices.lengths
@@ -372,7 +371,7 @@ def _by_springs(
 
 
 def _with_motion(chain: Chain, motion: FreeMotion, mass: float) -> Chain:
-    """Return a chain with the masses, stiffnesses and damping of a motion and a mean mass [kg]."""
+    """Return a chain with a mean mass [kg] and the relative masses and forces of a motion."""
     unit = mass / float(motion.masses.mean())
     deviations = replace(
         chain.deviations,
@@ -396,7 +395,7 @@ def _by_bonds(
     moved: BarMotion | None,
     unused_frames: int,
 ) -> Identification:
-    """Return the chain from the closure of its bonds, with masses and drag of free motions."""
+    """Return the result for bars: lengths from the bonds, masses and drag from the motion."""
     deviations = split_lengths(found.deviations)
     offsets = deviations.pop('offset')
     chain = found.lengths.scaled(given.spacing).chain(given)

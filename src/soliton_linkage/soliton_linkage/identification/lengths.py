@@ -1,13 +1,14 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Unknown lengths of a chain and offsets of its encoders, their prior and their initial values.
+"""Unknown lengths of a chain and offsets of its encoders: order, initial values and prior.
 
-The order of the unknowns is r_0, o_0, a_0, l_0, r_1, o_1, a_1, l_1, ..., r_{N-1}, o_{N-1}. The six
-unknowns of a bond are then consecutive: r_n, o_n, a_n, l_n, r_{n+1}, o_{n+1}. A change of a length
-is the change of its logarithm [1]; a change of an offset is in [rad].
+The order of the unknowns is r_0, o_0, a_0, l_0, r_1, o_1, a_1, l_1, ..., r_{N-1}, o_{N-1}. In this
+order, the six unknowns of a bond are consecutive: r_n, o_n, a_n, l_n, r_{n+1}, o_{n+1}. For a
+length, the unknown is its logarithm, so that a change is relative [1]. For an offset, it is the
+offset itself [rad].
 
-In the prior, the logarithms of all lengths of one kind have a normal distribution about their
-common mean, and offsets about 0. The standard deviations of this prior are called tolerances and
-are estimated.
+The lengths are of three kinds: r, a and l. In the prior, the logarithms of all lengths of one kind
+have a normal distribution about their common mean, and the offsets have a normal distribution
+about 0. The standard deviations of these distributions are called tolerances and are estimated.
 """
 
 from __future__ import annotations
@@ -24,7 +25,7 @@ UNKNOWNS_PER_ROTOR = 4
 UNKNOWNS_PER_BOND = 6
 """Number of unknowns that affect a bond [1]."""
 _LONGEST_STEP = 0.2
-"""Largest change of a logarithm or offset in one step [1], [rad]."""
+"""Largest change in one step: of the logarithm of a length [1], or of an offset [rad]."""
 
 
 @dataclass(frozen=True)
@@ -36,9 +37,9 @@ class Lengths:
     spacings: Array
     """Distances a from each pivot to the next [m], shape (N - 1,)."""
     rest_lengths: Array
-    """Lengths l of the springs at rest or of the bars [m], shape (N - 1,)."""
+    """Lengths l of relaxed springs or of bars [m], shape (N - 1,)."""
     offsets: Array
-    """Offsets o, readings minus angles [rad], shape (N,)."""
+    """Offsets o of the encoders, reading minus angle [rad], shape (N,)."""
 
     @property
     def rotors(self) -> int:
@@ -46,7 +47,10 @@ class Lengths:
         return len(self.rotor_lengths)
 
     def changed(self, change: Array) -> Lengths:
-        """Return the lengths after a change of the unknowns, limited to `_LONGEST_STEP`."""
+        """Return the lengths after a change of the unknowns.
+
+        If the largest element of the change exceeds `_LONGEST_STEP`, the change is scaled down.
+        """
         largest = float(np.abs(change).max(initial=0.0))
         rotor, offset, spacing, rest = split(change * min(1.0, _LONGEST_STEP / max(largest, 1e-9)))
         return Lengths(
@@ -67,10 +71,10 @@ class Lengths:
         )
 
     def chain(self, template: Chain) -> Chain:
-        """Return a chain with these lengths and all other parameters of a template.
+        """Return a chain with these lengths; a template supplies all other parameters.
 
-        The parameters of the chain are the means of the lengths; its deviations are relative to
-        them.
+        The mean lengths become the parameters of the chain. The relative differences of single
+        lengths from these means become its deviations.
         """
         spacing, length = float(self.spacings.mean()), float(self.rotor_lengths.mean())
         rest = float(self.rest_lengths.mean())
@@ -98,31 +102,31 @@ def chain_lengths(chain: Chain) -> Lengths:
 
 
 def split(unknowns: Array) -> tuple[Array, Array, Array, Array]:
-    """Return the parts r, o, a and l of the unknowns on the last axis."""
+    """Return views of the unknowns r, o, a and l, which are interleaved on the last axis."""
     r, o, a, length = (unknowns[..., k::UNKNOWNS_PER_ROTOR] for k in range(UNKNOWNS_PER_ROTOR))
     return r, o, a, length
 
 
 def split_lengths(unknowns: Array) -> dict[str, Array]:
-    """Return the parts of the unknowns by the names of `Deviations`, and the offset."""
+    """Return the unknowns of each kind by name: the names of `Deviations`, and `offset`."""
     names = 'rotor_length', 'offset', 'spacing', 'rest_length'
     return dict(zip(names, split(unknowns), strict=True))
 
 
 _PASSING = 0.2
-"""Smallest difference of the sines of neighbours near a wall, relative to a typical maximum
-[1]."""
+"""Threshold of sin(phi_{n+1}) - sin(phi_n) minus its median, relative to a typical maximum [1]: a
+wall is near a bond if the value is larger."""
 
 
 def initial_lengths(angles: Array) -> Lengths:
-    """Return lengths of equal rotors with spacing 1 that fit angles [rad], shape (T, N).
+    """Return lengths of a chain of equal rotors with spacing 1 that fit angles [rad], (T, N).
 
-    The bond of equal rotors closes if
+    A bond between two equal rotors closes if
 
         cos(phi_n - phi_{n+1}) = K_0 + K_1 (sin(phi_{n+1}) - sin(phi_n)),
         K_0 = (a^2 + 2 r^2 - l^2) / (2 r^2),    K_1 = a / r,
 
-    which is linear in K_0 and K_1 (Freudenstein's equation of four-bar linkages). Raises
+    This equation is linear in K_0 and K_1 (Freudenstein's equation of four-bar linkages). Raises
     ValueError if no chain has these angles.
     """
     inner = angles[:, 1:-1] if angles.shape[1] > 4 else angles
@@ -154,14 +158,16 @@ def initial_lengths(angles: Array) -> Lengths:
 
 
 _INITIAL = 0.04
-"""Initial tolerances [1], [rad]; with larger values, single lengths diverge in the first steps."""
+"""Initial tolerance of lengths [1] and of offsets [rad]. With larger values, single lengths
+diverge in the first steps."""
 _SMALLEST, _LARGEST = 1e-4, 0.3
-"""Limits of the tolerances [1], [rad]; typical machining achieves ten times the lower limit."""
+"""Limits of the tolerances of lengths [1] and of offsets [rad]. Typical machined parts have
+tolerances of ten times the lower limit."""
 
 
 @dataclass(frozen=True)
 class Tolerances:
-    """Standard deviations of lengths of one kind about their mean, and of offsets."""
+    """Prior standard deviations of lengths about the mean of their kind, and of offsets."""
 
     lengths: float = _INITIAL
     """Relative standard deviation of lengths [1]."""
@@ -169,7 +175,7 @@ class Tolerances:
     """Standard deviation of offsets [rad]."""
 
     def information(self, rotors: int) -> Array:
-        """Return the information matrix of the unknowns of a chain of N rotors, (P, P)."""
+        """Return the prior information on the P unknowns of N rotors, shape (P, P)."""
         size = UNKNOWNS_PER_ROTOR * rotors - 2
         information = np.zeros((size, size))
         for part in (0, 2, 3):
@@ -181,7 +187,7 @@ class Tolerances:
         return information
 
     def is_close(self, other: Tolerances, fraction: float) -> bool:
-        """Return whether both tolerances equal those of `other` up to a fraction [1]."""
+        """Return whether both tolerances equal those of `other` up to a relative difference."""
         return (
             abs(self.lengths - other.lengths) <= fraction * other.lengths
             and abs(self.offsets - other.offsets) <= fraction * other.offsets
@@ -189,9 +195,9 @@ class Tolerances:
 
     @staticmethod
     def estimated(lengths: Lengths, covariance: Array, given: float | None) -> Tolerances:
-        """Return the tolerances of lengths with a covariance (P, P).
+        """Return the tolerances estimated from lengths and their covariance (P, P).
 
-        The tolerance of the lengths [1] may be given.
+        If `given` is not None, it is the tolerance of the lengths [1].
         """
         rotor, offset, spacing, rest = split(np.diag(covariance))
         squares = [
@@ -205,7 +211,7 @@ class Tolerances:
 
 
 def to_unknowns(lengths: Lengths) -> Array:
-    """Return logarithms of lengths and offsets in the order of the unknowns, shape (P,)."""
+    """Return the unknowns: offsets, and logarithms of lengths, in their order, shape (P,)."""
     values = np.empty(UNKNOWNS_PER_ROTOR * lengths.rotors - 2)
     rotor, offset, spacing, rest = split(values)
     rotor[:], offset[:] = np.log(lengths.rotor_lengths), lengths.offsets

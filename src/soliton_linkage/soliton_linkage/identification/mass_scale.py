@@ -1,12 +1,15 @@
 # SPDX-License-Identifier: Apache-2.0
 """Estimation of the mean mass from known impulses and the changes of rates that they cause.
 
-Free motion determines masses and stiffnesses except for a common factor. An angular impulse J_n
-changes the rate of rotor n by J_n / (M m_n r_n^2), with the mean mass M. A least-squares fit to
-the readings near a sequence of impulses estimates M, the state before the impulses, and their
-delay. A torque is treated as one impulse per frame. The initial value of M follows from the work
-of the impulses, nearly all of which becomes kinetic energy. For long torques, the changes of the
-rates would give a wrong initial value, because the chain moves far from its free motion.
+Free motion determines masses and stiffnesses except for a common factor. Let M be the mean mass
+and m_n the mass of rotor n divided by M. An angular impulse J_n changes the rate of rotor n by J_n
+/ (M m_n r_n^2). A torque is treated as one impulse per frame.
+
+A least-squares fit to the readings near a sequence of impulses estimates M, the state before the
+impulses, and the delay of the impulses. The fit compares two initial values of M. The first
+value follows from the changes of the rates. This value is wrong for long torques, because the
+chain then moves far from its free motion. The second value follows from the work of the impulses,
+nearly all of which becomes kinetic energy.
 """
 
 from __future__ import annotations
@@ -31,15 +34,15 @@ from soliton_linkage.identification.windows import FreeWindow
 from soliton_linkage.linkage.chain import Array
 
 _BEFORE = 50
-"""Number of frames before the impulses that are fitted [1]; at 2x, rates are 3 times as
+"""Number of fitted frames before the impulses [1]. Sensitivity: at 2x, rates are 3 times as
 precise."""
 _AFTER = 25
-"""Number of frames after the impulses that are fitted [1]; they show most of the effect."""
+"""Number of fitted frames after the impulses [1]. These frames show most of the effect."""
 _MOST = 5
-"""Largest number of sequences of impulses in the fit [1]; each takes a second."""
+"""Largest number of sequences of impulses that are fitted [1]. Each fit takes a second."""
 _LONGEST = 500
-"""Largest number of frames between two free motions [1]. After a longer time, the motion before
-the impulses no longer determines the motion after them."""
+"""Largest number of frames between two free motions [1]. After more frames, the motion before the
+impulses no longer determines the motion after the impulses."""
 
 
 def mass_scale(
@@ -48,7 +51,7 @@ def mass_scale(
     """Estimate the mean mass [kg] and the standard deviation of its logarithm [1].
 
     Return None if no known impulses act between two free motions. `fitted` is a fit to the
-    readings; its unit of length is the mean spacing of the pivots [m].
+    readings. Its unit of length is the mean spacing of the pivots, which is `spacing` [m].
     """
     found: list[tuple[float, float, float]] = []
     for before, after in pairwise(fitted.windows):
@@ -67,9 +70,9 @@ def mass_scale(
 def _impulses_between(
     readings: Readings, before: FreeWindow, after: FreeWindow
 ) -> list[tuple[float, Array]]:
-    """Return times and values of the impulses between two windows.
+    """Return the times [s] and the values [N m s] of the impulses between two windows.
 
-    The list is empty if an impulse is unknown or if the impulses last too long.
+    The list is empty if the value of an impulse is unknown or if the impulses last too long.
     """
     first, last = before.frames.stop, after.frames.start
     begin, end = readings.times[first - 1], readings.times[last]
@@ -89,9 +92,9 @@ def _by_impulses(
     impulses: Sequence[tuple[float, Array]],
     spacing: float,
 ) -> tuple[float, float, float] | None:
-    """Return log(1 / M), its variance from the readings, and its variance from the chain.
+    """Return log(1 / M), its variance due to noise, and its variance due to errors of the chain.
 
-    Return None if the changes of rates and of energy have opposite signs.
+    Return None if neither the changes of rates nor the work give a positive M.
     """
     times = readings.times
     first, last = before.frames.stop, after.frames.start
@@ -143,7 +146,10 @@ def _by_impulses(
 
 
 def _work(times: Array, angles: Array, impulses: Sequence[tuple[float, Array]]) -> float:
-    """Return the work of impulses on rotors with known angles [J], a divisor: inf for 0."""
+    """Return the work of impulses on rotors with known angles [J].
+
+    Return inf instead of 0, because the caller divides by the work.
+    """
     rates = np.gradient(angles, times, axis=0)
     frames = np.searchsorted(times, [time for time, _ in impulses])
     work = float(np.sum(np.array([values for _, values in impulses]) * rates[frames]))
@@ -151,7 +157,10 @@ def _work(times: Array, angles: Array, impulses: Sequence[tuple[float, Array]]) 
 
 
 def _kicked(motion: FreeMotion, times: Array, steps: Sequence[tuple[float, Array]]) -> Array:
-    """Return angles at each time [rad], (T, N), given times [s] and steps of the rates."""
+    """Return the angles at T times [s] of a motion with impulses [rad], shape (T, N).
+
+    Each step is the time of an impulse [s] and the change of the rates that it causes [rad/s].
+    """
     parts, now, passed = [], float(times[0]), 0
     for time, change in steps:
         arrival = min(max(time, now), float(times[-1]))

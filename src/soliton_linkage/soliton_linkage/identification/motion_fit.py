@@ -1,15 +1,18 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Estimation of a chain of springs and its forces from its free motion in all frames.
+"""Estimation of a chain of springs and the forces on its rotors from its free motion.
 
-Springs near a moving wall are strained in proportion to the square of its speed, so that bonds do
-not close. The equation of motion determines all angles from the initial state. The most likely
-chain minimises the squared differences between these angles and the readings. Frames are divided
-into windows with separate initial states, so that angles are nearly linear in all unknowns
-(multiple shooting, after Bock). Windows grow as the estimate improves, and end at impulses.
+The strain of springs near a moving wall is proportional to the square of the speed of the wall, so
+that the bonds do not close with the relaxed lengths. The equation of motion determines all angles
+from the initial state. The most likely chain minimises the squared differences between these
+angles and the readings.
+
+The frames are divided into windows with separate initial states, so that angles are nearly linear
+in all unknowns (multiple shooting, after Bock). As the estimate improves, windows are merged. No
+window extends over an impulse.
 
 The initial states are eliminated from the normal equations of the chain.
-`scipy.optimize.least_squares` is not used, because its Jacobian of all unknowns takes 10 GB for
-3000 frames of 40 rotors.
+`scipy.optimize.least_squares` is not used, because its Jacobian would contain the initial states
+and need 10 GB for 3000 frames of 40 rotors.
 """
 
 from __future__ import annotations
@@ -42,47 +45,54 @@ from soliton_linkage.identification.windows import (
 from soliton_linkage.linkage.chain import Array
 
 _GROWTH_MASS_DEVIATION = 0.03
-"""Prior standard deviation of masses and stiffnesses while windows grow [1]. Sensitivity: at 0.1,
-two of ten fits of wobbling flippers converged to a local minimum, with stiffness errors of 8 to 10
-%."""
+"""Prior standard deviation of masses and stiffnesses while windows are merged [1]. Sensitivity: at
+0.1, two of ten fits of wobbling flippers converged to a local minimum with errors of the stiffness
+of 8 to 10 %."""
 _STEPS = 6
-"""Largest number of steps with windows of one length [1]; usually 2 or 3 are taken."""
+"""Largest number of steps before windows are merged again [1]; usually 2 or 3 are taken."""
 _LAST_STEPS = 40
-"""Largest number of steps with the longest windows for given tolerances [1]. Usually 2 to 6 steps
-are taken; 20 are needed in curved valleys of the cost, along which lengths and stiffnesses
-compensate each other."""
+"""Largest number of steps with the longest windows before tolerances are estimated [1]. Usually 2
+to 6 steps are taken. In curved valleys of the cost, along which lengths and stiffnesses compensate
+each other, 20 steps are needed."""
 _ROUNDS = 4
-"""Largest number of estimates of the tolerances [1]."""
+"""Largest number of times that tolerances are estimated [1]."""
 _CONVERGED = 0.1
-"""Expected decrease of -2 log likelihood below which the last steps end [1]. It corresponds to a
-third of a standard deviation. In curved valleys the actual decrease may be much smaller."""
+"""Threshold of the expected decrease of -2 log likelihood in a step [1]: the steps with the
+longest windows end if it is smaller. The value corresponds to a third of a standard deviation. In
+curved valleys the actual decrease may be much smaller than the expected one."""
 _COARSE = 3.0
-"""Expected decrease below which the steps with shorter windows end [1]."""
+"""Threshold of the same decrease at which the steps with shorter windows end [1]."""
 _STIFFNESS_FACTORS = (1, 1 / 5, 5)
-"""Initial stiffnesses that are tried, relative to the given one [1]. The fit can correct a factor
-of 2 or 3. Stiffnesses with vibrations faster than the frames are omitted."""
+"""Initial stiffnesses that are tried, relative to the given stiffness [1]. The fit can correct
+errors by a factor of 2 or 3. A stiffness is omitted if its vibrations are faster than the frame
+rate."""
 _TOLERANCE_CHANGE = 0.05
-"""Relative change of the tolerances below which they have converged [1]."""
+"""Threshold of the relative change of the tolerances [1]: they have converged if they change by
+less."""
 _SAMPLES = 4
-"""Number of samples of the posterior [1]. Sensitivity: at 0.5x, the time is half as long, and the
-uncertainty of standard deviations is 1.4 times as large."""
+"""Number of samples of the posterior [1]. Sensitivity: at 0.5x, sampling takes half the time, and
+the uncertainty of the standard deviations is 1.4 times as large."""
 _SAMPLED_STEPS = 20
 """Largest number of steps for a sample [1]; usually 3 to 10 are taken."""
 _FITTING = 0.5
-"""Largest rms difference between motion and readings with which a window can be merged [rad].
-Least squares converges from this value, a third of the rotation of a rotor by a wall."""
+"""Threshold of the rms difference between motion and readings [rad]: windows are merged if the
+difference is smaller. Least squares converges from this difference, which is a third of the
+rotation of a rotor by a wall."""
 UNEXPLAINED = 1.5
-"""Ratio of residual noise to reading noise above which the model does not explain the readings
-[1]. The posterior is then not sampled, because this would take most of the time."""
+"""Threshold of the ratio of residual noise to reading noise [1]: the model does not explain the
+readings if the ratio is larger. The posterior is then not sampled, because this would take most of
+the time."""
 _SIGNIFICANT = 3.0
-"""Number of standard deviations above which residuals of bars and springs differ significantly
-[1]."""
+"""Threshold of the difference between the residuals of bars and of springs, in its standard
+deviations [1]: a larger difference is significant."""
 _SIGNIFICANT_STAMPS = 6.0
-"""Number of standard deviations above which the variance of stamp errors is significant [1]."""
+"""Threshold of the variance of stamp errors, in its standard deviations [1]: a larger variance is
+significant."""
 _DAMPINGS = 12
 """Number of damping factors that are tried for one step [1]; the last factor is 100."""
 _DAMPED = 1e-3
-"""Damping factor above which a small expected gain may be due to a short step [1]."""
+"""Threshold of the damping factor [1]: with more damping, a small expected decrease does not mean
+convergence, because the step may be too short."""
 
 
 @dataclass(frozen=True)
@@ -91,18 +101,21 @@ class MotionFit:
 
     windows: tuple[FreeWindow, ...]
     covariance: Array
-    """Covariance of the unknowns of the chain, in their order, (Q - 2 N, Q - 2 N)."""
+    """Covariance of the Q - 2 N unknowns of the chain, shape (Q - 2 N, Q - 2 N)."""
     information: Array
-    """Information of the readings on the same unknowns, without the prior."""
+    """Information of the readings on the same unknowns, without the prior, same shape."""
     basis: Array
-    """Orthonormal changes of a chain with constant mean spacing and mean mass."""
+    """Orthonormal basis of the changes of a chain that keep its mean spacing and mean mass."""
     noise: float
-    """Standard deviation of a reading, from the residuals [rad]."""
+    """Standard deviation of a reading, estimated from the residuals [rad]."""
     residuals: Array
-    """Residuals divided by the relative deviations of the readings [rad], 0 if missing, (T, N)."""
+    """Residuals divided by the relative deviations of the readings [rad], shape (T, N).
+
+    Missing readings have the residual 0.
+    """
     prior: MotionPrior
     stamp_deviation: float
-    """Standard deviation of the stamps [s], 0 if negligible."""
+    """Standard deviation of the errors of time stamps [s], 0 if negligible."""
 
     @property
     def motion(self) -> FreeMotion:
@@ -111,7 +124,7 @@ class MotionFit:
 
 
 class MotionFitter:
-    """Levenberg-Marquardt fit of a chain and the initial states of windows to readings."""
+    """Levenberg-Marquardt fit to readings; unknown are the chain and the states of windows."""
 
     def __init__(
         self,
@@ -125,9 +138,10 @@ class MotionFitter:
     ) -> None:
         """Start with motions that approximate the readings.
 
-        Readings [rad] have the shape (T, N), with NaN if missing, and times [s] the shape (T,).
-        The standard deviation of a reading is its relative deviation [1], (T, N), times the noise
-        [rad]. The tolerance of lengths [1] and gravity are estimated unless they are given.
+        `readings` [rad] have the shape (T, N); missing readings are NaN. `times` [s] have the
+        shape (T,). The standard deviation of a reading is its relative deviation [1], (T, N),
+        times `noise` [rad]. The tolerance of lengths [1] is estimated if it is None. Gravity is
+        estimated unless `gravity_known`.
         """
         self._stamps, self._times, self._readings = times, times, readings
         self._stamp_errors = StampErrors(0.0, np.zeros_like(times))
@@ -142,7 +156,10 @@ class MotionFitter:
         self._basis = observable_changes(motion, gravity_known)
 
     def fit(self, bar_noise: float) -> MotionFit | None:
-        """Fit the chain to all readings; return None if bars with a noise [rad] fit as well."""
+        """Fit the chain to all readings; return None if bars explain the readings equally well.
+
+        `bar_noise` is the standard deviation of a reading if bonds are bars [rad].
+        """
         if not self._begin(bar_noise):
             return None
         while (windows := merge_windows(self._windows, self._fits)) != self._windows:
@@ -183,8 +200,8 @@ class MotionFitter:
         """Return S samples of the posterior, as changes of the chain, shape (S, Q - 2 N).
 
         For each sample, random errors are added to the readings and to the prior mean, and the
-        cost is minimised again. If motions are linear in all unknowns, these are exact samples of
-        the posterior (randomized maximum likelihood: Oliver, He and Reynolds 1996).
+        cost is minimised again. The samples are exact if motions are linear in all unknowns
+        (randomized maximum likelihood: Oliver, He and Reynolds 1996).
         """
         found, readings, prior = self._windows, self._readings, self._prior
         random, values = np.random.default_rng(0), prior.evaluate(self._motion)[1]
@@ -225,23 +242,23 @@ class MotionFitter:
         return bool(found)
 
     def _squared_noise(self) -> float:
-        """Return the variance of readings from the residuals [rad^2]."""
+        """Return the variance of a reading, estimated from the residuals [rad^2]."""
         squares = sum(float(np.sum(self._whitened(window) ** 2)) for window in self._windows)
         return float(squares / max(self._freedom() - self._motion.slices.forces.stop, 1.0))
 
     def _freedom(self) -> float:
-        """Return the number of independent readings, less those that initial states require."""
+        """Return the number of independent readings minus the number of initial values."""
         counts = (self._counts(window).sum(axis=0) for window in self._windows)
         return sum(float(np.maximum(each - 2, 0).sum()) for each in counts)
 
     def _counts(self, window: FreeWindow) -> Array:
-        """Return the information of each reading, in independent readings [1], shape (T, N)."""
+        """Return the weight of each reading, 1 for an independent reading [1], shape (T, N)."""
         return np.asarray(self._seen(window) / self._repeats[window.frames])
 
     def _scatter(self) -> float:
-        """Return the standard deviation of the ratio of the variances of bars and springs [1].
+        """Return the standard deviation of the ratio of residual variances, bars to springs [1].
 
-        The two models differ by one independent number per frame.
+        The residuals of the two models differ by one independent number per frame.
         """
         count = sum(float(self._counts(window).sum()) for window in self._windows)
         return math.sqrt(2 / (count * self._rotors))
@@ -251,13 +268,16 @@ class MotionFitter:
         return self._windows[0].motion
 
     def _residuals(self, window: FreeWindow) -> Array:
-        """Return residuals of a window divided by relative deviations [rad], NaN if missing."""
+        """Return the residuals of a window divided by relative deviations [rad], (T, N).
+
+        Missing readings have the residual NaN.
+        """
         angles = angles_at(window.motion, self._times[window.frames])
         residuals = self._readings[window.frames] - window.motion.lengths.offsets - angles
         return np.asarray(residuals / self._deviations[window.frames])
 
     def _whitened(self, window: FreeWindow, residuals: Array | None = None) -> Array:
-        """Return the residuals of a window without the effect of stamp errors, 0 if missing."""
+        """Return the residuals of a window, 0 if missing, corrected for errors of time stamps."""
         if residuals is None:
             residuals = self._residuals(window)
         errors = np.nan_to_num(residuals)
@@ -267,15 +287,16 @@ class MotionFitter:
         return errors
 
     def _pulls(self, window: FreeWindow) -> Array:
-        """Return the rates over the relative deviations of readings in a window [1/s], (T, N)."""
+        """Return rates divided by the relative deviations of the readings [rad/s], (T, N)."""
         rates = states_at(window.motion, self._times[window.frames])[:, 1]
         return np.asarray(rates / self._deviations[window.frames])
 
     def _correct_stamps(self) -> bool:
-        """Estimate the errors of stamps; return whether they are significant.
+        """Estimate the errors of time stamps; return whether they are significant.
 
-        The component of the residuals along the rates gives the delay of each frame. Model errors
-        cause slowly varying delays, so that the variance is computed from second differences.
+        The component of the residuals along the rates gives the delay of each frame. The variance
+        of stamp errors is computed from second differences of these delays, because model errors
+        also cause delays, but slowly varying ones.
         """
         delays, weights = np.zeros((2, len(self._times)))
         sums, squares = 0.0, 0.0
@@ -302,13 +323,13 @@ class MotionFitter:
         return True
 
     def _fits(self, window: FreeWindow, frames: slice) -> bool:
-        """Return whether the motion of a window is close to the readings of some later frames."""
+        """Return whether the motion of a window is close to the readings of its last frames."""
         errors = self._residuals(window)[frames.start - window.frames.start :]
         errors = errors * self._deviations[frames]
         return bool(np.nansum(errors**2) < _FITTING**2 * len(errors))
 
     def _cost(self, windows: Sequence[FreeWindow]) -> float:
-        """Return -2 log likelihood, infinite if a motion diverges."""
+        """Return -2 log likelihood, or infinity if a motion diverges."""
         information, values = self._prior.evaluate(windows[0].motion)
         cost = float(values @ information @ values)
         for window in windows:
@@ -326,7 +347,7 @@ class MotionFitter:
         return [window_equations(window, *given) for window in self._windows]
 
     def _improve(self, steps: int, converged: float) -> None:
-        """Take Levenberg-Marquardt steps until the expected gain is below `converged`."""
+        """Take Levenberg-Marquardt steps until the expected decrease is below `converged`."""
         damping, before = 0.0, self._cost(self._windows)
         for _ in range(steps):
             step = self._linearised()
@@ -345,7 +366,10 @@ class MotionFitter:
             damping /= 8
 
     def _linearised(self) -> Callable[[float], tuple[tuple[FreeWindow, ...], float]]:
-        """Return a function from a damping to the windows after a step and the expected gain."""
+        """Return a function that takes a step with a given damping.
+
+        The function returns the windows after the step and the expected decrease of the cost.
+        """
         windows, equations = self._windows, self._equations()
         information, values = self._prior.evaluate(windows[0].motion)
 
@@ -365,7 +389,7 @@ class MotionFitter:
         return step
 
     def _reestimate(self) -> tuple[Array, Array]:
-        """Estimate noise and prior from all frames; return the covariance and the information."""
+        """Estimate noise and prior again; return covariance and information of the chain."""
         equations, motion = self._equations(), self._motion
         parts = [each.eliminated(self._rotors, self._noise, 0.0) for each in equations]
         information = np.sum([each.matrix for each in parts], axis=0)
@@ -382,9 +406,9 @@ def inflated_covariance(covariance: Array, samples: Array, at: UnknownSlices) ->
     """Return the covariance of a chain, (P, P), inflated to the scatter of samples, (S, P).
 
     Lengths, stiffnesses and masses compensate each other along curved valleys of the cost, so that
-    samples scatter more than the first-order covariance states. Because there are few samples,
-    only three factors are estimated: for lengths and offsets, for stiffnesses, and for masses.
-    Each is at least 1.
+    samples scatter more than the first-order covariance states. Only three factors of standard
+    deviations are estimated, because there are few samples: for lengths and offsets, for
+    stiffnesses, and for masses. Each factor is at least 1.
     """
     variances, factors = np.diag(covariance), np.ones(len(covariance))
     for part in (at.lengths, at.stiffnesses, at.masses):

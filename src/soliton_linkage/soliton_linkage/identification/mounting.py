@@ -1,15 +1,16 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Order and mounting of encoders, from the curve that the angles of two neighbours follow.
+"""Checks of the order and the mounting of encoders, from the angles of neighbouring rotors.
 
-The bond of two neighbours closes if
+The bond between two neighbours closes if their angles follow the curve
 
     cos(phi_1 - phi_2) = K_0 + K_1 sin(phi_2) - K_2 sin(phi_1),
     K_0 = (a^2 + r_1^2 + r_2^2 - l^2) / (2 r_1 r_2),    K_1 = a / r_1,    K_2 = a / r_2,
 
 (Freudenstein's equation of four-bar linkages), with K_1, K_2 > 0. If the second angle has an error
-of half a turn, K_0 and K_1 change their signs. If its sign is reversed, the angles follow another
-curve, or a curve of a bond that no wall can pass: for equal rotors its K_0 is near 1. The same
-holds for the angles of two rotors that are not neighbours.
+of half a turn, K_0 and K_1 change their signs. If the sign of the second angle is reversed, the
+angles do not follow such a curve, or they follow the curve of a bond that no wall can pass. For
+equal rotors, K_0 is near 1 in such a bond. The same holds for the angles of two rotors that are
+not neighbours.
 """
 
 from __future__ import annotations
@@ -23,37 +24,41 @@ from numpy.typing import NDArray
 from soliton_linkage.linkage.chain import Array
 
 _LARGEST_MISFIT = 0.04
-"""Misfit of inner neighbours [rad], above which a bond that no wall can pass is not accepted."""
+"""Threshold of the misfit between a curve and the readings [rad]: the curve does not explain the
+readings if the misfit is larger."""
 _LEAST_SWING = 0.15
-"""Smallest range of sin(phi) of a rotor that a wall has passed, relative to the median [1]."""
+"""Threshold of the range of sin(phi) of a rotor, relative to the median range of all rotors [1]: a
+wall has passed the rotor if its range is larger."""
 _QUANTILES = 0.02, 0.98
-"""Quantiles of sin(phi); the range is their difference."""
+"""Quantiles of sin(phi) whose difference is called the range."""
 _WEIGHTINGS = 4
-"""Number of fits of a curve, with weights from the previous fit [1]."""
+"""Number of successive fits of a curve, each with weights from the previous fit [1]."""
 _FLATTEST = 0.1
-"""Smallest derivative of the equation by the angles [1]; at smaller values single frames would
-dominate."""
+"""Value added in quadrature to the derivative of the equation by the angles [1]. Without it,
+single frames with a small derivative would dominate the fit."""
 _BETTER = 0.8
-"""Largest misfit of a better curve, relative to that of the readings as recorded [1]."""
+"""Threshold of the misfit with one rotor reversed, relative to the misfit as recorded [1]: the
+rotor counts as reversed if the ratio is smaller."""
 _AS_GOOD = 1.25
-"""The same ratio, if no wall can pass the bond of the readings as recorded [1]."""
+"""Threshold of the same ratio if no wall can pass the bond as recorded [1]."""
 _IMPASSABLE = 0.95
-"""Square of l relative to its limit [1], below which no wall can pass a bond; noise changes it by
-0.03."""
+"""Threshold of l^2, relative to the smallest l^2 in a bond that a wall can pass [1]: no wall can
+pass the bond if the ratio is smaller. Noise changes the ratio by 0.03."""
 _MOST_WRONG = 1 / 4
-"""Largest fraction of rotors that an error names one by one [1]."""
+"""Largest fraction of wrongly mounted rotors that an error names one by one [1]."""
 
 
 class Mounting(NamedTuple):
     """Mounting of an encoder, or of one encoder relative to another."""
 
     reversed: bool = False
+    """Whether the sign is reversed."""
     turned: bool = False
     """Whether the zero has an error of half a turn."""
 
     @property
     def remedy(self) -> str:
-        """Formula of the angle for a reading phi."""
+        """Formula that converts a reading phi to the angle."""
         return {
             (False, True): 'phi - pi',
             (True, False): '-phi',
@@ -67,20 +72,21 @@ class _Curve(NamedTuple):
     misfit: float
     """Root mean square distance of the readings from the curve [rad]."""
     room: float
-    """Square of l, relative to its smallest value in a bond that a wall can pass [1]."""
+    """Square of l, relative to the smallest square in a bond that a wall can pass [1]."""
     backward: bool
-    """Whether the two joints are exchanged, or both have an error of half a turn."""
+    """Whether the two joints are exchanged, or both have an error of half a turn. In both cases
+    K_1 and K_2 are negative."""
 
     @property
     def strange(self) -> bool:
-        """Whether no bond can have this curve."""
+        """Whether the curve fits the readings badly and no wall could pass its bond."""
         return self.room < _IMPASSABLE and self.misfit > _LARGEST_MISFIT
 
 
 def check_mounting(readings: Array, names: Sequence[str]) -> None:
     """Raise ValueError for exchanged joints, wrong signs, and errors of half a turn.
 
-    Readings [rad] have the shape (T, N).
+    `readings` are in T frames of N rotors [rad], shape (T, N).
     """
     curves = _curves(readings)
     backward = [n for n, curve in enumerate(curves) if curve.backward]
@@ -129,12 +135,12 @@ def check_neighbours(readings: Array, names: Sequence[str]) -> None:
 
 
 def _isolated(rotors: list[int], count: int) -> bool:
-    """Return whether some rotors are few and none of them are neighbours."""
+    """Return whether the given rotors are few of `count`, and no two of them are neighbours."""
     return len(rotors) <= _MOST_WRONG * count and bool((np.diff(rotors) > 1).all())
 
 
 def _wrong_rotors(curves: Sequence[_Curve]) -> dict[int, Mounting]:
-    """Return the rotors whose mounting differs from that of most rotors, and their mountings."""
+    """Return the rotors with unusual mountings, and these mountings relative to the usual one."""
     states = [Mounting()]
     for curve in curves:
         relative = zip(states[-1], curve.mounting, strict=True)
@@ -148,7 +154,7 @@ def _wrong_rotors(curves: Sequence[_Curve]) -> dict[int, Mounting]:
 
 
 def _curves(readings: Array) -> list[_Curve]:
-    """Return the curve of each bond; bonds that no wall has passed are assumed correct."""
+    """Return the curve of each bond. A bond that no wall has passed is assumed to be correct."""
     low, high = np.quantile(np.sin(readings), _QUANTILES, axis=0)
     swings = high - low > _LEAST_SWING * np.median(high - low)
     return [
@@ -160,7 +166,7 @@ def _curves(readings: Array) -> list[_Curve]:
 
 
 def _curve(first: Array, second: Array) -> _Curve:
-    """Return the better of two curves: as recorded, and with the second rotor reversed."""
+    """Return the better of two fits: with the second angle as recorded, or reversed."""
     plain = _fitted(first, second, False)
     other = _fitted(first, -second, True)
     passable = other.room > _IMPASSABLE
@@ -192,23 +198,27 @@ def _fitted(first: Array, second: Array, is_reversed: bool) -> _Curve:
 _CHECKED_FRAMES = 9
 """Number of frames in which the unit is checked [1]."""
 _SMALLEST_IN_DEGREES = 4.0
-"""Value that every frame in degrees exceeds, because one of two neighbours is at 90 or more."""
+"""Threshold of the largest value in a frame: every frame in degrees exceeds it, because one of two
+neighbours is at 90 degrees or more."""
 _LARGEST_STAGGER = 0.2
-"""Largest median of 1 + cos(phi_n + phi_{n+1}) for angles in radians [1], even if a wall covers
-half the chain. Degrees give 0.4 or more."""
+"""Threshold of the median of 1 + cos(phi_n + phi_{n+1}) [1]: angles in radians give less, even if
+a wall covers half of the chain. Angles in degrees give 0.4 or more."""
 
 
 def check_unit(readings: Array) -> None:
-    """Raise ValueError if most of the checked frames, shape (T, N), seem to be in degrees."""
+    """Raise ValueError if most of the checked frames seem to be in degrees.
+
+    `readings` have the shape (T, N).
+    """
     some = readings[:: max(1, len(readings) // _CHECKED_FRAMES)]
     if np.mean([in_degrees(frame) for frame in some]) > 0.5:
         raise ValueError('the angles look like degrees; publish radians')
 
 
 def in_degrees(angles: Array) -> bool:
-    """Return whether angles fit a chain only in degrees.
+    """Return whether angles fit a chain only if they are interpreted as degrees.
 
-    In any chain most neighbours satisfy phi_n + phi_{n+1} = pi.
+    The criterion is that in any chain most neighbours nearly satisfy phi_n + phi_{n+1} = pi.
     """
     largest = np.nanmax(np.abs(angles), initial=0.0)
     return bool(

@@ -1,10 +1,10 @@
 # SPDX-License-Identifier: Apache-2.0
 """Readings of a recording: angles with standard deviations, impulses and tilts.
 
-Rounding to multiples of q causes uniform errors of variance q^2 / 12. If an angle changes by more
-than q from frame to frame, these errors are independent, like noise (B. Widrow, I. Kollar,
-Quantization Noise, Cambridge, 2008). While a rotor is at rest, all its readings have the same
-error.
+Encoders round angles to multiples of a step q. The rounding errors are uniformly distributed, with
+the variance q^2 / 12. If an angle changes by more than q from frame to frame, its rounding errors
+are independent, like noise (B. Widrow, I. Kollar, Quantization Noise, Cambridge, 2008). While a
+rotor is at rest, all readings of the rotor have the same rounding error.
 """
 
 from __future__ import annotations
@@ -23,25 +23,26 @@ from soliton_linkage.linkage.chain import Array
 from soliton_linkage.linkage.gravity import NO_GRAVITY, Gravity
 
 _FEWEST_ROTORS = 4
-"""Smallest number of rotors [1]; the bonds at the edges contain little information."""
+"""Smallest number of rotors that can be identified [1], because the bonds at the edges contain
+little information."""
 _LEAST_PRESENT = 0.5
-"""Smallest fraction of frames with a reading of a rotor [1]."""
+"""Smallest fraction of the frames in which each rotor must have a reading [1]."""
 _MOST_NAMED = 4
 """Largest number of rotors that an error message names [1]."""
 _PAUSE = 1.0
-"""Time between joined recordings [s]."""
+"""Time between two joined recordings [s]."""
 _LARGEST_RELATIVE_DEVIATION = 100.0
-"""Largest ratio of the standard deviation of a reading to the typical one, and of the inverse
-[1]."""
+"""Largest ratio between the standard deviation of a reading and the typical standard deviation
+[1]. The smallest ratio is the inverse."""
 
 
 class RecordedImpulse(NamedTuple):
-    """Angular impulses on the rotors."""
+    """Angular impulses that act on the rotors at one time."""
 
     time: float
-    """Time of the command [s]."""
+    """Time of the command that causes the impulses [s]."""
     values: Array | None = None
-    """Angular impulses [N m s], shape (N,), None if unknown."""
+    """Angular impulse on each rotor [N m s], shape (N,); None if the impulses are unknown."""
 
 
 class RecordedTilt(NamedTuple):
@@ -55,27 +56,28 @@ class RecordedTilt(NamedTuple):
 
 @dataclass(frozen=True)
 class Readings:
-    """Readings of T frames of N rotors."""
+    """Readings in T frames of N rotors."""
 
     times: Array
     """Times of the frames [s], shape (T,)."""
     angles: Array
     """Recorded readings [rad], NaN if missing, shape (T, N)."""
     deviations: Array | None = None
-    """Reported standard deviation of each reading [rad], NaN if unknown, (T, N)."""
+    """Reported standard deviation of each reading [rad], NaN if unknown, shape (T, N)."""
     names: Sequence[str] = ()
-    """Joint names for error messages."""
+    """Names of the joints for error messages."""
     impulses: Sequence[RecordedImpulse] = ()
+    """Impulses during the recording."""
     gravity: Gravity = NO_GRAVITY
-    """Gravity at the start."""
+    """Gravity at the start of the recording."""
     tilts: Sequence[RecordedTilt] = ()
-    """Changes of the tilt in their order."""
+    """Changes of the tilt in the order of their times."""
     parts: tuple[Readings, ...] = ()
-    """Recordings that were joined."""
+    """Recordings that were joined to this one; empty for a single recording."""
 
     @cached_property
     def filled(self) -> Array:
-        """Angles without jumps of 2 pi, interpolated if missing [rad], shape (T, N).
+        """Readings without jumps of 2 pi; missing ones are interpolated [rad], shape (T, N).
 
         Raises ValueError if there are too few rotors or readings.
         """
@@ -100,12 +102,15 @@ class Readings:
 
     @cached_property
     def unwrapped(self) -> Array:
-        """Angles without jumps of 2 pi [rad], NaN if missing, (T, N)."""
+        """Readings without jumps of 2 pi; missing ones are NaN [rad], shape (T, N)."""
         return np.where(np.isfinite(self.angles), self.filled, np.nan)
 
     @cached_property
     def relative_deviations(self) -> Array:
-        """Ratio of each standard deviation to the typical one [1], 1 if unknown, shape (T, N)."""
+        """Standard deviation of each reading divided by the typical one [1], shape (T, N).
+
+        The ratio is 1 if the standard deviation of a reading is unknown.
+        """
         deviations = self.deviations
         if deviations is None:
             return np.ones_like(self.angles)
@@ -118,17 +123,17 @@ class Readings:
 
     @cached_property
     def joints(self) -> tuple[str, ...]:
-        """Names of the joints, rotor 0, 1, ... by default."""
+        """Names of the joints; `rotor 0`, `rotor 1`, ... if no names are given."""
         return tuple(self.names) or tuple(f'rotor {n}' for n in range(self.angles.shape[1]))
 
     @property
     def recordings(self) -> tuple[Readings, ...]:
-        """The recordings that were joined, or this one."""
+        """The recordings that were joined, or this recording alone."""
         return self.parts or (self,)
 
     @property
     def interruptions(self) -> list[float]:
-        """Times of impulses and changes of the tilt, at which free motion ends [s]."""
+        """Times at which free motion ends [s], because of an impulse or a change of the tilt."""
         return [*(each.time for each in self.impulses), *(each.time for each in self.tilts)]
 
     def tilt_at(self, time: float) -> float:
@@ -137,7 +142,7 @@ class Readings:
         return before[-1] if before else self.gravity.tilt
 
     def select(self, frames: NDArray[Any]) -> Readings:
-        """Return some frames, given by their numbers or a mask."""
+        """Return readings that contain only some frames, given by their numbers or a mask."""
         deviations = None if self.deviations is None else self.deviations[frames]
         return replace(
             self, times=self.times[frames], angles=self.angles[frames], deviations=deviations
@@ -145,9 +150,10 @@ class Readings:
 
 
 def join_recordings(recordings: Sequence[Readings]) -> Readings:
-    """Join recordings of one chain with the same encoders, with pauses between them.
+    """Join recordings of one chain with the same encoders.
 
-    Raises ValueError if they have different joints.
+    A pause with an unknown impulse separates the recordings. Raises ValueError if the recordings
+    have different joints.
     """
     first, *others = recordings
     if not others:
@@ -185,14 +191,15 @@ def join_recordings(recordings: Sequence[Readings]) -> Readings:
 
 
 _SMALLEST_STEP = 1e-9
-"""Smallest step of rounded readings [rad]; smaller steps are rounding errors of the computer."""
+"""Threshold of the change of a reading [rad]: smaller changes are rounding errors of the computer
+and not steps of the encoder."""
 
 
 def rounding_noise(readings: Array) -> float:
-    """Return the standard deviation due to rounding of readings [rad], shape (T, N).
+    """Return the standard deviation of rounding errors [rad], given readings [rad], (T, N).
 
-    The smallest change of a reading is the rounding step. The result is 0 if readings do not
-    change.
+    The smallest change of a reading is assumed to be the rounding step. The result is 0 if no
+    reading changes.
     """
     steps = np.abs(np.diff(readings, axis=0))
     smallest = float(steps[steps > _SMALLEST_STEP].min(initial=np.inf))
@@ -200,10 +207,10 @@ def rounding_noise(readings: Array) -> float:
 
 
 def repeat_counts(readings: Array) -> Array:
-    """Return, for each reading, the length of its run of equal readings [1], shape (T, N).
+    """Return, for each reading, the length of the run of equal readings around it [1], (T, N).
 
-    Gaps are ignored. A run contains the information of one reading, so that variances are
-    multiplied by this length.
+    Missing readings are ignored. A run contains the information of one reading. Callers therefore
+    multiply the variance of each reading by the length of its run.
     """
     counts = np.ones_like(readings)
     for column, values in zip(counts.T, readings.T, strict=True):
@@ -215,29 +222,32 @@ def repeat_counts(readings: Array) -> Array:
 
 
 _NEAR = 100
-"""Number of frames before an impulse, and after it, that are kept [1]."""
+"""Number of frames kept before each impulse, and also after each impulse [1]."""
 _NEAR_IMPULSES = 0.5
-"""Largest fraction of the kept frames that are near impulses [1]."""
+"""Largest fraction of the kept frames that may be near impulses [1]."""
 _AVERAGED = 8
-"""Number of frames of the moving average that shows turning rotors [1]."""
+"""Number of frames in the moving average from which turning rotors are detected [1]."""
 _TURNING = 0.05
-"""Change between two averages that shows a turning rotor [rad]. With a noise of 0.03 rad, rotors
-at rest exceed it in one of thirty recordings of 40 rotors."""
+"""Threshold of the change between two successive averages [rad]: a rotor turns if the change is
+larger. With a noise of 0.03 rad, rotors at rest exceed the threshold in one of thirty recordings
+of 40 rotors."""
 _AT_REST = 0.1
-"""Density of kept frames in which no rotor turns, relative to that of other frames [1]. A tenth of
-these frames suffices to determine offsets and bonds."""
+"""Density of kept frames while all rotors are at rest, relative to the density while a rotor turns
+[1]. A tenth of the frames suffices to determine offsets and bonds."""
 _FILLINGS = 5
-"""Number of redistributions of densities that exceed 1 [1]."""
+"""Number of iterations in which densities are limited to one frame per frame [1]. The excess is
+redistributed to other frames."""
 
 
 def informative_frames(
     times: Array, angles: Array, impulses: Sequence[float], most: int
 ) -> NDArray[np.intp]:
-    """Return the numbers of the most informative frames, at most `most`, shape (K,), in order.
+    """Return the numbers of the most informative frames in increasing order, shape (K,).
 
-    All frames near impulses are kept, because they show the rates before and after. The density of
-    the other kept frames is larger while a rotor turns. Angles [rad], (T, N), NaN if missing, are
-    at times [s], (T,); `impulses` are times of impulses [s].
+    At most `most` frames are returned. Frames near impulses are kept, because they show the rates
+    before and after the impulse. The density of the other kept frames is larger while a rotor
+    turns. `angles` [rad], (T, N), are the readings at `times` [s], (T,); missing readings are NaN.
+    `impulses` are the times of impulses [s].
     """
     if len(times) <= most:
         return np.arange(len(times))
@@ -253,7 +263,10 @@ def informative_frames(
 
 
 def _near_impulses(times: Array, impulses: Sequence[float], most: int) -> NDArray[np.bool_]:
-    """Return which frames are near the first impulses, at most `most`, shape (T,)."""
+    """Return which of T frames are near an impulse, shape (T,).
+
+    At most `most` frames are returned, those near the first impulses.
+    """
     near = np.zeros(len(times), dtype=np.bool_)
     for impulse in impulses:
         frame = int(np.searchsorted(times, impulse))
@@ -266,7 +279,7 @@ def _near_impulses(times: Array, impulses: Sequence[float], most: int) -> NDArra
 
 
 def _turning(angles: Array) -> NDArray[np.bool_]:
-    """Return in which frames a rotor turns, independent of whole turns, shape (T,)."""
+    """Return in which of T frames a rotor turns, shape (T,). Jumps of 2 pi have no effect."""
     pointers = np.nan_to_num(np.exp(1j * angles))
     sums = np.cumsum(np.vstack([np.zeros(angles.shape[1]), pointers]), axis=0)
     means = (sums[_AVERAGED:] - sums[:-_AVERAGED]) / _AVERAGED

@@ -1,8 +1,10 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Checks of a recording before identification, and of the residuals afterwards.
+"""Checks of a recording before identification, and of the residuals after identification.
 
-All rotors on one side of a wall lean in the same direction. For any lengths, the staggered angles
-on the two sides of the wall are symmetric about 0, or about pi for all rotors.
+All rotors on one side of a wall lean in the same direction, and all rotors on the other side lean
+in the opposite direction. For any lengths, the staggered angles of a rotor before and after the
+wall passes are therefore symmetric: about 0 for all rotors, or about pi for all rotors. The zero
+error of an encoder breaks this symmetry.
 """
 
 from __future__ import annotations
@@ -25,20 +27,25 @@ from soliton_linkage.identification.readings import (
 from soliton_linkage.linkage.chain import Array, staggered
 
 _LEANING = 0.5
-"""Smallest |sin(phi)| of a rotor that clearly leans to one side, relative to its median [1]."""
+"""Threshold of |sin(phi)|, relative to the median of the same rotor [1]: a rotor clearly leans to
+one side if the value is larger."""
 _FAR_OFF = 2.0
-"""Zero error above which a joint belongs to another position in the chain [rad]."""
+"""Threshold of the apparent zero error [rad]: if it is larger, the joints are probably in a wrong
+order, and no zero error is reported."""
 _LARGEST_ZERO_ERROR = 0.5
-"""Largest zero error of an encoder for which least squares converges [rad]. Deviations of 5 % in
-every length with offsets of 0.05 rad look like zero errors of 0.3 rad."""
+"""Largest zero error of an encoder for which least squares converges [rad]. In a chain with random
+deviations of 5 % in every length and offsets of 0.05 rad, apparent zero errors reach 0.3 rad."""
 _TRIMMINGS = 6
-"""Iterations of the robust mean angle at rest [1]."""
+"""Number of iterations of the robust mean angle at rest [1]."""
 _SHARPNESS = 20.0
-"""Sharpness of the weights of this mean, 1 / (0.22 rad)^2 [1/rad^2]."""
+"""Sharpness of the weights in the robust mean: 1 / (0.22 rad)^2 [1/rad^2]."""
 
 
 def check_motion(readings: Array, names: Sequence[str]) -> None:
-    """Raise ValueError unless a wall passes all rotors in their order; readings [rad], (T, N)."""
+    """Raise ValueError unless a wall passes all rotors in the order of the joints.
+
+    `readings` [rad] have the shape (T, N).
+    """
     check_mounting(readings, names)
     check_zeros(readings, names)
     inner = _leaning_over(readings)[1:-1]
@@ -64,10 +71,10 @@ def check_motion(readings: Array, names: Sequence[str]) -> None:
 
 
 def check_zeros(readings: Array, names: Sequence[str]) -> None:
-    """Raise ValueError for inner rotors whose mean angle over both sides of a wall is not upright.
+    """Raise ValueError if the encoder of an inner rotor has a large zero error.
 
-    Edge rotors are excluded, because edge rotors of flippers have two possible angles on each
-    side.
+    Edge rotors are not checked, because an edge rotor of a flipper chain has two possible angles
+    on each side of a wall.
     """
     errors = _zero_errors(readings)
     wrong = 1 + np.flatnonzero(np.abs(errors[1:-1]) > _LARGEST_ZERO_ERROR)
@@ -83,8 +90,9 @@ def check_zeros(readings: Array, names: Sequence[str]) -> None:
 def _zero_errors(readings: Array) -> Array:
     """Return the approximate zero error of each encoder, in staggered angles [rad], shape (N,).
 
-    For flippers it is the mean of both sides, which depends on offsets and not on lengths. Rotors
-    of spinners make half a turn, so that both sides have the same error.
+    For flippers, the zero error is the mean of the angles on both sides of the wall. This mean
+    depends on the offset but not on the lengths. Rotors of spinners make half a turn, so that the
+    angles on both sides have the same error.
     """
     sine = np.sin(readings)
     clear = np.abs(sine) > _LEANING * np.median(np.abs(sine), axis=0)
@@ -102,7 +110,10 @@ def _zero_errors(readings: Array) -> Array:
 def _direction_at_rest(
     turns: NDArray[np.complex128], some: NDArray[np.bool_]
 ) -> NDArray[np.complex128]:
-    """Return the most frequent direction of each rotor in some frames, 0 without frames, (N,)."""
+    """Return the most frequent direction of each rotor in the frames `some`, shape (N,).
+
+    The result is a complex number of modulus 1, or 0 for a rotor without such frames.
+    """
     weights = some.astype(np.float64)
     for _ in range(_TRIMMINGS):
         means = np.sum(turns * weights, axis=0)
@@ -112,29 +123,30 @@ def _direction_at_rest(
 
 
 def _leaning_over(readings: Array) -> NDArray[np.bool_]:
-    """Return which rotors clearly lean to both sides during the recording, shape (N,)."""
+    """Return which rotors clearly lean to one side and, at another time, to the other, (N,)."""
     sine = np.sin(readings)
     clear = np.abs(sine) > _LEANING * np.median(np.abs(sine), axis=0)
     return np.asarray((clear & (sine > 0)).any(axis=0) & (clear & (sine < 0)).any(axis=0))
 
 
 LEAST_NOISE = 1e-4
-"""Smallest noise assumed in the fit of a motion [rad]."""
+"""Smallest noise of a reading that the fit of a motion assumes [rad]."""
 _OUTLIER = 7.0
-"""Distance of a wrong reading from a smooth motion, in standard deviations [1]."""
+"""Threshold of the distance of a reading from a smooth motion, in standard deviations [1]: the
+reading is wrong if its distance is larger."""
 _OF_RANGE = 0.25
-"""Distance of a wrong reading, relative to the range of adjacent readings [1], because fast
-motions are less smooth."""
+"""Part of this threshold that is proportional to the range of adjacent readings [1]. It is needed
+because fast motions are less smooth."""
 _PASSES = 6
-"""Largest number of searches for wrong readings [1]; readings near larger errors are found
-later."""
+"""Largest number of searches for wrong readings [1]. A wrong reading near a larger error is found
+only after the larger error has been removed."""
 
 
 def without_outliers(recording: Readings) -> Readings:
-    """Return a recording without isolated wrong readings, which become NaN.
+    """Return a recording in which isolated wrong readings are replaced by NaN.
 
-    An isolated reading differs from the cubic curve through the two readings before and the two
-    after it. Lasting steps, for example of a slipping encoder, remain.
+    A wrong reading differs from the cubic curve through the two previous and the two following
+    readings. A lasting step, for example of a slipping encoder, is not an isolated wrong reading.
     """
     noise = noise_of(recording.unwrapped, recording.relative_deviations)
     noise = max(noise, LEAST_NOISE)
@@ -148,7 +160,11 @@ def without_outliers(recording: Readings) -> Readings:
 
 
 def isolated(values: Array, limits: Array) -> NDArray[np.bool_]:
-    """Return which values differ from the values before and after by more than a limit, (T, N)."""
+    """Return which values are outliers in time, shape (T, N).
+
+    An outlier differs by more than its limit from the cubic curve through the two previous and the
+    two following values.
+    """
     errors = np.zeros_like(values)
     near, far = values[1:-3] + values[3:-1], values[:-4] + values[4:]
     errors[2:-2] = np.abs(values[2:-2] - (4 * near - far) / 6)
@@ -161,13 +177,18 @@ def isolated(values: Array, limits: Array) -> NDArray[np.bool_]:
 
 
 _STRAY = 6.0
-"""Distance of an outlier from the residuals before and after it, relative to the noise [1]."""
+"""Threshold of the distance of a residual from the median of adjacent residuals, relative to the
+noise [1]: the reading is an outlier if the distance is larger."""
 _MEDIAN_FRAMES = 9
-"""Number of frames in the median of residuals [1]; up to four outliers do not change it."""
+"""Number of frames in the median of residuals [1]. Up to four outliers do not change the median
+much."""
 
 
 def stray_residuals(residuals: Array, noise: float) -> NDArray[np.bool_]:
-    """Return the outliers among residuals with a noise [rad], at most one per frame, (T, N)."""
+    """Return which residuals are outliers, at most one per frame, shape (T, N).
+
+    `noise` is the standard deviation of a residual [rad].
+    """
     usual = median_filter(residuals, (_MEDIAN_FRAMES, 1), mode='nearest')
     distances = np.abs(residuals - usual)
     largest = distances == distances.max(axis=1, keepdims=True)
@@ -175,27 +196,30 @@ def stray_residuals(residuals: Array, noise: float) -> NDArray[np.bool_]:
 
 
 _SLIP_RANGE = 3.0
-"""Largest sum of n independent numbers divided by sqrt(n) [1]; with 40 rotors, noise exceeds it in
-one of a million recordings."""
+"""Threshold of the cumulative sum of the residuals of a rotor in n frames, relative to noise times
+sqrt(n) [1]: an encoder slips if the sum is larger. In recordings of 40 rotors without slips, noise
+exceeds the threshold in one of a million."""
 _SMALLEST_SLIP = 2.0
-"""Smallest reported slip, relative to the noise of a reading [1]."""
+"""Smallest slip that is reported, relative to the noise of a reading [1]."""
 _JUMP_FRAMES = 15
 """Number of frames that are averaged before and after a jump [1]."""
 _JUMP_OVER_NOISE = 12.0
-"""Second difference of a jump, relative to the noise of a reading [1]; noise alone gives 2.2."""
+"""Smallest jump that is reported, relative to the noise of a reading [1]. Noise alone causes
+apparent jumps of 2.2."""
 _SMALLEST_JUMP = 0.1
-"""Second difference that no motion reaches between frames [rad]."""
+"""Smallest jump that is reported [rad]. No motion changes so suddenly between frames."""
 _JUMP_OVER_NEIGHBOURS = 3.0
-"""Jump, relative to the larger jump of the two neighbours [1]; a wall moves neighbours
-similarly."""
+"""Increase of the smallest reported jump, relative to the larger jump of the two neighbours [1]. A
+wall moves neighbours similarly."""
 
 
 def noise_of(readings: Array, relative_deviations: Array) -> float:
-    """Return the noise of readings with a relative deviation of 1 [rad]; both of shape (T, N).
+    """Return the noise of a reading whose relative deviation is 1 [rad].
 
-    It follows from the second differences of readings. The median of the differences ignores the
-    few rotors that move. The result is at least the noise due to rounding, and NaN without three
-    successive readings.
+    Readings [rad] and relative deviations [1] have the shape (T, N). The noise is estimated from
+    the second differences of the readings. The median of these differences ignores the few rotors
+    that move. The result is not smaller than the noise due to rounding. The result is NaN if no
+    rotor has readings in three successive frames.
     """
     bends = readings[2:] - 2 * readings[1:-1] + readings[:-2]
     squares = relative_deviations**2
@@ -210,7 +234,7 @@ def noise_of(readings: Array, relative_deviations: Array) -> float:
 def check_jumps(recording: Readings, noise: float) -> None:
     """Raise ValueError for an inner rotor that jumps while its neighbours do not.
 
-    `noise` is the noise of a reading with a relative deviation of 1 [rad].
+    `noise` is the standard deviation of a reading whose relative deviation is 1 [rad].
     """
     times, readings, deviations = recording.times, recording.filled, recording.relative_deviations
     width = min(_JUMP_FRAMES, len(readings) // 4)
@@ -231,10 +255,10 @@ def check_jumps(recording: Readings, noise: float) -> None:
 
 
 def check_slips(recording: Readings, residuals: Array, noise: float) -> None:
-    """Raise ValueError for an encoder whose residuals have a step.
+    """Raise ValueError if the residuals of an encoder have a step, which means that it slips.
 
-    Residuals [rad], (T, N), are divided by the relative deviations of the readings. `noise` is the
-    noise of one reading [rad].
+    `residuals`, (T, N), are already divided by the relative deviations of the readings [rad].
+    `noise` is the standard deviation of such a residual [rad].
     """
     single = residuals / np.sqrt(repeat_counts(recording.unwrapped))
     sums = np.cumsum(single - single.mean(axis=0), axis=0) / (noise * math.sqrt(len(residuals)))

@@ -1,14 +1,16 @@
 # SPDX-License-Identifier: Apache-2.0
 """Windows of frames of free motion, their normal equations, and the prior of the chain.
 
-The unknowns of a window are the chain, q, and its initial state, s. With its normal
-equations in blocks,
+The unknowns of a window are the parameters q of the chain and the initial state s of the window.
+With the blocks A_qq, A_qs, A_sq, A_ss of the normal equations and the right sides b_q, b_s, the
+contribution of the window to the equations of the chain is
 
-    (A_qq - A_qs A_ss^-1 A_sq) dq = b_q - A_qs A_ss^-1 b_s
+    (A_qq - A_qs A_ss^-1 A_sq) dq = b_q - A_qs A_ss^-1 b_s,
 
-is the contribution of a window to the equations of the chain, and ds = A_ss^-1 (b_s - A_sq dq).
-`Tolerances` is the prior of lengths. Logarithms of stiffnesses and of masses have normal
-distributions about a mean, with a standard deviation that is estimated.
+and the change of the initial state is ds = A_ss^-1 (b_s - A_sq dq).
+
+`Tolerances` is the prior of the lengths. In the prior of stiffnesses and masses, their logarithms
+have normal distributions. The standard deviation of these distributions is estimated.
 """
 
 from __future__ import annotations
@@ -27,19 +29,21 @@ from soliton_linkage.identification.lengths import UNKNOWNS_PER_ROTOR, Tolerance
 from soliton_linkage.linkage.chain import Array
 
 _INITIAL_FRAMES = 25
-"""Number of frames of an initial window [1]. Sensitivity: at 0.5x, initial rates are uncertain; at
-2x, the simulated wall may deviate too far from the readings if lengths have errors of 5 %."""
+"""Number of frames in an initial window [1]. Sensitivity: at 0.5x, initial rates are uncertain; at
+2x, the simulated wall may be too far from the readings if initial lengths have errors of 5 %."""
 _RATE_FRAMES = 8
 """Number of frames from which the initial rates of a window are estimated [1]."""
 _FEWEST_FRAMES = 30
-"""Smallest number of frames between impulses [1]; in this time a wall passes some rotors."""
+"""Smallest number of frames between impulses that are used [1]. During these frames a wall passes
+some rotors."""
 _ARRIVAL = 0.05
-"""Delay of an impulse after its command [s]."""
+"""Largest delay between the command of an impulse and its effect [s]."""
 _MERGED = 4
-"""Number of windows that are merged into one [1]. With 2, more rounds are needed; with 8, the fit
-may lose the wall."""
+"""Largest number of windows that are merged into one at a time [1]. With 2, merging takes more
+rounds; with 8, the simulated wall may be too far from the readings."""
 _DENSE_FRAMES = 0.05
-"""Smallest density of the frames of a window, relative to successive frames [1]."""
+"""Quantile of the frame intervals, each averaged over `_RATE_FRAMES`, that is the typical interval
+of densely recorded frames [1]. Longer intervals may be gaps."""
 
 
 class FreeWindow(NamedTuple):
@@ -47,11 +51,14 @@ class FreeWindow(NamedTuple):
 
     frames: slice
     motion: FreeMotion
-    """Motion from the first frame; all windows have the same chain."""
+    """Motion whose initial state is in the first frame. All windows have the same chain."""
 
 
 def free_intervals(times: Array, interruptions: Sequence[float]) -> list[slice]:
-    """Return the intervals of frames between interruptions [s]; omit short intervals."""
+    """Return the intervals of frames between the times of interruptions [s].
+
+    Intervals with few frames are omitted.
+    """
     begins = [-math.inf, *(time + _ARRIVAL for time in sorted(interruptions))]
     ends = [*sorted(interruptions), math.inf]
     intervals = [
@@ -68,10 +75,11 @@ def initial_windows(
     interruptions: Sequence[float],
     tilt_at: Callable[[float], float] = lambda _: 0.0,
 ) -> list[FreeWindow]:
-    """Return short windows between interruptions [s], with initial states from the angles.
+    """Return short windows, with initial states that are estimated from the angles.
 
-    Angles [rad], (T, N), are at times [s]. `tilt_at` returns the tilt of the chain [rad] at a time
-    [s]. No window extends over a gap that is too long to estimate rates.
+    `angles` [rad], (T, N), are measured at `times` [s]. No window extends over an interruption,
+    given by its time [s], or over a gap between frames that is too long to estimate rates.
+    `tilt_at` returns the tilt of the chain [rad] at a time [s].
     """
     windows = []
     intervals = free_intervals(times, interruptions)
@@ -89,7 +97,7 @@ def initial_windows(
 
 
 def _without_gaps(times: Array, interval: slice) -> list[slice]:
-    """Return the parts of an interval between gaps, without short parts."""
+    """Divide an interval at gaps between frames; return the parts that have enough frames."""
     averages = (times[_RATE_FRAMES:] - times[:-_RATE_FRAMES]) / _RATE_FRAMES
     gaps = np.diff(times) > _RATE_FRAMES * np.quantile(averages, _DENSE_FRAMES)
     inner = 1 + interval.start + np.flatnonzero(gaps[interval.start : interval.stop - 1])
@@ -103,7 +111,8 @@ def merge_windows(
 ) -> tuple[FreeWindow, ...]:
     """Merge adjacent windows.
 
-    Two windows are merged if the motion of the first, continued, fits the frames of the second.
+    Two windows are merged if the motion of the first window also fits the frames of the second.
+    `fits` returns whether the motion of a window fits some frames.
     """
     merged: list[FreeWindow] = []
     count = 0
@@ -121,28 +130,32 @@ def merge_windows(
 
 
 INITIAL_MASS_DEVIATION = 0.1
-"""Initial prior standard deviation of masses and stiffnesses [1]; with 0.3 some fits diverge."""
+"""Prior standard deviation of the logarithms of masses and stiffnesses before it is estimated [1].
+With 0.3 some fits diverge."""
 _SMALLEST, _LARGEST = 1e-3, 0.3
-"""Limits of the estimated standard deviation [1]."""
+"""Limits of this standard deviation when it is estimated [1]."""
 _DAMPING_RATE = 1.0
-"""Prior standard deviation of damping divided by the moment of inertia of a rotor [1/s]."""
+"""Prior standard deviation of the damping, divided by the moment of inertia of a rotor [1/s]."""
 _FRICTION_DECELERATION = 10.0
-"""Prior standard deviation of dry friction divided by the moment of inertia of a rotor [rad/s^2];
-this friction stops the rotors of a wall in a second."""
+"""Prior standard deviation of the dry friction, divided by the moment of inertia of a rotor
+[rad/s^2]. Dry friction of this size stops the rotors in a wall within a second."""
 _LOG_GRAVITY = 1.0
-"""Prior standard deviation of the logarithm of g [1], where g is in mean spacings per s^2."""
+"""Prior standard deviation of the logarithm of gravity if the mean spacing is unknown [1]."""
 _INFORMED = 1e-12
-"""Smallest eigenvalue of the information, relative to the largest [1]; smaller ones are
-rounding."""
+"""Threshold of an eigenvalue of the information, relative to the largest eigenvalue [1]: smaller
+eigenvalues are rounding errors."""
 
 
 def force_deviations(inertia: float) -> Array:
-    """Return prior deviations of damping, friction and log gravity, given an inertia."""
+    """Return the prior standard deviations of damping, dry friction and log gravity, shape (3,).
+
+    `inertia` is the moment of inertia of a typical rotor, in the unit of the caller.
+    """
     return np.array([_DAMPING_RATE * inertia, _FRICTION_DECELERATION * inertia, _LOG_GRAVITY])
 
 
 def estimated_deviation(squares: float, count: int) -> float:
-    """Return the standard deviation of logarithms [1] from the sum of their squares."""
+    """Return the standard deviation of `count` logarithms [1] from the sum of their squares."""
     return min(max(math.sqrt(squares / count), _SMALLEST), _LARGEST)
 
 
@@ -151,15 +164,19 @@ class MotionPrior:
     """Normal distribution of the unknowns of a chain of springs."""
 
     gravity: float
-    """Median of gravity [length/s^2], 0 for none."""
+    """Prior median of gravity [length/s^2], 0 if gravity does not act."""
     tolerances: Tolerances
+    """Prior standard deviations of lengths and offsets."""
     mass_deviation: float = INITIAL_MASS_DEVIATION
-    """Standard deviation of logarithms of masses and stiffnesses [1]."""
+    """Prior standard deviation of the logarithms of masses and stiffnesses [1]."""
     shift: Array | float = 0.0
-    """Shift of the mean, in the order of the unknowns, (Q - 2 N,)."""
+    """Shift of the prior mean of the unknowns, shape (Q - 2 N,), for samples of the posterior."""
 
     def evaluate(self, motion: FreeMotion) -> tuple[Array, Array]:
-        """Return the information, (Q - 2 N, Q - 2 N), and the unknowns minus their prior mean."""
+        """Return the prior information and the unknowns minus their prior mean.
+
+        Their shapes are (Q - 2 N, Q - 2 N) and (Q - 2 N,).
+        """
         at, rotors = motion.slices, len(motion.masses)
         size = at.forces.stop
         information, values = np.zeros((size, size)), np.zeros(size)
@@ -177,10 +194,11 @@ class MotionPrior:
         return information, values - self.shift
 
     def sampled(self, motion: FreeMotion, random: np.random.Generator) -> MotionPrior:
-        """Return the prior with a random mean, drawn from the prior itself.
+        """Return the prior with a shifted mean; the shift is a random sample of the prior.
 
-        Combinations without information are not drawn. With the symmetric root of the covariance,
-        the sample does not depend on the choice of eigenvectors for equal eigenvalues.
+        The shift has no component along combinations of unknowns without prior information. It is
+        computed by the symmetric root of the covariance, because the result then does not depend
+        on the choice of eigenvectors for equal eigenvalues.
         """
         values, vectors = np.linalg.eigh(self.evaluate(motion)[0])
         informed = values > _INFORMED * values[-1]
@@ -193,7 +211,8 @@ class MotionPrior:
     ) -> MotionPrior:
         """Return the prior with standard deviations estimated from a chain and its covariance.
 
-        `tolerance` is the relative tolerance of the lengths [1]; None estimates it too.
+        `tolerance` is the relative tolerance of the lengths [1]. If it is None, the tolerance is
+        estimated too.
         """
         at = motion.slices
         lengths = covariance[at.lengths, at.lengths]
@@ -206,9 +225,10 @@ class MotionPrior:
 
 
 def observable_changes(motion: FreeMotion, gravity_known: bool) -> Array:
-    """Return orthonormal changes of a chain with constant mean spacing and mean mass.
+    """Return an orthonormal basis of the changes of a chain that are observable in principle.
 
-    Gravity is also constant if it is known or 0.
+    These changes keep the mean spacing and the mean mass. If gravity is known or 0, they also keep
+    gravity.
     """
     at, rotors = motion.slices, len(motion.masses)
     basis = np.eye(at.forces.stop)
@@ -224,40 +244,47 @@ def observable_changes(motion: FreeMotion, gravity_known: bool) -> Array:
 
 
 _STATE_DEVIATION = 10.0
-"""Prior standard deviation of an initial state [rad], [rad/s]."""
+"""Prior standard deviation of each initial angle [rad] and each initial rate [rad/s]."""
 
 
 class Eliminated(NamedTuple):
-    """Reduced normal equations of the chain, and the solution for the initial state.
-
-    `matrix` and `vector` are the equations of the chain, `state` is A_ss^-1 b_s, and `coupling` is
-    A_ss^-1 A_sq. The gain, b_s A_ss^-1 b_s, is the decrease of the squares due to the initial
-    state alone [1].
-    """
+    """Normal equations of the chain after elimination of the initial state of a window."""
 
     matrix: Array
+    """A_qq - A_qs A_ss^-1 A_sq."""
     vector: Array
+    """b_q - A_qs A_ss^-1 b_s."""
     state: Array
+    """A_ss^-1 b_s."""
     coupling: Array
+    """A_ss^-1 A_sq."""
     gain: float
+    """Decrease b_s A_ss^-1 b_s of the sum of squares if only the initial state changes [1]."""
 
     def change(self, chain: Array) -> Array:
-        """Return the change of all unknowns of the window, (Q,), given the chain's."""
+        """Return the change of all unknowns of the window, (Q,), given the change of the chain."""
         return np.concatenate([chain, self.state - self.coupling @ chain])
 
 
 class WindowEquations(NamedTuple):
-    """Normal equations of a window for unit variance, and the sum of squared residuals [rad^2].
+    """Normal equations of a window for readings of unit variance.
 
-    The initial state is the last part of the unknowns: shapes are (Q, Q) and (Q,).
+    Of the Q unknowns, the last 2 N are the initial state.
     """
 
     matrix: Array
+    """Left side, shape (Q, Q)."""
     vector: Array
+    """Right side, shape (Q,)."""
     squares: float
+    """Sum of squared residuals [rad^2]."""
 
     def eliminated(self, rotors: int, noise: float, damping: float) -> Eliminated:
-        """Eliminate the initial state, given the noise of readings [rad] and a damping [1]."""
+        """Eliminate the initial state from the normal equations.
+
+        `noise` is the standard deviation of a reading [rad]. `damping` is the Levenberg-Marquardt
+        damping factor [1].
+        """
         matrix, vector = self.matrix / noise**2, self.vector / noise**2
         size = len(vector) - 2 * rotors
         own = matrix[size:, size:] * (1 + damping * np.eye(2 * rotors))
@@ -274,23 +301,25 @@ class WindowEquations(NamedTuple):
 
 
 class StampErrors(NamedTuple):
-    """Errors of the stamps of T frames, of unknown variance.
+    """Errors of the time stamps of T frames, and their estimated variance.
 
-    A stamp that is late by d changes the readings of all rotors by -d times their rates. Let u be
-    the rates divided by the deviations of the readings. An error of variance v adds v u u^T to the
-    covariance of the weighted readings. The inverse square root of I + v u u^T reduces residuals
+    If the stamp of a frame is late by d, the readings of all rotors differ by -d times the rates
+    of the rotors. Let u be the rates divided by the standard deviations of the readings. Stamp
+    errors of variance v increase the covariance of the weighted readings from I to I + v u u^T.
+    Multiplication by the inverse square root of this matrix reduces the component of the residuals
     along u.
     """
 
     variance: float
-    """Variance of the errors divided by the variance of a reading [s^2/rad^2], 0 if negligible."""
+    """Variance of stamp errors over the variance of a reading [s^2/rad^2], 0 if negligible."""
     delays: Array
-    """Estimated times of the readings minus their stamps [s], shape (T,)."""
+    """Estimated time of each frame minus its stamp [s], shape (T,)."""
 
     def whiten(self, frames: slice, pulls: Array, errors: Array, slopes: Array) -> None:
-        """Whiten weighted residuals, (B, N), and sensitivities, (B, N, Q), in place.
+        """Whiten the weighted residuals, (B, N), and sensitivities, (B, N, Q), of B frames.
 
-        `pulls` are the rates divided by the deviations of readings, 0 if missing, (B, N).
+        The arrays are changed in place. `pulls` are the rates divided by the relative deviations
+        of the readings, 0 for missing readings, (B, N).
         """
         if not self.variance:
             return
@@ -310,7 +339,10 @@ def window_equations(
     relative_deviations: Array,
     stamps: StampErrors,
 ) -> WindowEquations:
-    """Return the normal equations of a window, given readings of all frames [rad], (T, N)."""
+    """Return the normal equations of a window.
+
+    `times` [s], `readings` [rad] and their relative deviations [1] are those of all T frames.
+    """
     rotors, size = np.arange(readings.shape[1]), window.motion.size
     matrix, vector, squares = np.zeros((size, size)), np.zeros(size), 0.0
     begin = window.frames.start
