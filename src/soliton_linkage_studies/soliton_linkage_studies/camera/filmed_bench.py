@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Simulated handmade chain in front of a camera, with known manufacturing deviations."""
+"""Film of a simulated handmade chain, with known manufacturing deviations."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ from soliton_linkage_studies.camera.runs import (
 
 @dataclass(frozen=True)
 class BenchParameters:
-    """Manufacturing deviations, kick and film of a chain."""
+    """Parameters of a filmed chain: manufacturing deviations, kick and duration."""
 
     spread: float = quantity(0.05, 'relative standard deviation of every length', '', 0.0, 0.2)
     seed: int = quantity(
@@ -45,7 +45,10 @@ class BenchParameters:
 
 @dataclass(frozen=True)
 class FilmedBench:
-    """Chain with manufacturing deviations, and markers printed for the nominal chain."""
+    """Chain with manufacturing deviations, in front of a camera.
+
+    The markers are printed for the nominal chain `plan`.
+    """
 
     plan: Chain
     markers: MarkerSettings
@@ -53,7 +56,7 @@ class FilmedBench:
 
     @cached_property
     def chain(self) -> Chain:
-        """Chain with its manufacturing deviations."""
+        """Chain with manufacturing deviations through which a wall can pass."""
         rotors, spread = self.plan.number_of_rotors, self.parameters.spread
         for seed in count(self.parameters.seed):
             lengths = drawn_deviations(
@@ -70,18 +73,21 @@ class FilmedBench:
         return round(self.parameters.duration / PERIOD)
 
     def film(self) -> Iterator[TimedPicture]:
-        """Yield pictures of the chain after its kick, 1280 x 720 pixels at 60 Hz."""
+        """Yield the pictures of the chain after its kick, 1280 x 720 pixels at 60 Hz."""
         for number in range(self.pictures):
             time = number * PERIOD
             yield TimedPicture(time, self._renderer.picture(self._begin + time))
 
     def angles(self, times: Array) -> Array:
-        """Return the true angles [rad] at times after the stamp of the first picture [s]."""
+        """Return the true angles [rad] at times [s] relative to the stamp of the first picture."""
         return self._motion(times + self._renderer.stamp(self._begin))[0]
 
     @property
     def _begin(self) -> float:
-        """Time of the first picture [s], late enough for the exposure of its first row."""
+        """Time at which the exposure of the first picture starts [s].
+
+        The simulation starts earlier, so that it covers the exposure of the first row.
+        """
         return CAMERA.row_time * CAMERA.height
 
     @cached_property

@@ -23,9 +23,9 @@ from soliton_linkage_studies.settings import Section, chain_from, load_settings
 from soliton_linkage_studies.sweep.table import RESUMES, fill_table, fingerprint, markdown_table
 
 _QUICK_FRAMES = 120
-"""Number of pictures of a quick film [1], two seconds."""
+"""Number of pictures per film in a quick study [1]; the film lasts two seconds."""
 _KICKS = 0.7, 1.3
-"""Range of the random factor on the kick of each clip [1], so that clips differ."""
+"""Range of a random factor on the kick of each clip [1]. The factor makes the clips different."""
 COLUMNS = (
     'pictures',
     'hidden',
@@ -43,10 +43,10 @@ COLUMNS = (
 
 @dataclass(frozen=True)
 class FilmStudy:
-    """Study of named films with the same number of clips each; a clip starts with a kick."""
+    """Study of films that consist of the same number of clips; each clip starts with a kick."""
 
     films: Mapping[str, FilmedTask]
-    """First clip of each film."""
+    """Task of the first clip of each film, by the name of the film."""
     clips: int
     name: str = 'films'
 
@@ -61,7 +61,10 @@ class FilmStudy:
         return len(self.films) * self.clips
 
     def cells(self, row: int) -> list[str]:
-        """Render and measure one clip; the first clips of all films come first."""
+        """Render one clip and measure its angles; return its columns as text.
+
+        The first rows are the first clips of all films.
+        """
         clip, film = divmod(row, len(self.films))
         name, task = list(self.films.items())[film]
         stretch = float(np.random.default_rng(row).uniform(*_KICKS))
@@ -99,7 +102,7 @@ def read_film_study(settings: Section, quick: bool) -> FilmStudy:
 
 
 def table_of(rows: Sequence[Mapping[str, str]]) -> str:
-    """Return a Markdown table of films from the rows of their clips."""
+    """Return the table of films as Markdown, from the rows of their clips."""
     lines = []
     for name in dict.fromkeys(row['film'] for row in rows):
         clips = [row for row in rows if row['film'] == name]
@@ -127,7 +130,7 @@ def _row(figures: Mapping[str, Array]) -> list[str]:
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Make the films of a settings file; return 1 on failure, 130 on Ctrl-C."""
+    """Render and measure the films of a settings file; return 1 on failure, 130 on Ctrl-C."""
     parser = study_parser('camera', __doc__, 'one clip of two seconds per film')
     return run_study(parser, arguments, _made, RESUMES)
 

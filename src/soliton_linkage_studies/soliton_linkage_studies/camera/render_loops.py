@@ -32,19 +32,23 @@ Boxes = NDArray[np.int64]
 
 
 class Pixels(NamedTuple):
-    """Point in the rotor plane for each pixel [m], shape (height, width) each."""
+    """Point of the rotor plane that each pixel shows [m]; arrays have shape (height, width)."""
 
     x: Array
     z: Array
     spread: Array
-    """Standard deviation of the point spread function [m]."""
+    """Standard deviation of the point spread function at each pixel [m]."""
 
 
 _PIXELS = named_tuple(Pixels, f8_2d, f8_2d, f8_2d)
 
 
 def _covered(distance: float, spread: float) -> float:
-    """Return the fraction of a pixel inside an edge at a distance [m], negative if inside."""
+    """Return the fraction of a pixel that is inside an edge.
+
+    `distance` is the distance between pixel and edge [m], negative if the pixel is inside.
+    `spread` is the standard deviation of the point spread function [m].
+    """
     share = distance / spread
     if share > 4.0:
         return 0.0
@@ -61,7 +65,10 @@ def _from_arm(x: float, z: float, across: float, up: float) -> float:
 
 
 def _mass_of(rotors: Array, rotor: int, time: float) -> tuple[float, float]:
-    """Return the position of a mass relative to its pivot at a time [m]; see `paint_rotors`."""
+    """Return the position of a mass relative to its pivot [m] at a time [s].
+
+    `paint_rotors` describes the array `rotors`.
+    """
     angle = rotors[0, rotor] + time * (rotors[1, rotor] + time * rotors[2, rotor] / 2)
     return rotors[4, rotor] * math.sin(angle), rotors[4, rotor] * math.cos(angle)
 
@@ -81,7 +88,10 @@ def _shares_of_rotor(
     arm: float,
     spread: float,
 ) -> tuple[float, float, float, float]:
-    """Return the fractions of a pixel in arm, label, dot and background, summed over samples."""
+    """Return the fractions of a pixel that show arm, label, dot and background.
+
+    Each fraction is the sum over the samples of the exposure.
+    """
     of_arm = of_label = of_dot = of_rest = 0.0
     for k in range(len(across)):
         from_mass = math.hypot(x - across[k], z - up[k])
@@ -112,9 +122,10 @@ def paint_rotors(
 ) -> None:
     """Paint every other rotor with its arm and dots.
 
-    `rotors` has rows of angles, rates and accelerations at time 0, pivots and lengths. `shape` has
-    the radii of labels and dots and the half width of arms [m]. `moments` has the times of the
-    samples of each row [s].
+    `parity` is the first rotor, 0 or 1. The rows of `rotors` are the angles, rates and
+    accelerations at time 0, the pivots and the rotor lengths. `shape` contains the radius of
+    labels, the radius of dots and the half width of arms [m]. `moments` contains the times of the
+    samples of each row of the picture [s].
     """
     label, dot, arm = shape[0], shape[1], shape[2]
     samples = moments.shape[1]
@@ -158,7 +169,10 @@ def paint_bonds(
     width: float,
     moments: Array,
 ) -> None:
-    """Paint the bonds between the masses of neighbours, of a half width [m]."""
+    """Paint the bonds between the masses of neighbouring rotors.
+
+    `width` is half the width of a bond [m]; `paint_rotors` describes the other arguments.
+    """
     samples = moments.shape[1]
     masses = np.empty((samples, 4))
     for bond in range(len(boxes) - 1):
@@ -205,7 +219,10 @@ def paint_bonds(
 def expose(
     canvas: Canvas, light: Canvas, noise: Canvas, shift: int, picture: NDArray[np.uint8]
 ) -> None:
-    """Expose a canvas under a light [1], and add noise with a horizontal shift."""
+    """Write a picture: multiply a canvas by the light [1], and add noise.
+
+    `shift` moves the noise image horizontally [pixels].
+    """
     height, width, colours = canvas.shape
     for row in range(height):
         for column in range(width):

@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
 """Rendered films of a chain, with known angles.
 
-A picture shows the frame markers and, from back to front, the bonds, the rotors 0, 2, ..., and the
-rotors 1, 3, ..., each with the dots of its pivot and mass. Each pixel is the mean over its
-exposure. The exposure of row v starts at `row_time` v after the start of the picture.
+A picture shows the frame markers. In front of them are, from back to front, the bonds, the even
+rotors and the odd rotors. Each rotor has dots at its pivot and its mass. Each pixel is the mean
+over its exposure. The exposure of row v starts v times `row_time` after the start of the picture.
 """
 
 from __future__ import annotations
@@ -25,7 +25,8 @@ from soliton_linkage.vision.plane import ChainPlane
 from soliton_linkage_studies.camera.render_loops import Pixels, expose, paint_bonds, paint_rotors
 
 Motion = Callable[[Array], tuple[Array, Array, Array]]
-"""Angles [rad], rates [rad/s] and accelerations [rad/s^2] at times [s]: (T,) to (T, N) each."""
+"""Function that returns angles [rad], rates [rad/s] and accelerations [rad/s^2] at times [s]. The
+times have shape (T,), each result has shape (T, N)."""
 
 _BOARD = (172, 180, 176)
 """RGB colour of the board behind the chain [0 to 255]."""
@@ -34,13 +35,13 @@ _ARM, _BOND, _WHITE = (70, 74, 80), (120, 110, 90), (246, 246, 242)
 _ARM_WIDTH, _BOND_WIDTH = 0.5, 0.12
 """Half widths of arms and bonds, relative to the radius of a label [1]."""
 _NOISES = 4
-"""Number of noise images [1], which are reused with a random shift."""
+"""Number of noise images [1]. Each picture uses one of them with a random shift."""
 
 
 @document_fields
 @dataclass(frozen=True)
 class FilmSettings:
-    """Light and sensor of a film; raises ValueError for values out of their range."""
+    """Light and sensor of a film. Raises ValueError for values out of their range."""
 
     light: float = quantity(
         0.85, 'brightness of white in the middle; 1 saturates the sensor', '', 0, 1
@@ -61,18 +62,18 @@ class FilmSettings:
 
 @dataclass(frozen=True)
 class Hand:
-    """An ellipse in front of the chain that moves across the picture."""
+    """Ellipse that moves across the picture in front of the chain, like a hand."""
 
     begin: float
-    """Time at which it appears [s]."""
+    """Time at which the ellipse appears [s]."""
     end: float
-    """Time at which it disappears [s]."""
+    """Time at which the ellipse disappears [s]."""
     start: tuple[float, float]
-    """First centre [pixels]."""
+    """Centre of the ellipse when it appears [pixels]."""
     velocity: tuple[float, float]
     """Velocity of the centre [pixels/s]."""
     size: tuple[float, float]
-    """Half axes [pixels]."""
+    """Half axes of the ellipse [pixels]."""
 
 
 class Renderer:
@@ -99,13 +100,16 @@ class Renderer:
 
     @cached_property
     def middle_row(self) -> float:
-        """Mean row of the pivots [pixels]."""
+        """Mean of the picture rows that show the pivots [pixels]."""
         layout = self._layout
         pivots = np.column_stack([layout.chain.pivots, np.zeros(layout.chain.number_of_rotors)])
         return float(self._plane.pixels(pivots, layout.heights)[:, 1].mean())
 
     def stamp(self, time: float) -> float:
-        """Return the middle of the exposure of the mean row of the pivots in a picture [s]."""
+        """Return the time stamp of a picture whose exposure starts at a time [s].
+
+        The stamp is the middle of the exposure at the mean row of the pivots.
+        """
         camera = self._camera
         return time + camera.exposure / 2 + self.middle_row * camera.row_time
 
@@ -144,7 +148,10 @@ class Renderer:
             paint_rotors(canvas, pixels, parity, rotors, boxes, paint, shape, moments)
 
     def _boxes(self, angles: Array, rates: Array) -> NDArray[np.int64]:
-        """Return left, right, top and bottom of each rotor [pixels], shape (N, 4)."""
+        """Return the edges of a box around each rotor [pixels], shape (N, 4).
+
+        The edges are left, right, top and bottom.
+        """
         layout, camera = self._layout, self._camera
         reach = 1.5 * layout.label_radius
         longest = camera.exposure / 2 + camera.row_time * camera.height / 2
@@ -166,7 +173,7 @@ class Renderer:
 
     @cached_property
     def _pixels(self) -> tuple[Pixels, Pixels]:
-        """Points in the planes of even and odd rotors for each pixel."""
+        """Points of the even and of the odd rotor plane that each pixel shows."""
         even, odd = self._layout.heights[:2]
         return self._seen_at(float(even)), self._seen_at(float(odd))
 
@@ -251,7 +258,10 @@ class Renderer:
 
 
 def _between(edges: Array, parts: int) -> Array:
-    """Return the interpolated midpoints of equal parts between edges along the first axis."""
+    """Divide the intervals between edges into equal parts, and return the middle of each part.
+
+    The edges are along the first axis.
+    """
     share = ((np.arange(parts) + 0.5) / parts)[:, None, None]
     middles = edges[:-1, None] * (1 - share) + edges[1:, None] * share
     return np.asarray(middles.reshape(-1, *edges.shape[1:]))
@@ -265,9 +275,11 @@ def posed_plane(
     pitch: float = 0.0,
     roll: float = 0.0,
 ) -> ChainPlane:
-    """Return the plane whose point `middle` [m] is straight ahead, turned by angles [rad].
+    """Return the plane of a chain in front of a camera.
 
-    At zero angles the camera faces the plane, x to the right and z up in the picture.
+    The point `middle` of the plane [m] is straight ahead at `distance` [m]. The plane is rotated
+    by the angles `pan`, `pitch` and `roll` [rad]. If these angles are zero, the camera faces the
+    plane, with x to the right and z up in the picture.
     """
     turned = Rotation.from_euler('yxz', [pan, pitch, roll]).as_matrix()
     axes = turned @ np.array([[1.0, 0.0], [0.0, -1.0], [0.0, 0.0]])

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Film of a chain, and the errors of the angles measured in the film."""
+"""Films of chains, and the errors of the angles that are measured in them."""
 
 from __future__ import annotations
 
@@ -38,23 +38,26 @@ CAMERA = Camera(
     row_time=25e-6,
     exposure=0.004,
 )
-"""Camera with the lens and the rolling shutter of a phone [pixels, s]."""
+"""Camera with the lens and the rolling shutter of a phone. Image coordinates are in [pixels],
+times in [s]."""
 PERIOD = 1 / 60
-"""Time between pictures [s]."""
+"""Time between successive pictures [s]."""
 SIMULATED = 0.002
-"""Frame period of the simulated motion [s], which is interpolated with cubic splines."""
+"""Period of the simulated frames [s]. Cubic splines interpolate the motion between them."""
 _TILTS = (0.06, -0.09, 0.01)
 """Rotation of the camera from the normal of the plane [rad]."""
 _FILLED = 1.12
-"""Width of the picture, relative to the width of chain and frame markers [1]."""
+"""Width of the picture, relative to the width of the chain with its frame markers [1]."""
 _SWAPPED = 0.1
-"""Error above which a measurement is attributed to another rotor [rad]."""
+"""Threshold of a swapped rotor [rad]: if the error of an angle is larger, the angle counts as that
+of another rotor."""
 _SETTLING = 10
-"""Number of pictures after which the plane and the pivots are averaged [1]."""
+"""Number of pictures at the start of a film whose errors are not evaluated [1]. Afterwards, the
+plane and the pivots are averages over several pictures."""
 _HAND_EVERY, _HAND_FOR = 10.0, 0.7
-"""Period at which a hand covers part of the view, and duration of the cover [s]."""
+"""Time between the starts of two covers of the view by a hand, and duration of a cover [s]."""
 _TURN = 0.01
-"""Rotation for the finite differences of the pixels with respect to the angles [rad]."""
+"""Rotation of the rotors for finite differences of the pixels [rad]."""
 
 
 @dataclass(frozen=True)
@@ -63,11 +66,12 @@ class FilmedTask:
 
     chain: Chain
     kick: float
-    """Speed of the masses, in units of a sqrt(k_e / M) [1]."""
+    """Speed of the kick: norm of the velocities of all masses, in units of a sqrt(k_e / M) [1]."""
     frames: int
     settings: FilmSettings
     h264: int = 0
-    """H.264 rate factor (CRF), lower is better; 0 for uncompressed pictures."""
+    """Rate factor (CRF) of the H.264 video; a lower factor means better quality. 0 means
+    uncompressed pictures."""
 
     def __call__(self) -> FilmedRun:
         """Render the film and measure its angles, picture by picture."""
@@ -107,14 +111,14 @@ class FilmedTask:
 
 @dataclass(frozen=True)
 class FilmedRun:
-    """Measured angles of a film of F pictures, compared with the truth."""
+    """Errors and statistics of the angles measured in a film of F pictures."""
 
     errors: Array
-    """Errors of the unwrapped angles [rad], NaN if not measured, shape (F, N)."""
+    """Errors of the unwrapped angles [rad], shape (F, N); NaN if an angle was not measured."""
     stated: Array
-    """Stated standard deviations [rad], shape (F, N)."""
+    """Stated standard deviations of the angles [rad], shape (F, N)."""
     bound: float
-    """Cramer-Rao bound of the standard deviation, from the pixels of a label [rad]."""
+    """Cramer-Rao bound of the standard deviation of an angle, from the pixels of a label [rad]."""
     busy: float
     """CPU time per picture [s]."""
 
@@ -155,12 +159,16 @@ FIGURES = (
     'bias',
     'busy',
 )
-"""Statistics of a film: counts [1]; bound, noise, stated deviation and bias [rad]; RMS of
-errors relative to the stated deviation [1]; CPU time per picture [s]."""
+"""Statistics of a film. `bound`, `noise`, `stated` (standard deviation) and `bias` are in [rad].
+`normalised` is the RMS of the errors relative to their stated standard deviations [1]. `busy` is
+the CPU time per picture [s]. The others are counts [1]."""
 
 
 def _changes(errors: Array) -> int:
-    """Return how often a rotor reappears with a wrong number of turns."""
+    """Return how often the error of a rotor changes by full turns between two measurements.
+
+    This happens if a hidden rotor reappears with a wrong number of turns.
+    """
     turns = np.rint(errors / (2 * np.pi))
     return sum(
         int(np.count_nonzero(np.diff(of_rotor[np.isfinite(of_rotor)]))) for of_rotor in turns.T
@@ -168,21 +176,21 @@ def _changes(errors: Array) -> int:
 
 
 def interpolate_motion(recording: Recording) -> Motion:
-    """Return the motion of a recording, with cubic Hermite splines between frames."""
+    """Return the motion of a recording; cubic Hermite splines interpolate between its frames."""
     angles = CubicHermiteSpline(recording.times, recording.angles, recording.rates)
     rates, accelerations = angles.derivative(1), angles.derivative(2)
     return lambda times: (angles(times), rates(times), accelerations(times))
 
 
 def chain_plane(layout: MarkerLayout) -> ChainPlane:
-    """Return the plane of a chain that fills the picture."""
+    """Return the plane of a chain at the distance at which the chain fills the picture."""
     length = float(layout.chain.pivots[-1])
     distance = _FILLED * (length + 2 * layout.paper_size) * CAMERA.focal[0] / CAMERA.width
     return posed_plane(CAMERA, (length / 2, 0.0), distance, *_TILTS)
 
 
 def _hands(duration: float) -> tuple[Hand, ...]:
-    """Return hands that cross the picture from different positions."""
+    """Return hands that cross the picture one after another, from different positions."""
     begins = np.arange(_HAND_EVERY / 2, duration, _HAND_EVERY)
     return tuple(
         Hand(
@@ -201,10 +209,11 @@ def _held(angles: Array, still: Array) -> Motion:
 
 
 def _pixel_bound(task: FilmedTask, layout: MarkerLayout, plane: ChainPlane) -> float:
-    """Return the Cramer-Rao bound of an angle, the median over the rotors [rad].
+    """Return the Cramer-Rao bound of the standard deviation of an angle [rad].
 
-    The bound is sigma / sqrt(sum (dI / dphi)^2) over the grey levels I around the mass of a rotor
-    at rest. sigma is the pixel noise, reduced by the average over the three colours.
+    The bound is the median over the rotors of sigma / sqrt(sum (dI / dphi)^2). The sum is over the
+    pixels around the mass of a rotor at rest, where I is the grey level of a pixel. sigma is the
+    noise of a grey level, reduced by the average over the three colours.
     """
     cv2 = opencv()
     rest, still = task.chain.uniform_state(1), np.zeros((1, task.chain.number_of_rotors))

@@ -72,7 +72,7 @@ which the walls separate after one collision, against d = 2 r sin θ̄ / a for t
 Dashed line: critical speed of phi⁴ theory, {phi4:g} c, the limit of small d.
 """
 _OUTCOME_COLOURS = (PURPLE, BLUE, ORANGE, GREEN, BLACK)
-"""Colours for no overlap, one, two, three, and more overlaps."""
+"""Colour of a collision by the number of overlaps: 0, 1, 2, 3 or more."""
 _NAMES = ('never overlapped', '1 collision', '2 collisions', '3 collisions', 'more collisions')
 _COLUMNS = 4
 """Number of panels in a row [1]."""
@@ -80,7 +80,7 @@ _SPEED, _SPEED_AFTER = 'v / c [1]', "v' / c [1]"
 
 
 def draw_speeds(rows: Sequence[Row]) -> FigureReport:
-    """Draw the speed after the collision against the speed before, one panel per ring."""
+    """Draw the speed after a collision against the speed before, one panel per ring."""
     series = series_of(rows, 'sweeps')
     columns = min(_COLUMNS, len(series))
     lines = -(-len(series) // columns)
@@ -172,7 +172,10 @@ def _draw_critical(report: FigureReport, axes: Axes, series: dict[str, list[Row]
 
 
 def _outcome(row: Row) -> int | None:
-    """Return the number of overlaps before separation, up to 4; None if captured, -1 if broken."""
+    """Return the number of overlaps before the walls separate; the largest returned number is 4.
+
+    Returns None for a captured pair, and -1 if the anti-kink is broken.
+    """
     after = escaped_after(row)
     if row.run and row.run.broken:
         return -1
@@ -205,13 +208,13 @@ state.
 _SHOWN = 40.0
 """Width of a panel in units of `Collision.reach` [1]."""
 _AFTERWARDS = 35.0
-"""Drawn time after the walls meet, in units of `Collision.unit` [1]."""
+"""Time for which a collision is drawn after the walls meet, in units of `Collision.unit` [1]."""
 _LARGEST = 1.6
-"""Order field at the ends of the colour scale [1], just above its largest value."""
+"""Absolute order field at both ends of the colour scale [1], slightly above the largest value."""
 _SPACETIME_COLUMNS = 3
 """Number of space-time panels in a row [1]."""
 _TURNS = {-2: '−1', -1: '−½', 0: '0', 1: '+½', 2: '+1'}
-"""Labels of turns, by the number of half turns."""
+"""Label of the turns of a rotor, by the number of half turns."""
 
 
 def draw_pictures(collisions: Mapping[str, Collision]) -> FigureReport:
@@ -261,7 +264,11 @@ def _draw(report: FigureReport, axes: Axes, name: str, collision: Collision) -> 
 
 
 def _recorded(collision: Collision) -> tuple[Array, Array]:
-    """Return times in units of `Collision.unit`, (T,), and angles [rad], (T, N), to be drawn."""
+    """Simulate a collision, and return the times and the angles to be drawn.
+
+    The times have shape (T,) and are in units of `Collision.unit`. The angles [rad] have shape (T,
+    N).
+    """
     duration = (INITIAL_DISTANCE / 2 / collision.speed + _AFTERWARDS) * collision.unit
     times, angles = [], []
     for instants, frame, _ in simulate_frames(collision):
@@ -273,7 +280,7 @@ def _recorded(collision: Collision) -> tuple[Array, Array]:
 
 
 def _label_turns(axes: Axes, collision: Collision, times: Array, angles: Array) -> None:
-    """Label the turns of the middle rotor at the start and the end, and of an outer rotor."""
+    """Label the turns of the middle rotor at the start and at the end, and of an outer rotor."""
     rest = collision.ring.uniform_state(1)
     middle = len(rest) // 2
     outside = min(middle + round(0.42 * _SHOWN * collision.reach), len(rest) - 1)

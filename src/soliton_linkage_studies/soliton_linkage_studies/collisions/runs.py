@@ -1,12 +1,12 @@
 # SPDX-License-Identifier: Apache-2.0
 """Collision of a kink and an anti-kink on a ring, and its outcome.
 
-The kink (charge +1, zero energy at rest) comes from the left, and the anti-kink (charge -1,
-positive rest energy) from the right, at the same speed. The ring leans left between the walls and
-right elsewhere. The walls overlap while no rotor leans left; each overlap counts as a collision.
-Charges alternate along a ring, so that the kink is always on the left. Only the turns of the
-rotors between the walls show whether the walls have passed through each other. Lengths are in
-units of the reach of a wall (`Collision.reach`).
+The kink has charge +1 and zero energy at rest; it comes from the left. The anti-kink has charge -1
+and a positive rest energy; it comes from the right at the same speed. The ring leans left between
+the walls, and right elsewhere. The walls overlap while no rotor leans left. Each overlap counts as
+a collision. Because charges alternate along a ring, the kink is always on the left. Therefore,
+only the turns of the rotors between the walls show whether the walls have passed through each
+other. Lengths are in units of the reach of a wall (`Collision.reach`).
 """
 
 from __future__ import annotations
@@ -27,42 +27,50 @@ from soliton_linkage.solitons.continuum import wall_theory
 from soliton_linkage_studies.collisions.travelling_wall import travelling_wall
 
 INITIAL_DISTANCE = 12.0
-"""Initial distance in reaches [1]; the attraction is then e^(-24) of the wall mass."""
+"""Initial distance between the walls, in reaches [1]. At this distance, the attraction is e^(-24)
+of the wall mass."""
 ESCAPED = 8.0
-"""Distance in reaches [1] at which walls have escaped; only walls slower than 0.001 c return."""
+"""Threshold of the distance between the walls, in reaches [1]: walls count as escaped if their
+distance is larger. Beyond it, only walls slower than 0.001 c return."""
 _NEAR = 7.0
-"""Smallest distance at which the speed before a collision is measured, in reaches [1]."""
+"""Smallest distance between the walls at which the speed before a collision is measured, in
+reaches [1]."""
 _LEAVING = 5.0
-"""Smallest distance at which the speed after a collision is measured, in reaches [1]."""
+"""Smallest distance between the walls at which the speed after a collision is measured, in reaches
+[1]."""
 _FRAMES = 10
-"""Number of frames while sound crosses a reach [1]; walls overlap for ten frames or more."""
+"""Number of frames in the time in which sound crosses a reach [1]. With this number, each overlap
+lasts for ten frames or more."""
 _CORE = 4.0
-"""Half width of a wall in reaches [1]; only e^(-16) of its energy is outside."""
+"""Half width of a wall in reaches [1]. Only e^(-16) of the energy of a wall is outside."""
 _LUMP = 8.0
-"""Half width of a captured pair in reaches [1], twice the amplitude of its walls."""
+"""Half width of a captured pair in reaches [1]. It is twice the amplitude of the walls of a pair.
+"""
 _FEWEST = 5
-"""Smallest number of frames for a speed estimate [1]; escaped walls have 30 or more."""
+"""Smallest number of frames for a speed estimate [1]. Escaped walls have 30 frames or more."""
 _TOLERANCE = 1e-10
-"""Angle tolerance of adaptive integrators [rad]; the relative energy error is then 1e-9."""
+"""Angle tolerance of adaptive integrators [rad]. With this tolerance, the relative energy error is
+1e-9."""
 
 
 @dataclass(frozen=True)
 class Collision:
-    """Settings of a collision; a call simulates it."""
+    """Settings of a collision. A call of this object simulates the collision."""
 
     ring: Chain
     speed: float
     """Speed of each wall in units of the speed of sound [1]."""
     onwards: bool = False
-    """Whether the rotors of a spinner turn onwards in the second wall, instead of back."""
+    """Whether the second wall turns the rotors of a spinner in the same direction as the first
+    wall; otherwise the second wall turns them back."""
     step: float = 1.0
-    """Longest integration step times the largest phonon frequency [1]."""
+    """Longest integration step, multiplied by the largest phonon frequency [1]."""
     integrator: str = 'symplectic'
     shift: float = 0.0
     """Shift of both walls along the ring [rotor spacings]."""
     patience: float = 120.0
-    """Time limit for an escape, in units of reach / speed of sound [1], in addition to the time of
-    the path at half the speed."""
+    """Time limit for an escape, in units of reach / speed of sound [1]. The time in which the
+    walls cover their path at half of their speed is added to this limit."""
 
     def __call__(self) -> CollisionRun:
         """Simulate the collision."""
@@ -70,9 +78,10 @@ class Collision:
 
     @property
     def reach(self) -> float:
-        """Reach of a wall, twice the penetration depth l of its tails e^(-x / l) [rotor spacings].
+        """Reach of a wall: twice the penetration depth l [rotor spacings].
 
-        For d << 1 it is the width w of a flipper's wall; for a spinner's wall it is 2 w.
+        The tails of a wall decay as e^(-x / l). For d << 1, the reach of a flipper's wall equals
+        its width w, and the reach of a spinner's wall equals 2 w.
         """
         return 2 * penetration_depth(self.ring) / self.ring.spacing
 
@@ -89,7 +98,10 @@ class Collision:
 
 @dataclass(frozen=True)
 class CollisionRun:
-    """Outcome of a collision; speeds relative to the speed of sound, lengths in reaches [1]."""
+    """Outcome of a collision.
+
+    Speeds are relative to the speed of sound [1], lengths are in reaches [1].
+    """
 
     escaped: bool
     """Whether both walls escaped."""
@@ -98,19 +110,20 @@ class CollisionRun:
     speed_before: float
     """Half of the relative speed before the collision."""
     kink_speed: float
-    """Speed of the kink afterwards, away from the anti-kink; 0 if captured."""
+    """Speed of the kink after the collision, away from the anti-kink; 0 for a captured pair."""
     anti_kink_speed: float
-    """Speed of the anti-kink afterwards, away from the kink; 0 if captured."""
+    """Speed of the anti-kink after the collision, away from the kink; 0 for a captured pair."""
     between: float
-    """Time between the first two collisions in units of reach / c, NaN if there are fewer."""
+    """Time between the first two overlaps, in units of reach / c [1]; NaN if there are fewer than
+    two overlaps."""
     closest: float
-    """Smallest distance of the walls, 0 if they overlapped."""
+    """Smallest distance between the walls; 0 if they overlapped."""
     turns: int
     """Turns of the rotors between the walls since the start of the collision."""
     broken: bool
-    """Whether the anti-kink was destroyed, see `_broken`."""
+    """Whether the anti-kink was destroyed. `_broken` defines this condition."""
     radiated: float
-    """Fraction of the final energy outside the walls or the captured pair [1]."""
+    """Fraction of the final energy that is outside the walls or outside the captured pair [1]."""
     drift: float
     """Largest relative error of the energy."""
 
@@ -122,26 +135,29 @@ class CollisionRun:
 
 @dataclass(frozen=True)
 class WallPaths:
-    """Paths of the walls: outermost sign changes of the order field, NaN if there are none."""
+    """Paths of both walls, from the outermost sign changes of the order field.
+
+    In a frame without sign changes, both positions are NaN.
+    """
 
     times: Array
-    """[s], shape (T,)."""
+    """Times of the frames [s], shape (T,)."""
     kinks: Array
-    """Positions of the left wall [rotor spacings], shape (T,)."""
+    """Positions of the kink, the left wall [rotor spacings], shape (T,)."""
     anti_kinks: Array
-    """Positions of the right wall [rotor spacings], shape (T,)."""
+    """Positions of the anti-kink, the right wall [rotor spacings], shape (T,)."""
 
     @property
     def distances(self) -> Array:
-        """Distances between the walls [rotor spacings], NaN where they overlap, shape (T,)."""
+        """Distances between the walls [rotor spacings], shape (T,); NaN while they overlap."""
         return np.asarray(self.anti_kinks - self.kinks)
 
     def part(self, which: slice) -> WallPaths:
-        """Return the paths in a slice of the frames."""
+        """Return the paths in the given slice of the frames."""
         return WallPaths(self.times[which], self.kinks[which], self.anti_kinks[which])
 
     def joined(self, later: WallPaths) -> WallPaths:
-        """Return these paths, continued by later paths."""
+        """Return these paths followed by later paths."""
         return WallPaths(
             np.append(self.times, later.times),
             np.append(self.kinks, later.kinks),
@@ -179,7 +195,10 @@ def run_collision(task: Collision) -> CollisionRun:
 
 
 def simulate_frames(task: Collision) -> Iterator[tuple[Array, Array, Array]]:
-    """Yield times [s], (T,), angles [rad] and rates [rad/s], (T, N), in batches without end."""
+    """Yield successive batches of times, angles and rates, without end.
+
+    The times [s] have shape (T,). The angles [rad] and rates [rad/s] have shape (T, N).
+    """
     start = initial_state(task)
     motion = EquationOfMotion(task.ring)
     method = INTEGRATORS[task.integrator]
@@ -190,7 +209,7 @@ def simulate_frames(task: Collision) -> Iterator[tuple[Array, Array, Array]]:
         motion.state(start.angles, start.rates),
         np.inf,
         rtol=0.0 if constant else _TOLERANCE,
-        # With a large tolerance the solver always takes the longest allowed step.
+        # # With a large tolerance, the solver always takes the longest allowed step.
         atol=1e3 if constant else _TOLERANCE,
         max_step=task.step / band_edges(task.ring)[1],
     )
@@ -208,9 +227,9 @@ def simulate_frames(task: Collision) -> Iterator[tuple[Array, Array, Array]]:
 
 
 def initial_state(task: Collision) -> State:
-    """Return the initial state: both walls move towards the middle of the ring.
+    """Return the initial state, in which both walls move towards the middle of the ring.
 
-    Raises ArithmeticError if no travelling wall has this speed.
+    Raises ArithmeticError if no travelling wall has the speed of the task.
     """
     ring, velocity = task.ring, task.speed * speed_of_sound(task.ring)
     rotors = np.arange(ring.number_of_rotors, dtype=np.int64)
@@ -225,7 +244,10 @@ def initial_state(task: Collision) -> State:
 
 
 def ring_order_field(ring: Chain, angles: Array) -> Array:
-    """Return the order field, (..., N); spinners are assumed to be of the family +1."""
+    """Return the order field, shape (..., N).
+
+    Rotors of a spinner are assumed to be in the family +1 of uniform states.
+    """
     theta = staggered(angles)
     if ring.motion is Motion.SPINNER:
         return np.asarray(np.cos(theta - ring.rest_angle))
@@ -233,7 +255,10 @@ def ring_order_field(ring: Chain, angles: Array) -> Array:
 
 
 def find_walls(ring: Chain, times: Array, angles: Array) -> WallPaths:
-    """Return the walls in frames of angles [rad], (T, N), interpolated between two rotors."""
+    """Return the walls in frames of angles [rad], shape (T, N).
+
+    The position of a wall is interpolated between two rotors.
+    """
     fields = ring_order_field(ring, angles)
     left = fields < 0
     last = fields.shape[1] - 1
@@ -248,7 +273,10 @@ def find_walls(ring: Chain, times: Array, angles: Array) -> WallPaths:
 
 
 def _crossings(fields: Array, rotors: NDArray[np.int64]) -> Array:
-    """Return the interpolated zero of the field between a rotor and the next, shape (T,)."""
+    """Return the zero of the field between a rotor and the next one, shape (T,).
+
+    The field is interpolated linearly.
+    """
     frame = np.arange(len(fields))
     before, after = fields[frame, rotors], fields[frame, rotors + 1]
     change = np.where(before == after, 1.0, before - after)
@@ -256,7 +284,7 @@ def _crossings(fields: Array, rotors: NDArray[np.int64]) -> Array:
 
 
 def _end(task: Collision, path: WallPaths) -> int | None:
-    """Return the last frame of the collision, or None if it continues."""
+    """Return the index of the last frame of the collision, or None if the collision continues."""
     distances = path.distances / task.reach
     met = np.flatnonzero(~(distances > _NEAR))
     if not met.size:
@@ -299,7 +327,7 @@ def _outcome(task: Collision, path: WallPaths, state: State, drift: float) -> Co
 
 
 def _turns(ring: Chain, path: WallPaths, state: State) -> int:
-    """Return the turns of the middle rotor between spinner walls, minus half a turn."""
+    """Return the turns of the rotor in the middle between spinner walls, minus half a turn."""
     if ring.motion is not Motion.SPINNER:
         return 0
     rotor = round((path.kinks[-1] + path.anti_kinks[-1]) / 2)
@@ -308,9 +336,10 @@ def _turns(ring: Chain, path: WallPaths, state: State) -> int:
 
 
 def _broken(task: Collision, path: WallPaths, state: State, escaped: bool) -> bool:
-    """Return whether rotors of a flipper turned over, or an escaped anti-kink was destroyed.
+    """Return whether flipper rotors have turned over, or a spinner anti-kink is destroyed.
 
-    If less than half of the continuum rest energy is left, only a few rotors deviate from rest.
+    The anti-kink of a spinner counts as destroyed if the walls have escaped, and less than half of
+    its continuum rest energy is left. Then only a few rotors deviate from rest.
     """
     ring = task.ring
     if ring.motion is not Motion.SPINNER:
@@ -321,7 +350,7 @@ def _broken(task: Collision, path: WallPaths, state: State, escaped: bool) -> bo
 
 
 def _radiated(task: Collision, path: WallPaths, state: State, escaped: bool) -> float:
-    """Return the fraction of the energy outside the walls, or outside a captured pair [1]."""
+    """Return the fraction of the energy outside the walls or a captured pair [1]."""
     rotors, energies = np.arange(task.ring.number_of_rotors), _energies(task.ring, state)
     positions, reach = [path.kinks[-1], path.anti_kinks[-1]], _CORE
     if not escaped:
@@ -331,7 +360,10 @@ def _radiated(task: Collision, path: WallPaths, state: State, escaped: bool) -> 
 
 
 def _energies(ring: Chain, state: State) -> Array:
-    """Return the energy of each rotor and half of its two springs [J], shape (N,)."""
+    """Return the energy of each rotor [J], shape (N,).
+
+    It contains half of the energy of the two springs of the rotor.
+    """
     elastic = 0.5 * ring.stiffnesses * ring.spring_extensions(state.angles) ** 2
     kinetic = 0.5 * ring.moments_of_inertia * state.rates**2
     return np.asarray(kinetic + (elastic + np.roll(elastic, 1)) / 2)

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Collision study: tasks from a settings file, as rows of a resumable table."""
+"""Collision study: tasks from a settings file, as rows of a table that survives interruptions."""
 
 from __future__ import annotations
 
@@ -17,27 +17,27 @@ from soliton_linkage_studies.collisions.runs import Collision, CollisionRun
 from soliton_linkage_studies.settings import Section
 
 TURNING = ('back', 'onwards')
-"""Turning directions of the rotors of a spinner in the second wall."""
+"""Directions in which the second wall can turn the rotors of a spinner."""
 _SETTINGS = {
     'length': (30.0, 1000.0),
     'step': (1e-3, 2.0),
     'patience': (10.0, 1e5),
     'shift': (-1.0, 1.0),
 }
-"""Settings of a collision and their valid ranges."""
+"""Numeric settings of a collision, with their smallest and largest values."""
 _QUICK_EVERY = 40
-"""A quick study uses one of this many speeds [1]."""
+"""Interval between the speeds that a quick study uses: 40 means every 40th speed [1]."""
 _QUICK_HALVINGS = 2
-"""Number of bisections for a speed in a quick study [1]."""
+"""Number of bisections in the search for a speed in a quick study [1]."""
 _HALVINGS = 13
 """Number of bisections in a full study [1], which reduce a range of 0.6 c to 1e-4 c."""
 _FASTEST = 2.0
-"""Largest speed in units of the speed of sound [1]; flippers with d near 1 are supersonic."""
+"""Largest speed in units of the speed of sound [1]; flippers with d near 1 can be supersonic."""
 
 
 @dataclass(frozen=True)
 class WindowEdge:
-    """Search for the edge of a window in which walls escape after a number of collisions."""
+    """Search for the edge of a window in which walls escape after a number of overlaps."""
 
     collision: Collision
     collisions: int
@@ -48,9 +48,10 @@ class WindowEdge:
     halvings: int
 
     def __call__(self) -> tuple[float, CollisionRun]:
-        """Return the speed at the edge of the window, and the collision just inside.
+        """Return the speed at the edge of the window, and a collision inside the window near it.
 
-        Raises ValueError unless the walls escape at the speed inside and not at the speed outside.
+        Raises ValueError unless the walls escape after `collisions` overlaps at the speed
+        `inside`, but not at the speed `outside`.
         """
         inside, outside = self.inside, self.outside
         run = self._made(inside)
@@ -79,41 +80,44 @@ class WindowEdge:
 
 @dataclass(frozen=True)
 class Entry:
-    """Task of one row of the table."""
+    """Task whose result is one row of the table."""
 
     part: str
-    """Part of the study: a key of its settings."""
+    """Part of the study to which the row belongs, a key of the settings."""
     series: str
-    """Series of the row, a name from the settings."""
+    """Series of rows to which the row belongs, a name from the settings."""
     task: Collision | WindowEdge
     name: str = ''
-    """Name of a window edge, otherwise empty."""
+    """Name of the window edge, or an empty text for a collision."""
 
 
 @dataclass(frozen=True)
 class CollisionStudy:
-    """Collision study of a settings file; a table that is computed row by row."""
+    """Collision study of a settings file. Each entry is computed as one row of a table."""
 
     entries: tuple[Entry, ...]
     pictures: dict[str, Collision]
-    """Collisions for space-time diagrams, by title."""
+    """Collisions that are drawn as space-time diagrams, by title."""
     settings: dict[str, Any]
-    """Settings that determine the entries, in YAML types."""
+    """Settings that determine the entries, in types of YAML."""
     name: str = 'runs'
 
     @property
     def columns(self) -> tuple[str, ...]:
-        """Names of the columns of its table."""
+        """Names of the columns of the table."""
         run = (field.name for field in fields(CollisionRun))
         return ('row', 'part', 'series', 'name', 'rotors', 'speed', *run, 'failure')
 
     @property
     def rows(self) -> int:
-        """Number of rows of its table."""
+        """Number of rows of the table."""
         return len(self.entries)
 
     def cells(self, row: int) -> list[str]:
-        """Compute a row of the table as text; if it fails, the last column has the reason."""
+        """Compute a row of the table, and return its columns as text.
+
+        If the computation fails, the last column is the error message.
+        """
         entry = self.entries[row]
         collision = entry.task if isinstance(entry.task, Collision) else entry.task.collision
         speed, values, failure = collision.speed, [''] * len(fields(CollisionRun)), ''
@@ -130,26 +134,26 @@ class CollisionStudy:
         return [str(row), *labels, *values, failure]
 
     def described(self) -> dict[str, Any]:
-        """Return all settings on which the rows depend, in YAML types."""
+        """Return all settings on which the rows depend, in types of YAML."""
         return self.settings
 
 
 @dataclass(frozen=True)
 class Row:
-    """Row of the table after parsing."""
+    """Row of the table, parsed from text."""
 
     part: str
     series: str
     name: str
     speed: float
-    """Speed of each wall or of an edge in units of the speed of sound [1]."""
+    """Speed of each wall, or speed at the window edge, in units of the speed of sound [1]."""
     run: CollisionRun | None
-    """Outcome, or None if the simulation failed."""
+    """Outcome of the collision, or None if the simulation failed."""
     failure: str
 
 
 def read_row(cells: Mapping[str, str]) -> Row:
-    """Parse a row of text cells."""
+    """Parse a row of the table; `cells` maps column names to text."""
     run = None
     if not cells['failure']:
         run = CollisionRun(
@@ -160,7 +164,7 @@ def read_row(cells: Mapping[str, str]) -> Row:
 
 
 def read_collision_study(settings: Section, quick: bool) -> CollisionStudy:
-    """Return the study of a settings file; raise ValueError for invalid settings."""
+    """Read the study from its settings; raise ValueError if they are invalid."""
     settings.check_keys('collision', 'sweeps', 'variations', 'critical_speeds', 'pictures')
     common = settings.section('collision')
     common.check_keys(*_SETTINGS)
@@ -182,7 +186,7 @@ def read_collision_study(settings: Section, quick: bool) -> CollisionStudy:
 
 
 def _named(settings: Section, key: str) -> dict[str, Section]:
-    """Return the sections below a key, at least one."""
+    """Return the sections below a key by name; raise ValueError if there are none."""
     found = settings.section(key).sections()
     if not found:
         raise settings.error(key, 'is empty; give one or more named sections')
@@ -190,7 +194,10 @@ def _named(settings: Section, key: str) -> dict[str, Section]:
 
 
 def _variations(section: Section, common: Section, quick: bool) -> list[Entry]:
-    """Return sweeps of one ring with one changed setting each, and searches for their edges."""
+    """Return speed sweeps of one ring, each with one changed setting.
+
+    A full study also searches for window edges.
+    """
     section.check_keys('rotor_length_ratio', 'rest_angle', 'speeds', 'changes', 'edges')
     speeds = _speeds(section, quick).tolist()
     entries = []
@@ -206,7 +213,7 @@ def _variations(section: Section, common: Section, quick: bool) -> list[Entry]:
 
 
 def _critical_speeds(section: Section, common: Section, quick: bool) -> list[Entry]:
-    """Return searches for the critical speed of rings with different lean ratios d."""
+    """Return searches for the critical speed, one for each lean ratio d of each kind of ring."""
     section.check_keys('rings', 'inside', 'outside')
     entries = []
     for name, rings in _named(section, 'rings').items():
@@ -233,7 +240,7 @@ def _picture(section: Section, common: Section) -> Collision:
 
 
 def _collision(section: Section, common: Section, change: Section | None = None) -> Collision:
-    """Return a collision on the ring of a section, with speed 0."""
+    """Return a collision with speed 0 on the ring that a section describes."""
     ratio = section.number('rotor_length_ratio', 1e-3, 1e3)
     rest_angle = section.number('rest_angle', 1e-3, 1.57)
     onwards = section.text('turning', TURNING, TURNING[0]) == TURNING[1]
@@ -263,7 +270,7 @@ def _task(
 
 
 def _speeds(section: Section, quick: bool) -> Array:
-    """Return the relative speeds of a range, including both ends."""
+    """Return the speeds of a range with both ends, in units of the speed of sound [1]."""
     given = section.section('speeds')
     given.check_keys('from', 'to', 'points')
     first, last = (given.number(end, 1e-3, _FASTEST) for end in ('from', 'to'))
@@ -278,7 +285,7 @@ def _value(kind: object, text: str) -> Any:
 
 
 def series_of(rows: Sequence[Row], part: str) -> dict[str, list[Row]]:
-    """Return the rows of a part of the study by series, in their order."""
+    """Return the rows of a part of the study by series; the order of the rows is kept."""
     found: dict[str, list[Row]] = {}
     for row in rows:
         if row.part == part:
@@ -289,38 +296,41 @@ def series_of(rows: Sequence[Row], part: str) -> dict[str, list[Row]]:
 PHI4_SPEED = 0.2598
 """Critical speed of phi^4 theory in units of c [1] (Campbell, Schonfeld and Wingate 1983)."""
 CRITICAL_SPEED = 'critical speed / c [1]'
-"""Label of the speed above which walls separate after one collision."""
+"""Label of the critical speed, above which walls separate after one collision."""
 _SHAPE_MODE = math.sqrt(3)
-"""Frequency of the shape mode of a phi^4 wall in units of c / w [1]; for d << 1, w is the
-reach."""
+"""Frequency of the shape mode of a phi^4 wall in units of c / w [1]. For d << 1, the width w
+equals the reach of a wall."""
 _FEWEST = 2
-"""Smallest number of adjacent speeds with the same outcome in a window [1]."""
+"""Smallest number of adjacent speeds that form a window [1]. All of them have the same outcome."""
 
 
 @dataclass(frozen=True)
 class BounceWindow:
-    """Window of adjacent speeds at which walls separate after the same number of collisions."""
+    """Bounce window: adjacent speeds at which walls escape after the same number of collisions."""
 
     collisions: int
     first: float
     last: float
     fastest: CollisionRun
-    """Collision with the largest speed afterwards."""
+    """Collision in the window with the largest speed afterwards."""
 
     @property
     def phase(self) -> float:
-        """Cycles of the shape mode between the first two collisions [1]."""
+        """Number of cycles of the shape mode between the first two collisions [1]."""
         return _SHAPE_MODE * self.fastest.between / (2 * math.pi)
 
 
 def escaped_after(row: Row) -> int | None:
-    """Return the number of collisions before an intact pair separated, or None."""
+    """Return the number of overlaps after which both walls escaped intact.
+
+    Returns None if the pair was captured, a wall is broken, or the simulation failed.
+    """
     run = row.run
     return run.collisions if run and run.escaped and not run.broken else None
 
 
 def windows(rows: Sequence[Row]) -> list[BounceWindow]:
-    """Return the windows of two or more collisions in a sweep, slowest first."""
+    """Return the windows of a sweep in which walls collide twice or more, slowest first."""
     found: list[BounceWindow] = []
     group: list[Row] = []
     for row in [*rows, None]:
@@ -338,7 +348,7 @@ def windows(rows: Sequence[Row]) -> list[BounceWindow]:
 
 
 def finding_lines(rows: Sequence[Row]) -> list[str]:
-    """Return Markdown tables of rings, windows, their sensitivity, and critical speeds."""
+    """Return tables of rings, bounce windows, changed settings and critical speeds as Markdown."""
     variations = series_of(rows, 'variations')
     whole = [row for row in next(iter(variations.values()), []) if not row.name]
     return [
@@ -391,7 +401,7 @@ def _window_lines(found: Sequence[BounceWindow]) -> list[str]:
 
 
 def _variation_lines(series: dict[str, list[Row]]) -> list[str]:
-    """Return the table of changed settings: equal outcomes, changes of v', window edges."""
+    """Return the table of changed settings: same outcomes, changes of v', and window edges."""
     base = next(iter(series.values()), [])
     edges = [row.name for row in base if row.name]
     lines = [
@@ -414,7 +424,10 @@ def _variation_lines(series: dict[str, list[Row]]) -> list[str]:
 
 
 def _critical_lines(series: dict[str, list[Row]]) -> list[str]:
-    """Return the critical speeds and their limit d -> 0, from an extrapolation in d^2."""
+    """Return the table of critical speeds.
+
+    The table contains the limit d -> 0, from a linear extrapolation in d^2.
+    """
     lines = [f'| rings | d | {CRITICAL_SPEED} |', '| --- | --- | --- |']
     for name, rows in series.items():
         found = [(float(row.name), row.speed) for row in rows if row.run]
@@ -427,5 +440,5 @@ def _critical_lines(series: dict[str, list[Row]]) -> list[str]:
 
 
 def _outcome(run: CollisionRun) -> tuple[bool, int]:
-    """Return the outcome for comparisons; captured pairs are equal for any number of overlaps."""
+    """Return the outcome for comparisons; all captured pairs have the same outcome."""
     return run.escaped, run.collisions if run.escaped else 0

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Figure of the soft actuator: step response, parameter fit and work on a chain."""
+"""Figure of the soft actuator: step response, fit of its parameters, and work on a chain."""
 
 from __future__ import annotations
 
@@ -25,34 +25,38 @@ from soliton_linkage_studies.pneumatic_fit import StepResponse, fit_step_respons
 from soliton_linkage_studies.settings import Section, chain_from
 
 _TOLERANCE = 1e-12
-"""Integration error per time unit [rad], small enough for work and energy to agree to 1e-9."""
+"""Tolerance of the integration error per time unit [rad]. With this tolerance, work and energy
+agree to 1e-9."""
 TIME = 'time [s]'
 """Label of the time axes."""
 _STEPPED = slice(None, None, 20)
-"""Instants at which the numerical solution is evaluated."""
+"""Slice of the instants at which the numerical solution is evaluated: every twentieth one."""
 
 
 @dataclass(frozen=True)
 class CommandResponse:
-    """Pressure response of an actuator, in closed form and by numerical integration."""
+    """Pressure response of an actuator at T instants.
+
+    The closed form is compared with a numerical integration.
+    """
 
     times: Array
-    """Instants [s], shape (T,)."""
+    """Instants of the response [s], shape (T,)."""
     commanded: Array
     """Commanded pressure [Pa], shape (T,)."""
     closed: Array
     """Pressure in closed form [Pa], shape (T,)."""
     stepped: Array
-    """Pressure by numerical integration [Pa], at every twentieth instant."""
+    """Pressure by numerical integration [Pa], at the instants `_STEPPED`."""
 
     @property
     def distance(self) -> float:
-        """Largest deviation of the numerical solution from the closed form [Pa]."""
+        """Largest difference between the numerical solution and the closed form [Pa]."""
         return float(np.abs(self.stepped - self.closed[_STEPPED]).max())
 
 
 def stepped_response(actuator: PneumaticActuator, command: Profile) -> CommandResponse:
-    """Return the response to a command until the actuator has vented."""
+    """Return the pressure response to a command, from its start until the actuator has vented."""
     times = np.linspace(0.0, command.end + 6 * actuator.venting_time, 400)
     asked = np.array([float(command.after(time)) for time in times])
     closed = np.array([actuator.response(0.0, command, 0.0, time)[0] for time in times])
@@ -68,7 +72,7 @@ def stepped_response(actuator: PneumaticActuator, command: Profile) -> CommandRe
 
 
 def draw_response(report: FigureReport, axes: Axes, response: CommandResponse) -> Axes:
-    """Draw the pressure under a command: commanded, in closed form, and integrated."""
+    """Draw the pressure of a command: commanded, in closed form, and by numerical integration."""
     series = (
         ('commanded', response.times, response.commanded, '--', GREY),
         ('closed form', response.times, response.closed, '-', BLUE),
@@ -93,20 +97,21 @@ def draw_response(report: FigureReport, axes: Axes, response: CommandResponse) -
 
 @dataclass(frozen=True)
 class DrivenChain:
-    """Energy and work of a chain of springs under an actuator, in T frames."""
+    """Energy and work of a chain of springs that an actuator drives, in T frames."""
 
     times: Array
     """Instants of the frames [s], shape (T,)."""
     energies: Array
-    """Energy that the chain has gained [J], shape (T,)."""
+    """Energy that the chain has gained since the first frame [J], shape (T,)."""
     works: Array
-    """Work of the torques, from torques and angles [J], shape (T,)."""
+    """Work of the actuator since the first frame [J], shape (T,). It is computed from torques and
+    angles."""
 
 
 def driven_chain(
     chain: Chain, actuator: PneumaticActuator, order: EdgeCommand, period: float
 ) -> DrivenChain:
-    """Simulate a command at the first edge of the left-leaning chain until all torques are 0.
+    """Simulate a command at the first edge of a left-leaning chain, until all torques are 0.
 
     `period` is the time between frames [s].
     """
@@ -137,12 +142,12 @@ the torques and angles of its frames (dotted black). The two curves must be equa
 _SEED = 1
 """Random seed of the measurement noise."""
 _FRAMES_A_SECOND = 500
-"""Frame rate of the driven chain [Hz]; a quick figure uses a quarter of it."""
+"""Frame rate of the driven chain [Hz]. A quick figure uses a quarter of this rate."""
 
 
 @FIGURES.add('soft_actuator')
 def actuator_figure(section: Section, quick: bool) -> FigureReport:
-    """Draw the pressure response, its parameter fit, and the work compared with the energy."""
+    """Draw the pressure response, the fit of its parameters, and work compared with energy."""
     section.check_keys('chain', 'pressure', 'duration', 'ramp', 'noise', 'rate')
     actuator = PneumaticActuator()
     pressure = section.number('pressure', 1.0, actuator.highest_pressure)

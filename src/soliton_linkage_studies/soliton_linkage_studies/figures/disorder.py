@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Figure of the survival rate of walls in chains with disorder."""
+"""Figure of the survival rate of walls, against the disorder of their chains."""
 
 from __future__ import annotations
 
@@ -21,10 +21,11 @@ from soliton_linkage_studies.settings import Section, chain_from
 
 
 def score_interval(share: Array, count: int, deviations: float = 1.0) -> tuple[Array, Array]:
-    """Return both ends of the Wilson score interval for fractions of `count` draws, any shape.
+    """Return both ends of the Wilson score interval of fractions.
 
-    For a fraction s the ends are the probabilities p with |s - p| = deviations sqrt(p (1 - p) /
-    count). The interval has a width above 0 even if all draws agree.
+    `share` contains fractions of `count` draws and may have any shape. For a fraction s, the ends
+    are the probabilities p with |s - p| = deviations sqrt(p (1 - p) / count). The width of the
+    interval is above 0 even if all draws have the same result.
     """
     pull = deviations**2 / count
     middle = share + pull / 2
@@ -44,9 +45,11 @@ _TITLES = {'rigid': 'a  rigid bars', 'elastic': 'b  springs'}
 _QUICK_SEEDS = 3
 """Largest number of chains per class and deviation in a quick figure."""
 _NORMAL = 1.959964
-"""Half width of the central 95 % of a normal distribution in standard deviations [1]."""
+"""Half width of the interval that contains the central 95 % of a normal distribution [standard
+deviations]."""
 _ASIDE = 0.4
-"""Horizontal offset between the points of different chains, so that bars do not overlap [%]."""
+"""Horizontal offset between the points of different chains [%]. It prevents overlaps of the error
+bars."""
 
 
 @FIGURES.add('disorder_against_passage')
@@ -112,9 +115,10 @@ def _deviating(chain: Chain, fraction: float, seed: int) -> Chain:
 
 
 def _compare_passage(report: FigureReport, fractions: Array, free: Array, passed: Array) -> None:
-    """Compare the survival rate of all rigid chains and of those without blocked bonds.
+    """Compare the survival rate of all rigid chains with that of chains without blocked bonds.
 
-    `free` and `passed` have the shape (F, K).
+    `free` (no blocked bond) and `passed` (the wall crosses and returns) have shape (F, K), for F
+    relative standard deviations and K chains.
     """
     for fraction, sufficient, passes in zip(fractions, free, passed, strict=True):
         name = f'deviations of {100 * fraction:g} %, rigid'
@@ -136,7 +140,7 @@ def _compare_passage(report: FigureReport, fractions: Array, free: Array, passed
 
 
 def _returns(chain: Chain, kick: float, mechanics: str) -> bool:
-    """Return whether the wall crosses and returns; False if the chain has no equilibrium."""
+    """Return whether the wall crosses and returns; return False if the measurement fails."""
     try:
         found = measure_survival(chain, SweepTrial(kick=kick, mechanics=mechanics))
     except (ArithmeticError, ValueError):

@@ -66,7 +66,7 @@ def anti_kink_figure(section: Section, quick: bool) -> FigureReport:
 
 
 def _ring_of_lean(ratio: float, lean_ratio: float) -> Chain:
-    """Return a periodic chain, long enough that two walls do not interact."""
+    """Return a periodic chain that is long enough for two walls without interaction."""
     rest_angle = math.asin(lean_ratio / (2 * ratio))
     depth = 1 / math.log((1 + lean_ratio) / (1 - lean_ratio))
     rotors = 4 * math.ceil(7 * depth + 5)
@@ -74,7 +74,11 @@ def _ring_of_lean(ratio: float, lean_ratio: float) -> Chain:
 
 
 def _anti_kink_cost(ring: Chain) -> float:
-    """Return the energy of the ring in equilibrium [J]; its kink has zero energy."""
+    """Return the energy of an anti-kink at rest [J].
+
+    It is the energy of a ring in equilibrium with a kink and an anti-kink, because the kink has
+    zero energy.
+    """
     rotors, theory = ring.number_of_rotors, FlipperTheory(ring)
     positions = ring.spacing * np.arange(rotors)
     kink, anti_kink = (ring.spacing * (rotors * share - 0.5) for share in (0.25, 0.75))
@@ -97,21 +101,24 @@ wall. Hollow markers are upper bounds, because reflected phonons of the kick may
 wake.
 """
 _REACH = 8
-"""Distance of the wake from the wall in penetration depths [1]; tails have decayed to e^-8."""
+"""Smallest distance between the wall and its wake, in penetration depths [1]. At this distance,
+the tail of the wall has decayed to e^-8."""
 _CONTINUUM = 0.3
-"""Largest lean ratio d for comparison with continuum theory, whose error is of order d^2."""
+"""Threshold of the lean ratio d [1]: a chain is compared with continuum theory if d is smaller.
+The error of the theory is of order d^2."""
 _ENERGIES = {
     'a': 'total energy / E_s [1]',
     'b': 'elastic / kinetic energy [1]',
     'c': 'energy behind the wall / total energy [1]',
 }
 _SLOW = 0.87
-"""Relative speed v / c up to which theory predicts the energy to a few per cent."""
+"""Threshold of the relative speed v / c [1]: the energy of a wall is compared with theory if its
+speed is smaller. Then the error of the theory is a few per cent."""
 
 
 @FIGURES.add('energy_against_speed')
 def energy_figure(section: Section, quick: bool) -> FigureReport:
-    """Draw the energy of a wall, its kinetic and elastic parts, and its wake against speed."""
+    """Draw the energy, the ratio of elastic to kinetic energy, and the wake against the speed."""
     section.check_keys('chains')
     report = FigureReport(Figure(figsize=(13, 4.8), layout='constrained'), _CAPTION)
     panels = report.figure.subplots(1, 3)
@@ -177,17 +184,18 @@ def _draw_theory(panels: Sequence[Axes], theory: WallTheory) -> None:
 
 
 def _energies(chain: Chain, kick: float) -> tuple[float, float, float, float, float]:
-    """Return relative speed, kinetic, elastic and wake energy [J], and a flag for echoes.
+    """Return relative speed [1], kinetic, elastic and wake energy [J], and a flag for echoes [1].
 
-    The energies are means over the first passage of the wall through the middle of the chain.
-    The sudden kick emits phonons, which overtake a slow wall and are reflected by the first rotor.
-    The flag is 1 if the fastest phonon can be behind the wall in one of these frames, else 0.
+    The energies are means over the first passage of the wall through the middle of the chain. The
+    sudden kick emits phonons. They overtake a slow wall and are reflected by the first rotor. The
+    flag is 1 if the fastest phonon can be behind the wall in one of the averaged frames, otherwise
+    0.
     """
     recording, speed = record_moving_wall(chain, kick)
     positions = wall_positions(chain, recording)
     middle = (chain.number_of_rotors - 1) / 2
     inside = np.flatnonzero(np.abs(positions - middle) < MIDDLE * middle)
-    # Use only the first passage, because a fast wall is reflected and passes again.
+    # # Use only the first passage, because a fast wall is reflected and passes the middle again.
     inside = inside[: np.append(np.diff(inside) > 1, True).argmax() + 1]
     angles, rates = recording.angles[inside], recording.rates[inside]
     stretched = 0.5 * chain.stiffnesses * chain.spring_extensions(angles) ** 2

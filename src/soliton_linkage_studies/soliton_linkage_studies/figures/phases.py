@@ -36,7 +36,8 @@ from soliton_linkage_studies.unit_cell import (
 )
 
 _FINE = 40_000
-"""Number of steps of the measured curves [1]; their slope is then accurate to 1e-7."""
+"""Number of steps along the curves whose slopes are compared with theory [1]. With this number, a
+slope is accurate to 1e-7."""
 _SHAPE = 1.9
 """Aspect ratio of a panel of the unit cells, width / height [1]."""
 _REGIONS = {
@@ -44,13 +45,14 @@ _REGIONS = {
     Motion.WOBBLING_FLIPPER: (1.75, 0.55),
     Motion.SPINNER: (4.5, 1.1),
 }
-"""Position of the label of each phase: r/a and rest angle [rad]."""
+"""Position of the label of each phase: r/a [1] and rest angle [rad]."""
 _TINT = 0.2
-"""Saturation of the background of a phase [1], pale so that lines and labels are readable."""
+"""Saturation of the background of a phase [1]. The background is pale, so that lines and labels
+are readable."""
 _RADIUS = 2.2
-"""Ratio of the major to the minor radius of the torus in space [1]."""
+"""Major radius of the drawn torus, relative to its minor radius [1]."""
 _ELEVATION, _AZIMUTH = math.radians(50), math.radians(-60)
-"""View angles of the torus [rad]."""
+"""Elevation and azimuth of the viewer of the torus [rad]."""
 _CAPTION = """
 The phases of motion and the configuration spaces of the unit cell (paper, Fig. 4).
 
@@ -72,7 +74,7 @@ of a flipper bounds a disc; the two components of a spinner are linked.
 
 @FIGURES.add('figure_4')
 def figure_4(section: Section, quick: bool) -> FigureReport:
-    """Draw the phase diagram, and for one cell of each phase its states, curves and torus."""
+    """Draw the phase diagram; draw states, curves and torus of one cell per phase."""
     section.check_keys('chains', 'points')
     chains = [chain_from(each) for each in section.section('chains').sections().values()]
     points = section.whole_number('points', 100, 100_000)
@@ -135,7 +137,7 @@ def _draw_diagram(report: FigureReport, axes: Axes, chains: list[Chain], points:
 
 
 def _draw_cells(axes: Axes, chain: Chain, letter: str) -> None:
-    """Draw the four uniform states of a cell: right-leaning, left-leaning, and both inverted."""
+    """Draw the four uniform states of a cell: right- and left-leaning, and both upside down."""
     cell = Chain(2, chain.spacing, chain.rotor_length, chain.rest_angle)
     across = 2 * chain.rotor_length + 2 * chain.spacing
     down = 2.2 * chain.rotor_length * math.cos(chain.rest_angle) + 0.9 * chain.spacing
@@ -172,7 +174,10 @@ def _draw_curves(
 
 
 def _draw_solid_torus(axes: Axes3D, curves: tuple[Array, ...], letter: str) -> None:
-    """Draw the curves on a torus in space, theta_1 around its axis, theta_2 around its tube."""
+    """Draw the curves on a torus in space.
+
+    theta_1 runs around the axis of the torus, theta_2 around its tube.
+    """
     around, across = np.meshgrid(np.linspace(0, 2 * np.pi, 60), np.linspace(0, 2 * np.pi, 30))
     axes.computed_zorder = False
     axes.plot_surface(
@@ -197,13 +202,19 @@ def _draw_solid_torus(axes: Axes3D, curves: tuple[Array, ...], letter: str) -> N
 
 
 def on_torus(around: Array, across: Array) -> tuple[Array, Array, Array]:
-    """Return points on a torus with minor radius 1, at two angles [rad]."""
+    """Return the coordinates of points on a torus with minor radius 1.
+
+    The points are given by the angles around the axis and around the tube [rad].
+    """
     radius = _RADIUS + np.cos(across)
     return radius * np.cos(around), radius * np.sin(around), np.sin(across)
 
 
 def hidden(points: Array) -> NDArray[np.bool_]:
-    """Return which points of the torus, (3, K), are hidden from the viewer, shape (K,)."""
+    """Return whether each point of the torus is hidden from the viewer, shape (K,).
+
+    `points` has shape (3, K).
+    """
     eye = np.array(
         [
             math.cos(_ELEVATION) * math.cos(_AZIMUTH),
@@ -257,7 +268,10 @@ def _compare(report: FigureReport, chain: Chain, curves: tuple[Array, ...]) -> N
 
 
 def _compare_limits(report: FigureReport, chain: Chain) -> None:
-    """Find r/a at which the number of components changes, by bisection."""
+    """Compare the limit of spinners with theory.
+
+    The limit is the r/a at which the number of components changes; it is found by bisection.
+    """
     low, high = 0.1, 100.0
     while high - low > 1e-9 * high:
         ratio = (low + high) / 2

@@ -64,30 +64,35 @@ Angles φ of the rotors in one snapshot of the slowest wall. Far from the wall, 
 blue) and odd rotors (hollow blue) differ by the constant π − 2 θ̄.
 """
 _FAR = 5
-"""Number of rotors at the far edge of a chain that a wall in the middle does not affect."""
+"""Number of rotors at an edge of the chain [1]. A wall in the middle does not affect their angles.
+"""
 _PROFILES = 4
-"""Number of walls whose profiles are drawn, slowest first; more would overlap."""
+"""Number of walls whose profiles are drawn, beginning with the slowest [1]. The profiles of more
+walls would overlap."""
 
 
 @dataclass(frozen=True)
 class WallAtSpeed:
-    """Snapshots, relative speed and width of a wall at one speed."""
+    """Snapshots of one wall, with its relative speed and its width."""
 
     kick: float
     snapshots: Snapshots
     relative_speed: float
     width: float
-    """Width from the slope of arctanh, relative to the continuum wall at rest [1]."""
+    """Width from the slope of arctanh of the order field, relative to the continuum width at rest
+    [1]."""
     fitted_width: float
-    """Mean width from tanh fits to the snapshots, with the same reference [1]."""
+    """Mean of the widths from tanh fits to the snapshots, relative to the continuum width at rest
+    [1]."""
 
 
 @dataclass(frozen=True)
 class Inset:
-    """Additional panel of a profile figure."""
+    """Additional panel of a profile figure, with its part of the caption."""
 
     draw: Callable[[FigureReport, Axes, Chain, WallAtSpeed], None]
-    """Function that draws the panel, given the chain and its slowest wall."""
+    """Function that draws the panel. It receives the report, the axes, the chain and the slowest
+    wall."""
     caption: str
 
 
@@ -140,7 +145,7 @@ def _profile_figure(
 
 
 def _panels(figure: Figure) -> tuple[Axes, Axes, Axes]:
-    """Return a wide panel and two panels for the insets of the paper."""
+    """Add a wide panel for the profiles and two small panels, as in the paper; return them."""
     grid = figure.add_gridspec(2, 3)
     main = figure.add_subplot(grid[:, :2])
     main.set(xlabel='distance from the wall n − X(t) [rotor spacings]')
@@ -220,7 +225,7 @@ def _draw_widths(report: FigureReport, axes: Axes, chain: Chain, walls: list[Wal
 
 
 def _compare_walls(report: FigureReport, chain: Chain, walls: list[WallAtSpeed]) -> None:
-    """Compare the speed of each wall, and its width by two estimators, with theory."""
+    """Compare the speed of each wall, and its width from two estimators, with theory."""
     sound = speed_of_sound(chain) * chain.time_unit / chain.spacing
     way = site_arc(chain) * chain.rotor_length / chain.spacing
     for wall in walls:
@@ -289,7 +294,10 @@ def _draw_wobbler(report: FigureReport, axes: Axes, chain: Chain) -> None:
 
 
 def _draw_offset(report: FigureReport, axes: Axes, chain: Chain, wall: WallAtSpeed) -> None:
-    """Draw the angles of even and odd rotors in one snapshot, and their constant difference."""
+    """Draw the angles of even and odd rotors in one snapshot.
+
+    Compare the constant difference between neighbours with theory.
+    """
     positions = wall.snapshots.distances[len(wall.snapshots.distances) // 2]
     angles = wall.snapshots.angles[len(wall.snapshots.distances) // 2]
     theta = staggered(angles)
@@ -322,7 +330,10 @@ def _draw_offset(report: FigureReport, axes: Axes, chain: Chain, wall: WallAtSpe
 
 
 def _width_at_rest(chain: Chain) -> float:
-    """Return the relative width of a wall at rest from the slope of arctanh [1]."""
+    """Return the width of a wall at rest, relative to its continuum width [1].
+
+    The width is from the slope of arctanh of the order field.
+    """
     found = arctanh_width(*static_profile(chain, (chain.number_of_rotors - 1) / 2))
     return found * chain.spacing / chain.wall_width
 

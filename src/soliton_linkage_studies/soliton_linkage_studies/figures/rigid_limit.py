@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Figure of the convergence of stiff springs to rigid bars."""
+"""Figure that shows how chains of stiff springs converge to the chain of rigid bars."""
 
 from __future__ import annotations
 
@@ -22,13 +22,20 @@ from soliton_linkage_studies.settings import Section, chain_from
 
 
 def convergence_order(stiffnesses: ArrayLike, distances: ArrayLike) -> float:
-    """Return the order of convergence in 1 / k_e [1], from the three largest stiffnesses."""
+    """Return the order in 1 / k_e with which springs converge to rigid bars [1].
+
+    The order is the slope of a line fitted to the logarithms of the three largest stiffnesses and
+    of their distances from rigid bars.
+    """
     stiffest, nearest = np.log(np.asarray(stiffnesses)[-3:]), np.log(np.asarray(distances)[-3:])
     return -float(np.polyfit(stiffest, nearest, 1)[0])
 
 
 def draw_convergence(axes: Axes, stiffnesses: ArrayLike, distances: ArrayLike, label: str) -> Axes:
-    """Draw deviations of angles from rigid bars [rad], (K,), against stiffness, and order 1."""
+    """Draw the angle deviations from rigid bars [rad] against the stiffness.
+
+    Both arrays have shape (K,). A dashed line shows convergence of order 1.
+    """
     across, up = np.asarray(stiffnesses), np.asarray(distances)
     axes.loglog(across, up, 'o', color=MEASURED, label=label)
     axes.loglog(
@@ -47,13 +54,14 @@ from the chain of rigid bars, over all rotors and times, against the stiffness (
 line has slope −1 and passes through the last dot.
 """
 _TRACKED = 3
-"""Number of stiffnesses whose path is drawn; the paths of stiffer chains overlap."""
+"""Number of stiffnesses for which the wall path is drawn [1]. The paths of stiffer chains would
+overlap."""
 _PATH = ('time [sqrt(M/k_e)]', 'wall at rotor [rotor spacings]')
 
 
 @FIGURES.add('elastic_against_rigid')
 def rigid_limit_figure(section: Section, quick: bool) -> FigureReport:
-    """Draw wall paths for increasing stiffness, and the deviation from rigid bars."""
+    """Draw wall paths for increasing stiffness, and the angle deviation from rigid bars."""
     section.check_keys('chain', 'kick', 'duration', 'factors')
     chain = chain_from(section.section('chain'))
     factors = section.numbers('factors', 1.0, 1e9)

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Snapshots of a wall that is reflected at both ends (paper, Figs. 2 and 3)."""
+"""Snapshots of a wall that is reflected at both edges of its chain (paper, Figs. 2 and 3)."""
 
 from __future__ import annotations
 
@@ -37,13 +37,15 @@ _LOWERED = (
     'look longer than their true length.'
 )
 _APART = 1.6
-"""Downward shift of odd rotors that would overlap even rotors, in rotor lengths [1]."""
+"""Downward shift of odd rotors in pictures in which they would overlap even rotors, relative to
+the rotor length [1]."""
 _WIDTH = 9.0
 """Width of the figure [inches]."""
 _TITLE = 0.4
 """Height of a title above a panel, with margin [inches]."""
 _SAMPLES = 400
-"""Number of frames per cycle, in which reflections are counted [1], several dozen per crossing."""
+"""Number of frames in which one cycle of rigid bars is simulated [1]. Each crossing of the wall
+has several dozen frames, so that all reflections are counted."""
 _LEGEND = 0.3
 """Height of the legend below the panels [inches]."""
 
@@ -51,7 +53,7 @@ _LEGEND = 0.3
 @FIGURES.add('figure_2')
 @FIGURES.add('figure_3')
 def snapshot_figure(section: Section, quick: bool) -> FigureReport:
-    """Draw the chain of springs before the kick, with its wall halfway, and after a round trip."""
+    """Draw a chain before the kick, with its wall halfway, and after one round trip."""
     section.check_keys('chain', 'kick', 'duration', 'frames')
     chain = chain_from(section.section('chain'))
     kick = section.number('kick', 0.0, 100.0)
@@ -89,7 +91,10 @@ def snapshot_figure(section: Section, quick: bool) -> FigureReport:
 
 
 def draw_snapshot(axes: Axes, chain: Chain, angles: Array, lowered: float) -> ChainPicture:
-    """Draw a chain of springs with its zero mode, and its projections below it."""
+    """Draw a chain of springs with its zero mode, and the projections of its rotors below.
+
+    `lowered` is the downward shift of odd rotors [m].
+    """
     mode = zero_mode(chain, angles)
     picture = ChainPicture(axes, chain, angles, mode, projections=True, lowered=lowered)
     for arrows in (picture.arrows, picture.projections):
@@ -101,7 +106,7 @@ def draw_snapshot(axes: Axes, chain: Chain, angles: Array, lowered: float) -> Ch
 def _turning_points(
     chain: Chain, recording: Recording, track: Track, crossings: tuple[Crossing, ...]
 ) -> list[int]:
-    """Return the frames with the wall halfway through its first crossing and after its return."""
+    """Return two frame numbers: wall halfway through its first crossing, and back after it."""
     halfway = (crossings[0].start + crossings[0].end) / 2
     back = recording.times >= crossings[1].end
     back &= recording.times <= 2 * crossings[1].end - crossings[1].start
@@ -147,7 +152,7 @@ def _compare(
 
 
 def _cycle(chain: Chain) -> tuple[float, float]:
-    """Return round trips of the wall and mean turns of the rotors in one cycle of rigid bars."""
+    """Return round trips of the wall and mean turns of a rotor, in one cycle of rigid bars."""
     start = chain.uniform_state(-1)
     length = UniformOrbit(chain).length
     simulation = RigidSimulation(chain, start, zero_mode(chain, start), period=length / _SAMPLES)

@@ -44,7 +44,7 @@ depth ℓ of the zero mode (black), or r sin θ̄ of the paper (dashed red).
 """
 _BEYOND = 'rotors from the wall [rotor spacings]'
 _QUICK_SNAPSHOTS = 4
-"""Number of snapshots of each chain in a quick figure."""
+"""Number of snapshots of each chain in a quick figure [1]."""
 _BESIDE = 10
 """Largest distance from a wall at which its oscillation is drawn [rotor spacings]."""
 _NEAR = 1.5
@@ -53,7 +53,7 @@ _NEAR = 1.5
 
 @FIGURES.add('figure_s1')
 def figure_s1(section: Section, quick: bool) -> FigureReport:
-    """Draw profiles of wobbling flippers, from snapshots of a slow motion (paper, Fig. S1)."""
+    """Draw wall profiles of wobbling flippers in a slow motion (paper, Fig. S1)."""
     section.check_keys('chains')
     chains = [chain_from(each) for each in section.section('chains').sections().values()]
     count = _QUICK_SNAPSHOTS if quick else SNAPSHOTS
@@ -84,7 +84,7 @@ def figure_s1(section: Section, quick: bool) -> FigureReport:
 
 @FIGURES.add('figure_s2')
 def figure_s2(section: Section, quick: bool) -> FigureReport:
-    """Draw oscillations next to wobbling walls, with the decay of theory (paper, Fig. S2)."""
+    """Draw oscillations next to walls, and their decay according to theory (paper, Fig. S2)."""
     section.check_keys('chains')
     chains = [chain_from(each) for each in section.section('chains').sections().values()]
     count = _QUICK_SNAPSHOTS if quick else SNAPSHOTS
@@ -117,7 +117,7 @@ def figure_s2(section: Section, quick: bool) -> FigureReport:
 
 
 def _slow_snapshots(chain: Chain, count: int) -> Snapshots:
-    """Return frames of the rigid chain with the wall at `count` positions in a rotor spacing."""
+    """Return frames of rigid bars with the wall at `count` positions within a rotor spacing."""
     start = static_wall(chain, chain.number_of_rotors // 2 - 0.5)
     period = site_arc(chain) / count
     simulation = RigidSimulation(chain, start, mode_towards_last(chain, start), period)
@@ -132,9 +132,11 @@ def _draw_decays(
     positions: Array,
     from_rest: Array,
 ) -> None:
-    """Draw u = ub + e^(-x / depth) (A cos(pi x / a) + B sin(pi x / a)) with two depths.
+    """Draw the decaying oscillation u of theory with two decay lengths.
 
-    A and B are fitted beyond 1.5 spacings from the wall, with weights e^(x / depth).
+    u = ub + e^(-x / depth) (A cos(pi x / a) + B sin(pi x / a)), where x is the distance from the
+    wall. A and B are fitted to the dots beyond 1.5 spacings from the wall, with weights e^(x /
+    depth).
     """
     fine = np.linspace(1.0, _BESIDE, 400)
     far = positions > _NEAR
@@ -173,7 +175,7 @@ def _compare_overshoot(report: FigureReport, chain: Chain) -> None:
 
 
 def _compare_tail(report: FigureReport, chain: Chain) -> None:
-    """Compare the decay length and wavelength of the tail of a wall at rest with theory."""
+    """Compare the tail of a wall at rest with theory: decay length and wavelength."""
     depth = penetration_depth(chain) / chain.spacing
     middle = chain.number_of_rotors // 2
     tail = np.sin(static_wall(chain, middle + 0.5))[middle - int(12 * depth) - 6 : middle - 5]
@@ -196,7 +198,11 @@ def _compare_tail(report: FigureReport, chain: Chain) -> None:
 
 
 def wavelength(deviation: Array) -> float:
-    """Return twice the mean distance between interpolated zeros [rotor spacings], or infinity."""
+    """Return the wavelength of a deviation, one value per rotor [rotor spacings].
+
+    The wavelength is twice the mean distance between interpolated zeros, or infinity if there are
+    fewer than two zeros.
+    """
     before = np.flatnonzero(np.signbit(deviation[:-1]) != np.signbit(deviation[1:]))
     if len(before) < 2:
         return math.inf

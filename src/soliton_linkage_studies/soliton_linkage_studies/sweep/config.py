@@ -21,9 +21,9 @@ _SECTIONS = ('measure', 'chain', 'deviations', 'trial', 'seeds', 'sweep')
 _DEVIATIONS = tuple(f.name for f in fields(Deviations))
 _FRACTIONS = (*_DEVIATIONS, 'scale')
 _MOST_POINTS = 10_000
-"""Largest number of points of an axis [1]; larger numbers are typing errors."""
+"""Largest number of points of an axis [1]. A larger number is rejected as a typing error."""
 _MOST_ROWS = 10_000_000
-"""Largest number of rows of a table [1], which is about a gigabyte."""
+"""Largest number of rows of a table [1]. A table of this size has about a gigabyte."""
 _QUICK_POINTS = 8
 """Largest number of points of an axis in a quick sweep [1]."""
 _QUICK_SEEDS = 2
@@ -51,7 +51,7 @@ _LENGTHS = {'rotor_length', 'rotor_length_ratio'}
 
 @dataclass(frozen=True)
 class Axis:
-    """Swept parameter with its values."""
+    """Parameter that a sweep varies, with its values."""
 
     name: str
     values: tuple[Value, ...]
@@ -60,7 +60,7 @@ class Axis:
 
 @dataclass(frozen=True)
 class SweepStudy:
-    """Measurement at each point of a parameter grid with each seed.
+    """Sweep: measurement of a wall at each point of a parameter grid, with each seed.
 
     Rows are numbered in grid order: the seed changes fastest, then the last axis.
     """
@@ -68,28 +68,29 @@ class SweepStudy:
     name: str
     measure_name: str
     parameters: dict[str, Value]
-    """Parameters of all points, by name; the values of an axis override them."""
+    """Parameters of all points, by name. At a point, the value of an axis replaces the parameter
+    of the same name."""
     axes: tuple[Axis, ...]
     seeds: tuple[int, ...]
 
     @property
     def measure(self) -> Measure:
-        """Measure of each row."""
+        """Definition of the quantities that are measured for each row."""
         return MEASURES[self.measure_name]
 
     @property
     def columns(self) -> tuple[str, ...]:
-        """Names of the columns of its table."""
+        """Names of the columns of the table."""
         axes = (axis.name for axis in self.axes)
         return ('row', *axes, 'seed', *self.measure.columns, 'failure')
 
     @property
     def rows(self) -> int:
-        """Number of rows of its table."""
+        """Number of rows of the table."""
         return math.prod(len(axis.values) for axis in self.axes) * len(self.seeds)
 
     def point(self, row: int) -> tuple[dict[str, Value], int]:
-        """Return the axis values by name, and the seed, of a row."""
+        """Return the axis values by name, and the seed, for a row of the table."""
         rest, seed = divmod(row, len(self.seeds))
         values: dict[str, Value] = {}
         for axis in reversed(self.axes):
@@ -98,7 +99,10 @@ class SweepStudy:
         return {axis.name: values[axis.name] for axis in self.axes}, self.seeds[seed]
 
     def cells(self, row: int) -> list[str]:
-        """Measure a row; return its columns as text, with the error if the measurement fails."""
+        """Measure a row, and return its columns as text.
+
+        If the measurement fails, the last column is the error message.
+        """
         values, seed = self.point(row)
         measured, failure = [''] * len(self.measure.columns), ''
         try:
@@ -109,7 +113,7 @@ class SweepStudy:
         return [str(row), *map(_text, values.values()), str(seed), *measured, failure]
 
     def described(self) -> dict[str, Any]:
-        """Return everything that determines the rows, in the types of YAML."""
+        """Return all data that determine the rows, in the types of YAML."""
         return {
             'measure': self.measure_name,
             'parameters': dict(sorted(self.parameters.items())),
@@ -119,12 +123,12 @@ class SweepStudy:
 
 
 def trial_of(parameters: Mapping[str, Value], seed: int) -> tuple[Chain, SweepTrial]:
-    """Return a chain with random deviations, and the trial of its wall.
+    """Return a chain with random deviations from the uniform chain, and the trial of its wall.
 
     Parameters are fields of `Chain` and `SweepTrial`. `rotor_length_ratio` (r / a) may replace
     `rotor_length`. `deviations.<field>` is the relative standard deviation of a field of
-    `Deviations`, and `deviations.scale` is a factor on all of them. The seed determines the
-    deviations. Raises ValueError for invalid parameters or deviations.
+    `Deviations`. `deviations.scale` multiplies all of these standard deviations. The seed
+    determines the deviations. Raises ValueError for invalid parameters or deviations.
     """
     given: dict[str, Any] = {name: parameters[name] for name in _CHAIN if name in parameters}
     if 'rotor_length_ratio' in parameters:
@@ -144,7 +148,7 @@ def trial_of(parameters: Mapping[str, Value], seed: int) -> tuple[Chain, SweepTr
 def read_sweep_study(path: Path, quick: bool = False) -> SweepStudy:
     """Read a sweep from a YAML file; `quick` reduces the grid to a few points per axis.
 
-    Raises ValueError with the file, the key, its value and the limit.
+    The message of a ValueError contains the file, the key, its value and the limit.
     """
     settings = load_settings(path)
     settings.check_keys(*_SECTIONS)
@@ -202,7 +206,10 @@ def _axes(section: Section) -> tuple[Axis, ...]:
 
 
 def _axis(section: Section, name: str) -> Axis:
-    """Read a list of values, or a range with both ends and a number of points."""
+    """Read an axis from a list of values, or from a range.
+
+    A range has both ends, a number of points and a scale.
+    """
     content = section.values[name]
     if isinstance(content, Mapping):
         axis = _range(section.section(name), name)
@@ -250,7 +257,7 @@ def _thinned(axis: Axis) -> Axis:
 
 
 def _seeds(settings: Section) -> tuple[int, ...]:
-    """Read a list of seeds, or a number of seeds that count from 0."""
+    """Read the seeds from a list; a number n of seeds means 0 to n - 1."""
     content = settings.values.get('seeds', 1)
     if not isinstance(content, list):
         return tuple(range(settings.whole_number('seeds', 1, _MOST_POINTS, 1)))
@@ -262,7 +269,7 @@ def _seeds(settings: Section) -> tuple[int, ...]:
 
 
 def _check(settings: Section, study: SweepStudy) -> None:
-    """Raise ValueError for too many rows, and for axis values for which no chain exists."""
+    """Raise ValueError for too many rows, and for axis values that no chain can have."""
     if study.rows > _MOST_ROWS:
         raise settings.error(
             'sweep',

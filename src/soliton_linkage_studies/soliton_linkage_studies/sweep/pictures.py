@@ -36,24 +36,25 @@ from soliton_linkage_studies.sweep.config import Axis, SweepStudy
 from soliton_linkage_studies.unit_cell import flipper_limit, spinner_limit
 
 _MOST_CURVES = 5
-"""Largest number of axis values drawn as curves; more values make a map [1]."""
+"""Largest number of axis values for which each value has a curve [1]. More values are drawn as a
+map."""
 CLASS_COLOURS = {
     **{motion.value: colour for motion, colour in MOTION_COLOURS.items()},
     BLOCKED: DARK,
     **OUTCOME_COLOURS,
 }
-"""Colours of the classes of all measures."""
+"""Colour of each class into which a measure sorts walls, by class name."""
 _CLASS_LABELS = {
     BLOCKED: 'blocked: a bond may stop the wall',
     'returns': 'crosses and returns',
     'crosses': 'crosses, does not return',
     'lost': 'does not cross',
 }
-"""Labels of classes whose names need an explanation."""
+"""Labels of the classes whose names need an explanation."""
 _ASIDE = 0.16
-"""Offset between curves, relative to the smallest distance of two points [1].
+"""Horizontal offset between curves, relative to the smallest distance between two points [1].
 
-It prevents overlap of the error bars.
+The offset prevents overlaps of the error bars.
 """
 _NAMES = {
     'rotor_length_ratio': ('$r/a$', 'rotor length / spacing, $r/a$ [1]'),
@@ -70,17 +71,17 @@ _NAMES = {
     ),
     'deviations.scale': ('scale', 'scale of the deviations [1]'),
 }
-"""Short and long name of a parameter, with its unit."""
+"""Short and long name of each parameter, with its unit."""
 _LIMITS = (
     ' For chains without deviations, flippers wobble above the solid line '
     'd = 2 r sin θ̄ / a = 1, and rotors spin above the dashed line d = d_c = 2 / sin θ̄.'
 )
 _SIGNS = ((r'\sqrt{k_e/M}', '√(k_e/M)'), (r'\bar\theta', 'θ̄'), (r'\dot\phi', 'φ̇'), ('$', ''))
-"""Replacements of TeX notation by plain text."""
+"""Replacements of TeX notation by plain text: pairs of old and new text."""
 
 
 def sweep_figure(study: SweepStudy, rows: Sequence[dict[str, str]]) -> Figure | None:
-    """Draw a sweep and return the figure, or None for more than two axes."""
+    """Draw a sweep and return the figure; return None if the sweep has more than two axes."""
     if len(study.axes) > 2:
         return None
     figure = Figure(figsize=(7.5, 5.2), layout='constrained')
@@ -89,10 +90,10 @@ def sweep_figure(study: SweepStudy, rows: Sequence[dict[str, str]]) -> Figure | 
 
 
 def draw_sweep(axes: Axes, study: SweepStudy, rows: Sequence[dict[str, str]]) -> Axes:
-    """Draw a table with one or two axes.
+    """Draw the table of a sweep with one or two axes.
 
-    Two axes with many values make a map. One axis, or a second axis with few values, makes
-    curves.
+    Two axes with many values are drawn as a map. One axis, or a second axis with few values, is
+    drawn as curves.
     """
     if is_map(study.axes):
         _draw_map(axes, study, rows)
@@ -105,7 +106,7 @@ def draw_sweep(axes: Axes, study: SweepStudy, rows: Sequence[dict[str, str]]) ->
 def shares(study: SweepStudy, rows: Sequence[dict[str, str]]) -> Array:
     """Return the fraction of seeds in each class at each point, shape (*axes, classes).
 
-    Rows with a failure belong to no class.
+    A row with a failure belongs to no class.
     """
     shown = np.array([row[study.measure.shown] for row in rows])
     each = np.stack([shown == name for name in study.measure.classes], axis=-1)
@@ -113,29 +114,35 @@ def shares(study: SweepStudy, rows: Sequence[dict[str, str]]) -> Array:
 
 
 def numbers(study: SweepStudy, rows: Sequence[dict[str, str]]) -> Array:
-    """Return the numbers of each point and seed, NaN if missing, shape (*axes, seeds)."""
+    """Return the measured number of each point and seed, shape (*axes, seeds).
+
+    A missing number is NaN.
+    """
     shown = [float(row[study.measure.shown] or 'nan') for row in rows]
     return np.array(shown).reshape(_shape(study))
 
 
 def is_map(axes: Sequence[Axis]) -> bool:
-    """Return whether two axes of a sweep have enough values for a map."""
+    """Return whether exactly two axes of a sweep have enough values for a map."""
     return sum(len(axis.values) > _MOST_CURVES for axis in axes) == 2
 
 
 def curve_axes(axes: Sequence[Axis]) -> tuple[Axis, list[Axis]]:
-    """Return the longest axis, along which curves are drawn, and the other axes."""
+    """Return the axis along which curves are drawn, and the other axes.
+
+    This is the axis with the most values.
+    """
     along = max(axes, key=lambda axis: len(axis.values))
     return along, [axis for axis in axes if axis is not along]
 
 
 def shows_limits(axes: Sequence[Axis]) -> bool:
-    """Return whether the class limits can be drawn on a map."""
+    """Return whether the theoretical limits between motion classes can be drawn on a map."""
     return {axis.name for axis in axes} == {'rotor_length_ratio', 'rest_angle'}
 
 
 def class_label(name: str) -> str:
-    """Return the label of a class or of another value."""
+    """Return the label of a class; a name without a special label is its own label."""
     return _CLASS_LABELS.get(name, name)
 
 
@@ -181,7 +188,10 @@ def _draw_limits(axes: Axes, across: Axis, up: Axis) -> None:
 
 
 def _draw_curves(axes: Axes, study: SweepStudy, rows: Sequence[dict[str, str]]) -> None:
-    """Draw class fractions, or medians and all seeds of numbers, against the longest axis."""
+    """Draw curves against the longest axis: fractions of the classes, or medians of the numbers.
+
+    The numbers of all seeds are drawn as dots.
+    """
     along, families = curve_axes(study.axes)
     of_classes = bool(study.measure.classes)
     values = shares(study, rows) if of_classes else numbers(study, rows)
@@ -219,7 +229,7 @@ def _draw_curves(axes: Axes, study: SweepStudy, rows: Sequence[dict[str, str]]) 
 
 
 def _curve_colours(family: Axis | None, names: Sequence[str]) -> list[str]:
-    """Return the colours of curves: by class or mechanics, or a scale for numeric values."""
+    """Return the colours of curves: a colour scale for numeric values, otherwise fixed colours."""
     if family is not None and _numeric(family):
         return scale_colours(len(names))
     known = {**CLASS_COLOURS, **MECHANICS_COLOURS}
@@ -229,14 +239,17 @@ def _curve_colours(family: Axis | None, names: Sequence[str]) -> list[str]:
 def _draw_shares(
     axes: Axes, along: Axis, share: Array, seeds: int, aside: float, style: Mapping[str, Any]
 ) -> None:
-    """Draw a fraction of the seeds as a line with error bars, shifted by `aside`."""
+    """Draw the fraction of seeds in a class as a line with error bars.
+
+    `aside` shifts the line horizontally, relative to the smallest distance between points [1].
+    """
     positions = _beside(along, aside)
     axes.vlines(positions, *score_interval(share, seeds), color=style['color'], linewidth=1.5)
     axes.plot(positions, share, '-', markersize=5, clip_on=False, zorder=3, **style)
 
 
 def _draw_curve(axes: Axes, along: Axis, curve: Array, style: Mapping[str, Any]) -> None:
-    """Draw the median over the last axis as a line, the range as a band, and seeds as dots."""
+    """Draw a curve: the median of the seeds as a line, their range as a band, each as a dot."""
     positions, colour = _positions(along), style['color']
     seen = np.isfinite(curve).any(axis=-1)
     middle, low, high = (
@@ -250,7 +263,7 @@ def _draw_curve(axes: Axes, along: Axis, curve: Array, style: Mapping[str, Any])
 
 
 def _scale_is_fraction(study: SweepStudy) -> bool:
-    """Return whether the scale of the deviations equals their standard deviation."""
+    """Return whether the scale of the deviations equals the standard deviation of each of them."""
     names = (key for key in study.parameters if key.startswith('deviations.'))
     return all(study.parameters[name] == 1 for name in names)
 
@@ -265,7 +278,10 @@ def _curve_label(study: SweepStudy, families: bool) -> str:
 
 
 def _blended(each: Array, classes: Sequence[str]) -> Array:
-    """Return the colour of the most frequent class, paler for fewer seeds, shape (..., 3)."""
+    """Return the colour of the most frequent class at each point, shape (..., 3).
+
+    The colour is paler if fewer seeds are in this class.
+    """
     colours = np.array([to_rgb(CLASS_COLOURS[name]) for name in classes])
     share = each.max(axis=-1, keepdims=True)
     commonest = colours[each.argmax(axis=-1)]
@@ -310,9 +326,10 @@ def _tick_plainly(axis: XAxis | YAxis) -> None:
 
 
 def _edges(axis: Axis) -> Array:
-    """Return the pixel edges, half way between the axis values on the scale of the axis.
+    """Return the edges of the map pixels, half way between the axis values.
 
-    The edges are at least 0, and at most pi / 2 for a rest angle.
+    On a logarithmic axis, half way refers to the logarithms. The edges are at least 0, and at most
+    pi / 2 for a rest angle.
     """
     values = np.array(axis.values, dtype=np.float64)
     if axis.logarithmic:
@@ -325,12 +342,15 @@ def _edges(axis: Axis) -> Array:
 
 
 def _positions(axis: Axis) -> Array:
-    """Return the coordinates of the axis values."""
+    """Return the coordinates at which the axis values are drawn."""
     return np.array(axis.values if _numeric(axis) else range(len(axis.values)), dtype=np.float64)
 
 
 def _beside(axis: Axis, aside: float) -> Array:
-    """Return the coordinates, shifted by a fraction of their smallest distance."""
+    """Return the coordinates of the axis values, shifted by `aside`.
+
+    `aside` is relative to the smallest distance between the coordinates [1].
+    """
     scaled = np.log(_positions(axis)) if axis.logarithmic else _positions(axis)
     least = float(np.diff(np.sort(scaled)).min()) if len(scaled) > 1 else 1.0
     moved = scaled + aside * least
@@ -357,7 +377,7 @@ def _value_label(name: str, value: Value) -> str:
 
 
 def title(study: SweepStudy) -> str:
-    """Return a wrapped text of the parameters that are equal at all points."""
+    """Return a title with the parameters that are equal at all points, wrapped into lines."""
     omitted = {'time_limit', 'tolerance', *(axis.name for axis in study.axes)}
     deviating: dict[Value, list[str]] = {}
     parts = []
@@ -374,7 +394,7 @@ def title(study: SweepStudy) -> str:
 
 
 def sweep_caption(study: SweepStudy) -> str:
-    """Return the caption of a sweep picture, with each symbol, colour and line."""
+    """Return the caption of a sweep picture; it explains each symbol, colour and line."""
     label = study.measure.label
     text = f'{label[0].upper()}{label[1:]} of chains with {title(study)}. {_described(study)}'
     for sign, plain in _SIGNS:

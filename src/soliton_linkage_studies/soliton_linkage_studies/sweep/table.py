@@ -1,8 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
 """Table of a sweep, which survives interruptions.
 
-Finished rows are appended to a part file, next to a copy of the configuration. When all rows are
-finished, they are sorted into the table, which is renamed atomically.
+Each finished row is appended to a part file. The folder also contains a copy of the configuration.
+When all rows are finished, they are sorted and written to the table file. The table file is
+created atomically, by renaming a temporary file.
 """
 
 from __future__ import annotations
@@ -29,32 +30,36 @@ _CONFIGURATION = 'configuration.yaml'
 
 
 class Tabulated(Rows, Protocol):
-    """Study whose rows are measured one by one, such as a sweep."""
+    """Study with a table of results, such as a sweep.
+
+    Each row of the table is an independent measurement.
+    """
 
     @property
     def name(self) -> str:
-        """Name of the table."""
+        """Name of the study; the table file is this name with the suffix .csv."""
 
     @property
     def columns(self) -> tuple[str, ...]:
-        """Names of the columns; the first is the row number."""
+        """Names of the columns; the first column is the row number."""
 
     @property
     def rows(self) -> int:
         """Number of rows."""
 
     def described(self) -> dict[str, Any]:
-        """Return everything that determines the rows, in the types of YAML."""
+        """Return all data that determine the rows, in the types of YAML."""
 
 
 class Table:
     """Context manager of a table in a folder, to which rows are appended.
 
-    Raises ValueError if the folder has another configuration or another sweep writes to it.
+    Raises ValueError if the folder contains rows of another configuration, or if another program
+    is writing to the folder.
     """
 
     def __init__(self, study: Tabulated, folder: Path) -> None:
-        """Open the table of a sweep and read its existing rows."""
+        """Open the table of a study and read its existing rows."""
         self.path = folder / f'{study.name}.csv'
         self._study = study
         folder.mkdir(parents=True, exist_ok=True)
@@ -80,11 +85,11 @@ class Table:
 
     @property
     def missing(self) -> list[int]:
-        """Numbers of the rows that have not been measured."""
+        """Numbers of the rows that are not yet measured."""
         return [row for row in range(self._study.rows) if row not in self._lines]
 
     def append(self, cells: Sequence[Sequence[str]]) -> None:
-        """Append rows in any order; each row at most once."""
+        """Append rows, in any order; each row may be appended only once."""
         lines = {int(row[0]): _line(row) for row in cells}
         self._part.write(''.join(lines.values()))
         self._part.flush()
@@ -107,7 +112,10 @@ class Table:
             ) from None
 
     def _configure(self, folder: Path) -> None:
-        """Compare the configuration with the copy in the folder, or write this copy."""
+        """Raise ValueError unless the configuration equals its copy in the folder.
+
+        If the folder has no copy yet, write it.
+        """
         copy = folder / _CONFIGURATION
         if not copy.exists():
             _write(copy, yaml.safe_dump(self._study.described(), sort_keys=False))
@@ -122,9 +130,10 @@ class Table:
                 )
 
     def _read(self) -> dict[int, str]:
-        """Return the lines of the table or of the part file, by row number.
+        """Return the existing lines by row number, from the table file or else from the part file.
 
-        An incomplete last line is removed from the file, so that the next row starts a new line.
+        An incomplete last line is removed from the part file, so that the next row starts a new
+        line.
         """
         if self.path.exists():
             return _by_number(self.path.read_text(encoding='utf-8').splitlines(True)[1:])
@@ -140,9 +149,10 @@ class Table:
 def fill_table(
     study: Tabulated, folder: Path, workers: int, scheduler: str = ''
 ) -> tuple[Path, list[dict[str, str]]]:
-    """Measure the missing rows of a table, here or on a Dask cluster; return its path and rows.
+    """Measure the missing rows of a table; return the path of the table and its rows.
 
-    Raises ChildProcessError if a worker ends early; finished rows are kept.
+    The rows are measured by local processes, or on a Dask cluster if `scheduler` is given. Raises
+    ChildProcessError if a worker ends early; finished rows are kept.
     """
     with Table(study, folder) as table:
         missing = table.missing
@@ -158,7 +168,10 @@ def fill_table(
 
 
 def _fill(study: Tabulated, table: Table, missing: list[int], pool: Pool) -> None:
-    """Measure missing rows and show progress; the rate includes the start of the processes."""
+    """Measure the missing rows, and show the progress.
+
+    The displayed rate includes the time in which the processes start.
+    """
     line = ProgressLine(study.name, study.rows)
     begin, done, elapsed = time.monotonic(), 0, 0.0
     total = study.rows - len(missing)
@@ -175,13 +188,16 @@ def _fill(study: Tabulated, table: Table, missing: list[int], pool: Pool) -> Non
 
 
 def read_rows(path: Path) -> list[dict[str, str]]:
-    """Return the rows of a table as text, by column name."""
+    """Return the rows of a table; each row maps a column name to its text."""
     with path.open(encoding='utf-8', newline='') as file:
         return list(csv.DictReader(file))
 
 
 def fingerprint(package: ModuleType) -> str:
-    """Return a hash of the sources of a package, which determine the rows of a table."""
+    """Return a hash of the source files of a package.
+
+    The hash is part of a configuration if this package determines the rows of the table.
+    """
     found = hashlib.sha256()
     for folder in package.__path__:
         for path in sorted(Path(folder).rglob('*.py')):
@@ -207,7 +223,7 @@ def _line(cells: Sequence[str]) -> str:
 
 
 def _write(path: Path, text: str) -> None:
-    """Write a file atomically: write a temporary file, then rename it."""
+    """Write a file atomically: write a temporary file, and rename it."""
     temporary = path.with_name(f'{path.name}.new')
     with temporary.open('w', encoding='utf-8', newline='') as file:
         file.write(text)
