@@ -23,7 +23,8 @@ STUDIES = [
 ]
 SETTINGS = [str(path.relative_to(HOME)) for path in sorted(HOME.glob('settings/*.yaml'))]
 
-# pip builds in the source tree. A folder that is removed afterwards keeps the tree clean.
+# pip builds in the source tree. The files of the build go to a temporary folder instead, which
+# is deleted when this program exits.
 SCRATCH = tempfile.TemporaryDirectory()
 OPTIONS = {'build': {'build_base': SCRATCH.name}, 'egg_info': {'egg_base': SCRATCH.name}}
 

@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """Pictures of one chain, its zero mode and its configuration space on matplotlib axes.
 
-Pivots are crosses, rotors black bars, masses blue dots, springs dashed red lines (solid where
-they are rigid bars), and zero modes green arrows at the masses (paper, Fig. 1). Where
+Pivots are crosses, rotors are black bars and masses are blue dots. Springs are dashed red lines,
+rigid bars are solid red lines. Zero modes are green arrows at the masses (paper, Fig. 1). If
 rotors overlap their neighbours, every other rotor is grey. Each rotor has a white border.
 """
 
@@ -41,25 +41,31 @@ from soliton_linkage_studies.palette import (
 )
 
 _OUTSIDE = matplotlib.__version_info__ >= (3, 7)
-"""Whether matplotlib can put a legend outside the panels; in older versions it covers them."""
+"""Whether this version of matplotlib can put a legend outside the panels.
+
+In older versions the legend covers the panels.
+"""
 LEGEND_ABOVE: Literal['outside upper center', 'upper center'] = (
     'outside upper center' if _OUTSIDE else 'upper center'
 )
-"""Location of a figure legend above the panels, if matplotlib supports it."""
+"""Location of a figure legend above the panels, or at their top edge in older matplotlib."""
 LEGEND_BELOW: Literal['outside lower center', 'lower center'] = (
     'outside lower center' if _OUTSIDE else 'lower center'
 )
-"""Location of a figure legend below the panels, if matplotlib supports it."""
+"""Location of a figure legend below the panels, or at their bottom edge in older matplotlib."""
 _MARGIN = 0.35
-"""Margin around the reach of a chain [rotor spacings]."""
+"""Margin around the area that the rotors of a chain can reach [rotor spacings]."""
 _ROW = 0.3
 """Height of a row of displacement arrows [rotor spacings]."""
 _ARROW = 1.2
-"""Arrow length of a mode component 1, relative to the larger of a and r [1]."""
+"""Length of the arrow of a mode component 1, divided by the larger of a and r [1]."""
 
 
 def displacement(chain: Chain, angles: Array) -> Array:
-    """Return the horizontal displacements u_n = r sin(phi_n) [m], with the shape of angles."""
+    """Return the horizontal displacement u_n = r sin(phi_n) of each mass [m].
+
+    The result has the same shape as `angles` [rad].
+    """
     return chain.positions(angles)[0]
 
 
@@ -76,9 +82,10 @@ def mass_points(chain: Chain, angles: Array) -> Array:
 
 
 def mode_arrows(chain: Chain, angles: Array, mode: Array) -> Array:
-    """Return the mass velocities r t_n (cos(phi_n), -sin(phi_n)) in a mode t [m], shape (N, 2).
+    """Return the displacement of each mass in a mode t [m], shape (N, 2).
 
-    The velocities are perpendicular to the rotors. The mode is in [rad].
+    It is r t_n (cos(phi_n), -sin(phi_n)), which is perpendicular to the rotor. The mode t [rad]
+    has shape (N,).
     """
     horizontal, vertical = chain.positions(angles)
     return np.column_stack([mode * vertical, -mode * horizontal])
@@ -87,7 +94,11 @@ def mode_arrows(chain: Chain, angles: Array, mode: Array) -> Array:
 def limits(
     chain: Chain, projections: bool = False, lowered: float = 0.0
 ) -> tuple[float, float, float, float]:
-    """Return the left, right, bottom and top [m] of the reach of a chain plus a margin."""
+    """Return the limits left, right, bottom and top [m] of a picture of a chain.
+
+    They enclose all positions of the masses, with a margin. `projections` adds space for the
+    displacement arrows below the rotors, and `lowered` [m] adds space at the bottom.
+    """
     margin = _MARGIN * chain.spacing
     reach = float(chain.rotor_lengths.max()) + margin
     bottom = float(_rows(chain).min()) - margin / 2 if projections else -reach
@@ -95,7 +106,7 @@ def limits(
 
 
 def lean_norm(chain: Chain) -> FuncNorm:
-    """Return the matplotlib norm that maps displacements u [m] to `LEAN_COLOURS`."""
+    """Return the matplotlib norm that maps displacements u [m] to 0 ... 1 in `LEAN_COLOURS`."""
     positions, shares = lean_colour_scale(chain)
     return FuncNorm(
         (partial(_between, positions, shares), partial(_between, shares, positions)),
@@ -105,7 +116,7 @@ def lean_norm(chain: Chain) -> FuncNorm:
 
 
 class ChainPicture:
-    """Artists of one chain, which `update` moves; the axis limits fit the chain."""
+    """Matplotlib artists of one chain. `update` moves them. The axis limits fit the chain."""
 
     def __init__(
         self,
@@ -158,8 +169,8 @@ class ChainPicture:
     def update(self, angles: Array, mode: Array | None = None, tilt: float = 0.0) -> None:
         """Move the artists to angles [rad] and a mode [1], each of shape (N,).
 
-        Without a mode its arrows are hidden. A positive tilt [rad] rotates the chain about
-        its middle and lowers its last rotor.
+        If `mode` is None, the mode arrows are hidden. A positive tilt [rad] rotates the chain
+        about its middle, so that its last rotor is lower.
         """
         chain = self.chain
         pivots, masses = pivot_points(chain), mass_points(chain, angles)
@@ -186,9 +197,9 @@ class ChainPicture:
 
 
 def expand_limits(pictures: Sequence[ChainPicture]) -> tuple[float, float]:
-    """Set the same limits on all pictures, wide enough for the arrows of their modes.
+    """Set the same axis limits on all pictures, wide enough for all visible mode arrows.
 
-    Returns the width and the height of the visible area [m].
+    Returns the width and the height of the area within these limits [m].
     """
     shown = [picture.axes for picture in pictures]
     corners = [np.transpose([axes.get_xlim(), axes.get_ylim()]) for axes in shown]
@@ -206,7 +217,7 @@ def expand_limits(pictures: Sequence[ChainPicture]) -> tuple[float, float]:
 
 
 def add_legend(figure: Figure) -> None:
-    """Add a one-row legend of the parts of a chain below the panels."""
+    """Add a legend of the symbols for pivots, rotors, masses and arrows, in one row below."""
     right, left = (f'u leans {side}' for side in ('right', 'left'))
     styles: list[tuple[str, str, str, Literal['', '-', '--']]] = [
         ('pivot', BLACK, 'x', ''),
@@ -233,20 +244,21 @@ def add_legend(figure: Figure) -> None:
 def mode_quiver(
     axes: Axes, chain: Chain, angles: Array, mode: Array, arrow_length: float | None = None
 ) -> Quiver:
-    """Draw the arrows of a mode [1], shape (N,), at the masses; return them.
+    """Draw the arrows of a mode [1], shape (N,), at the masses and return the arrows.
 
-    An arrow is the velocity of a mass, scaled so that a mode component 1 has length
-    `arrow_length` [m]. The default is 1.2 times the larger of a and r.
+    Each arrow shows the velocity of a mass. The arrow of a mode component 1 has the length
+    `arrow_length` [m]. The default length is 1.2 times the larger of a and r.
     """
     vectors = _stretched(chain, angles, mode, arrow_length)
     return _quiver(axes, mass_points(chain, angles), vectors, 0.9 * _thickness(chain), GREEN)
 
 
 def projection_quiver(axes: Axes, chain: Chain, angles: Array, lowered: float = 0.0) -> Quiver:
-    """Draw the displacements u_n = r sin(phi_n) [m] as arrows below the rotors; return them.
+    """Draw the displacements u_n = r sin(phi_n) [m] as arrows below the rotors.
 
-    Purple arrows point right, orange arrows left. If rotors are longer than the spacing, the
-    arrows alternate between several rows. `move_projections` moves them.
+    Arrows to the right are purple, arrows to the left are orange. If the rotors are longer than
+    the spacing, the arrows alternate between several rows so that they do not overlap. Returns
+    the arrows, which `move_projections` can move.
     """
     along = displacement(chain, angles)
     positions = pivot_points(chain) + np.column_stack(
@@ -267,10 +279,11 @@ def move_projections(arrows: Quiver, chain: Chain, angles: Array) -> None:
 
 
 def draw_torus(axes: Axes, chain: Chain, curves: Sequence[Array]) -> Axes:
-    """Draw the configuration space of a unit cell: curves of staggered angles [rad], (K, 2) each.
+    """Draw the configuration space of a unit cell as curves on a torus (paper, Fig. 4c).
 
-    The square is the torus of both angles; its opposite sides are identified. Triangles are the
-    ground states: purple states lean right, orange states left (paper, Fig. 4c).
+    Each curve contains staggered angles [rad], shape (K, 2). The square is the torus of both
+    angles: opposite sides of the square are the same line. Triangles are the ground states.
+    Purple states lean right, orange states lean left.
     """
     for number, curve in enumerate(curves):
         colour = CURVE_COLOURS[number % len(CURVE_COLOURS)]
@@ -300,7 +313,10 @@ def draw_torus(axes: Axes, chain: Chain, curves: Sequence[Array]) -> Axes:
 
 
 def split_at_wraps(curve: Array) -> Array:
-    """Wrap angles to -pi ... pi [rad] and insert NaN at each wrap; shape (K + wraps, 2)."""
+    """Wrap a curve of angles to -pi ... pi [rad] and insert a row of NaN at each wrap.
+
+    The curve has shape (K, 2), the result shape (K + number of wraps, 2).
+    """
     wrapped = np.asarray(np.mod(curve + np.pi, 2 * np.pi) - np.pi)
     jumps = np.flatnonzero((np.abs(np.diff(wrapped, axis=0)) > np.pi).any(axis=1)) + 1
     return np.insert(wrapped, jumps, np.nan, axis=0)
@@ -372,7 +388,10 @@ def _thickness(chain: Chain) -> float:
 
 
 def _rows(chain: Chain) -> Array:
-    """Return the height of each displacement arrow [m], below the reach of the rotors, (N,)."""
+    """Return the height of each displacement arrow [m], shape (N,).
+
+    All heights are lower than the lowest possible position of a mass.
+    """
     rows = math.ceil(chain.rotor_length / chain.spacing)
     row = np.arange(chain.number_of_rotors) % rows
     reach = float(chain.rotor_lengths.max()) + _MARGIN * chain.spacing
@@ -380,7 +399,10 @@ def _rows(chain: Chain) -> Array:
 
 
 def _turned(tilt: float) -> Array:
-    """Return the rotation matrix that lowers the end at x > 0 as (x, z) @ matrix, (2, 2)."""
+    """Return the rotation matrix for points (x, z) @ matrix, shape (2, 2).
+
+    A positive tilt [rad] lowers points at x > 0.
+    """
     sine, cosine = math.sin(tilt), math.cos(tilt)
     return np.array([[cosine, -sine], [sine, cosine]])
 

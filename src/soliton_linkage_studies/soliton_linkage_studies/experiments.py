@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Experiments of the paper: a kick along the zero mode of a chain at rest, and its wall."""
+"""Experiments of the paper: a chain at rest is kicked along its zero mode and its wall moves."""
 
 from __future__ import annotations
 
@@ -16,37 +16,40 @@ from soliton_linkage.solitons.static_wall import site_arc, static_wall
 from soliton_linkage.solitons.tanh_fit import order_field
 
 MIDDLE = 0.3
-"""Central fraction of a chain in which a wall is measured, far from both edges [1]."""
+"""Fraction of a chain in which a wall is measured, around the middle and far from both edges
+[1]."""
 SNAPSHOTS = 10
-"""Number of frames in the profile of a wall, at ten positions per rotor spacing as in the
-paper."""
+"""Number of frames that are combined to the profile of a wall [1].
+
+The wall is at ten positions per rotor spacing, as in the paper.
+"""
 DISTANCE_LABEL = 'n - X [rotor spacings]'
 """Axis label of the distance of a rotor from a wall."""
 
 _ARCTANH_REACH = 0.9
-"""Largest order field whose arctanh is fitted [1].
+"""Threshold of |m|: rotors are fitted if their order field m has a smaller magnitude [1].
 
-Above this value, arctanh would amplify rounding errors and phonons behind the wall.
+Above this threshold, arctanh(m) would amplify rounding errors and phonons behind the wall.
 """
 _FRAMES = 600
 """Number of frames in a recording of a crossing."""
 _SLACK = 1.1
-"""Recording time relative to the theoretical crossing time of a slow wall [1], with a margin."""
+"""Recording time divided by the theoretical crossing time of a slow wall [1]."""
 _TRANSIENT = 1.5
-"""Shortest recording time, relative to the time that sound needs from edge to edge [1].
+"""Shortest recording time, divided by the time that sound needs from edge to edge [1].
 
-In this time the fastest walls have crossed the chain.
+The fastest walls cross the chain in this recording time.
 """
 
 
 def kick_rates(
     chain: Chain, angles: Array, kick: float, edge: Edge = Edge.LAST, anywhere: bool = False
 ) -> Array:
-    """Return the rates that drive the wall away from an edge [rad/s], shape (N,).
+    """Return the angular velocities that drive the wall away from an edge [rad/s], shape (N,).
 
-    phi_dot = (a / r) sqrt(k_e / M) v0 e, where e is the unit zero mode. The kick v0 is the norm r
-    |phi_dot| of the mass velocities, in units of a sqrt(k_e / M). Raises ValueError if the wall is
-    nearer to the other edge, unless `anywhere` is true.
+    They are phi_dot = (a / r) sqrt(k_e / M) v0 e, where e is the zero mode of norm 1. The kick v0
+    is the norm r |phi_dot| of the mass velocities, in units of a sqrt(k_e / M). Raises ValueError
+    if the wall is nearer to the other edge and `anywhere` is false.
     """
     speed = kick * chain.spacing / (chain.rotor_length * chain.time_unit)
     return speed * edge_mode(chain, angles, edge, anywhere)
@@ -64,13 +67,16 @@ def record_kick(chain: Chain, kick: float, duration: float, frames: int) -> Reco
 
 
 def record_moving_wall(chain: Chain, kick: float) -> tuple[Recording, float]:
-    """Record a kicked chain until its wall has crossed; return also the speed [spacings/s]."""
+    """Record a kicked chain until the wall has crossed the chain.
+
+    Returns the recording and the wall speed [rotor spacings/s].
+    """
     recording = record_kick(chain, kick, crossing_duration(chain, kick), _FRAMES)
     return recording, snapshots(chain, recording, 2).speed
 
 
 def crossing_duration(chain: Chain, kick: float) -> float:
-    """Return a recording time in which a kicked wall crosses its chain [time units]."""
+    """Return a recording time [time units] that suffices for a kicked wall to cross the chain."""
     fastest = (chain.number_of_rotors - 1) * chain.spacing / speed_of_sound(chain)
     return max(_SLACK * slow_crossing_time(chain, kick), _TRANSIENT * fastest / chain.time_unit)
 
@@ -78,8 +84,8 @@ def crossing_duration(chain: Chain, kick: float) -> float:
 def slow_crossing_time(chain: Chain, kick: float) -> float:
     """Return the crossing time of a wall in a chain of rigid bars [time units].
 
-    The time is (N - 1) Lambda / v0, where Lambda is the path of a mass per rotor spacing, in
-    units of the spacing.
+    The crossing time is (N - 1) Lambda / v0. Lambda is the length of the path of all masses in
+    configuration space while the wall moves by one rotor spacing, divided by the spacing.
     """
     way = site_arc(chain) * chain.rotor_length / chain.spacing
     return (chain.number_of_rotors - 1) * way / kick
@@ -87,23 +93,24 @@ def slow_crossing_time(chain: Chain, kick: float) -> float:
 
 @dataclass(frozen=True)
 class Snapshots:
-    """Wall that moves through the middle of a chain, in K frames of N rotors."""
+    """K frames of a wall that moves through the middle of a chain of N rotors."""
 
     distances: Array
     """Signed distances n - X of the rotors from the wall [rotor spacings], shape (K, N)."""
     fields: Array
     """Order field m of the rotors [1], shape (K, N)."""
     angles: Array
-    """Actual angles [rad], shape (K, N)."""
+    """Angles phi of the rotors [rad], shape (K, N)."""
     speed: float
-    """Wall speed [rotor spacings / s], the slope of a line fitted to its positions."""
+    """Wall speed [rotor spacings / s], from a line fitted to the wall positions."""
 
 
 def snapshots(chain: Chain, recording: Recording, count: int) -> Snapshots:
-    """Return frames of the first passage of the wall through the middle of the chain.
+    """Return `count` frames of the first passage of the wall through the middle of the chain.
 
-    The wall position is the linearly interpolated zero of the order field (paper, Fig. 5). Raises
-    ValueError if fewer than `count` frames qualify.
+    The wall position is the zero of the order field, interpolated linearly between two rotors
+    (paper, Fig. 5). Raises ValueError if the recording has fewer than `count` frames of this
+    passage.
     """
     fields, _ = order_field(chain, recording.angles)
     walls = wall_positions(chain, recording)
@@ -128,9 +135,11 @@ def snapshots(chain: Chain, recording: Recording, count: int) -> Snapshots:
 
 
 def static_profile(chain: Chain, middle: float) -> tuple[Array, Array]:
-    """Return rotor distances and order field of static walls at ten positions per spacing.
+    """Return the profile of static walls at ten positions per rotor spacing.
 
-    Both have shape (K,). Edge rotors are excluded, because each has two rest angles.
+    The profile consists of the distances of the rotors from the wall [rotor spacings] and of their
+    order field m [1], each of shape (K,). Edge rotors are excluded, because each of them has two
+    rest angles.
     """
     positions, fields = [], []
     for beyond in np.arange(SNAPSHOTS) / SNAPSHOTS:
@@ -143,15 +152,19 @@ def static_profile(chain: Chain, middle: float) -> tuple[Array, Array]:
 
 
 def wall_positions(chain: Chain, recording: Recording) -> Array:
-    """Return the `zero_crossing` of each frame [rotor spacings], NaN without one, shape (T,)."""
+    """Return the wall position of each frame from `zero_crossing` [rotor spacings], shape (T,).
+
+    The position is NaN for a frame without a zero crossing.
+    """
     fields, _ = order_field(chain, recording.angles)
     return np.array([zero_crossing(field) for field in fields])
 
 
 def zero_crossing(field: Array) -> float:
-    """Return the first zero of a field of shape (N,) [rotor spacings], NaN without one.
+    """Return the position of the first zero of an order field of shape (N,) [rotor spacings].
 
-    Edge rotors are excluded, because their second rest angle changes the field without a wall.
+    The result is NaN if the field has no zero. Edge rotors are excluded. They have a second rest
+    angle, at which the order field differs although no wall is there.
     """
     negative = np.signbit(field[1:-1])
     crossings = np.flatnonzero(negative[1:] != negative[:-1])
@@ -164,8 +177,8 @@ def zero_crossing(field: Array) -> float:
 def arctanh_width(positions: Array, fields: Array) -> float:
     """Estimate the width w of a wall m = -tanh(x / w) from the slope of arctanh(m) against x.
 
-    Returns rotor spacings. The fit is linear least squares over all points with |m| < 0.9
-    (paper, Fig. 5).
+    Positions and width have the unit [rotor spacings]. The slope is fitted by linear least
+    squares to all points with |m| < 0.9 (paper, Fig. 5).
     """
     near = np.abs(fields) < _ARCTANH_REACH
     slope = np.polyfit(positions[near], -np.arctanh(fields[near]), 1)[0]

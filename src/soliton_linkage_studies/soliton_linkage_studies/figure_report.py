@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Figure reports: the picture, its caption, its data, and its comparison with the paper."""
+"""Figure reports: a figure, its caption, its data and a comparison of results with the paper."""
 
 from __future__ import annotations
 
@@ -19,19 +19,22 @@ from soliton_linkage.linear.bands import couplings
 from soliton_linkage.linkage.chain import Chain
 
 _RESOLUTION = 150
-"""Resolution of PNG pictures [pixels per inch]; pictures are 1200 to 2000 pixels wide."""
+"""Resolution of PNG pictures [pixels per inch], at which they are 1200 to 2000 pixels wide."""
 _DIGITS = 5
-"""Significant digits of numbers in a table, more than the accuracy of most theories."""
+"""Number of significant digits of the values in a table. Most theories are less accurate."""
 _LINE = 95
 """Largest number of characters in a line of a caption."""
 _FUNCTIONS = ('sin', 'cos', 'ln', 'min', 'max')
 _ROUNDING = 1e-11
-"""Relative error below which a table shows 0 [1], the rounding error of a sum of 1000 terms."""
+"""Threshold of the relative error: a table shows 0 if the error is smaller [1].
+
+It is about the rounding error of a sum of 1000 terms.
+"""
 
 
 @dataclass(frozen=True)
 class Formula:
-    """Formula that a table prints with its value and the values of its symbols."""
+    """Formula for a table, with the value of the formula and the values of its symbols."""
 
     text: str
     value: float
@@ -40,7 +43,7 @@ class Formula:
     """Note that is printed in parentheses after the formula."""
 
     def __str__(self) -> str:
-        """Return the text, the value, the values of the symbols and the remark."""
+        """Return the formula as text, with its value, the values of its symbols and the remark."""
         symbols = ', '.join(f'{name} = {value:.8g}' for name, value in self.symbols.items())
         remark = f' ({self.remark})' if self.remark else ''
         return f'{self.text} = {self.value:.5g}{f" for {symbols}" if symbols else ""}{remark}'
@@ -49,7 +52,10 @@ class Formula:
 def chain_formula(
     text: str, value: float, chain: Chain, remark: str = '', **more: float
 ) -> Formula:
-    """Return a formula with the parameters of a chain that occur in its text."""
+    """Return a formula whose symbols are parameters of a chain.
+
+    Of the parameters, only those that occur in `text` are kept. `more` defines further symbols.
+    """
     plus, minus = couplings(chain)
     symbols = {
         'r': chain.rotor_length,
@@ -68,27 +74,31 @@ def chain_formula(
 
 @dataclass(frozen=True)
 class Comparison:
-    """One quantity: the value of the paper, of the corrected theory, and of the simulation."""
+    """Values of one quantity from the paper, from the corrected theory and from the simulation."""
 
     quantity: str
-    """Name of the quantity, with its chain and its unit."""
+    """Name of the quantity, followed by the chain and the unit."""
     paper: str | Formula
-    """Value or formula of the paper, with the number of its equation."""
+    """Value or formula from the paper, with the equation number."""
     theory: str | Formula
-    """Formula for the discrete chain, or name of the source of `stated`."""
+    """Formula for the discrete chain, or a text that names the source of the value `stated`."""
     measured: float
     """Value measured on the simulated chain."""
     stated: float = math.nan
-    """Theoretical value if `theory` is a text; NaN if there is none."""
+    """Theoretical value if `theory` is a text. NaN means that no theoretical value exists."""
 
     @property
     def expected(self) -> float:
-        """Theoretical value: that of the formula, or `stated`; NaN if neither exists."""
+        """Theoretical value: the value of the formula if `theory` is one, otherwise `stated`."""
         return self.theory.value if isinstance(self.theory, Formula) else self.stated
 
     @property
     def error(self) -> str:
-        """Deviation of the measured value from theory, relative to theory [%], as text."""
+        """Text with the relative difference of the measured value from the theoretical value [%].
+
+        The text is empty if no theoretical value exists. If the theoretical value is 0, the text
+        contains the measured value instead.
+        """
         if not math.isfinite(self.expected):
             return ''
         if self.expected == 0:
@@ -99,7 +109,7 @@ class Comparison:
 
 @dataclass
 class FigureReport:
-    """Figure with its caption, its data and its rows of the table of comparisons."""
+    """Figure with its caption, its data and the comparisons that become rows of the table."""
 
     figure: Figure
     caption: str
@@ -111,9 +121,9 @@ class FigureReport:
     def add_points(
         self, panel: str, series: str, names: tuple[str, str], x: ArrayLike, y: ArrayLike
     ) -> None:
-        """Add points to the data of the figure; x and y have the same shape (K,).
+        """Add points to the data of the figure. The arrays x and y have the same shape (K,).
 
-        `names` are the quantities x and y with their units.
+        `names` contains the names of the quantities x and y, each with its unit.
         """
         for across, up in zip(np.ravel(x), np.ravel(y), strict=True):
             self.rows.append((panel, series, float(across), float(up), *names))
@@ -126,11 +136,11 @@ class FigureReport:
         measured: float,
         stated: float = math.nan,
     ) -> None:
-        """Add a table row that compares paper, theory and measurement."""
+        """Add a `Comparison` of the paper, the theory and the simulation, a row of the table."""
         self.comparisons.append(Comparison(quantity, paper, theory, measured, stated))
 
     def save(self, folder: Path, name: str) -> None:
-        """Write the picture as PNG and PDF, its caption as text, and its data as CSV."""
+        """Write the figure as PNG and PDF, the caption as a text file and the data as CSV."""
         for suffix in ('png', 'pdf'):
             save_figure(self.figure, folder / f'{name}.{suffix}')
         save_caption(self.caption, folder / f'{name}.txt')
@@ -144,7 +154,10 @@ class FigureReport:
 
 
 def save_page(report: FigureReport, folder: Path, name: str) -> str:
-    """Write a page and the table of its comparisons; return the table and where the files are."""
+    """Write the files of a report and the table of its comparisons.
+
+    Returns a text with the table and the folder of the files.
+    """
     report.save(folder, name)
     write_table({name: report.comparisons}, folder / 'table.md', [name])
     table = (folder / 'table.md').read_text(encoding='utf-8')
@@ -152,13 +165,16 @@ def save_page(report: FigureReport, folder: Path, name: str) -> str:
 
 
 def save_figure(figure: Figure, path: Path) -> None:
-    """Write a picture in the format of the suffix, without a date, so that files reproduce."""
+    """Write a figure in the format of the path's suffix.
+
+    The file contains no date, so that equal figures give equal files.
+    """
     metadata = {'CreationDate': None} if path.suffix == '.pdf' else None
     figure.savefig(path, dpi=_RESOLUTION, metadata=metadata)
 
 
 def save_caption(caption: str, path: Path) -> None:
-    """Write a caption as wrapped Markdown paragraphs; raises ValueError for an empty caption."""
+    """Write a caption as Markdown with wrapped lines. Raises ValueError for an empty caption."""
     paragraphs = [' '.join(each.split()) for each in re.split(r'\n\s*\n', caption.strip())]
     if not any(paragraphs):
         raise ValueError(f'{path.stem} has no caption; describe its content and its colours')
@@ -169,9 +185,10 @@ def save_caption(caption: str, path: Path) -> None:
 def write_table(
     drawn: Mapping[str, Sequence[Comparison]], path: Path, order: Sequence[str]
 ) -> None:
-    """Write the comparisons of figures as a Markdown table, in the given order of figure names.
+    """Write the comparisons of figures as a Markdown table, by figure name.
 
-    If the file exists, the rows of figures that are not in `drawn` are kept.
+    `order` is the order of the figure names in the table. If the file exists, its rows are kept
+    for figures that are not in `drawn`.
     """
     rows = _rows_by_figure(path)
     for name, comparisons in drawn.items():

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Measurements of a sweep on one chain; each returns the values of a table row."""
+"""Measurements that a sweep makes on each chain. Each returns the values of one table row."""
 
 from __future__ import annotations
 
@@ -22,42 +22,51 @@ from soliton_linkage.solitons.track import Crossing, Track, find_crossings, foll
 from soliton_linkage_studies.experiments import kick_rates
 
 _TOLERANCE = 1e-8
-"""Tolerance of an angle in a step [rad]."""
+"""Largest integration error of an angle in one step [rad]."""
 _FRAMES_A_SPACING = 4.0
-"""Number of frames while a wall moves by a rotor spacing, or by its width [1]."""
+"""Approximate number of frames while a wall moves by one rotor spacing, or by the wall width if
+the wall is narrower [1]."""
 _FRAMES_A_SWING = 40.0
-"""Number of frames while an edge rotor swings by 1 rad, or by spacing / rotor length if this is
-smaller [1]."""
+"""Number of frames while an edge rotor swings by the smaller of 1 rad and spacing / rotor length
+[1]."""
 _DEPARTED = 1.5
-"""Distance at which the wall of a spinner has left an edge [rotor spacings]."""
+"""Threshold of the distance from an edge: a wall of a spinner counts as having left the edge if it
+is farther away [rotor spacings]."""
 
 
 @dataclass(frozen=True)
 class Leg:
-    """Motion of a wall from one edge of the chain towards the other."""
+    """One leg of a wall's motion: from one edge of the chain towards the other edge."""
 
     direction: int
     """+1 towards the last rotor, -1 towards rotor 0."""
     crossed: bool
     """Whether the wall reached the other edge."""
     furthest: float
-    """Largest distance of the wall from its first edge, as a position [rotor spacings]."""
+    """Wall position at the largest distance from the edge where the leg began [rotor spacings]."""
     arc: float
-    """Arc length of the motion [rad], the norm over all rotors."""
+    """Arc length of the leg in configuration space [rad].
+
+    The length element is the Euclidean norm of the angle changes of all rotors.
+    """
 
 
 def follow_wall(chain: Chain, edge: Edge = Edge.FIRST, legs: int = 2) -> tuple[Leg, ...]:
-    """Simulate the chain with rigid bars until its wall has crossed it `legs` times.
+    """Simulate a chain with rigid bars until the wall has crossed the chain `legs` times.
 
-    For the first edge the simulation starts in the left-leaning rest state, for the last edge in
-    the right-leaning rest state. It ends early if the wall turns back, or if the arc length
-    exceeds 4 pi [rad] per rotor. The wall position is the centre of the zero mode. The wall of a
-    flipper reaches an edge when the edge rotor passes the line from its pivot to the mass of its
-    neighbour. At this instant the mode is localised on this rotor. A flipper first moves to the
-    nearest edge. The wall of a spinner reaches an edge when the mode is largest there.
+    A leg is the motion of the wall from one edge of the chain towards the other edge. The
+    simulation starts in the left-leaning rest state if `edge` is the first edge, and in the
+    right-leaning rest state if `edge` is the last edge. The wall of a flipper first moves to the
+    nearest edge. This motion does not count as a leg. The simulation ends early if the wall turns
+    back, or if the arc length of a leg exceeds 4 pi [rad] per rotor.
+
+    The wall position is the centre of the zero mode. The wall of a flipper reaches an edge when
+    the edge rotor passes the straight line from its pivot to the mass of the neighbouring rotor.
+    At this instant the zero mode is localised on the edge rotor. The wall of a spinner reaches an
+    edge when the edge rotor has the largest component of the zero mode.
 
     Raises:
-        ValueError: If the ends are periodic, `legs` is less than 1 or no rest state exists.
+        ValueError: If the chain is periodic, `legs` is less than 1 or no rest state exists.
         ArithmeticError: If the bars jam.
     """
     _check_ends(chain)
@@ -79,9 +88,9 @@ def follow_wall(chain: Chain, edge: Edge = Edge.FIRST, legs: int = 2) -> tuple[L
 
 
 def check_passable(chain: Chain) -> None:
-    """Raise ValueError if a wall cannot pass through the chain and return.
+    """Raise ValueError if a wall cannot cross the chain and return.
 
-    Chains with periodic ends are rejected too, because they have no edges.
+    The function also raises ValueError for a periodic chain, because it has no edges.
     """
     _check_ends(chain)
     obstacles = find_obstacles(chain)
@@ -101,7 +110,7 @@ def check_passable(chain: Chain) -> None:
 
 
 class _Walker:
-    """Simulation of a rigid-bar chain that detects arrivals of the wall at the edges."""
+    """Simulation of a chain of rigid bars that detects when the wall arrives at an edge."""
 
     def __init__(self, simulation: RigidSimulation, edge: int) -> None:
         self._simulation = simulation
@@ -129,7 +138,10 @@ class _Walker:
         return Leg(direction, arrived == self._last - left, furthest, arc)
 
     def _update(self) -> None:
-        """Update the centre and the peak of the mode, and the side of each edge rotor."""
+        """Update the centre and the peak of the zero mode, and the side of each edge rotor.
+
+        An edge rotor is on one side of the straight line from its pivot to the neighbouring mass.
+        """
         chain, angles = self._simulation.chain, self._simulation.angles
         mode = zero_mode(chain, angles)
         first, second = rigidity_bands(chain, angles)
@@ -147,10 +159,12 @@ class _Walker:
 
 
 def _frame_arc(chain: Chain) -> float:
-    """Return the arc length of a frame [rad], which is also its duration [s] at 1 rad/s.
+    """Return the arc length in configuration space between two frames [rad].
 
-    The rotors of a flipper turn by 2 theta_bar while the wall moves by its width. A lower limit of
-    the arc resolves the swing of an edge rotor at a reflection, about a / r but at most 1 rad.
+    It equals the frame period [s], because the chain moves at 1 rad/s. The rotors of a flipper
+    turn by 2 theta_bar while the wall moves by its own width. The arc length between two frames
+    is limited from below: `_FRAMES_A_SWING` frames suffice to resolve the swing of an edge rotor
+    at a reflection. This swing is about a / r, but at most 1 rad.
     """
     spacings = 1 + chain.wall_width / chain.spacing
     of_wall = chain.rest_angle / (_FRAMES_A_SPACING * math.sqrt(spacings))
@@ -170,22 +184,26 @@ BLOCKED = 'blocked'
 MECHANICS = ('elastic', 'rigid')
 OUTCOMES = ('returns', 'crosses', 'lost')
 _PIECE = 20
-"""Interval between checks whether the wall has returned [time units]."""
+"""Interval between two checks for the return of the wall [time units]."""
 _WALL_REACH = 4
-"""Half-width of the wall region, in wall widths or penetration depths [1].
+"""Half-width of the region that belongs to the wall, divided by the larger of wall width and
+penetration depth [1].
 
-At most 2 % of the wall energy is outside.
+At most 2 % of the wall energy is outside this region.
 """
 _JUMP = 5
-"""Displacement between two frames above which the track has changed to another wall [rotors]. The
-fastest walls move by 2."""
+"""Threshold of the displacement between two frames [rotor spacings].
+
+The track counts as having changed to another wall if the displacement is larger. The fastest walls
+move by 2 rotor spacings between two frames.
+"""
 
 Value = float | int | str
 
 
 @dataclass(frozen=True)
 class SweepTrial:
-    """Parameters of a trial that sends a wall through a chain."""
+    """Parameters of a trial, in which a wall is sent through a chain."""
 
     kick: float = quantity(
         0.1,
@@ -209,7 +227,7 @@ class SweepTrial:
 
 @dataclass(frozen=True)
 class Measure:
-    """Measurement of a chain, and the column that its picture shows."""
+    """Measurement of a chain, and the table column that is drawn in the picture."""
 
     take: Callable[[Chain, SweepTrial], dict[str, Value]]
     columns: tuple[str, ...]
@@ -218,11 +236,14 @@ class Measure:
     """Name of the drawn column."""
     label: str
     classes: tuple[str, ...] = ()
-    """Values of the drawn column, best first; empty for a numeric column."""
+    """Possible values of the drawn column, best first. An empty tuple means a numeric column."""
 
 
 def measure_motion(chain: Chain, _trial: SweepTrial) -> dict[str, Value]:
-    """Return the motion class from the bonds, and the number of bonds that may stop a wall."""
+    """Return the motion class of the chain and the number of bonds that may stop a wall.
+
+    Both are derived from the lengths at each bond, without a simulation.
+    """
     motion = motion_of_bonds(chain)
     return {
         'motion': motion.value if motion else BLOCKED,
@@ -231,10 +252,11 @@ def measure_motion(chain: Chain, _trial: SweepTrial) -> dict[str, Value]:
 
 
 def measure_speed(chain: Chain, trial: SweepTrial) -> dict[str, Value]:
-    """Measure outcome, speed and phonon energy fraction of a wall kicked from the right edge.
+    """Measure the outcome, the speed and the phonon energy of a wall kicked off the right edge.
 
-    The speed [a sqrt(k_e / M)] is the slope of the wall's path between the outer fifths of the
-    chain. `phonons` is the result of `phonon_share`. Both are NaN without a crossing.
+    `speed` [a sqrt(k_e / M)] is the slope of the wall position over time, between the outer fifths
+    of the chain. `phonons` [1] is the result of `phonon_share`. If the wall does not cross the
+    chain, `speed` and `phonons` are NaN.
     """
     recording, track, crossings = send_wall(chain, trial)
     return {
@@ -245,7 +267,10 @@ def measure_speed(chain: Chain, trial: SweepTrial) -> dict[str, Value]:
 
 
 def measure_survival(chain: Chain, trial: SweepTrial) -> dict[str, Value]:
-    """Measure whether a wall crosses a chain of springs or rigid bars and returns."""
+    """Measure whether a wall crosses the chain and returns.
+
+    `trial.mechanics` selects a chain of springs or a chain of rigid bars.
+    """
     if trial.mechanics == 'elastic':
         crossed = len(send_wall(chain, trial)[2])
     else:
@@ -254,11 +279,11 @@ def measure_survival(chain: Chain, trial: SweepTrial) -> dict[str, Value]:
 
 
 def send_wall(chain: Chain, trial: SweepTrial) -> tuple[Recording, Track, tuple[Crossing, ...]]:
-    """Kick the wall of an elastic chain off its right edge; simulate until it returns.
+    """Kick the wall of an elastic chain off the right edge and simulate until the wall returns.
 
-    The frame period is one time unit, in which a wall moves by at most two spacings. A larger jump
-    means that the track has changed to another wall, and the crossing is discarded. If the wall
-    does not return, the simulation ends at the time limit.
+    If the wall does not return, the simulation ends at the time limit. The frame period is one
+    time unit. In this time a wall moves by at most two spacings. A jump by five spacings or more
+    therefore means that the track has changed to another wall. Such a crossing is discarded.
     """
     angles = rest_state(chain, 1)
     rates = kick_rates(chain, angles, trial.kick, anywhere=True)
@@ -278,10 +303,11 @@ def send_wall(chain: Chain, trial: SweepTrial) -> tuple[Recording, Track, tuple[
 
 
 def phonon_share(chain: Chain, recording: Recording, track: Track, crossing: Crossing) -> float:
-    """Return the fraction of the energy outside the wall in the middle of a crossing [1].
+    """Return the fraction of the energy that is outside the wall in the middle of a crossing [1].
 
-    Rotors and springs are outside the wall if their distance exceeds four times the wall width and
-    four times the penetration depth. Returns NaN if less than half of the rotors are outside.
+    A rotor or spring counts as outside the wall if its distance from the wall exceeds both four
+    wall widths and four penetration depths. The function returns NaN if fewer than half of the
+    rotors are outside the wall.
     """
     under_way = (track.times >= crossing.start) & (track.times <= crossing.end)
     half_way = np.abs(track.sites - (chain.number_of_rotors - 1) / 2)
@@ -307,7 +333,11 @@ def _unbroken(track: Track, crossing: Crossing) -> bool:
 
 
 def _joined(first: object, second: object, names: tuple[str, ...]) -> list[Array]:
-    """Concatenate two recordings or tracks; the second repeats the last frame of the first."""
+    """Concatenate the named arrays of two recordings or tracks.
+
+    The first frame of the second recording is dropped, because it repeats the last frame of the
+    first recording.
+    """
     return [np.concatenate([getattr(first, name), getattr(second, name)[1:]]) for name in names]
 
 

@@ -36,16 +36,21 @@ MoveKey = tuple[str, str]
 """Names of a chain and of a condition."""
 
 _TOLERANCE = 1e-8
-"""Integration error of an angle per time unit [rad], far below the noise and the errors of
-moves."""
+"""Integration error of an angle per time unit [rad].
+
+It is far smaller than the encoder noise and than the position errors of the moves.
+"""
 _OBSERVATION_TIME = 0.2
-"""Duration for which the steering observes a wall at rest before it receives a goal [s]."""
+"""Time from the first frame to the goal command [s]. The wall is at rest during this time."""
 _TIME_LIMIT = 120.0
-"""Time limit of a move, after which its outcome is NOT_HELD [s]."""
+"""Time limit of a move [s]. A move that has not ended by then has the outcome NOT_HELD."""
 _SAMPLE_EVERY = 20
-"""Frames per sample [1]: 80 ms at 250 Hz, about the resolution of the picture."""
+"""Number of frames from one sample to the next [1].
+
+At 250 Hz this is 80 ms, about the time that a pixel of the picture represents.
+"""
 _DRAWS = 100
-"""Largest number of disorder draws until a wall can pass through the chain [1]."""
+"""Largest number of attempts to draw a disorder through which a wall can pass [1]."""
 
 
 @dataclass(frozen=True)
@@ -53,16 +58,16 @@ class Condition:
     """Encoder noise, damping and disorder of a chain."""
 
     noise: float
-    """Standard deviation of an angle [rad]."""
+    """Standard deviation of the noise of a measured angle [rad]."""
     decay: float
-    """Decay rate of the speed of a single rotor by damping [1/s]."""
+    """Rate at which damping reduces the speed of a rotor without springs [1/s]."""
     disorder: float
-    """Relative standard deviation of lengths, masses and stiffnesses [1]."""
+    """Relative standard deviation of the lengths, masses and stiffnesses from their means [1]."""
 
 
 @dataclass(frozen=True)
 class MoveTask:
-    """Move to simulate."""
+    """Parameters of one simulated move."""
 
     chain: Chain
     condition: Condition
@@ -74,7 +79,7 @@ class MoveTask:
     frame_rate: float
     """Frames per second [Hz]."""
     held: float
-    """Duration of the observation after the arrival [s]."""
+    """Time for which the position error is observed after the arrival [s]."""
     torque_limit: float
     """Largest torque of an actuator [N m]."""
 
@@ -85,7 +90,7 @@ class MoveTask:
 
 @dataclass(frozen=True)
 class MoveRun:
-    """Result of a move, sampled every few frames from its start."""
+    """Result of a move. The arrays contain a sample of every twentieth frame."""
 
     outcome: Outcome
     duration: float
@@ -95,11 +100,17 @@ class MoveRun:
     positions: Array
     """Wall position [rotor spacings], shape (T,)."""
     references: Array
-    """Reference position of the wall [rotor spacings], shape (T,), NaN without a trajectory."""
+    """Reference position of the wall [rotor spacings], shape (T,).
+
+    It is NaN at times at which the steering has no trajectory.
+    """
     phonon_energies: Array
     """Energy of the phonons [J], shape (T,)."""
     error: float
-    """Largest distance from the goal after the arrival [spacings], NaN if the move failed."""
+    """Largest distance from the goal after the arrival [rotor spacings].
+
+    It is NaN if the wall has not reached the goal.
+    """
     energy_left: float
     """Energy of the phonons at the end [J]."""
     peak_energy: float
@@ -107,7 +118,7 @@ class MoveRun:
 
 
 def simulate_move(task: MoveTask) -> MoveRun:
-    """Simulate a move, in which the torques computed from a frame act one frame later."""
+    """Simulate a move. The torques that are computed from a frame act one frame later."""
     orbit = UniformOrbit(task.chain)
     chain, start = _started(task, orbit)
     simulation = ElasticSimulation(chain, start, period=1 / task.frame_rate, tolerance=_TOLERANCE)
@@ -149,9 +160,11 @@ def simulate_move(task: MoveTask) -> MoveRun:
 
 
 def _started(task: MoveTask, orbit: UniformOrbit) -> tuple[Chain, Array]:
-    """Return the chain with damping and disorder, and its rest angles with the wall at the start.
+    """Return the chain of a task with damping and disorder, and its initial angles [rad].
 
-    Deviations are drawn again if they may stop the wall or if the chain has no such rest state.
+    The initial angles, shape (N,), are a rest state with the wall at the start position. The
+    deviations of the chain are drawn again if they may stop the wall, or if the chain has no such
+    rest state.
     """
     damping = task.condition.decay * task.chain.moment_of_inertia
     chain = replace(task.chain, damping=damping)
@@ -191,7 +204,7 @@ _KEYS = ('seed', 'frame_rate', 'moves', 'held', 'torque_limit', 'conditions', 'c
 
 @dataclass(frozen=True)
 class MoveStudy:
-    """Moves specified by a settings file."""
+    """Moves that a settings file specifies."""
 
     tasks: dict[MoveKey, list[MoveTask]]
     """Tasks by the names of chain and condition."""
@@ -207,7 +220,7 @@ class MoveStudy:
 
 
 def read_move_study(settings: Section, quick: bool) -> MoveStudy:
-    """Parse the settings of a study; raises ValueError for invalid settings."""
+    """Read the settings of a study. Raises ValueError if they are invalid."""
     settings.check_keys(*_KEYS)
     seed = settings.whole_number('seed', 0, 2**31)
     frame_rate = settings.number('frame_rate', 10.0, 2000.0)
@@ -238,7 +251,7 @@ def read_move_study(settings: Section, quick: bool) -> MoveStudy:
 
 
 def runs_by_key(numbered: Mapping[tuple[MoveKey, int], MoveRun]) -> dict[MoveKey, list[MoveRun]]:
-    """Group the runs of `MoveStudy.numbered` by chain and condition; the order remains."""
+    """Group the runs of `MoveStudy.numbered` by chain and condition, without a change of order."""
     runs: dict[MoveKey, list[MoveRun]] = {}
     for (key, _), run in numbered.items():
         runs.setdefault(key, []).append(run)
@@ -289,15 +302,18 @@ last condition is visible.
 _REQUIRED_ACCURACY = 0.1
 """Required holding accuracy: largest distance from the goal [rotor spacings]."""
 _LEAST_ERROR = 1e-6
-"""Lower limit of the drawn distance on its logarithmic axis [rotor spacings]."""
+"""Smallest distance from the goal on the logarithmic axis [rotor spacings]."""
 _LEAST_SHARE = 1e-16
-"""Lower limit of the drawn energy ratio [1], equal to its rounding error."""
+"""Smallest energy ratio on the logarithmic axis [1], about the rounding error of this ratio."""
 
 
 def draw_moves(
     tasks: Mapping[MoveKey, Sequence[MoveTask]], runs: Mapping[MoveKey, Sequence[MoveRun]]
 ) -> FigureReport:
-    """Draw positions, distances from the goal and phonons over time, one column per chain."""
+    """Draw a figure with one column per chain.
+
+    The rows show the wall position, the distance from the goal and the phonon energy over time.
+    """
     chains = list(dict.fromkeys(name for name, _ in tasks))
     conditions = list(dict.fromkeys(title for _, title in tasks))
     figure = Figure(figsize=(max(4.3 * len(chains), 6), 10), layout='constrained')
@@ -343,7 +359,7 @@ def _draw_run(
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Simulate the moves of a settings file; return 1 on failure, 130 after Ctrl-C."""
+    """Run the command `moves` and return its exit status: 1 on failure, 130 after Ctrl-C."""
     parser = study_parser('moves', __doc__, 'fewer moves')
     return run_study(parser, arguments, _run, 'no files were written')
 

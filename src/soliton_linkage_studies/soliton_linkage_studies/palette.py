@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Colours of all pictures: each quantity has the same colour in every figure and film."""
+"""Colours of all pictures. Each quantity has the same colour in every figure and film."""
 
 from __future__ import annotations
 
@@ -39,7 +39,7 @@ NAMES = {
 """Names of the colours in captions."""
 
 MEASURED, PAPER, THEORY = BLUE, RED, BLACK
-"""Colours of simulated results, of the paper and of the corrected theory."""
+"""Colours of simulated results, of results from the paper, and of the corrected theory."""
 COLOURS = (BLUE, RED, GREEN, PURPLE, BLACK)
 """Colours of series without a fixed colour."""
 MARKERS = 'os^Dv'
@@ -52,15 +52,17 @@ OUTCOME_COLOURS = {'returns': GREEN, 'crosses': SKY, 'lost': DARK}
 """Colours of the outcomes of a wall."""
 
 LEAN_COLOURS = 'PuOr'
-"""Colour map of u: orange where the rotors lean left, purple where they lean right."""
+"""Colour map of the displacement u: orange if a rotor leans left, purple if it leans right."""
 _REST = 0.30
-"""Distance of a uniform rest state from the middle of the colour map [1]; larger displacements are
-darker.
+"""Position of a uniform rest state on the colour map, as distance from the middle of the map [1].
+
+Displacements beyond the rest state are darker.
 """
 _NEAR_REST = ((0.95, 0.24), (1.0, _REST), (1.02, 0.36), (1.05, 0.41), (1.2, 0.46))
-"""Pairs (displacement / rest displacement, distance from the middle of the map) [1].
+"""Nodes of the colour scale [1].
 
-They stretch the map near rest, so that oscillations of a few per cent are visible.
+Each node is a pair (displacement / rest displacement, distance from the middle of the map).
+They stretch the scale near the rest state, so that oscillations of a few per cent are visible.
 """
 LEANS_RIGHT, LEANS_LEFT = (to_hex(colormaps[LEAN_COLOURS](0.5 + side * _REST)) for side in (1, -1))
 """Colours of the uniform states that lean right and left."""
@@ -75,9 +77,10 @@ MOTION_COLOURS = {motion: shades[0] for motion, shades in _SHADES.items()}
 
 
 def chain_colours(chains: Sequence[Chain]) -> list[str]:
-    """Return the class colour of each chain; chains of the same class get different shades.
+    """Return a colour for each chain: a shade of the colour of its motion class.
 
-    The chain with the largest lean ratio d gets the colour of the class itself.
+    Of the chains in one class, the one with the largest lean ratio d gets the class colour
+    itself. The others get different shades of this colour.
     """
     order = sorted(range(len(chains)), key=lambda number: -chains[number].lean_ratio)
     found: dict[int, str] = {}
@@ -94,16 +97,17 @@ def scale_colours(count: int) -> list[str]:
 
 
 def tint(colour: str, share: float) -> str:
-    """Mix a colour with white; `share` is the fraction of the colour."""
+    """Mix a colour with white. `share` is the fraction of the colour in the mixture [1]."""
     red, green, blue = (share * part + 1 - share for part in to_rgb(colour))
     return to_hex((red, green, blue))
 
 
 def lean_colour_scale(chain: Chain) -> tuple[Array, Array]:
-    """Return the nodes of the linear colour scale: displacements u [m] and map positions [1].
+    """Return the nodes of the piecewise linear colour scale of a chain.
 
-    Both have shape (K,). A uniform state has the same colour in all chains. The scale is stretched
-    near the uniform states and extends to the largest rotor length.
+    The nodes are displacements u [m] and positions on the colour map [1], each of shape (K,). A
+    uniform rest state has the same colour in all chains. The scale is stretched near the uniform
+    rest states and extends to the largest rotor length.
     """
     rest, largest = float(lean_ticks(chain)[3]), float(lean_ticks(chain)[4])
     near = [
@@ -117,7 +121,7 @@ def lean_colour_scale(chain: Chain) -> tuple[Array, Array]:
 
 
 def lean_colour_table(chain: Chain, levels: int) -> NDArray[np.uint8]:
-    """Return RGB values of evenly spaced displacements from -r to r, shape (levels, 3)."""
+    """Return the RGB colours of evenly spaced displacements from -r to r, shape (levels, 3)."""
     positions, shares = lean_colour_scale(chain)
     largest = float(lean_ticks(chain)[4])
     map_positions = np.interp(np.linspace(-largest, largest, levels), positions, shares)

@@ -56,11 +56,14 @@ _NOTE = (
     'A colour darker than at rest means that the rotor leans beyond its rest angle.'
 )
 _MOST_COLUMNS = 2000
-"""Largest number of drawn frames [1]; pixels would not resolve more."""
+"""Largest number of frames in a kymograph [1]. The pixels of the image resolve no more."""
 
 
 def kymograph(axes: Axes, chain: Chain, recording: Recording, track: Track) -> Axes:
-    """Draw u_n(t) as an image of rotors over time, with the track of the soliton."""
+    """Draw the displacements u_n(t) as an image, with the track of the soliton.
+
+    The horizontal axis is time, the vertical axis the rotor index n.
+    """
     every = max(1, len(recording.times) // _MOST_COLUMNS)
     image = axes.imshow(
         displacement(chain, recording.angles[::every]).T,
@@ -96,7 +99,10 @@ def track_positions(axes: Axes, chain: Chain, track: Track) -> Axes:
 
 
 def track_velocities(axes: Axes, track: Track, crossings: tuple[Crossing, ...]) -> Axes:
-    """Draw the soliton velocity over time, its band, and the mean velocity of each crossing."""
+    """Draw the soliton velocity over time, and the mean velocity of each crossing.
+
+    A band shows two standard deviations of the velocity, if the track has them.
+    """
     axes.plot(track.times, track.site_rates, color=MEASURED, linewidth=0.8, label='measured')
     _draw_band(axes, track.times, track.site_rates, track.site_rate_deviations)
     for number, crossing in enumerate(crossings):
@@ -151,7 +157,10 @@ def kymograph_figure(chain: Chain, recording: Recording, track: Track) -> Figure
 
 
 def track_figure(chain: Chain, track: Track, crossings: tuple[Crossing, ...]) -> Figure:
-    """Return a figure of soliton position and velocity, with standard deviations if available."""
+    """Return a figure of the soliton position and velocity over time.
+
+    If the track has standard deviations, the figure shows them in bands and in a third panel.
+    """
     known = len(track.site_deviations) > 0
     figure = Figure(figsize=(8, 7 if known else 5.5), layout='constrained')
     ratios = [2, 2, 1][: 3 if known else 2]
@@ -171,7 +180,7 @@ def save_run(
     crossings: tuple[Crossing, ...],
     folder: Path,
 ) -> None:
-    """Write kymograph.png and track.png into a folder, each with a caption as .txt file."""
+    """Write kymograph.png and track.png into a folder, each with its caption as a .txt file."""
     for name, figure, caption in (
         ('kymograph', kymograph_figure(chain, recording, track), _KYMOGRAPH),
         ('track', track_figure(chain, track, crossings), _TRACK),
@@ -186,7 +195,7 @@ def _edges(times: Array) -> tuple[float, float]:
 
 
 _WORST = 3
-"""Number of worst bonds that are labelled [1]."""
+"""Number of bonds that are labelled, those with the largest residuals [1]."""
 _CAPTION = """
 Top: relative deviations of each rotor length (blue), pivot spacing (green) and spring or bar
 length (red) from their means, with error bars of one standard deviation. Middle: offset of each
@@ -198,7 +207,7 @@ numbered. Springs and bars are drawn between the two rotors that they join.
 
 
 def report_page(found: Identification) -> Figure:
-    """Draw a page with the lengths, the encoder offsets and the residual noise of each bond."""
+    """Draw a page with three panels: lengths, encoder offsets and residual noise of each bond."""
     figure = Figure(figsize=(8, 9), layout='constrained')
     lengths, offsets, bonds = figure.subplots(3, sharex=True, height_ratios=[3, 2, 2])
     _draw_lengths(lengths, found)

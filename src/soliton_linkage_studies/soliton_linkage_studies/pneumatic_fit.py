@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Identification of a pneumatic actuator from its step response and its steady torques."""
+"""Identification of a pneumatic actuator from a step response and from steady torques."""
 
 from __future__ import annotations
 
@@ -12,28 +12,31 @@ from soliton_linkage.actuation.actuators import PneumaticActuator
 from soliton_linkage.linkage.chain import Array
 
 _FEWEST_READINGS = 4
-"""Smallest number of readings [1]: one more than the three unknowns (two time constants, first
-pressure)."""
-_SHORTEST_STEP = 0.05
-"""Smallest pressure error, relative to the largest one, in the initial guess [1].
+"""Smallest number of readings [1].
 
-The fit itself uses all readings.
+It is one more than the number of unknowns: two time constants and the initial pressure.
+"""
+_SHORTEST_STEP = 0.05
+"""Threshold of |command - pressure|, divided by its largest value [1].
+
+The initial guess uses an interval only if its value exceeds this threshold. The fit itself uses
+all readings.
 """
 
 
 @dataclass(frozen=True)
 class StepResponse:
-    """Recorded response to steps of the commanded pressure up and down."""
+    """Record of the pressure while the commanded pressure steps up and down."""
 
     times: Array
     """Times of the readings [s], shape (readings,), increasing."""
     commands: Array
-    """Commanded pressure from each reading to the next [Pa], shape (readings,)."""
+    """Commanded pressure between each reading and the next one [Pa], shape (readings,)."""
     pressures: Array
     """Measured pressure in the chamber [Pa], shape (readings,)."""
 
     def __post_init__(self) -> None:
-        """Raise ValueError for a record that does not determine the time constants."""
+        """Raise ValueError for arrays with other shapes, too few readings or invalid values."""
         columns = (self.times, self.commands, self.pressures)
         if len({column.shape for column in columns}) != 1 or self.times.ndim != 1:
             raise ValueError('times, commands and pressures must have the same shape, (readings,)')
@@ -52,16 +55,16 @@ class StepResponse:
 
 @dataclass(frozen=True)
 class PneumaticFit:
-    """Least-squares time constants of a step response."""
+    """Time constants of an actuator, fitted to a step response by least squares."""
 
     filling_time: float
     """Time constant of rising pressure [s]."""
     venting_time: float
     """Time constant of falling pressure [s]."""
     filling_deviation: float
-    """Standard deviation of the filling time [s], from the residuals."""
+    """Standard deviation of the filling time [s], estimated from the residuals."""
     venting_deviation: float
-    """Standard deviation of the venting time [s]."""
+    """Standard deviation of the venting time [s], estimated from the residuals."""
     residual: float
     """Root mean square of the residuals [Pa]."""
 
@@ -69,9 +72,10 @@ class PneumaticFit:
 def fit_step_response(response: StepResponse) -> PneumaticFit:
     """Estimate the time constants of filling and venting by least squares.
 
-    The initial guess is the integral of dp/dt = (u - p) / tau over all intervals of rising
-    pressure, tau_fill = sum (u - p) dt / sum dp, and over falling pressure for tau_vent. Raises
-    ValueError if the command is never above or never below the pressure.
+    The pressure p follows the command u as dp/dt = (u - p) / tau. The initial guess of the filling
+    time is tau = sum (u - p) dt / sum dp, summed over the intervals in which the pressure rises.
+    The initial guess of the venting time is the same sum over the intervals in which the pressure
+    falls. Raises ValueError if the pressure never rises or never falls towards the command.
 
     >>> times = np.linspace(0, 1, 201)
     >>> commands = np.where(times < 0.5, 1e5, 0.0)
@@ -105,10 +109,11 @@ def fit_step_response(response: StepResponse) -> PneumaticFit:
 def fit_torque(pressures: Array, torques: Array) -> tuple[float, float]:
     """Estimate the torque per pressure [N m/Pa] and the saturation torque [N m].
 
-    Both arrays contain steady readings of shape (readings,). The model clip(k p, -limit, limit) is
-    fitted by least squares. The returned limit is infinite unless it halves the residual of a
-    straight line; to determine it, read torques at larger pressures. Raises ValueError for fewer
-    than two readings and if all pressures are 0.
+    Both arrays contain readings of steady states, shape (readings,). The model clip(k p, -limit,
+    limit) is fitted by least squares. A straight line k p is returned with an infinite limit,
+    unless the limit at least halves the sum of squared residuals. If the limit is infinite, read
+    torques at larger pressures to determine it. Raises ValueError if the arrays have fewer than
+    two readings or if all pressures are 0.
     """
     order = np.argsort(np.abs(pressures))
     pressed, twisted = np.abs(pressures[order]), np.sign(pressures[order]) * torques[order]
@@ -116,7 +121,8 @@ def fit_torque(pressures: Array, torques: Array) -> tuple[float, float]:
         raise ValueError(
             'torques must be read at two pressures or more, one of them not 0; add readings'
         )
-    # For a given number of saturated readings, those at the largest pressures, the fit is linear.
+    # The saturated readings are those at the largest pressures. The fit is linear if their number
+    # is given, so that each possible number is tried.
     fits = [_split_fit(pressed, twisted, count) for count in range(1, len(pressed) + 1)]
     straight = fits[-1]
     best = min((fit for fit in fits if fit is not None), default=None)
@@ -141,7 +147,7 @@ def _split_fit(pressed: Array, twisted: Array, linear: int) -> tuple[float, floa
 
 
 def _time_constant(response: StepResponse, sign: int) -> float:
-    """Guess the time constant of rising (+1) or falling (-1) pressure [s]."""
+    """Return an initial guess of a time constant [s]: filling for sign +1, venting for -1."""
     middle = (response.pressures[1:] + response.pressures[:-1]) / 2
     driven = response.commands[:-1] - middle
     reach = sign * driven > _SHORTEST_STEP * np.abs(driven).max()

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Shared parts of the study programs: command line, progress line and exit status."""
+"""Functions that all study programs share: command line, parallel tasks and exit status."""
 
 from __future__ import annotations
 
@@ -30,10 +30,10 @@ _FAILURES = (ArithmeticError, ValueError, OSError, RuntimeError, subprocess.Subp
 
 
 class Registry(dict[str, Entry]):
-    """Entries by name; each module adds its own."""
+    """Entries by name. Each module of a package adds its own entries when it is imported."""
 
     def add(self, name: str) -> Callable[[Entry], Entry]:
-        """Return a decorator that adds an entry; it raises ValueError for a name in use."""
+        """Return a decorator that adds an entry. It raises ValueError if the name is in use."""
 
         def added(entry: Entry) -> Entry:
             if name in self:
@@ -45,7 +45,7 @@ class Registry(dict[str, Entry]):
 
 
 def import_modules(package: str) -> None:
-    """Import the modules of a package, except its program, so that they register themselves."""
+    """Import all modules of a package except `program`, so that they register their entries."""
     for module in pkgutil.iter_modules(importlib.import_module(package).__path__):
         if module.name != 'program':
             importlib.import_module(f'{package}.{module.name}')
@@ -67,10 +67,10 @@ def study_parser(
         name: Name of the subcommand and of its default output folder.
         description: Help text of the study.
         quick: Effect of `--quick`, for the help text.
-        output: Description of the default folder, if the study chooses it itself.
-        config: Name of the installed settings; by default the name of the study.
+        output: Description of the default output folder. An empty text means `out/<name>`.
+        config: Name of the installed settings file. An empty text means the name of the study.
         selective: Whether the study has the option `--only`.
-        scheduler: Whether a Dask cluster can run the study, by the option `--scheduler`.
+        scheduler: Whether the study has the option `--scheduler`, to run on a Dask cluster.
     """
     parser = PlainParser(
         prog=f'soliton-linkage {name}',
@@ -110,10 +110,10 @@ def run_study(
     study: Callable[[argparse.Namespace], str],
     left: str,
 ) -> int:
-    """Run a study and print the text that it returns; return the exit status.
+    """Run a study, print the text that the study returns, and return the exit status.
 
-    The status is 1 if the study fails, and 130 after Ctrl-C or SIGTERM. After an interruption the
-    program prints `left`, a description of the files that remain.
+    The exit status is 0 on success, 1 if the study fails, and 130 after Ctrl-C or SIGTERM. After
+    an interruption the program prints `left`, which describes the files that remain on disk.
     """
     complete(parser)
     options = parser.parse_args(arguments)
@@ -133,7 +133,10 @@ def run_study(
 
 
 def installed_settings(name: str) -> Path | None:
-    """Return the settings file of this name from the installation or the source tree, or None."""
+    """Return the path of the settings file of this name, or None if no such file exists.
+
+    The file is searched in the installation and in the source tree.
+    """
     for folder in Path(__file__).resolve().parents:
         for subfolder in ('share/soliton_linkage_studies/settings', 'config/studies'):
             path = folder / subfolder / f'{name}.yaml'
@@ -143,9 +146,10 @@ def installed_settings(name: str) -> Path | None:
 
 
 def select_names(known: Sequence[str], asked: Sequence[str], option: str = '--only') -> list[str]:
-    """Return the known names that an option selects, or all names if the option is empty.
+    """Return those of the known names that a command-line option selects.
 
-    The part of a name before its first _ suffices. Raises ValueError for an unknown name.
+    An empty option selects all names. The option can contain whole names, or only the characters
+    before the first _ of a name. Raises ValueError for an unknown name.
     """
     for name in asked:
         if not any(name in _aliases(one) for one in known):
@@ -157,9 +161,10 @@ def select_names(known: Sequence[str], asked: Sequence[str], option: str = '--on
 def run_parallel(
     title: str, tasks: Mapping[Key, Callable[[], Result]], workers: int
 ) -> dict[Key, Result]:
-    """Run tasks in parallel processes; return their results by key, in the order of the tasks.
+    """Run tasks in parallel processes and return their results by key.
 
-    Tasks start in this order and must be picklable.
+    The tasks start in the order of the mapping, and the results have the same order. The tasks
+    must be picklable.
     """
     progress = ProgressLine(title, len(tasks))
     begin = time.monotonic()

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Settings of studies, read from YAML; errors name the file, the key and the value."""
+"""Settings of studies, read from YAML files. Errors name the file, the key and the value."""
 
 from __future__ import annotations
 
@@ -26,35 +26,35 @@ _CHAIN_KEYS = (
 
 @dataclass(frozen=True)
 class Section:
-    """Section of a settings file; its methods raise ValueError for missing or invalid values."""
+    """Section of a settings file. Its methods raise ValueError for a missing or invalid value."""
 
     file: str
     """Path of the file, for error messages."""
     name: str
-    """Dotted path of keys to the section; empty for the whole file."""
+    """Keys from the top of the file to this section, joined by dots; '' for the whole file."""
     values: Mapping[str, object]
 
     def error(self, key: str, what: str) -> ValueError:
-        """Return an error that names the file, the key and its value, if any."""
+        """Return an error that names the file and the key, and the value if the key has one."""
         where = f'{self.file}: {self._full(key)}'
         value = f' = {self.values[key]!r}' if key in self.values else ''
         return ValueError(f'{where}{value} {what}')
 
     def check_keys(self, *keys: str) -> None:
-        """Raise ValueError for unknown keys, because they are typing errors."""
+        """Raise ValueError if the section has a key that is not listed: it is a typing error."""
         for key in self.values:
             if key not in keys:
                 raise self.error(key, f'is not known; known keys are {", ".join(keys)}')
 
     def section(self, key: str) -> Section:
-        """Return the section below a key."""
+        """Return the value of a key, which must be a section."""
         value = self._value(key, 'a section of keys')
         if not isinstance(value, Mapping):
             raise self.error(key, 'must be a section; indent its keys beneath it')
         return _section(self.file, self._full(key), value)
 
     def sections(self) -> dict[str, Section]:
-        """Return every value of the section as a section, by key."""
+        """Return all values by key, if every value is a section."""
         return {key: self.section(key) for key in self.values}
 
     def number(
@@ -88,7 +88,10 @@ class Section:
         return tuple(self._checked(key, value, minimum, maximum, wanted) for value in values)
 
     def text(self, key: str, choices: tuple[str, ...] = (), default: str | None = None) -> str:
-        """Return a text, one of the choices if any, or the default if the key is absent."""
+        """Return a text, or the default if the key is absent.
+
+        If `choices` is not empty, the text must be one of them.
+        """
         if default is not None and key not in self.values:
             return default
         wanted = f'one of {", ".join(choices)}' if choices else 'a text'
@@ -117,7 +120,7 @@ class Section:
 
 
 def load_settings(path: Path | str) -> Section:
-    """Read a YAML file; raises ValueError if it is unreadable or is not a mapping."""
+    """Read a YAML file. Raises ValueError if it cannot be read or contains no mapping of keys."""
     try:
         content = yaml.safe_load(Path(path).read_text(encoding='utf-8'))
     except (OSError, UnicodeDecodeError) as error:
@@ -134,10 +137,12 @@ def load_settings(path: Path | str) -> Section:
 
 
 def chain_from(section: Section) -> Chain:
-    """Return the chain of a section: r/a as `rotor_length_ratio`, other keys as in `Chain`.
+    """Return the chain that a section of a settings file describes.
 
-    The ratio, `rest_angle` [rad] and `number_of_rotors` are required. `spacing` [m], `mass`
-    [kg], `stiffness` [N/m] and `damping` [N m s/rad] are optional.
+    The key `rotor_length_ratio` is the rotor length r divided by the spacing a [1]. The other
+    keys have the names and units of the fields of `Chain`. `rotor_length_ratio`, `rest_angle`
+    [rad] and `number_of_rotors` are required. `spacing` [m], `mass` [kg], `stiffness` [N/m] and
+    `damping` [N m s/rad] are optional.
     """
     section.check_keys(*_CHAIN_KEYS)
     limits = {

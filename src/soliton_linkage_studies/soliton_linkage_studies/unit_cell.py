@@ -6,15 +6,18 @@ In staggered angles the bar has its rest length if
     cos(theta_1 + theta_2) - cos(2 theta_bar) + (a / r) (sin(theta_2) - sin(theta_1)) = 0
 
 (paper, eq. flip_discrete with the opposite sign of a / r). With the mean s = (theta_1 + theta_2) /
-2 and the half difference delta = (theta_2 - theta_1) / 2 it becomes
+2 and the half difference delta = (theta_2 - theta_1) / 2, the condition becomes
 
-    sin(delta) = (r / a) (cos(theta_bar)^2 / cos(s) - cos(s)),
+    sin(delta) = (r / a) (cos(theta_bar)^2 / cos(s) - cos(s)).
 
-Two symmetries map configurations to configurations: s -> -s, which is (theta_1, theta_2) ->
-(-theta_2, -theta_1), and delta -> pi - delta, which is (theta_2 - pi, theta_1 + pi). For d > d_c,
-which is equivalent to lbar < 2 r - a and to r sin(theta_bar)^2 > a, s = 0 is impossible. The
-configurations with s > 0 and s < 0 are then two separate components, and the cell is a spinner
-(paper, 'Phase diagram', fig. 4). Deviations of single rotors and springs are ignored.
+Two symmetries map a solution to another solution. The symmetry s -> -s maps (theta_1, theta_2) to
+(-theta_2, -theta_1). The symmetry delta -> pi - delta maps (theta_1, theta_2) to
+(theta_2 - pi, theta_1 + pi).
+
+For d > d_c no solution has s = 0. The condition d > d_c is equivalent to lbar < 2 r - a and to
+r sin(theta_bar)^2 > a. The solutions with s > 0 and with s < 0 are then two separate components,
+and the cell is a spinner (paper, 'Phase diagram', fig. 4). This module ignores the deviations of
+single rotors and springs from the uniform chain.
 """
 
 from __future__ import annotations
@@ -32,23 +35,31 @@ from soliton_linkage.linkage.chain import Array, Chain, Motion
 Integers = NDArray[np.int64]
 
 _ARC_TOLERANCE = 1e-12
-"""Relative and absolute [rad] tolerance along a curve, near the rounding error for curves near
-d_c."""
+"""Relative and absolute [rad] tolerance of the integration along a curve.
+
+For chains near d_c it is close to the rounding error.
+"""
 _CLOSED = 1e-6
-"""Largest distance between the ends of a closed curve [turns]."""
+"""Threshold of the distance between both ends of a curve: a curve counts as closed if its ends are
+nearer [turns]."""
 
 
 def partner_angles(chain: Chain, theta_1: ArrayLike) -> Array:
-    """Return both solutions theta_2 [rad] for each theta_1, shape (..., 2); NaN if none exists.
+    """Return both solutions theta_2 [rad] for each theta_1 [rad], shape (..., 2).
 
-    The condition p cos(theta_2) + q sin(theta_2) = g, with p = r cos(theta_1),
-    q = a - r sin(theta_1) and g = r cos(2 theta_bar) + a sin(theta_1), has the solutions
-    atan2(q, p) -+ atan2(sqrt(p^2 + q^2 - g^2), g). The radicand is evaluated as a product,
+    Both are NaN where no solution exists. The condition that the bar has its rest length is
+
+        p cos(theta_2) + q sin(theta_2) = g
+
+    with p = r cos(theta_1), q = a - r sin(theta_1) and g = r cos(2 theta_bar) + a sin(theta_1).
+    Its solutions are atan2(q, p) -+ atan2(sqrt(p^2 + q^2 - g^2), g). The radicand is evaluated as
+    the product
 
         p^2 + q^2 - g^2 = (lbar - 2 r cos(theta_bar)^2 - a sin(theta_1))
-                          (lbar + 2 r cos(theta_bar)^2 + a sin(theta_1)),
+                          (lbar + 2 r cos(theta_bar)^2 + a sin(theta_1)).
 
-    whose first factor is computed from its value at theta_1 = pi / 2; this value is 0 at d_c.
+    The first factor is 0 at d_c and theta_1 = pi / 2. To avoid cancellation there, it is computed
+    as its value at theta_1 = pi / 2 plus the difference from this value.
     """
     factor, partners = _partners(chain, np.asarray(theta_1, dtype=np.float64))
     return np.where(factor[..., None] >= 0, partners, np.nan)
@@ -57,12 +68,14 @@ def partner_angles(chain: Chain, theta_1: ArrayLike) -> Array:
 def configuration_curves(chain: Chain, points: int = 400) -> tuple[Array, ...]:
     """Return the components of the cell's configuration space as closed curves on the torus.
 
-    Each curve has shape (points + 1, 2). It contains continuous staggered angles (theta_1,
-    theta_2) [rad] in equal steps of arc length, and its last configuration equals the first. A
-    flipper has one contractible curve, which begins at s = 0 and passes through the right-leaning
-    states and then the left-leaning states. A spinner has two curves, the first with sin(theta_1 +
-    theta_2) > 0. Along each of them, theta_1 increases and theta_2 decreases by a turn, so that
-    both angles phi increase by a turn.
+    Each curve has shape (points + 1, 2). It contains the continuous staggered angles (theta_1,
+    theta_2) [rad] in equal steps of arc length. The last configuration equals the first.
+
+    A flipper has one contractible curve. It begins at s = 0, passes through the right-leaning
+    states and then through the left-leaning states. A spinner has two curves. On the first curve
+    sin(theta_1 + theta_2) is positive, on the second it is negative. Along each curve of a spinner
+    theta_1 increases by a turn and theta_2 decreases by a turn, so that both angles phi increase
+    by a turn.
     """
     arc = _Arc(chain)
     pieces = 2 if chain.motion is Motion.SPINNER else 4
@@ -78,10 +91,11 @@ def configuration_curves(chain: Chain, points: int = 400) -> tuple[Array, ...]:
 
 
 def windings(curve: ArrayLike) -> tuple[int, int]:
-    """Return the winding numbers of theta_1 and theta_2 along a closed curve, (K, 2) [rad].
+    """Return the winding numbers of theta_1 and theta_2 along a closed curve.
 
-    They are (0, 0) for a flipper, whose curve is contractible, and (1, -1) for both curves of
-    a spinner. Raises ValueError for a curve that does not close.
+    The curve contains angles [rad], shape (K, 2). The winding numbers are (0, 0) for the curve of
+    a flipper, which is contractible. They are (1, -1) for both curves of a spinner. Raises
+    ValueError for a curve that is not closed.
     """
     followed = np.asarray(curve, dtype=np.float64)
     turns = (followed[-1] - followed[0]) / (2 * np.pi)
@@ -97,18 +111,19 @@ def windings(curve: ArrayLike) -> tuple[int, int]:
 def ground_states(chain: Chain) -> Array:
     """Return the staggered angles (theta, theta) of the four uniform states [rad], shape (4, 2).
 
-    theta_bar leans right and -theta_bar leans left; pi - theta_bar and pi + theta_bar are the
-    same states upside down.
+    The state theta_bar leans right and the state -theta_bar leans left. The states
+    pi - theta_bar and pi + theta_bar are these two states upside down.
     """
     angle = chain.rest_angle
     return np.repeat([angle, -angle, math.pi - angle, math.pi + angle], 2).reshape(4, 2)
 
 
 def component_of(chain: Chain, configurations: ArrayLike) -> Integers:
-    """Return the index in `configuration_curves` of each configuration, (..., 2) to (...).
+    """Return the index of the curve in `configuration_curves` on which each configuration lies.
 
-    The index is 0 for a flipper. For a spinner it is 0 if sin(theta_1 + theta_2) is positive, as
-    in the uniform states theta_bar and pi + theta_bar, and 1 if it is negative.
+    The configurations have shape (..., 2), the indices shape (...). The index is 0 for a flipper.
+    For a spinner the index is 0 if sin(theta_1 + theta_2) is positive, as in the uniform states
+    theta_bar and pi + theta_bar. Otherwise the index is 1.
     """
     given = np.asarray(configurations, dtype=np.float64)
     if chain.motion is not Motion.SPINNER:
@@ -117,10 +132,10 @@ def component_of(chain: Chain, configurations: ArrayLike) -> Integers:
 
 
 def motion_of(ratios: ArrayLike, rest_angles: ArrayLike) -> Integers:
-    """Return the class of motion for r / a and theta_bar [rad], broadcast together.
+    """Return the motion class for length ratios r / a [1] and rest angles theta_bar [rad].
 
-    The number is the index in `tuple(Motion)`: 0 flipper, 1 wobbling flipper, 2 spinner; it
-    grows with r / a.
+    The two arrays are broadcast together. The class is an index into `tuple(Motion)`: 0 is a
+    flipper, 1 a wobbling flipper and 2 a spinner. It increases with r / a.
     """
     sine = np.sin(np.asarray(rest_angles))
     lean_ratio = 2 * np.asarray(ratios) * sine
@@ -128,20 +143,27 @@ def motion_of(ratios: ArrayLike, rest_angles: ArrayLike) -> Integers:
 
 
 def flipper_limit(rest_angles: ArrayLike) -> Array:
-    """Return r / a above which flippers wobble (d = 1): 1 / (2 sin(theta_bar)), shape (...)."""
+    """Return the ratio r / a at d = 1, 1 / (2 sin(theta_bar)) [1]; larger ratios wobble.
+
+    The rest angles theta_bar [rad] and the result have shape (...).
+    """
     return np.asarray(0.5 / np.sin(np.asarray(rest_angles)))
 
 
 def spinner_limit(rest_angles: ArrayLike) -> Array:
-    """Return r / a above which rotors spin (d = d_c): 1 / sin(theta_bar)^2, shape (...)."""
+    """Return the ratio r / a at d = d_c, 1 / sin(theta_bar)^2 [1]; larger ratios are spinners.
+
+    The rest angles theta_bar [rad] and the result have shape (...).
+    """
     return np.asarray(1 / np.sin(np.asarray(rest_angles)) ** 2)
 
 
 class _Arc:
-    """Piece of a curve with s >= 0 and |delta| <= pi / 2; the other pieces are mirror images.
+    """Piece of a configuration curve with s >= 0 and |delta| <= pi / 2.
 
-    On this piece s and delta grow together, so that |dtheta_1 / dtheta_2| <= 1. Therefore theta_2
-    is a regular coordinate without folds at any r / a, even near d_c.
+    The other pieces of the curve are mirror images of this piece. On it s and delta increase
+    together, so that |dtheta_1 / dtheta_2| <= 1. Therefore theta_2 is a coordinate without folds
+    at any r / a, even near d_c.
     """
 
     def __init__(self, chain: Chain) -> None:
@@ -170,7 +192,10 @@ class _Arc:
         return -_partners(self._chain, -theta_2)[1][..., 0]
 
     def _rate(self, theta_2: Array) -> Array:
-        """Return dtheta_2 / ds = 1 / sqrt(1 + (dtheta_1 / dtheta_2)^2)."""
+        """Return the derivative of theta_2 with respect to the arc length of the curve [1].
+
+        It is 1 / sqrt(1 + (dtheta_1 / dtheta_2)^2).
+        """
         chain = self._chain
         theta_2 = np.clip(theta_2, *self._ends)
         theta_1 = self._theta_1(theta_2)
@@ -195,9 +220,10 @@ def _solved(rate: Callable[..., Array], span: tuple[float, float], start: float)
 
 
 def _partners(chain: Chain, theta_1: Array) -> tuple[Array, Array]:
-    """Return the first factor of the radicand [m] and both theta_2 [rad], shape (..., 2).
+    """Return the first factor of the radicand in `partner_angles`, and both solutions theta_2.
 
-    A negative factor is replaced by 0 in theta_2.
+    The factor [m] has the shape of theta_1 [rad]. The solutions [rad] have shape (..., 2). They
+    are computed with 0 instead of the factor where the factor is negative.
     """
     r, a, lbar = chain.rotor_length, chain.spacing, chain.rest_length
     sine, cosine = np.sin(theta_1), np.cos(theta_1)
@@ -211,7 +237,10 @@ def _partners(chain: Chain, theta_1: Array) -> tuple[Array, Array]:
 
 
 def _excess(chain: Chain) -> float:
-    """Return r sin(theta_bar)^2 - a [m], positive for spinners and negative for flippers."""
+    """Return r sin(theta_bar)^2 - a [m]. It is positive for spinners and negative for flippers.
+
+    A rounding error that would give the wrong sign is replaced by 0.
+    """
     excess = chain.rotor_length * math.sin(chain.rest_angle) ** 2 - chain.spacing
     spinner = chain.motion is Motion.SPINNER
     return max(excess, 0.0) if spinner else min(excess, 0.0)

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Worker processes on this machine, or the workers of a Dask cluster."""
+"""Parallel tasks in processes on this machine or on the workers of a Dask cluster."""
 
 from __future__ import annotations
 
@@ -25,14 +25,20 @@ from typing import Any, Protocol, cast
 
 _ONE_THREAD = dict.fromkeys(('OMP_NUM_THREADS', 'OPENBLAS_NUM_THREADS', 'MKL_NUM_THREADS'), '1')
 _MAXIMUM_COUNT = 1000
-"""Largest number of processes; a larger number is a typing error [1]."""
+"""Largest number of processes [1]. A larger number is rejected as a typing error."""
 _INTERRUPTS = (signal.SIGINT, signal.SIGTERM)
 _CHUNK_DURATION = 1.0
-"""Duration of a chunk of rows [s]; at an interruption a worker loses one chunk."""
+"""Duration of a chunk, the rows that a worker measures in one task [s].
+
+After an interruption each worker loses the results of one chunk.
+"""
 _CHUNK_GROWTH = 4
-"""Largest ratio of successive chunk sizes [1], because the first rows may be unusually fast."""
+"""Largest ratio of the sizes of two successive chunks [1].
+
+The ratio is limited because the first rows may be unusually fast.
+"""
 _CHUNKS_PER_WORKER = 2
-"""Number of chunks queued for each worker [1]: one is measured while the next one waits."""
+"""Number of submitted chunks per worker [1]: one is measured while the next one waits."""
 
 Chunk = tuple[list[list[str]], list[int], float]
 
@@ -41,7 +47,7 @@ class Rows(Protocol):
     """A table whose rows are measured one by one."""
 
     def cells(self, row: int) -> list[str]:
-        """Measure a row."""
+        """Measure a row and return its cells."""
 
 
 class Pool(Protocol):
@@ -52,20 +58,25 @@ class Pool(Protocol):
         """Number of workers."""
 
     def submit(self, task: Callable[..., Any], /, *arguments: Any) -> Any:
-        """Queue a task; return the future of its result."""
+        """Queue a task and return the future of its result."""
 
     def finished(self) -> Iterator[Any]:
-        """Yield futures as tasks finish, including tasks that are submitted meanwhile."""
+        """Yield the future of each task when the task finishes.
+
+        This includes tasks that are submitted during the iteration.
+        """
 
 
 class Processes:
-    """Processes on this machine; use `local_processes` to create them.
+    """Worker processes on this machine. The function `local_processes` creates them.
 
-    Each process has its own pipe. No thread or lock is shared with the parent, so that the parent
-    can be interrupted and a process can be killed at any time. Alternatives were tested with
-    results of 200 kB. After Ctrl-C, `ProcessPoolExecutor` and loky 3.7 did not end within 60 s.
-    `distributed.LocalCluster` 2026.8 ended after 13 s with 5 tracebacks, and its start took 3.2 s
-    instead of 0.25 s.
+    Each process has its own pipe to the parent process. The processes share no thread and no lock
+    with the parent. Therefore the parent can be interrupted and a process can be killed at any
+    time.
+
+    Alternatives were tested with results of 200 kB. After Ctrl-C, `ProcessPoolExecutor` and loky
+    3.7 did not end within 60 s. `distributed.LocalCluster` 2026.8 ended after 13 s with 5
+    tracebacks. Its start took 3.2 s, whereas the start of this class takes 0.25 s.
     """
 
     def __init__(self) -> None:
@@ -82,8 +93,8 @@ class Processes:
     def start(self, count: int) -> None:
         """Start single-threaded processes."""
         context = multiprocessing.get_context('spawn')
-        # Otherwise the resource tracker would start with the first process, and would receive
-        # Ctrl-C.
+        # Start the resource tracker here. Otherwise it would start together with the first
+        # process, and Ctrl-C would then end the tracker.
         resource_tracker.ensure_running()
         with defer_interrupts(), _environment(_ONE_THREAD):
             for _ in range(count):
@@ -95,16 +106,17 @@ class Processes:
         self._idle = list(self._processes)
 
     def submit(self, task: Callable[..., Any], /, *arguments: Any) -> Future[Any]:
-        """Queue a task; raises ChildProcessError if a process has ended."""
+        """Queue a task. Raises ChildProcessError if a process has ended unexpectedly."""
         future: Future[Any] = Future()
         self._waiting.append((future, task, arguments))
         self._assign()
         return future
 
     def finished(self) -> Iterator[Future[Any]]:
-        """Yield futures as tasks finish, including tasks that are submitted meanwhile.
+        """Yield the future of each task when the task finishes.
 
-        Raises ChildProcessError if a process has ended.
+        This includes tasks that are submitted during the iteration. Raises ChildProcessError if a
+        process has ended unexpectedly.
         """
         while self._busy:
             connection = cast(Connection, wait(list(self._busy))[0])
@@ -123,7 +135,7 @@ class Processes:
             yield future
 
     def end(self, kill: bool = False) -> None:
-        """End the processes after their current tasks, or kill them."""
+        """End the processes after their current tasks, or at once if `kill` is true."""
         for process in self._processes.values() if kill else ():
             process.kill()
         for connection, process in self._processes.items():
@@ -154,7 +166,7 @@ class Processes:
 
 
 def process_count(text: str) -> int:
-    """Parse a number of processes; raises ArgumentTypeError for any other text."""
+    """Parse a number of processes. Raises ArgumentTypeError if the text is no such number."""
     count = int(text) if text.isdecimal() and text.isascii() else 0
     if not 1 <= count <= _MAXIMUM_COUNT:
         raise argparse.ArgumentTypeError(
@@ -165,10 +177,10 @@ def process_count(text: str) -> int:
 
 @contextmanager
 def local_processes(count: int) -> Iterator[Processes]:
-    """Start single-threaded processes.
+    """Start single-threaded processes for the duration of a `with` block.
 
-    At the end of the `with` block the processes finish all tasks. If the block fails or the
-    parent is killed, they end at once. Only the parent receives Ctrl-C.
+    At the end of the block the processes finish all tasks and end. If the block raises or the
+    parent process is killed, the processes end at once. Only the parent receives Ctrl-C.
     """
     processes = Processes()
     try:
@@ -185,10 +197,10 @@ def local_processes(count: int) -> Iterator[Processes]:
 
 @contextmanager
 def cluster(address: str, timeout: float = 10.0) -> Iterator[Pool]:
-    """Connect to a running Dask cluster, by the address of its scheduler.
+    """Connect to the running Dask cluster whose scheduler has the given address.
 
-    Raises ValueError if `distributed` is not installed, if the scheduler does not answer within
-    the timeout [s], or if it has no worker.
+    Raises ValueError if the package `distributed` is not installed, if the scheduler does not
+    answer within the timeout [s], or if the scheduler has no worker.
     """
     try:
         distributed: Any = importlib.import_module('distributed')
@@ -227,7 +239,10 @@ class _Cluster:
 
 
 def measure_rows(pool: Pool, table: Rows, rows: Sequence[int]) -> Iterator[list[list[str]]]:
-    """Yield the cells of rows of a table in chunks of about a second, in order of completion."""
+    """Measure rows of a table in parallel and yield the cells of one chunk of rows at a time.
+
+    A chunk takes about a second. Chunks are yielded in the order in which they are completed.
+    """
     waiting = deque(rows)
     finished = pool.finished()
     running, size = 0, 1
@@ -247,9 +262,9 @@ def measure_rows(pool: Pool, table: Rows, rows: Sequence[int]) -> Iterator[list[
 
 
 def measure_chunk(table: Rows, rows: list[int]) -> Chunk:
-    """Measure at least one row, and more for about a second.
+    """Measure rows until about a second has passed, but at least one row.
 
-    Returns the cells of the measured rows, the rows that remain, and the duration [s].
+    Returns the cells of the measured rows, the rows that were not measured, and the duration [s].
     """
     begin = time.perf_counter()
     cells: list[list[str]] = []
@@ -262,9 +277,13 @@ def measure_chunk(table: Rows, rows: list[int]) -> Chunk:
 
 @contextmanager
 def defer_interrupts() -> Iterator[None]:
-    """Defer SIGINT and SIGTERM; processes that start meanwhile block SIGINT permanently."""
+    """Defer SIGINT and SIGTERM to the end of a `with` block.
+
+    Processes that start in the block ignore SIGINT for their whole life.
+    """
     received: list[int] = []
-    # Blocking the signal alone is not sufficient, because another thread can receive it.
+    # To block the signals in this thread is not sufficient, because another thread can receive
+    # them.
     handlers = [
         signal.signal(number, lambda *call: received.append(call[0])) for number in _INTERRUPTS
     ]
@@ -293,14 +312,14 @@ def _environment(values: dict[str, str]) -> Iterator[None]:
 
 
 class _RemoteError(Exception):
-    """Traceback of another process, as text."""
+    """Exception that carries the traceback of another process as text."""
 
     def __str__(self) -> str:
         return f'\n{self.args[0]}'
 
 
 def _work(connection: Connection) -> None:
-    """Run tasks until the parent closes the pipe; end at once if the parent ends."""
+    """Run tasks until the parent closes the pipe. If the parent process ends, end at once."""
     threading.Thread(target=_end_with_parent, daemon=True).start()
     with suppress(EOFError, ConnectionError):
         while True:
@@ -308,7 +327,7 @@ def _work(connection: Connection) -> None:
 
 
 def _run(order: bytes) -> tuple[Any, Exception | None, str]:
-    """Return the result of a pickled task, or its error and traceback."""
+    """Run a pickled task. Return its result, or its error and the traceback as text."""
     try:
         task, arguments = pickle.loads(order)
         return task(*arguments), None, ''

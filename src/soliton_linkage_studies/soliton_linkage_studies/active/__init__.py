@@ -1,2 +1,2 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Walls in chains whose motors break reciprocity."""
+"""Study of walls in chains whose motors couple neighbouring rotors non-reciprocally."""

@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Move walls by motors that break reciprocity, and compare them with their theory on one page.
+"""Move walls by motors that break reciprocity; compare them with the theory on one page.
 
-Write the page as PNG and PDF, its data as CSV, and a table as Markdown.
+The study writes the page as PNG and PDF, the drawn data as CSV, and a table as Markdown.
 """
 
 from __future__ import annotations
@@ -81,28 +81,28 @@ _VELOCITY = 'velocity [rotors/s]'
 _TIME = 'time [s]'
 _SITE = 'site [rotor spacings]'
 _FRAMES = 600
-"""Number of frames of each run [1]."""
+"""Number of frames of each simulation [1]."""
 _LONGEST = 60.0
-"""Longest duration of a run [s], for walls that are pinned."""
+"""Longest duration of a simulation [s]. It ends simulations of walls that are pinned."""
 
 
 @dataclass(frozen=True)
 class ActiveStudy:
-    """Chains and values of a settings file."""
+    """Chains and parameter values that a settings file specifies."""
 
     chains: dict[str, Chain]
     ratios: tuple[float, ...]
-    """κ / c of the velocities [1/s]."""
+    """Ratios κ / c at which the terminal velocity is measured [1/s]."""
     decay: float
-    """Decay rate c / (M r^2) [1/s]."""
+    """Decay rate c / (M r^2) of the rotor velocities in all panels except d [1/s]."""
     diagram_ratios: tuple[float, ...]
     diagram_decays: tuple[float, ...]
     pair_ratio: float
-    """κ / c of pairs, powers and the kink against the motors [1/s]."""
+    """Ratio κ / c in panels b, c, e and f [1/s]."""
 
     @staticmethod
     def read(settings: Section, quick: bool) -> ActiveStudy:
-        """Read settings; raise ValueError for invalid ones."""
+        """Read the settings. Raises ValueError if they are invalid."""
         settings.check_keys('chains', 'ratios', 'decay', 'diagram', 'pair_ratio')
         chains = {
             name: chain_from(one) for name, one in settings.section('chains').sections().items()
@@ -121,7 +121,10 @@ class ActiveStudy:
 
     @property
     def drives(self) -> dict[tuple[str, int], WallDrive]:
-        """Drive of each wall by chain and charge, without anti-kinks that have no stable path."""
+        """Effect of the motors on each wall, by the name of the chain and the charge of the wall.
+
+        Anti-kinks without a path of stable states are omitted.
+        """
         found = {}
         for name, chain in self.chains.items():
             for charge in (1, -1):
@@ -134,7 +137,7 @@ class ActiveStudy:
     def tasks(
         self, drives: Mapping[tuple[str, int], WallDrive]
     ) -> dict[tuple[Any, ...], ActiveTask]:
-        """Return all tasks by panel and values."""
+        """Return all tasks. A key consists of the panel name and the parameter values."""
         tasks: dict[tuple[Any, ...], ActiveTask] = {}
         for (name, charge), drive in drives.items():
             for ratio in self.ratios:
@@ -175,7 +178,7 @@ def page(
     tasks: Mapping[tuple[Any, ...], ActiveTask],
     runs: Mapping[tuple[Any, ...], ActiveRun],
 ) -> FigureReport:
-    """Return the page with its data and comparisons."""
+    """Return the page with its data and the comparisons for the table."""
     report = FigureReport(Figure(figsize=(11.0, 10.5), layout='constrained'), _CAPTION)
     panels = report.figure.subplot_mosaic('ad;bc;ef')
     _draw_velocities(report, panels['a'], drives, tasks, runs)
@@ -314,7 +317,7 @@ def _draw_power(
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Draw the page of a settings file; return 1 on failure, 130 on Ctrl-C."""
+    """Run the command `active` and return its exit status: 1 on failure, 130 after Ctrl-C."""
     parser = study_parser('active', __doc__, 'fewer runs')
     return run_study(parser, arguments, _active, 'no new files are written')
 

@@ -1,18 +1,19 @@
 # SPDX-License-Identifier: Apache-2.0
 """Theory and simulations of walls in chains with non-reciprocal coupling.
 
-A wall at the site x moves along its orbit q(x) of the coordinates of `Chain.signs`, with
-t = dq/dx. In equilibrium the motors provide the power that linear damping c dissipates,
+A chain with a wall at the site x has the configuration q(x), in the coordinates that `Chain.signs`
+defines. When the wall moves, the chain follows this orbit with the tangent t = dq/dx. At the
+terminal velocity the power of the motors equals the power that the linear damping c dissipates:
 
     kappa x_dot g(x) = c x_dot^2 sum_n t_n^2,    g = sum_n (q_n - q_{n+1}) (t_n + t_{n+1}).
 
-The sum of the squares is the same at all sites, so that the terminal velocity is
+The sum of the squares is the same at all sites x. Therefore the terminal velocity is
 
     v = (kappa / c) <g> / sum_n t_n^2,
 
-with the mean of g over two rotors. For wide walls the ratio of the two sums tends to 2. The sign
-of the charge cancels. An anti-kink has an elastic energy V(x) and is pinned if kappa g < dV/dx at
-a site.
+where <g> is the mean of g over two rotor spacings. For wide walls <g> / sum_n t_n^2 tends to 2. It
+has the same sign for kinks and anti-kinks. The elastic energy V(x) of an anti-kink depends on its
+site. The anti-kink is pinned if kappa g < dV/dx at any site.
 """
 
 from __future__ import annotations
@@ -32,32 +33,45 @@ from soliton_linkage.solitons.anti_kink import anti_kink_path, continuum_anti_ki
 from soliton_linkage.solitons.static_wall import static_wall
 
 _SAMPLES = 65
-"""Samples of the orbit over two rotors [1]: splines through them are accurate to 1e-6."""
+"""Number of samples of the orbit over two rotor spacings [1].
+
+Splines through these samples have a relative error of 1e-6.
+"""
 _FROM_END = 8
-"""Number of rotors near each end that a measured velocity excludes [1]."""
+"""Number of rotors at each end in which the velocity of a wall is not measured [1]."""
 _STARTUP = 4.0
-"""Initial time that a measured velocity excludes, in decay times M r^2 / c of the rates [1]."""
+"""Initial time in which the velocity of a wall is not measured, in decay times M r^2 / c [1]."""
 _PIECES = 8
-"""Number of pieces of a track whose slopes give the standard error of a velocity [1]."""
+"""Number of pieces into which a track is divided [1].
+
+The standard error of the velocity is estimated from the slopes of the pieces.
+"""
 _TOLERANCE = 1e-11
-"""Integration error per step [rad]: the energy balance of a run then closes to 1e-6."""
+"""Integration error of an angle per step [rad].
+
+With this tolerance the relative error of the energy balance is 1e-6.
+"""
 
 
 @dataclass(frozen=True)
 class WallDrive:
-    """Effect of motors on a wall, computed along its orbit."""
+    """Effect of the motors on a wall, computed along the orbit of the wall."""
 
     ratio: float
     """Terminal velocity divided by kappa / c [rotor spacings]."""
     pinning: float
-    """Non-reciprocity below which a resting wall is pinned [N m/rad]; 0 for kinks."""
+    """Threshold of the non-reciprocity [N m/rad]: a resting wall is pinned if kappa is smaller.
+
+    The threshold is 0 for kinks, which are never pinned.
+    """
 
 
 def wall_drive(chain: Chain, charge: int) -> WallDrive:
-    """Return the effect of motors on a kink (+1) or an anti-kink (-1).
+    """Return the effect of the motors on a kink (charge +1) or an anti-kink (charge -1).
 
-    The chain must be so long that the tails of a wall in its middle have decayed at the ends.
-    Raises ArithmeticError for an anti-kink without a path of stable states.
+    The wall is in the middle of the chain. The chain must be so long that the tails of the wall
+    have decayed at both ends. Raises ArithmeticError for an anti-kink without a path of stable
+    states.
     """
     begin = chain.number_of_rotors / 2 - 1
     if charge > 0:
@@ -76,24 +90,32 @@ def wall_drive(chain: Chain, charge: int) -> WallDrive:
 
 
 def stability_limit(chain: Chain) -> float:
-    """Return kappa / c [1/s] above which waves grow in a uniform chain.
+    """Return the largest ratio kappa / c [1/s] at which all waves in a uniform chain decay.
 
-    A wave of wave number k obeys I lambda^2 + c lambda + I omega(k)^2 + 2 i kappa sin(k) = 0 and
-    decays if 2 kappa abs(sin(k)) < c omega(k). The limit is the smallest omega / (2 sin(k)).
+    A wave exp(lambda t) of wave number k per rotor obeys
+
+        I lambda^2 + c lambda + I omega(k)^2 + 2 i kappa sin(k) = 0
+
+    with the moment of inertia I. The wave decays if 2 kappa abs(sin(k)) < c omega(k). The limit is
+    the smallest value of omega(k) / (2 sin(k)).
     """
     waves = np.linspace(1e-3, math.pi - 1e-3, 2000)
     return float((dispersion(chain, waves / chain.spacing) / (2 * np.sin(waves))).min())
 
 
 def coordinates(chain: Chain, angles: Array) -> Array:
-    """Return the coordinates of `Chain.signs` [rad], shape (..., N)."""
+    """Return the coordinates q that `Chain.signs` defines [rad], shape (..., N).
+
+    They are phi where the sign is 1, and pi - phi where the sign is -1.
+    """
     return np.asarray(chain.signs * angles + (1 - chain.signs) * math.pi / 2)
 
 
 def wall_sites(chain: Chain, angles: Array) -> list[tuple[float, int]]:
-    """Return site [rotor spacings] and charge of each zero of the displacement, in order.
+    """Return the site [rotor spacings] and the charge of each wall, in the order of sites.
 
-    Edge rotors are excluded, because each has two rest angles.
+    A wall is a zero of the displacement u. Edge rotors are excluded, because each of them has two
+    rest angles.
     """
     u = displacement(chain, angles)[1:-1]
     left = np.flatnonzero(np.signbit(u[1:]) != np.signbit(u[:-1]))
@@ -103,11 +125,11 @@ def wall_sites(chain: Chain, angles: Array) -> list[tuple[float, int]]:
 
 @dataclass(frozen=True)
 class ActiveRun:
-    """Motion of a chain with motors and the track of one wall."""
+    """Motion of a chain with motors in T frames, and the track of one wall."""
 
     recording: Recording
     sites: Array
-    """Site of the tracked wall [rotor spacings], NaN after it has vanished, shape (T,)."""
+    """Site of the tracked wall [rotor spacings], shape (T,). NaN after the wall has vanished."""
     injected: Array
     """Power of the motors [W], shape (T,)."""
     dissipated: Array
@@ -115,25 +137,32 @@ class ActiveRun:
     walls: int
     """Number of walls in the last frame."""
     imbalance: float
-    """Error of the energy balance with motors and damping, relative to the largest energy [1]."""
+    """Error of the energy balance, divided by the largest energy [1].
+
+    The balance includes the work of the motors and the dissipation by damping.
+    """
 
 
 @dataclass(frozen=True)
 class ActiveTask:
-    """Task to simulate a chain with motors from a state."""
+    """Task to simulate a chain with motors and to track the first wall of a given charge."""
 
     chain: Chain
     angles: Array
+    """Initial angles [rad], shape (N,)."""
     rates: Array
+    """Initial angular velocities [rad/s], shape (N,)."""
     duration: float
-    """[s]."""
+    """Duration of the simulation [s]."""
     period: float
-    """[s]."""
+    """Frame period [s]."""
     charge: int
-    """Charge of the tracked wall, the first wall of this charge."""
+    """Charge of the tracked wall: +1 for a kink, -1 for an anti-kink."""
     fixed: bool = False
-    """Whether the end rotors are fixed; otherwise kinks may enter at an end that leans away from a
-    wall."""
+    """Whether both end rotors are fixed.
+
+    If they are free, a kink may enter the chain at an end that leans away from the wall.
+    """
 
     def __call__(self) -> ActiveRun:
         """Run the simulation and track the wall."""
@@ -160,9 +189,10 @@ class ActiveTask:
 
 
 def follow_charge(found: Sequence[Sequence[tuple[float, int]]], charge: int) -> Array:
-    """Return the site of the first wall of a charge in each frame, NaN after it has vanished.
+    """Track the first wall of a charge, and return its site in each frame [rotor spacings].
 
-    In the next frame, the same wall is the nearest wall of this charge within two rotors.
+    Of the walls of this charge in the next frame, the nearest one within two rotor spacings is the
+    same wall. After the wall has vanished, its site is NaN.
     """
     sites, last = np.full(len(found), math.nan), math.nan
     for frame, walls in enumerate(found):
@@ -177,9 +207,10 @@ def follow_charge(found: Sequence[Sequence[tuple[float, int]]], charge: int) -> 
 
 
 def terminal_velocity(task: ActiveTask, run: ActiveRun) -> tuple[float, float]:
-    """Return the velocity of the wall after its startup and its standard error [rotors/s].
+    """Return the terminal velocity of the wall and its standard error [rotor spacings/s].
 
-    Both are NaN if fewer than eight frames show the wall after the startup and far from the ends.
+    The velocity is measured after the startup time and far from the ends of the chain. Both values
+    are NaN if fewer than 16 frames meet these conditions.
     """
     decay = task.chain.moment_of_inertia / task.chain.damping
     last = task.chain.number_of_rotors - 1 - _FROM_END
@@ -196,7 +227,10 @@ def terminal_velocity(task: ActiveTask, run: ActiveRun) -> tuple[float, float]:
 
 
 def moving(chain: Chain, site: float, charge: int, velocity: float) -> tuple[Array, Array]:
-    """Return angles [rad] and rates [rad/s] of a wall with a velocity [rotors/s], (N,) each."""
+    """Return the angles [rad] and angular velocities [rad/s] of a chain with a moving wall.
+
+    Both have shape (N,). The velocity of the wall is in [rotor spacings/s].
+    """
     build = static_wall if charge > 0 else continuum_anti_kink
     here = build(chain, site)
     ahead = build(chain, site + _AHEAD)
@@ -204,19 +238,23 @@ def moving(chain: Chain, site: float, charge: int, velocity: float) -> tuple[Arr
 
 
 _AHEAD = 1e-4
-"""Step of a finite difference along an orbit [rotor spacings]."""
+"""Step of the finite difference from which the orbit tangent is computed [rotor spacings]."""
 
 
 def motorised(chain: Chain, decay: float, ratio: float) -> Chain:
-    """Return a chain with a decay rate c / (M r^2) [1/s] and a ratio kappa / c [1/s]."""
+    """Return the chain with damping c and motors of non-reciprocity kappa.
+
+    `decay` is the decay rate c / (M r^2) [1/s]. `ratio` is kappa / c [1/s].
+    """
     damping = decay * chain.moment_of_inertia
     return replace(chain, damping=damping, non_reciprocity=ratio * damping)
 
 
 def outcome(task: ActiveTask, run: ActiveRun) -> str:
-    """Return the fate of a wall: 'runs', 'is pinned', 'breaks up' or 'vanishes'.
+    """Return the final state of a wall: 'runs', 'is pinned', 'breaks up' or 'vanishes'.
 
-    A wall runs if it reaches the last rotors or moves by a rotor in the last quarter of the time.
+    A wall runs if it reaches the last rotors, or if it moves by more than one rotor spacing in the
+    last quarter of the simulation. It breaks up if the last frame contains further walls.
     """
     sites = run.sites[np.isfinite(run.sites)]
     if not len(sites):

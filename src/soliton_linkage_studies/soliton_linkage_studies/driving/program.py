@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Drive chains with all actuators, tilts and moves, and validate the results on one page.
+"""Drive chains by actuators, by a tilt and by the steering; validate the results on one page.
 
-Write the page as PNG and PDF, its data as CSV, and a table as Markdown.
+The study writes the page as PNG and PDF, the drawn data as CSV, and a table as Markdown.
 """
 
 from __future__ import annotations
@@ -42,7 +42,10 @@ from soliton_linkage_studies.program import run_parallel, run_study, study_parse
 from soliton_linkage_studies.settings import load_settings
 
 IMBALANCE_LIMIT = 1e-9
-"""Limit of |imbalance| / largest energy [1], which follows from the integration tolerance."""
+"""Largest allowed ratio |energy imbalance| / largest energy [1].
+
+It follows from the integration tolerance.
+"""
 
 _CAPTION = """
 Validation of driven chains on one page.
@@ -65,7 +68,7 @@ the torques (thin dashed lines), for an actuator below saturation (blue) and a s
 _A4 = (8.27, 11.69)
 """Page size [inches]."""
 _LAYOUT = 3 * 'ab;' + 'ct;' + 2 * 'cd;' + 2 * 'ef;' + 'ef'
-"""Panels row by row; t is the tilt above d."""
+"""Arrangement of the panels, row by row. Panel t is the tilt above panel d."""
 _TITLES = {
     'a': 'a  Soft actuator: a step up and down',
     'b': 'b  Energy balance of driven chains',
@@ -75,14 +78,14 @@ _TITLES = {
     'f': 'f  Work of a pressure on the chain',
 }
 _LEAST = 1e-17
-"""Drawn value of an imbalance of 0 [1], below any rounding error."""
+"""Value at which an imbalance of 0 is drawn [1]. It is smaller than any rounding error."""
 _TIME = 'time [s]'
 _ROOM = 0.25
-"""Vertical space for the legend above the moves, relative to the height of the data [1]."""
+"""Height of the space for the legend above the moves, divided by the height of the data [1]."""
 
 
 def blank_page() -> tuple[FigureReport, dict[str, Axes]]:
-    """Return a page, and its axes by the name of the panel."""
+    """Return an empty page and its axes by panel name."""
     caption = _CAPTION.format(least=_LEAST)
     report = FigureReport(Figure(figsize=_A4, layout='constrained'), caption)
     panels = report.figure.subplot_mosaic(_LAYOUT)
@@ -101,7 +104,10 @@ def entitle(panels: Mapping[str, Axes]) -> None:
 
 
 def draw_balance(report: FigureReport, axes: Axes, runs: Mapping[str, BalancedRun]) -> Axes:
-    """Draw the imbalance over time for springs and bars, and all events; 0 is drawn as 1e-17."""
+    """Draw the energy imbalance over time for springs and bars, with marks for all events.
+
+    An imbalance of 0 is drawn as 1e-17, because the axis is logarithmic.
+    """
     for mechanics, run in runs.items():
         colour = MECHANICS_COLOURS[mechanics]
         shown = np.maximum(run.imbalances, _LEAST)
@@ -133,7 +139,10 @@ def draw_stiffness(
     apart: Sequence[float],
     order: float,
 ) -> Axes:
-    """Draw the largest angle deviation from rigid bars against stiffness, and order 1."""
+    """Draw the largest difference of an angle between springs and rigid bars against stiffness.
+
+    A line shows convergence of order 1.
+    """
     draw_convergence(axes, stiffnesses, apart, f'springs, order {order:.3f}')
     axes.set(xlabel='stiffness $k_e$ [N/m]')
     names = ('stiffness [N/m]', 'largest deviation of an angle [rad]')
@@ -144,7 +153,7 @@ def draw_stiffness(
 def draw_tilt(
     report: FigureReport, above: Axes, axes: Axes, runs: Mapping[str, TiltedRun]
 ) -> Axes:
-    """Draw the tilt over time, and below it the wall position for springs and bars."""
+    """Draw the tilt over time, and in the panel below the wall position for springs and bars."""
     for mechanics, run in runs.items():
         colour = MECHANICS_COLOURS[mechanics]
         axes.plot(run.times, run.positions, color=colour, linewidth=1.2, label=mechanics)
@@ -165,7 +174,7 @@ def draw_tilt(
 def draw_moves(
     report: FigureReport, axes: Axes, chains: Mapping[str, Chain], runs: Mapping[MoveKey, MoveRun]
 ) -> Axes:
-    """Draw the position of each wall over time, and its reference trajectory."""
+    """Draw the position and the reference trajectory of each wall over time."""
     colours = dict(zip(chains, chain_colours(list(chains.values())), strict=True))
     styles = dict(zip(dict.fromkeys(title for _, title in runs), ('--', ':', '-.'), strict=False))
     for (name, title), run in runs.items():
@@ -215,7 +224,7 @@ def draw_work(report: FigureReport, axes: Axes, runs: Mapping[str, DrivenChain])
 
 @dataclass(frozen=True)
 class Finding:
-    """Measured number and its allowed range, including the bounds."""
+    """Measured number and its allowed range. The bounds belong to the range."""
 
     panel: str
     quantity: str
@@ -230,7 +239,7 @@ class Finding:
 
 
 def page(study: DrivingStudy, results: Results) -> tuple[FigureReport, list[Finding]]:
-    """Return the page of results, and its measured numbers with their allowed ranges."""
+    """Return the page of results, and the measured numbers with their allowed ranges."""
     report, panels = blank_page()
     response = stepped_response(PneumaticActuator(), study.step)
     draw_response(report, panels['a'], response)
@@ -263,7 +272,7 @@ def page(study: DrivingStudy, results: Results) -> tuple[FigureReport, list[Find
 
 
 def finding_lines(findings: Sequence[Finding]) -> list[str]:
-    """Return the lines of the table in Markdown."""
+    """Return the lines of a Markdown table with all findings."""
     return [
         '| panel | quantity | measured | allowed range | holds |',
         '| --- | --- | --- | --- | --- |',
@@ -284,7 +293,10 @@ def _balance_findings(results: Results) -> list[Finding]:
 
 
 def _tilt_findings(study: DrivingStudy, results: Results) -> list[Finding]:
-    """Return the largest distance of the wall from the lower end after each tilt."""
+    """Return the largest distance of the wall from the lower end of the chain after a tilt.
+
+    There is one finding for springs and one for bars.
+    """
     findings = []
     for name, run in results.tilts.items():
         task = study.tilts[name]
@@ -298,7 +310,10 @@ def _tilt_findings(study: DrivingStudy, results: Results) -> list[Finding]:
 
 
 def _move_findings(results: Results) -> list[Finding]:
-    """Return the largest error of all moves of a chain, NaN if a move did not reach its goal."""
+    """Return the largest position error of all moves of each chain under each condition.
+
+    The error is NaN if one of these moves did not reach its goal.
+    """
     findings = []
     for (name, title), runs in results.moves.items():
         reached = all(run.outcome is Outcome.REACHED for run in runs)
@@ -317,7 +332,7 @@ def _work_findings(results: Results) -> list[Finding]:
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Draw the page of a settings file; return 1 on failure, 130 on Ctrl-C."""
+    """Run the command `driving` and return its exit status: 1 on failure, 130 after Ctrl-C."""
     parser = study_parser('driving', __doc__, 'fewer runs')
     return run_study(parser, arguments, _driven, 'no new files are written')
 

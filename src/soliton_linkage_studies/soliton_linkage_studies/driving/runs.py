@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Simulations of driven chains: energy balance, rigid limit and tilt."""
+"""Simulations of driven chains: energy balance, limit of stiff springs, and tilt."""
 
 from __future__ import annotations
 
@@ -36,14 +36,17 @@ from soliton_linkage_studies.settings import Section, chain_from
 
 _KEYS = ('step', 'work', 'energy_balance', 'stiffness', 'tilt', 'moves')
 _WORK_PERIOD = 0.002
-"""Frame period of a chain with an actuator [s], a small fraction of the filling time."""
+"""Frame period of a chain with an actuator [s].
+
+It is a small fraction of the actuator's filling time.
+"""
 _SHORT = 1.0
-"""Duration of the energy balance in a quick study [s], three periods of the events."""
+"""Duration of the energy balance with the option `--quick` [s], three periods of the events."""
 
 
 @dataclass(frozen=True)
 class WorkTask:
-    """Task to drive a chain at its first edge with a pressure actuator."""
+    """Task to drive a chain at its first edge with a pneumatic actuator."""
 
     chain: Chain
     actuator: PneumaticActuator
@@ -56,23 +59,23 @@ class WorkTask:
 
 @dataclass(frozen=True)
 class DrivingStudy:
-    """Tasks of a settings file."""
+    """Simulations that a settings file specifies."""
 
     step: Profile
     """Commanded pressure [Pa] over time [s]."""
     works: dict[str, WorkTask]
-    """Tasks by actuator name."""
+    """Tasks by the name of the actuator."""
     balances: dict[str, BalanceTask]
-    """Tasks by mechanics."""
+    """Tasks by the mechanics, 'elastic' or 'rigid'."""
     stiffnesses: list[StiffnessTask]
     tilts: dict[str, TiltTask]
-    """Tasks by mechanics."""
+    """Tasks by the mechanics, 'elastic' or 'rigid'."""
     moves: dict[MoveKey, list[MoveTask]]
-    """Tasks by the names of chain and condition."""
+    """Tasks by the names of a chain and of a condition."""
 
     @property
     def tasks(self) -> dict[tuple[Any, ...], Callable[[], Any]]:
-        """All tasks by unique keys, longest first."""
+        """All tasks, each with a unique key. Tasks with the longest duration come first."""
         stiffest_first = reversed(list(enumerate(self.stiffnesses)))
         return {
             **{('moves', *key): task for key, task in MoveStudy(self.moves).numbered.items()},
@@ -85,12 +88,12 @@ class DrivingStudy:
 
 @dataclass(frozen=True)
 class Results:
-    """Results of a study, with the keys and the order of its tasks."""
+    """Results of a study. They have the same keys and the same order as the tasks."""
 
     works: dict[str, DrivenChain]
     balances: dict[str, BalancedRun]
     apart: list[float]
-    """Largest deviation of an angle between springs and bars [rad], softest springs first."""
+    """Largest difference of an angle between springs and bars [rad], softest springs first."""
     tilts: dict[str, TiltedRun]
     moves: dict[MoveKey, list[MoveRun]]
 
@@ -115,7 +118,7 @@ class Results:
 
 
 def read_driving_study(settings: Section, quick: bool) -> DrivingStudy:
-    """Return the study of a settings file; raise ValueError for invalid settings."""
+    """Return the study of a settings file. Raises ValueError if the settings are invalid."""
     settings.check_keys(*_KEYS)
     balances = {
         name: BalanceTask.read(settings.section('energy_balance'), name) for name in MECHANICS
@@ -173,42 +176,58 @@ _BALANCE_KEYS = (
 )
 _DISORDERED = ('spacing', 'rotor_length', 'mass', 'stiffness', 'rest_length')
 _PERIOD = 0.01
-"""Frame period of the energy balance and the tilts [s], a fraction of the time unit."""
+"""Frame period of the simulations with energy balance or tilt [s].
+
+It is a fraction of the time unit sqrt(M / k_e) of the chains.
+"""
 _BALANCE_TOLERANCE = 1e-12
-"""Integration error per time unit [rad], a thousandth of the allowed imbalance."""
+"""Integration error of an angle per time unit in the energy balance [rad].
+
+It is a thousandth of the allowed imbalance.
+"""
 _TILT_TOLERANCE = 1e-8
-"""Integration error per time unit [rad], far below the resolution of wall positions."""
+"""Integration error of an angle per time unit in a tilted chain [rad].
+
+It is far smaller than the resolution of wall positions.
+"""
 _EVENT_FRAMES = 30
-"""Number of frames in a span [1], with one kick and one change of gravity each. Torques act in
-every second span."""
+"""Number of frames in a span [1].
+
+Each span has one kick and one change of gravity. Torques act in every second span.
+"""
 _KICK_FRAME = 10
-"""Frame of the kick in a span [1], far from the start of torques and changes of gravity."""
+"""Index of the frame with the kick in a span [1].
+
+It is far from the frames at which torques start or gravity changes.
+"""
 _TURN_FRAME = 20
-"""Frame of the change of gravity in a span [1], far from the kicks before and after it."""
+"""Index of the frame with the change of gravity in a span [1], far from both nearest kicks."""
 _CROSSING_FRAMES = 200
-"""Number of frames for the comparison of springs and bars [1]; a wall moves by less than a spacing
-per frame."""
+"""Number of frames for the comparison of springs and bars [1].
+
+With this number, a wall moves by less than a rotor spacing per frame.
+"""
 
 
 @dataclass(frozen=True)
 class BalancedRun:
-    """Energy balance of a run, frame by frame."""
+    """Energy balance of a simulation in each of T frames."""
 
     times: Array
-    """Instants of the frames [s], shape (T,)."""
+    """Times of the frames [s], shape (T,)."""
     imbalances: Array
-    """Absolute `Simulation.energy_drift` [1], shape (T,)."""
+    """Absolute value of `Simulation.energy_drift` [1], shape (T,)."""
     kicks: Array
     """Times of the impulses [s], shape (kicks,)."""
     turns: Array
     """Times of the gravity changes [s], shape (turns,)."""
     pushed: NDArray[np.bool_]
-    """Whether torques acted before each frame, shape (T,)."""
+    """Whether torques acted in the period before each frame, shape (T,)."""
 
 
 @dataclass(frozen=True)
 class BalanceTask:
-    """Task to check the energy balance under random kicks, torques and tilts, with damping."""
+    """Task to check the energy balance of a damped chain under random kicks, torques and tilts."""
 
     chain: Chain
     mechanics: str
@@ -217,7 +236,7 @@ class BalanceTask:
     velocity: float
     """Initial velocity of the wall [m/s]."""
     gravity: float
-    """[m/s^2]."""
+    """Gravitational acceleration [m/s^2]."""
     tilt: float
     """Largest tilt [rad]."""
     kick: float
@@ -225,12 +244,12 @@ class BalanceTask:
     torque: float
     """Standard deviation of a torque divided by the moment of inertia [rad/s^2]."""
     duration: float
-    """[s]."""
+    """Duration of the simulation [s]."""
     seed: int
 
     @staticmethod
     def read(section: Section, mechanics: str) -> BalanceTask:
-        """Read the settings, and draw the disorder of the chain."""
+        """Read the settings, and draw the deviations of the chain at random."""
         section.check_keys(*_BALANCE_KEYS)
         bare = chain_from(section.section('chain'))
         share = section.number('disorder', 0.0, 0.3)
@@ -280,18 +299,24 @@ class BalanceTask:
 
 @dataclass(frozen=True)
 class StiffnessTask:
-    """Task to compare the first crossing of a wall in chains of springs and of rigid bars."""
+    """Task to compare a chain of springs with a chain of rigid bars.
+
+    Both are compared during the first crossing of the wall.
+    """
 
     chain: Chain
     """Chain with the stiffness of the springs."""
     rates: tuple[float, ...]
-    """Rates of the rotors after the kick of the right-leaning chain at rest [rad/s]."""
+    """Angular velocities of the rotors after the kick [rad/s].
+
+    Before the kick the chain leans right and is at rest.
+    """
     duration: float
     """Time limit for the crossing [s]."""
 
     @staticmethod
     def read(section: Section, quick: bool) -> list[StiffnessTask]:
-        """Return a task for each stiffness in the settings, softest first."""
+        """Return a task for each stiffness in the settings, the softest springs first."""
         section.check_keys('chain', 'kick', 'duration', 'factors')
         chain = chain_from(section.section('chain'))
         kick = section.number('kick', 1e-6, 100.0)
@@ -306,7 +331,10 @@ class StiffnessTask:
         ]
 
     def __call__(self) -> float:
-        """Return the largest deviation of an angle from rigid bars during the crossing [rad]."""
+        """Return the largest difference of an angle between springs and bars [rad].
+
+        The angles are compared until the wall has crossed the chain.
+        """
         chain, rates = self.chain, np.array(self.rates)
         rest = chain.uniform_state(1)
         period = self.duration / _CROSSING_FRAMES
@@ -324,28 +352,28 @@ class StiffnessTask:
 
 @dataclass(frozen=True)
 class TiltedRun:
-    """Motion of a wall in a tilted chain, frame by frame."""
+    """Motion of a wall in a tilted chain, in each of T frames."""
 
     times: Array
-    """Instants of the frames [s], shape (T,)."""
+    """Times of the frames [s], shape (T,)."""
     tilts: Array
-    """Tilt from each frame to the next [rad], shape (T,)."""
+    """Tilt between each frame and the next one [rad], shape (T,)."""
     positions: Array
     """Centre of the zero mode [rotor spacings], shape (T,)."""
 
 
 @dataclass(frozen=True)
 class TiltTask:
-    """Task to tilt a chain back and forth; initially the chain leans left and is at rest."""
+    """Task to tilt a chain back and forth. Initially the chain leans left and is at rest."""
 
     chain: Chain
     mechanics: str
     gravity: float
-    """[m/s^2]."""
+    """Gravitational acceleration [m/s^2]."""
     tilts: tuple[float, ...]
-    """Sequence of tilts [rad]."""
+    """Tilts in the order of time [rad]."""
     kept: float
-    """Duration of each tilt [s]."""
+    """Time for which each tilt is kept [s]."""
 
     @staticmethod
     def read(section: Section, mechanics: str) -> TiltTask:

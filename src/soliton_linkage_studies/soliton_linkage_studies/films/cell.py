@@ -24,7 +24,7 @@ from soliton_linkage_studies.settings import Section, chain_from
 from soliton_linkage_studies.unit_cell import configuration_curves
 
 _SMOOTH = 800
-"""Number of steps of a drawn curve, so that no step is longer than a pixel [1]."""
+"""Number of steps of a drawn curve [1]. No step is longer than a pixel."""
 
 
 @dataclass(frozen=True)
@@ -33,11 +33,11 @@ class Cell:
 
     chain: Chain
     kick: float
-    """Speed r |phi_dot| in units of a sqrt(k_e / M)."""
+    """Norm r |phi_dot| of the mass velocities, in units of a sqrt(k_e / M)."""
 
     @staticmethod
     def read(section: Section) -> Cell:
-        """Read the settings; the chain must have two rotors."""
+        """Read the settings. Raises ValueError if the chain does not have two rotors."""
         section.check_keys('chain', 'kick')
         chain = chain_from(section.section('chain'))
         if chain.number_of_rotors != 2:
@@ -49,7 +49,7 @@ class Cell:
 
 @film_kind('unit_cell', Cell.read)
 class CellScene(Scene):
-    """Scene of one cycle of a unit cell, and its point in the configuration space."""
+    """Scene of one cycle of a unit cell: the cell, and its point in the configuration space."""
 
     caption = f"""
     {LINKAGE} The red line is a rigid bar; pale circles are the paths of the masses.

@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Films of a full cycle of a wall: as a drawing, and as a linkage that can be built.
+"""Films of a full cycle of a wall, as a flat drawing or as a three-dimensional linkage.
 
-The linkage has its rotors and bars in separate planes.
+The three-dimensional linkage can be built, because its rotors and bars lie in separate planes.
 """
 
 from __future__ import annotations
@@ -38,11 +38,14 @@ from soliton_linkage_studies.palette import BLACK, BLUE, GREY, RED, WHITE
 from soliton_linkage_studies.settings import Section, chain_from
 
 _AZIMUTH = math.radians(-75)
-"""Initial azimuth of the camera [rad], nearly in front so that no rotor hides its bar."""
+"""Initial azimuth of the camera [rad].
+
+The camera is 15 degrees beside the front, so that no rotor hides the bar that is attached to it.
+"""
 _ELEVATION = math.radians(22)
 """Elevation of the camera above the axles [rad]."""
 _ZOOM = 1.9
-"""Zoom factor of the long and thin linkage, relative to the default of matplotlib [1]."""
+"""Zoom factor of the 3D axes [1]. At the default of matplotlib, 1, the long linkage is small."""
 _BODIES = (
     ('rotors', BLACK, 6.0),
     ('axles on the frame', GREY, 5.0),
@@ -54,17 +57,17 @@ _BODIES = (
 
 @dataclass(frozen=True)
 class KickedWall:
-    """Settings of a wall at the last rotor that is kicked along the zero mode."""
+    """Settings of a motion that begins with a kick of the wall at the last rotor."""
 
     chain: Chain
     kick: float
-    """Speed r |phi_dot| in units of a sqrt(k_e / M)."""
+    """Norm r |phi_dot| of the mass velocities along the zero mode, in units of a sqrt(k_e / M)."""
     duration: float
     """Duration of the motion [s]."""
 
     @staticmethod
     def read(section: Section) -> KickedWall:
-        """Read the settings; the duration is in time units sqrt(M / k_e)."""
+        """Read the settings. In the file the duration is in time units sqrt(M / k_e)."""
         section.check_keys('chain', 'kick', 'duration')
         chain = chain_from(section.section('chain'))
         kick = section.number('kick', 1e-6, 100.0)
@@ -72,13 +75,13 @@ class KickedWall:
         return KickedWall(chain, kick, duration * chain.time_unit)
 
     def describe(self) -> str:
-        """Return one line with the chain and the kick."""
+        """Return a description of the chain and of the kick in one line."""
         return f'{description(self.chain)}, v₀ = {self.kick:g} a√(kₑ/M)'
 
 
 @film_kind('cycle', KickedWall.read)
 class CycleScene(Scene):
-    """Scene of a kicked chain of springs: zero mode, profile and space-time diagram."""
+    """Scene of a kicked chain of springs, with its zero mode, profile and space-time diagram."""
 
     caption = f"""
     {LINKAGE} Dashed red lines are springs; {MODE}. {PROJECTIONS}
@@ -120,13 +123,13 @@ class Staggering:
 
     motion: KickedWall
     depth: float
-    """Distance from each rotor to the bar behind it, in units of a."""
+    """Distance between the planes of each rotor and of the bar behind the rotor, in units of a."""
     turn: float
-    """Rotation of the camera during the film [rad]."""
+    """Angle by which the azimuth of the camera changes during the film [rad]."""
 
     @staticmethod
     def read(section: Section) -> Staggering:
-        """Read the settings, the duration in time units sqrt(M / k_e)."""
+        """Read the settings. In the file the duration is in time units sqrt(M / k_e)."""
         section.check_keys('chain', 'kick', 'duration', 'depth', 'turn')
         depth = section.number('depth', 0.01, 10.0)
         turn = section.number('turn', -10.0, 10.0)
@@ -170,7 +173,7 @@ class StaggeredScene(Scene):
         bodies = layered(self._chain, self.angles[frame], self._layer)
         order = from_behind(bodies, azimuth, _ELEVATION)
         widths, colours = self._looks()
-        # Draw a white border behind each body, which shows the nearer of two crossing bodies.
+        # The white border behind each body shows which of two crossing bodies is nearer.
         self._bodies.set_segments(list(np.repeat(bodies[order], 2, axis=0)))
         thicknesses = np.column_stack([widths[order] + 3, widths[order]])
         self._bodies.set_linewidth(thicknesses.ravel().tolist())
@@ -216,11 +219,12 @@ class StaggeredScene(Scene):
 
 
 def layered(chain: Chain, angles: Array, layer: float) -> Array:
-    """Return the ends of rotors, axles, pins and bars [m], (3 N + springs, 2, 3), in this order.
+    """Return both end points of each rotor, axle, pin and bar [m], in this order.
 
-    Rotor n lies in the plane y = 2 n layer. The bar to the next rotor lies halfway between their
-    planes, and pins connect the planes. Bodies that are not joined never share a plane, so that
-    they cannot collide at any angles.
+    The result has shape (3 N + number of springs, 2, 3). Rotor n lies in the plane y = 2 n layer,
+    with `layer` in [m]. The bar between two rotors lies halfway between their planes. Pins
+    connect the planes. Two bodies that are not joined never lie in the same plane, so that they
+    cannot collide at any angles.
     """
     pivots, masses = pivot_points(chain), mass_points(chain, angles)
     planes: Array = np.linspace(0.0, 2 * layer * chain.number_of_springs, len(pivots))
@@ -239,7 +243,11 @@ def layered(chain: Chain, angles: Array, layer: float) -> Array:
 
 
 def from_behind(bodies: Array, azimuth: float, elevation: float) -> list[int]:
-    """Return the back-to-front order of bodies, (K, 2, 3), for the camera angles [rad]."""
+    """Return the indices of the bodies in the order from back to front.
+
+    The bodies are pairs of end points [m], shape (K, 2, 3). The direction of the camera is given
+    by its azimuth and elevation [rad].
+    """
     towards = np.array(
         [
             math.cos(elevation) * math.cos(azimuth),

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Films of small motions: zero mode, and drives inside and above the band gap."""
+"""Films of three small motions: the zero mode, a drive in the band gap and a drive above it."""
 
 from __future__ import annotations
 
@@ -27,26 +27,26 @@ from soliton_linkage_studies.palette import BLUE, GREEN, RED
 from soliton_linkage_studies.settings import Section, chain_from
 
 _SMALLEST_SWING = 1e-5
-"""Lower limit of the amplitude axis [rad]."""
+"""Smallest amplitude on the vertical axis [rad]."""
 _OSCILLATIONS = 4
 """Number of oscillations of the zero mode in a film."""
 
 
 @dataclass(frozen=True)
 class Insulation:
-    """Settings of small motions of a chain: its zero mode, and a driven edge."""
+    """Settings of small motions of a chain: its zero mode and two drives of rotor 0."""
 
     chain: Chain
     swing: float
-    """Amplitude of the rotor that moves most [rad]."""
+    """Largest amplitude of a rotor in the zero mode, and amplitude of the driven rotor [rad]."""
     drives: tuple[float, ...]
-    """Angular frequencies of the drives, relative to the gap frequency [1]."""
+    """Angular frequencies of both drives, divided by the angular frequency of the gap [1]."""
     duration: float
     """Duration of the motion [s]."""
 
     @staticmethod
     def read(section: Section) -> Insulation:
-        """Read the settings; the duration is in time units sqrt(M / k_e)."""
+        """Read the settings. In the file the duration is in time units sqrt(M / k_e)."""
         section.check_keys('chain', 'swing', 'drives', 'duration')
         chain = chain_from(section.section('chain'))
         drives = section.numbers('drives', 0.01, 100.0)
@@ -59,7 +59,7 @@ class Insulation:
 
 @film_kind('insulator', Insulation.read)
 class InsulatorScene(Scene):
-    """Scene of three right-leaning chains: zero mode, drive in the gap, drive above the gap."""
+    """Scene of three right-leaning chains: zero mode, drive in the gap and drive above the gap."""
 
     caption = f"""
     {LINKAGE} Dashed red lines are springs; {MODE}.
@@ -132,10 +132,11 @@ class InsulatorScene(Scene):
 
 
 def driven(chain: Chain, frequency: float) -> Array:
-    """Return the steady-state response of the right-leaning chain to a drive at rotor 0, (N,).
+    """Return the steady-state response of the right-leaning chain to a torque on rotor 0.
 
-    Solve (K - omega^2 I + i omega damping) x = torque on rotor 0 at the angular frequency omega
-    [rad/s]. The complex response is normalised by the motion of rotor 0.
+    The response is the complex amplitude of each rotor divided by the amplitude of rotor 0 [1],
+    shape (N,). It solves (K - omega^2 I + i omega damping) x = torque at the angular frequency
+    omega [rad/s], with the stiffness matrix K and the moments of inertia I.
     """
     stiffness = stiffness_matrix(chain, chain.uniform_state(1)).toarray()
     inertia = np.diag(-(frequency**2) * chain.moments_of_inertia + 1j * frequency * chain.dampings)

@@ -37,7 +37,7 @@ _OF_FILMS = ('kind', 'title', 'playing_time')
 
 @dataclass(frozen=True)
 class Film:
-    """Content and format of one film."""
+    """Motion and format of one film."""
 
     name: str
     kind: str
@@ -45,12 +45,12 @@ class Film:
     """Function that makes the scene of this kind of film."""
     title: str
     motion: Any
-    """Settings of the motion, specific to the kind of film."""
+    """Settings of the motion. Their type depends on the kind of film."""
     shape: Format
 
 
 def read_films(settings: Section) -> list[Film]:
-    """Return the films of a settings file; raise ValueError for invalid settings."""
+    """Return the films of a settings file. Raises ValueError if the settings are invalid."""
     settings.check_keys('frame_rate', 'size', 'films')
     frame_rate = settings.number('frame_rate', 1.0, 120.0)
     size = settings.numbers('size', 64, 8192)
@@ -71,7 +71,10 @@ def read_films(settings: Section) -> list[Film]:
 
 
 def resized(film: Film, width: int, height: int, most_frames: int | None = None) -> Film:
-    """Return a film of the same motion with another frame size [pixels] and fewer frames."""
+    """Return a film of the same motion with another frame size [pixels].
+
+    `most_frames` limits the number of frames. None means no limit.
+    """
     frames = min(film.shape.frames, most_frames or film.shape.frames)
     return replace(film, shape=replace(film.shape, frames=frames, width=width, height=height))
 
@@ -84,17 +87,20 @@ def scene_of(film: Film) -> Scene:
 _CODEC = 'libx264'
 _QUALITY = ('-crf', '20', '-preset', 'veryfast', '-movflags', '+faststart')
 SHRINKING = 2
-"""Size reduction of a GIF [1], because all its frames stay in memory until the end."""
+"""Factor by which the width and the height of a GIF are smaller [1].
+
+The size is reduced because all frames of a GIF stay in memory until the film is finished.
+"""
 
 
 @dataclass(frozen=True)
 class FileKind:
-    """File format of the films, and the reason for it."""
+    """File format of the films, and the reason for this format."""
 
     ffmpeg: str
-    """Path of the program; empty for a GIF, which Pillow writes."""
+    """Path of the program ffmpeg. An empty text means that Pillow writes a GIF."""
     reason: str
-    """One line for the user."""
+    """Reason for the format, in one line for the user."""
 
     @property
     def suffix(self) -> str:
@@ -103,7 +109,10 @@ class FileKind:
 
 
 def file_kind() -> FileKind:
-    """Return MP4 if the command ffmpeg or the package imageio_ffmpeg can write H.264, else GIF."""
+    """Return MP4 if a program for H.264 is installed, otherwise GIF.
+
+    The program is the command ffmpeg or the ffmpeg of the package imageio_ffmpeg.
+    """
     complaints = []
     programs = {'command ffmpeg': shutil.which('ffmpeg'), 'package imageio_ffmpeg': _packaged()}
     for name, program in programs.items():
@@ -122,7 +131,7 @@ def file_kind() -> FileKind:
 
 def write_film(scene: Scene, frame_rate: float, path: Path, kind: FileKind) -> None:
     """Write every frame of a scene to a file."""
-    rate: Any = frame_rate  # annotated as int in matplotlib, which takes any number
+    rate: Any = frame_rate  # matplotlib accepts any number, although its annotation is int
     options = ['-pix_fmt', 'yuv420p', *_QUALITY]
     writer = (
         _Painter(rate, codec=_CODEC, extra_args=options) if kind.ffmpeg else PillowWriter(rate)
@@ -141,16 +150,19 @@ def write_film(scene: Scene, frame_rate: float, path: Path, kind: FileKind) -> N
 
 
 class _Painter(FFMpegWriter):
-    """FFmpeg writer of rendered pixels; `grab_frame` would redraw the static artists."""
+    """FFmpeg writer of pixels that are rendered already.
+
+    The method `grab_frame` of the base class would draw the static artists again in each frame.
+    """
 
     def write(self, pixels: memoryview) -> None:
-        """Write one frame, RGBA."""
+        """Write the RGBA pixels of one frame."""
         process: Any = vars(self)['_proc']
         process.stdin.write(pixels)
 
 
 def _packaged() -> str | None:
-    """Return the path of the ffmpeg in imageio_ffmpeg, or None if it is not installed."""
+    """Return the path of ffmpeg in the package imageio_ffmpeg, or None without this package."""
     try:
         package: Any = importlib.import_module('imageio_ffmpeg')
         return str(package.get_ffmpeg_exe())
@@ -175,9 +187,9 @@ def _writes_h264(program: str) -> bool:
 def make_films(
     films: Sequence[Film], output: Path, kind: FileKind, workers: int | None = None
 ) -> None:
-    """Write films into a folder, by `workers` processes, one per core by default.
+    """Write films into a folder with `workers` processes. The default is one process per core.
 
-    A film appears under its name when it is finished; unfinished files are deleted on failure.
+    A film appears in the folder when it is finished. On failure, unfinished films are deleted.
     """
     output.mkdir(parents=True, exist_ok=True)
     with tempfile.TemporaryDirectory(
@@ -201,13 +213,13 @@ def _make(film: Film, scratch: Path, output: Path, kind: FileKind) -> None:
 
 
 _QUICK_FRAMES = 4
-"""Number of frames of a quick film."""
+"""Number of frames of a film with the option `--quick`."""
 _QUICK_SIZE = (320, 180)
-"""Frame size of a quick film [pixels]."""
+"""Frame width and height of a film with the option `--quick` [pixels]."""
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Make the films of a settings file; return 1 on failure, 130 on Ctrl-C."""
+    """Run the command `films` and return its exit status: 1 on failure, 130 after Ctrl-C."""
     width, height = _QUICK_SIZE
     quick = f'{_QUICK_FRAMES} frames of {width} x {height} pixels a film'
     parser = study_parser('films', __doc__, quick, selective=True)

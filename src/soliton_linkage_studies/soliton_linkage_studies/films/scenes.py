@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Scenes of films: figures whose artists move from frame to frame."""
+"""Scenes of films. A scene is a figure whose artists move from frame to frame."""
 
 from __future__ import annotations
 
@@ -24,19 +24,25 @@ from soliton_linkage_studies.program import Registry
 from soliton_linkage_studies.settings import Section
 
 INCHES_HIGH = 7.2
-"""Height of every figure [inches]; font sizes refer to it."""
+"""Height of every figure [inches]. Font sizes are relative to this height."""
 STYLE: Any = {
     'font.size': 12.5,
     'axes.titlesize': 12.5,
     'axes.titlelocation': 'left',
     'text.hinting': 'no_hinting',
 }
-"""Settings of matplotlib for scenes; the text size does not depend on the resolution."""
+"""Settings of matplotlib for scenes.
+
+Without hinting, the text has the same proportions at every resolution.
+"""
 LEFT, WIDTH, BOTTOM, TOP = 0.07, 0.90, 0.085, 0.88
-"""Part of the figure that is available for panels, below the title [figure sizes]."""
+"""Area for the panels below the title, in fractions of the figure width and height [1]."""
 
 TOLERANCE = 1e-9
-"""Integration error per time unit [rad], small enough for a filmed cycle to close."""
+"""Integration error of an angle per time unit [rad].
+
+It is so small that the end of a filmed cycle does not visibly differ from its beginning.
+"""
 
 SPACE_TIME = (
     'The space-time diagram shows the displacement u, with one row for each past frame and one '
@@ -56,18 +62,18 @@ class Format:
     frame_rate: float
     """Frames per second."""
     width: int
-    """Pixels, even."""
+    """Width of a frame [pixels], an even number."""
     height: int
-    """Pixels, even."""
+    """Height of a frame [pixels], an even number."""
 
     @property
     def resolution(self) -> float:
-        """Pixels per inch."""
+        """Resolution of the figure [pixels per inch]."""
         return self.height / INCHES_HIGH
 
 
 class Scene(ABC):
-    """Figure with a title and a clock; `show` selects a frame, `paint` also renders it."""
+    """Figure with a title and a clock. `show` moves the artists to a frame, `paint` renders it."""
 
     caption: ClassVar[str] = ''
     """Explanation of symbols, lines and colours without a label in the film."""
@@ -75,9 +81,9 @@ class Scene(ABC):
     def __init__(
         self, title: str, subtitle: str, shape: Format, duration: float, time_unit: float
     ) -> None:
-        """Prepare frames at times from 0 to `duration` [s], including both.
+        """Prepare frames at equally spaced times from 0 to `duration` [s], both included.
 
-        The clock shows seconds and time units sqrt(M / k_e) [s].
+        The clock shows the time in seconds and in units of `time_unit` = sqrt(M / k_e) [s].
         """
         self._time_unit = time_unit
         self.headline = f'{title}: {subtitle}.'
@@ -106,7 +112,10 @@ class Scene(ABC):
         self._move(frame)
 
     def paint(self, frame: int) -> memoryview:
-        """Return the RGBA pixels of a frame, top row first; static artists are cached."""
+        """Return the RGBA pixels of a frame, top row first.
+
+        Artists that do not move are drawn only once.
+        """
         self.show(frame)
         if self._still is None:
             for artist in self._moving:
@@ -119,7 +128,7 @@ class Scene(ABC):
         return memoryview(self._canvas.buffer_rgba())
 
     def add_moving(self, artists: Iterable[Artist]) -> None:
-        """Register the artists that `_move` changes, from back to front."""
+        """Register artists that `_move` changes, in the order from back to front."""
         self._moving.extend(artists)
 
     @abstractmethod
@@ -128,10 +137,10 @@ class Scene(ABC):
 
 
 class SpaceTime:
-    """Space-time diagram of u; a cover hides the frames after the current one."""
+    """Space-time diagram of the displacement u. A cover hides all frames after the current one."""
 
     def __init__(self, axes: Axes, chain: Chain, angles: Array, duration: float) -> None:
-        """Draw angles [rad], shape (frames, N), over a duration [s]."""
+        """Draw the whole diagram from angles [rad], shape (frames, N), over a duration [s]."""
         leans = displacement(chain, angles)
         half, last = chain.spacing / 2, float(pivot_points(chain)[-1, 0])
         axes.imshow(
@@ -154,13 +163,13 @@ class SpaceTime:
         self.moving = [self.cover, *axes.spines.values()]
 
     def show(self, frame: int) -> None:
-        """Uncover the diagram up to a frame."""
+        """Uncover the diagram up to and including a frame."""
         now = self._duration * (frame + 1) / self._frames
         self.cover.set(y=now, height=self._duration - now)
 
 
 class ProfilePanel:
-    """Profile u(x) of a chain, and the theory of a slow wall at the same position."""
+    """Panel with the displacement profile u(x) of a chain and the theory of a wall at rest."""
 
     def __init__(self, axes: Axes, chain: Chain) -> None:
         """Prepare the panel for a chain that starts in its right-leaning state."""
@@ -193,7 +202,10 @@ class ProfilePanel:
         self.moving = [*self.theory, *self.rotors]
 
     def show(self, angles: Array) -> None:
-        """Show a configuration [rad], shape (N,), and the theory if there is one wall."""
+        """Show a configuration [rad], shape (N,).
+
+        If the chain has exactly one wall, also show the theory of a wall at this position.
+        """
         lean = displacement(self._chain, angles)
         for parity, markers in enumerate(self.rotors):
             markers.set_data(self._positions[parity::2], 100 * lean[parity::2])
@@ -210,12 +222,13 @@ class ProfilePanel:
 def static_profile(
     chain: Chain, angles: Array, wall: float, positions: Array, parity: int = 0
 ) -> Array:
-    """Return u [m] at positions [m] in the continuum theory of a wall at rest, same shape.
+    """Return the displacement u [m] of a wall at rest in the continuum theory.
 
-    For flippers u = -r sin(theta_bar) tanh((x - X) / w). For spinners that start in the
-    right-leaning state, the staggered angles are theta_bar +- s arccos(-tanh((x - X) / w)), with +
-    for even rotors (parity 0) and - for odd rotors (parity 1). The sign s follows from the angles
-    [rad], shape (N,).
+    The result has the shape of `positions` x [m]. `wall` is the wall position X [m]. For flippers
+    u = -r sin(theta_bar) tanh((x - X) / w). Spinners must start in the right-leaning state. Their
+    staggered angles are theta_bar + s arccos(-tanh((x - X) / w)) for even rotors (parity 0), and
+    theta_bar - s arccos(-tanh((x - X) / w)) for odd rotors (parity 1). The sign s is determined
+    from `angles` [rad], shape (N,).
     """
     order = -np.tanh((positions - wall) / chain.wall_width)
     rest = chain.rest_angle
@@ -228,9 +241,10 @@ def static_profile(
 
 
 def stacked(figure: Figure, chain: Chain, shares: tuple[float, ...]) -> list[Axes]:
-    """Return stacked axes with a common x range: the chain to scale, then one per share.
+    """Return axes that are stacked from top to bottom and have the same x range.
 
-    The shares divide the remaining height.
+    The first axes are for a picture of the chain to scale. The other axes divide the remaining
+    height in proportion to `shares`.
     """
     left, right, bottom, top = limits(chain, projections=True)
     wide, high = (float(length) for length in figure.get_size_inches())
@@ -254,18 +268,18 @@ AnyScene = TypeVar('AnyScene', bound=type[Scene])
 
 @dataclass(frozen=True)
 class FilmKind:
-    """Reader of the settings of a kind of film, and constructor of its scene."""
+    """Functions that read the settings of one kind of film and construct its scene."""
 
     read: Callable[[Section], Any]
     scene: Callable[[str, Any, Format], Scene]
-    """Function from the title, the settings and the format to the scene."""
+    """Function that constructs the scene from the title, the settings and the format."""
 
 
 FILM_KINDS: Registry[FilmKind] = Registry()
 
 
 def film_kind(name: str, read: Callable[[Section], Any]) -> Callable[[AnyScene], AnyScene]:
-    """Return a decorator that registers a scene and the reader of its settings."""
+    """Return a decorator that registers a scene class and the function that reads its settings."""
 
     def added(scene: AnyScene) -> AnyScene:
         FILM_KINDS.add(name)(FilmKind(read, scene))

@@ -39,19 +39,22 @@ from soliton_linkage_studies.settings import Section, chain_from
 
 @dataclass(frozen=True)
 class Tilting:
-    """Settings of a linkage of rigid bars under gravity; the tilt is piecewise linear in time."""
+    """Settings of a linkage of rigid bars that is tilted under gravity.
+
+    The tilt is a piecewise linear function of time.
+    """
 
     chain: Chain
     times: tuple[float, ...]
-    """Times at which the tilts are reached [s], starting at 0."""
+    """Times of the given tilts [s]. The first time is 0."""
     tilts: tuple[float, ...]
-    """Tilt angles from horizontal, positive if the last rotor is lower [rad]."""
+    """Tilt from the horizontal at each time [rad], positive if the last rotor is lower."""
     acceleration: float
     """Gravitational acceleration [m/s^2]."""
 
     @staticmethod
     def read(section: Section) -> Tilting:
-        """Read the settings; times are in [s]."""
+        """Read the settings. In the file, times are in [s] and tilts in [rad]."""
         section.check_keys('chain', 'times', 'tilts', 'gravity')
         times = section.numbers('times', 0.0, 1e4)
         if times[0] != 0 or len(times) < 2 or np.min(np.diff(times)) <= 0:
@@ -110,7 +113,10 @@ class TiltScene(Scene):
 
 
 def _fallen(motion: Tilting, tilts: Array, period: float) -> Array:
-    """Return the angles of each frame [rad], (frames, N); the tilt is constant in a period [s]."""
+    """Return the angles of the linkage in each frame [rad], shape (frames, N).
+
+    The tilt is constant during each frame period [s].
+    """
     chain = motion.chain
     start = chain.uniform_state(-1)
     field = Gravity(motion.acceleration, float(tilts[0]))
@@ -124,7 +130,7 @@ def _fallen(motion: Tilting, tilts: Array, period: float) -> Array:
 
 
 def _projected(axes: Axes, chain: Chain, angles: Array, along: tuple[float, float]) -> Quiver:
-    """Draw u of each rotor in the given range of positions [m]."""
+    """Draw the displacement u of each rotor as an arrow, in axes with the x range `along` [m]."""
     axes.set(xlim=along, ylim=(limits(chain, projections=True)[2], limits(chain)[2]))
     axes.set_axis_off()
     axes.set_title('u = r sin φ of each rotor')
@@ -132,7 +138,10 @@ def _projected(axes: Axes, chain: Chain, angles: Array, along: tuple[float, floa
 
 
 def _make_room(axes: Axes, chain: Chain, tilt: float) -> None:
-    """Widen the limits for a chain that rotates about its middle, and draw the gravity arrow."""
+    """Widen the axis limits for a chain that is tilted by up to `tilt` [rad] about its middle.
+
+    Also draw the gravity arrow.
+    """
     left, right, _, top = limits(chain)
     rise = (right - left) / 2 * math.sin(tilt) + top
     axes.set_ylim(-rise, rise)

@@ -1,2 +1,2 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Wave packets that move walls and create them."""
+"""Study of wave packets that move walls or create them."""

@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Move and create walls by wave packets from the edge, and show the results on one page.
 
-Write the page as PNG and PDF, its data as CSV, and a table as Markdown.
+The study writes the page as PNG and PDF, the drawn data as CSV, and a table as Markdown.
 """
 
 from __future__ import annotations
@@ -32,36 +32,44 @@ from soliton_linkage_studies.program import run_parallel, run_study, study_parse
 from soliton_linkage_studies.settings import Section, chain_from, load_settings
 
 _FIRST = 3
-"""First rotor in the measurement of a velocity [1], outside the near field of the driven rotor."""
+"""Index of the first rotor from which the velocity of a packet is measured [1].
+
+It is outside the near field of the driven rotor.
+"""
 _TOLERANCE = 1e-8
-"""Integration error per step [rad], far below the amplitudes of bursts."""
+"""Integration error of an angle per step [rad], far smaller than the amplitudes of bursts."""
 
 
 @dataclass(frozen=True)
 class Burst:
-    """Torque on the first rotor, with a Hann window.
+    """Burst of torque on rotor 0: a sine with a Hann window.
 
-    A burst of n cycles turns rotor 0 by the torque
+    The torque of a burst of n cycles is
 
-        tau(t) = I omega^2 A sin(omega t) sin(pi t omega / (2 pi n))^2,    0 < t < 2 pi n / omega,
+        tau(t) = I omega^2 A sin(omega t) sin(pi t omega / (2 pi n))^2,    0 < t < 2 pi n / omega.
 
-    where A [rad] is the amplitude of a free rotor of moment of inertia I. Wave
-    packets propagate if omega lies in the phonon band, with the group velocity d omega / dk.
+    I is the moment of inertia of rotor 0. A free rotor would oscillate with the amplitude A [rad].
+    The burst sends a wave packet into the chain if omega lies in the phonon band. The packet moves
+    at the group velocity d omega / dk.
     """
 
     frequency: float
-    """Angular frequency [rad/s]."""
+    """Angular frequency omega [rad/s]."""
     cycles: float
+    """Number of cycles n [1]."""
     amplitude: float
-    """Amplitude of a free rotor [rad]."""
+    """Amplitude A of a free rotor under this torque [rad]."""
 
     @property
     def duration(self) -> float:
-        """Duration [s]."""
+        """Duration of the burst [s]."""
         return 2 * math.pi * self.cycles / self.frequency
 
     def torque(self, inertia: float, time: float) -> float:
-        """Return the torque at a time since the start [N m] on a moment of inertia [kg m^2]."""
+        """Return the torque [N m] on a rotor with a moment of inertia [kg m^2].
+
+        `time` is the time since the start of the burst [s].
+        """
         if not 0 < time < self.duration:
             return 0.0
         window = math.sin(math.pi * time / self.duration) ** 2
@@ -71,14 +79,14 @@ class Burst:
 
 @dataclass(frozen=True)
 class WaveTask:
-    """Task to send a burst into a chain, with or without a kink."""
+    """Task to send a burst into a chain at rest, with or without a kink."""
 
     chain: Chain
     burst: Burst
     duration: float
-    """[s]."""
+    """Duration of the simulation [s]."""
     site: float | None = None
-    """Initial site of the resting kink [rotor spacings]; None for the left-leaning state."""
+    """Initial site of the kink [rotor spacings]. None means no kink, in a left-leaning chain."""
     frames: int = 400
 
     def __call__(self) -> WaveRun:
@@ -117,25 +125,37 @@ class WaveRun:
 
     recording: Recording
     sites: Array
-    """Site of the kink [rotor spacings], NaN if there is none, shape (T,)."""
+    """Site of the kink in each frame [rotor spacings], shape (T,).
+
+    It is NaN in a chain without a kink, and after the kink has vanished.
+    """
     walls: int
     """Number of walls in the last frame."""
 
     @property
     def displacement(self) -> float:
-        """Displacement of the kink [rotor spacings], the mean of the last fifth of the frames."""
+        """Displacement of the kink from its initial site [rotor spacings].
+
+        It is averaged over the last fifth of the frames.
+        """
         return float(np.mean(self.sites[-len(self.sites) // 5 :]) - self.sites[0])
 
 
 def energy_per_rotor(chain: Chain, recording: Recording) -> Array:
-    """Return the kinetic energy of each rotor plus half the energy of its springs [J], (T, N)."""
+    """Return the energy of each rotor in each frame [J], shape (T, N).
+
+    It is the kinetic energy of the rotor plus half the energy of the springs at this rotor.
+    """
     of_springs = 0.5 * chain.stiffnesses * chain.spring_extensions(recording.angles) ** 2
     kinetic = 0.5 * chain.moments_of_inertia * recording.rates**2
     return kinetic + chain.gathered(of_springs / 2, of_springs / 2)
 
 
 def group_velocity(chain: Chain, frequency: float) -> float:
-    """Return abs(d omega / dk) of phonons [rotors/s]; 0 outside the band."""
+    """Return the group velocity abs(d omega / dk) of phonons [rotor spacings/s].
+
+    It is 0 if the angular frequency [rad/s] lies outside the phonon band.
+    """
     low, high = band_edges(chain)
     if not low < frequency < high:
         return 0.0
@@ -148,9 +168,10 @@ def group_velocity(chain: Chain, frequency: float) -> float:
 
 
 def packet_velocity(chain: Chain, recording: Recording, last: int) -> float:
-    """Return the velocity of a wave packet between rotors 3 and `last` [rotors/s].
+    """Return the velocity of a wave packet between rotor 3 and rotor `last` [rotor spacings/s].
 
-    The packet arrives at a rotor when the energy of this rotor and its neighbours is largest.
+    The packet arrives at a rotor when the total energy of this rotor and both neighbours is
+    largest.
     """
     energies = energy_per_rotor(chain, recording)
     smooth = energies[:, 2:-2] + energies[:, 1:-3] + energies[:, 3:-1]
@@ -162,20 +183,21 @@ def packet_velocity(chain: Chain, recording: Recording, last: int) -> float:
 
 @dataclass(frozen=True)
 class Spectrum:
-    """Small vibrations about a resting kink."""
+    """Normal modes of small vibrations about a resting kink."""
 
     frequencies: Array
-    """Angular frequencies [rad/s] in ascending order, shape (N,); the first is 0."""
+    """Angular frequencies [rad/s] in ascending order, shape (N,). The first one is 0."""
     participations: Array
-    """Number of rotors that take part in each mode, 1 / sum_n e_n^4, shape (N,)."""
+    """Number of rotors that take part in each mode, 1 / sum_n e_n^4 [1], shape (N,)."""
     energy: float
-    """Energy of the springs at rest [J]."""
+    """Energy of the springs while the chain is at rest [J]."""
 
 
 def spectrum(chain: Chain, site: float) -> Spectrum:
-    """Return the vibrations about a kink that rests at a site [rotor spacings].
+    """Return the small vibrations about a kink that rests at a site [rotor spacings].
 
-    The modes e obey K e = omega^2 I e, with the stiffness matrix K of the resting chain.
+    The modes e obey K e = omega^2 I e. K is the stiffness matrix of the chain with the resting
+    kink, and I contains the moments of inertia.
     """
     angles = static_wall(chain, site)
     roots = np.sqrt(chain.moments_of_inertia)
@@ -212,25 +234,30 @@ _MOVED = 'displacement of the kink [rotor spacings]'
 _SITE = 'site [rotor spacings]'
 _TIME = 'time [s]'
 _FEW = 10.0
-"""Number of rotors in a vibration below which it is localised [1]; waves involve two thirds of
-all."""
+"""Threshold of the number of rotors that take part in a vibration [1].
+
+A vibration counts as localised if fewer rotors take part. In a wave two thirds of all rotors do.
+"""
 _PACKET = (10.0, 0.01)
-"""Cycles [1] and amplitude [rad] of the packet whose velocity is measured, a linear wave."""
+"""Number of cycles [1] and amplitude [rad] of the packet whose velocity is measured.
+
+The amplitude is so small that the packet is a linear wave.
+"""
 _SITES = 33
-"""Number of sites of the spectrum in two spacings [1]."""
+"""Number of kink sites, over two rotor spacings, at which the spectrum is computed [1]."""
 
 
 @dataclass(frozen=True)
 class WaveStudy:
-    """Chain and bursts of a settings file."""
+    """Chain and bursts that a settings file specifies."""
 
     chain: Chain
     site: float
-    """Site of the resting kink [rotor spacings]."""
+    """Initial site of the kink, which is at rest [rotor spacings]."""
     burst: Burst
-    """Burst of the kymograph."""
+    """Burst of the kymograph in panel a."""
     duration: float
-    """Duration of each run [s]."""
+    """Duration of each simulation [s]."""
     frequencies: tuple[float, ...]
     amplitudes: tuple[float, ...]
     cycles: tuple[float, ...]
@@ -239,7 +266,7 @@ class WaveStudy:
 
     @staticmethod
     def read(settings: Section, quick: bool) -> WaveStudy:
-        """Read settings; raise ValueError for invalid ones."""
+        """Read the settings. Raises ValueError if they are invalid."""
         settings.check_keys('chain', 'site', 'burst', 'duration', 'kink', 'uniform')
         chain, every = chain_from(settings.section('chain')), 4 if quick else 1
         burst, kink, uniform = (settings.section(key) for key in ('burst', 'kink', 'uniform'))
@@ -264,7 +291,7 @@ class WaveStudy:
 
     @property
     def tasks(self) -> dict[tuple[Any, ...], WaveTask]:
-        """All tasks by panel and values."""
+        """All tasks. A key consists of the panel name and the parameter values."""
 
         def sent(
             frequency: float, cycles: float, amplitude: float, site: float | None
@@ -289,7 +316,7 @@ class WaveStudy:
 
 
 def page(study: WaveStudy, runs: Mapping[tuple[Any, ...], WaveRun]) -> FigureReport:
-    """Return the page with its data and comparisons."""
+    """Return the page with its data and the comparisons for the table."""
     report = FigureReport(Figure(figsize=(11.0, 10.5), layout='constrained'), _CAPTION)
     panels = report.figure.subplot_mosaic('ab;cd;ef')
     low, high = band_edges(study.chain)
@@ -385,7 +412,7 @@ def _draw_spectra(
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Draw the page of a settings file; return 1 on failure, 130 on Ctrl-C."""
+    """Run the command `waves` and return its exit status: 1 on failure, 130 after Ctrl-C."""
     parser = study_parser('waves', __doc__, 'fewer runs')
     return run_study(parser, arguments, _waves, 'no new files are written')
 
