@@ -1,8 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
 """Entry points of all nodes and programs.
 
-During the import of a program, which takes seconds on a busy machine, a signal ends the process
-immediately. Otherwise a KeyboardInterrupt would print a traceback or be suppressed by a library.
+The import of a program takes seconds on a busy machine. During this time a signal ends the
+process immediately, because a KeyboardInterrupt would print a traceback or be suppressed by a
+library.
 """
 
 from __future__ import annotations
@@ -14,9 +15,10 @@ from functools import partial
 from importlib import import_module
 
 INTERRUPTED = 130
-"""Exit code after Ctrl-C, as in shells: 128 plus the number of SIGINT."""
+"""Exit code after Ctrl-C. As in shells, the code is 128 plus the number of the signal SIGINT."""
 CLOSED_PIPE = 141
-"""Exit code after a closed standard output, as in shells: 128 plus the number of SIGPIPE."""
+"""Exit code if the reader of the standard output has closed the pipe. As in shells, the code is
+128 plus the number of the signal SIGPIPE."""
 
 
 def _start(program: str) -> None:
@@ -28,11 +30,11 @@ def _start(program: str) -> None:
         finally:
             sys.stdout.flush()
     except BrokenPipeError:
-        # Redirect the output, because Python writes to the closed pipe again at its exit.
+        # At its exit, Python writes to the closed pipe again. Redirect this output.
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         sys.exit(CLOSED_PIPE)
     finally:
-        # Python removes its signal handlers at its exit. Without this, a second signal kills it.
+        # Python removes its signal handlers at its exit. A second signal would kill it.
         signal.signal(signal.SIGINT, signal.SIG_IGN)
         signal.signal(signal.SIGTERM, signal.SIG_IGN)
 

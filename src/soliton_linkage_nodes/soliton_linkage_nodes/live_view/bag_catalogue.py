@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Catalogue of the bags in the configured folders, with the track of the soliton in each bag."""
+"""Catalogue of the bags in the configured folders, and the track of the soliton in a bag."""
 
 from __future__ import annotations
 
@@ -28,11 +28,13 @@ PLAYED = (
     interfaces.SOLITON_STATE.name,
     interfaces.LAST_KICK.name,
 )
-"""Topics of a bag that are played. Commands are omitted, because they could drive other chains."""
+"""Names of the topics that a replay publishes. Topics with commands are omitted, because they
+could drive other chains."""
 _MOST_BAGS = 200
-"""Largest number of listed bags, newest first."""
+"""Largest number of listed bags [1]. If there are more bags, the newest ones are listed."""
 _TRACK_POINTS = 500
-"""Number of points of the soliton's track on the time line [1], about one per pixel."""
+"""Approximate number of points of the soliton's track on the time line [1], about one per
+pixel."""
 
 
 @dataclass(frozen=True)
@@ -64,13 +66,14 @@ class BagTrack:
     """Track of the soliton in a bag."""
 
     points: tuple[tuple[float, float | None], ...]
-    """Time since the start of the bag [s] and site coordinate [rotor spacings] or None."""
+    """Time since the start of the bag [s] and site coordinate of the soliton [rotor spacings] for
+    each point. The site coordinate is None if there is no soliton."""
     delay: float
-    """Time from the stamp of joint_states to their reception [s]."""
+    """Time between the stamp and the reception of the first joint_states message [s]."""
 
 
 class BagCatalogue:
-    """Bags in the configured folders, without their subfolders."""
+    """Catalogue of the bags that are directly in the configured folders, not in subfolders."""
 
     def __init__(self, folders: Sequence[Path]) -> None:
         self.folders = tuple(folder.resolve() for folder in folders)
@@ -87,7 +90,7 @@ class BagCatalogue:
         return found[:_MOST_BAGS]
 
     def bag(self, name: str) -> CataloguedBag:
-        """Return the bag of a name; raise ValueError if no folder contains it."""
+        """Return the bag with a name; raise ValueError if no folder contains it."""
         for bag in self.bags():
             if bag.name == name:
                 return bag
@@ -98,7 +101,7 @@ class BagCatalogue:
 
 
 def track_of(bag: CataloguedBag) -> BagTrack:
-    """Read the track of the soliton of a bag; raise ValueError if the bag cannot be read."""
+    """Read the track of the soliton from a bag; raise ValueError if it cannot be read."""
     with open_bag(bag.path) as reader:
         connections = {c.topic.rpartition('/')[2]: c for c in reader.connections}
         delay = 0.0

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Recorder and player processes, which the page starts, commands and stops."""
+"""Processes of the recorder and the player. The page starts, controls and stops them."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ _RESULTS = {
     'split_bagfile': 'started a new file',
     'snapshot': 'wrote the snapshot',
 }
-"""Messages for successful requests."""
+"""Answer that is shown after each successful request."""
 
 
 class _BagProgram:
@@ -41,14 +41,14 @@ class _BagProgram:
 
     def __init__(self, node: str, finder: ChainFinder, read_only: bool) -> None:
         self.running = False
-        """Whether this page started the process and it has not ended."""
+        """Whether a process that this page started is still running."""
         self._node = node
         self._finder = finder
         self._read_only = read_only
         self._processes: ChildProcesses | None = None
 
     def poll(self) -> str:
-        """Check whether the process has ended; return a new failure as text, or ''."""
+        """Check whether the process has ended; return the text of a new failure, otherwise ''."""
         if self._processes is None or not self.running:
             return ''
         try:
@@ -96,7 +96,7 @@ class BagRecording(_BagProgram):
     """Recorder of one chain: a child process, or a recorder that another program started."""
 
     def __init__(self, folder: Path | None, finder: ChainFinder, read_only: bool) -> None:
-        """Record into a folder; None disables recording."""
+        """Prepare recordings into `folder`. If `folder` is None, recording is disabled."""
         super().__init__(_RECORDER, finder, read_only)
         self.namespace = '/'
         self.finished = 0
@@ -105,19 +105,19 @@ class BagRecording(_BagProgram):
 
     @property
     def report(self) -> NodeReport | None:
-        """Last report of the recorder, or None if it sends no reports."""
+        """Last report of the recorder, or None if no recent report was received."""
         received_at, report = self._finder.reports.get(
             f'{self.namespace}{_RECORDER}', (-REPORT_TIMEOUT, None)
         )
         return report if time.monotonic() - received_at < REPORT_TIMEOUT else None
 
     def status(self) -> dict[str, Any] | None:
-        """Return the status for the page."""
+        """Return the status for the page, or None if no recorder reports."""
         return {'message': self.report.message} if self.report else None
 
     @property
     def rejection(self) -> str:
-        """Reason why no recorder can be started."""
+        """Reason why no recorder can be started, or '' if a recorder can be started."""
         if self._read_only:
             return READ_ONLY
         if self._folder is None:
@@ -127,7 +127,7 @@ class BagRecording(_BagProgram):
         return ''
 
     async def start(self, namespace: str, snapshot: float = 0.0) -> str:
-        """Begin to record, and return when the recorder reports."""
+        """Begin to record, and wait for the first report of the recorder."""
         name = self.begin(namespace, snapshot)
         while self.running and self.report is None:
             await asyncio.sleep(_POLL_INTERVAL)
@@ -136,7 +136,11 @@ class BagRecording(_BagProgram):
         return f'recording to {name}_0'
 
     def begin(self, namespace: str, snapshot: float = 0.0) -> str:
-        """Record the chain of a namespace; with `snapshot` > 0, keep only its last seconds."""
+        """Start a recorder of the chain in a namespace, and return the name of the recording.
+
+        If `snapshot` is above 0, the recorder keeps only the messages of the last `snapshot`
+        seconds.
+        """
         if self._folder is None or self.rejection:
             raise ValueError(self.rejection)
         if self.running:
@@ -149,7 +153,7 @@ class BagRecording(_BagProgram):
         return name.name
 
     async def stop(self) -> str:
-        """Finish the bag."""
+        """Stop the recorder, which completes the bag."""
         self._check_writable()
         if not self.running:
             raise ValueError('this page is not recording; press Record first')
@@ -161,19 +165,19 @@ class BagRecording(_BagProgram):
         return 'the bag is complete'
 
     async def request(self, commands: ChainCommands, name: str) -> str:
-        """Request `pause`, `resume`, `split_bagfile` or `snapshot`."""
+        """Send a request to the recorder: `pause`, `resume`, `split_bagfile` or `snapshot`."""
         return await self._request(commands, commands.namespace, name)
 
 
 class BagReplay(_BagProgram):
-    """Player of one bag, in a namespace of its own."""
+    """Player of one bag. The player publishes in the namespace /replay."""
 
     def __init__(
         self, catalogue: BagCatalogue, log_folder: Path, finder: ChainFinder, read_only: bool
     ) -> None:
         super().__init__(_PLAYER, finder, read_only)
         self.played = 0
-        """Number of bags played."""
+        """Number of times that another bag was selected for the replay."""
         self.bag: CataloguedBag | None = None
         self.track = BagTrack((), 0.0)
         self.paused = False
@@ -185,13 +189,13 @@ class BagReplay(_BagProgram):
 
     @property
     def namespace(self) -> str:
-        """Namespace of the replayed chain: /replay/, then the namespace in the bag."""
+        """Namespace of the replayed chain: /replay/, followed by the namespace in the bag."""
         frames = [n for n in (self.bag.played if self.bag else []) if n.endswith('/joint_states')]
         return REPLAY + (frames[0].removesuffix('joint_states').lstrip('/') if frames else '')
 
     @property
     def position(self) -> float | None:
-        """Time in the bag [s], None if unknown."""
+        """Present time of the replay since the start of the bag [s], or None if unknown."""
         chain = self._finder.chains.get(self.namespace)
         if self.bag is None or chain is None or not chain.model.stamp > 0:
             return None
@@ -199,7 +203,7 @@ class BagReplay(_BagProgram):
         return min(max(at, 0.0), self.bag.duration)
 
     async def play(self, name: str, start: float = 0.0) -> str:
-        """Play a bag from a time [s]."""
+        """Play the bag `name` from the time `start` since the start of the bag [s]."""
         self._check_writable()
         async with self._changing:
             return await self._play(name, start)
@@ -225,7 +229,7 @@ class BagReplay(_BagProgram):
         return f'playing {name}'
 
     async def pause(self, commands: ChainCommands, paused: bool) -> str:
-        """Pause or resume; at the end of the bag, restart it."""
+        """Pause or resume the replay. If the bag has ended, resuming plays it from its start."""
         if self.bag is not None and not self.running and not paused:
             return await self.play(self.bag.name)
         answer = await self._request(commands, REPLAY, 'pause' if paused else 'resume')
@@ -233,7 +237,7 @@ class BagReplay(_BagProgram):
         return answer
 
     async def seek(self, commands: ChainCommands, at: float) -> str:
-        """Continue at a time of the bag [s]."""
+        """Continue the replay at the time `at` since the start of the bag [s]."""
         if self.bag is None:
             raise ValueError('no bag is playing')
         if not 0 <= at <= self.bag.duration:
@@ -245,7 +249,7 @@ class BagReplay(_BagProgram):
         return f'continued at {at:.1f} s'
 
     async def set_rate(self, commands: ChainCommands, rate: float) -> str:
-        """Set the rate relative to the recording."""
+        """Set the speed of the replay relative to the recorded speed [1]."""
         if self.running:
             request = service_type('SetRate').Request(rate=rate)
             await self._request(commands, REPLAY, 'set_rate', request)
@@ -253,7 +257,7 @@ class BagReplay(_BagProgram):
         return f'playing at {rate:g} × the recorded speed'
 
     async def set_loop(self, loop: bool) -> str:
-        """Set whether the bag repeats; this restarts a running player."""
+        """Set whether the replay repeats the bag. A running player is restarted for this."""
         self._check_writable()
         async with self._changing:
             self.loop = loop
@@ -262,7 +266,7 @@ class BagReplay(_BagProgram):
         return 'the bag restarts at its end' if loop else 'the replay stops at the end'
 
     async def stop(self) -> str:
-        """End the replay and drop its chain."""
+        """End the replay and remove its chain from the page."""
         async with self._changing:
             await self._stop()
             self._finder.drop(self.namespace)
@@ -270,7 +274,7 @@ class BagReplay(_BagProgram):
         return 'ended the replay'
 
     def status(self) -> dict[str, Any] | None:
-        """Return the status for the page."""
+        """Return the status for the page, or None if no bag is open."""
         if self.bag is None:
             return None
         return {

@@ -22,23 +22,26 @@ from soliton_linkage_nodes.runtime.stamps import SECOND
 MOST_ANGLES = 1500
 """Largest number of rotors that are drawn individually [1]."""
 _GROUPS = 1024
-"""Number of groups of rotors that represent a longer chain [1], about one per pixel."""
+"""Number of groups into which the rotors of a longer chain are divided [1], about one group per
+pixel."""
 _STATE_TIMEOUT = 1.0
-"""Age of the last state above which the analyser is assumed to have stopped [s]."""
+"""Threshold for a silent analyser [s]: the analyser is assumed to have stopped if its last state
+is older."""
 _HISTORY_PERIOD = 1 / 30
 """Time between two columns of the history [s]."""
 _HISTORY_COLUMNS = 600
-"""Largest number of columns [1]: 20 s."""
+"""Largest number of columns in the history [1], equal to 20 s."""
 _MINUTE_COLUMNS = 1800
-"""Number of frames in a shared file [1], one minute."""
+"""Largest number of frames in a shared file [1], equal to one minute."""
 _MINUTE_NUMBERS = 1_800_000
-"""Largest number of angles in a shared file [1], 7 MB."""
+"""Largest number of angles in a shared file [1]. They need 7 MB of memory."""
 _HISTORY_NUMBERS = 400_000
-"""Largest number of values in all columns [1], 1.6 MB. Long chains have a shorter history."""
+"""Largest number of values in all columns of the history [1]. They need 1.6 MB of memory. The
+history of a long chain is therefore shorter than 20 s."""
 
 
 class Moment(NamedTuple):
-    """Chain at a past time."""
+    """State of a chain at one past time."""
 
     stamp: float
     """Stamp of joint_states [s]."""
@@ -51,7 +54,7 @@ class Moment(NamedTuple):
 
 
 class ChainModel:
-    """Newest messages about a chain, packed into frames."""
+    """Model of one chain. It stores the newest messages and packs them into frames."""
 
     def __init__(self, clock: Callable[[], float] = time.monotonic) -> None:
         self.named: NamedChain | None = None
@@ -66,7 +69,7 @@ class ChainModel:
         self.goal = math.nan
         """Goal of the current move [rotor spacings]."""
         self.history: deque[Column] = deque(maxlen=_HISTORY_COLUMNS)
-        """Past states for pages that open later."""
+        """Recent states of the chain. They are sent to a page that is opened later."""
         self.stamp = math.nan
         """Stamp of the latest joint_states [s]."""
         self.angles = np.zeros(0)
@@ -91,12 +94,12 @@ class ChainModel:
 
     @property
     def state_age(self) -> float:
-        """Age of the latest soliton_state [s], infinite before the first."""
+        """Age of the latest soliton_state [s], infinite before the first message."""
         return self._clock() - self._state_received_at
 
     @property
     def delay(self) -> float:
-        """Delay of soliton_state behind joint_states [s], NaN without an analyser."""
+        """Delay of soliton_state behind joint_states [s], or NaN if no analyser publishes."""
         return self.stamp - self._state_stamp if self.state_age < _STATE_TIMEOUT else math.nan
 
     @property
@@ -128,12 +131,12 @@ class ChainModel:
         self._update_derived()
 
     def update_state(self, numbers: dict[str, float], solitons: list[float]) -> None:
-        """Use a new state of the analyser."""
+        """Store a new state: its quantities by name, and the numbers of its solitons."""
         self.numbers, self._solitons = numbers, solitons
         self._state_received_at = self._clock()
 
     def update_rate(self, sequence: int | None) -> None:
-        """Measure the rate of joint_states from a sequence number, None if unknown."""
+        """Update the rate of joint_states from a sequence number. None means an unknown number."""
         now = self._clock()
         if sequence is None:
             return
@@ -144,7 +147,10 @@ class ChainModel:
             self._counted = (now, sequence)
 
     def packed(self, index: int, first: int, last: int) -> bytes:
-        """Return a frame of rotors `first` to `last`; `index` is that of the chain in `status`."""
+        """Return a packed frame of the rotors `first` to `last`.
+
+        `index` is the index of the chain in the status.
+        """
         first = max(0, min(first, self.rotors - 1))
         last = max(first, min(last, self.rotors - 1))
         shown = slice(first, last + 1) if last - first < MOST_ANGLES else slice(0, 0)
@@ -169,13 +175,16 @@ class ChainModel:
         return pack(numbers, arrays)
 
     def description(self) -> dict[str, Any]:
-        """Return the constants of the chain as JSON values; unknown ones are None."""
+        """Return the constants of the chain as JSON values. An unknown chain has no spacing."""
         if self.named is None:
             return {'error': self.error, 'spacing': None}
         return {'error': self.error, **chain_constants(self.named.chain)}
 
     def shared(self, title: str) -> str:
-        """Return the frames of the last minute as an HTML page; ValueError without frames."""
+        """Return an HTML page with the frames of the last minute.
+
+        Raises ValueError if the chain is unknown or no frame was received.
+        """
         if self.named is None:
             raise ValueError('the chain is unknown: no node publishes the topic chain')
         recent = list(self._minute)
@@ -242,7 +251,8 @@ class ChainModel:
 def overview(lean: Array) -> Floats:
     """Return the lean of each rotor.
 
-    For more than 2048 rotors, return the smallest and the largest lean of each of 1024 groups.
+    For more than 2048 rotors, return the smallest and the largest lean of each of 1024 groups of
+    rotors.
     """
     if len(lean) <= 2 * _GROUPS:
         return np.asarray(lean, dtype=np.float32)

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Chains of a ROS graph, each in its namespace, and the newest messages about them."""
+"""Subscriptions to all chains of a ROS graph. Each chain has its own namespace."""
 
 from __future__ import annotations
 
@@ -31,34 +31,38 @@ from soliton_linkage_nodes.runtime.stamps import SECOND, time_from_msg
 from soliton_linkage_nodes.runtime.subscriptions import AdaptiveSubscription, subscribe_newest
 
 REPORT_TIMEOUT = 3.5
-"""Age of the last report above which a node is assumed to have stopped [s]. Nodes report once per
-second."""
+"""Threshold for silent nodes [s]: a node is assumed to have stopped if its last report is older.
+Nodes report once per second."""
 _SEARCH_INTERVAL = 0.5
-"""Poll interval for chains and nodes of the graph [s]. A poll takes about 1 ms."""
+"""Time between two searches for new chains and nodes in the graph [s]. A search takes about 1
+ms."""
 _MOST_REPORTS = 200
-"""Largest number of diagnostics that one call of `update` takes [1]."""
+"""Largest number of diagnostics messages that one call of `update` processes [1]."""
 _PAIRED = 200
-"""Largest number of states or frames that wait for each other [1]: states of 0.2 s at 1000 Hz,
-frames of 3 s."""
+"""Largest number of stored frames without a state, and of stored states without a frame [1]. At
+1000 Hz, 200 states span 0.2 s. At the default rate of at most 60 drawn frames per second, 200
+frames span 3 s."""
 _SILENCE = 0.3
-"""Time without a state after which frames are shown without states [s]."""
+"""Longest wait for a state [s]. After a longer wait, frames are shown without states."""
 _LONGEST_WAIT = 2.0
-"""Time without a pair of frame and state after which they are shown apart [s], for example if the
-analyser replaces the stamps."""
+"""Longest wait for a frame and a state with the same stamp [s]. After a longer wait, the newest
+frame and the newest state are shown although their stamps differ. This happens, for example, if
+the analyser replaces the stamps."""
 _LATE_SPAN = 10.0
-"""Time over which missed deadlines are counted [s]."""
+"""Length of the time window in which missed deadlines are counted [s]."""
 _MOST_CHAINS = 16
 """Largest number of chains shown."""
 _MOST_BYTES = 4_000_000
-"""Largest camera picture that is sent [B], a sharp picture of 12 million pixels."""
+"""Largest size of a camera picture that is sent to a page [B]. A sharp picture of 12 million
+pixels has this size."""
 
 
 class CameraTopic:
-    """Subscription to `camera_overlay` of a namespace while a page shows it."""
+    """Topic `camera_overlay` of a namespace. It is received only while a page shows it."""
 
     def __init__(self, node: Node, namespace: str) -> None:
         self.pictures = 0
-        """Number of pictures received since the subscription."""
+        """Number of pictures received since the subscription began."""
         self._node = node
         self._name = f'{namespace}{interfaces.CAMERA_OVERLAY.name}'
         self._publishers = 0
@@ -70,13 +74,13 @@ class CameraTopic:
 
     @property
     def reason(self) -> str:
-        """Reason why no picture can be received, otherwise empty."""
+        """Reason why no picture can be received, or '' if pictures can be received."""
         if self._error or self._publishers:
             return self._error
         return f'no node publishes {interfaces.CAMERA_OVERLAY.name}; start camera_encoders'
 
     def show(self, shown: bool) -> None:
-        """Subscribe while a page shows the pictures."""
+        """Subscribe if a page shows the pictures, and unsubscribe otherwise."""
         if shown and self._publishers and self._subscription is None:
             self._subscription = subscribe_newest(
                 self._node, interfaces.CAMERA_OVERLAY, self._name
@@ -85,7 +89,7 @@ class CameraTopic:
             self.close()
 
     def update(self) -> None:
-        """Keep the newest picture."""
+        """Store the newest picture."""
         message = self._subscription.newest() if self._subscription else None
         if message is None:
             return
@@ -100,7 +104,7 @@ class CameraTopic:
         self.pictures += 1
 
     def adapt(self) -> None:
-        """Adapt to new publishers."""
+        """Adapt the subscription to new publishers."""
         if self._subscription is not None:
             self._subscription.adapt()
             self._publishers = len(self._subscription.publishers)
@@ -110,7 +114,7 @@ class CameraTopic:
             self._error = ''
 
     def packed(self, index: int) -> bytes:
-        """Return the newest picture, given the index of the chain in the status."""
+        """Return a message with the newest picture for the chain of this index in the status."""
         age = time.monotonic() - self._received_at
         return pack_camera(index, self._stamp, age, self._jpeg)
 
@@ -122,7 +126,7 @@ class CameraTopic:
 
 
 class ChainTopics:
-    """Topics of the chain of one namespace; the name of the namespace ends in a slash."""
+    """Topics of the chain in one namespace. The name of the namespace ends with a slash."""
 
     def __init__(self, node: Node, namespace: str) -> None:
         self.namespace = namespace
@@ -131,15 +135,15 @@ class ChainTopics:
         self.publishers = 0
         """Number of publishers of `joint_states`."""
         self.kick: LastKick | None = None
-        """Latest message of last_kick."""
+        """Latest message on the topic last_kick, or None before the first message."""
         self.kicks = 0
-        """Number of messages of last_kick."""
+        """Number of messages received on the topic last_kick."""
         self._chain = subscribe_newest(node, interfaces.CHAIN, f'{namespace}chain')
         self._joints = NewestFrame(node, f'{namespace}joint_states')
         self._states = subscribe_newest(
             node, interfaces.SOLITON_STATE, f'{namespace}soliton_state', raw=True, depth=_PAIRED
         )
-        # Frames and states by their stamps [ns], until both of a stamp have arrived.
+        # Frames and states by their stamps [ns]. Each is kept until the other has arrived.
         self._frames: dict[int, JointStates] = {}
         self._analysed: dict[int, bytes] = {}
         self._shown_at = self._state_at = -math.inf
@@ -184,8 +188,9 @@ class ChainTopics:
     def _show_frame(self, fresh: bool) -> None:
         """Update the model with the newest frame whose state has also arrived.
 
-        If no analyser runs, each `fresh` frame is shown. If no pair is found for two seconds, the
-        newest frame and the newest state are shown.
+        `fresh` is whether a new frame has arrived. If no analyser runs, each new frame is shown.
+        If no frame and state with the same stamp are found for two seconds, the newest frame and
+        the newest state are shown.
         """
         now = time.monotonic()
         paired = [stamp for stamp in self._frames if stamp in self._analysed]
@@ -202,7 +207,7 @@ class ChainTopics:
         if self._frames:
             frame = paired[-1] if paired else next(reversed(self._frames))
             self.model.update_joints(self._frames[frame])
-        # The order of arrival is used, because stamps may restart at a reset.
+        # Delete messages in the order of their arrival, because stamps may restart at a reset.
         for kept in (self._frames, self._analysed):
             for stamp in _until(kept, paired[-1]) if paired else list(kept) if silent else ():
                 del kept[stamp]
@@ -220,23 +225,25 @@ class ChainTopics:
 
 
 def _until(kept: Mapping[int, object], last: int) -> list[int]:
-    """Return all stamps up to `last` in the order of their arrival."""
+    """Return the stamps that arrived before the stamp `last`, and `last` itself."""
     stamps = list(kept)
     return stamps[: stamps.index(last) + 1]
 
 
 class ChainFinder:
-    """Search for all published chains, and the reports of nodes.
+    """All chains that are published in the ROS graph, and the latest report of each node.
 
-    No executor may spin the node. The chain of the expected namespace is always listed first.
+    No executor may spin `node`, because this class takes the messages itself. The chain in the
+    namespace `expected` is always the first chain, even if no node publishes it.
     """
 
     def __init__(self, node: Node, expected: str) -> None:
         self.chains: dict[str, ChainTopics] = {expected: ChainTopics(node, expected)}
         self.reports: dict[str, tuple[float, NodeReport]] = {}
-        """Last report of each node with its monotonic time [s]."""
+        """Time of reception on the monotonic clock [s] and last report, by the full name of the
+        node."""
         self.nodes: list[str] = []
-        """Full names of nodes."""
+        """Full names of all nodes in the graph."""
         self._node = node
         self._deadlines: dict[str, deque[tuple[float, ...]]] = {}
         self._searched = 0.0
@@ -244,7 +251,7 @@ class ChainFinder:
         self._diagnostics = AdaptiveSubscription(node, interfaces.DIAGNOSTICS)
 
     def update(self) -> None:
-        """Take the newest messages of all chains, and search periodically for more chains."""
+        """Process the newest messages of all chains, and search periodically for more chains."""
         for chain in list(self.chains.values()):
             chain.update()
         for _ in range(_MOST_REPORTS):
@@ -275,7 +282,7 @@ class ChainFinder:
         return max(0.0, min(1.0, (missed - missed_before) / (frames - before)))
 
     def drop(self, namespace: str) -> None:
-        """Drop a chain until it is published again."""
+        """Remove a chain from the list. A later search adds the chain again if it is published."""
         chain = self.chains.pop(namespace, None)
         if chain is not None:
             chain.close()

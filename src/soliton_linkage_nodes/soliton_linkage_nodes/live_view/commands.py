@@ -29,9 +29,9 @@ from soliton_linkage_nodes.runtime import interfaces
 from soliton_linkage_nodes.runtime.guarded import ACTION_QOS, SERVICE_QOS
 
 _ANSWER_TIMEOUT = 60.0
-"""Longest wait for the answer to a command [s]. The page reports a missing answer after 2 s."""
+"""Longest wait for the answer to a command [s]. The page warns after 2 s without an answer."""
 _ACCEPTED_TIME = 2.0
-"""Time to wait for the effect of an accepted command [s]."""
+"""Longest wait for the effect of a command that the actuator has accepted [s]."""
 _PARAMETERS_TIMEOUT = 3.0
 """Longest wait for the parameter services of a node [s]."""
 _POLL_INTERVAL = 0.02
@@ -39,9 +39,9 @@ _POLL_INTERVAL = 0.02
 _TILT_RESOLUTION = 1e-5
 """Resolution of the reported tilt [rad]."""
 _CARRIED_OUT = 'commands carried out'
-"""Name of a value in the reports of edge_actuator."""
+"""Name of the value in the reports of edge_actuator that counts its commands."""
 READ_ONLY = 'this page is read-only; start live_view with read_only:=false to send commands'
-"""Reason of a rejection."""
+"""Reason for the rejection of a command if the page is read-only."""
 _PUBLISHED = (
     *(interfaces.NUDGE, interfaces.EDGE_COMMAND, interfaces.TILT),
     interfaces.JOINT_COMMANDS,
@@ -64,11 +64,12 @@ _PARAMETER_SERVICES = {
 
 
 class ChainCommands:
-    """Commands to the nodes of a namespace, whose name ends in a slash.
+    """Commands to the nodes in a namespace. The name of the namespace ends with a slash.
 
-    Each method waits for the answer to its command and returns the result. It raises ValueError
-    with the reason if the command is rejected or unanswered. The finder provides the reports of
-    nodes, which contain the answers to commands on topics.
+    Each method that sends a command waits for the answer and returns it as text. The method
+    raises ValueError with the reason if the command is rejected or not answered. `finder`
+    provides the reports of the nodes, because these reports contain the answers to commands on
+    topics.
     """
 
     def __init__(self, node: Node, namespace: str, read_only: bool, finder: ChainFinder) -> None:
@@ -99,12 +100,12 @@ class ChainCommands:
                 self._client(f'{namespace}{name}', service_type)
 
     def subscribers(self, topic: str) -> int:
-        """Return the number of subscribers of nudge, edge_command or tilt."""
+        """Return the number of subscribers of a command topic, such as nudge or edge_command."""
         publisher = self._publishers.get(topic)
         return publisher.get_subscription_count() if publisher else 0
 
     def serves(self, name: str) -> bool:
-        """Return whether the action move_soliton or a service of the namespace has a server."""
+        """Return whether a node serves the action move_soliton or a service in this namespace."""
         if name == interfaces.MOVE_SOLITON:
             return self._mover is not None and bool(self._mover.server_is_ready())
         client = self._clients.get(f'{self.namespace}{name}')
@@ -116,14 +117,14 @@ class ChainCommands:
             raise ValueError(READ_ONLY)
 
     async def nudge(self, speed: float) -> str:
-        """Nudge the edge [rad/s]."""
+        """Nudge the edge with `speed` [rad/s]."""
         message = views.number_to_msg(speed)
         return await self._actuate('nudge', lambda: self._publish_edge('nudge', message))
 
     async def drive(
         self, kind: str, edge: str, value: float, times: tuple[float, float, float], **wave: Any
     ) -> str:
-        """Send an edge_command; the times are duration, ramp up and ramp down [s]."""
+        """Send an edge_command; `times` are its duration, ramp up and ramp down [s]."""
         message = views.edge_command_of(kind, edge, value, *times, **wave)
         lasting = any(times) or bool(wave)
         return await self._actuate(
@@ -131,7 +132,7 @@ class ChainCommands:
         )
 
     async def pull(self, pull: Pull, updated: Callable[[], Awaitable[None]]) -> str:
-        """Pull a rotor until the button is released; update the torque with each frame."""
+        """Pull a rotor until the user releases the button. Each new frame updates the torque."""
         self.check_writable()
         chain = self._finder.chains.get(self.namespace)
         named = chain.model.named if chain else None
@@ -168,7 +169,7 @@ class ChainCommands:
         raise ValueError(f'edge_actuator has no torque limit for {joint}')
 
     async def tilt(self, angle: float) -> str:
-        """Tilt the chain [rad]; return '' if a newer tilt replaces this one before its answer."""
+        """Tilt the chain to `angle` [rad]; return '' if a newer tilt is sent before the answer."""
         message = views.number_to_msg(angle)
         before = self._report('simulator')
         self._publish('tilt', message, 'simulator')
@@ -202,8 +203,8 @@ class ChainCommands:
     ) -> str:
         """Reset the chain to a state.
 
-        `position` [rotor spacings] and `velocity` [m/s] are those of a soliton; `joints` contains
-        angles [rad] by joint name.
+        `position` [rotor spacings] and `velocity` [m/s] apply to the state `soliton`. `joints`
+        contains the angle [rad] of each joint name.
         """
         request = views.reset_request(state, position, velocity, joints)
         answer = await self._call_own('simulator/reset', request)
@@ -221,7 +222,7 @@ class ChainCommands:
         return await self._call_own(f'chain_identifier/{name}', Trigger.Request())
 
     async def move_to(self, rotor: float, speed: float, position: float) -> str:
-        """Move the soliton to a rotor [rotor spacings]; a speed of 0 is automatic."""
+        """Move the soliton to `rotor` [rotor spacings]; with speed 0, the steering selects it."""
         self.check_writable()
         goal = views.move_goal(rotor, speed)
         if self._mover is None or not self._mover.server_is_ready():
@@ -236,7 +237,7 @@ class ChainCommands:
 
         def send() -> Any:
             sent = mover.send_goal_async(goal, feedback_callback=on_feedback)
-            # The callback is added on the thread of the executor, so that it receives any answer.
+            # Add the callback on the executor's thread, so that no answer arrives before it.
             sent.add_done_callback(lambda accepted: await_end(move, accepted.result()))
             return sent
 
@@ -256,7 +257,7 @@ class ChainCommands:
         raise ValueError(f'{move.state}: {move.message}')
 
     def follow(self, received_at: float, figures: Mapping[str, str]) -> None:
-        """Show a move of another client; `figures` are the values of a steering report."""
+        """Show a move that another client requested, from the `figures` of a steering report."""
         if received_at <= self._reported_at or 'moves begun' not in figures:
             return
         self._reported_at = received_at
@@ -283,7 +284,7 @@ class ChainCommands:
         self.check_writable()
         move = self.move
         if move.foreign and move.under_way:
-            # A request without a goal cancels all goals.
+            # A cancel request that names no goal cancels all goals.
             name = f'{self.namespace}{interfaces.MOVE_SOLITON}/_action/cancel_goal'
             await self.call(name, CancelGoal, CancelGoal.Request())
         elif move.under_way:
@@ -295,11 +296,11 @@ class ChainCommands:
         )
 
     async def parameters(self, node: str) -> list[AdjustableParameter]:
-        """Return the adjustable parameters of the node with this full name."""
+        """Return the adjustable parameters of a node, specified by its full name."""
         listed = await self._call_parameters(node, ListParameters, ListParameters.Request())
         request = DescribeParameters.Request(names=sorted(listed.result.names))
         answer = await self._call_parameters(node, DescribeParameters, request)
-        # If one of the requested parameters has no value, a node returns no values.
+        # A node returns no values at all if one of the requested parameters has no value.
         found = [each for each in answer.descriptors if views.is_adjustable(each)]
         request = GetParameters.Request(names=[each.name for each in found])
         values = (await self._call_parameters(node, GetParameters, request)).values
@@ -316,7 +317,7 @@ class ChainCommands:
         return f'{parameter.name} = {value}'
 
     async def call(self, name: str, service_type: Any, request: Any) -> Any:
-        """Return the response of a service by its full name; ValueError without a server."""
+        """Call a service by its full name; raise ValueError if no node serves it."""
         client = self._client(name, service_type)
         if not client.service_is_ready():
             raise ValueError(f'no node serves {name}')
@@ -362,7 +363,7 @@ class ChainCommands:
             return await self._until(answer, 'edge_actuator')
 
     async def _until(self, answer: Callable[[], str | None], node: str) -> str:
-        """Poll `answer` until it returns a text; it raises ValueError for a rejection."""
+        """Poll `answer` until it returns a text. `answer` raises ValueError for a rejection."""
         deadline = time.monotonic() + _ANSWER_TIMEOUT
         while time.monotonic() < deadline:
             if (text := answer()) is not None:
@@ -426,7 +427,7 @@ class ChainCommands:
 
 
 def _new_rejection(before: NodeReport | None, report: NodeReport | None, topic: str) -> str:
-    """Return the reason if a node has rejected a message of a topic since an earlier report."""
+    """Return why a node rejected a message on `topic` since the report `before`, otherwise ''."""
     if report is None:
         return ''
     rejected = views.figure(report.figures, 'rejected')

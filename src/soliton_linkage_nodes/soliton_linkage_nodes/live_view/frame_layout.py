@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Binary messages to the page: frames, histories and camera pictures of a chain.
+"""Layout of the binary messages to the page: frames, histories and camera pictures of a chain.
 
-All numbers are little-endian. Each message begins with its kind, a double. A frame continues with
-`FIELDS` as doubles, the number of elements of each of `ARRAYS` as doubles, and the arrays as
-float32, one after the other.
+All numbers are little-endian. Each message begins with a double that specifies the kind of the
+message. In a frame, the next doubles are the `FIELDS`, followed by the number of elements of each
+array in `ARRAYS`. The elements of all arrays follow as float32.
 """
 
 from __future__ import annotations
@@ -24,10 +24,10 @@ ENERGIES = ('kinetic', 'elastic', 'wall_energy', 'wake_energy')
 """Energies that the page plots over time [J]."""
 FIELDS = (
     'chain',  # index of the chain in the status
-    'stamp',  # of joint_states [s]
-    'age',  # of joint_states when the frame was packed [s], infinite before the first message
-    'state_age',  # of soliton_state [s]
-    'state_stamp',  # of soliton_state, or of joint_states without soliton_state [s]
+    'stamp',  # stamp of joint_states [s]
+    'age',  # age of joint_states at packing [s], infinite before the first message
+    'state_age',  # age of soliton_state [s]
+    'state_stamp',  # stamp of soliton_state [s]; without soliton_state, that of joint_states
     'rotors',
     'first',  # rotor of the first element of `angles`
     'rotor',
@@ -43,27 +43,32 @@ FIELDS = (
     'winding_beyond',
     'charge',
     'zero_mode_rotor',
-    'goal',  # of the current move [rotor spacings]
+    'goal',  # goal of the current move [rotor spacings]
 )
 ARRAYS = (
-    'overview',  # lean u of each rotor [m], or smallest and largest u of groups of equal size
-    'angles',  # angles of the shown rotors [rad]; empty if these are too many
+    'overview',  # lean u of each rotor [m]; in long chains, smallest and largest u of each group
+    'angles',  # angles of the shown rotors [rad]; empty if too many rotors are shown
     'extensions',  # extension of the spring after each shown rotor [m]
-    'mode',  # component of the zero mode of each shown rotor [1]
+    'mode',  # component of the zero mode at each shown rotor [1]
     'solitons',  # position [rotor spacings], standard deviation [m] and charge of each soliton
 )
 
 
 class Column(NamedTuple):
-    """State of a chain at a past time."""
+    """State of a chain at one past time, which is one column of the history."""
 
     numbers: tuple[float, ...]
-    """Stamps of angles and state [s], position [rotor spacings] and `ENERGIES`."""
+    """Stamp of the angles [s], stamp of the state [s], position of the soliton [rotor spacings],
+    and `ENERGIES` [J]."""
     overview: Floats
 
 
 def pack(numbers: Mapping[str, float], arrays: Mapping[str, Array | Floats]) -> bytes:
-    """Return a frame. Missing fields are NaN, missing arrays empty, too large floats infinite."""
+    """Return a frame as bytes.
+
+    Missing fields become NaN, missing arrays become empty, and numbers that are too large for
+    float32 become infinite.
+    """
     empty = np.zeros(0, dtype='<f4')
     with np.errstate(over='ignore'):
         parts = [np.asarray(arrays.get(name, empty), dtype='<f4') for name in ARRAYS]
@@ -73,7 +78,7 @@ def pack(numbers: Mapping[str, float], arrays: Mapping[str, Array | Floats]) -> 
 
 
 def unpack(frame: bytes) -> tuple[dict[str, float], dict[str, Floats]]:
-    """Return fields and arrays of a frame."""
+    """Return the fields and the arrays of a packed frame."""
     head = np.frombuffer(frame, '<f8', 1 + len(FIELDS) + len(ARRAYS))
     begin = head.nbytes
     numbers = dict(zip(FIELDS, head[1:].tolist(), strict=False))
@@ -85,11 +90,12 @@ def unpack(frame: bytes) -> tuple[dict[str, float], dict[str, Floats]]:
 
 
 def pack_history(chain: int, columns: Iterable[Column]) -> bytes:
-    """Return the history of a chain, given its index in the status.
+    """Return the history of a chain as bytes. `chain` is the index of the chain in the status.
 
-    Doubles: kind, index of the chain, number of columns, values per column, numbers per column,
-    and the numbers of all columns; then the values of all columns as float32. Columns
-    with another length than the latest column are omitted.
+    The message begins with doubles: the kind of the message, the index of the chain, the number
+    of columns, the number of overview values per column, the number of other numbers per column,
+    and these other numbers of all columns. The overview values of all columns follow as float32.
+    Columns with another number of overview values than the latest column are omitted.
     """
     kept = list(columns)
     height = kept[-1].overview.size if kept else 0
@@ -101,7 +107,11 @@ def pack_history(chain: int, columns: Iterable[Column]) -> bytes:
 
 
 def pack_camera(chain: int, stamp: float, age: float, jpeg: bytes) -> bytes:
-    """Return a camera picture: kind, index of the chain, stamp [s] and age [s], then the JPEG."""
+    """Return a camera picture as bytes.
+
+    The message contains doubles for its kind, the index of the chain, the stamp [s] and the age
+    [s], followed by the JPEG file.
+    """
     return np.array([CAMERA, chain, stamp, age], dtype='<f8').tobytes() + jpeg
 
 

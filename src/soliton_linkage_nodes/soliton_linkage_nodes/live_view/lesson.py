@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Guided experiments on a simulated chain. Each has a question and a measured answer."""
+"""Guided experiments on a simulated chain. Each experiment measures the answer to a question."""
 
 from __future__ import annotations
 
@@ -21,27 +21,29 @@ from soliton_linkage_nodes.runtime.child_processes import ChildProcesses
 DISORDERED = '/disordered/'
 """Namespace of the disordered chain."""
 _SPEED = 10.0
-"""Speed of a nudge [rad/s], as in the demo."""
+"""Angular speed of a nudge [rad/s], the same as in the demo."""
 _SPEEDS = (5.0, 10.0, 20.0)
-"""Speeds of the second experiment [rad/s]."""
+"""Angular speeds of the three nudges in the second experiment [rad/s]."""
 _DISORDER = 0.02
 """Relative standard deviation of the lengths of the disordered chain [1]."""
 _MIDDLE = (0.3, 0.7)
-"""Range of positions in which speeds are measured [chain lengths], away from the edges."""
+"""First and last position at which the speed of a soliton is measured [chain lengths]. Positions
+near the edges are excluded."""
 _TIMEOUT = 60.0
-"""Longest time for a passage [s]."""
+"""Longest wait in each step of an experiment [s], for example for a passage of the soliton."""
 _NODES = ('simulator', 'edge_actuator', 'soliton_analyser')
 _TURN = 1.0
-"""Smallest change of angle of a rotor that spins [rad]."""
+"""Threshold for spinning [rad]: the rotor spins if its angle after the return of the soliton
+differs from its initial angle by a larger value."""
 
 
 class Sample(NamedTuple):
-    """Soliton at one time."""
+    """State of the soliton at one time."""
 
     stamp: float
     """Stamp of joint_states [s]."""
     rotor: float
-    """Position [rotor spacings]."""
+    """Position of the soliton [rotor spacings]."""
     zero_mode: float
     """Centre of the zero mode [rotor spacings]."""
     turn: float
@@ -63,14 +65,17 @@ class Passage:
 
 
 class Laboratory:
-    """Experiments on the chain of a namespace."""
+    """Experiments on the chain in a namespace."""
 
     def __init__(self, view: View, namespace: str, watch: Callable[[str], None]) -> None:
-        """Measure a chain; the function `watch` displays the chain of a namespace."""
+        """Prepare experiments on the chain in `namespace`.
+
+        The function `watch` receives a namespace, and selects its chain for display on the page.
+        """
         self._view, self._namespace, self._watch = view, namespace, watch
 
     async def nudge(self) -> str:
-        """Send a soliton through the chain."""
+        """Send a soliton through the chain, and return its speed and energy as text."""
         passage = await self._send(_SPEED)
         energy = self._view.chains[self._namespace].model.numbers.get('wall_energy', math.nan)
         return (
@@ -79,7 +84,7 @@ class Laboratory:
         )
 
     async def speed(self) -> str:
-        """Compare the speeds after nudges of three strengths."""
+        """Compare the speeds of the soliton after nudges of three strengths."""
         speeds = [abs((await self._send(strength)).velocity) for strength in _SPEEDS]
         pairs = zip(_SPEEDS, speeds, strict=True)
         measured = ', '.join(f'{s:g} rad/s: {v:.2f} rotors/s' for s, v in pairs)
@@ -91,7 +96,7 @@ class Laboratory:
         )
 
     async def turns(self) -> str:
-        """Determine whether the rotors flip back or spin."""
+        """Determine whether the middle rotor flips back or spins when the soliton returns."""
         first = await self._send(_SPEED)
         second = await self._passage()
         before, there = first.samples[0].turn, first.samples[-1].turn
@@ -103,7 +108,7 @@ class Laboratory:
         )
 
     async def reflection(self) -> str:
-        """Compare the soliton before and after an edge."""
+        """Compare the velocity and the zero mode before and after the soliton's reflection."""
         there = await self._send(_SPEED)
         back = await self._passage()
         ends = [passage.samples[-1].zero_mode for passage in (there, back)]
@@ -114,7 +119,7 @@ class Laboratory:
         )
 
     async def disorder(self) -> str:
-        """Compare this chain with one whose lengths deviate at random."""
+        """Compare the soliton speed in this chain with the speed in a chain of random lengths."""
         named = self._view.chains[self._namespace].model.named
         if named is None:
             raise ValueError('the chain is unknown: no node publishes the topic chain')
@@ -203,7 +208,7 @@ class Laboratory:
 
 
 class GuidedExperiment(NamedTuple):
-    """Guided experiment."""
+    """Guided experiment: its title, its question, and the method that measures the answer."""
 
     title: str
     question: str

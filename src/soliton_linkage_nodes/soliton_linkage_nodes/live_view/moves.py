@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Moves of the soliton: progress and outcome."""
+"""Progress and outcome of the moves of the soliton."""
 
 from __future__ import annotations
 
@@ -12,9 +12,9 @@ from soliton_linkage_msgs.action import MoveSoliton
 from soliton_linkage_nodes.messages import view_conversions as views
 
 UNDER_WAY = 'under way'
-"""State of a move that has not ended."""
+"""State of a move in progress."""
 _HELD = (MoveSoliton.Result.REACHED, MoveSoliton.Result.CANCELLED)
-"""Outcomes after which the soliton is held."""
+"""Outcomes after which the steering node holds the soliton."""
 
 
 @dataclass
@@ -22,9 +22,10 @@ class Move:
     """The last move of the soliton, requested by this page or by another client."""
 
     state: str = ''
-    """Empty before the first move, then UNDER_WAY, or the outcome."""
+    """State of the move: empty before the first move, UNDER_WAY during the move, and afterwards
+    the name of the outcome."""
     goal: float = math.nan
-    """Goal [rotor spacings]."""
+    """Site coordinate of the goal [rotor spacings]."""
     start: float = math.nan
     """Initial site coordinate of the soliton [rotor spacings]."""
     rotor: float = math.nan
@@ -33,22 +34,22 @@ class Move:
     foreign: bool = False
     """Whether another client requested the move."""
     ended_at: float = math.inf
-    """Time of the outcome on the monotonic clock [s]."""
+    """Time of the outcome on the monotonic clock [s], infinite while the move has no outcome."""
     handle: Any = field(default=None, repr=False)
 
     @property
     def under_way(self) -> bool:
-        """Whether the move has not ended."""
+        """Whether the move is in progress."""
         return self.state == UNDER_WAY
 
     @property
     def held(self) -> bool:
-        """Whether the soliton is held where the move ended."""
+        """Whether the soliton is held at the position at which the move ended."""
         return self.state in (views.OUTCOMES[code] for code in _HELD)
 
     @property
     def progress(self) -> float:
-        """Completed fraction of the distance, 0 to 1."""
+        """Completed fraction of the distance from start to goal, 0 to 1."""
         distance = self.goal - self.start
         if not (math.isfinite(distance) and math.isfinite(self.rotor) and distance):
             return 0.0
@@ -56,7 +57,7 @@ class Move:
 
 
 def await_end(move: Move, handle: Any) -> None:
-    """Set the outcome of a move from the result of its goal."""
+    """Set the outcome of `move` when the action goal of `handle` has a result."""
     if handle is not None and handle.accepted:
         move.handle = handle
         handle.get_result_async().add_done_callback(lambda done: _conclude(move, done.result()))

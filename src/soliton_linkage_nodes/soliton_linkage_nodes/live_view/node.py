@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Node that serves the live page, which shows chains in a browser and sends commands to them."""
+"""Node that serves the live page. The page shows chains and sends commands to them."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ from soliton_linkage_nodes.runtime.parameters import declare, reject_unknown
 from soliton_linkage_nodes.runtime.process import run
 
 _IDLE_PERIOD = 0.1
-"""Time between two ticks without browsers [s]."""
+"""Time between two ticks while no browser is connected [s]."""
 
 
 @dataclass(frozen=True)
@@ -51,13 +51,14 @@ class LiveViewParameters:
 
 
 class LiveView(GuardedNode):
-    """Node that serves a page, which shows chains and sends commands to them.
+    """Node that serves a web page. The page shows chains and sends commands to them.
 
-    In every namespace with `joint_states`, the node subscribes to `joint_states`, `soliton_state`,
-    `chain` and, while a browser shows it, `camera_overlay`. In the same namespace it publishes
-    `nudge`, `edge_command` and `tilt`, calls services of the suite's nodes, and uses the action
-    `move_soliton`. It subscribes to and publishes `/diagnostics`. It starts a `bag_recorder`, and
-    a `bag_player` in the namespace `/replay`.
+    In every namespace with `joint_states`, the node subscribes to `joint_states`, `soliton_state`
+    and `chain`. It also subscribes to `camera_overlay` while a browser shows the camera. In the
+    same namespace the node publishes `nudge`, `edge_command` and `tilt`, calls services of the
+    suite's nodes, and uses the action `move_soliton`. The node subscribes to `/diagnostics` and
+    publishes its own report there. It starts a `bag_recorder`, and a `bag_player` in the
+    namespace `/replay`.
     """
 
     PARAMETERS: ClassVar[dict[type, str]] = {LiveViewParameters: ''}
@@ -132,7 +133,7 @@ class LiveView(GuardedNode):
             self._sent_before += stream.sent
 
     def _tick(self) -> float:
-        """Take the newest messages; return the time to the next tick [s]."""
+        """Process the newest messages, and return the time to the next tick [s]."""
         begin = time.perf_counter()
         self.view.update({stream.watched for stream in self.streams if stream.shows_camera})
         self._busy += time.perf_counter() - begin

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Page with controls, and with plots that a script in the browser draws."""
+"""Live page with controls and plots. A script in the browser draws the plots."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ from soliton_linkage_nodes.live_view.view import ALL, View
 
 
 class LessonControls:
-    """Question, button and measured answer of each experiment."""
+    """Question, button and measured answer of each guided experiment."""
 
     def __init__(self, view: View, page: Shown, watch: Callable[[str], None]) -> None:
         self._view, self._page, self._watch = view, page, watch
@@ -67,7 +67,7 @@ _REFRESH_PERIOD = 0.25
 _BUILD_TIMEOUT = 60.0
 """Longest time to build a page on a busy machine [s]."""
 _RECONNECT_TIMEOUT = 15.0
-"""Time after a lost connection within which a browser keeps its page [s]."""
+"""Longest interruption of the connection after which a browser still keeps its page [s]."""
 _TABS = ('Drive', 'Run', 'Settings', 'Bags', 'Identify')
 _LESSON = 'Lesson'
 _LESSON_TABS = (_LESSON, 'Drive', 'Run')
@@ -82,7 +82,7 @@ _DOCUMENTS = Path(__file__).with_name('docs')
 
 
 def add(served: FastAPI, view: View, lesson: bool) -> None:
-    """Add the page to an application; it may begin with the lesson."""
+    """Add the page to an application. If `lesson` is true, the page begins with the lesson."""
     plots = _PLOTS.read_text(encoding='utf-8')
 
     @ui.page('/', response_timeout=_BUILD_TIMEOUT)
@@ -112,7 +112,7 @@ def add(served: FastAPI, view: View, lesson: bool) -> None:
 
 
 class Page:
-    """Page of one browser. It initially shows the first chain."""
+    """Page in one browser. A new page shows the first chain."""
 
     def __init__(self, view: View, lesson: bool) -> None:
         self._view = view
@@ -123,7 +123,7 @@ class Page:
         self._dark = ui.dark_mode(None)
 
     async def build(self, plots: str) -> None:
-        """Build the page in steps, so that other browsers still receive frames."""
+        """Build the page in steps, so that other browsers receive frames in the meantime."""
         ui.add_head_html(
             '<link rel="stylesheet" href="/live/live.css">'
             '<script type="module" src="/live/live.js"></script>'

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Pull of a rotor by the pointer, modelled as a spring with limited torque."""
+"""Pull of a rotor by the pointer. The pull is a model of a spring with limited torque."""
 
 from __future__ import annotations
 
@@ -11,14 +11,15 @@ import numpy as np
 from soliton_linkage.linkage.chain import Array, Chain
 
 _ACCELERATION = 200.0
-"""Angular acceleration of a free rotor by the largest torque [rad/s^2]. After 0.05 s the rotor has
-10 rad/s, the speed of the default nudge."""
+"""Angular acceleration that the largest torque of a pull gives to a free rotor [rad/s^2]. After
+0.05 s the rotor has an angular speed of 10 rad/s, the same as after the default nudge."""
 _STRETCH = 1.0
-"""Angle between rotor and pointer at which the spring has its largest torque [rad]."""
+"""Angle between rotor and pointer at which the spring reaches its largest torque [rad]."""
 _TOP_SPEED = 20.0
-"""Speed at which the damping cancels the largest torque [rad/s]."""
+"""Angular speed of the rotor at which the damping cancels the largest torque [rad/s]."""
 _DEAD_ZONE = 0.2
-"""Distance from the pivot within which the pointer has no direction [rotor lengths]."""
+"""Radius of the dead zone around the pivot [rotor lengths]. A pointer in the dead zone causes no
+torque."""
 
 
 @dataclass
@@ -40,7 +41,11 @@ class Pull:
         self.x, self.z = float(x), float(z)
 
     def torque(self, chain: Chain, angles: Array, rates: Array | None, limit: float) -> float:
-        """Return the torque on the rotor [N m], at most `limit` [N m]."""
+        """Return the torque of the pull on the rotor [N m]. Its magnitude is at most `limit`.
+
+        `angles` [rad] and `rates` [rad/s] have shape (N,). If `rates` is None, there is no
+        damping.
+        """
         pivot = float(np.sum(chain.spacings[: self.rotor]))
         length = float(chain.rotor_lengths[self.rotor])
         angle = float(angles[self.rotor])

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Web server of the page on its own thread, with access control."""
+"""Web server of the page. It runs on its own thread and controls the access to the page."""
 
 from __future__ import annotations
 
@@ -35,18 +35,18 @@ _PICTURES = Path(__file__).parent / 'docs' / 'pictures'
 _START_TIMEOUT = 30.0
 """Longest time for the server to start [s]. NiceGUI takes seconds on a busy machine."""
 _LONGEST_PERIOD = 0.2
-"""Longest time between two ticks, for any number of browsers [s]."""
+"""Longest time to which the interval of ticks grows when browsers need much processor time [s]."""
 _LARGEST_MESSAGE = 65536
 """Largest message of a browser [bytes]."""
 _COOKIE = 'soliton_linkage_live_view'
 _PUNCTUATION = '.,;:)\'"'
-"""Punctuation after an address in a text. A terminal may include it when the user opens the
-address."""
+"""Punctuation marks that may follow an address in a text. A terminal may include these marks when
+the user opens the address."""
 _REMEDY = 'open the address that live_view printed'
 
 
 def listening_socket(host: str, port: int) -> socket.socket:
-    """Return a socket bound to a host and a port, 0 for any free port."""
+    """Return a socket that is bound to a host and a port. Port 0 selects any free port."""
     family = socket.AF_INET6 if ':' in host else socket.AF_INET
     bound = socket.socket(family, socket.SOCK_STREAM)
     bound.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
@@ -64,10 +64,10 @@ def listening_socket(host: str, port: int) -> socket.socket:
 def application(
     serve: Callable[[WebSocket], Awaitable[None]], share: Callable[[str], str]
 ) -> FastAPI:
-    """Return an application with the page's own files and a stream to each browser.
+    """Return an application that serves the files of the page and a stream to each browser.
 
-    `share` returns the last minute of the chain of a namespace as an HTML page, or raises
-    ValueError.
+    `serve` runs the stream of one browser. `share` returns an HTML page with the last minute of
+    the chain in a namespace, or raises ValueError.
     """
     created = FastAPI(docs_url=None, redoc_url=None, openapi_url=None)
     files = {path.name: path for path in _SCRIPTS.iterdir() if path.suffix in ('.js', '.css')}
@@ -100,7 +100,7 @@ def application(
 
 
 class PageServer:
-    """Server of an application on its own thread, which also calls `tick` periodically."""
+    """Server that runs an application on its own thread. The thread calls `tick` periodically."""
 
     def __init__(
         self,
@@ -110,9 +110,10 @@ class PageServer:
         tick: Callable[[], float],
         share: float,
     ) -> None:
-        """Serve on a bound socket; `tick` returns the time until its next call [s].
+        """Serve on a bound socket. `tick` returns the time until its next call [s].
 
-        The interval grows if the thread would otherwise use more than `share` of a core [1].
+        This time becomes longer if the thread would otherwise use more than the fraction `share`
+        of a processor core [1]. An empty `token` means that no token is needed.
         """
         config = uvicorn.Config(
             Gate(served, token),
@@ -168,7 +169,12 @@ class PageServer:
 
 
 def tick_period(wanted: float, spent: float, share: float) -> float:
-    """Return the time to the next tick [s], so that ticks use at most `share` of the time [1]."""
+    """Return the time to the next tick [s].
+
+    `wanted` is the requested time [s], and `spent` is the processor time of the last tick [s].
+    The result is longer than `wanted` if ticks would otherwise use more than the fraction `share`
+    of the time [1].
+    """
     return max(wanted, min(spent / share, _LONGEST_PERIOD))
 
 
@@ -183,12 +189,12 @@ def is_loopback(host: str) -> bool:
 
 
 class Gate:
-    """Middleware that rejects requests and streams of other pages.
+    """Middleware that rejects requests and streams that do not come from the live page.
 
-    Otherwise a page of another origin in the same browser could send commands to the chain, for
-    example with a host name that resolves to 127.0.0.1. If no token is configured, only host names
-    of this machine are accepted. If a token is configured, it must be in the address or in the
-    cookie that the first response sets.
+    Without this check, another web page in the same browser could send commands to the chain, for
+    example with a host name that resolves to 127.0.0.1. If no token is configured, the middleware
+    accepts only host names of this machine. If a token is configured, each request must contain
+    it in the address or in the cookie that the first response sets.
     """
 
     def __init__(self, guarded: ASGIApp, token: str = '') -> None:
@@ -210,7 +216,7 @@ class Gate:
             if reason:
                 answer = PlainTextResponse(f'{reason}\n', 403)
             elif scope['type'] == 'http' and self._token and in_address:
-                # A redirect to an address without the token keeps it out of the history.
+                # Redirect to the address without the token to keep the token out of the history.
                 answer = redirection = RedirectResponse(scope['path'], 303)
                 redirection.set_cookie(_COOKIE, self._token, httponly=True, samesite='strict')
             elif scope['type'] == 'http' and not scope['path'].strip('/' + _PUNCTUATION):

@@ -32,7 +32,8 @@ _PAGE = 'live_view'
 _RESTART_DELAY = 1.0
 """Time from the end of a node to its restart [s]."""
 _MOST_RESTARTS = 100
-"""Largest number of restarts [1], a limit for nodes that fail repeatedly."""
+"""Largest total number of restarts [1]. The program stops at this number, because nodes then fail
+repeatedly."""
 _POLL_INTERVAL = 0.1
 """Poll interval for ended processes [s]."""
 
@@ -91,7 +92,7 @@ def _respawn(processes: ChildProcesses, stopping: threading.Event) -> None:
 
 
 def _open_page(processes: ChildProcesses, stopping: threading.Event, show: bool) -> None:
-    """Print the address of the page, and open it if there is a display."""
+    """Print the address of the page, and open the page if `show` is set and a display exists."""
     deadline = time.monotonic() + START_LIMIT
     while not stopping.is_set():
         processes.ended()

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Writer of one HTML file with a recorded run and its viewer, which needs no server."""
+"""Export of a recorded run to one HTML file, which contains a viewer and needs no server."""
 
 from __future__ import annotations
 
@@ -17,21 +17,22 @@ import numpy as np
 from soliton_linkage.linkage.chain import Array, Chain
 
 if TYPE_CHECKING:
-    # This is imported for type checks only, because it imports scipy.
+    # Import this module for type checks only, because it imports scipy.
     from soliton_linkage.solitons.track import MeasuredWall
 
 _BROWSER = Path(__file__).with_name('browser')
 _MODULES = ('drawing.js', 'frames.js', 'chain.js', 'plots.js', 'share.js')
 """Scripts of the viewer, in the order of their imports."""
 _MOST_VALUES = 850_000
-"""Largest number of angles and energies [1], so that the file stays below 5 MB."""
+"""Largest number of angles and energies in a file [1]. With this number a file stays below 5
+MB."""
 _MOST_FRAMES = 6000
-"""Largest number of frames [1]: 100 s at the rate of a screen."""
+"""Largest number of frames in a file [1], equal to 100 s at 60 frames per second."""
 _IMPORT = re.compile(r'^import .*?;\n', re.MULTILINE | re.DOTALL)
 
 
 def chain_constants(chain: Chain) -> dict[str, Any]:
-    """Return the constants of a chain that the page draws, as JSON values."""
+    """Return the constants of a chain that the page needs for drawing, as JSON values."""
     deviating = chain.deviations.rotor_length or chain.deviations.spacing
     return {
         'spacing': chain.spacing,
@@ -46,7 +47,7 @@ def chain_constants(chain: Chain) -> dict[str, Any]:
 
 
 def soliton_numbers(walls: Sequence[MeasuredWall]) -> list[float]:
-    """Return position [rotor spacings], deviation [m] and charge of each soliton."""
+    """Return position [rotor spacings], standard deviation [m] and charge of each soliton."""
     return [
         value
         for wall in walls
@@ -62,11 +63,12 @@ def shared_page(
     solitons: Sequence[Sequence[float]],
     energies: Mapping[str, Array] | None = None,
 ) -> str:
-    """Return the HTML text of T frames of N rotors.
+    """Return an HTML page that shows T frames of N rotors.
 
-    Times [s] have shape (T,), angles [rad] (T, N), energies [J] (T,) by name; `solitons` contains
-    the `soliton_numbers` of each frame. Without energies, the elastic energy is computed. Long
-    recordings are thinned evenly. Raises ValueError without frames.
+    `times` [s] has shape (T,) and `angles` [rad] has shape (T, N). `energies` contains for each
+    name the energy [J] of each frame, shape (T,); if it is None, the elastic energy is computed.
+    `solitons` contains the `soliton_numbers` of each frame. If the recording is long, only every
+    n-th frame is written. Raises ValueError if there are no frames.
     """
     if not len(times):
         raise ValueError('no frame is recorded yet; wait until joint_states are received')
@@ -101,7 +103,7 @@ def shared_page(
 
 
 def _inlined(name: str) -> str:
-    """Return a module without its imports and exports, to be joined with the others."""
+    """Return a script module without imports and exports, so that modules can be joined."""
     text = (_BROWSER / name).read_text(encoding='utf-8')
     return _IMPORT.sub('', text).replace('\nexport ', '\n')
 

@@ -17,13 +17,16 @@ from soliton_linkage_nodes.messages.view_conversions import NodeReport, figure
 REPLAY = '/replay/'
 """Namespace in which a bag is played."""
 _DROP_AGE = 30.0
-"""Age after which the report of a silent node is dropped [s]."""
+"""Largest age of a report that is used [s]. Older reports of silent nodes are ignored."""
 _LONGEST_DELAY = 0.2
-"""Delay of soliton_state behind joint_states above which the page warns [s]."""
+"""Threshold of the delay of soliton_state behind joint_states [s]: the page warns if the delay is
+longer than this value and than `_FRAMES_BEHIND` frames."""
 _FRAMES_BEHIND = 2
-"""Delay above which the page warns [frames]. The state of one frame is always in transit."""
+"""Threshold of the same delay, measured in frames [1]. It is not 1, because the state of one frame
+is always in transit."""
 _LATE = re.compile('deadlines missed in the last second')
-"""Part of a warning that the page omits, because it shows the share of late frames."""
+"""Text of a warning that the page omits, because the page shows the share of late frames
+instead."""
 _ACTUATOR = 'start edge_actuator'
 _SIMULATOR = 'only a simulator can do this; no simulator of this chain is running'
 _STEERING = 'no node serves {}; start soliton_steering'
@@ -32,7 +35,7 @@ _TOPICS = {
     'drive': ('edge_command', _ACTUATOR),
     'tilt': ('tilt', _SIMULATOR),
 }
-"""Topic of each publishing control, and the remedy if the topic has no subscriber."""
+"""Topic of each control that publishes, and the remedy if the topic has no subscriber."""
 _SERVICES = {
     'pause': ('simulator/pause', _SIMULATOR),
     'step': ('simulator/step', _SIMULATOR),
@@ -43,13 +46,16 @@ _SERVICES = {
         'no node serves identify; start chain_identifier',
     ),
 }
-"""Service or action of each other control, and the remedy if there is no server."""
+"""Service or action of each other control, and the reason that is shown if it has no server."""
 CONTROLS = (*_TOPICS, *_SERVICES)
-"""Names of controls."""
+"""Names of all controls that `reasons` contains."""
 
 
 def reasons(chain: ChainTopics, commands: ChainCommands) -> dict[str, str]:
-    """Return the reason why each control of a chain is disabled, empty if it is enabled."""
+    """Return the reason why each control of a chain is disabled.
+
+    An empty reason means that the control is enabled.
+    """
     if commands.read_only:
         return dict.fromkeys(CONTROLS, READ_ONLY)
     if chain.namespace.startswith(REPLAY):
@@ -67,7 +73,7 @@ def reasons(chain: ChainTopics, commands: ChainCommands) -> dict[str, str]:
 
 
 def reports_of(finder: ChainFinder, namespace: str) -> list[tuple[float, NodeReport]]:
-    """Return the age [s] and the last report of each node of a namespace."""
+    """Return the age [s] and the last report of each node in a namespace."""
     now = time.monotonic()
     return [
         (now - received_at, report)
@@ -78,7 +84,7 @@ def reports_of(finder: ChainFinder, namespace: str) -> list[tuple[float, NodeRep
 
 
 def health(finder: ChainFinder, chain: ChainTopics) -> dict[str, Any]:
-    """Return rate, share of late frames, losses and warnings of a chain."""
+    """Return the frame rate, share of late frames, lost messages and warnings of a chain."""
     figures: Mapping[str, str] = {}
     lost: int | None = None
     warnings, paused, replay = [], False, ''
@@ -113,7 +119,10 @@ def health(finder: ChainFinder, chain: ChainTopics) -> dict[str, Any]:
 
 
 def gravity_of(finder: ChainFinder, namespace: str) -> tuple[float, float]:
-    """Return gravity [m/s^2] and tilt [rad] of a simulator, NaN without one."""
+    """Return gravity [m/s^2] and tilt [rad] of the simulator in a namespace.
+
+    Both are NaN if no simulator reports.
+    """
     for _, report in reports_of(finder, namespace):
         if 'gravity [m/s^2]' in report.figures:
             figures = report.figures
@@ -127,7 +136,11 @@ def status(
     why: Mapping[str, Mapping[str, str]],
     more: Mapping[str, Any],
 ) -> str:
-    """Return the status of all chains as JSON; `why` contains the `reasons` of each."""
+    """Return the status of all chains as JSON text.
+
+    `why` contains the result of `reasons` for each namespace. `more` contains further entries of
+    the status.
+    """
     chains = []
     for namespace, chain in finder.chains.items():
         move = commands[namespace].move

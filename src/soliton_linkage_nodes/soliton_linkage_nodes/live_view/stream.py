@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Stream to a browser: the newest frame after the browser has drawn the previous one."""
+"""Stream to a browser, which gets the newest frame when it has drawn the previous frame."""
 
 from __future__ import annotations
 
@@ -28,17 +28,21 @@ if TYPE_CHECKING:
     from fastapi import WebSocket
 
 _MOST_PENDING = 2
-"""Largest number of frames that are not drawn yet: one being drawn, one in transit."""
+"""Largest number of frames of a chain that were sent and are not drawn yet [1]. The browser draws
+one of them while the other is in transit."""
 _HEARTBEAT = 0.2
-"""Time after which a frame is sent again with its new age [s]."""
+"""Time after which the same frame is sent again if no new frame has arrived [s]. The repeated
+frame contains its present age."""
 _MOST_TILE_ANGLES = 200
-"""Largest number of rotors of a chain that is drawn rotor by rotor beside other chains."""
+"""Largest number of rotors of a chain that is drawn rotor by rotor if several chains are shown
+side by side [1]."""
 
 
 async def carry_out(view: View, name: str, arguments: Mapping[str, Any]) -> str:
-    """Carry out an action on a canvas (move, nudge, pull, seek, pause) and return its result.
+    """Carry out an action that the user requested on a canvas, and return its result as text.
 
-    Raises ValueError for a rejected action.
+    The actions are move, nudge, pull, seek and pause. Raises ValueError if the action is
+    rejected.
     """
     if view.read_only:
         raise ValueError(READ_ONLY)
@@ -65,19 +69,19 @@ async def carry_out(view: View, name: str, arguments: Mapping[str, Any]) -> str:
 
 
 class BrowserStream:
-    """Stream of frames to a browser, and of actions from it.
+    """Connection that sends frames to one browser and receives the actions of its user.
 
-    Each browser has at most two frames in transit, so that no queue grows. When a browser reports
-    that it has drawn a frame, it receives the newest frame.
+    At most two frames of a chain are in transit, so that no queue grows. When the browser reports
+    that it has drawn a frame, this class sends the newest frame.
     """
 
     def __init__(self, socket: WebSocket, source: View) -> None:
-        """Show the first chain."""
+        """Select the first chain for display."""
         self.watched = next(iter(source.chains), '')
         self.pending = 0
-        """Frames sent and not drawn yet."""
+        """Number of frames that were sent and that the browser has not drawn yet."""
         self.sent = 0
-        """Frames sent in all."""
+        """Total number of frames sent."""
         self.shows_camera = False
         """Whether the browser shows the camera of its chain."""
         self._socket = socket

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Chains, commands, recorder and player behind the page."""
+"""State behind the page: the chains, their commands, the recorder and the player."""
 
 from __future__ import annotations
 
@@ -19,11 +19,11 @@ from soliton_linkage_nodes.live_view.commands import ChainCommands
 from soliton_linkage_nodes.live_view.status import reasons, status
 
 ALL = '*'
-"""Value of a namespace that selects all chains side by side."""
+"""Special value of a namespace that selects the view of all chains side by side."""
 _STATUS_PERIOD = 0.25
-"""Time between two updates of the status [s]; nodes report once a second."""
+"""Time between two updates of the status [s]. Nodes report once per second."""
 _MOST_FAILURES = 3
-"""Number of failures of the recorder and the player that are shown."""
+"""Largest number of failures of the recorder and the player that the page shows [1]."""
 
 
 class View:
@@ -32,7 +32,11 @@ class View:
     def __init__(
         self, node: Node, finder: ChainFinder, folders: Sequence[Path], logs: Path, read_only: bool
     ) -> None:
-        """Send commands with a node, list the bags in folders, and write logs to `logs`."""
+        """Create the view of the chains that `finder` finds.
+
+        `node` sends the commands, `folders` contain the listed bags, and `logs` is the folder for
+        the logs of started nodes.
+        """
         self.finder = finder
         self.read_only = read_only
         self.logs = logs
@@ -43,7 +47,8 @@ class View:
         self.status = ''
         """Status of all chains as JSON."""
         self.reasons: dict[str, dict[str, str]] = {}
-        """Reason why each control of each chain is disabled, empty if it is enabled."""
+        """Reason why a control is disabled, by the namespace of the chain and the name of the
+        control. An empty reason means that the control is enabled."""
         self._node = node
         self._failures: list[str] = []
         self._packed: dict[tuple[int, int, int], bytes] = {}
@@ -57,7 +62,7 @@ class View:
         return self.finder.chains
 
     def commands(self, namespace: str) -> ChainCommands:
-        """Return the commands to the nodes of a namespace."""
+        """Return the object that sends commands to the nodes in a namespace."""
         if namespace not in self._commands:
             self._commands[namespace] = ChainCommands(
                 self._node, namespace, self.read_only, self.finder
@@ -66,7 +71,7 @@ class View:
 
     @property
     def versions(self) -> list[int]:
-        """Numbers that change with the descriptions."""
+        """Version numbers. At least one of them changes whenever `descriptions` changes."""
         return [self.replay.played, *(c.model.version for c in self.chains.values())]
 
     def descriptions(self) -> dict[str, Any]:
@@ -78,7 +83,7 @@ class View:
         return {'chains': chains, 'track': self.replay.track.points}
 
     def shared(self, namespace: str) -> str:
-        """Return the last minute of a chain as an HTML page; ValueError without frames."""
+        """Return an HTML page with the last minute of a chain; ValueError if it has no frames."""
         if namespace not in self.chains:
             raise ValueError('select another chain; no node publishes joint_states of this one')
         title = f'Soliton chain {namespace.strip("/")}'.strip()
@@ -87,7 +92,10 @@ class View:
         )
 
     def packed(self, index: int, chain: ChainTopics, first: int, last: int) -> bytes:
-        """Return a frame of a chain, packed once for all browsers with the same window."""
+        """Return a packed frame of the rotors `first` to `last` of a chain.
+
+        The frame is packed only once for all browsers that show the same rotors.
+        """
         window = index, first, last
         if window not in self._packed:
             self._packed[window] = chain.model.packed(*window)
@@ -98,7 +106,10 @@ class View:
         await self._updated.wait()
 
     def update(self, cameras: Collection[str]) -> None:
-        """Take the newest messages; `cameras` contains namespaces whose camera is shown."""
+        """Process the newest messages.
+
+        `cameras` contains the namespaces whose camera pictures are shown on a page.
+        """
         self._packed.clear()
         self.finder.update()
         for namespace, chain in self.chains.items():

@@ -1,10 +1,10 @@
 // SPDX-License-Identifier: Apache-2.0
-// Answers to the actions of this page: pending, successful or rejected.
+// Display of the answers to actions of this page. An answer is pending, successful or rejected.
 
 import { setText } from './drawing.js';
 
 const PATIENCE = 2; // seconds after which a missing answer is reported
-const SHOWN = { true: 6, false: 20 }; // seconds that a success and a rejection are shown
+const SHOWN = { true: 6, false: 20 }; // display time of a success and of a rejection [s]
 const NAMES = { move: 'Move', nudge: 'Nudge', pull: 'Pull', seek: 'Seek', pause: 'Pause' };
 
 export class Answers {
@@ -16,14 +16,14 @@ export class Answers {
     this.count = 0;
   }
 
-  // Starts an action of a canvas and returns its number.
+  // Registers an action of a canvas and returns the number of the action.
   begin(name) {
     this.count += 1;
     this.show({ id: this.count, name: NAMES[name] || name, good: null, long: name === 'pull' });
     return this.count;
   }
 
-  // Starts the time limit for the answer when a long action ends, such as a pull.
+  // Starts the time limit for the answer. Call this when a long action, such as a pull, ends.
   expect() {
     if (this.last) Object.assign(this.last, { long: false, since: performance.now() });
   }

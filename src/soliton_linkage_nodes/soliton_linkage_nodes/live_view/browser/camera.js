@@ -4,7 +4,7 @@
 import { setText } from './drawing.js';
 
 export class CameraPanel {
-  // request(wanted) starts or stops the pictures; shown() requests the next one.
+  // request(wanted) starts or stops the pictures; shown() requests the next picture.
   constructor(figure, { request, shown, silence }) {
     Object.assign(this, { figure, request, shown, silence, inView: false, wanted: false });
     this.box = figure.querySelector('details');
@@ -57,7 +57,7 @@ export class CameraPanel {
     this.shown();
   }
 
-  // Shows the rate and age of the pictures, or the reason why there is none.
+  // Shows the rate and the age of the pictures, or the reason why no picture is available.
   refresh(reason) {
     const now = performance.now();
     if (now - this.since > 2000) {

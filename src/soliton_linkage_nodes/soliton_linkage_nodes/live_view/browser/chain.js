@@ -1,11 +1,11 @@
 // SPDX-License-Identifier: Apache-2.0
-// The chain to scale, and its control by mouse, finger or keys.
+// Drawing of the chain to scale, and control of the chain by mouse, finger or keys.
 
 import { Canvas, finite, leanColour, scaled, theme, ticks } from './drawing.js';
 import { solitonsOf } from './frames.js';
 
-const NEAR = 22; // distance [pixels] within which a rotor is grabbed
-const STILL = 5; // largest movement [pixels] of a click
+const NEAR = 22; // largest distance from the pointer to a rotor that is grabbed [pixels]
+const STILL = 5; // largest movement of the pointer during a click [pixels]
 
 export class ChainView {
   // act(name, arguments) sends an action; window(first, last) requests a range of rotors.
@@ -17,7 +17,7 @@ export class ChainView {
     this.last = NaN;
     this.mark = NaN; // rotor that the keys selected
     this.pull = null; // rotor that the pointer or a key pulls
-    this.stretch = 1e-9; // extension at the ends of the colours [m]
+    this.stretch = 1e-9; // extension at the ends of the colour scale [m]
     this.pointers = new Map();
     this.listen(element);
   }
@@ -142,7 +142,7 @@ export class ChainView {
       points.forEach(([px]) => c.fillRect(px - width / 2, middle - width / 2, width, width));
       c.fillStyle = look.blue;
       c.beginPath();
-      // At least 6 pixels, as long as the masses do not touch.
+      // The diameter is at least 6 pixels if the masses do not touch then.
       const radius = Math.max(Math.min(3, 0.4 * spacing), Math.min(7, 1.2 * width));
       points.forEach(([, mx, my]) => {
         if (Number.isFinite(mx)) { c.moveTo(mx + radius, my); c.arc(mx, my, radius, 0, 7); }
@@ -157,7 +157,7 @@ export class ChainView {
   drawSprings(c, look, points, width) {
     const { extensions } = this.frame;
     const largest = extensions.reduce((most, e) => (Math.abs(e) > most ? Math.abs(e) : most), 0);
-    // Smaller extensions are invisible.
+    // The colour scale never ends below this extension, because smaller ones are invisible.
     const least = 1e-4 * (this.chain.rest_length || 1e-5);
     this.stretch = Math.max(largest, 0.98 * this.stretch, least);
     const paths = new Map(); // springs of about equal extension are drawn together
@@ -191,7 +191,7 @@ export class ChainView {
     });
   }
 
-  // Draws the lean of groups of rotors, for a chain too long to be drawn rotor by rotor.
+  // Draws the lean of groups of rotors if the chain is too long to be drawn rotor by rotor.
   drawGroups(c, look) {
     const { frame, chain, canvas, middle } = this;
     const groups = frame.overview.length / 2;
@@ -377,7 +377,7 @@ export class ChainView {
     }
   }
 
-  // Returns a pull of the rotor whose mass is nearest to the pointer, null if none is near.
+  // Returns a pull of the rotor whose mass is nearest to the pointer, or null if no mass is near.
   grab(x, y) {
     const { frame } = this;
     if (!this.chain.spacing || this.chain.able === false) return null;
@@ -387,7 +387,7 @@ export class ChainView {
     return near.length ? { rotor: near[0][1], fromX: x, fromY: y, x, y, sent: false } : null;
   }
 
-  // Moves the pointer of a pull; the server pulls the rotor until the button is released.
+  // Moves the target of a pull. The server pulls the rotor until the button is released.
   dragPull(x, y) {
     const { pull } = this;
     if (!pull.sent && Math.hypot(x - pull.fromX, y - pull.fromY) <= STILL) return;
@@ -406,7 +406,7 @@ export class ChainView {
     this.followKey();
   }
 
-  // Keeps the target of a key's pull at a right angle to the rotor.
+  // Keeps the target of a pull by key at a right angle to the rotor.
   followKey() {
     const { pull, frame } = this;
     const point = pull && pull.key && this.masses()[pull.rotor - frame.first];

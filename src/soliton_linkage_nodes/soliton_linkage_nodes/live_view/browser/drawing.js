@@ -21,17 +21,18 @@ function level(share) {
   return Math.max(0, Math.min(LEVELS - 1, Math.round((share + 1) * 0.5 * (LEVELS - 1))));
 }
 
-// Colour of a relative lean, -1 to 1, as the bytes of a pixel and for a canvas.
+// Colour of a relative lean from -1 to 1: as the bytes of a pixel, and as a text for a canvas.
 export const leanPixel = (share) => (Number.isNaN(share) ? 0 : PACKED[level(share)]);
 export const leanColour = (share) => `rgb(${TABLE[level(share)].join(',')})`;
 
-// Lean relative to the lean at rest, and its relative colour (palette.py). A uniform state has the
-// same colour in all chains. The scale is stretched about it, so that small oscillations are visible.
+// Pairs of a lean relative to the lean at rest, and its relative colour (as in palette.py). The
+// lean at rest has the relative colour REST in all chains. The colours change fast near this lean,
+// so that small oscillations are visible.
 export const REST = 0.6;
 const NEAR_REST = [[0.95, 0.48], [1.0, REST], [1.02, 0.72], [1.05, 0.82], [1.2, 0.92]];
 
-// Returns the function from a lean [m] to its relative colour, -1 to 1, given the lean at rest and
-// the largest lean.
+// Returns the function that maps a lean [m] to a relative colour from -1 to 1. The arguments are
+// the lean at rest and the largest lean [m].
 export function leanScale(rest, largest) {
   const near = NEAR_REST.filter(([lean]) => lean * rest < 0.99 * largest)
     .map(([lean, share]) => [lean * rest, share]);
@@ -52,7 +53,7 @@ export function theme() {
   return {
     dark, ink: get('--ink'), soft: get('--soft'), line: get('--line'), panel: get('--panel'),
     ...COLOURS,
-    // On black, only the dark blue is replaced, because its contrast is too low.
+    // On a black background, only the dark blue is replaced, because its contrast is too low.
     blue: dark ? COLOURS.sky : COLOURS.blue,
   };
 }
@@ -62,7 +63,7 @@ export function finite(value, digits = 2, unit = '') {
   return `${value.toFixed(digits).replace(/^-(0\.?0*)$/, '$1').replace('-', '−')}${unit}`;
 }
 
-// Returns a number with a prefix of its unit, such as 1.20 mJ.
+// Returns a number and its unit with an SI prefix, such as 1.20 mJ.
 export function scaled(value, unit) {
   if (!Number.isFinite(value)) return '–';
   const size = Math.abs(value);
@@ -107,7 +108,7 @@ export class Canvas {
     return c;
   }
 
-  // Shows the reason for an empty plot.
+  // Shows the reason why the plot is empty.
   showReason(look, reason) {
     const c = this.begin();
     c.fillStyle = look.soft;
@@ -124,7 +125,7 @@ export class Canvas {
   }
 }
 
-// Returns round numbers between two ends, about `wanted` of them.
+// Returns about `wanted` round numbers between `low` and `high`.
 export function ticks(low, high, wanted) {
   const rough = (high - low) / Math.max(wanted, 1);
   if (!(rough > 0) || !Number.isFinite(rough)) return [];

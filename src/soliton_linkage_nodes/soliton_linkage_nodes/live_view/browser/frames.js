@@ -1,10 +1,10 @@
 // SPDX-License-Identifier: Apache-2.0
-// Messages as frame_layout.py packs them, and the recent past of each chain.
+// Reader of the messages that frame_layout.py packs, and the recent history of each chain.
 
 export const SPAN = 20; // seconds that the kymograph and the energies show
 const COLUMNS = 600;
 const STEP = SPAN / COLUMNS;
-const LONGEST_GAP = 24; // columns that the next value fills: 0.8 s
+const LONGEST_GAP = 24; // longest gap that the next value fills [columns], 0.8 s
 
 export class Layout {
   constructor(layout) { Object.assign(this, layout); }
@@ -44,13 +44,13 @@ export function readCamera(buffer) {
   return { age, jpeg: new Uint8Array(buffer, 32) };
 }
 
-// Returns the first column that a new value fills; it also fills a short gap before it.
+// Returns the first column that a new value fills. The value also fills a short gap before it.
 function firstFilled(newest, number) {
   const gap = number - newest;
   return gap > 0 && gap <= LONGEST_GAP ? newest + 1 : number;
 }
 
-// Ring of columns by the stamps of frames: one column is a thirtieth of a second.
+// Ring buffer of columns, indexed by the stamps of frames. A column is a thirtieth of a second.
 export class Track {
   constructor(series) {
     this.series = series;
@@ -103,14 +103,14 @@ export class Track {
     this.newest = number;
   }
 
-  // Puts a state at its own stamp, which is slightly before the newest column.
+  // Stores a state in the column of its own stamp, slightly before the newest column.
   addState(stamp, position, energies) {
     const number = Math.min(Math.floor(stamp / STEP), this.newest);
     if (!(number > this.newest - COLUMNS)) return;
     const first = firstFilled(this.newestState, number);
     const before = first > this.newestState + 1 ? NaN : this.positions[this.at(first - 1)];
     for (let n = first; n <= number; n += 1) {
-      // Straight lines fill the gaps, because the soliton moves between two frames.
+      // Interpolate linearly in a gap, because the soliton moves between two frames.
       const share = (n - first + 1) / (number - first + 1);
       const between = Number.isFinite(before) && n < number;
       this.positions[this.at(n)] = between ? before + share * (position - before) : position;

@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// First steps: one sentence and one button at a time, until the user has done or closed all.
+// First steps for a new user. One sentence and one button are shown at a time, until the user
+// has completed or closed all steps.
 
 import { setText } from './drawing.js';
 
@@ -13,7 +14,7 @@ const STEPS = [
 ];
 
 export class Guide {
-  // acts[name]() performs the action of the button of the step of this name.
+  // acts[name]() performs the action of the button in the step `name`.
   constructor(element, acts) {
     this.element = element;
     [this.text, this.button, this.close] = element.children;

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// Receives the stream of the page, draws each frame and reports how old it is.
+// Receives the stream of the page, draws each frame and shows the age of the frame.
 
 import { Answers } from './answers.js';
 import { CameraPanel } from './camera.js';
@@ -21,12 +21,12 @@ class Live {
     this.status = { chains: [], failures: [], replay: null };
     this.watched = null;
     this.tracks = new Map();
-    this.frames = new Map(); // newest frame of each chain by its index, and its time of arrival
+    this.frames = new Map(); // newest frame and its arrival time, by the index of the chain
     this.pending = new Map();
     this.nudgeSpeed = 10;
     this.drawn = 0;
-    this.unacknowledged = 0; // frames that arrived and are not drawn yet
-    this.costs = []; // milliseconds to draw each of the last frames
+    this.unacknowledged = 0; // number of frames that arrived and are not drawn yet
+    this.costs = []; // drawing time of each of the last frames [ms]
     this.received = 0; // time of the last message
     this.guide = new Guide(element('guide'), {
       Nudge: () => this.act('nudge', { speed: this.nudgeSpeed, edge: 'nearest' }),
@@ -185,7 +185,7 @@ class Live {
     for (; this.unacknowledged; this.unacknowledged -= 1) this.send('drawn');
   }
 
-  // Draws the chain and its lean with each frame, and the slower plots in turn.
+  // Draws the chain and its lean in each frame. The slower plots take turns over three frames.
   drawChain(index, frame) {
     const chain = this.known(index);
     const track = this.track(index);
@@ -268,13 +268,13 @@ class Live {
     const key = JSON.stringify([parts, warnings]);
     if (key === this.healthKey) return;
     this.healthKey = key;
-    // The header has one line; its text as a whole is in the tooltip.
+    // The header shows only one line. The tooltip contains the complete text.
     element('health').title = [...parts.map(([text]) => text), ...warnings.slice(1)].join('\n');
     element('health').replaceChildren(...parts.map(([textContent, className]) => (
       Object.assign(document.createElement('span'), { textContent, className }))));
   }
 
-  // Warns if the shown frame is old and does not show the present state.
+  // Warns if the shown frame is so old that it does not show the present state.
   refreshWarning(index, newest) {
     const banner = element('stale');
     const silence = (performance.now() - this.received) / 1000;
@@ -323,7 +323,7 @@ class Live {
   }
 }
 
-// Adds the function from the lean of a rotor to its relative colour.
+// Adds the function that maps the lean of a rotor to a relative colour.
 function withScale(chain) {
   return { ...chain, lean: leanScale(chain.rest_lean || NaN, chain.longest_rotor || 1) };
 }

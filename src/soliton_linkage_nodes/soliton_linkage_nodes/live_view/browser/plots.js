@@ -67,7 +67,7 @@ export class Kymograph extends Plot {
     this.buffer = document.createElement('canvas');
   }
 
-  // Draws new columns into the buffer, which is a ring.
+  // Draws new columns into the ring buffer.
   paint(track, lean) {
     const { buffer } = this;
     const context = buffer.getContext('2d', { willReadFrequently: false });
@@ -258,7 +258,7 @@ export class TopologyPlot extends Plot {
   }
 }
 
-// Track of the soliton in the bag that is played, and the present time.
+// Time line of a replay: the track of the soliton in the bag, and the present time.
 export class TimeLine extends Plot {
   constructor(element, seek) {
     super(element);

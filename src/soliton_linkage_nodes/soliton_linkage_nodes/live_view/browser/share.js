@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// Viewer of a shared run: the data are in the page, and no server is needed.
+// Viewer of a shared run. It needs no server, because the page contains the data.
 
 import { ChainView } from './chain.js';
 import { Canvas, axes, finite, leanPixel, leanScale, line, setText, theme } from './drawing.js';

@@ -1,2 +1,2 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Tabs of the page with controls."""
+"""Controls in the tabs of the live page."""

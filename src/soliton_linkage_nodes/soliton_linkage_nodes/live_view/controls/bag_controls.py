@@ -23,17 +23,17 @@ from soliton_linkage_nodes.live_view.status import REPLAY
 from soliton_linkage_nodes.live_view.view import View
 
 _RATES = (0.1, 0.25, 0.5, 1.0, 2.0, 5.0, 10.0)
-"""Rates of a replay relative to the recording [1]."""
+"""Selectable speeds of a replay relative to the recorded speed [1]."""
 _REQUESTS = (
     ('Pause', 'pause', 'pause'),
     ('New file', 'split_bagfile', 'call_split'),
     ('Snapshot', 'snapshot', 'photo_camera'),
 )
-"""Text, request and icon of each button of a running recorder."""
+"""Text, request and icon of each button that controls a running recorder."""
 
 
 class RecordControls:
-    """Record, pause, split, snapshot and stop, for the chain that the page shows."""
+    """Buttons that record the chain on the page, or pause, split or stop the recording."""
 
     def __init__(self, view: View, page: Shown) -> None:
         self._view, self._page = view, page
@@ -94,7 +94,7 @@ class RecordControls:
 
 
 class BagControls:
-    """List of bags and controls of the replay."""
+    """List of recorded bags, and the controls of the replay."""
 
     def __init__(self, view: View, page: Shown) -> None:
         self._view, self._page = view, page
@@ -127,7 +127,7 @@ class BagControls:
             loop.on_value_change(change_loop)
 
     def refresh(self) -> None:
-        """Disable the controls of the replay while no bag is open."""
+        """Disable the replay controls while no bag is open; list bags again after a recording."""
         read_only = READ_ONLY if self._view.read_only else ''
         closed = '' if self._view.replay.bag else 'no bag is open; press Play beside a bag'
         self._transport.disable_for(read_only or closed)
@@ -136,11 +136,11 @@ class BagControls:
             ui.timer(0, self.list_bags, once=True)
 
     async def list_bags(self) -> None:
-        """List the bags of the folders."""
+        """Read the folders and update the list of bags."""
         self._listings += 1
         listing = self._listings
         bags = {bag.name: bag for bag in await asyncio.to_thread(self._view.catalogue.bags)}
-        # Rows of unchanged bags stay, because a user may be about to press their buttons.
+        # Keep the rows of unchanged bags, because a user may be about to press their buttons.
         for name, (shown, row) in list(self._rows.items()):
             if shown is None or shown != bags.get(name):
                 row.delete()
@@ -152,7 +152,7 @@ class BagControls:
                 row = self._row(bag)
                 row.move(target_index=index)
                 self._rows[name] = bag, row
-                # Let the server send frames.
+                # Give the server time to send frames.
                 await asyncio.sleep(0)
                 if listing != self._listings:
                     return

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Controls of a chain (nudge, edge commands, tilt, moves) and of a simulation's time."""
+"""Controls of a chain (nudge, edge commands, tilt, moves), and of the time of a simulation."""
 
 from __future__ import annotations
 
@@ -18,15 +18,15 @@ from soliton_linkage_nodes.messages.view_conversions import STATES
 
 _KINDS = {'kick': 'kick [rad/s]', 'pulse': 'pulse [N m]', 'pressure': 'pressure [Pa]'}
 _DEFAULT_VALUES = {'kick': 10.0, 'pulse': 0.002, 'pressure': 20_000.0}
-"""Default value of an edge command [rad/s, N m, Pa]: each starts a soliton."""
+"""Default value of each kind of edge command [rad/s, N m, Pa]. Each value starts a soliton."""
 _DEFAULT_NUDGE = 10.0
 """Default speed of a nudge [rad/s], as in the experiments."""
 _FASTEST_NUDGE = 50.0
-"""Speed at the end of the slider [rad/s]."""
+"""Largest angular speed of a nudge on the slider [rad/s]."""
 _LARGEST_TILT = 0.5
-"""Tilt at the end of the slider [rad]."""
+"""Largest tilt on the slider [rad]."""
 _FACTORS = (0.01, 0.05, 0.1, 0.25, 0.5, 1.0, 2.0, 5.0, 10.0, 0.0)
-"""Real-time factors [1]; 0 is as fast as possible."""
+"""Selectable real-time factors [1]. The factor 0 means as fast as possible."""
 _EXAMPLE = 'write joint and angle, for example rotor_0: 1.2'
 
 _numbers = itertools.count()
@@ -40,9 +40,9 @@ class Shown(Protocol):
 
 
 async def attempt(name: str, action: Action, long: bool = False) -> bool:
-    """Carry out an action and show its answer; return False if it was rejected.
+    """Carry out an action and show its answer; return False if the action was rejected.
 
-    A long action may take more than the two seconds in which an answer is due.
+    If `long` is true, the page does not warn when the answer takes more than two seconds.
     """
     number = next(_numbers)
     show_answer(number, name, long=long)
@@ -59,7 +59,7 @@ async def attempt(name: str, action: Action, long: bool = False) -> bool:
 def show_answer(
     number: int, name: str, text: str = '', good: bool | None = None, long: bool = False
 ) -> None:
-    """Show the state of an action: pending, successful or rejected."""
+    """Show the state of an action. `good` is None while the answer is pending."""
     state = {'id': f'control {number}', 'name': name, 'answer': text, 'good': good, 'long': long}
     ui.run_javascript(f'live.answers.show({json.dumps(state)})')
 
@@ -72,7 +72,11 @@ def button(
     primary: bool = False,
     long: bool = False,
 ) -> ui.button:
-    """Add a button that carries out an action and shows its answer; one per tab is primary."""
+    """Add a button that carries out an action and shows the answer.
+
+    One button per tab is `primary` and is highlighted. `long` has the same meaning as in
+    `attempt`.
+    """
 
     async def press() -> None:
         await attempt(text, action, long)
@@ -83,7 +87,7 @@ def button(
 
 
 def enable(control: ui.button, enabled: bool) -> None:
-    """Enable or disable a button; a change is sent to the browser."""
+    """Enable or disable a button. Only a change is sent to the browser."""
     if control.enabled != enabled:
         control.set_enabled(enabled)
 
@@ -107,9 +111,9 @@ def value_of(entry: ui.number) -> float:
 
 
 class ControlGroup:
-    """Controls under a heading that are disabled together, with a reason.
+    """Group of controls under one heading. They are disabled together, and a reason is shown.
 
-    `reason_of` is the name of the reason in `status.reasons`.
+    `reason_of` is the key of this reason in the result of `status.reasons`.
     """
 
     def __init__(self, title: str, reason_of: str) -> None:
@@ -121,7 +125,7 @@ class ControlGroup:
             self._reason = ui.label().classes('live-reason')
 
     def disable_for(self, reason: str) -> None:
-        """Disable the controls if there is a reason, and show the reason."""
+        """Show a reason and disable the controls. An empty reason enables the controls."""
         if reason == self._shown:
             return
         self._shown = reason
@@ -155,7 +159,7 @@ class ChainControls:
 
 
 class DriveControls(ChainControls):
-    """Nudges, edge commands, tilt and moves."""
+    """Controls of nudges, edge commands, tilts and moves."""
 
     def __init__(self, view: View, page: Shown) -> None:
         super().__init__(view, page)
@@ -259,7 +263,7 @@ class DriveControls(ChainControls):
 
 
 class RunControls(ChainControls):
-    """Pause, step, reset and real-time factor of a simulation."""
+    """Controls that pause, step and reset a simulation, and set its real-time factor."""
 
     def __init__(self, view: View, page: Shown) -> None:
         super().__init__(view, page)
@@ -336,7 +340,10 @@ class RunControls(ChainControls):
 
 
 def joint_angles(text: str) -> dict[str, float]:
-    """Return angles by joint from a text such as 'rotor_0: 1.2'; raise ValueError otherwise."""
+    """Return the angle [rad] of each joint in a text such as 'rotor_0: 1.2'.
+
+    Raises ValueError if the text has another form.
+    """
     angles = {}
     for part in filter(None, (p.strip() for p in text.split(','))):
         name, _, value = part.partition(':')
@@ -350,6 +357,6 @@ def joint_angles(text: str) -> dict[str, float]:
 
 
 def reasons_for(view: View, namespace: str) -> dict[str, str]:
-    """Return the reason why each control of a chain is disabled."""
+    """Return the reason why each control of a chain is disabled, empty if it is enabled."""
     missing = 'this chain is no longer published' if namespace else 'select one chain'
     return view.reasons.get(namespace) or dict.fromkeys(CONTROLS, missing)

@@ -37,7 +37,7 @@ _HINT = (
 
 
 class IdentifyControls(ChainControls):
-    """Identify, save and forget, and the result of the identification."""
+    """Buttons that identify the chain, save the result or forget all frames, and the result."""
 
     def __init__(self, view: View, page: Shown) -> None:
         super().__init__(view, page)
@@ -85,12 +85,15 @@ class IdentifyControls(ChainControls):
 
 
 def describe(report: NodeReport, progress: str = '') -> list[str]:
-    """Return the report of the chain identifier as lines."""
+    """Return the report of the chain identifier as lines of text.
+
+    `progress` is a text about a running identification, or empty if no identification runs.
+    """
     figures = report.figures
     found = 'noise [rad]' in figures
     lines = [', '.join(filter(None, (f'{figures.get("frames", "?")} frames', progress)))]
     if progress:
-        # The last result or failure belongs to earlier frames.
+        # Omit the last result or failure, because it belongs to earlier frames.
         return lines
     lines += report.message.split('; ')
     if figures.get('worst bonds'):
@@ -103,7 +106,7 @@ def describe(report: NodeReport, progress: str = '') -> list[str]:
 
 
 class ParameterControls:
-    """A field for each adjustable parameter of the selected node."""
+    """Fields with the adjustable parameters of the selected node."""
 
     def __init__(self, view: View, page: Shown) -> None:
         self._view, self._page = view, page

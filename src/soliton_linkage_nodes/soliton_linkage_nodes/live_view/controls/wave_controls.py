@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Controls of a waveform on an edge rotor and of the motors of a simulated chain."""
+"""Controls of a waveform on an edge rotor, and of the motors of a simulated chain."""
 
 from __future__ import annotations
 
@@ -23,11 +23,11 @@ from soliton_linkage_nodes.live_view.view import View
 
 _UNITS = {'torque': 'N m', 'angle': 'rad'}
 _AMPLITUDES = {'torque': 0.002, 'angle': 0.1}
-"""Default amplitude [N m, rad]: a packet that moves a kink."""
+"""Default amplitude for each quantity [N m, rad]. A packet with this amplitude moves a kink."""
 
 
 _LARGEST_COUPLING = 1e-3
-"""Non-reciprocity at the end of the slider of a chain without motors [N m/rad]."""
+"""Largest non-reciprocity on the slider if the chain has no motors [N m/rad]."""
 
 
 class WaveControls(ChainControls):
@@ -111,7 +111,7 @@ class WaveControls(ChainControls):
         return group
 
     def refresh(self, why: Mapping[str, str]) -> None:
-        """Disable the group for a reason, and mark the phonon band of the chain."""
+        """Disable each group that has a reason, and mark the phonon band on the slider."""
         super().refresh(why)
         shown = self._view.chains.get(self._page.namespace)
         named = shown.model.named if shown else None
