@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Actuators at the edges and on the joints: commands, torques, impulses and work.
+"""Actuators at the edges and at the joints of a chain: commands, torques, impulses and work.
 
-A `ChainDriver` accepts commands and returns the torques for each frame of a chain. `Actuator` is
+A `ChainDriver` accepts commands and returns the torques to apply after each frame. `Actuator` is
 the interface of an actuator model, and `ACTUATORS` lists the available models.
 """
 

@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Models of the actuators at the edges, with their interface and a registry by name.
+"""Models of the actuators at the edges: interface, implementations and a registry by name.
 
 To add a model, write a frozen dataclass with the methods of `Actuator` and register it in
-`ACTUATORS`. Each field is a `quantity` and becomes a parameter of the node `edge_actuator`, whose
-parameter `actuator` selects the model by name.
+`ACTUATORS`. Define each field by `quantity`, so that it becomes a parameter of the node
+`edge_actuator`. The parameter `actuator` of this node selects the model by its name.
 """
 
 from __future__ import annotations
@@ -24,9 +24,9 @@ from soliton_linkage.linkage.quantities import check_quantities, quantity
 class PneumaticActuator:
     """Soft actuator with first-order pressure dynamics; raises ValueError for invalid parameters.
 
-    The pressure p [Pa] approaches the commanded pressure with the time constant `filling_time`
-    while it rises and `venting_time` while it falls. The torque is k p, limited to
-    `saturation_torque`.
+    The pressure p [Pa] approaches the commanded pressure exponentially. The time constant is
+    `filling_time` while p is below the command, and `venting_time` while p is above. The torque
+    is k p with k = `torque_per_pressure`; its magnitude is limited to `saturation_torque`.
     """
 
     filling_time: float = quantity(0.03, 'time constant of a rising pressure', 's', 1e-4, 1e3)
@@ -60,14 +60,15 @@ class PneumaticActuator:
     def follow(
         self, pressure: float, target: float, slope: float, time: float
     ) -> tuple[float, float]:
-        """Return the pressure after a time [Pa] and its integral [Pa s] under a linear command.
+        """Return the pressure [Pa] after `time` [s] and its integral [Pa s] over this time.
 
-        The command is u = target + slope t. The lag e = u - p obeys de/dt = slope - e / tau,
+        `pressure` is the initial pressure [Pa]. The commanded pressure is u = target + slope t.
+        The lag e = u - p obeys de/dt = slope - e / tau, with the solution
 
             e(t) = e(0) E + slope tau (1 - E),    E = exp(-t / tau),
 
-        until e changes its sign at t = tau ln(1 - e(0) / (slope tau)). This happens at most once.
-        Then tau changes from the filling time to the venting time, or back.
+        until e changes its sign at t = tau ln(1 - e(0) / (slope tau)). The sign changes at most
+        once. At this time tau changes from the filling time to the venting time, or vice versa.
         """
         lag = target - pressure
         if lag * slope < 0:
@@ -87,8 +88,8 @@ class PneumaticActuator:
     ) -> tuple[float, float]:
         """Return the pressure at `end` [Pa] and its integral from `start` to `end` [Pa s].
 
-        `pressure` is the pressure at `start` [Pa]. The result is exact for any profile of
-        commanded pressures [Pa] and any interval.
+        `pressure` is the pressure at `start` [Pa], and `command` the commanded pressure [Pa] as a
+        function of time. The result has no discretisation error, however long the interval is.
         """
         integral = 0.0
         for line in command.segments(start, end):
@@ -99,9 +100,10 @@ class PneumaticActuator:
         return pressure, integral
 
     def responses(self, pressure: float, times: Array, commands: Array) -> Array:
-        """Return the pressure at each instant [Pa], shape (instants,), starting from `pressure`.
+        """Return the pressure at each of the instants `times` [s], in [Pa], shape (instants,).
 
-        Each command [Pa] acts from its instant [s] until the next one.
+        The pressure at the first instant is `pressure` [Pa]. Each element of `commands` is the
+        commanded pressure [Pa] from its instant until the next one.
         """
         pressures = [pressure]
         for step, target in zip(np.diff(times).tolist(), commands.tolist(), strict=False):
@@ -109,7 +111,7 @@ class PneumaticActuator:
         return np.array(pressures)
 
     def torque(self, pressure: ArrayLike) -> Array:
-        """Return the torque at a pressure [N m], k p up to the saturation torque, shape (...)."""
+        """Return the torque [N m] at a pressure [Pa], with the shape of `pressure`."""
         unlimited = self.torque_per_pressure * np.asarray(pressure, dtype=np.float64)
         return np.clip(unlimited, -self.saturation_torque, self.saturation_torque)
 
@@ -118,11 +120,11 @@ class PneumaticActuator:
         return abs(self.torque_per_pressure * pressure) > self.saturation_torque
 
     def pulse_command(self, impulse: float, duration: float) -> float:
-        """Return the commanded pressure [Pa] of a pulse, given duration [s] and impulse [N m s].
+        """Return the commanded pressure [Pa] of a pulse with a duration [s] and impulse [N m s].
 
-        A pulse u of duration T, followed by venting, gives the impulse k u [T + (tau_2 - tau_1) (1
-        - exp(-T / tau_1))]. The pressure approaches u with the time constant tau_1, and then 0
-        with tau_2.
+        During the pulse of duration T, the pressure approaches the command u with the time
+        constant tau_1. After the pulse, it approaches 0 with the time constant tau_2. The impulse
+        of the torque is k u [T + (tau_2 - tau_1) (1 - exp(-T / tau_1))].
         """
         towards, back = self._time_constant(impulse), self._time_constant(-impulse)
         effective_duration = duration - (back - towards) * math.expm1(-duration / towards)
@@ -145,9 +147,10 @@ class PneumaticActuator:
 class Actuator(Protocol):
     """Interface of an actuator at an edge.
 
-    A command changes the level of the actuator, and the level determines the torque. Command and
-    level have the same unit, for example the pressure in a chamber [Pa]. At rest both are 0. The
-    torque [N m] acts along the unit zero mode.
+    The level is the state of the actuator, for example the pressure in a chamber [Pa]. The command
+    is the level that the actuator approaches, in the same unit. The level determines the torque
+    [N m], which acts along the unit zero mode. An actuator at rest has the command 0 and the
+    level 0.
     """
 
     def check_command(self, command: float) -> None:
@@ -156,20 +159,23 @@ class Actuator(Protocol):
     def response(
         self, level: float, command: Profile, start: float, end: float
     ) -> tuple[float, float]:
-        """Return the level at `end` and its integral from `start` to `end` [s]."""
+        """Return the level at `end` [s] and the integral of the level from `start` [s] to `end`.
+
+        `level` is the level at `start`, and `command` the commanded level as a function of time.
+        """
 
     def torque(self, level: float) -> SupportsFloat:
         """Return the torque at a level [N m]."""
 
     def is_saturated(self, level: float) -> bool:
-        """Return whether the torque at a level is limited."""
+        """Return whether the torque at a level is reduced to the torque limit."""
 
     def pulse_command(self, impulse: float, duration: float) -> float:
-        """Return the command of a pulse, given duration [s] and impulse [N m s]."""
+        """Return the command of a pulse with a given duration [s] and impulse [N m s]."""
 
 
 ACTUATORS: dict[str, type[Actuator]] = {'pneumatic': PneumaticActuator}
-"""Actuator models by the value of the parameter `actuator`."""
+"""Actuator models. The keys are the allowed values of the parameter `actuator`."""
 
 
 def actuator_type(name: str) -> type[Actuator]:

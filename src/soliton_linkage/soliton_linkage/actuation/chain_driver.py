@@ -26,11 +26,11 @@ class _PendingCommand:
 
 
 class ChainDriver:
-    """Converter of the commands to all actuators of a chain into torques, with a record of kicks.
+    """Driver of all actuators of a chain: it converts commands into torques and records kicks.
 
-    A command starts at the stamp of the next frame. The torques for a frame are the means of the
-    commanded torques over the period after it. The driver assumes that this period is as long as
-    the previous one.
+    A command starts at the stamp of the next frame. The torques that the driver returns for a
+    frame are the means of the commanded torques from this frame to the next. The driver assumes
+    that this interval is as long as the previous interval between frames.
     """
 
     def __init__(
@@ -41,11 +41,11 @@ class ChainDriver:
         longest_gap: float,
         report: Callable[[KickReport], None],
     ) -> None:
-        """Start at rest.
+        """Start without torques.
 
-        The last torques of a joint command are held for `timeout` [s]. A gap between frames above
-        `longest_gap` [s] marks the current torques as cut short. `report` receives each finished
-        kick.
+        The driver holds the last torques of a joint command for `timeout` [s]. If the interval
+        between two frames exceeds `longest_gap` [s], the report of the current torques states that
+        they were cut short. The driver calls `report` with each finished kick.
         """
         self.chain = chain
         self.record = KickRecord(chain.number_of_rotors, report)
@@ -58,7 +58,7 @@ class ChainDriver:
 
     @property
     def busy(self) -> bool:
-        """Whether the driver needs the next frame."""
+        """Whether the driver needs the next frame, for torques or for a pending report."""
         return bool(self._pending) or self._driving or self.record.open
 
     @property
@@ -67,14 +67,15 @@ class ChainDriver:
         return self._driving
 
     def command(self, source: str, command: EdgeCommand, side: Edge) -> None:
-        """Start a command with a duration at an edge; it replaces the previous one."""
+        """Start a command with a duration at an edge; replace the previous edge command."""
         begin = partial(self._drive.command, command, side)
         self._pending.append(_PendingCommand(source, begin, command))
 
     def play(self, source: str, command: EdgeCommand, rotor: int, limit: float) -> None:
-        """Start a waveform on a rotor, with torques up to a limit [N m], like `command`.
+        """Start a waveform on a rotor; replace the previous edge command.
 
-        Raises ValueError for a command without a waveform, and for an impossible one.
+        `limit` is the largest allowed torque [N m]. Raises ValueError for a command without a
+        waveform, and the errors of `EdgeCommand.profile`.
         """
         if command.waveform is None:
             raise ValueError(f'a {command.kind.value} is no waveform; call command')
@@ -83,22 +84,31 @@ class ChainDriver:
         self._pending.append(_PendingCommand(source, begin, command))
 
     def hold(self, source: str, rotors: Rotors, torques: Array) -> None:
-        """Hold torques [N m] on rotors, both of shape (named,)."""
+        """Apply constant torques to some rotors until the next command or the timeout.
+
+        `rotors` are the indices of these rotors and `torques` their torques [N m], shape (named,)
+        each.
+        """
         begin = partial(self._drive.joints.hold, rotors, torques)
         self._pending.append(_PendingCommand(source, begin))
 
     def follow(
         self, source: str, rotors: Rotors, times: Array, torques: Array, delay: float
     ) -> None:
-        """Apply a torque trajectory [N m] with points at times [s] after a delay [s]."""
+        """Apply a torque trajectory to some rotors; see `JointDrive.follow`.
+
+        The torques [N m] have points at the times `times` + `delay` [s] after the next frame.
+        """
         begin = partial(self._drive.joints.follow, rotors, times + delay, torques)
         self._pending.append(_PendingCommand(source, begin))
 
     def frame(self, before: int, stamp: int, angles: Array) -> Array | None:
-        """Return the torques to send for a frame [N m], shape (N,), or None if none are active.
+        """Return the torques to apply from a frame on [N m], shape (N,).
 
-        `before` is the stamp of the previous frame [ns]. Raises ValueError if the stamps do not
-        increase. If they decrease, the driver also drops all commands.
+        The result is None if no command is active and the torques were already 0 before.
+        `before` and `stamp` are the stamps of the previous and of this frame [ns]; `angles` are
+        those of this frame [rad], shape (N,). Raises ValueError if the stamps do not increase. If
+        the stamps decrease, the driver also drops all commands.
         """
         time = self._time(stamp)
         if stamp <= before:

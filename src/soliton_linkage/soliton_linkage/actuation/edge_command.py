@@ -44,11 +44,11 @@ class EdgeLimits:
 
 @dataclass(frozen=True)
 class EdgeCommand:
-    """Command to the actuator at an edge; raises ValueError for times that do not fit its kind.
+    """Command to the actuator at an edge; raises ValueError for times that its kind forbids.
 
-    The value rises from 0 during `ramp_up`, is constant for `duration` and falls to 0 during
-    `ramp_down` [s]. A pressure with duration 0 is held until the next command. A waveform is
-    multiplied by the value.
+    The commanded quantity rises linearly from 0 to `value` during `ramp_up` [s], is constant for
+    `duration` [s], and falls to 0 during `ramp_down` [s]. A pressure with duration 0 is held until
+    the next command. For the kind WAVEFORM, `value` multiplies the waveform.
     """
 
     edge: Edge
@@ -58,7 +58,7 @@ class EdgeCommand:
     ramp_up: float = 0.0
     ramp_down: float = 0.0
     waveform: Waveform | None = None
-    """Waveform of the kind WAVEFORM, None for all others."""
+    """Waveform of a command of the kind WAVEFORM; None for all other kinds."""
 
     def __post_init__(self) -> None:
         """Raise ValueError for times that the kind does not allow."""
@@ -86,29 +86,35 @@ class EdgeCommand:
 
     @property
     def length(self) -> float:
-        """Whole duration with ramps [s]."""
+        """Total duration of the command, including the ramps [s]."""
         total = self.duration + self.ramp_up + self.ramp_down
         return total if self.waveform is None else self.waveform.length(total)
 
     @property
     def instantaneous(self) -> bool:
-        """Whether the command is a single impulse."""
+        """Whether the command is a single impulse: a kick, or a pulse with a duration of 0."""
         short = self.kind is CommandKind.PULSE and not self.length
         return self.kind is CommandKind.KICK or short
 
     @property
     def held(self) -> bool:
-        """Whether the value is held until the next command."""
+        """Whether the command is held until the next command: a pressure with duration 0."""
         return self.kind is CommandKind.PRESSURE and not self.duration
 
     @property
     def vents(self) -> bool:
-        """Whether the pressure is 0, which may be commanded at both edges in any configuration."""
+        """Whether the commanded pressure is 0.
+
+        Such a command is allowed at both edges in any configuration of the chain.
+        """
         return self.kind is CommandKind.PRESSURE and self.value == 0
 
     @property
     def profile(self) -> Profile:
-        """Value as a function of the time since the command [s]; ValueError if it has none."""
+        """Commanded quantity as a function of the time since the start of the command [s].
+
+        Raises ValueError for a waveform with too many points or with ramps that are too long.
+        """
         if self.waveform is not None:
             ramps = self.ramp_up, self.ramp_down
             return self.waveform.profile(self.value, self.length, ramps)
@@ -116,7 +122,10 @@ class EdgeCommand:
         return trapezoid(self.value, self.ramp_up, duration, self.ramp_down)
 
     def check(self, limits: EdgeLimits, actuator: Actuator) -> None:
-        """Raise ValueError for a value beyond the limits; joints limit the torque of waveforms."""
+        """Raise ValueError for a value beyond the limits.
+
+        This method does not limit a waveform of torque, because `RotorDrive` limits the torque.
+        """
         if self.kind is CommandKind.PRESSURE:
             actuator.check_command(self.value)
         elif self.kind is CommandKind.KICK:
@@ -128,11 +137,11 @@ class EdgeCommand:
             _check_size('torque', self.value, limits.torque, 'N m')
 
     def impulses(self, chain: Chain, mode: Array, period: float | None) -> Array:
-        """Return the impulses of an instantaneous command along a unit mode [N m s], shape (N,).
+        """Return the angular impulses of an instantaneous command [N m s], shape (N,).
 
-        A kick of speed v along the mode m gives J_n = I_n v m_n. A pulse of torque tau acts for
-        one frame period T [s] and gives J = tau T m. Raises ValueError for a pulse if the period
-        is None.
+        `mode` is the unit zero mode m, shape (N,). A kick of speed v gives the impulses J_n = I_n
+        v m_n. A pulse of torque tau acts for one frame period T [s] and gives J = tau T m. Raises
+        ValueError for a pulse if the period is None.
         """
         if self.kind is CommandKind.KICK:
             return np.asarray(chain.moments_of_inertia * self.value * mode)
@@ -144,7 +153,10 @@ class EdgeCommand:
         return np.asarray(period * self.value * mode)
 
     def as_pressure(self, chain: Chain, actuator: Actuator, duration: float) -> EdgeCommand:
-        """Return the pressure command with a given duration [s] and the impulse of this kick."""
+        """Return a pressure command that has the same impulse as this kick.
+
+        `duration` is the duration of the pressure command [s].
+        """
         impulse = chain.moment_of_inertia * self.value
         pressure = actuator.pulse_command(impulse, duration)
         return EdgeCommand(self.edge, CommandKind.PRESSURE, pressure, duration)

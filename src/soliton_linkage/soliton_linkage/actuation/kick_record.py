@@ -1,5 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Record of commanded kicks and their delivered impulse and work, computed or measured."""
+"""Record of commanded kicks and of the impulse and work that they deliver to the chain.
+
+Impulse and work are measured by the simulator, or computed here.
+"""
 
 from __future__ import annotations
 
@@ -13,18 +16,18 @@ from soliton_linkage.dynamics.work import TorqueLedger
 from soliton_linkage.linkage.chain import Array
 
 _DELIVERY_TIMEOUT = 10**9 // 2
-"""Longest wait for the delivery totals of the simulator, in frame time [ns]: many frames of the
-slowest simulator, and a short time for an operator."""
+"""Longest wait for the delivery totals of the simulator [ns], measured by the stamps of frames. In
+this time even the slowest simulator publishes many frames, and an operator hardly notices it."""
 
 
 @dataclass(frozen=True)
 class DeliveryTotals:
-    """Impulse and work delivered to the chain up to a frame, as the simulator measured them."""
+    """Impulse and work that the chain has received up to a frame, measured by the simulator."""
 
     stamp: int
     """Stamp of the frame [ns]."""
     impulses: int
-    """Number of impulse messages applied."""
+    """Number of impulse messages that the simulator has applied."""
     work_of_impulses: float
     """Work of all impulses [J]."""
     torques_act: bool
@@ -37,14 +40,14 @@ class DeliveryTotals:
 
 @dataclass(frozen=True)
 class KickReport:
-    """Report of one kick, or of one episode of torques."""
+    """Report of one kick, or of one episode: an interval in which torques act without a pause."""
 
     stamp: int
     """Stamp of the first frame [ns]."""
     source: str
-    """Topics of the commands."""
+    """Topics of the commands, separated by commas."""
     command: EdgeCommand | None
-    """Command to the edge actuator, None if only joints were commanded."""
+    """Command to the edge actuator; None if the torques are only those of joint commands."""
     duration: float
     """Time during which torques acted [s]."""
     impulse: Array
@@ -54,16 +57,16 @@ class KickReport:
     peak_torque: float
     """Largest norm of the torques over the rotors [N m]."""
     saturated: bool
-    """Whether an actuator reached its torque limit."""
+    """Whether the torque of an actuator was reduced to its limit."""
     cut_short: bool
     """Whether the command ended early, or was rejected."""
     measured: bool
-    """Whether the simulator measured impulse and work."""
+    """Whether impulse and work were measured by the simulator; otherwise they were computed."""
 
 
 @dataclass(eq=False)
 class _TorqueEpisode:
-    """Episode of torques, from the first one until its report."""
+    """Interval in which torques act without a pause, kept until it is reported."""
 
     stamp: int
     ledger: TorqueLedger
@@ -88,18 +91,19 @@ class _Impulse:
 class KickRecord:
     """Record of the impulses and torques sent to the rotors; it reports each finished kick.
 
-    Without `DeliveryTotals` the record computes impulse and work itself. It assumes that the
-    torques sent with one frame act from the next frame until the frame after it.
+    If no simulator publishes `DeliveryTotals`, the record computes impulse and work from the sent
+    torques and the angles. This computation assumes that torques sent after frame k act from
+    frame k + 1 to frame k + 2.
     """
 
     def __init__(self, number_of_rotors: int, report: Callable[[KickReport], None]) -> None:
-        """Start empty; `report` receives each finished kick."""
+        """Start without kicks; `report` is called with each finished kick."""
         self.measured = False
         """Whether a simulator publishes delivery totals."""
         self._rotors = number_of_rotors
         self._report = report
         self.delivered: DeliveryTotals | None = None
-        """Latest totals of the simulator."""
+        """Latest totals from the simulator."""
         self._impulses: list[_Impulse] = []
         self._episode: _TorqueEpisode | None = None
         self._ended: list[_TorqueEpisode] = []
@@ -114,13 +118,16 @@ class KickRecord:
 
     @property
     def waiting(self) -> int:
-        """Number of impulses whose measurement is pending."""
+        """Number of sent impulses for which the simulator has not yet published a measurement."""
         return len(self._impulses)
 
     def kicked(
         self, stamp: int, source: str, command: EdgeCommand, impulses: Array, work: float
     ) -> None:
-        """Record sent impulses [N m s] and their work [J] if they act at the current rates."""
+        """Record impulses that were sent [N m s], shape (N,).
+
+        `work` is their work [J], computed for the rates of the current frame.
+        """
         kick = _Impulse(stamp, source, command, impulses, work)
         if self.measured:
             self._impulses.append(kick)
@@ -142,7 +149,10 @@ class KickRecord:
             self._episode.cut_short = True
 
     def end(self, stamp: int, cut_short: bool = False, superseded: bool = False) -> None:
-        """End the current torques at a frame; `superseded` if other torques replace them."""
+        """End the current episode at the stamp of a frame [ns].
+
+        `superseded` states whether the torques of another command replace the current torques.
+        """
         if self._episode is not None:
             self._episode.ended, self._episode.superseded = stamp, superseded
             self._episode.cut_short |= cut_short
@@ -156,7 +166,7 @@ class KickRecord:
             self._episode.saturated |= saturated
 
     def frame(self, stamp: int, angles: Array) -> None:
-        """Record a frame of joint states: stamp [ns], angles [rad], shape (N,)."""
+        """Process a frame of joint states with its stamp [ns] and its angles [rad], shape (N,)."""
         if self._frame is not None:
             before, angles_before = self._frame
             episode, torques = self._acting
@@ -169,7 +179,7 @@ class KickRecord:
             self._frame = None
 
     def deliver(self, delivered: DeliveryTotals) -> None:
-        """Record the totals that the simulator measured."""
+        """Process new totals from the simulator; report the kicks that they complete."""
         before = self.delivered
         self.delivered = delivered
         count = delivered.impulses - (before.impulses if before else 0)
@@ -184,13 +194,16 @@ class KickRecord:
                 self._close(delivered)
 
     def abandon(self, stamp: int) -> None:
-        """Report the torques up to a stamp [ns] as cut short, because the chain disappeared."""
+        """End the current torques at a stamp [ns] and report them as cut short.
+
+        The caller expects no further frames.
+        """
         self.end(stamp, cut_short=True)
         while self._ended:
             self._close(None)
 
     def _settle(self, stamp: int) -> None:
-        """Report kicks whose measurement is overdue or not expected."""
+        """Report kicks for which the measurement is overdue, or for which none is expected."""
         late = [kick for kick in self._impulses if stamp - kick.stamp > _DELIVERY_TIMEOUT]
         if late:
             del self._impulses[: len(late)]

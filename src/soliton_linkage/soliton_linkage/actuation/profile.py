@@ -13,12 +13,12 @@ import numpy as np
 from soliton_linkage.linkage.chain import Array
 
 RESOLUTION = 1e-9
-"""Resolution of the stamps [s]; a profile ends when less than this time remains."""
+"""Resolution of the stamps [s]. A profile counts as ended if less than this time remains."""
 
 
 @dataclass(frozen=True)
 class Segment:
-    """Linear segment between two instants [s], with the values at both ends."""
+    """Linear segment of a profile from `start` to `end` [s], with the first and the last value."""
 
     start: float
     end: float
@@ -35,8 +35,8 @@ class Segment:
 class Profile:
     """Piecewise linear function of time, 0 before the first point and constant after the last.
 
-    Two points with the same instant form a jump. Raises ValueError for unsorted instants, for
-    numbers that are not finite, and for different numbers of instants and values.
+    Two points with the same instant form a jump. Raises ValueError for instants in decreasing
+    order, for numbers that are not finite, and if the numbers of instants and values differ.
     """
 
     times: Array
@@ -63,7 +63,7 @@ class Profile:
 
     @property
     def held(self) -> bool:
-        """Whether a value other than 0 is held after the end."""
+        """Whether the value after the last point differs from 0."""
         return bool(np.any(self.values[-1]))
 
     def after(self, time: float) -> Array:
@@ -81,20 +81,20 @@ class Profile:
         return self._between(index - 1, index, time)
 
     def segments(self, start: float, end: float) -> Iterator[Segment]:
-        """Yield the linear segments of the profile from an instant to a later one [s]."""
+        """Yield the linear segments of the profile between two instants [s]."""
         first = np.searchsorted(self.times, start, side='right')
         inside = np.unique(self.times[first : np.searchsorted(self.times, end)])
         for left, right in pairwise([start, *inside.tolist(), end]):
             yield Segment(left, right, self.after(left), self.before(right))
 
     def integral(self, start: float, end: float) -> Array:
-        """Return the exact integral between two instants [value times s], shape (...)."""
+        """Return the exact integral of the value between two instants [s], shape (...)."""
         lines = self.segments(start, end)
         areas = [line.duration * (line.first + line.last) / 2 for line in lines]
         return np.asarray(np.sum(areas, axis=0))
 
     def mean(self, start: float, end: float) -> Array:
-        """Return the exact mean between two instants [s], shape (...)."""
+        """Return the exact mean of the value between two instants [s], shape (...)."""
         lines = list(self.segments(start, end))
         length = sum(line.duration for line in lines)
         means = [line.duration / length * ((line.first + line.last) / 2) for line in lines]
@@ -113,9 +113,10 @@ AT_REST = Profile(np.zeros(1), np.zeros(1))
 
 
 def trapezoid(value: float, ramp_up: float, duration: float, ramp_down: float) -> Profile:
-    """Return a profile that rises from 0 to a value, holds it for a duration and falls to 0.
+    """Return a profile that rises from 0 to a value, holds the value, and falls back to 0.
 
-    Times are in seconds. An infinite duration holds the value forever.
+    `ramp_up`, `duration` and `ramp_down` are the durations of these three phases [s]. With an
+    infinite `duration`, the profile holds the value forever.
 
     >>> pulse = trapezoid(2.0, ramp_up=0.1, duration=0.3, ramp_down=0.1)
     >>> round(float(pulse.integral(0.0, 1.0)), 9)

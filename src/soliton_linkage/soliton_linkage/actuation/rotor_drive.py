@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Torque over time on a single rotor that follows a waveform of torque or angle."""
+"""Torque on a single rotor as a function of time, so that torque or angle follow a waveform."""
 
 from __future__ import annotations
 
@@ -13,21 +13,22 @@ from soliton_linkage.actuation.waveform import DrivenQuantity
 from soliton_linkage.linkage.chain import Array, Chain
 
 _STIFFNESS = 0.3
-"""Natural frequency of an angle servo times the period of the frames [1]. Sensitivity, for a burst
-of 40 rad/s at 500 Hz: the largest error is 0.3 % of the amplitude; at 0.5x, 0.7 %; at 2x, 0.2 %.
-At 250 Hz it is 3 %, and at 100 Hz the servo fails."""
+"""Natural frequency of the angle servo multiplied by the frame period [1]. For a burst of 40 rad/s
+and frames at 500 Hz, the largest error of the angle is 0.3 % of the amplitude. Sensitivity: at
+0.5x, the error is 0.7 %; at 2x, 0.2 %. With frames at 250 Hz the error is 3 %, and at 100 Hz the
+servo fails."""
 
 
 class RotorDrive:
-    """Waveform on one rotor; a command replaces the previous one.
+    """Drive of one rotor by a waveform; a new command replaces the previous one.
 
-    An angle q_ref is imposed by the torque
+    To impose an angle q_ref(t), the drive applies the torque
 
         tau = I q_ref'' - tau_springs + I [w^2 (q_ref - q) + 2 w (q_ref' - q')],    w = 0.3 / T,
 
-    up to a limit, with the period T of the frames. A torque acts from the next frame on. Therefore
-    the spring torque is extrapolated, and q and q' are predicted for the next frame from two
-    frames and from the torque that acts until then.
+    up to a limit. T is the frame period. A computed torque acts only from the next frame on.
+    Therefore the drive extrapolates the spring torque and predicts q and q' for the next frame.
+    The prediction uses the last two frames and the torque that acts until the next frame.
     """
 
     def __init__(self, chain: Chain) -> None:
@@ -51,7 +52,10 @@ class RotorDrive:
     def command(
         self, profile: Profile, quantity: DrivenQuantity, rotor: int, limit: float, time: float
     ) -> None:
-        """Start a waveform on a rotor at an instant [s], with torques up to a limit [N m]."""
+        """Start a waveform on a rotor at the instant `time` [s].
+
+        `limit` is the largest allowed torque [N m].
+        """
         self._profile, self._rotor, self._limit = profile, rotor, limit
         self._started, self._servo = time, None
         if quantity is DrivenQuantity.ANGLE:
@@ -62,9 +66,10 @@ class RotorDrive:
         self._profile = self._servo = None
 
     def add_torque(self, torques: Array, angles: Array, start: float, end: float) -> bool:
-        """Add the mean torque from `start` to `end` [s] to torques [N m] of shape (N,).
+        """Add the mean torque on the rotor from `start` to `end` [s] to `torques` [N m], (N,).
 
-        Return whether it is limited. `angles` [rad] are the angles at `start`.
+        `angles` [rad], shape (N,), are the angles at `start`. Return whether the torque was
+        reduced to its limit.
         """
         if not self.unfinished(start):
             self.drop()
@@ -88,17 +93,23 @@ class _AngleServo:
     """Torques that impose an angle on a rotor; see `RotorDrive`."""
 
     def __init__(self, profile: Profile, inertia: float) -> None:
-        # The last two points are one jump to 0.
+        # The profile ends with a jump to 0, which its last two points represent. The servo omits
+        # the last point.
         self._reference = CubicSpline(profile.times[:-1], profile.values[:-1])
         self._inertia = inertia
         self._start: float | None = None
         self._before: tuple[float, float] | None = None
         self._acceleration = 0.0
         self.sent = 0.0
-        """Torque sent with the last frame [N m], which acts from the present one on."""
+        """Torque sent after the previous frame [N m]; it acts from the current frame on."""
 
     def torque(self, angle: float, springs: float, since: float, period: float) -> float:
-        """Return the torque that acts from the next frame [s since the start] for a period [s]."""
+        """Return the torque for the frame period that begins with the next frame [N m].
+
+        `angle` [rad] and the spring torque `springs` [N m] belong to the current frame. `since` is
+        the time from the start of the waveform to the current frame, and `period` the frame
+        period [s].
+        """
         if self._start is None:
             self._start = angle
         angle_before, springs_before = self._before or (angle, springs)

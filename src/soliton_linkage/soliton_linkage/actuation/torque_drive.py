@@ -18,10 +18,10 @@ from soliton_linkage.linear.rigidity import Edge, mode_towards_last
 from soliton_linkage.linkage.chain import Array, Chain
 
 _REST_LEVEL = 1e-6
-"""Level below which an actuator is at rest, as a fraction of the largest level since the command.
+"""Threshold of the level of an actuator, relative to the largest level since the command [1].
 
-An exponential decay never reaches 0. This threshold ends a drive 14 time constants after its
-command.
+An actuator with a smaller level counts as at rest. The threshold is needed because an exponential
+decay never reaches 0. A level decays to it within 14 time constants after the end of a command.
 """
 _SIGNS = {Edge.FIRST: 1.0, Edge.LAST: -1.0}
 """Sign of the torque of each edge actuator along the mode towards the last rotor [1]."""
@@ -29,19 +29,20 @@ _SIGNS = {Edge.FIRST: 1.0, Edge.LAST: -1.0}
 
 @dataclass(frozen=True)
 class MeanTorque:
-    """Mean torque over a time interval."""
+    """Mean torque of the edge actuators over a time interval."""
 
     torque: float
-    """Mean along the unit zero mode that moves the wall towards the last rotor [N m]."""
+    """Mean torque along the unit zero mode, positive towards the last rotor [N m]."""
     saturated: bool
-    """Whether the torque of an actuator is limited."""
+    """Whether the torque of an actuator was reduced to its limit."""
 
 
 class EdgeDrive:
-    """Torque over time of the actuators at both edges and of a torque pulse.
+    """Torque of the actuators at both edges and of a torque pulse, as a function of time.
 
-    A command replaces the previous one. The actuator of the previous command returns to rest
-    while the next command acts. Times are in seconds from any origin and do not decrease.
+    A command replaces the previous one. The actuator of the previous command then returns to rest
+    while the new command already acts. Times [s] count from any origin; successive calls must not
+    decrease them.
     """
 
     def __init__(self, actuator: Actuator) -> None:
@@ -64,7 +65,7 @@ class EdgeDrive:
         return self._ends[Edge.FIRST].level, self._ends[Edge.LAST].level
 
     def unfinished(self, time: float) -> bool:
-        """Return whether a command with a finite duration is still active."""
+        """Return whether a command with a finite duration is still active at an instant [s]."""
         return time < self._over < math.inf
 
     def command(self, command: EdgeCommand, side: Edge, time: float) -> None:
@@ -154,11 +155,11 @@ class _Command:
 
 
 class JointDrive:
-    """Torques over time of the joint actuators.
+    """Torques of the joint actuators as functions of time.
 
     A command replaces the torques of the rotors that it names; other rotors keep their torques.
-    The last torques of a command are held for `timeout` [s]; 0 disables the timeout. Times are in
-    seconds from any origin.
+    The last torques of a command are held for `timeout` [s], or without a limit if `timeout` is 0.
+    Times [s] count from any origin.
     """
 
     def __init__(self, number_of_rotors: int, timeout: float) -> None:
@@ -183,16 +184,20 @@ class JointDrive:
         return any(time < end for end in ends)
 
     def hold(self, rotors: Rotors, torques: Array, time: float) -> None:
-        """Hold torques [N m] on rotors, both of shape (named,), from an instant [s]."""
+        """Apply constant torques to some rotors from the instant `time` [s] on.
+
+        `rotors` are the indices of these rotors and `torques` their torques [N m], shape (named,)
+        each.
+        """
         self._command(rotors, np.zeros(1), torques[None, :], time)
 
     def follow(self, rotors: Rotors, times: Array, torques: Array, time: float) -> None:
-        """Apply a torque trajectory that is linear between points and starts at an instant [s].
+        """Apply a torque trajectory, linear between its points, from the instant `time` [s] on.
 
-        `times` are the increasing times of the points after the instant [s], shape (points,).
-        `torques` has a torque [N m] for each rotor, shape (points, named). If the first point is
-        later than the instant, the trajectory starts from the current torques; otherwise the part
-        before the instant is skipped.
+        `times` are the increasing times of the points relative to `time` [s], shape (points,).
+        `torques` [N m] are the torques on `rotors` at each point, shape (points, named). If the
+        first of `times` is positive, the trajectory starts from the current torques. If it is
+        negative, the trajectory starts with the torques that it has at `time`.
         """
         now = self._now(time)[rotors]
         if times[0] > 0:
@@ -204,7 +209,10 @@ class JointDrive:
         self._commands.clear()
 
     def mean_torques(self, start: float, end: float) -> Array:
-        """Drop finished commands; return mean torques from `start` to `end` [N m], shape (N,)."""
+        """Return the mean torques from `start` to `end` [s] in [N m], shape (N,).
+
+        Commands that end before `start` are dropped.
+        """
         torques = np.zeros(self._number)
         self._commands = [
             command for command in self._commands if start < command.ends - RESOLUTION
@@ -237,19 +245,22 @@ class JointDrive:
 
 @dataclass(frozen=True)
 class DriveTorques:
-    """Torques to hold until the next frame."""
+    """Torques to apply from one frame to the next."""
 
     torques: Array
     """Torque on each rotor [N m], shape (N,)."""
     saturated: bool
-    """Whether the torque of an edge actuator is limited."""
+    """Whether the torque of an edge actuator or of a waveform was reduced to its limit."""
 
 
 class TorqueDrive:
     """Sum of the torques of the edge actuators, the joint actuators and a waveform."""
 
     def __init__(self, chain: Chain, actuator: Actuator, timeout: float) -> None:
-        """Start at rest; `timeout` [s] limits how long joint torques are held, 0 for no limit."""
+        """Start without torques.
+
+        The last torques of a joint command are held for `timeout` [s]; 0 means without a limit.
+        """
         self.chain = chain
         self.edges = EdgeDrive(actuator)
         self.joints = JointDrive(chain.number_of_rotors, timeout)
@@ -261,7 +272,7 @@ class TorqueDrive:
         return self.edges.active or self.joints.active or self._rotor.active
 
     def edge_command_unfinished(self, time: float) -> bool:
-        """Return whether the last edge command is still active at an instant [s]."""
+        """Return whether the last edge command of finite duration is active at an instant [s]."""
         return self.edges.unfinished(time) or self._rotor.unfinished(time)
 
     def unfinished(self, time: float) -> bool:
@@ -269,14 +280,20 @@ class TorqueDrive:
         return self.edge_command_unfinished(time) or self.joints.unfinished(time)
 
     def command(self, command: EdgeCommand, side: Edge, time: float) -> None:
-        """Start a command at the first or last edge at an instant [s]; it replaces the last."""
+        """Start a command at the first or last edge at the instant `time` [s].
+
+        The command replaces the previous edge command or waveform.
+        """
         self._rotor.drop()
         self.edges.command(command, side, time)
 
     def play(
         self, profile: Profile, quantity: DrivenQuantity, rotor: int, limit: float, time: float
     ) -> None:
-        """Start a waveform on a rotor, with torques up to a limit [N m], at an instant [s]."""
+        """Start a waveform on a rotor at the instant `time` [s], with torques up to `limit` [N m].
+
+        The waveform replaces the previous edge command or waveform.
+        """
         self.edges.drop(time)
         self._rotor.command(profile, quantity, rotor, limit, time)
 
@@ -287,10 +304,10 @@ class TorqueDrive:
         self._rotor.drop()
 
     def torques(self, angles: Array, start: float, end: float) -> DriveTorques:
-        """Return the mean torques from `start` to `end` [s] in a configuration [rad].
+        """Return the mean torques from `start` to `end` [s]; `angles` are those at `start` [rad].
 
-        Held from `start` to `end`, they give each rotor the commanded impulse, because the means
-        are exact even for short pulses and ramps.
+        The means are exact even for short pulses and ramps. Therefore, if the mean torques are
+        applied from `start` to `end`, each rotor receives the commanded impulse.
         """
         torques = self.joints.mean_torques(start, end)
         edge = self.edges.mean_torque(start, end)

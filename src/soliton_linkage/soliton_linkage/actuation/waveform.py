@@ -13,23 +13,24 @@ from soliton_linkage.actuation.profile import Profile
 from soliton_linkage.linkage.chain import Array
 
 _POINTS_PER_PERIOD = 64
-"""Points of a profile per period of its highest frequency [1]. Linear interpolation between them
-has an error of 0.1 % of the amplitude. Sensitivity: at 0.5x, the error is four times as large."""
+"""Number of profile points per period of the highest frequency [1]. Linear interpolation between
+the points has an error of 0.1 % of the amplitude. Sensitivity: at 0.5x, the error is four times as
+large."""
 _MOST_POINTS = 200_000
-"""Largest number of points [1]: a millisecond for each 4000 of them to start the waveform."""
+"""Largest number of profile points [1]. The start of a waveform takes 1 ms per 4000 points."""
 
 
 class WaveShape(enum.Enum):
     """Shape of a waveform."""
 
     BURST = 'burst'
-    """Sine of a number of periods."""
+    """Sine with a given number of periods."""
     CHIRP = 'chirp'
     """Sine whose frequency changes linearly."""
     NOISE = 'noise'
-    """Random function with frequencies in a band."""
+    """Random function whose frequencies lie in a given band."""
     TABLE = 'table'
-    """Samples, equally spaced in time."""
+    """Given samples, equally spaced in time."""
 
 
 class WaveWindow(enum.Enum):
@@ -46,7 +47,7 @@ class DrivenQuantity(enum.Enum):
     TORQUE = 'torque'
     """Torque on the rotor [N m]."""
     ANGLE = 'angle'
-    """Angle of the rotor less its angle at the start [rad]."""
+    """Angle of the rotor minus its angle at the start of the waveform [rad]."""
 
 
 @dataclass(frozen=True)
@@ -56,16 +57,16 @@ class Waveform:
     shape: WaveShape = WaveShape.BURST
     quantity: DrivenQuantity = DrivenQuantity.TORQUE
     joint: str = ''
-    """Name of the driven joint; empty for the rotor at the edge."""
+    """Name of the driven joint; an empty name selects the rotor at the edge."""
     window: WaveWindow = WaveWindow.LINEAR
     frequency: float = 0.0
-    """Angular frequency, the first of a chirp and the lowest of noise [rad/s]."""
+    """Angular frequency of a burst, initial one of a chirp, or lowest one of noise [rad/s]."""
     last_frequency: float = 0.0
-    """Last angular frequency of a chirp, and the highest of noise [rad/s]."""
+    """Final angular frequency of a chirp, or highest angular frequency of noise [rad/s]."""
     cycles: float = 0.0
     """Number of periods of a burst [1]."""
     seed: int = 0
-    """Seed of noise."""
+    """Seed of the random numbers for noise."""
     samples: tuple[float, ...] = ()
     """Samples of a table [1], from -1 to 1."""
 
@@ -94,18 +95,21 @@ class Waveform:
             )
 
     def length(self, given: float) -> float:
-        """Return the whole duration [s], which for a burst follows from its cycles.
+        """Return the total duration of the waveform, including the ramps [s].
 
-        `given` is the duration with ramps that the command specifies [s].
+        `given` is the total duration that the command specifies [s]. The duration of a burst
+        follows from `cycles` and `frequency` instead.
         """
         if self.shape is WaveShape.BURST:
             return 2 * math.pi * self.cycles / self.frequency
         return given
 
     def profile(self, amplitude: float, length: float, ramps: tuple[float, float]) -> Profile:
-        """Return the waveform with a peak or amplitude over its length [s], with ramps [s].
+        """Return the waveform as a function of time.
 
-        Raises ValueError if it has too many points or if the ramps are longer than the whole.
+        `amplitude` multiplies the waveform. `length` is the total duration [s], and `ramps` are
+        the durations of the ramps up and down [s]. Raises ValueError if the profile needs too many
+        points, or if the ramps together are longer than `length`.
         """
         if not 0 < length < math.inf:
             raise ValueError(
@@ -147,7 +151,7 @@ class Waveform:
         return np.sin((self.frequency + slope * times / 2) * times)
 
     def _noise(self, times: Array) -> Array:
-        """Return Gaussian noise whose frequencies fill the band, divided by its peak."""
+        """Return Gaussian noise with all frequencies of the band, normalised to a peak of 1."""
         step = 2 * math.pi / float(times[-1])
         first, last = self.frequency / step, self.last_frequency / step
         numbers = np.arange(len(times) // 2 + 1)

@@ -29,25 +29,26 @@ class ElasticSettings(SimulationSettings):
     """Tuning of `ElasticSimulation`."""
 
     longest_step: float = 5.0
-    """Longest step of the solvers of scipy, multiplied by the fastest rate [1]; DOP853 is stable
-    up to 6.
+    """Longest step of scipy's solvers, multiplied by the fastest rate of the chain [1].
 
-    In a chain at rest the tolerance does not limit the step, and longer steps would amplify
-    rounding errors. Sensitivity: at 0.5x, the computing time is 1.6 times as long for a soliton
-    and twice as long at rest. At 2x, it is the same for a soliton and half as long at rest.
+    DOP853 is stable up to 6. In a chain at rest the tolerance does not limit the step, so that
+    steps longer than this limit would amplify rounding errors. Sensitivity: at 0.5x, the computing
+    time is 1.6 times as long for a chain with a soliton and twice as long for a chain at rest. At
+    2x, the computing time is the same with a soliton and half as long at rest.
     """
     symplectic_fraction: float = 0.1
-    """Tolerance of `SymplecticNystrom`, relative to the tolerance of the simulation [1].
+    """Ratio of the tolerance of `SymplecticNystrom` to the tolerance of the simulation [1].
 
-    With this value a kicked chain of 12 rotors has the same error as with DOP853, 7e-10 rad.
-    Sensitivity: at 1, the error is 13 times as large and the steps are 1.4 times as long.
+    With this value a kicked chain of 12 rotors has the same error with `SymplecticNystrom` as with
+    DOP853: 7e-10 rad. Sensitivity: with a ratio of 1, the error is 13 times as large and the steps
+    are 1.4 times as long.
     """
     rotors_per_step: int = 400
     """Number of rotors times number of method steps in one solver step [1].
 
-    A solver step takes 0.05 to 0.07 ms; other callbacks run between solver steps. Sensitivity: at
-    0.5x, frames of 40 rotors take 20 to 60 % longer; at 2x, 10 to 30 % less, with solver steps of
-    0.12 ms.
+    A solver step takes 0.05 to 0.07 ms of computing time. Other callbacks of the node run between
+    solver steps. Sensitivity: at 0.5x, the computation of a frame of 40 rotors takes 20 to 60 %
+    longer. At 2x, it takes 10 to 30 % less, but one solver step takes 0.12 ms.
     """
 
 
@@ -58,7 +59,7 @@ class ElasticSimulation(Simulation):
     """Simulation of a chain of springs, which integrates its `EquationOfMotion`.
 
     `integrator` is a name in INTEGRATORS; see `Simulation` for the other arguments. Raises
-    ValueError for an unknown integrator, and for `forces` that it does not integrate.
+    ValueError for an unknown integrator, and for `forces` that the integrator does not support.
     """
 
     def __init__(
@@ -124,8 +125,9 @@ class ElasticSimulation(Simulation):
 
     def _tolerances(self) -> Array:
         """Return the absolute tolerance of each variable of the solver."""
-        # The solver uses the mean error of all variables. Without the division by sqrt(N), the
-        # many rotors at rest in a long chain would hide the error of the wall.
+        # The solver compares the mean error of all variables with the tolerance. In a long chain
+        # most rotors rest and have no error. Without the division by sqrt(N) they would reduce
+        # the mean so far that a large error of the rotors in the wall is accepted.
         chain = self.chain
         rotors = chain.number_of_rotors
         angles = np.full(rotors, self.tolerance / math.sqrt(2 * rotors))
@@ -133,7 +135,10 @@ class ElasticSimulation(Simulation):
         return np.concatenate([angles, angles / chain.time_unit, energy])
 
     def _after_step(self) -> None:
-        """Increase the method steps per solver step unless kicks or torques restart the solver."""
+        """Double the number of method steps per solver step, up to its limit.
+
+        Each restart of the solver, by a kick or a torque, begins with one method step.
+        """
         if isinstance(self._solver, SymplecticNystrom):
             most = max(1, self._settings.rotors_per_step // self.chain.number_of_rotors)
             self._solver.together = min(2 * self._solver.together, most)
@@ -151,9 +156,9 @@ def simulate(
     period: float,
     tolerance: float = 1e-11,
 ) -> Recording:
-    """Record the free motion of a chain of springs every period [s] for a duration [s].
+    """Record the free motion of a chain of springs for `duration` [s], a frame every `period` [s].
 
-    The first frame has the given angles [rad] and rates [rad/s], shape (N,). `tolerance` [rad] and
-    errors are as in `Simulation`. Raises ArithmeticError if the solver fails.
+    The first frame has the given angles [rad] and rates [rad/s], shape (N,). For `tolerance`
+    [rad] and the errors raised see `Simulation`. Raises ArithmeticError if the solver fails.
     """
     return ElasticSimulation(chain, angles, rates, period, tolerance).record(duration)

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Motion of many chains at a time, such as a disordered chain in many realisations."""
+"""Simultaneous simulation of many chains, such as many realisations of a disordered chain."""
 
 from __future__ import annotations
 
@@ -24,14 +24,14 @@ from soliton_linkage.linkage.deviations import NO_DEVIATIONS
 from soliton_linkage.linkage.recording import Recording
 
 Reduction = Callable[[Chain, Recording], Any]
-"""Result of a chain, computed from its recording."""
+"""Function that computes the result for a chain from its recording."""
 
 _ROTORS_TOGETHER = 160
-"""Number of rotors that one call of the compiled loops moves [1]. Loops over so many rotors need
-half the time per rotor of loops over 20. Sensitivity, for chains of 20 rotors: at 0.5x, the time
-is 1.25 times as long; at 2x and 4x, it is the same."""
+"""Number of rotors that are simulated together in one call of the compiled loops [1]. The time per
+rotor is half as long as in calls with 20 rotors. Sensitivity, for chains of 20 rotors: at 0.5x,
+the time is 1.25 times as long; at 2x and 4x, it does not change."""
 _EQUAL = ('friction_rate', 'on_site_order', 'on_site_phase')
-"""Parameters that all rotors of one simulation share."""
+"""Chain parameters that must be equal in all chains of one simulation."""
 _SWITCHES = {
     'damping': 'dampings',
     'dry_friction': 'dry_frictions',
@@ -39,22 +39,23 @@ _SWITCHES = {
     'non_reciprocity': 'non_reciprocities',
     'on_site_torque': 'on_site_torques',
 }
-"""Parameters whose terms are absent if they are 0, and their arrays."""
+"""Chain parameters that switch off their force term with the value 0, and the name of the array
+with the values of the parameter for each rotor or spring."""
 _OF_SPRINGS = {
     'spacings': [0.0],
     'offsets': [0.0],
     'rest_lengths': [1e9],
     'stiffnesses': [0.0],
 }
-"""Arrays of a chain with one value per spring, and the values of an absent spring. With its large
-rest length, the ratio of its length to the rest length is never 0."""
+"""Chain arrays with one value per spring, and the values that represent an absent spring. The rest
+length of an absent spring is large, so that the computed spring length is never 0."""
 
 
 def joined(chains: Sequence[Chain]) -> Chain:
-    """Return one chain whose rotors are those of several chains with free ends.
+    """Return one chain that contains the rotors of several chains with free ends.
 
-    Springs without stiffness separate the chains, so that they do not interact. Raises ValueError
-    for periodic chains and for chains with different force terms.
+    Springs with stiffness 0 connect neighbouring chains, so that the chains do not interact.
+    Raises ValueError for periodic chains and for chains with different force terms.
     """
     first = chains[0]
     if len(chains) == 1:
@@ -70,7 +71,7 @@ def joined(chains: Sequence[Chain]) -> Chain:
         )
     count = sum(chain.number_of_rotors for chain in chains)
     whole = replace(first, number_of_rotors=count, deviations=NO_DEVIATIONS)
-    # The arrays of a chain are cached properties, which a value in its dictionary replaces.
+    # The arrays of a chain are cached properties. A value in `vars(chain)` replaces the property.
     separators = {'rotor_lengths': [], 'masses': [], 'signs': [], **_OF_SPRINGS}
     for name, array in _SWITCHES.items():
         if getattr(first, name):
@@ -97,15 +98,17 @@ def simulate_many(
     tolerance: float = 1e-11,
     executor: Executor | None = None,
 ) -> Iterator[Any]:
-    """Yield a result of each chain after a duration [s], in order.
+    """Simulate many chains for `duration` [s], and yield the result for each chain in order.
 
-    `chains` is one chain for all starts, or one for each start. `reduce` computes the result from
-    the recording of the start and `frames` further instants. Chains are read, and results are
-    computed, as the caller consumes them, so that memory does not grow with their number. Threads
-    of this process use all cores; another `executor` is for example that of a Dask client,
-    `client.get_executor()`. The error of each step, as a norm over the rotors of a chain, is at
-    most `tolerance` [rad]. Raises ArithmeticError if a motion cannot be integrated, and
-    ValueError for chains with periodic ends or with different force terms in one batch.
+    `chains` is one chain for all initial states in `starts`, or one chain for each of them.
+    `reduce` computes the result from a recording of the initial state and of `frames` further
+    instants at equal intervals. The function reads chains and computes results only as the caller
+    consumes the results, so that the memory does not grow with the number of chains. By default,
+    threads of this process use all cores. Specify `executor` to use another pool, for example
+    `client.get_executor()` of a Dask client. The error of each step, as a norm over the rotors of
+    a chain, is at most `tolerance` [rad]. Raises ArithmeticError if a motion cannot be
+    integrated, and ValueError for chains with periodic ends or with different force terms in one
+    batch.
 
     >>> import numpy as np
     >>> import soliton_linkage as sl
@@ -133,7 +136,7 @@ def _streamed(
     batches: Iterator[list[tuple[Chain, State]]],
     executor: Executor | None,
 ) -> Iterator[Any]:
-    """Yield the results of batches in order, with two batches per core under way."""
+    """Yield the results of batches in order; at most two batches per core are in progress."""
     cores = os.cpu_count() or 1
     own = None if executor else ThreadPoolExecutor(cores)
     pool = executor or own

@@ -36,11 +36,12 @@ class EquationOfMotion:
     """Right-hand side for `scipy.integrate.solve_ivp` with the state (angles, rates, W).
 
     M r^2 phi_ddot = sum of the torques of all terms,
-    W_dot = sum of the powers that the terms dissipate,
+    W_dot = sum of the powers that the terms dissipate.
 
-    The dissipated energy W [J] is part of the state only if a term is dissipative or active. The
-    terms are springs, commanded torques, gravity, the terms of `of_chain`, and `forces`. Raises
-    ValueError for torques or fixed rotors that do not fit the chain.
+    The state includes the dissipated energy W [J] only if a term is dissipative or active. The
+    terms are springs, commanded torques, gravity, the terms that `of_chain` returns, and `forces`.
+    Raises ValueError for torques of the wrong shape and for fixed rotors that are not in the
+    chain.
     """
 
     chain: Chain
@@ -50,9 +51,9 @@ class EquationOfMotion:
     fixed: tuple[int, ...] = ()
     """Indices of the rotors that do not turn."""
     forces: tuple[Term | TorqueFunction, ...] = ()
-    """Further terms."""
+    """Terms in addition to springs, torques, gravity and the terms of the chain."""
     start: float = 0.0
-    """Time that Python functions in `forces` receive when the solver time is 0 [s]."""
+    """Time offset [s]: Python functions in `forces` receive this value plus the solver time."""
 
     def __post_init__(self) -> None:
         """Reject torques and fixed rotors that do not fit the chain."""
@@ -72,7 +73,7 @@ class EquationOfMotion:
 
     @cached_property
     def loads(self) -> tuple[Term, ...]:
-        """Terms other than springs."""
+        """Terms other than springs, active terms last."""
         loads: list[Term] = []
         if self.torques is not None and self.torques.any():
             loads.append(HeldTorques(self.torques))
@@ -88,7 +89,7 @@ class EquationOfMotion:
         return (SpringTorques(self.chain), *self.loads)
 
     def table(self, terms: Sequence[Term]) -> TermTable:
-        """Return the kinds and parameters of the compiled terms among some terms."""
+        """Return the kinds and parameters of those `terms` that are compiled."""
         return term_table([t for t in terms if isinstance(t, CompiledTerm)], self.rotors)
 
     @cached_property
@@ -105,14 +106,17 @@ class EquationOfMotion:
 
     @cached_property
     def decay_rates(self) -> Array:
-        """Decay rate of each free rotor by linear damping [1/s], c / (M r^2), shape (N,)."""
+        """Decay rate c / (M r^2) of each rotor by linear damping [1/s], shape (N,).
+
+        The decay rate of a fixed rotor is 0.
+        """
         return np.asarray(self.chain.dampings / self.inertias)
 
     @cached_property
     def fastest_vibration(self) -> float:
         """Upper bound of the angular frequency of vibrations [rad/s].
 
-        sqrt(4 k_e / M + g / r + (4 abs(kappa) + m abs(A)) / (M r^2)).
+        The bound is sqrt(4 k_e / M + g / r + (4 abs(kappa) + m abs(A)) / (M r^2)).
         """
         chain = self.chain
         of_springs = 4 * float(chain.stiffnesses.max() / chain.masses.min())
@@ -124,13 +128,16 @@ class EquationOfMotion:
 
     @cached_property
     def fastest_decay(self) -> float:
-        """Largest decay rate of a free rotor by damping and dry friction at low rates [1/s]."""
+        """Upper bound of the decay rate of rotors by linear damping and dry friction [1/s]."""
         of_friction = self.chain.dry_frictions / self.chain.friction_rate / self.inertias
         return float((self.decay_rates + of_friction).max())
 
     @property
     def fastest_rate(self) -> float:
-        """Upper bound of vibration frequencies and of energy decay rates, 2 c / (M r^2) [1/s]."""
+        """Upper bound of the vibration frequencies and of the decay rates of the energy [1/s].
+
+        The energy decays twice as fast as the rates of the rotors.
+        """
         return max(self.fastest_vibration, 2 * self.fastest_decay)
 
     def external_energy(self, angles: Array) -> float:
@@ -139,17 +146,20 @@ class EquationOfMotion:
 
     @property
     def external_scale(self) -> float:
-        """Scale of the external energy [J], from gravity and the on-site potential."""
+        """Typical size of the energy of gravity and of the on-site potential [J]."""
         wells = np.abs(self.chain.on_site_torques).sum() / self.chain.on_site_order
         return self.gravity.scale(self.chain) + float(wells)
 
     def state(self, angles: Array, rates: Array) -> Array:
-        """Return the state with no dissipated energy, shape (2N,), or (2N + 1,) if damped."""
+        """Return the state for given angles [rad] and rates [rad/s], shape (N,) each.
+
+        The state has the shape (2N,), or (2N + 1,) with a dissipated energy of 0 if `damped`.
+        """
         given = self.chain.check_angles(angles), self.chain.check_angles(rates, 'rate')
         return np.concatenate([*given, [0.0] * self.damped])
 
     def accelerations(self, angles: Array) -> Array:
-        """Return the angular accelerations at rest [rad/s^2], shape (N,)."""
+        """Return the angular accelerations if all rotors are at rest [rad/s^2], shape (N,)."""
         at_rest = self.state(angles, np.zeros(self.rotors))
         return self(0.0, at_rest)[self.rotors : 2 * self.rotors]
 
@@ -164,7 +174,7 @@ class EquationOfMotion:
         return np.concatenate([rates, torques / self.inertias, [power] * (state.size % 2)])
 
     def add_loads(self, torques: Array, time: float, angles: Array, rates: Array) -> float:
-        """Add the torques of all terms except springs [N m], shape (N,).
+        """Add the torques of all terms except springs to `torques` [N m], shape (N,).
 
         Return the power that these terms dissipate [W].
         """

@@ -1,13 +1,13 @@
 # SPDX-License-Identifier: Apache-2.0
 """Motion of a chain of rigid bars, the limit of infinitely stiff springs.
 
-The chain is a mechanism with one degree of freedom. It moves along the curve of configurations
-whose bars have their rest length, in the direction of the zero mode t(phi). With t normalised in
-the metric of the inertia, sum_n I_n t_n^2 = 1, and the speed s [J^(1/2)],
+The chain is a mechanism with one degree of freedom. The configurations in which all bars have
+their rest length form a curve, along which the chain moves. The tangent of the curve is the zero
+mode t(phi). With the normalisation sum_n I_n t_n^2 = 1 and the speed s [J^(1/2)], the motion obeys
 
-    dphi/dt = s t(phi),    ds/dt = t(phi) . torques,    T = s^2 / 2.
+    dphi/dt = s t(phi),    ds/dt = t(phi) . torques,    T = s^2 / 2,
 
-The bars do no work.
+where T is the kinetic energy. The bars do no work.
 """
 
 from __future__ import annotations
@@ -30,7 +30,7 @@ from soliton_linkage.linkage.chain import Array, Chain
 from soliton_linkage.linkage.gravity import NO_GRAVITY, Gravity
 
 _FLUSHED = -1100
-"""Binary exponent below which a component of the mode is set to 0 [1]."""
+"""Binary exponent [1]: smaller components of the zero mode are set to 0."""
 
 
 @dataclass(frozen=True)
@@ -38,30 +38,33 @@ class RigidSettings(SimulationSettings):
     """Tuning of `RigidSimulation`."""
 
     max_bar_error: float = 1e-6
-    """Largest relative error of the length of a bar in the initial state [1]."""
+    """Largest allowed relative error of the length of a bar in the initial state [1]."""
     jammed: float = 1e-5
-    """Smallest singular value of R in units of r [1], below which an error reports jammed bars."""
+    """Threshold of the smallest singular value of R in units of r [1]. Below it, the error message
+    of a failed step reports that the bars jam."""
     longest_step: float = 100.0
-    """Longest solver step in frame periods, which is also the largest number of frames per step.
+    """Longest solver step in frame periods, and thus the largest number of frames per step [1].
 
-    Sensitivity: at 0.5x or 2x, the same run time and energy drift.
+    Sensitivity: at 0.5x or 2x, the run time and the energy drift do not change.
     """
     max_corrections: int = 3
-    """Largest number of energy corrections after a step; with 1 or 6 the energy drift is the
-    same."""
+    """Largest number of energy corrections after a step [1].
+
+    Sensitivity: with 1 or 6 corrections, the energy drift does not change.
+    """
 
 
 DEFAULTS = RigidSettings()
 
 
 class RigidSimulation(Simulation):
-    """Simulation of a chain whose springs are rigid bars of their rest length.
+    """Simulation of a chain in which rigid bars of the same rest length replace the springs.
 
     Rates and impulses are projected onto the zero mode, because the bars resist all other
-    components. After each step the simulation projects the state onto the curve and corrects its
-    energy. The arguments are the same as for `Simulation`. Fixed rotors and periodic ends are not
-    allowed. Raises ValueError for angles that the bars do not allow, and ArithmeticError if the
-    bars jam.
+    components. After each step the simulation corrects two errors of the solver: it moves the
+    angles to a configuration with exact bar lengths, and corrects the energy. The arguments are
+    the same as for `Simulation`. Fixed rotors and periodic ends are not allowed. Raises
+    ValueError for initial angles that the bars do not allow, and ArithmeticError if the bars jam.
     """
 
     def __init__(
@@ -83,11 +86,12 @@ class RigidSimulation(Simulation):
 
     @property
     def link_torques(self) -> Array:
-        """Torque of the bars on each rotor in the current frame [N m], R^T s, shape (N,).
+        """Torque of the bars on each rotor in the current frame [N m], shape (N,).
 
-        Constant lengths require R phi_ddot + l_ddot = 0, where l_ddot is the second derivative of
-        the lengths at constant rates. With I phi_ddot = R^T s + torques it follows that R I^-1 R^T
-        s = -(l_ddot + R I^-1 torques). Raises ValueError if the bars jam.
+        The torque is R^T s with the forces s of the bars. Because the lengths are constant, R
+        phi_ddot + l_ddot = 0, where l_ddot is the second derivative of the lengths for zero
+        acceleration phi_ddot. The equation of motion I phi_ddot = R^T s + torques then gives R
+        I^-1 R^T s = -(l_ddot + R I^-1 torques). Raises ValueError if the bars jam.
         """
         chain, angles, rates = self.chain, self.angles, self.rates
         first, second = rigidity_bands(chain, angles)
@@ -171,8 +175,9 @@ class RigidSimulation(Simulation):
     def _corrected(self, state: Array) -> tuple[Array, float, float]:
         """Return angles with exact bar lengths, the corrected speed, and the dissipated energy.
 
-        The energy is corrected by the smallest change of position and speed, along its gradient
-        (-t . torques, s). This also works at turning points, where s is 0.
+        The energy is corrected by the smallest possible change of the position on the curve and of
+        the speed s. This change is along the gradient of the energy, (-t . torques, s), and also
+        works at turning points, where s is 0.
         """
         chain = self.chain
         angles, speed, dissipated = state[:-2].copy(), float(state[-2]), float(state[-1])
@@ -203,28 +208,35 @@ class RigidSimulation(Simulation):
         return speed**2 / 2 + potential - work + self._dissipated_before + dissipated
 
     def _stuck(self, complaint: str) -> ArithmeticError:
-        """Return the error; it reports jammed bars if R nearly has a second null vector."""
+        """Return the error of a failed step; its message reports jammed bars.
+
+        Bars count as jammed if the smallest singular value of R is below the setting `jammed`.
+        """
         bands = rigidity_bands(self.chain, self._solver.y[:-2])
         squares = eigvals_banded(gram_matrix_bands(*bands), select='i', select_range=(0, 0))
         jammed = squares[0] <= (self._settings.jammed * self.chain.rotor_length) ** 2
         return super()._stuck(f'the bars jam ({complaint})' if jammed else complaint)
 
     def _energy_scale(self) -> float:
-        """Return the energy scale [J]: kinetic energy plus the work of loads over one radian."""
+        """Return the typical size of the energies in the motion [J].
+
+        The value is the kinetic energy plus `motion.external_scale` plus the work of the constant
+        torques over one radian.
+        """
         moving = float(self.chain.kinetic_energy(self.rates))
         return moving + self.motion.external_scale + float(np.abs(self.torques).sum())
 
     def _mode(self, angles: Array) -> Array:
-        """Return the zero mode of unit inertia norm [kg^(-1/2) m^(-1)], shape (N,)."""
+        """Return the zero mode with sum_n I_n t_n^2 = 1 [kg^(-1/2) m^(-1)], shape (N,)."""
         mode = zero_mode(self.chain, angles)
         return np.asarray(mode / math.sqrt(float(self.chain.moments_of_inertia @ mode**2)))
 
 
 def _centripetal(chain: Chain, angles: Array, rates: Array) -> Array:
-    """Return -l_ddot at constant rates [m/s^2], for bars of constant length, shape (bars,).
+    """Return -l_ddot for zero angular acceleration [m/s^2], shape (bars,).
 
-    With the vector (x, y) between two masses, l_ddot = (x_dot^2 + y_dot^2 + x x_ddot +
-    y y_ddot) / l.
+    For a bar of constant length l along the vector (x, y) between two masses, l_ddot =
+    (x_dot^2 + y_dot^2 + x x_ddot + y y_ddot) / l.
     """
     horizontal, vertical = chain.positions(angles)
     x, y = chain.spacings + np.diff(horizontal), np.diff(vertical)
@@ -235,10 +247,11 @@ def _centripetal(chain: Chain, angles: Array, rates: Array) -> Array:
 
 @compiled(const_f8_1d, const_f8_1d, const_f8_1d, const_f8_1d)
 def mode_of_bars(angles: Array, lengths: Array, spacings: Array, inertias: Array) -> Array:
-    """Return the zero mode, normalised in the metric of the inertia [kg^(-1/2) m^(-1)], (N,).
+    """Return the zero mode t with sum_n I_n t_n^2 = 1 [kg^(-1/2) m^(-1)], shape (N,).
 
-    It equals `linear.rigidity.zero_mode` up to normalisation. Each component has a separate
-    exponent, because the mode may vary by more than the range of floating-point numbers.
+    Except for the normalisation, the result equals that of `linear.rigidity.zero_mode`. The
+    function stores the exponent of each component separately, because the ratio of two components
+    may exceed the range of floating-point numbers.
     """
     rotors = angles.size
     mode, exponents = np.empty(rotors), np.empty(rotors, np.int64)

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Base class of the simulations, which sample the motion of a chain at exact instants."""
+"""Base class of the simulations, which compute the state of a chain at exact instants."""
 
 from __future__ import annotations
 
@@ -19,9 +19,10 @@ from soliton_linkage.linkage.gravity import NO_GRAVITY, Gravity
 from soliton_linkage.linkage.recording import Recording
 
 SMALLEST_RELATIVE_TOLERANCE = 100 * float(np.finfo(np.float64).eps)
-"""Smallest relative tolerance of scipy's solvers [1].
+"""Smallest relative tolerance that scipy's solvers accept [1].
 
-The absolute tolerance must dominate, so that rotors with large angles are equally accurate.
+With it, the absolute tolerance limits the error, so that rotors with large unwrapped angles are as
+accurate as all others.
 """
 
 
@@ -30,7 +31,8 @@ class SimulationSettings:
     """Tuning of every simulation."""
 
     max_steps: int = 1000
-    """Limit of the number of solver steps per `Chain.time_unit`; above it the solver fails [1]."""
+    """Largest number of solver steps per `Chain.time_unit` [1]. If one frame needs more steps, the
+    simulation raises ArithmeticError."""
 
 
 DEFAULTS = SimulationSettings()
@@ -39,16 +41,17 @@ DEFAULTS = SimulationSettings()
 class Simulation(ABC):
     """Simulation of a chain with gravity, applied torques, kicks and the chain's own force terms.
 
-    Frame k is the state at exactly k * period after the start, taken from the dense output of the
-    solver. Kicks, torques and changes of gravity act at the time of the current frame. The error
-    per step, as a norm over all rotors, is at most `tolerance` [rad] in the angles and `tolerance`
-    per `chain.time_unit` in the rates. This bound holds for any number of rotors and any angles.
-    `kicks` is the number of kicks, and `kick_work` their total work [J].
+    Frame k is the state at the time k * period [s] after the start. The state is interpolated with
+    the dense output of the solver. Kicks, torques and changes of gravity act at the time of the
+    current frame. The error per step, as a norm over all rotors, is at most `tolerance` [rad] in
+    the angles and `tolerance` / `chain.time_unit` [rad/s] in the rates. This bound holds for any
+    number of rotors and any angles. The attribute `kicks` is the number of kicks so far, and
+    `kick_work` is their total work [J].
 
-    The simulation starts from `angles` [rad] and `rates` [rad/s], shape (N,), or from rest;
-    `period` is in [s]. Rotors with an index in `fixed` do not turn. `forces` are further terms of
-    the equation of motion, or functions f(time, angles, rates) -> torques [N m]. Raises ValueError
-    for arguments out of range or of the wrong shape.
+    The simulation starts from `angles` [rad] and `rates` [rad/s], shape (N,) each; without `rates`
+    it starts from rest. Rotors with an index in `fixed` do not turn. `forces` are additional terms
+    of the equation of motion, or functions f(time, angles, rates) -> torques [N m]. Raises
+    ValueError for arguments out of range or of the wrong shape.
     """
 
     def __init__(
@@ -119,16 +122,20 @@ class Simulation(ABC):
 
     @property
     def dissipated(self) -> float:
-        """Energy dissipated since the start [J], negative where motors add energy."""
+        """Energy dissipated since the start [J].
+
+        The value is negative if motors have added more energy than damping has dissipated.
+        """
         return self._dissipated_before + self._dissipated
 
     @property
     def energy_drift(self) -> float:
         """Relative energy error of the solver since the start [1].
 
-        The error is the energy minus the initial energy, minus the work of kicks and torques, plus
-        the dissipated energy. It is divided by the largest energy so far, or by sum_n M g r plus
-        the rounding error of k_e lbar^2 if that is larger.
+        The energy error is the energy minus the initial energy, minus the work of kicks and
+        torques, plus the dissipated energy. This property is the energy error divided by an energy
+        scale: the largest energy so far, but at least `motion.external_scale` plus the rounding
+        error of k_e lbar^2.
         """
         change = self.motion.external_energy(self.angles) - self._external_at_start
         self._largest_energy = max(self._largest_energy, self._motion_and_springs(), abs(change))
@@ -137,8 +144,8 @@ class Simulation(ABC):
     def kick(self, impulses: Array) -> None:
         """Apply angular impulses J [N m s], shape (N,), at the instant of the current frame.
 
-        Their work is W = J . (phi_dot before + phi_dot after) / 2. Raises ValueError if it is not
-        finite.
+        The work of the impulses is W = J . (phi_dot before + phi_dot after) / 2. Raises ValueError
+        if this work is not finite.
         """
         checked = self.chain.check_angles(impulses, 'impulse')
         with np.errstate(over='ignore', invalid='ignore'):
@@ -186,12 +193,15 @@ class Simulation(ABC):
 
     @property
     def steps_per_frame(self) -> float:
-        """Least number of solver steps per frame, by the longest step [1]; 0 before a step."""
+        """Smallest possible number of solver steps per frame: period / longest step [1].
+
+        The value is 0 before the first step after the start or after a restart of the solver.
+        """
         return 0.0 if self._stale else self.period / self._longest_step
 
     @property
     def progress(self) -> float:
-        """Computed fraction of the time to the next frame [1]."""
+        """Fraction of the interval from the current to the next frame that is computed [1]."""
         done = 0.0 if self._stale else self._solver.t / self.period
         return 1.0 if self.ready else done - (self.frame - self._first_frame)
 
@@ -203,7 +213,8 @@ class Simulation(ABC):
     def step(self) -> None:
         """Take one solver step towards the next frame; the current frame does not change."""
         if self._stale:
-            # Creating the solver here creates it only once after several changes at one frame.
+            # The solver is created here, not at each kick or change of torques. Therefore several
+            # changes at one frame create only one solver.
             self._solver, longest_step = self._solver_from(self._packed())
             self._longest_step = longest_step
             self._time_unit = min(self.chain.time_unit, longest_step)
@@ -222,7 +233,7 @@ class Simulation(ABC):
         self._after_step()
 
     def advance(self) -> None:
-        """Advance to the next frame, with as many solver steps as needed."""
+        """Advance to the next frame; take solver steps until this frame is computed."""
         while not self.ready:
             self.step()
         self._steps = 0
@@ -232,7 +243,7 @@ class Simulation(ABC):
         self.angles, self.rates, self._dissipated = self._unpacked(state)
 
     def record(self, duration: float) -> Recording:
-        """Record every frame from the current one for a duration [s], including both ends."""
+        """Record all frames for `duration` [s], from the current frame to the last, inclusive."""
         if not (math.isfinite(duration) and duration >= 0):
             raise ValueError(f'duration = {duration} s must be a finite number of 0 or more')
         start = self.frame
@@ -248,11 +259,14 @@ class Simulation(ABC):
 
     @abstractmethod
     def _allowed(self, angles: Array, rates: Array) -> tuple[Array, Array]:
-        """Return the nearest angles and rates that the mechanics allow, or raise ValueError."""
+        """Return the nearest angles and rates that the mechanics allow.
+
+        Raises ValueError if the mechanics do not allow the angles.
+        """
 
     @abstractmethod
     def _packed(self) -> Array:
-        """Return the current frame in the variables of the solver, with zero dissipated energy."""
+        """Return the solver state of the current frame, with a dissipated energy of 0."""
 
     @abstractmethod
     def _unpacked(self, state: Array) -> tuple[Array, Array, float]:
@@ -297,7 +311,10 @@ class Simulation(ABC):
         )
 
     def _restart_with(self, before: float) -> None:
-        """Restart with other forces; the change of energy [J] is work."""
+        """Restart the solver after a change of the forces, and count the energy change as work.
+
+        `before` is the energy before the change [J].
+        """
         self._restart()
         gained = self.energy - before
         self._work += gained
@@ -323,7 +340,11 @@ def scipy_solver(
     tolerances: Array,
     longest_step: float,
 ) -> OdeSolver:
-    """Return a solver without end time, with an absolute tolerance for each variable."""
+    """Return a solver of scipy without an end time.
+
+    `tolerances` are the absolute tolerances of the variables, shape (len(state),), and
+    `longest_step` is in [s].
+    """
     return method(
         right_hand_side,
         0.0,

@@ -1,15 +1,16 @@
 # SPDX-License-Identifier: Apache-2.0
 """Terms of the equation of motion: each adds a torque on every rotor.
 
-A compiled term has rows of parameters and a kernel, which `sum_terms` selects by the `kind` of the
-term. All integrators and rigid bars call the same kernels. To add a compiled term, write a
-subclass of `CompiledTerm`, its kernel, and a line in `sum_terms`. A Python function `f(time,
-angles, rates) -> torques` is also a term, but only for the solvers of scipy.
+A compiled term consists of rows of parameters and a compiled function, the kernel. `sum_terms`
+selects the kernel by the `kind` of the term. The simulations of springs and of rigid bars call the
+same kernels. To add a compiled term, write a subclass of `CompiledTerm`, its kernel, and a line in
+`sum_terms`. A Python function `f(time, angles, rates) -> torques` can also be a term, but only
+scipy's solvers can integrate it.
 
 A kernel reads angles, rates, cosines and sines from rows of the array `work`, shape
-(rows, P + VECTOR), and adds torques [N m] to its row TORQUES. The N rotors are padded with zeros
-to P, a multiple of VECTOR. A kernel uses indices of `work` instead of row views, because the
-reference count of each view would take numba longer than a loop over 20 rotors.
+(rows, P + VECTOR), and adds torques [N m] to the row TORQUES of `work`. The N rotors are padded
+with zeros to P, a multiple of VECTOR. A kernel uses indices of `work` instead of row views,
+because numba counts the references to each view, which takes longer than a loop over 20 rotors.
 """
 
 from __future__ import annotations
@@ -43,8 +44,8 @@ VECTOR = 8
 """Largest number of doubles in a vector register."""
 
 ANGLES, RATES, COSINES, SINES, TORQUES, TORQUES_ON_RIGHT, ACTIVE = range(7)
-"""Rows of `work`. Element n + 1 of TORQUES_ON_RIGHT is the torque of spring n on its right rotor.
-ACTIVE is the part of TORQUES that is due to active terms."""
+"""Rows of `work`. Element n + 1 of TORQUES_ON_RIGHT is the torque of spring n on its right rotor,
+n + 1. ACTIVE contains the torques of active terms, which TORQUES also includes."""
 
 SPRINGS, GRAVITY, CONSTANT, LINEAR_DAMPING, DRY_FRICTION = range(5)
 QUADRATIC_DAMPING, ON_SITE, NON_RECIPROCAL = range(5, 8)
@@ -55,19 +56,21 @@ class Term(ABC):
     """One summand of the torque on each rotor in the equation of motion."""
 
     dissipative = False
-    """Whether the power of the term counts as dissipated."""
+    """Whether the negative power of the term counts as dissipated energy."""
     active = False
-    """Whether the term depends on the angles, and counts as dissipation of either sign."""
+    """Whether the torques depend on the angles but have no potential energy. The negative work of
+    such a term counts as dissipated energy, which may be negative."""
 
     @abstractmethod
     def add(self, torques: Array, time: float, angles: Array, rates: Array) -> float:
-        """Add the torque on each rotor [N m] to `torques`, shape (N,).
+        """Add the torque of the term on each rotor [N m] to `torques`, shape (N,).
 
-        Return the power that the term dissipates [W], or 0 if the term is not dissipative.
+        `time` is in [s], `angles` [rad] and `rates` [rad/s] have the shape (N,). Return the power
+        that the term dissipates [W], or 0 if the term is not dissipative.
         """
 
     def energy(self, angles: Array) -> float:
-        """Return the potential energy [J], 0 if the term has none."""
+        """Return the potential energy [J], or 0 for a term without a potential energy."""
         del angles
         return 0.0
 
@@ -84,7 +87,7 @@ class CompiledTerm(Term):
     """Parameters of the kernel, shape (parameters, N), or (parameters, 1) for equal rotors."""
 
     def add(self, torques: Array, time: float, angles: Array, rates: Array) -> float:
-        """Add the torques of the kernel; return the dissipated power [W]."""
+        """Add the torques that the kernel computes; return the dissipated power [W]."""
         del time
         return torques_of(angles, rates, *term_table([self], torques.size), torques)
 
@@ -132,7 +135,7 @@ class Weights(CompiledTerm):
 
 
 class HeldTorques(CompiledTerm):
-    """Constant torques [N m], shape (N,), whose work is torque times angle."""
+    """Constant torques `held` [N m], shape (N,)."""
 
     kind = CONSTANT
 
@@ -141,7 +144,7 @@ class HeldTorques(CompiledTerm):
 
 
 class LinearDamping(CompiledTerm):
-    """Torques -c phi_dot, with c [N m s/rad] of each rotor, shape (N,)."""
+    """Torques -c phi_dot. `dampings` is c [N m s/rad] for each rotor, shape (N,)."""
 
     kind, dissipative = LINEAR_DAMPING, True
 
@@ -150,10 +153,10 @@ class LinearDamping(CompiledTerm):
 
 
 class DryFriction(CompiledTerm):
-    """Torques -tau tanh(phi_dot / omega) of bearings: Coulomb friction, regularised at rest.
+    """Friction torques -tau tanh(phi_dot / omega) of the bearings: regularised Coulomb friction.
 
-    `torque` is tau [N m], one number or one per rotor, shape (N,). `regularisation` is omega
-    [rad/s]; at lower rates the friction is proportional to the rate.
+    `torque` is tau [N m], one number or shape (N,). `regularisation` is omega [rad/s]; at rates
+    far below omega the friction is proportional to the rate.
     """
 
     kind, dissipative = DRY_FRICTION, True
@@ -169,7 +172,7 @@ class DryFriction(CompiledTerm):
 
 
 class QuadraticDamping(CompiledTerm):
-    """Torques -c phi_dot abs(phi_dot), with c [N m s^2/rad^2] of each rotor, shape (N,)."""
+    """Torques -c phi_dot abs(phi_dot). `dampings` is c [N m s^2/rad^2], shape (N,)."""
 
     kind, dissipative = QUADRATIC_DAMPING, True
 
@@ -178,10 +181,10 @@ class QuadraticDamping(CompiledTerm):
 
 
 class OnSitePotential(CompiledTerm):
-    """Torques of a periodic potential of each rotor, as in the Frenkel-Kontorova model.
+    """Torques of a potential that is periodic in each angle, as in the Frenkel-Kontorova model.
 
-    V = sum_n (A_n / m) [1 - cos(m (q_n - q_0))], with the coordinate q = s phi + (1 - s) pi / 2 of
-    `Chain.signs`, has m wells per turn, one of them at q_0.
+    The potential is V = sum_n (A_n / m) [1 - cos(m (q_n - q_0))]. It has m minima per turn, one of
+    them at q_0. The coordinate is q = s phi + (1 - s) pi / 2 with the signs s in `Chain.signs`.
     """
 
     kind = ON_SITE
@@ -197,7 +200,7 @@ class OnSitePotential(CompiledTerm):
         )
 
     def energy(self, angles: Array) -> float:
-        """Return V [J], 0 or more where the on-site torque is positive."""
+        """Return the potential energy V [J], 0 or more if all on-site torques A_n are positive."""
         torques, slopes, phases = self.rows
         return float(torques / slopes @ (1 - np.cos(slopes * angles + phases)))
 
@@ -205,12 +208,13 @@ class OnSitePotential(CompiledTerm):
 class NonReciprocal(CompiledTerm):
     """Torques of motors that break reciprocity: the same torque on both rotors of a bond.
 
-    The bond between rotors n and n + 1 adds kappa (q_n - q_{n+1}) to the torque on each of the two
-    coordinates q of `Chain.signs`, with the difference wrapped to (-pi, pi]. In angles, with D =
-    phi_n + sigma phi_{n+1} - (1 + sigma) pi / 2 and sigma = 1 for flippers, -1 for spinners, the
+    The motors of the bond between rotors n and n + 1 apply the torque kappa (q_n - q_{n+1}) to
+    q_n, and the same torque to q_{n+1}. The coordinates q are those of `OnSitePotential`. The
+    difference is wrapped to the interval from -pi to pi. In terms of the angles, let D = phi_n +
+    sigma phi_{n+1} - (1 + sigma) pi / 2 with sigma = 1 for flippers and -1 for spinners. Then the
     torque is kappa D on rotor n and -sigma kappa D on rotor n + 1.
 
-    Brandenbourger et al., Nature Communications 10, 4608 (2019).
+    Source: Brandenbourger et al., Nature Communications 10, 4608 (2019).
     """
 
     kind, active = NON_RECIPROCAL, True
@@ -222,7 +226,7 @@ class NonReciprocal(CompiledTerm):
 
 
 class AppliedFunction(Term):
-    """Torques of a plain function of time, angles and rates."""
+    """Torques that a Python function of time, angles and rates returns."""
 
     dissipative = True
 
@@ -230,7 +234,7 @@ class AppliedFunction(Term):
         self._function = function
 
     def add(self, torques: Array, time: float, angles: Array, rates: Array) -> float:
-        """Add the torques that the function returns; return the negative of their power [W]."""
+        """Add the torques that the function returns; return their negative power [W]."""
         applied = self._function(time, angles, rates)
         torques += applied
         return -float(applied @ rates)
@@ -240,13 +244,13 @@ class TermTable(NamedTuple):
     """Kinds and parameters of compiled terms."""
 
     kinds: NDArray[np.int64]
-    """Kind and first row of parameters of each term, shape (terms, 2)."""
+    """Kind of each term and index of its first row in `parameters`, shape (terms, 2)."""
     parameters: Array
-    """Rows of all terms, shape (rows, P)."""
+    """Parameter rows of all terms, shape (rows, P)."""
 
 
 def term_table(terms: Sequence[CompiledTerm], rotors: int) -> TermTable:
-    """Return the table of terms that act on `rotors` rotors."""
+    """Return the table of terms that act on a number of rotors."""
     kinds, first = np.empty((len(terms), 2), dtype=np.int64), 0
     parameters = np.zeros((sum(len(term.rows) for term in terms), padded_size(rotors)))
     for index, term in enumerate(terms):
@@ -268,7 +272,7 @@ def padded_size(rotors: int) -> int:
 def sum_terms(work: Array, rotors: int, kinds: NDArray[np.int64], parameters: Array) -> float:
     """Set the torques to the sum of all terms; return the power that the terms dissipate [W].
 
-    Springs, if any, must be the first term, an active term the last.
+    A spring term must be the first term. An active term must be the last term.
     """
     power, start = 0.0, 0
     if kinds.shape[0] and kinds[0, 0] == SPRINGS:
@@ -307,23 +311,23 @@ def active_power(work: Array, rotors: int) -> float:
 
 
 def _estimating(function: Callable[[float], float]) -> Callable[[float], float]:
-    """Compile a function with approximate roots and inverses."""
+    """Compile a function; allow the compiler to approximate square roots and reciprocals."""
     return compile_loop(function, fastmath=FASTMATH_FLAGS | {'arcp', 'afn'}, inlined=True)
 
 
 @_estimating
 def _inverse_root_estimate(w: float) -> float:
-    """Return 1 / sqrt(w) in single precision, which takes one instruction and a Newton step."""
+    """Return 1 / sqrt(w) in single precision; it compiles to one instruction and a Newton step."""
     return float(np.float32(1) / np.sqrt(np.float32(w)))
 
 
 @inlined
 def tension(w: float) -> float:
-    """Return 1 - 1 / sqrt(w), the force of a spring of length l = lbar sqrt(w) divided by k l.
+    """Return 1 - 1 / sqrt(w): the force of a spring divided by k l, for l = lbar sqrt(w).
 
-    With an estimate y of 1 / sqrt(w) and d = 1 - w y^2, the series y (1 + d / 2 + 3 d^2 / 8)
-    equals 1 / sqrt(w) in double precision. A division and a root would take as long as the rest of
-    the kernel.
+    Let y be an estimate of 1 / sqrt(w) in single precision, and d = 1 - w y^2. The series
+    y (1 + d / 2 + 3 d^2 / 8) then equals 1 / sqrt(w) in double precision. It is used because a
+    division and a square root would take as long as the rest of the kernel.
     """
     y = _inverse_root_estimate(w)
     d = 1 - w * y * y
@@ -332,15 +336,16 @@ def tension(w: float) -> float:
 
 @inlined
 def _set_springs(work: Array, rotors: int, rows: Array, first: int) -> None:
-    """Set the torques of springs between rotors with cosines c, c' and sines s, s'.
+    """Set the torques of the springs; a spring joins rotors with cosines c, c' and sines s, s'.
 
-    With the parameter rows offset, slope', slope, product, lever, lever' and cross,
+    The rows of parameters are offset, slope', slope, product, lever, lever' and cross, in
+    this order. With them,
 
     l^2 / lbar^2 = w = offset + slope' s' - slope s - product (s s' + c c'),
     torque on the left  = (1 - 1 / sqrt(w)) [lever c - cross (s c' - c s')],
     torque on the right = (1 - 1 / sqrt(w)) [cross (s c' - c s') - lever' c'].
 
-    The last spring joins the last rotor to the first; its levers are 0 if the ends are free.
+    The last spring joins the last rotor to the first. In a chain with free ends, its levers are 0.
     """
     prefer_wide_vectors()
     work[COSINES, rotors], work[SINES, rotors] = work[COSINES, 0], work[SINES, 0]
@@ -425,7 +430,7 @@ def _add_non_reciprocal(work: Array, rotors: int, rows: Array, first: int) -> No
 def torques_of(
     angles: Array, rates: Array, kinds: NDArray[np.int64], parameters: Array, torques: Array
 ) -> float:
-    """Add the torques of terms [N m], shape (N,); return the power that they dissipate [W]."""
+    """Add the torques of the terms in a `TermTable` [N m]; return the dissipated power [W]."""
     rotors = angles.size
     work = np.zeros((ACTIVE + 1, parameters.shape[1] + VECTOR))
     for n in range(rotors):

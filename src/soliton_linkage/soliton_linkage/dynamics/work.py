@@ -6,7 +6,7 @@ torque tau does the work
 
     W = integral of tau . phi_dot dt = tau . (phi(t_1) - phi(t_0))
 
-for any motion between t_0 and t_1, so that frames with exact angles give the exact work.
+for any motion between t_0 and t_1. Therefore the exact angles of two frames give the exact work.
 """
 
 from __future__ import annotations
@@ -19,14 +19,19 @@ from soliton_linkage.linkage.chain import Array, Chain
 
 
 def work_of_kick(impulses: Array, before: Array, after: Array) -> float:
-    """Return the work [J] of impulses [N m s] that change rates [rad/s], shape (N,) each."""
+    """Return the work of impulses [J].
+
+    `impulses` [N m s] change the rates of the rotors from `before` to `after` [rad/s], shape (N,)
+    each.
+    """
     return float(np.add.reduce(impulses * (before + after))) / 2
 
 
 def work_of_impulse(chain: Chain, rates: Array, impulses: Array) -> float:
-    """Return the work [J] of impulses J [N m s] on springs at rates [rad/s], shape (N,) each.
+    """Return the work [J] of impulses J [N m s] on the rotors of a chain of springs.
 
-    The rates change by J / I, so that the work is J . phi_dot + sum_n J_n^2 / (2 I_n).
+    `rates` phi_dot [rad/s] are those before the impulses, shape (N,) each. The impulses change the
+    rates by J / I, so that the work is J . phi_dot + sum_n J_n^2 / (2 I_n).
     """
     return float(impulses @ (rates + impulses / (2 * chain.moments_of_inertia)))
 
@@ -38,7 +43,7 @@ def work_of_torques(torques: Array, turned: Array) -> float:
 
 @dataclass(frozen=True)
 class TorqueTotals:
-    """Totals of applied torques."""
+    """Impulse, work, peak and duration of the torques applied to a chain."""
 
     impulse: Array
     """Angular impulse on each rotor [N m s], shape (N,)."""
@@ -51,7 +56,7 @@ class TorqueTotals:
 
 
 class TorqueLedger:
-    """Running totals of torques that are constant between frames."""
+    """Running `TorqueTotals` of torques that are constant between frames."""
 
     def __init__(self, number_of_rotors: int) -> None:
         """Start with zero totals."""
@@ -63,7 +68,10 @@ class TorqueLedger:
         return self._totals
 
     def add(self, torques: Array, turned: Array, time: float) -> None:
-        """Add torques [N m] that acted for a time [s] while the rotors turned [rad], (N,)."""
+        """Add torques [N m] that acted for a time [s], shape (N,).
+
+        `turned` is the rotation of each rotor during this time [rad], shape (N,).
+        """
         before = self._totals
         norm = float(np.linalg.norm(torques))
         self._totals = TorqueTotals(

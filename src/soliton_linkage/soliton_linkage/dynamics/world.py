@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Simulations of a chain from parameters: mechanics, solver and initial state."""
+"""Parameters of a simulation (mechanics, solver, initial state), and its creation from them."""
 
 from __future__ import annotations
 
@@ -37,7 +37,7 @@ class WorldParameters:
         1e-11, 'error allowed in each angle at each step of the solver', 'rad', 1e-13, 1e-2
     )
     fixed_rotors: tuple[str, ...] = quantity(
-        (), 'names or numbers of joints that do not turn; empty if all turn'
+        (), 'names or numbers of joints that do not turn; with an empty list all joints turn'
     )
     initial_state: str = quantity(
         'left_leaning',
@@ -49,7 +49,8 @@ class WorldParameters:
     )
     initial_distance: float = quantity(
         12.0,
-        'distance of the anti-kink of a pair before the kink, which is at initial_position',
+        'initial site of the kink minus that of the anti-kink, if initial_state is a pair; the '
+        'kink is at initial_position',
         'rotor spacings',
         -1e5,
         1e5,
@@ -58,7 +59,10 @@ class WorldParameters:
 
 
 class World:
-    """Simulations of one chain; raises ValueError for states that the mechanics do not allow."""
+    """Factory of the simulations of one chain.
+
+    Raises ValueError for states that the mechanics do not allow.
+    """
 
     def __init__(
         self,
@@ -67,14 +71,14 @@ class World:
         parameters: WorldParameters,
         period: float,
     ) -> None:
-        """Prepare simulations with a frame period [s]."""
+        """Prepare simulations whose frames have a period [s]."""
         self._chain = chain
         self._parameters = parameters
         self._period = period
         self._fixed = joint_numbers('fixed_rotors', parameters.fixed_rotors, joint_names)
 
     def begin(self, state: State, gravity: Gravity) -> Simulation:
-        """Return a simulation that starts in a state."""
+        """Return a simulation that starts in a given state."""
         given = self._parameters
         start = (state.angles, state.rates, self._period, given.tolerance, gravity, self._fixed)
         if given.mechanics == 'rigid':
@@ -82,7 +86,7 @@ class World:
         return ElasticSimulation(self._chain, *start, integrator=given.integrator)
 
     def initial_state(self) -> State:
-        """Return the state that the parameters specify."""
+        """Return the initial state that the parameters specify."""
         given = self._parameters
         if given.initial_state == _SOLITON:
             return self.soliton(given.initial_position, given.initial_velocity)
@@ -103,7 +107,11 @@ class World:
 def joint_numbers(
     parameter: str, joints: Sequence[str], joint_names: Sequence[str]
 ) -> tuple[int, ...]:
-    """Return the numbers of joints given by name or number; raise ValueError if one is unknown."""
+    """Return the sorted numbers of joints that are specified by name or by number.
+
+    `parameter` is the name of the parameter that an error message names. Raises ValueError for an
+    unknown joint.
+    """
     numbers = {str(rotor): rotor for rotor in range(len(joint_names))}
     numbers |= {name: rotor for rotor, name in enumerate(joint_names)}
     for joint in joints:

@@ -1,10 +1,12 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Orbit of a chain with known deviations of its rotors and springs.
+"""Orbit of a chain with known deviations of its rotors and springs from the uniform chain.
 
-The site coordinate of the wall is defined by comparison with the orbit of the chain without
-deviations. An arc of one orbit corresponds to an arc of the other if in both the zero mode t has
-half of |t|^2 on the left of the same bond. A monotonic cubic interpolates between these arcs and
-the ends of the legs. The wall has the site coordinate of the corresponding arc.
+The site coordinate of the wall is defined by comparison with the uniform orbit, which is the orbit
+of the chain without deviations. A configuration on one orbit corresponds to a configuration on the
+other if in both of them half of |t|^2 of the zero mode t is on the left of the same bond. The ends
+of the legs also correspond to each other. Between these configurations, a monotonic cubic
+interpolates the relation of the two arc lengths. The wall then has the site coordinate of the
+corresponding configuration on the uniform orbit.
 """
 
 from __future__ import annotations
@@ -25,26 +27,29 @@ from soliton_linkage.orbit.seed_path import blocked_wall_error
 from soliton_linkage.orbit.uniform_orbit import UniformOrbit
 
 _SAMPLES_A_SITE = 4
-"""Number of samples of the median of |t|^2 per rotor spacing [1]; they bracket arcs at bonds."""
+"""Number of samples per rotor spacing of the site that divides |t|^2 into halves [1]. The search
+for the arc length at which this site is at a bond starts between two samples."""
 _SAME_MODE = 1 - 1e-6
-"""Smallest cosine between tangent and zero mode [1]; it is smaller if moving rotors are
-missing."""
+"""Smallest allowed cosine of the angle between tangent and zero mode [1]. It is smaller if the
+computed tangent misses a moving rotor."""
 
 
 def orbit_of(chain: Chain) -> Orbit:
-    """Return the orbit of a chain, with its deviations if it has any.
+    """Return the orbit of a chain.
 
-    Raises the ValueError of `UniformOrbit` or `DeviatingOrbit`.
+    The orbit is a `UniformOrbit` for a chain without deviations, otherwise a `DeviatingOrbit`.
+    Raises the errors of these classes.
     """
     return UniformOrbit(chain) if chain.deviations == NO_DEVIATIONS else DeviatingOrbit(chain)
 
 
 class DeviatingOrbit(Orbit):
-    """Orbit of a chain with deviations.
+    """Orbit of a chain with deviations of its rotors and springs from the uniform chain.
 
-    The relative error of the lengths of all bars is at most 1e-9. The computation takes time and
-    memory proportional to N. Raises ValueError in the cases of `UniformOrbit` and `orbit_pieces`,
-    and if the wall is reflected elsewhere than at the edges.
+    In all configurations of the orbit, the relative error of the length of every bar is at most
+    1e-9. The computation takes time and memory proportional to N. Raises the errors of
+    `UniformOrbit` and of `orbit_pieces`. Raises ValueError if the wall is reflected inside the
+    chain and not at an edge.
     """
 
     def __init__(self, chain: Chain) -> None:
@@ -71,18 +76,22 @@ class DeviatingOrbit(Orbit):
 
     @property
     def wall_extent(self) -> float:
-        """Arc length [rad] of the motion of the wall past all rotors that it affects."""
+        """Arc length of the part of the orbit in which one rotor moves as a wall passes it [rad].
+
+        The value is that of the uniform orbit, multiplied by the ratio of the arc lengths per
+        site.
+        """
         return self._uniform.wall_extent * self.site_arc / self._uniform.site_arc
 
     def site(self, arc: float) -> float:
-        """Return the site coordinate of the wall [rotor spacings], clipped to 0 ... N - 1."""
+        """Return the site coordinate of the wall [rotor spacings], limited to 0 ... N - 1."""
         return self._uniform.site(self._uniform_arc.at(arc % self.length)[0])
 
     def arc_at(self, site: float, leg: int) -> float:
-        """Return the arc length [rad] at which the wall is at a site coordinate in a leg.
+        """Return the arc length [rad] in a leg at which the wall is at a site coordinate.
 
-        Outside the leg, the arc is measured from the end of the leg and has the same distance from
-        it as in the chain without deviations.
+        If the site is beyond an end of the leg, the arc length beyond this end is the same as on
+        the uniform orbit.
         """
         uniform_arc = self._uniform.arc_at(site, leg)
         begin, end = self._uniform.leg_arcs(leg)
@@ -90,12 +99,15 @@ class DeviatingOrbit(Orbit):
         return self._uniform_arc.inverse(within) + (uniform_arc - within)
 
     def site_arc_at(self, arc: float) -> float:
-        """Return the local arc length per rotor spacing [rad], ds / dsite."""
+        """Return the arc length per rotor spacing at an arc length [rad]: ds / d(site)."""
         uniform_arc, slope = self._uniform_arc.at(arc % self.length)
         return self._uniform.site_arc_at(uniform_arc) / slope
 
     def segment(self, arc: float) -> OrbitSegment:
-        """Return the rotors near the wall; `background` has the angles of all others."""
+        """Return angles and tangent of the rotors near the wall at an arc length [rad].
+
+        `background` returns the angles of the other rotors.
+        """
         within = (arc + self._origin) % self._ends[-1]
         number = min(bisect_right(self._ends, within), len(self._ends) - 1)
         piece = self._pieces[number]
@@ -103,15 +115,19 @@ class DeviatingOrbit(Orbit):
         return OrbitSegment(piece.first, values[: piece.rotors], values[piece.rotors :])
 
     def background(self, arc: float) -> tuple[Array, Array]:
-        """Return the relaxed angles of the chain left and right of the wall [rad], (N,) each."""
+        """Return the angles far from the wall [rad]: for rotors on its left, and on its right.
+
+        Both arrays have the shape (N,), with relaxed springs.
+        """
         left, right = self._backgrounds[self.leg(arc)]
         return left.copy(), right.copy()
 
     def _reflections(self) -> list[float]:
-        """Return the arc lengths [rad], from the start of the first piece, at which the legs end.
+        """Return the arc lengths at which the legs end [rad], from the start of the first piece.
 
-        For a flipper, a leg ends when the edge rotor is collinear with its bar, so that the
-        neighbouring rotor reverses. For a spinner, it ends when the sum of sin(phi_n) reverses.
+        The leg of a flipper ends when the edge rotor is collinear with its bar, because its
+        neighbour then reverses its rotation. The leg of a spinner ends when the sum of sin(phi_n)
+        has an extremum.
         """
         last = self.chain.number_of_rotors - 1
         spinner = self.chain.motion is Motion.SPINNER
@@ -134,7 +150,7 @@ class DeviatingOrbit(Orbit):
         return found
 
     def _check(self) -> None:
-        """Raise ValueError if rotors far from the wall move, because the wall stops there."""
+        """Raise ValueError if a rotor far from the wall moves; the wall then cannot pass it."""
         for piece, end in zip(self._pieces, self._ends, strict=True):
             arc = end - piece.length / 2 - self._origin
             mode = zero_mode(self.chain, self.configuration(arc))
@@ -144,9 +160,10 @@ class DeviatingOrbit(Orbit):
                 raise blocked_wall_error(self.chain, piece.seed)
 
     def _relaxed(self, leg: int) -> tuple[Array, Array]:
-        """Return the background of a leg: the angles left and right of the wall [rad], (N,) each.
+        """Return the angles [rad] that `background` returns for a leg, shape (N,) each.
 
-        Of their possible angles, edge rotors have those closest to the chain without deviations.
+        An edge rotor far from the wall can have several angles. This method selects the angle that
+        is closest to the angle of this rotor in the chain without deviations.
         """
         last = self.chain.number_of_rotors - 1
         left, right = self._uniform.background(self._uniform.leg_arcs(leg)[0])
@@ -162,7 +179,10 @@ class DeviatingOrbit(Orbit):
         )
 
     def _left_behind(self, arcs: list[float]) -> Array:
-        """Return the last angles of each rotor along a series of arcs [rad], shape (N,)."""
+        """Return the last angle of each rotor near the wall along a series of arc lengths.
+
+        `arcs` are the arc lengths [rad]. The angles [rad] have the shape (N,).
+        """
         angles = np.empty(self.chain.number_of_rotors)
         for arc in arcs:
             segment = self.segment(arc)
@@ -170,7 +190,11 @@ class DeviatingOrbit(Orbit):
         return angles
 
     def _nearest(self, rotor: int, angle: float, turning: float) -> float:
-        """Return the arc [rad] near a reflection at which an edge rotor is closest to an angle."""
+        """Return the arc length [rad] at which an edge rotor is closest to an angle [rad].
+
+        The search is limited to the pieces of the orbit around a reflection at the arc length
+        `turning` [rad] in which this edge rotor is the seed.
+        """
         pieces, count = self._pieces, len(self._pieces)
         number = bisect_right(self._ends, (turning + self._origin) % self._ends[-1]) % count
         column = 0 if rotor == 0 else -1
@@ -197,20 +221,26 @@ def _difference(arc: float, piece: OrbitPiece, column: int, angle: float) -> flo
 
 
 def _rate(arc: float, piece: OrbitPiece, rotor: int | None) -> float:
-    """Return the arc derivative of a rotor's angle [1], or of sum_n sin(phi_n) for rotor None."""
+    """Return the derivative of the angle of a rotor by the arc length [1].
+
+    If `rotor` is None, return the derivative of sum_n sin(phi_n).
+    """
     angles, tangent = np.split(piece.at(arc), 2)
     return float(np.cos(angles) @ tangent) if rotor is None else float(tangent[rotor])
 
 
 def _reversal(piece: OrbitPiece, rotor: int | None) -> float:
-    """Return the arc in a piece at which `_rate` changes sign, or its end [rad]."""
+    """Return the arc length in a piece at which `_rate` changes its sign [rad].
+
+    If the sign does not change in this piece, return the length of the piece.
+    """
     if (_rate(0.0, piece, rotor) > 0) == (_rate(piece.length, piece, rotor) > 0):
         return piece.length
     return float(brentq(_rate, 0, piece.length, args=(piece, rotor), xtol=1e-14))
 
 
 class _ArcMap:
-    """Smooth, increasing map from the arc of an orbit to the arc of the uniform orbit."""
+    """Smooth, increasing map from the arc length of an orbit to that of the uniform orbit."""
 
     def __init__(self, orbit: Orbit, uniform: UniformOrbit) -> None:
         arcs: list[float] = []
@@ -233,11 +263,11 @@ class _ArcMap:
         self._cubic = PiecewiseCubic(PchipInterpolator(*periodic))
 
     def at(self, arc: float) -> tuple[float, float]:
-        """Return the arc of the uniform orbit [rad] and its derivative [1]."""
+        """Return the corresponding arc length on the uniform orbit [rad] and its derivative."""
         return self._cubic.at(arc)
 
     def inverse(self, uniform_arc: float) -> float:
-        """Return the arc [rad] that corresponds to an arc of the uniform orbit [rad]."""
+        """Return the arc length that corresponds to an arc length of the uniform orbit [rad]."""
         number = min(
             max(bisect_right(self._uniform_arcs, uniform_arc) - 1, 0), len(self._arcs) - 2
         )
@@ -249,9 +279,10 @@ class _ArcMap:
 
 
 def _arcs_at_bonds(orbit: Orbit, leg: int) -> Array:
-    """Return the arcs [rad] in a leg at which half of |t|^2 is left of each bond, (N - 1,).
+    """Return, for each bond, the arc length [rad] in a leg at which half of |t|^2 is on its left.
 
-    Bonds near the edges may have no such arc. Their values are NaN.
+    The result has the shape (N - 1,). It is NaN for bonds near the edges if no configuration of
+    the leg has half of |t|^2 on the left of the bond.
     """
     rotors = orbit.chain.number_of_rotors
     arcs = np.linspace(*orbit.leg_arcs(leg), _SAMPLES_A_SITE * rotors)
@@ -276,7 +307,10 @@ def _arcs_at_bonds(orbit: Orbit, leg: int) -> Array:
 
 
 def _median(segment: OrbitSegment) -> float:
-    """Return the site coordinate with half of |t|^2 on its left [rotor spacings]."""
+    """Return the site coordinate with half of |t|^2 on its left [rotor spacings].
+
+    Between two bonds the function interpolates linearly.
+    """
     sums = np.cumsum(segment.tangent**2)
     half = sums[-1] / 2
     n = int(np.searchsorted(sums, half))

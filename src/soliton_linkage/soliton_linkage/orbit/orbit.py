@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Interface of a closed zero-energy orbit, and the common methods of all orbits."""
+"""Interface of a closed zero-energy orbit, with the methods that all orbits share."""
 
 from __future__ import annotations
 
@@ -14,34 +14,35 @@ from scipy.interpolate import PPoly
 from soliton_linkage.linkage.chain import Array, Chain
 
 _STEP = 1e-3
-"""Arc step for the derivative of the tangent [rad]. The error of the derivative is 1e-6."""
+"""Step of the arc length for the numerical derivative of the tangent [rad]. The error of the
+derivative is 1e-6."""
 
 
 class OrbitSegment(NamedTuple):
-    """Rotors near the wall in a configuration, and their motion along the orbit."""
+    """Angles of the n rotors near the wall, and their derivatives along the orbit."""
 
     first: int
-    """Index of the first rotor."""
+    """Index of the first of these rotors."""
     angles: Array
-    """Actual angles [rad], shape (n,)."""
+    """Actual (not staggered) angles [rad], shape (n,)."""
     tangent: Array
-    """Derivative of the angles by the arc length [1], shape (n,). It is below 1e-6 for all other
-    rotors."""
+    """Derivative of the angles by the arc length [1], shape (n,). The derivatives of the angles of
+    all other rotors are below 1e-6."""
 
 
 class PiecewiseCubic:
-    """Piecewise cubic polynomial, linear outside its knots, with fast evaluation at a position."""
+    """Piecewise cubic polynomial, linear outside its knots, with fast evaluation."""
 
     def __init__(self, polynomial: PPoly) -> None:
         self.knots: list[float] = polynomial.x.tolist()
         self._coefficients: list[list[float]] = polynomial.c.T.tolist()
 
     def interval(self, at: float) -> int:
-        """Return the number of the interval of a position; outside, the nearest interval."""
+        """Return the index of the interval at a position, or of the nearest interval."""
         return min(max(bisect_right(self.knots, at) - 1, 0), len(self.knots) - 2)
 
     def at(self, at: float) -> tuple[float, float]:
-        """Return the value at a position and the derivative."""
+        """Return the value and the derivative at a position."""
         within = min(max(at, self.knots[0]), self.knots[-1])
         number = self.interval(within)
         a, b, c, d = self._coefficients[number]
@@ -51,24 +52,27 @@ class PiecewiseCubic:
 
 
 class Orbit(ABC):
-    """Closed orbit of a chain as a curve with its arc length as parameter.
+    """Closed orbit of a chain: a curve of configurations, parametrised by its arc length.
 
-    The element of the arc length [rad] is ds = sqrt(sum_n dphi_n^2). All real arguments are
-    allowed, because the orbit is periodic. At arc 0 the wall is reflected at the first rotor and
-    leg 0 begins. In leg 0 no edge rotor of a flipper has toggled. The wall moves towards the last
-    rotor in even legs, and towards the first rotor in odd legs. The uniform right-leaning state is
-    theta = theta_bar, not its mirror image phi -> pi - phi, a chain that was assembled upside
-    down. Angles are defined up to whole turns.
+    The arc length `arc` [rad] is the integral of ds = sqrt(sum_n dphi_n^2). Methods accept every
+    real arc length, because the orbit is periodic. A leg is the part of the orbit between two
+    reflections of the wall, one passage through the chain. The wall moves towards the last rotor
+    in even legs, and towards the first rotor in odd legs. At the arc length 0 the wall is
+    reflected at the first rotor, and leg 0 begins. In leg 0 no edge rotor of a flipper has
+    toggled, which means swung from one of its two rest angles to the other. The uniform
+    right-leaning state of the orbit has the angles theta = theta_bar. The mirror image phi -> pi -
+    phi of the orbit belongs to a chain that was assembled upside down. Angles are defined up to
+    whole turns.
     """
 
     chain: Chain
-    """Chain of the orbit."""
+    """Chain whose configurations form the orbit."""
     number_of_legs: int
     """Number of legs: 4 for flippers, 2 for spinners."""
     site_arc: float
     """Mean arc length per rotor spacing [rad]."""
     _starts: list[float]
-    """Arc lengths at which the legs begin [rad], followed by the length of the orbit."""
+    """Arc lengths at which the legs begin [rad]; the last element is the length of the orbit."""
 
     @property
     def length(self) -> float:
@@ -83,38 +87,45 @@ class Orbit(ABC):
     @property
     @abstractmethod
     def wall_extent(self) -> float:
-        """Arc length [rad] of the motion of the wall past all rotors that it affects."""
+        """Arc length of the part of the orbit in which one rotor moves as a wall passes it [rad].
+
+        The value is an upper bound; it includes the swing of an edge rotor at a reflection.
+        """
 
     def leg_arcs(self, leg: int) -> tuple[float, float]:
         """Return the arc lengths [rad] at which a leg begins and ends."""
         return self._starts[leg], self._starts[leg + 1]
 
     def leg(self, arc: float) -> int:
-        """Return the leg at an arc length: 0 to 3 for flippers, 0 or 1 for spinners."""
+        """Return the number of the leg at an arc length [rad], from 0 to `number_of_legs` - 1."""
         starts = self._starts
         return bisect_right(starts, arc % starts[-1], 0, self.number_of_legs) - 1
 
     @abstractmethod
     def site(self, arc: float) -> float:
-        """Return the site coordinate of the wall [rotor spacings], clipped to 0 ... N - 1."""
+        """Return the site coordinate of the wall [rotor spacings], limited to 0 ... N - 1."""
 
     @abstractmethod
     def arc_at(self, site: float, leg: int) -> float:
-        """Return the arc length [rad] at which the wall is at a site coordinate in a leg."""
+        """Return the arc length [rad] in a leg at which the wall is at a site coordinate."""
 
     @abstractmethod
     def site_arc_at(self, arc: float) -> float:
-        """Return the local arc length per rotor spacing [rad], ds / dsite."""
+        """Return the arc length per rotor spacing at an arc length [rad]: ds / d(site)."""
 
     @abstractmethod
     def segment(self, arc: float) -> OrbitSegment:
-        """Return the rotors near the wall; `background` has the angles of all others."""
+        """Return angles and tangent of the rotors near the wall at an arc length [rad].
+
+        `background` returns the angles of the other rotors.
+        """
 
     @abstractmethod
     def background(self, arc: float) -> tuple[Array, Array]:
-        """Return the angles of the chain left and right of the wall [rad], (N,) each.
+        """Return the angles far from the wall [rad]: for rotors on its left, and on its right.
 
-        All springs are relaxed. The leg determines which edge rotors of a flipper have toggled.
+        Both arrays have the shape (N,), with relaxed springs. The leg of `arc` determines which
+        edge rotors of a flipper have toggled.
         """
 
     def configuration(self, arc: float) -> Array:
@@ -127,22 +138,23 @@ class Orbit(ABC):
         return angles
 
     def tangent(self, arc: float) -> Array:
-        """Return the unit tangent at an arc length, the zero mode [1], shape (N,)."""
+        """Return the unit tangent dPhi/ds, the zero mode, at an arc length [rad], shape (N,)."""
         tangent = np.zeros(self.chain.number_of_rotors)
         segment = self.segment(arc)
         tangent[segment.first : segment.first + len(segment.tangent)] = segment.tangent
         return tangent
 
     def curvature(self, arc: float) -> Array:
-        """Return the derivative of the tangent by the arc [1/rad], d2Phi/ds2, shape (N,)."""
+        """Return the derivative of the tangent by the arc length, d2Phi/ds2 [1/rad], (N,)."""
         ahead, behind = self.tangent(arc + _STEP), self.tangent(arc - _STEP)
         return np.asarray((ahead - behind) / (2 * _STEP))
 
     def free_rate(self, arc: float) -> float:
-        """Return the arc rate of free motion relative to a chain of equal rotors [1].
+        """Return the rate ds/dt of free motion, relative to a chain of equal rotors [1].
 
-        It is 1 / sqrt(sum_n (I_n / I) t_n^2) with I = M r^2 from the parameters of the chain,
-        because free motion conserves the kinetic energy sum_n (I_n / 2) (t_n ds/dt)^2.
+        Free motion conserves the kinetic energy sum_n (I_n / 2) (t_n ds/dt)^2. Therefore the
+        relative rate is 1 / sqrt(sum_n (I_n / I) t_n^2). I_n is the moment of inertia of rotor n,
+        and I = M r^2 that without deviations.
         """
         segment = self.segment(arc)
         end = segment.first + len(segment.tangent)

@@ -2,14 +2,16 @@
 """Orbit of a chain with deviations of rotors and springs, as pieces with Chebyshev series.
 
 A linkage has one degree of freedom. The angle of one rotor in the wall, called the seed,
-determines the angles of its neighbours, these determine the next angles, and so on. With t_{n+1} =
--(A_n / B_n) t_n,
+determines the angles of its two neighbours. These determine the angles of the next rotors, and so
+on. The tangent t of the orbit follows from t_{n+1} = -(A_n / B_n) t_n and |t| = 1. It relates the
+arc length s to the angle of the seed:
 
-    ds = dphi_seed / t_seed,    |t| = 1.
+    ds = dphi_seed / t_seed.
 
-Errors decay outwards like the zero mode, so that the lengths of the bars are exact to rounding. In
-one piece the wall passes one seed. The angles of the moving rotors are Chebyshev series in the arc
-length. All pieces are computed together.
+Errors decay outwards from the seed in the same way as the zero mode, so that the lengths of the
+bars are exact up to rounding errors. A piece of the orbit is the part in which one rotor is the
+seed while the wall passes it. In each piece the angles of the moving rotors are Chebyshev series
+in the arc length. All pieces are computed together.
 """
 
 from __future__ import annotations
@@ -25,23 +27,30 @@ from soliton_linkage.linkage.chain import Array, Chain, Motion
 from soliton_linkage.orbit.seed_path import SeedPath, blocked_wall_error, seed_path
 
 _NODES = 20
-"""Number of terms of a Chebyshev series [1]. Most pieces converge with at most one split."""
+"""Number of terms of a Chebyshev series [1]. With it, the series of most pieces converge after at
+most one halving of the piece."""
 _MOST_SPLITS = 8
-"""Largest number of times that a piece is halved [1]. More splits do not improve convergence."""
+"""Largest number of times that a piece is halved [1]. More halvings do not improve convergence."""
 _ACCURACY = 1e-11
-"""Limit of the last two coefficients of a converged series [rad]."""
+"""Threshold of the last two coefficients of a series [rad]. A series with smaller coefficients
+counts as converged."""
 _STILL = 2e-11
-"""Tangent below which a rotor is regarded as immobile [1], the rounding error of a series."""
+"""Threshold of the tangent of a rotor [1]. A rotor with a smaller tangent counts as immobile. The
+value is the rounding error of a series."""
 _DEPTHS_BESIDE = 25
-"""Rotors on each side of a seed in penetration depths [1]: e^-25 is below `_STILL`."""
+"""Number of penetration depths on each side of a seed in which rotors are computed [1]. At this
+distance the tangent is e^-25, less than `_STILL`."""
 _ROTORS_BESIDE = 6
-"""Additional rotors [1], for the width of a wall whose penetration depth is close to 0."""
+"""Number of additional rotors on each side of a seed [1]. They are necessary for walls with a
+penetration depth close to 0, because such walls still extend over a few rotors."""
 _NEWTON_STEPS = 30
-"""Largest number of Newton steps [1], far more than necessary."""
+"""Largest number of Newton steps [1]; far fewer are necessary."""
 _BATCH = 2_000_000
-"""Number of values in one batch [1], 16 MB; larger batches are not faster."""
+"""Number of values that are computed together in one batch [1]; they take 16 MB. Larger batches
+are not faster."""
 _MOST_NUMBERS = 20_000_000
-"""Largest number of computed values for an orbit [1], which takes about a minute."""
+"""Largest allowed number of computed values for an orbit [1]; their computation takes about a
+minute."""
 
 _POINTS = np.cos(math.pi * np.arange(_NODES)[::-1] / (_NODES - 1))
 """Chebyshev points of the second kind from -1 to 1, shape (K,)."""
@@ -53,16 +62,16 @@ _TO_SERIES = np.linalg.inv(chebyshev.chebvander(_POINTS, _NODES - 1))
 
 @dataclass(frozen=True)
 class OrbitPiece:
-    """Piece of an orbit with its moving rotors."""
+    """Piece of an orbit, with the angles of the n rotors that move in this piece."""
 
     seed: int
-    """Number of the rotor with the largest or nearly the largest motion."""
+    """Index of the seed, which moves most or nearly most of all rotors."""
     length: float
-    """Arc length [rad]."""
+    """Arc length of the piece [rad]."""
     first: int
-    """Number of the first moving rotor."""
+    """Index of the first moving rotor."""
     series: Array
-    """Chebyshev series of the angles [rad] and tangents [1] of n rotors, (K, 2 n)."""
+    """Chebyshev coefficients of the angles [rad] and tangents [1] of the n rotors, (K, 2 n)."""
 
     @property
     def rotors(self) -> int:
@@ -70,16 +79,19 @@ class OrbitPiece:
         return int(self.series.shape[1]) // 2
 
     def at(self, arc: float) -> Array:
-        """Return the angles [rad] and tangents [1] at an arc length [rad], (2 n,)."""
+        """Return the angles [rad] and tangents [1], shape (2 n,), at an arc length in the piece.
+
+        The arc length [rad] counts from the start of the piece.
+        """
         x = min(max(2 * arc / self.length - 1, -1.0), 1.0)
         return np.asarray(np.cos(_ORDERS[:-1] * math.acos(x)) @ self.series)
 
 
 def orbit_pieces(chain: Chain) -> list[OrbitPiece]:
-    """Return the pieces of the closed orbit in their order.
+    """Return the pieces of the closed orbit, in their order along the orbit.
 
     The first piece begins in the middle of leg 0. Raises ValueError if the wall cannot pass
-    through the chain, or if the computation would take more than about a minute.
+    through the chain, or if the computation would take longer than about a minute.
     """
     last = chain.number_of_rotors - 1
     depth = penetration_depth(chain) / chain.spacing
@@ -119,13 +131,16 @@ def _pieces(chain: Chain, beside: int) -> list[OrbitPiece]:
 
 
 def _is_cut(piece: OrbitPiece, beside: int, last: int) -> bool:
-    """Whether rotors at the ends of the window around the seed move."""
+    """Return whether the window around the seed is too narrow, because its outer rotors move."""
     low, high = piece.seed - beside, piece.seed + beside
     return 0 < low == piece.first or last > high == piece.first + piece.rotors - 1
 
 
 class _Window:
-    """Rotors and bars near P seeds, (P, W) and (P, W - 1), with the seeds in the middle."""
+    """W rotors and W - 1 bars around each of P seeds; the seed is the middle rotor.
+
+    Arrays of rotors have the shape (P, W), and arrays of bars the shape (P, W - 1).
+    """
 
     def __init__(self, chain: Chain, path: SeedPath) -> None:
         self.beside = path.left_branches.shape[1] // 2
@@ -138,7 +153,10 @@ class _Window:
         self.exists = ((columns >= 0) & (columns < rotors))[:, None]
 
     def angles(self, seeds: Array) -> Array:
-        """Return the angles of all rotors, (P, K, W), given the seeds' angles, (P, K) [rad]."""
+        """Return the angles of all rotors [rad], shape (P, K, W), for given seed angles.
+
+        `seeds` are K angles of each seed [rad], shape (P, K).
+        """
         found = np.empty((*seeds.shape, self.rotor_lengths.shape[1]))
         beside = self.beside
         found[..., beside] = seeds
@@ -151,7 +169,10 @@ class _Window:
         return found
 
     def tangents(self, angles: Array) -> Array:
-        """Return the unit zero modes [1], (P, K, W), with the sign that turns the seed forward."""
+        """Return the unit zero modes [1], shape (P, K, W), with a positive component of the seed.
+
+        `angles` [rad] have the same shape.
+        """
         r = self.rotor_lengths[:, None]
         h, v = r * np.sin(angles), r * np.cos(angles)
         across, up = np.diff(h) + self.spacings[:, None], np.diff(v)
@@ -168,7 +189,10 @@ class _Window:
         return np.asarray(mode / np.linalg.norm(mode, axis=-1, keepdims=True))
 
     def _neighbour(self, angles: Array, rotor: int, neighbour: int, bar: int) -> Array:
-        """Return the angles of a neighbour [rad], shape (P, K); see `neighbour_angle`."""
+        """Return the angles of a neighbouring rotor [rad], shape (P, K); see `neighbour_angle`.
+
+        `angles` [rad], shape (P, K), are those of `rotor`; `bar` joins the two rotors.
+        """
         branches = self.right_branches if neighbour > rotor else self.left_branches
         spacings = self.spacings[:, bar, None] * (-1 if neighbour > rotor else 1)
         r, length = self.rotor_lengths[:, neighbour, None], self.bar_lengths[:, bar, None]
@@ -184,7 +208,7 @@ class _Window:
 
 
 def _resolved(chain: Chain, path: SeedPath) -> list[OrbitPiece | None]:
-    """Return the pieces of a path, None for those whose series does not converge."""
+    """Return the pieces of a path; a piece is None if its series does not converge."""
     halves = (path.ends - path.begins)[:, None] / 2
     middles = path.begins[:, None] + halves
     window = _Window(chain, path)
@@ -215,10 +239,11 @@ def _resolved(chain: Chain, path: SeedPath) -> list[OrbitPiece | None]:
 
 
 def _nodes_in_arc(speeds: Array) -> Array:
-    """Return the points from -1 to 1 at which the arc has its Chebyshev nodes, (P, K).
+    """Return the parameters of the points that are Chebyshev nodes in the arc length, (P, K).
 
-    The arc is the integral of speeds in series (P, K). If Newton's method does not converge, the
-    series has not converged either.
+    Each piece has a parameter x from -1 to 1, proportional to the angle of the seed. `speeds` are
+    the Chebyshev coefficients of ds/dx with the arc length s, shape (P, K). Newton's method finds
+    the x of each node. It may fail only in pieces whose series does not converge either.
     """
     arcs = chebyshev.chebint(speeds, axis=1, lbnd=-1)
     wanted = arcs.sum(axis=1)[:, None] * (1 + _POINTS) / 2

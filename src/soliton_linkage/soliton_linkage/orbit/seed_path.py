@@ -1,12 +1,14 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The path of a wall from rotor to rotor through a chain whose rotors and springs deviate.
+"""Path of a wall from rotor to rotor through a chain with deviations of rotors and springs.
 
-A linkage has one degree of freedom: given the angle of one rotor, the seed, the bars determine all
-others. The seed is the rotor that moves most. When a neighbour moves as much, |A_n| = |B_n|, the
-neighbour becomes the seed. Given the right neighbour, rotor n has two possible angles; sign(A_n)
-at the instant when the seed changed from n to n + 1 selects one. For the left neighbour
-sign(B_{n-1}) at the instant of the opposite change does the same. Neither lever vanishes while the
-seed is beyond the bar.
+A linkage has one degree of freedom: the angle of one rotor, the seed, determines the angles of all
+other rotors. The seed is the rotor that moves most. When its neighbour moves as much as the seed,
+|A_n| = |B_n|, the neighbour becomes the new seed.
+
+If the angle of rotor n + 1 is known, the bar between them allows two angles of rotor n. The sign
+of the lever A_n selects one of them. The sign is the one that A_n had when the seed changed from n
+to n + 1, because A_n does not vanish while the seed is on the right of the bar. In the same way,
+sign(B_{n-1}) selects the angle of rotor n if the angle of rotor n - 1 is known.
 """
 
 from __future__ import annotations
@@ -34,38 +36,46 @@ Numbers = NDArray[np.int64]
 Branches = NDArray[np.int8]
 
 _LONGEST_STEP = 0.1
-"""Largest step of the angle of the seed, relative to the smaller of rest angle and 1 rad [1]. In
-such a step no rotor becomes the seed and stops being the seed again."""
+"""Largest step of the angle of the seed, as a fraction of the rest angle or of 1 rad, whichever is
+smaller [1]. The step is short enough that no rotor becomes the seed and loses this role within one
+step."""
 _SHORTEST_STEP = 1e-10
-"""Step of the angle of the seed [rad], at which rounding decides whether a bar is long enough."""
+"""Shortest step of the angle of the seed [rad]. In shorter steps, rounding errors would decide
+whether a bar is long enough."""
 _CLEAR_LEAD = 1e-9
-"""Value of `_Bond.lead` above which another rotor becomes the seed [1], above rounding errors."""
+"""Threshold of the lead of another rotor over the seed, `_Seed.lead` [1]. With a larger lead, the
+other rotor becomes the seed. The threshold is above rounding errors."""
 _NEGLIGIBLE_LEAD = -4.0
-"""Value of `_Bond.lead` below which a side is not searched further [1], because motion does not
-grow by e^4 again."""
+"""Threshold of the lead of a rotor over the seed [1]. Rotors beyond a rotor with a smaller lead
+are ignored, because the motion does not grow by the factor e^4 from there."""
 _MOST_PIECES_A_ROTOR = 20
-"""Largest number of pieces per rotor of a closed path [1]: flippers need about 4, spinners 2."""
+"""Largest number of pieces of a closed path per rotor [1]. Flippers need about 4, spinners 2."""
 
 
 class SeedPath(NamedTuple):
-    """Pieces of the orbit in their order, each with one seed, shape (P,)."""
+    """Pieces of the orbit in their order along the orbit; each piece has one seed.
+
+    Arrays of the P pieces have the shape (P,).
+    """
 
     seeds: Numbers
+    """Index of the seed."""
     begins: Array
     """Angle of the seed at the start of the piece [rad]."""
     ends: Array
-    """Angle of the seed at the end of the piece [rad], without jumps."""
+    """Angle of the seed at the end of the piece [rad]; it has no jump of 2 pi in the piece."""
     left_branches: Branches
-    """Signs of A of the bars seed - beside, ..., seed + beside - 1, shape (P, 2 beside)."""
+    """Signs of A for the bars seed - beside, ..., seed + beside - 1, shape (P, 2 beside). Indices
+    beyond an end of the chain mean the last bar at this end."""
     right_branches: Branches
-    """Signs of B of the same bars. Both arrays repeat the outermost bar beyond an end."""
+    """Signs of B for the same bars, shape (P, 2 beside)."""
 
     def take(self, which: Numbers) -> SeedPath:
-        """Return some of the pieces."""
+        """Return a path with the pieces of given indices."""
         return SeedPath._make(part[which] for part in self)
 
     def halves(self) -> SeedPath:
-        """Return a path with each piece split in two."""
+        """Return a path in which each piece is split at the middle angle of its seed."""
         split = self.take(np.repeat(np.arange(len(self.seeds)), 2))
         middles = (self.begins + self.ends) / 2
         split.ends[::2] = middles
@@ -74,25 +84,28 @@ class SeedPath(NamedTuple):
 
 
 class _Bond(NamedTuple):
-    """Bar between two neighbouring rotors, of which the first is nearer to the seed."""
+    """Bar between two neighbouring rotors: the inner one is nearer to the seed than the outer."""
 
     angle: float
     """Angle of the outer rotor [rad]."""
     near: float
-    """Lever of the inner rotor [m^2], not divided by the length of the bar."""
+    """Lever of the inner rotor, multiplied by the length of the bar [m^2]."""
     far: float
-    """Lever of the outer rotor [m^2], not divided by the length of the bar."""
+    """Lever of the outer rotor, multiplied by the length of the bar [m^2]."""
 
     @property
     def lead(self) -> float:
-        """Log ratio of the motion of the outer rotor to that of the inner rotor [1]."""
+        """Logarithm of the ratio |rate of the outer rotor| / |rate of the inner rotor| [1]."""
         if self.near == 0:
             return -math.inf
         return math.log(abs(self.near / self.far)) if self.far else math.inf
 
 
 class _Seed:
-    """Rotor whose angle determines the angles of all other rotors, followed along the orbit."""
+    """Seed, the rotor whose angle determines all other angles, at one position on the orbit.
+
+    The methods move this position along the orbit.
+    """
 
     def __init__(self, chain: Chain) -> None:
         self._chain = chain
@@ -111,10 +124,11 @@ class _Seed:
             self.move_to(rotor)
 
     def _start(self, left: Array, right: Array) -> tuple[int, float, float]:
-        """Return number and angle [rad] of the first seed, and its sense of rotation.
+        """Return index, angle [rad] and sense of rotation (+1 or -1) of the first seed.
 
-        The seed has the same position in the wall as without deviations and is nearest to the
-        middle of the chain. It turns in this sense while the wall moves towards the last rotor.
+        The first seed is the rotor nearest to the middle of the chain that can have the angle of a
+        rotor in the middle of a wall without deviations. The sense of rotation is that of a wall
+        that moves towards the last rotor.
         """
         nominal = replace(self._chain, number_of_rotors=8, deviations=NO_DEVIATIONS)
         rotors = np.arange(1, self._last)
@@ -130,15 +144,15 @@ class _Seed:
 
     @property
     def branches(self) -> tuple[bytes, bytes]:
-        """Branches of the rotors on the left and on the right of the seed."""
+        """Branches of all rotors on the left of the seed, and of all rotors on its right."""
         left, right = self.left_branches[: self.rotor], self.right_branches[self.rotor :]
         return left.tobytes(), right.tobytes()
 
     def lead(self, towards: int, angle: float) -> tuple[float, int]:
-        """Return the maximum of log |t_n / t_seed| [1] on one side, and the index n of its rotor.
+        """Return the largest log |t_n / t_seed| [1] of the rotors n on one side, and this n.
 
         `towards` is +1 for the right side and -1 for the left side. `angle` is the angle of the
-        seed [rad]. If there are no rotors on this side, the maximum is -inf.
+        seed [rad]. If no rotor is on this side, the first result is -inf.
         """
         rotor, lead = self.rotor, 0.0
         best = -math.inf, rotor
@@ -162,10 +176,11 @@ class _Seed:
         return _Bond(far_angle, h * up - v * across, v_far * across - h_far * up)
 
     def turn(self, most: float) -> int:
-        """Turn the seed by a step of at most `most` [rad], or until another rotor moves as much.
+        """Rotate the seed by one step of at most `most` [rad].
 
-        Returns the number of the next seed. Raises ArithmeticError if a bar is too short or too
-        long.
+        The step ends earlier if another rotor then moves as much as the seed. Return the index of
+        the next seed, which is the other rotor in this case. Raises ArithmeticError if a bar is
+        too short or too long for any step.
         """
         step = min(self._step, most)
         while step > _SHORTEST_STEP:
@@ -188,7 +203,10 @@ class _Seed:
         )
 
     def _equal_motion(self, towards: int, beyond: float) -> float:
-        """Return the angle at which a rotor on one side moves as much as the seed [rad]."""
+        """Return the seed angle at which a rotor on one side moves as much as the seed [rad].
+
+        `beyond` is a seed angle [rad] at which this rotor already moves more than the seed.
+        """
 
         def lead(angle: float) -> float:
             return self.lead(towards, angle)[0]
@@ -198,7 +216,7 @@ class _Seed:
         return float(brentq(lead, self.angle, beyond, xtol=1e-14))
 
     def move_to(self, rotor: int) -> None:
-        """Make another rotor the seed."""
+        """Make another rotor the seed; the position on the orbit does not change."""
         while self.rotor != rotor:
             towards = 1 if rotor > self.rotor else -1
             bond = self._bond(self.rotor, towards, self.angle)
@@ -210,10 +228,10 @@ class _Seed:
 
 
 def seed_path(chain: Chain, beside: int) -> SeedPath:
-    """Follow the wall once along its orbit, from the middle of leg 0.
+    """Return the path of the wall once along the whole orbit, from the middle of leg 0.
 
-    Each piece has the branches of `beside` bars on each side of its seed. Raises ValueError if
-    the wall cannot pass through the chain.
+    For each piece the path contains the branches of `beside` bars on each side of the seed. Raises
+    ValueError if the wall cannot pass through the chain.
     """
     seed = _Seed(chain)
     rotor, angle, branches = seed.rotor, seed.angle, seed.branches
@@ -243,7 +261,7 @@ def seed_path(chain: Chain, beside: int) -> SeedPath:
 
 
 def blocked_wall_error(chain: Chain, rotor: int) -> ValueError:
-    """Return the error for a wall that cannot pass a rotor."""
+    """Return the error for a wall that cannot pass a rotor, with the nearest obstacle if known."""
     remedy = 'lower the deviations of the chain'
     obstacles = find_obstacles(chain)
     if obstacles:

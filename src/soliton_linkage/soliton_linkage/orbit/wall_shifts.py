@@ -1,22 +1,24 @@
 # SPDX-License-Identifier: Apache-2.0
-"""First-order errors of the position and rate of a wall due to small unmodelled deviations.
+"""Errors of the position and rate of a wall due to small unmodelled deviations of the chain.
 
-Let p be the relative deviations of the rotor lengths and spacings. Bars keep their lengths if the
-angles change by dphi with R dphi + E p = 0, dphi orthogonal to the zero mode t. The part S_b of
-|t|^2 on the left of the bond b of a wall determines its site coordinate (`DeviatingOrbit`). With
-the parts S_n on the left of bonds n and t_{n+1} / t_n = -A_n / B_n, ln(S_b / (1 - S_b)) changes by
+The errors are computed to first order. Let p be the relative deviations of the rotor lengths and
+of the spacings from the uniform chain. Because the bars keep their lengths, the angles change by
+dphi with R dphi + E p = 0, where dphi is orthogonal to the zero mode t. Let S_n be the part of
+|t|^2 on the left of bond n. A wall is at bond b if S_b has a certain value (`DeviatingOrbit`).
+Because t_{n+1} / t_n = -A_n / B_n, the deviations change ln(S_b / (1 - S_b)) by
 
-    dQ = -sum_n w_n d ln|A_n / B_n|,   w_n = min(S_n / S_b, (1 - S_n) / (1 - S_b)),
+    dQ = -sum_n w_n d ln|A_n / B_n|,   w_n = min(S_n / S_b, (1 - S_n) / (1 - S_b)).
 
-through the angles and the lengths, dQ = Q_phi . dphi + Q_p . p. The arc error ds_b solves
-Q_phi . t ds_b = -dQ. The relative change of the time that a wall in free motion takes from bond to
-bond is
+dQ depends on angles and lengths, dQ = Q_phi . dphi + Q_p . p. The error ds_b of the arc length at
+which the wall is at bond b solves Q_phi . t ds_b = -dQ. The time that a wall in free motion takes
+from bond b to bond b + 1 has the relative change
 
     (ds_{b+1} - ds_b) / (s_{b+1} - s_b) - Phi'' . dphi + sum_n t_n^2 (p_n + m_n / 2),
 
 with the relative deviations p_n of rotor lengths and m_n of masses. The three terms are the
-changes of the arc between the bonds, of the arc element, and of the inertia. R^+ E need not be
-computed: for any q, q . R^+ E = u . E with (R R^T) u = R q. Stiffnesses have no effect.
+changes of the arc length between the bonds, of the arc element, and of the inertia. The matrix
+R^+ E need not be computed, because for any q, q . R^+ E = u . E with (R R^T) u = R q. Deviations
+of the stiffnesses have no effect.
 """
 
 from __future__ import annotations
@@ -37,24 +39,29 @@ from soliton_linkage.orbit.orbit import Orbit, OrbitSegment
 from soliton_linkage.orbit.uniform_orbit import UniformOrbit
 
 _SAMPLES = 4
-"""Number of samples of the arc element and of the inertia between two bonds [1]."""
+"""Number of points between two bonds at which arc element and inertia are computed [1]."""
 
 
 class Shifts(NamedTuple):
-    """Standard deviations of a wall, divided by the standard deviation of a far rotor."""
+    """Standard deviations of the errors of a wall, relative to that of a rotor far from the wall.
+
+    `WallShifts` defines the standard deviation of a far rotor [rad].
+    """
 
     arc: float
-    """Ratio for the arc [1]."""
+    """Standard deviation of the arc length of the wall, divided by that of a far rotor [1]."""
     rate: float
-    """Ratio for the relative rate [1/rad]."""
+    """Standard deviation of the relative error of the rate, divided by that of a far rotor
+    [1/rad]."""
 
 
 class WallShifts:
-    """Errors of a wall due to deviations, in units of the effect on a rotor far from the wall.
+    """Errors of a wall due to unmodelled deviations, relative to the error of a far rotor.
 
-    This effect is the angle of the rotor without the part that continues the tail of the next
-    rotor towards the wall. All lengths and masses have independent relative deviations of equal
-    variance. Known deviations of the chain of the orbit are ignored.
+    The error of a far rotor is the change of the angle of a rotor far from the wall, minus the
+    part of this change that continues the tail of the next rotor towards the wall. The errors are
+    computed for independent relative deviations of all lengths and masses from the uniform chain,
+    with equal variances. Known deviations of the chain of the orbit are ignored.
     """
 
     def __init__(self, orbit: Orbit) -> None:
@@ -64,10 +71,10 @@ class WallShifts:
         self._far = 0.0
 
     def at(self, site: float, leg: int) -> Shifts:
-        """Return the errors at a site coordinate [rotor spacings].
+        """Return the standard deviations for a wall at a site coordinate [rotor spacings].
 
-        Variances of the arc are interpolated between the bonds on either side of the site. The
-        values of a bond are computed when they are first needed.
+        The variance of the arc length is interpolated linearly between the bonds on both sides of
+        the site. The values at a bond are computed when they are first needed.
         """
         bonds = self._orbit.chain.number_of_rotors - 1
         before = min(max(site - 0.5, 0.0), bonds - 1)
@@ -76,7 +83,10 @@ class WallShifts:
         return Shifts(math.sqrt(here + (before - bond) * (there - here)), math.sqrt(rate))
 
     def _variances(self, bond: int, leg: int) -> tuple[float, float, float]:
-        """Return the variances of the arc at a bond and the next [1] and of the rate [1/rad^2]."""
+        """Return three variances: of the arc length at a bond, at the next bond, and of the rate.
+
+        They are squares of the ratios in `Shifts`: [1], [1] and [1/rad^2].
+        """
         orbit = self._orbit
         if not self._far:
             middle = _BarsNearWall(orbit.chain, orbit.segment(orbit.arc_at(orbit.middle, 0)))
@@ -98,23 +108,32 @@ class WallShifts:
         return float(here @ here) / scale, float(there @ there) / scale, float(rate) / scale
 
     def _arc_effects(self, bond: int, leg: int) -> Array:
-        """Return the effect of each rotor and spacing, alternately, on the arc, (2 N - 1,)."""
+        """Return the effect of each length on the arc length of a wall at a bond [rad].
+
+        The 2 N - 1 lengths are those of the rotors and, between them, the spacings.
+        """
         segment = self._orbit.segment(self._orbit.arc_at(bond + 0.5, leg))
         bars = _BarsNearWall(self._orbit.chain, segment)
         return self._whole(segment.first, bars.arc_effect(bond - segment.first))
 
     def _whole(self, first: int, effects: Array) -> Array:
-        """Extend effects of lengths near a wall to all lengths of the chain, with zeros."""
+        """Return the effects of all lengths of the chain, shape (2 N - 1,).
+
+        `effects` are those of the lengths near a wall, from the rotor `first` on. All other
+        effects are 0.
+        """
         whole = np.zeros(2 * self._orbit.chain.number_of_rotors - 1)
         whole[2 * first : 2 * first + len(effects)] = effects
         return whole
 
 
 class _BarsNearWall:
-    """Effects of the lengths of the n rotors near a wall and of their spacings, (2 n - 1,).
+    """Effects of the relative deviations of the lengths near a wall.
 
-    Rotors and spacings alternate. With c = h v' - v h' of the masses that a bar joins, its levers
-    are l A = c - a v and l B = a v' - c, so that all derivatives are products of positions.
+    The 2 n - 1 lengths are those of the n rotors near the wall and, between them, the spacings. A
+    bar of length l joins masses at the positions (h, v) and (h', v') relative to their pivots.
+    With c = h v' - v h', its levers are l A = c - a v and l B = a v' - c. Therefore all
+    derivatives are products of positions.
     """
 
     def __init__(self, chain: Chain, segment: OrbitSegment) -> None:
@@ -130,22 +149,29 @@ class _BarsNearWall:
         self._second = a * right[1] - self._cross
 
     def far_rotor_effect(self, tail: float) -> Array:
-        """Return the effects on the second rotor, without the tail of the third rotor [rad].
+        """Return the effects of the lengths on a far rotor as defined in `WallShifts` [rad].
 
-        The first rotor may be an edge rotor and is not used.
+        The far rotor is the second rotor, because the first may be an edge rotor. `tail` is the
+        ratio of the angles of two neighbouring rotors in the tail of a wall.
         """
         weights = np.zeros(len(self._tangent))
         weights[1:3] = 1.0, -tail
         return self._angle_effect(weights)
 
     def arc_element_effect(self, curvature: Array) -> Array:
-        """Return the effects on arc element and inertia [1], given Phi'' [1/rad], (n,)."""
+        """Return the effects of the lengths on arc element and inertia [1], shape (2 n - 1,).
+
+        `curvature` is Phi'' [1/rad], shape (n,).
+        """
         effects = -self._angle_effect(curvature)
         effects[::2] += self._tangent**2
         return effects
 
     def arc_effect(self, bond: int) -> Array:
-        """Return the effects on the arc [rad] at a fixed share of |t|^2 left of a bond."""
+        """Return the effects of the lengths on the arc length of a wall at a bond [rad].
+
+        A wall at the bond has a fixed fraction of |t|^2 on the left of the bond.
+        """
         left = np.cumsum(self._tangent**2)[:-1]
         right = np.cumsum(self._tangent[::-1] ** 2)[-2::-1]
         weights = np.minimum(left / left[bond], right / right[bond])
@@ -168,7 +194,7 @@ class _BarsNearWall:
         return -effects / float(by_angles @ self._tangent)
 
     def _angle_effect(self, weights: Array) -> Array:
-        """Return the effects on a weighted sum of the angles, weights of shape (n,)."""
+        """Return the effects of the lengths on a sum of the angles with weights, shape (n,)."""
         products = self._first * weights[:-1] + self._second * weights[1:]
         bars = solveh_banded(gram_matrix_bands(self._first, self._second), products)
         (h, v), (h_next, v_next) = self._left, self._right
@@ -182,7 +208,10 @@ class _BarsNearWall:
 
 
 def _rotor_sums(lefts: Array, rights: Array) -> Array:
-    """Add the contributions of bars to the rotors on their left and right, shape (n,)."""
+    """Return the sum of the contributions of all bars to each rotor, shape (n,).
+
+    Each bar contributes an element of `lefts` to its left rotor and of `rights` to its right one.
+    """
     sums = np.append(lefts, 0.0)
     sums[1:] += rights
     return sums

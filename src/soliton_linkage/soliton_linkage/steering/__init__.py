@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
 """Position control of a soliton by feedback along the zero mode.
 
-`Steering` estimates the wall in each frame with a `WallObserver` (the filter of the analyser),
-tracks a `ReferenceTrajectory`, and converts the required force into torques with
-`TorqueAllocation`.
+In each frame, `Steering` estimates the position of the wall with a `WallObserver`, which contains
+the filter of the analyser. It computes the force that keeps the wall on a `ReferenceTrajectory`,
+and converts this force into torques with `TorqueAllocation`.
 """
 
 from soliton_linkage.steering.phonon_energy_estimator import PhononEnergyEstimator

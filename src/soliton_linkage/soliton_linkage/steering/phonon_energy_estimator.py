@@ -1,15 +1,17 @@
 # SPDX-License-Identifier: Apache-2.0
 """Estimate of the phonon energy from the rates, valid in chains with unmodelled deviations.
 
-Without exact spring lengths the elastic energy is unknown. The component of the rates orthogonal
-to the tangent t of the orbit comes only from phonons. On average half of the phonon energy is
-kinetic, so that
+If the spring lengths are not exactly known, the elastic energy is unknown, but the kinetic energy
+of the phonons can be estimated. The motion of the wall is along the tangent t of the orbit.
+Therefore the component of the rates orthogonal to t is due to phonons and noise. The mean total
+energy of phonons is twice their mean kinetic energy, so that
 
-    E = < I |phi_dot - t (t . phi_dot)|^2 > - I (N - 1) sigma^2.
+    E = < I |phi_dot - t (t . phi_dot)|^2 > - I (N - 1) sigma^2
 
-The noise sigma of the rates follows from their third differences between frames, with variance
-(1^2 + 3^2 + 3^2 + 1^2) sigma^2 = 20 sigma^2 for each rotor. Phonons hardly contribute to these
-differences, because their periods are much longer than the frame period.
+with the standard deviation sigma of the noise of a rate. sigma is estimated from the third
+differences of the rates between frames. For each rotor the variance of a third difference is
+(1^2 + 3^2 + 3^2 + 1^2) sigma^2 = 20 sigma^2. Phonons hardly contribute to these differences,
+because their periods are much longer than the frame period.
 """
 
 from __future__ import annotations
@@ -29,7 +31,7 @@ _THIRD_DIFFERENCE = np.array([-1.0, 3.0, -3.0, 1.0])
 
 
 class PhononEnergyEstimator:
-    """Running mean of the phonon energy over several periods of the slowest phonon."""
+    """Estimator of the phonon energy by a running mean over periods of the slowest phonon."""
 
     def __init__(self, orbit: Orbit, settings: SteeringSettings = DEFAULTS) -> None:
         """Start without frames."""
@@ -42,14 +44,16 @@ class PhononEnergyEstimator:
 
     @property
     def energy(self) -> float:
-        """Phonon energy [J], 0 or more; NaN before the fourth frame with rates."""
+        """Estimated phonon energy [J], 0 or more; NaN before the fourth frame with rates."""
         return max(self._sum / self._weight, 0.0) if self._weight else math.nan
 
     def update(self, time: float, rates: Array | None, arc: float) -> None:
-        """Process a frame [s] with its rates [rad/s], shape (N,), and the arc of the wall [rad].
+        """Process a frame.
 
-        Late and repeated frames are ignored. If the time decreases by more than the memory of
-        the mean, the estimate restarts.
+        `time` is the time of the frame [s], `rates` are its rates [rad/s], shape (N,), or None,
+        and `arc` is the arc length of the orbit at the wall [rad]. Frames that are not later than
+        the previous one are ignored. If the time decreases by more than the averaging time, the
+        estimate restarts.
         """
         if time < self._time - self._memory:
             self._rates.clear()

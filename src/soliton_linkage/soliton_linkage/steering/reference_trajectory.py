@@ -1,10 +1,11 @@
 # SPDX-License-Identifier: Apache-2.0
 """Reference trajectories of a wall along the orbit, and their adiabatic speed limit.
 
-A wall whose arc s has the rate w exerts the force I w^2 t_n'(s), t = dPhi/ds, on each rotor
-orthogonally to the orbit. The components with frequencies q w above the gap omega_0 radiate
-phonons. At each rotor they take about the fraction |q t_n(q)|^2 of the energy of the wall, with
-t_n(q) = int t_n e^(iqs) ds.
+The position of a wall on the orbit is its arc length s, with the tangent t = dPhi/ds of the orbit.
+A wall with the rate w = ds/dt exerts the force I w^2 t_n'(s) on rotor n, orthogonally to the
+orbit. The Fourier component of wave number q has the frequency q w. If this frequency exceeds the
+gap omega_0, the component radiates phonons. At rotor n, it then takes about the fraction
+|q t_n(q)|^2 of the energy of the wall, with t_n(q) = int t_n e^(iqs) ds.
 """
 
 from __future__ import annotations
@@ -20,20 +21,21 @@ from soliton_linkage.orbit.orbit import Orbit
 from soliton_linkage.steering.settings import DEFAULTS, SteeringSettings
 
 _SAMPLES = 2048
-"""Samples of the passage of a wall [1]. The spectrum must extend far beyond its cut-off."""
+"""Number of samples of the tangent while a wall passes a rotor [1]. With fewer samples the
+spectrum would end before it has decayed."""
 _PEAK = 15 / 8
-"""Ratio of the largest rate to the mean rate of the polynomial from rest to rest [1]."""
+"""Ratio of the largest rate to the mean rate of a trajectory from rest to rest [1]."""
 _EXTENSION = 1.1
-"""Factor by which the duration is increased until the trajectory is slow enough [1]."""
+"""Factor by which the duration is increased repeatedly until the trajectory is slow enough [1]."""
 
 
 @dataclass(frozen=True)
 class ReferencePoint:
     """Reference of a wall at an instant.
 
-    arc: arc length [rad].
-    rate: rate of the arc length [rad/s].
-    acceleration: rate of the rate [rad/s^2].
+    arc: arc length along the orbit, s [rad].
+    rate: ds/dt [rad/s].
+    acceleration: d2s/dt2 [rad/s^2].
     """
 
     arc: float
@@ -43,9 +45,9 @@ class ReferencePoint:
 
 @dataclass(frozen=True)
 class ReferenceTrajectory:
-    """Reference of the arc as a polynomial of degree five, at rest from its end.
+    """Reference of the arc length s: a polynomial of degree five in time, constant after its end.
 
-    s = sum_j c_j x^j with x = (time - start) / duration.
+    s = sum_j c_j x^j with x = (time - start) / duration, limited to the range from 0 to 1.
 
     start: instant of the start [s].
     duration: duration [s].
@@ -58,7 +60,7 @@ class ReferenceTrajectory:
 
     @property
     def goal(self) -> float:
-        """Arc length at the end [rad]."""
+        """Arc length at the end of the trajectory [rad]."""
         return float(sum(self.coefficients))
 
     @property
@@ -88,16 +90,16 @@ class ReferenceTrajectory:
         return ReferencePoint(arc, rate, acceleration)
 
     def _derivative(self, order: int) -> Array:
-        """Return the coefficients of a derivative with respect to x, highest power first."""
+        """Return the coefficients of the derivative of an order by x, highest power first."""
         highest_first = np.array(self.coefficients[::-1])
         return np.polyder(highest_first, order) if order else highest_first
 
 
 def adiabatic_rate(orbit: Orbit, settings: SteeringSettings = DEFAULTS) -> float:
-    """Return the rate of the arc below which a wall radiates a negligible energy [rad/s].
+    """Return the largest rate of the arc length at which a wall radiates little energy [rad/s].
 
-    It is `adiabatic_fraction` times the largest rate at which a rotor in the middle takes less
-    than the fraction `radiated_share` of the energy of the wall.
+    The rate is `adiabatic_fraction` times w. At rates up to w, each of the two rotors in the
+    middle of the chain radiates less than the fraction `radiated_share` of the energy of the wall.
     """
     middle = orbit.arc_at(orbit.middle, 0)
     begin, end = orbit.leg_arcs(0)
@@ -113,21 +115,23 @@ def adiabatic_rate(orbit: Orbit, settings: SteeringSettings = DEFAULTS) -> float
         passages[inside, sample] = about.tangent[within[inside]]
     step = float(arcs[1] - arcs[0])
     numbers = 2 * math.pi * np.fft.rfftfreq(_SAMPLES, step)
-    # The window is needed because in a short chain the tangent does not vanish at the ends.
+    # In a short chain the tangent is not 0 at the ends of the sampled range. Without the window,
+    # these jumps would add spurious high frequencies to the spectrum.
     spectrum = np.fft.rfft(passages * np.hanning(_SAMPLES))
     shares = (np.abs(spectrum) * step * numbers) ** 2
     radiating = np.flatnonzero(shares.max(axis=0) > settings.radiated_share)
-    # If every wave number radiates, for example of a wall that jumps, the largest one is the
-    # limit.
+    # The spectrum of a wall that jumps from rotor to rotor may exceed the limit at every wave
+    # number. The largest wave number is used then.
     first_quiet = min(max(radiating, default=0) + 1, len(numbers) - 1)
     return settings.adiabatic_fraction * gap(orbit.chain) / float(numbers[first_quiet])
 
 
 def bandwidth(orbit: Orbit, period: float, settings: SteeringSettings = DEFAULTS) -> float:
-    """Return the bandwidth of the feedback [rad/s] for a frame period [s], NaN if unknown.
+    """Return the bandwidth of the feedback [rad/s] for a frame period [s].
 
-    The bandwidth is far below the gap, so that noise excites no phonons through the feedback. It
-    is also far below the frame rate, so that a late frame does not destabilise the loop.
+    The period is NaN if it is unknown. The bandwidth is far below the phonon gap, so that noise in
+    the feedback excites no phonons. It is also far below the frame rate, so that a late frame does
+    not destabilise the loop.
     """
     limit = settings.bandwidth_share * gap(orbit.chain)
     return limit if math.isnan(period) else min(limit, settings.bandwidth_step / period)
@@ -136,10 +140,11 @@ def bandwidth(orbit: Orbit, period: float, settings: SteeringSettings = DEFAULTS
 def trajectory_to(
     goal: float, start: float, point: ReferencePoint, rate: float, shortest: float
 ) -> ReferenceTrajectory:
-    """Return a trajectory from a reference point to rest at a goal [rad], from an instant [s].
+    """Return a trajectory that starts at a reference point and ends at rest at a goal.
 
-    Its duration is `shortest` [s], or longer if needed to keep the rate below `rate` [rad/s] or
-    below the initial rate, whichever is larger.
+    `goal` is an arc length [rad], and `start` the instant of the start [s]. The duration is
+    `shortest` [s], or longer if the rate would otherwise exceed `rate` [rad/s] and also exceed
+    the initial rate.
     """
     duration = max(shortest, _PEAK * abs(goal - point.arc) / rate)
     limit = max(rate, abs(point.rate)) * (1 + 1e-9)
@@ -156,14 +161,17 @@ def trajectory_to(
 def trajectory_to_rest(
     start: float, point: ReferencePoint, shortest: float
 ) -> ReferenceTrajectory:
-    """Return a trajectory that brakes from a reference point to rest within `shortest` [s]."""
+    """Return a trajectory that brakes to rest in a time of `shortest` [s].
+
+    `start` is the instant of the start [s], and `point` the reference at this instant.
+    """
     return _joining(point.arc + point.rate * shortest / 2, start, point, shortest)
 
 
 def _joining(
     goal: float, start: float, point: ReferencePoint, duration: float
 ) -> ReferenceTrajectory:
-    """Return the polynomial from a reference point to rest at the goal."""
+    """Return the trajectory of a given duration [s] from a reference point to rest at a goal."""
     rate, acceleration = point.rate * duration, point.acceleration * duration**2 / 2
     distance = goal - point.arc - rate - acceleration
     change, turn = -rate - 2 * acceleration, -2 * acceleration

@@ -17,25 +17,26 @@ from soliton_linkage.linkage.quantities import check_quantities, quantity
 class SteeringSettings:
     """Tuned parameters of the steering; raises ValueError for values out of range.
 
-    The `Quantity` of each field has its meaning and range. b [rad/s] is the bandwidth of the
-    feedback.
+    The `Quantity` of each field contains its meaning and its range. In the following docstrings,
+    b [rad/s] is the bandwidth of the feedback.
     """
 
     tolerance: float = quantity(
-        0.1, 'distance from the goal at which a soliton has arrived', 'rotor spacings', 1e-6
+        0.1, 'distance from the goal below which a soliton has arrived', 'rotor spacings', 1e-6
     )
     """Sensitivity: at 0.5x, arrivals are reported up to 4 s later; at 2x, up to 0.6 s earlier. The
     holding accuracy does not change."""
 
     latency: int = quantity(1, 'delay from a frame until its torques act', 'frames', 0)
-    """Latency of the loop. Sensitivity: an error of 2 frames has no effect; at 5 frames a wall may
-    be lost."""
+    """Sensitivity: an error of 2 frames in this parameter has no effect. With an error of 5
+    frames, a wall may be lost."""
 
     radiated_share: float = quantity(
         1e-5, 'fraction of the energy of a soliton that one rotor may radiate', '', 1e-12, 1.0
     )
     """Sensitivity: at 0.5x, moves take up to 7 % longer. At 2x, moves of a wobbling flipper take
-    28 % less and leave 2000 times the phonon energy, still 1e-6 of the energy of the wall."""
+    28 % less time. They then leave 2000 times as much phonon energy, which is still only 1e-6 of
+    the energy of the wall."""
 
     adiabatic_fraction: float = quantity(
         0.5,
@@ -57,85 +58,90 @@ class SteeringSettings:
     bandwidth_step: float = quantity(
         0.1, 'largest bandwidth of the feedback times the frame period', '', 1e-3, 1.0
     )
-    """The loop is stable for delays of up to 3 frames. Sensitivity for a frame period of 50 ms: at
-    0.5x, moves take twice as long; at 2x, a delay of 3 frames destabilises a flipper. For shorter
-    periods the parameter has no effect."""
+    """With this value the feedback is stable for delays of up to 3 frames. Sensitivity for a frame
+    period of 50 ms: at 0.5x, moves take twice as long; at 2x, a delay of 3 frames destabilises the
+    feedback for a flipper. If the frame period is shorter, the parameter has no effect."""
 
     observer_ratio: float = quantity(
         3.0, 'ratio of the bandwidths of observer and feedback', '', 0.1, 100.0
     )
-    """Sensitivity: at 0.5x, torques from noise are a third as large, and errors in disordered
-    chains four times as large. At 2x, noise causes four times the torques and 10 to 50 times the
-    phonon energy."""
+    """Sensitivity: at 0.5x, the torques due to noise are a third as large, and the errors in
+    disordered chains are four times as large. At 2x, noise causes four times the torques and 10 to
+    50 times the phonon energy."""
 
     period_memory: float = quantity(
         50.0, 'number of frames over which the frame period is averaged', 'frames', 1.0
     )
-    """Sensitivity: at 0.5x or 2x, no effect for regular frames. If the frame period is 50 ms with
-    a jitter of a third, the duration of a move changes by 2 %."""
+    """Sensitivity: at 0.5x or 2x, there is no effect for regular frames. For a frame period of
+    50 ms that varies by a third, the duration of a move changes by 2 %."""
 
     min_duration: float = quantity(
         10.0, 'shortest duration of a reference trajectory times the bandwidth', '', 1.0
     )
-    """Sensitivity: at 0.5x, short moves take 0.6 times as long with the same errors; at 2x, up to
-    1.8 times. Long moves at the adiabatic rate do not change. Smaller values increase the torques
-    as the inverse square, so that goals become unreachable."""
+    """Sensitivity: at 0.5x, short moves take 0.6 times as long and have the same errors; at 2x,
+    they take up to 1.8 times as long. Long moves at the adiabatic rate do not change. The required
+    torques grow as the inverse square of this parameter, so that a smaller value makes goals
+    unreachable."""
 
     force_reserve: float = quantity(
         2.0, 'ratio of the available force to the force of the trajectory', '', 1.0
     )
-    """Margin for noise and disturbances. Sensitivity: at 0.5x or 2x, the reported reach of
-    actuators at an edge is ln(2) penetration depths longer or shorter. Feasible moves do not
-    change."""
+    """The excess of available force is a margin for noise and disturbances. Sensitivity: at 0.5x,
+    the reported reach of actuators at an edge is ln(2) penetration depths longer; at 2x, it is
+    ln(2) penetration depths shorter. Accepted moves are carried out in the same way."""
 
     settling_time: float = quantity(
         3.0,
-        'time within the tolerance after which a soliton is at rest, times the bandwidth',
+        'time within the tolerance after which a soliton counts as at rest, times the bandwidth',
         '',
         0.0,
     )
-    """During this time errors decay to (1 + 3) e^-3 = 0.2 of their value. Sensitivity: at 0.5x,
-    arrivals are reported 1.5 / b earlier with up to six times the error; at 2x, 3 / b later with
-    the same error."""
+    """During this time errors decay to (1 + 3) e^-3 = 0.2 of their initial value. Sensitivity: at
+    0.5x, arrivals are reported 1.5 / b earlier, with up to six times the error. At 2x, they are
+    reported 3 / b later, with the same error."""
 
     settling_timeout: float = quantity(
         30.0, 'longest time to settle after the trajectory, times the bandwidth', '', 0.0
     )
-    """Sensitivity: at 0.5x or 2x, walls that never settle are reported earlier or later in
-    proportion. All other walls settle within 15."""
+    """Sensitivity: the time until a wall that never settles is reported is proportional to this
+    parameter. All other walls settled before half of this time."""
 
     max_error: float = quantity(
         1.5,
-        'distance from the reference at which the reference restarts at the soliton',
+        'distance of the soliton from the reference above which the reference restarts at the '
+        'soliton',
         'rotor spacings',
         1e-3,
     )
-    """Sensitivity: at 0.5x, the reference restarts if the wall in a disordered chain lags by 0.9
-    spacings, or if an impulse displaces it by 0.8. At 2x, torques before a restart are larger."""
+    """Sensitivity: at 0.5x, the reference also restarts for the lag of 0.9 rotor spacings that
+    occurs in a disordered chain, and for an impulse that displaces the wall by 0.8 rotor spacings.
+    At 2x, the torques before a restart are larger."""
 
     max_restarts: int = quantity(
         20, 'number of restarts after which a soliton that does not settle is lost', '', 0
     )
-    """After missing frames one to three restarts suffice. Sensitivity: if the load exceeds the
-    actuators, a wall is released 15 rotor spacings earlier at 0.5x, and 30 later at 2x."""
+    """After missing frames, one to three restarts are enough. Sensitivity: a load that exceeds the
+    force of the actuators displaces the wall until the controller releases it. At 0.5x, the wall
+    is released 15 rotor spacings earlier; at 2x, 30 rotor spacings later."""
 
     max_gap: float = quantity(
         5.0, 'time without frames after which the soliton may have moved', 'frame periods', 1.0
     )
-    """Sensitivity: at 0.5x, the move continues for a wall that was displaced while two frames were
-    missing. At 2x, a wall that continues through a gap of 8 frames is released."""
+    """Sensitivity: at 0.5x, the move also continues after an impulse has displaced the wall while
+    two frames were missing. At 2x, a wall is released after a gap of 8 frames, although it only
+    continued its motion."""
 
     detection_timeout: float = quantity(
         0.2, 'time without a frame that shows the soliton, after which it is lost', 's', 0.0
     )
-    """Sensitivity: at 0.5x, the wall is lost after a gap of 0.15 s; at 2x, it is not lost after
-    0.35 s, and the error is the same."""
+    """Sensitivity: at 0.5x, the wall is lost in a gap of 0.15 s. At 2x, it is not lost in a gap of
+    0.35 s, with the same error."""
 
     min_noise: float = quantity(
         3e-3, 'lower limit of the noise of an angle in the observer', 'rad', 1e-9
     )
-    """Without this limit, the filter would treat the start of an impulse as noise if frames are
-    exact. An impulse of 6 to 10 rad/s would then displace a wall 1.4 times as far. Sensitivity: no
+    """If the frames are exact and this limit is absent, the filter regards the start of an impulse
+    as noise. An impulse of 6 to 10 rad/s then displaces a wall 1.4 times as far. Sensitivity: no
     effect at 0.5x and 2x."""
 
     phonon_periods: float = quantity(
@@ -144,8 +150,9 @@ class SteeringSettings:
         'periods',
         0.1,
     )
-    """The kinetic energy of a phonon oscillates about half of its total energy. Sensitivity: at
-    0.5x, the estimate has twice this ripple and converges twice as fast."""
+    """The kinetic energy of a phonon oscillates about half of its total energy, so that the
+    estimate oscillates too. Sensitivity: at 0.5x, the oscillation of the estimate is twice as
+    large, and the estimate converges twice as fast."""
 
     def __post_init__(self) -> None:
         """Reject values out of range."""

@@ -1,19 +1,19 @@
 # SPDX-License-Identifier: Apache-2.0
 """Position control of a wall by torques along the zero mode.
 
-Along its orbit a chain has one coordinate, the arc s, with the constant inertia I = M r^2. A
-reference trajectory r(t) leads to the goal, and the force
+The motion of a chain along its orbit has one coordinate, the arc length s, with the constant
+inertia I = M r^2. To follow a reference trajectory r(t), the controller applies the force
 
     F = I [r'' + 2 b (r' - s') + b^2 (r - s) - d]
 
-along the orbit tracks it. With the estimated arc s, rate s' and disturbance d, errors decay as
-(1 + b t) e^(-b t). The controller predicts reference and estimate to the instant at which the
-torques act, which is the latency after their frame. The latency therefore does not reduce the
-stability margin.
+along the orbit, with the bandwidth b. The arc length s, the rate s' and the disturbance d are
+estimates. Errors decay as (1 + b t) e^(-b t). Torques act later than their frame by the latency.
+The controller predicts the reference and the estimates to the instant at which the torques act.
+Therefore the latency does not reduce the stability margin.
 
 Noise causes a force proportional to b^(5/2). If only some rotors are actuated, the torques are
-also proportional to q^(-1/2) (`TorqueAllocation`). The controller then multiplies b by q^(1/5), so
-that the torques do not excite phonons.
+also proportional to q^(-1/2), with the coupling q of `TorqueAllocation`. The controller then
+multiplies b by q^(1/5), so that a small q does not increase the torques due to noise.
 """
 
 from __future__ import annotations
@@ -41,11 +41,12 @@ from soliton_linkage.steering.torque_allocation import TorqueAllocation
 from soliton_linkage.steering.wall_observer import WallEstimate, WallObserver
 
 _BANDWIDTH_EXPONENT = 1 / 5
-"""Exponent e in b ~ q^e [1], with which torques from noise, b^(5/2) q^(-1/2), are constant."""
+"""Exponent e in b ~ q^e [1]. With 1/5, the torques due to noise, b^(5/2) q^(-1/2), do not depend
+on q."""
 _MAX_EXTENSIONS = 8
-"""Number of durations tried to brake a moving wall [1]."""
+"""Number of durations that are tried for a trajectory of a moving wall [1]."""
 _EXTENSION = 1.5
-"""Factor between two of these durations [1]; a longer one needs less force."""
+"""Ratio of a tried duration to the previous one [1]. A longer trajectory needs less force."""
 
 
 class Outcome(enum.Enum):
@@ -67,8 +68,8 @@ class MoveResult:
     """Result of a move.
 
     outcome: result, or the reason for the rejection.
-    message: description with values and limits.
-    site: site coordinate of the wall at the end [rotor spacings], NaN without a wall.
+    message: description of the result with values and limits.
+    site: final site coordinate of the wall [rotor spacings], NaN if no wall is detected.
     """
 
     outcome: Outcome
@@ -90,20 +91,21 @@ class WallState:
 
 class _Sent(NamedTuple):
     torques: Array | None
-    """Torques sent with one frame [N m], shape (N,), None if there were none."""
+    """Torques sent after one frame [N m], shape (N,); None means 0 for every rotor."""
     acceleration: float
-    """Their acceleration of the arc [rad/s^2]."""
+    """Acceleration of the arc length by these torques [rad/s^2]."""
 
 
 _NO_TORQUES = _Sent(None, 0.0)
-"""Entry for a frame without torques, 0 rad/s^2."""
+"""Entry for a frame after which no torques were sent."""
 
 
 class Steering:
     """Controller that estimates a wall in each frame and returns the torques that move it.
 
-    Call `torques` once after each `observe`. The controller is inactive until `move`. After a
-    move it holds the wall until the next move or `release`. It releases a wall that it loses.
+    Call `torques` once after each call of `observe`. The controller applies no torques before the
+    first call of `move`. After a move it holds the wall until the next move or until `release` is
+    called. If the frames no longer show the wall, the controller releases the wall.
     """
 
     def __init__(
@@ -134,7 +136,7 @@ class Steering:
 
     @property
     def wall(self) -> WallState | None:
-        """Wall in the last frame, None if unknown."""
+        """Position and velocity of the wall in the last frame; None if no wall is known."""
         estimate = self._observer.estimate
         if estimate is None:
             return None
@@ -145,12 +147,12 @@ class Steering:
 
     @property
     def estimate(self) -> WallEstimate | None:
-        """Estimated wall in the last frame, None if unknown."""
+        """Estimated state of the wall in the last frame; None if no wall is known."""
         return self._observer.estimate
 
     @property
     def trajectory(self) -> ReferenceTrajectory | None:
-        """Trajectory of the current move or hold, None if the wall is free."""
+        """Trajectory of the current or last move; None if the wall is released."""
         return self._trajectory
 
     @property
@@ -168,9 +170,10 @@ class Steering:
         self._observer.bandwidth = self.settings.observer_ratio * self._bandwidth
 
     def observe(self, time: float, angles: Array) -> MoveResult | None:
-        """Process a frame of angles [rad], shape (N,), at an instant [s].
+        """Process a frame with its time [s] and its angles [rad], shape (N,).
 
-        Return the result if this frame ends the move or the hold, otherwise None.
+        Return a result if the move ends in this frame, or if a wall that was held is lost in this
+        frame. Otherwise return None.
         """
         before = self._observer.estimate
         if before is not None and time > before.time:
@@ -203,8 +206,9 @@ class Steering:
     def move(self, site: float, speed: float = 0.0) -> MoveResult | None:
         """Start to move the wall to a site coordinate [rotor spacings].
 
-        `speed` [rotor spacings / s] limits the speed; 0 selects `adiabatic_speed`, which is the
-        limit in any case. Return the reason if the move is rejected, otherwise None.
+        `speed` [rotor spacings / s] is a limit of the speed; with 0 the limit is
+        `adiabatic_speed`. The speed never exceeds `adiabatic_speed`. Return a result with the
+        reason if the move is rejected, otherwise None.
         """
         estimate = self._observer.estimate
         rejection = self._rejection(site, speed, estimate)
@@ -226,7 +230,7 @@ class Steering:
         return rejection
 
     def stop(self) -> None:
-        """Brake the wall and hold it where it stops."""
+        """Brake the wall and hold it at the position where it comes to rest."""
         estimate = self._observer.estimate
         if estimate is None or not self._moving:
             return
@@ -236,12 +240,12 @@ class Steering:
         )
 
     def release(self) -> None:
-        """Release the wall: no further torques act on it."""
+        """Release the wall: apply no further torques."""
         self._trajectory = None
         self._moving = False
 
     def torques(self) -> Array:
-        """Return the torques [N m], shape (N,), which act when the latency has passed."""
+        """Return the torques to send after the last frame [N m], shape (N,)."""
         estimate = self._observer.estimate
         if estimate is None or self._trajectory is None:
             self._sent.append(_NO_TORQUES)
@@ -265,10 +269,13 @@ class Steering:
         return self._bandwidth_factor * bandwidth(self.orbit, self._period, self.settings)
 
     def _measure_period(self, elapsed: float) -> None:
-        """Update the running mean of the frame period [s], and the bandwidth of the observer."""
+        """Update the mean frame period and the bandwidth of the observer.
+
+        `elapsed` is the time between the last two frames [s].
+        """
         if math.isnan(self._period):
             self._period = elapsed
-        # A gap between frames must not change the mean by much.
+        # A gap of many frame periods counts as two, so that the mean changes only a little.
         longer = min(elapsed, 2 * self._period) - self._period
         self._period += longer / self.settings.period_memory
         self._observer.bandwidth = self.settings.observer_ratio * self._bandwidth
@@ -280,13 +287,16 @@ class Steering:
         self._resting_since = None
 
     def _jumped(self, last: WallEstimate, found: WallEstimate) -> bool:
-        """Return whether a wall has moved farther than twice its last rate allows."""
+        """Return whether a wall has moved too far between two estimates.
+
+        The limit is `max_error` plus twice the distance that corresponds to the last rate.
+        """
         distance = abs(math.remainder(found.arc - last.arc, self.orbit.length))
         explained = 2 * abs(last.rate) * (found.time - last.time)
         return distance > explained + self.settings.max_error * self.orbit.site_arc
 
     def _restart(self, estimate: WallEstimate) -> None:
-        """Start a new trajectory from the wall to the goal of the current one."""
+        """Start a new trajectory from the estimated state of the wall to the current goal."""
         if self._trajectory is None:
             return
         self._restarts += 1
@@ -310,7 +320,11 @@ class Steering:
         rate: float,
         shortest: float,
     ) -> ReferenceTrajectory:
-        """Return the shortest trajectory that the actuators can follow, or the longest tried."""
+        """Return a trajectory to a goal [rad] that the actuators can follow.
+
+        For a moving wall try increasing durations, from `shortest` [s] on. If no duration is
+        feasible, return the last trajectory that was tried.
+        """
         for _ in range(_MAX_EXTENSIONS):
             trajectory = trajectory_to(goal, estimate.time, point, rate, shortest)
             force = self.settings.force_reserve * self._inertia * trajectory.max_acceleration
@@ -320,13 +334,19 @@ class Steering:
         return trajectory
 
     def _reference(self, estimate: WallEstimate) -> ReferencePoint:
-        """Return the reference of the current trajectory, or the state of a free wall."""
+        """Return the reference at the time of the estimate.
+
+        Without a trajectory, the reference is the estimated state of the wall.
+        """
         if self._trajectory is None:
             return ReferencePoint(estimate.arc, estimate.rate, 0.0)
         return self._trajectory.at(estimate.time)
 
     def _nearest_arc(self, site: float, arc: float) -> float:
-        """Return the arc length of a site that is nearest to another arc [rad]."""
+        """Return the arc length [rad] nearest to `arc` at which the wall is at a site coordinate.
+
+        The wall is at each site coordinate once per leg of the orbit.
+        """
         legs = range(self.orbit.number_of_legs)
         distances = [self.orbit.arc_at(site, leg) - arc for leg in legs]
         return arc + min((math.remainder(each, self.orbit.length) for each in distances), key=abs)
@@ -334,7 +354,7 @@ class Steering:
     def _check_arrival(
         self, trajectory: ReferenceTrajectory, estimate: WallEstimate
     ) -> MoveResult | None:
-        """Return the result if the wall has settled at the goal, or has failed to settle."""
+        """Return the result if the wall has settled at the goal, or has not settled in time."""
         if not self._moving or estimate.time < trajectory.end:
             return None
         allowed = self.settings.tolerance * self.orbit.site_arc

@@ -1,15 +1,15 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Torques of actuators on some rotors, for a given force on a wall.
+"""Torques of the actuators, of which each acts on one rotor, for a given force on a wall.
 
-A force F along the orbit needs torques tau with t . tau = F. On the set S of actuated rotors, the
-torques of least norm are tau_n = F t_n / q, with the coupling q = sum of t_n^2 over S. With
-actuators on all rotors, q is 1 and tau excites no phonon. With fewer actuators tau also deflects
-the springs by
+A force F along the orbit, with the tangent t, needs torques tau with t . tau = F. If S is the set
+of actuated rotors, the torques of least norm are tau_n = F t_n / q with the coupling q = sum of
+t_n^2 over S. With actuators on all rotors, q is 1, and the torques excite no phonons. With fewer
+actuators, the torques also deflect the rotors against the springs by the angles
 
     dphi = R^T (R R^T)^(-1) f / k_e,    R^T f = tau - F t.
 
-The deflection diverges as q tends to 0. For actuators at an edge it grows as e^(2 x / ell) with
-the distance x from the wall.
+The deflection diverges if q tends to 0. If the actuators are at an edge, the deflection grows as
+e^(2 x / ell) with the distance x between wall and edge.
 """
 
 from __future__ import annotations
@@ -26,18 +26,19 @@ from soliton_linkage.linkage.chain import Array
 from soliton_linkage.orbit.orbit import Orbit
 
 _SAMPLES_PER_SITE = 4
-"""Samples of the path of a wall [1/site]; t_n^2 varies smoothly between them."""
+"""Number of samples of the path of a wall per rotor spacing [1]. t_n^2 varies smoothly between
+the samples."""
 _MIN_COUPLING = 1e-12
-"""Coupling q below which actuators have no effect on the wall [1]; |t_n| < 1e-6 is omitted."""
+"""Threshold of the coupling q [1]: for smaller values the actuators count as without effect on the
+wall. The orbit sets components |t_n| < 1e-6 to 0."""
 
 
 @dataclass(frozen=True)
 class Effort:
-    """Torque and deflection that a force on a wall requires.
+    """Torque that is necessary for a force on a wall, and the deflection that it causes.
 
     torque: largest torque of an actuator [N m].
-    strain: largest deflection of a rotor against the springs [rad]; 0 with actuators on all
-        rotors.
+    strain: largest deflection of a rotor against the springs [rad]; 0 if all rotors are actuated.
     """
 
     torque: float
@@ -46,9 +47,9 @@ class Effort:
 
 @dataclass(frozen=True)
 class Reach:
-    """Range of site coordinates to which actuators can move a wall [rotor spacings].
+    """Smallest and largest site coordinate to which actuators can move a wall [rotor spacings].
 
-    Both limits are NaN if the actuators cannot hold the wall.
+    Both are NaN if the actuators cannot hold the wall at its current position.
     """
 
     first: float
@@ -56,8 +57,9 @@ class Reach:
 
 
 class TorqueAllocation:
-    """Actuators on some rotors of a chain, or on all of them by default.
+    """Allocation of torques to the actuators of a chain.
 
+    The actuators are on the given rotors. Without rotors, there is an actuator on every rotor.
     Raises ValueError for a rotor that is not in the chain.
     """
 
@@ -68,7 +70,11 @@ class TorqueAllocation:
         torque_limit: float = math.inf,
         strain_limit: float = 0.1,
     ) -> None:
-        """Set the limits of the torque of each actuator [N m] and of the deflection [rad]."""
+        """Set the actuated rotors and the limits.
+
+        `torque_limit` is the largest torque of each actuator [N m], and `strain_limit` the largest
+        deflection of a rotor against the springs [rad].
+        """
         count = orbit.chain.number_of_rotors
         for rotor in rotors:
             if rotor not in range(count):
@@ -86,9 +92,11 @@ class TorqueAllocation:
             self._actuated[:] = True
 
     def torques(self, arc: float, force: float) -> tuple[Array, float]:
-        """Return the torques for a force along the orbit, shape (N,), and the actual force [N m].
+        """Return the torques for a force along the orbit, and the force that they exert.
 
-        If a torque exceeds its limit, all torques are reduced by the same factor.
+        The wall is at the arc length `arc` [rad]. The torques have the shape (N,); torques and
+        forces are in [N m]. If a torque exceeds its limit, all torques are reduced by the same
+        factor, and the exerted force is smaller than `force`.
         """
         unit = self._unit_torques(self.orbit.tangent(arc))
         required = force * unit
@@ -97,7 +105,7 @@ class TorqueAllocation:
         return scale * required, scale * force * float(unit.any())
 
     def effort(self, arc: float, force: float) -> Effort:
-        """Return the effort of a force [N m] at an arc length [rad]."""
+        """Return the effort for a force [N m] on a wall at an arc length [rad]."""
         tangent = self.orbit.tangent(arc)
         torques = force * self._unit_torques(tangent)
         if not torques.any() and force:
@@ -108,7 +116,10 @@ class TorqueAllocation:
         return Effort(largest, self._strain(arc, torques))
 
     def can_move(self, start: float, goal: float, force: float) -> bool:
-        """Return whether a force [N m] is available everywhere between two arc lengths [rad]."""
+        """Return whether the actuators can exert a force everywhere on a path of the wall.
+
+        `force` is in [N m]. `start` and `goal` are the arc lengths at the ends of the path [rad].
+        """
         if self._everywhere and abs(force) <= self.torque_limit:
             return True
         return all(self._is_available(arc, force) for arc in self._path(start, goal))
@@ -121,7 +132,11 @@ class TorqueAllocation:
         return float((tangents[:, self._actuated] ** 2).sum(axis=1).min())
 
     def reach(self, arc: float, force: float) -> Reach:
-        """Return the sites of one leg to which a force [N m] moves a wall from an arc [rad]."""
+        """Return the range of sites to which the actuators can move a wall with a force [N m].
+
+        The wall starts at the arc length `arc` [rad] and stays on its leg of the orbit, which is
+        one passage through the chain.
+        """
         orbit = self.orbit
         here, leg = orbit.site(arc), orbit.leg(arc)
         last = orbit.chain.number_of_rotors - 1
@@ -139,7 +154,7 @@ class TorqueAllocation:
         return Reach(*ends)
 
     def _path(self, start: float, goal: float) -> list[float]:
-        """Return sampled arc lengths between two arc lengths [rad]."""
+        """Return equally spaced arc lengths from `start` to `goal` [rad]."""
         steps = math.ceil(abs(goal - start) / self.orbit.site_arc * _SAMPLES_PER_SITE)
         return [float(arc) for arc in np.linspace(start, goal, steps + 1)]
 
@@ -148,13 +163,16 @@ class TorqueAllocation:
         return effort.torque <= self.torque_limit and effort.strain <= self.strain_limit
 
     def _unit_torques(self, tangent: Array) -> Array:
-        """Return the minimum-norm torques for a unit force, 0 if no actuator acts on the wall."""
+        """Return the minimum-norm torques for a unit force [1], shape (N,).
+
+        All torques are 0 if the coupling is too small.
+        """
         actuated = np.where(self._actuated, tangent, 0.0)
         coupling = float(actuated @ actuated)
         return actuated / coupling if coupling > _MIN_COUPLING else 0 * actuated
 
     def _strain(self, arc: float, torques: Array) -> float:
-        """Return the largest deflection of a rotor against the springs under torques [rad]."""
+        """Return the largest deflection of a rotor that torques [N m] cause [rad]."""
         chain = self.orbit.chain
         angles = self.orbit.configuration(arc)
         first, second = rigidity_bands(chain, angles)

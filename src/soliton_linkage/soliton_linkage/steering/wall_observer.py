@@ -1,14 +1,15 @@
 # SPDX-License-Identifier: Apache-2.0
 """Observer of a wall on which known torques act.
 
-The observer is the filter of the analyser, `OrbitFilter`, with a disturbance state. u is the
-acceleration of the arc s by the known torques. d is the disturbance: gravity, friction and
-unmodelled deviations of the chain. With
+The observer is the filter of the analyser, `OrbitFilter`, extended by an estimated disturbance d.
+The model of the motion along the orbit is
 
     s'' = u + d,
 
-a constant force causes no steady error. The bandwidth determines the poles of the Kalman filter,
-independent of the noise and of the motion of the wall.
+where s is the arc length, u its acceleration by the known torques, and d the acceleration by
+everything else: gravity, friction and unmodelled deviations of the chain. Because d is estimated,
+a constant force causes no steady error. The given bandwidth determines the poles of the Kalman
+filter, so that they depend neither on the noise nor on the motion of the wall.
 """
 
 from __future__ import annotations
@@ -29,11 +30,11 @@ class WallEstimate:
     """Estimated state of a wall.
 
     time: instant of the estimate [s].
-    arc: arc length along the orbit [rad], unwrapped over cycles.
+    arc: arc length along the orbit [rad]; it does not jump at the end of a cycle.
     rate: rate of the arc length [rad/s].
-    disturbance: acceleration that is not due to the known torques [rad/s^2].
-    seen: instant of the last frame that showed the wall [s].
-    upside_down: whether the chain is the mirror image phi -> pi - phi of the chain of the orbit.
+    disturbance: acceleration of the arc length that is not due to the known torques [rad/s^2].
+    seen: instant of the last frame in which the wall was detected [s].
+    upside_down: whether the chain is assembled upside down, as the mirror image phi -> pi - phi.
     """
 
     time: float
@@ -44,7 +45,10 @@ class WallEstimate:
     upside_down: bool
 
     def after(self, elapsed: float, acceleration: float) -> WallEstimate:
-        """Return the state after a time [s] of constant acceleration [rad/s^2]."""
+        """Return the predicted state after a time [s].
+
+        `acceleration` [rad/s^2] is that by the known torques; the disturbance is added to it.
+        """
         gained = (acceleration + self.disturbance) * elapsed
         return replace(
             self,
@@ -55,16 +59,16 @@ class WallEstimate:
 
 
 class WallObserver:
-    """Estimator of the arc of a wall, its rate, and the disturbance.
+    """Estimator of the arc length of a wall along the orbit, of its rate, and of the disturbance.
 
-    The estimate is None before the first detection of the wall, and after `detection_timeout`
-    without a detection.
+    The attribute `estimate` is None before the first detection of the wall, and when the wall has
+    not been detected for longer than `detection_timeout`.
     """
 
     def __init__(
         self, orbit: Orbit, bandwidth: float, settings: SteeringSettings = DEFAULTS
     ) -> None:
-        """Start without frames; `bandwidth` sets the poles of the filter [rad/s]."""
+        """Start without frames; `bandwidth` [rad/s] determines the poles of the filter."""
         self.orbit = orbit
         self.bandwidth = bandwidth
         self.estimate: WallEstimate | None = None
@@ -77,18 +81,20 @@ class WallObserver:
         self._filter = OrbitFilter(orbit, settings=estimation)
 
     def reset(self) -> None:
-        """Discard all frames, but keep the estimated offsets of the encoders."""
+        """Discard all frames, but keep the estimated encoder offsets."""
         self.estimate, self._seen = None, -math.inf
         self._filter.restart()
 
     def update(
         self, time: float, angles: Array, torques: Array | None = None
     ) -> WallEstimate | None:
-        """Return the estimate at an instant [s] from its angles [rad], shape (N,), NaN if unknown.
+        """Process a frame and return the new estimate, or None if no wall is known.
 
-        `torques` [N m], shape (N,), are those since the previous frame. Late and repeated frames
-        are ignored. If the time decreases by more than `detection_timeout`, the observer restarts.
-        Raises ValueError unless there is one angle for each rotor.
+        `time` is the time of the frame [s]. `angles` are its angles [rad], shape (N,); unknown
+        angles are NaN. `torques` [N m], shape (N,), acted since the previous frame; None means 0
+        for every rotor. Frames that are not later than the previous frame are ignored. If the time
+        decreases by more than `detection_timeout`, the observer restarts. Raises ValueError if the
+        number of angles is not N.
         """
         before = self.estimate
         if before and time < before.time - self._settings.detection_timeout:

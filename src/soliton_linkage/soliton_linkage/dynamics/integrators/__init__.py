@@ -22,4 +22,4 @@ INTEGRATORS: dict[str, type[OdeSolver]] = {
     'BDF': BDF,
     'LSODA': LSODA,
 }
-"""Solvers of `EquationOfMotion` by the name that `ElasticSimulation` accepts."""
+"""Solvers of `EquationOfMotion`. The keys are the names that `ElasticSimulation` accepts."""

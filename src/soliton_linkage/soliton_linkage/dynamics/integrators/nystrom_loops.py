@@ -1,9 +1,10 @@
 # SPDX-License-Identifier: Apache-2.0
 """Compiled loops of `nystrom_steps`; the docstring of that module contains the equations.
 
-The state of a rotor includes the angle, its cosine and its sine. A drift rotates by a small angle,
-whose cosine and sine are polynomials. Therefore no loop calls a function, and all loops are
-vectorised. The array `work` begins with the rows of `terms`, followed by the rows below.
+The loops store the angle of each rotor together with its cosine and sine. A drift rotates a rotor
+by a small angle. The cosine and the sine of this small angle are computed by polynomials.
+Therefore no loop calls a library function, so that the compiler can vectorise all loops. The array
+`work` begins with the rows that the module `terms` defines, followed by the rows below.
 """
 
 from __future__ import annotations
@@ -31,77 +32,87 @@ from soliton_linkage.linkage.chain import Array
 Numbers = NDArray[np.int64]
 
 TURNS, RATES_BEFORE, MEAN_OF_TURN, MEAN, SAVED = range(7, 12)
-"""Rows of `work`: rotation in a drift [rad]; three rows for drifts with nonlinear damping; first
-row of a copy of the four rows ANGLES to SINES."""
+"""Rows of `work`. TURNS is the rotation of each rotor in a drift [rad]. The next three rows are
+used in drifts with nonlinear damping. SAVED is the first of four rows with a copy of the rows
+ANGLES to SINES."""
 
 WORK_ROWS = SAVED + 4
 """Number of rows of `work`."""
 
 LARGEST_TURN = 0.5
-"""Largest angle of a drift [rad], up to which the series of `turned` are exact to rounding."""
+"""Largest rotation in a drift [rad]; up to it, the errors of the series in `turned` are below
+rounding errors."""
 
 HALF, WHOLE = range(2)
-"""Lengths of steps."""
+"""Step lengths that `take_step` accepts: half the step length, or the whole step length."""
 
 
 class Forces(NamedTuple):
     """Terms and inertias of the rotors."""
 
     kinds: Numbers
-    """Terms that depend on the angles, see `TermTable`."""
+    """Kinds of the terms that depend on the angles, see `TermTable`."""
     parameters: Array
     damping_kinds: Numbers
-    """Terms that depend on the rates."""
+    """Kinds of the terms that depend on the rates."""
     damping_parameters: Array
     inverse_inertias: Array
     """1 / (M r^2) of each rotor [1/(kg m^2)], 0 for fixed rotors and padding, shape (P,)."""
     half_inertias: Array
-    """M r^2 / 2 of each rotor [kg m^2], shape (P,), or (0,) without damping and active terms."""
+    """M r^2 / 2 of each rotor [kg m^2], shape (P,). The shape is (0,) if the motion has neither
+    damping nor active terms."""
     active: bool
     """Whether the last term that depends on the angles is active."""
 
 
 PlainForces = tuple[Numbers, Array, Numbers, Array, Array, Array, bool]
-"""Plain tuple of the fields of `Forces`, because numba converts it three times as fast."""
+"""Tuple with the fields of `Forces`. Numba converts it three times as fast as the named tuple."""
 
 
 class Step(NamedTuple):
     """Coefficients for steps of one length."""
 
     drifts: Array
-    """Times of the drifts [s], shape (15,)."""
+    """Durations of the drifts [s], shape (15,)."""
     kicks: Array
-    """Times of the kicks [s], shape (14,)."""
+    """Durations for which the torques of the kicks act [s], shape (14,)."""
     decays: Array
-    """Factor of the rates, and angle per rate [s], for each drift in a half step and a whole step.
-    Shape (2, 2, 15, P), or (2, 2, 15, 0) if a damping is not linear."""
+    """Coefficients of the 15 drifts for linear damping, shape (2, 2, 15, P). The first index
+    selects a half step or a whole step. The second index selects the factor of the rate [1], or
+    the rotation divided by the initial rate [s]. The shape is (2, 2, 15, 0) without damping, and
+    for other damping laws."""
 
 
 PlainStep = tuple[Array, Array, Array]
-"""The fields of `Step`."""
+"""Tuple with the fields of `Step`; see `PlainForces`."""
 
 
 class Checks(NamedTuple):
-    """Selection of steps whose error is measured, and the tolerances.
+    """Numbers of the steps whose error is measured, and the tolerances.
 
     The error of each variable y is divided by absolute + relative abs(y). The error of a step is
     the root mean square of these quotients, as in scipy's solvers.
     """
 
     absolute: Array
-    """Shape (len(state),)."""
+    """Absolute tolerance of each variable, shape (len(state),)."""
     relative: float
+    """Relative tolerance [1]."""
     measured: Numbers
-    """Numbers of the measured steps, counted from 1."""
+    """Numbers of the steps whose error is measured, counted from 1."""
 
 
 PlainChecks = tuple[Array, float, Numbers]
-"""The fields of `Checks`."""
+"""Tuple with the fields of `Checks`; see `PlainForces`."""
 
 
 @inlined
 def turned(c: float, s: float, x: float) -> tuple[float, float]:
-    """Return (c cos x - s sin x, s cos x + c sin x), by series for x up to LARGEST_TURN."""
+    """Return cosine and sine of an angle after a rotation by x, computed by series.
+
+    `c` and `s` are the cosine and the sine before the rotation. The series are accurate for |x| up
+    to LARGEST_TURN.
+    """
     z = x * x
     y = z * z
     odd = (-1 / 5040 + z * (1 / 362880)) + y * (-1 / 39916800 + z * (1 / 6227020800))
@@ -114,7 +125,7 @@ def turned(c: float, s: float, x: float) -> tuple[float, float]:
 
 @inlined
 def turn(work: Array, rates: int, time: float) -> None:
-    """Rotate all rotors by a time multiplied by a row of rates."""
+    """Rotate each rotor by `time` multiplied by its element in the row `rates` of `work`."""
     prefer_wide_vectors()
     for n in range(work.shape[1] - VECTOR):
         x = time * work[rates, n]
@@ -124,7 +135,7 @@ def turn(work: Array, rates: int, time: float) -> None:
 
 @inlined
 def kick(work: Array, forces: Forces, time: float) -> None:
-    """Change the rates by the torques acting for a time."""
+    """Change the rates by torques that act for a time [s]."""
     for n in range(forces.inverse_inertias.size):
         torque = work[TORQUES, n] + work[TORQUES_ON_RIGHT, n]
         work[RATES, n] += time * forces.inverse_inertias[n] * torque
@@ -132,7 +143,10 @@ def kick(work: Array, forces: Forces, time: float) -> None:
 
 @inlined
 def decay(work: Array, forces: Forces, decays: Array, stage: int) -> float:
-    """Damp the rates linearly in a drift, set TURNS, and return the dissipated energy."""
+    """Apply linear damping in one drift: update RATES and set TURNS.
+
+    Return the dissipated energy [J].
+    """
     dissipated = 0.0
     for n in range(forces.half_inertias.size):
         rate, factor = work[RATES, n], decays[0, stage, n]
@@ -144,7 +158,10 @@ def decay(work: Array, forces: Forces, decays: Array, stage: int) -> float:
 
 @inlined
 def damp(work: Array, rotors: int, forces: Forces, time: float) -> float:
-    """Damp the rates in a drift by any damping law, with a Runge-Kutta step; see `decay`."""
+    """Apply any damping law in one drift by a Runge-Kutta step: update RATES and set TURNS.
+
+    Return the dissipated energy [J].
+    """
     size = forces.half_inertias.size
     for n in range(size):
         work[RATES_BEFORE, n] = work[RATES, n]
@@ -170,7 +187,10 @@ def damp(work: Array, rotors: int, forces: Forces, time: float) -> float:
 
 @compile_loop
 def take_step(work: Array, rotors: int, forces: Forces, step: Step, length: int) -> float:
-    """Take one step, HALF or WHOLE, and return the energy that damping dissipates."""
+    """Take one step, and return the energy that damping and active terms dissipate [J].
+
+    `length` is HALF for half the step length, or WHOLE.
+    """
     share, dissipated = (1 + length) / 2, 0.0
     for stage in range(step.drifts.size):
         time = share * step.drifts[stage]
@@ -187,15 +207,15 @@ def take_step(work: Array, rotors: int, forces: Forces, step: Step, length: int)
             time = share * step.kicks[stage]
             kick(work, forces, time)
             if forces.active:
-                # The work of an impulse is the impulse times the mean of the rates before and
-                # after it.
+                # The work of an impulse is the product of the impulse and the mean of the rates
+                # before and after the impulse.
                 dissipated += time * (power + active_power(work, rotors)) / 2
     return dissipated
 
 
 @inlined
 def too_fast(work: Array, rotors: int, limit: float) -> bool:
-    """Return whether a rate exceeds a limit or is not a number."""
+    """Return whether a rate exceeds a limit [rad/s] or is NaN."""
     found = 0
     for n in range(rotors):
         found += not abs(work[RATES, n]) <= limit
@@ -204,7 +224,7 @@ def too_fast(work: Array, rotors: int, limit: float) -> bool:
 
 @inlined
 def copy(work: Array, start: int, end: int) -> None:
-    """Copy angles, rates, cosines and sines from four rows to four others."""
+    """Copy four rows of `work`, from row `start` on, to the rows from row `end` on."""
     for row in range(4):
         for n in range(work.shape[1]):
             work[end + row, n] = work[start + row, n]
@@ -212,7 +232,11 @@ def copy(work: Array, start: int, end: int) -> None:
 
 @inlined
 def scaled_difference(before: Array, whole: Array, halves: Array, checks: Checks) -> float:
-    """Return the root mean square of the difference of two states, divided by the tolerances."""
+    """Return the error of a step as defined in `Checks` [1].
+
+    `before` is the state before the step, `whole` the state after a whole step, and `halves` the
+    state after two half steps.
+    """
     squares = 0.0
     for n in range(whole.size):
         size = max(abs(before[n]), abs(halves[n]))
@@ -222,7 +246,7 @@ def scaled_difference(before: Array, whole: Array, halves: Array, checks: Checks
 
 @inlined
 def store(states: Array, row: int, work: Array, rotors: int, dissipated: float) -> None:
-    """Store the state after a step."""
+    """Store the state after a step in a row of `states`."""
     for n in range(rotors):
         states[row, n] = work[ANGLES, n]
         states[row, rotors + n] = work[RATES, n]
@@ -238,9 +262,10 @@ def advance(
     plain_checks: PlainChecks,
     states: Array,
 ) -> tuple[int, float]:
-    """Fill states[1:] with the state after each step; return number of steps and largest error.
+    """Fill states[1:] with the state after each step.
 
-    Stop before a step that rotates a rotor too far or whose error exceeds 1.
+    Stop before a step in which a drift would rotate a rotor by more than LARGEST_TURN, and before
+    a step with an error above 1. Return the number of steps taken and the largest error.
     """
     forces, step, checks = Forces(*plain_forces), Step(*plain_step), Checks(*plain_checks)
     rotors = states.shape[1] // 2
@@ -278,11 +303,10 @@ def interpolate(
     times: Array,
     output: Array,
 ) -> None:
-    """Fill `output` with states at times, counted in steps from the first state.
+    """Fill `output` with the states at some times; see `NystromSteps.interpolated`.
 
-    In each step a polynomial of degree 8 interpolates the angles, rates and accelerations at both
-    ends and in the middle. `circular` contains the cosines and sines of the states, shape
-    (2, steps, N).
+    `times` are numbers of steps since the first state; they need not be integers. `circular`
+    contains the cosines and the sines of the angles in `states`, shape (2, states, N).
     """
     forces, step = Forces(*plain_forces), Step(*plain_step)
     rotors = states.shape[1] // 2
@@ -321,7 +345,12 @@ def load(work: Array, state: Array, circular: Array) -> None:
 def put_knot(
     work: Array, forces: Forces, state: Array, unit: float, knots: Array, knot: int
 ) -> None:
-    """Set angles, dissipated energy and their first two derivatives; time unit `unit` [s]."""
+    """Set the conditions for the interpolation at one of three instants of a step.
+
+    The instants, numbered by `knot`, are the start, the middle and the end of the step. The
+    conditions are the angles, the dissipated energy, and their first and second derivatives with
+    respect to time in units of `unit` [s].
+    """
     rotors, first = state.size // 2, 3 * knot
     active_before = sum_terms(work, rotors, forces.kinds, forces.parameters)
     for n in range(rotors):
@@ -335,8 +364,8 @@ def put_knot(
         knots[first + 1, rotors] = unit * (active_before + sum_terms(work, rotors, *table))
         for n in range(rotors):
             knots[first + 2, n] += unit**2 * forces.inverse_inertias[n] * work[TORQUES, n]
-        # The powers of linear damping and active terms are quadratic in the rates and angles, so
-        # that their central differences are exact.
+        # The second derivative of the dissipated energy is a central difference. It is exact for
+        # linear damping and active terms, because their power is quadratic in rates and angles.
         power = 0.0
         for sign in (-0.5, 0.5):
             for n in range(rotors):
@@ -350,7 +379,11 @@ def put_knot(
 
 @inlined
 def fit(knots: Array) -> None:
-    """Convert value, slope and curvature at -1, 0 and 1 to the coefficients of 1 to x^8."""
+    """Compute the polynomials of degree 8 from the conditions that `put_knot` sets.
+
+    On input the rows of `knots` are value, slope and curvature at x = -1, 0 and 1. On output they
+    are the coefficients of x^0 to x^8.
+    """
     for n in range(knots.shape[1]):
         value, slope, curvature = knots[3, n], knots[4, n], knots[5, n]
         before, after = knots[0, n] - value, knots[6, n] - value
@@ -371,7 +404,10 @@ def fit(knots: Array) -> None:
 
 @inlined
 def evaluate(knots: Array, rotors: int, x: float, unit: float, output: Array) -> None:
-    """Evaluate the polynomials at x, a time in units [s] from the middle of the step."""
+    """Evaluate the polynomials at the time x, counted from the middle of the step.
+
+    x is in units of `unit` [s].
+    """
     prefer_wide_vectors()
     for n in range(knots.shape[1]):
         value = slope = 0.0

@@ -5,19 +5,20 @@ A step of length h is a symmetric sequence of drifts and kicks,
 
     drift(a_15 h) kick(b_14 h) drift(a_14 h) ... kick(b_1 h) drift(a_1 h).
 
-A kick applies the terms that depend on the angles, and changes the rates. A drift applies the
-terms that depend on the rates, and changes rates and angles. For linear damping gamma = c / (M
-r^2) both are exact flows,
+A kick applies the torques that depend on the angles; it changes the rates. A drift applies the
+torques that depend on the rates; it changes rates and angles. With linear damping, gamma = c / (M
+r^2), a drift is the exact solution
 
-    phi_dot(t) = phi_dot e^(-gamma t),    phi(t) = phi + phi_dot (1 - e^(-gamma t)) / gamma,
+    phi_dot(t) = phi_dot e^(-gamma t),    phi(t) = phi + phi_dot (1 - e^(-gamma t)) / gamma.
 
-and the dissipated energy is the decrease of the kinetic energy in the drifts. Without damping the
-map is symplectic, and a step of -h reverses a step of h. With linear damping volumes in phase
-space shrink by e^(-h sum gamma), as in the exact motion. The sum of energy and dissipated energy
-then has no drift. A drift with another damping law is a Runge-Kutta step of order 4.
+The dissipated energy is the decrease of the kinetic energy in the drifts. Without damping the
+map of a step is symplectic, and a step of -h reverses a step of h. With linear damping, a step
+reduces volumes in phase space by the factor e^(-h sum gamma), exactly as the true motion does.
+The sum of energy and dissipated energy then has no drift. For any other damping law, a drift is a
+Runge-Kutta step of order 4.
 
-The coefficients are those of SRKN_14^a, order 6, of S. Blanes and P. C. Moan, J. Comput. Appl.
-Math. 142 (2002) 313, for a kinetic energy that is quadratic.
+The coefficients are those of the method SRKN_14^a of order 6, for a quadratic kinetic energy:
+S. Blanes and P. C. Moan, J. Comput. Appl. Math. 142 (2002) 313.
 """
 
 from __future__ import annotations
@@ -50,9 +51,10 @@ from soliton_linkage.linkage.chain import Array
 ORDER = 6
 """Order of the method: the error of a step of length h is proportional to h^7."""
 STABLE_STEP = 3.14
-"""Longest step in units of 1 / omega for which vibrations of frequency omega stay bounded.
+"""Longest stable step for vibrations of angular frequency omega, in units of 1 / omega [1].
 
-Near pi vibrations grow by less than 0.1 % per step; above 6.15 they grow without bound.
+With steps slightly above pi / omega, vibrations grow by less than 0.1 % per step. With steps above
+6.15 / omega, they grow without bound.
 """
 
 _HALF_OF_DRIFTS = (
@@ -75,7 +77,7 @@ _HALF_OF_KICKS = (
 )
 """b_1 to b_6 of the paper."""
 _LAST_KICK = 0.5 - sum(_HALF_OF_KICKS)
-"""b_7: the kicks of half a step add up to 1/2."""
+"""b_7, which follows because the kicks b_1 to b_7 of half a step add up to 1/2."""
 
 DRIFTS = np.array([*_HALF_OF_DRIFTS, 1 - 2 * sum(_HALF_OF_DRIFTS), *_HALF_OF_DRIFTS[::-1]])
 """a_1 to a_15."""
@@ -88,48 +90,59 @@ class SolverSettings:
     """Tuning of `SymplecticNystrom`."""
 
     rotors_per_call: int = 16_000
-    """Rotors times steps per compiled call [1]. Sensitivity: at 0.5x or 2x, 10 % slower."""
-    safety: float = 0.8
-    """Largest rotation of the fastest rotor in one step, as a fraction of LARGEST_TURN.
+    """Number of rotors times number of steps in one call of the compiled loops [1].
 
-    Sensitivity: at 0.5x, 60 % more force evaluations if a rotor spins fast. At 1, an accelerating
-    rotor stops the integration.
+    Sensitivity: at 0.5x or 2x, the integration is 10 % slower.
+    """
+    safety: float = 0.8
+    """Limit of the rotation of the fastest rotor in one drift, as a fraction of LARGEST_TURN [1].
+
+    Sensitivity: at 0.5x, 60 % more force evaluations are needed if a rotor spins fast. With the
+    value 1, a rotor that accelerates within the step exceeds LARGEST_TURN and stops the
+    integration.
     """
     aim: float = 0.3
-    """Expected error of a new step length, as a fraction of the tolerance.
+    """Ratio of the expected error to the tolerance with which a new step length is chosen [1].
 
-    Sensitivity: at 0.5x, 10 % more evaluations and half the error; at 2x, 10 % fewer and twice the
-    error.
+    Sensitivity: at 0.5x, 10 % more force evaluations and half the error; at 2x, 10 % fewer
+    evaluations and twice the error.
     """
     min_growth: float = 1.25
-    """Smallest factor by which steps are lengthened. Sensitivity: 6 % of evaluations at 1.13,
-    1.5."""
+    """Smallest factor by which the step length increases; smaller increases are omitted [1].
+
+    Sensitivity: with 1.13 or 1.5, the number of force evaluations changes by 6 %.
+    """
     max_shrinkage: float = 0.95
-    """Factor below which the first step length is shortened. Sensitivity: none from 0.9 to
-    0.975."""
+    """Threshold of the change of the first step length [1]: the length decreases only if the
+    factor is below this value. Sensitivity: no effect from 0.9 to 0.975."""
     measured_every: int = 32
-    """Number of steps between error measurements. At 16, 6 % more evaluations; at 64, 3 %
-    fewer."""
+    """Number of steps between two error measurements [1].
+
+    Sensitivity: at 0.5x, 6 % more force evaluations; at 2x, 3 % fewer.
+    """
     steps_until_exact: int = 1000
-    """Number of steps after which cosines and sines are recomputed, to limit rounding errors."""
+    """Number of steps between two exact computations of the cosines and sines [1]. Between them,
+    rounding errors accumulate."""
     shortest: float = 1e-6
-    """Smallest step length before the solver fails, as a fraction of the longest stable step."""
+    """Shortest allowed step, as a fraction of the longest stable step [1]. If the tolerance needs
+    a shorter step, the solver fails."""
     trials: int = 60
-    """Number of step lengths that are tried before the solver fails; usually one to three are
-    needed."""
+    """Number of step lengths that the solver tries before it fails [1]; usually one to three are
+    enough."""
 
 
 DEFAULTS = SolverSettings()
 
 _NONE: Numbers = np.empty(0, dtype=np.int64)
-"""Empty selection of steps for `Checks`."""
+"""Empty list of step numbers: no error is measured."""
 
 
 def steps_to_measure(taken: int, count: int, every: int) -> Numbers:
-    """Return the steps whose error is to be measured, counted from 1 for the next step.
+    """Return the numbers of the steps whose error is to be measured; the next step has number 1.
 
-    After a change of the length these are the steps 1, 4 and 16, and then every `every`-th step.
-    `taken` is the number of earlier steps of this length.
+    After a change of the step length, errors are measured in the steps 1, 4 and 16, and in every
+    `every`-th step. `taken` is the number of earlier steps of the current length. `count` is the
+    number of steps from which to select.
     """
     regular = np.arange(every - taken % every, count + 1, every)
     early = [step for step in (1, 4, 16) if taken < step <= taken + count]
@@ -137,7 +150,7 @@ def steps_to_measure(taken: int, count: int, every: int) -> Numbers:
 
 
 class NystromSteps:
-    """Steps along one motion."""
+    """Method steps along the motion that one `EquationOfMotion` describes."""
 
     def __init__(self, motion: EquationOfMotion, settings: SolverSettings = DEFAULTS) -> None:
         """Prepare steps along a motion whose terms are all compiled."""
@@ -164,11 +177,12 @@ class NystromSteps:
     def advance(
         self, state: Array, length: float, count: int, checks: Checks | None = None
     ) -> tuple[Array, float]:
-        """Return the states at the start and after each of `count` steps, and the largest error.
+        """Take up to `count` steps of `length` [s]; return all states and the largest error.
 
-        `length` is the length of a step [s]. Stop before a step in which a rotor would turn by
-        more than LARGEST_TURN in a drift, or whose error, compared with two steps of half the
-        length, exceeds 1. The states have the shape (steps taken + 1, len(state)).
+        The error of a step is the difference from two steps of half the length, divided by the
+        tolerance. The method stops before a step in which a rotor would turn by more than
+        LARGEST_TURN in a drift, and before a step with an error above 1. The states include the
+        initial one and have the shape (steps taken + 1, len(state)).
         """
         rotors = self._motion.rotors
         states = np.empty((count + 1, len(state)))
@@ -189,10 +203,11 @@ class NystromSteps:
         return states[: done + 1], error
 
     def interpolated(self, states: Array, length: float, times: Array) -> Array:
-        """Return states at times, counted in steps from the first, shape (times, len(state)).
+        """Return the states at some times, shape (times, len(state)).
 
-        In each step polynomials of degree 8 have the angles, rates and accelerations of its ends
-        and its middle.
+        `times` are numbers of steps since the first state; they need not be integers. In each step
+        a polynomial of degree 8 interpolates the angles of each rotor. At the start, the middle
+        and the end of the step it has the computed angle, rate and acceleration.
         """
         angles = states[:, : self._motion.rotors]
         output = np.empty((len(times), states.shape[1]))
@@ -202,7 +217,7 @@ class NystromSteps:
         return output
 
     def _prepare(self, length: float) -> PlainStep:
-        """Return the fields of `nystrom_loops.Step` for a length [s]."""
+        """Return the fields of `nystrom_loops.Step` for steps of a given length [s]."""
         if length != self._prepared:
             self._prepared = length
             self._step = length * DRIFTS, length * KICKS, self._decays(length)
@@ -225,8 +240,9 @@ class NystromSteps:
 def zeros_in_line(rows: int, columns: int) -> Array:
     """Return zeros of shape (rows, columns), aligned with a cache line.
 
-    Access to vectors that cross two cache lines takes longer. All pages are written immediately,
-    so that the system allocates them before the first loop.
+    The alignment shortens the run time, because access to a vector in two cache lines is slower.
+    The function writes to all memory pages, so that the operating system allocates them before the
+    first loop.
     """
     size, line = rows * columns, 64
     room = np.full(size + VECTOR, 0.0)

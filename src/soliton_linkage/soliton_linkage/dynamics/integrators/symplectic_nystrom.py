@@ -35,26 +35,26 @@ _LONGEST_DRIFT = float(np.abs(DRIFTS).max())
 class SymplecticNystrom(OdeSolver):
     """Symplectic Runge-Kutta-Nystrom method of order 6 for `EquationOfMotion`.
 
-    The solver chooses a step length whose error, in the norm of scipy's solvers, is below atol +
-    rtol abs(y). It keeps this length, because the energy error is bounded only while the step is
-    constant. The error is the difference from two steps of half the length. After each change of
-    the length it is measured in the first, fourth and sixteenth step, then in every 32nd. If the
-    error is too large, the solver repeats the steps since the last measurement with a shorter
-    length. If it is several times too small, the solver increases the length, up to the stability
-    limit of the fastest vibration.
+    The solver chooses a step length with an error below atol + rtol abs(y), in the norm of scipy's
+    solvers. It keeps this length as long as possible, because the energy error is bounded only
+    while the length is constant. The error of a step is its difference from two steps of half the
+    length. After each change of the length, the solver measures the error in the first, fourth and
+    sixteenth step, and then in every 32nd. If an error is too large, the solver repeats the steps
+    since the last measurement with a shorter length. If an error is far below the tolerance, the
+    solver increases the length, up to the stability limit of the fastest vibration.
 
-    The dense output of each step is a polynomial of degree 8 in the angles. It interpolates
-    angles, rates and accelerations at both ends and in the middle.
+    The dense output in each step is a polynomial of degree 8 for each angle. It agrees with the
+    computed angles, rates and accelerations at the start, the middle and the end of the step.
 
-    `length` is the length of a step of the method [s]. `together` is the largest number of method
-    steps in one step of the solver. Raises TypeError for a right-hand side that is not an
+    The attribute `length` is the length of a method step [s]. `together` is the largest number of
+    method steps in one step of the solver. Raises TypeError for a right-hand side that is not an
     `EquationOfMotion`. Raises ValueError for Python functions in `forces`, an unsuitable state, or
     options out of range.
     """
 
     _tried = 4
-    """Number of steps after which the first step length is accepted, because the fourth is
-    measured."""
+    """Number of steps after which the first step length is accepted [1]. The fourth step is one
+    whose error is measured."""
 
     n: int
     t: float
@@ -78,7 +78,10 @@ class SymplecticNystrom(OdeSolver):
         together: int | None = None,
         settings: SolverSettings = DEFAULTS,
     ) -> None:
-        """Start at the state y0 of a motion; times in [s], `atol` of shape () or (len(y0),)."""
+        """Start at the state y0 at the time t0 [s]; `fun` is the equation of motion.
+
+        `t_bound`, `first_step` and `max_step` are in [s]. `atol` has the shape () or (len(y0),).
+        """
         if not isinstance(fun, EquationOfMotion):
             raise TypeError(
                 f'{type(self).__name__} integrates an EquationOfMotion, not {fun!r}; '
@@ -115,9 +118,9 @@ class SymplecticNystrom(OdeSolver):
 
     @classmethod
     def load(cls) -> None:
-        """Compile or load all loops by two steps of a chain of two rotors.
+        """Compile all loops, or load them from the cache, by two steps of a chain of two rotors.
 
-        Otherwise the first steps would wait for the compiler.
+        Without this call, the first step of a simulation would wait for the compiler.
         """
         motion = EquationOfMotion(Chain(number_of_rotors=2))
         few_rows = SolverSettings(rotors_per_call=1)
@@ -144,7 +147,7 @@ class SymplecticNystrom(OdeSolver):
             )
 
     def _advance(self) -> bool:
-        """Take several steps of the method; return whether any was accepted."""
+        """Take several method steps; return whether at least one of them was accepted."""
         remaining = abs(self.t_bound - self.t)
         count, last = self.together, False
         if self._trying:
@@ -171,7 +174,11 @@ class SymplecticNystrom(OdeSolver):
         return NystromOutput(self.t_old, self.t, self._states, self._steps)
 
     def _checked(self, step: float, count: int) -> tuple[Array, float]:
-        """Return states up to the last step with an accepted error, and the largest error."""
+        """Take up to `count` method steps of length `step` [s] and check their errors.
+
+        Return the states up to the last accepted step, and the largest error. If a measured error
+        exceeds 1, the steps up to the previous measurement are accepted.
+        """
         every = self._settings.measured_every
         measured = steps_to_measure(self._since_change, count, every)
         checks = Checks(self._absolute, self._relative, measured)
@@ -183,14 +190,14 @@ class SymplecticNystrom(OdeSolver):
         return states if good else states[: 1 + sum(measured[-2:-1])], error
 
     def _adapt(self, error: float) -> None:
-        """Change the length of steps if a measured error requires it."""
+        """Change the step length if a measured error is too large or far below the tolerance."""
         better = self._better(error)
         shorter = better < self._settings.max_shrinkage * self.length and self._trying
         if not error <= 1 or shorter or better > self._settings.min_growth * self.length:
             self._change_to(better)
 
     def _better(self, error: float) -> float:
-        """Return the step length that corresponds to a measured error [s]."""
+        """Return the step length [s] that a measured error of the current length suggests [1]."""
         if not math.isfinite(error):
             return self.length / 4
         factor = min(4.0, (self._settings.aim / error) ** (1 / (ORDER + 1))) if error else 4.0
@@ -208,7 +215,10 @@ class SymplecticNystrom(OdeSolver):
         self._even_from, self._even_steps = float(self.t), 0
 
     def _longest_from(self, state: Array) -> float:
-        """Return the longest step that is stable and rotates no rotor too far in a drift [s]."""
+        """Return the longest allowed step for a state [s].
+
+        The step must be stable, and no drift may rotate a rotor by more than LARGEST_TURN.
+        """
         rotors = self._motion.rotors
         fastest = float(np.abs(state[rotors : 2 * rotors]).max())
         turning = _LONGEST_DRIFT * fastest / (self._settings.safety * LARGEST_TURN)
@@ -217,7 +227,7 @@ class SymplecticNystrom(OdeSolver):
 
 
 class NystromOutput(DenseOutput):
-    """Interpolation between the states of steps of one length."""
+    """Interpolation between the states of consecutive method steps of equal length."""
 
     def __init__(self, t_old: float, t: float, states: Array, steps: NystromSteps) -> None:
         super().__init__(t_old, t)
@@ -239,7 +249,7 @@ def _checked_tolerances(rtol: float, atol: ArrayLike, size: int) -> tuple[float,
         raise ValueError(f'rtol = {rtol} and atol = {absolute} must be 0 or more')
     if rtol == 0 and not (absolute > 0).all():
         raise ValueError(f'rtol = {rtol} and atol = {absolute} must not both be 0')
-    # For an integer numba would compile the loops again.
+    # Return a float, because numba would compile the loops again for an integer.
     return float(rtol), np.full(size, absolute) if absolute.ndim == 0 else absolute
 
 
