@@ -19,7 +19,7 @@ _MOTIONS = tuple(Motion)
 _ROTORS = (10, 200)
 """Range of the number of rotors [1]."""
 _NOISES = (0.001, 0.1)
-"""Range of the standard deviation of an angle [rad]."""
+"""Range of the standard deviation of the angle noise [rad]."""
 _SPEEDS = (0.02, 0.9)
 """Range of the wall speed relative to the speed of sound [1]."""
 _PERIODS = (0.05, 0.5)
@@ -28,7 +28,7 @@ correspond to 1000 Hz and 100 Hz."""
 _RUNS = (50, 400)
 """Range of the number of frames in a record [1]."""
 _PHONONS = (0.001, 0.03)
-"""Range of the rms rotor rate of the phonons [rad / time unit]."""
+"""Range of the root mean square of the rotor rates due to phonons [rad / time unit]."""
 _REST_ANGLES = (0.3, 1.3)
 """Range of the rest angle [rad]."""
 _NEAREST = 0.02
@@ -60,7 +60,7 @@ class AccuracyCell:
     The analyser is configured with `analysed_chain`.
     """
     noise: float
-    """Standard deviation of an angle [rad]."""
+    """Standard deviation of the noise of each angle [rad]."""
     speed: float
     """Nominal wall speed relative to the speed of sound [1]."""
     period: float
@@ -68,7 +68,7 @@ class AccuracyCell:
     run: int
     """Number of frames of a record [1]. Each record starts with a new analyser."""
     phonons: float = 0.0
-    """Rms rotor rate of the phonons [rad / time unit]."""
+    """Root mean square of the rotor rates due to phonons [rad / time unit]."""
     walls: int = 1
     nudged: bool = False
     """Whether the wall starts with a kick at the first edge. The kick also excites phonons."""
@@ -88,8 +88,8 @@ class AccuracyCell:
     """Rotors without encoder: none (''), the two edge rotors ('edges'), or all rotors except one
     or three random ones ('all but one', 'all but three')."""
     kick: float = 0.0
-    """Rate of a kick at the edge that is too strong for a wall to survive [rad / time unit]; 0
-    means no kick."""
+    """Rotor rate of a kick at the edge, after which no wall exists [rad / time unit]; 0 means no
+    kick."""
     noise_only: bool = False
     """Whether all angles are uniformly random, so that no wall exists."""
     degrees: bool = False
@@ -114,7 +114,10 @@ class AccuracyCell:
 
     @property
     def invalid_input(self) -> bool:
-        """Whether the readings cannot match the configured chain, so that every wall is false."""
+        """Whether the readings do not match the configured chain.
+
+        If they do not match, every reported wall is false.
+        """
         return self.noise_only or self.degrees or self.configured_chain is not None
 
     @property

@@ -87,7 +87,7 @@ class ContractionStudy:
 
     walls: tuple[Walls, ...]
     noise: float
-    """Standard deviation of an angle [rad]."""
+    """Standard deviation of the noise of each angle [rad]."""
     frames: int
     """Number of frames in which a wall passes from edge to edge [1]."""
     seed: int

@@ -60,7 +60,7 @@ class EstimatorTrial:
 
     frames: int
     noise: float
-    """Standard deviation of an angle [rad]."""
+    """Standard deviation of the noise of each angle [rad]."""
     coarse_start: float
     """Largest error of the initial guess that a fit receives [rotor spacings]."""
     cold_every: int
@@ -79,13 +79,13 @@ def bound(chain: Chain, noise: float) -> float:
 
 
 def inner_positions(chain: Chain) -> tuple[float, float]:
-    """Return the lowest and highest position two wall widths from both edges [rotor spacings]."""
+    """Return the lowest and the highest position two wall widths from both edges [spacings]."""
     low = _FROM_EDGE * chain.wall_width / chain.spacing
     return low, chain.number_of_rotors - 1 - low
 
 
 def estimators_of(chain: Chain) -> dict[str, Estimator]:
-    """Return the estimators of a chain by name; only spinners have a shifted field."""
+    """Return the estimators for a chain by name; `SHIFTED_CROSSING` is for spinners only."""
     return {
         name: estimator
         for name, estimator in ESTIMATORS.items()
@@ -185,7 +185,7 @@ def _orbit_cold(orbit: UniformOrbit, angles: Array, _guess: float) -> Estimate:
 
 
 def _orbit_estimate(orbit: UniformOrbit, fit: NearestPoint) -> Estimate:
-    """Return the estimate that belongs to a nearest point of the orbit.
+    """Return the estimate that follows from a fit to the orbit.
 
     The interval is from Student's t distribution, because the noise is estimated from the misfit.
     """

@@ -41,7 +41,7 @@ class FrameStudy:
 
     chains: tuple[Chain, ...]
     noises: tuple[float, ...]
-    """Standard deviations of an angle [rad]."""
+    """Tested standard deviations of the noise of each angle [rad]."""
     trial: EstimatorTrial
     """Parameters of the tested frames, the same for each combination of chain and noise."""
     seed: int

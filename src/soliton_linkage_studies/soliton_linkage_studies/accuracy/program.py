@@ -1,9 +1,10 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Measure the errors of estimators, and check the deviations that the analyser states.
+"""Measure the errors of estimators, and check the standard deviations that the analyser states.
 
-The study compares estimators with their bound, the contraction of walls with theory, and stated
-deviations with errors, in random and difficult cells.  It also simulates a million steps of rigid
-bars. Tables are written as Markdown and CSV, pictures as PNG and PDF. They depend only on the
+The study compares the errors of estimators with the Cramer-Rao bound, and the contraction of walls
+with theory. In random and difficult test cells, it compares the standard deviations that the
+analyser states with its errors. It also measures the errors of a million steps of rigid bars.
+Tables are written as Markdown and CSV, pictures as PNG and PDF. The results depend only on the
 settings and the seed of the cells, not on the number of processes or on interruptions.
 """
 

@@ -35,8 +35,8 @@ Relative error of the velocity. Blue lines are root mean squares over {runs} run
 are the standard deviations stated by the estimator. Dotted black lines are the Cramér-Rao bound.
 """
 _CLEAR = 8.0
-"""Smallest distance between the path of a wall and the edges [rotors]. In a short chain, the
-distance is as large as possible."""
+"""Smallest distance between the path of a wall and the edges [rotors]. If the chain is too short
+for this distance, the distance is as large as possible."""
 _QUICK_RUNS = 4
 """Largest number of runs per chain in a quick study [1]."""
 _SHOWN = 60
@@ -54,7 +54,7 @@ class RecordStudy:
 
     chains: tuple[Chain, ...]
     noise: float
-    """Standard deviation of an angle [rad]."""
+    """Standard deviation of the noise of each angle [rad]."""
     speed: float
     """Wall speed [rotor spacings / s]."""
     frame_rate: float
@@ -103,7 +103,7 @@ class RecordStudy:
         wall moves on a random leg of the orbit. Its path keeps as far from both edges as possible,
         up to eight rotors.
         """
-        # This slow import is not needed by the other parts of the command.
+        # This import is slow, and the other parts of the command do not need it.
         from soliton_linkage.estimation.orbit_filter import OrbitFilter
 
         orbit = orbit_of(self.chains[chain])

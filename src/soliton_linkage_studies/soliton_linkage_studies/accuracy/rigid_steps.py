@@ -30,11 +30,12 @@ of a number. Values below a hundredth of it are drawn at this limit.
 """
 _ROUNDING = float(np.finfo(np.float64).eps)
 _POINTS = 60
-"""Number of points, evenly spaced on a logarithmic scale [1]."""
+"""Number of step counts at which errors are reported, evenly spaced on a logarithmic scale [1]."""
 _QUICK_STEPS = 1000
 """Largest number of steps in a quick study [1]."""
 _PERIOD = 0.1
-"""Frame period [time units]. The step size of the solver follows from its tolerance."""
+"""Frame period [time units]. It does not determine the step size of the solver, which follows from
+the tolerance of the solver."""
 _QUANTITIES = ('length', 'energy')
 
 

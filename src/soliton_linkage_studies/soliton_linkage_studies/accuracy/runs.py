@@ -115,7 +115,7 @@ def record(
         if cell.impulses_known and frame in scene.impulse_frames:
             analyser.apply_impulse(stamp, scene.impulses[scene.impulse_frames.index(frame)])
         analysis = analyser.analyse(stamp, angles)
-        if analysis is None:  # The error of a stamp may exceed the period.
+        if analysis is None:  # Because of jitter, the stamp is not later than the previous one.
             continue
         if last or not cell.wrong_reading:
             _score(cell, scene, frame, analysis, scores)
@@ -245,7 +245,10 @@ _QUICK_CELLS = 15
 
 @dataclass(frozen=True)
 class CellStudy:
-    """Study of random and difficult cells; `only` are the names of its cells, if not empty."""
+    """Study of random and difficult cells.
+
+    If `only` is not empty, the study contains only the cells with these names.
+    """
 
     seed: int
     count: int
@@ -278,7 +281,7 @@ class CellStudy:
         cell = self.all[row]
         line: dict[str, float] = {}
         failure = ''
-        # The seed depends on the name, so that a selection of cells does not change the results.
+        # The seed depends on the name of the cell, so that selected cells have the same results.
         name = int.from_bytes(cell.name.encode(), 'big')
         random = np.random.default_rng([self.seed, name])
         try:

@@ -54,8 +54,7 @@ A wall closer to an edge is not scored, because the edge absorbs the wall.
 _BEGIN = 2.0
 """Smallest distance between a wall and an edge at the start of a scene [rotor spacings]."""
 _SAMPLES = 200
-"""Number of samples of the orbit near the first edge [1]. They locate the rest state on the orbit.
-"""
+"""Number of samples of the orbit near the first edge [1], which locate the rest state on it."""
 _LEGS = 2.0
 """Longest path of a kicked wall before the scene starts [legs]. A leg is a passage from edge to
 edge."""
@@ -97,9 +96,9 @@ class WallScene:
     """Leg of the orbit (number of the passage from edge to edge), shape (T,). It is -1 unless the
     scene has exactly one wall."""
     scored: NDArray[np.bool_]
-    """Whether a wall is scored, shape (T, K). Walls near an edge are not."""
+    """Whether a wall is scored, shape (T, K). Walls near an edge are not scored."""
     impulse_frames: tuple[int, ...] = ()
-    """Number of the first frame after each impulse."""
+    """Number of the first frame after each impulse, from 0 for the first frame of the scene."""
     impulses: tuple[Array, ...] = ()
     """Angular impulses on the rotors [N m s], shape (N,) for each impulse."""
 
@@ -216,7 +215,7 @@ def _single_wall(
         kinetic.append(float(springs.chain.kinetic_energy(springs.rates)))
         raw.append(arc)
     slow = abs(start.speed) < _SLOW * gap(chain) / (2 * math.pi)
-    # # The speed decays exponentially, so that the slope of a fitted line would be too large.
+    # The speed decays exponentially, so that the slope of a fitted line would be too large.
     cubic = slow or cell.damping > 0
     means, slopes = averages_and_slopes(np.array(raw), beside, at, cubic)
     kept = slice(margin, total - margin)

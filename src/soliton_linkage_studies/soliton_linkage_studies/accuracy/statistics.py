@@ -238,7 +238,7 @@ class Line:
 
     chain: Chain
     noise: float
-    """Standard deviation of an angle [rad]."""
+    """Standard deviation of the noise of each angle [rad]."""
     estimator: str
     accuracy: Accuracy
 
@@ -383,7 +383,7 @@ def _large_errors(row: Row) -> float:
 
 
 def _inconsistency(rms: float) -> float:
-    """Return the logarithmic distance of a root mean square from `_CONSISTENT` [1]."""
+    """Return how far a root mean square is outside the range `_CONSISTENT`, as a logarithm [1]."""
     if not rms > 0:
         return 0.0
     low, high = _CONSISTENT

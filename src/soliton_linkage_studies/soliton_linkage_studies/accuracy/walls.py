@@ -41,12 +41,15 @@ _CLOSE = 1e-6
 
 
 def reach(chain: Chain) -> float:
-    """Return the half width of a wall: beyond it, angles change by less than 1 % [spacings]."""
+    """Return the half width of a wall [rotor spacings].
+
+    Beyond this distance from a wall, the wall changes angles by less than 1 %.
+    """
     return 2.5 * max(chain.wall_width, penetration_depth(chain)) / chain.spacing + 3
 
 
 def extent(chain: Chain) -> int:
-    """Return the number of rotors on each side of a wall in its path [1]; the number is even."""
+    """Return the even number of rotors that a path contains on each side of its wall [1]."""
     return 2 * math.ceil((3 * reach(chain)) / 2)
 
 
@@ -183,7 +186,8 @@ def nearest_arc(orbit: Orbit, angles: Array, arc: float) -> float:
 def wall_path(chain: Chain, charge: int, leg: int = 0) -> WallPath:
     """Return the path of a wall far from the edges.
 
-    Only the kinks of spinners have a different path on each leg, a passage from edge to edge.
+    Kinks of spinners have a different path on each leg (passage from edge to edge). All other
+    walls have a single path.
     """
     beside = extent(chain)
     window = replace(chain, number_of_rotors=2 * beside + 3, deviations=NO_DEVIATIONS)
@@ -208,7 +212,7 @@ def wall_path(chain: Chain, charge: int, leg: int = 0) -> WallPath:
 _SETTLING = (60.0, 400.0)
 """Shortest and longest simulated time in which a wall loses its phonons [time units]."""
 _ABSORPTION = 0.5
-"""Damping of the rotors beside a settling wall, which absorbs the phonons [1 / time unit]."""
+"""Damping that absorbs phonons at the rotors outside a settling wall [1 / time unit]."""
 _BROKEN = 0.15
 """Threshold of the misfit of a wall, relative to the swing of a rotor [1]. A wall counts as
 destroyed if its misfit is larger."""

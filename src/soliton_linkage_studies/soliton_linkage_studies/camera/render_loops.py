@@ -44,10 +44,10 @@ _PIXELS = named_tuple(Pixels, f8_2d, f8_2d, f8_2d)
 
 
 def _covered(distance: float, spread: float) -> float:
-    """Return the fraction of a pixel that is inside an edge.
+    """Return the fraction of a pixel that a shape covers.
 
-    `distance` is the distance between pixel and edge [m], negative if the pixel is inside.
-    `spread` is the standard deviation of the point spread function [m].
+    `distance` is the distance of the pixel from the edge of the shape [m], negative inside the
+    shape. `spread` is the standard deviation of the point spread function [m].
     """
     share = distance / spread
     if share > 4.0:
@@ -122,10 +122,10 @@ def paint_rotors(
 ) -> None:
     """Paint every other rotor with its arm and dots.
 
-    `parity` is the first rotor, 0 or 1. The rows of `rotors` are the angles, rates and
-    accelerations at time 0, the pivots and the rotor lengths. `shape` contains the radius of
-    labels, the radius of dots and the half width of arms [m]. `moments` contains the times of the
-    samples of each row of the picture [s].
+    `parity` is the first rotor, 0 or 1. The rows of `rotors` are the angles [rad], rates [rad/s]
+    and accelerations [rad/s^2] at time 0, the pivots [m] and the rotor lengths [m]. `shape`
+    contains the radius of labels, the radius of dots and the half width of arms [m]. `moments`
+    contains the times of the samples of each row of the picture [s].
     """
     label, dot, arm = shape[0], shape[1], shape[2]
     samples = moments.shape[1]

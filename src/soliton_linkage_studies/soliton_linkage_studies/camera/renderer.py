@@ -260,7 +260,7 @@ class Renderer:
 def _between(edges: Array, parts: int) -> Array:
     """Divide the intervals between edges into equal parts, and return the middle of each part.
 
-    The edges are along the first axis.
+    The first axis of `edges` counts the edges.
     """
     share = ((np.arange(parts) + 0.5) / parts)[:, None, None]
     middles = edges[:-1, None] * (1 - share) + edges[1:, None] * share

@@ -45,7 +45,7 @@ PERIOD = 1 / 60
 SIMULATED = 0.002
 """Period of the simulated frames [s]. Cubic splines interpolate the motion between them."""
 _TILTS = (0.06, -0.09, 0.01)
-"""Rotation of the camera from the normal of the plane [rad]."""
+"""Pan, pitch and roll of the chain plane relative to the camera [rad]."""
 _FILLED = 1.12
 """Width of the picture, relative to the width of the chain with its frame markers [1]."""
 _SWAPPED = 0.1
@@ -55,7 +55,7 @@ _SETTLING = 10
 """Number of pictures at the start of a film whose errors are not evaluated [1]. Afterwards, the
 plane and the pivots are averages over several pictures."""
 _HAND_EVERY, _HAND_FOR = 10.0, 0.7
-"""Time between the starts of two covers of the view by a hand, and duration of a cover [s]."""
+"""Time between two hands that cover part of the view, and time for which a hand is visible [s]."""
 _TURN = 0.01
 """Rotation of the rotors for finite differences of the pixels [rad]."""
 

@@ -72,7 +72,7 @@ which the walls separate after one collision, against d = 2 r sin θ̄ / a for t
 Dashed line: critical speed of phi⁴ theory, {phi4:g} c, the limit of small d.
 """
 _OUTCOME_COLOURS = (PURPLE, BLUE, ORANGE, GREEN, BLACK)
-"""Colour of a collision by the number of overlaps: 0, 1, 2, 3 or more."""
+"""Colours of collisions with 0, 1, 2, 3, and 4 or more overlaps."""
 _NAMES = ('never overlapped', '1 collision', '2 collisions', '3 collisions', 'more collisions')
 _COLUMNS = 4
 """Number of panels in a row [1]."""
@@ -172,7 +172,7 @@ def _draw_critical(report: FigureReport, axes: Axes, series: dict[str, list[Row]
 
 
 def _outcome(row: Row) -> int | None:
-    """Return the number of overlaps before the walls separate; the largest returned number is 4.
+    """Return the number of overlaps before the walls separate; 4 means four or more.
 
     Returns None for a captured pair, and -1 if the anti-kink is broken.
     """

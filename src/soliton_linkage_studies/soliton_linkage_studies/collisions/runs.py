@@ -31,7 +31,7 @@ INITIAL_DISTANCE = 12.0
 of the wall mass."""
 ESCAPED = 8.0
 """Threshold of the distance between the walls, in reaches [1]: walls count as escaped if their
-distance is larger. Beyond it, only walls slower than 0.001 c return."""
+distance is larger. At this distance, only walls slower than 0.001 c can return."""
 _NEAR = 7.0
 """Smallest distance between the walls at which the speed before a collision is measured, in
 reaches [1]."""
@@ -44,8 +44,8 @@ lasts for ten frames or more."""
 _CORE = 4.0
 """Half width of a wall in reaches [1]. Only e^(-16) of the energy of a wall is outside."""
 _LUMP = 8.0
-"""Half width of a captured pair in reaches [1]. It is twice the amplitude of the walls of a pair.
-"""
+"""Half width of a captured pair in reaches [1]. The amplitude of the walls of a captured pair is
+half of this width."""
 _FEWEST = 5
 """Smallest number of frames for a speed estimate [1]. Escaped walls have 30 frames or more."""
 _TOLERANCE = 1e-10
@@ -119,13 +119,13 @@ class CollisionRun:
     closest: float
     """Smallest distance between the walls; 0 if they overlapped."""
     turns: int
-    """Turns of the rotors between the walls since the start of the collision."""
+    """Number of full turns of the rotors between the walls since the start of the collision."""
     broken: bool
     """Whether the anti-kink was destroyed. `_broken` defines this condition."""
     radiated: float
     """Fraction of the final energy that is outside the walls or outside the captured pair [1]."""
     drift: float
-    """Largest relative error of the energy."""
+    """Range of the energy during the simulation, relative to its initial value [1]."""
 
     @property
     def speed_after(self) -> float:
@@ -209,7 +209,7 @@ def simulate_frames(task: Collision) -> Iterator[tuple[Array, Array, Array]]:
         motion.state(start.angles, start.rates),
         np.inf,
         rtol=0.0 if constant else _TOLERANCE,
-        # # With a large tolerance, the solver always takes the longest allowed step.
+        # With a large tolerance, the solver always takes the longest allowed step.
         atol=1e3 if constant else _TOLERANCE,
         max_step=task.step / band_edges(task.ring)[1],
     )
@@ -288,7 +288,7 @@ def _end(task: Collision, path: WallPaths) -> int | None:
     distances = path.distances / task.reach
     met = np.flatnonzero(~(distances > _NEAR))
     if not met.size:
-        # The time limit ends the run if a wall is pinned.
+        # If a wall is pinned, the walls never meet, and this time limit ends the run.
         late = path.times > (INITIAL_DISTANCE / task.speed + task.patience) * task.unit
     else:
         there_and_back = (_NEAR / 2 + ESCAPED) / task.speed
@@ -327,7 +327,7 @@ def _outcome(task: Collision, path: WallPaths, state: State, drift: float) -> Co
 
 
 def _turns(ring: Chain, path: WallPaths, state: State) -> int:
-    """Return the turns of the rotor in the middle between spinner walls, minus half a turn."""
+    """Return the turns of the rotor half way between the walls of a spinner, minus half a turn."""
     if ring.motion is not Motion.SPINNER:
         return 0
     rotor = round((path.kinks[-1] + path.anti_kinks[-1]) / 2)
@@ -362,7 +362,7 @@ def _radiated(task: Collision, path: WallPaths, state: State, escaped: bool) -> 
 def _energies(ring: Chain, state: State) -> Array:
     """Return the energy of each rotor [J], shape (N,).
 
-    It contains half of the energy of the two springs of the rotor.
+    Each spring contributes half of its energy to each of its two rotors.
     """
     elastic = 0.5 * ring.stiffnesses * ring.spring_extensions(state.angles) ** 2
     kinetic = 0.5 * ring.moments_of_inertia * state.rates**2

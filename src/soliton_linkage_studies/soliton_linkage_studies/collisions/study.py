@@ -30,14 +30,14 @@ _QUICK_EVERY = 40
 _QUICK_HALVINGS = 2
 """Number of bisections in the search for a speed in a quick study [1]."""
 _HALVINGS = 13
-"""Number of bisections in a full study [1], which reduce a range of 0.6 c to 1e-4 c."""
+"""Number of bisections in a full study [1]; they reduce a speed range of 0.6 c to 1e-4 c."""
 _FASTEST = 2.0
 """Largest speed in units of the speed of sound [1]; flippers with d near 1 can be supersonic."""
 
 
 @dataclass(frozen=True)
 class WindowEdge:
-    """Search for the edge of a window in which walls escape after a number of overlaps."""
+    """Search for the edge of a speed window: inside, walls escape after `collisions` overlaps."""
 
     collision: Collision
     collisions: int
@@ -48,7 +48,7 @@ class WindowEdge:
     halvings: int
 
     def __call__(self) -> tuple[float, CollisionRun]:
-        """Return the speed at the edge of the window, and a collision inside the window near it.
+        """Return the speed at the edge, and the simulated collision in the window nearest to it.
 
         Raises ValueError unless the walls escape after `collisions` overlaps at the speed
         `inside`, but not at the speed `outside`.
@@ -285,7 +285,7 @@ def _value(kind: object, text: str) -> Any:
 
 
 def series_of(rows: Sequence[Row], part: str) -> dict[str, list[Row]]:
-    """Return the rows of a part of the study by series; the order of the rows is kept."""
+    """Return the rows of one part of the study, grouped by series in their original order."""
     found: dict[str, list[Row]] = {}
     for row in rows:
         if row.part == part:

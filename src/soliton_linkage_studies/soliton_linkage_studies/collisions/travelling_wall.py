@@ -31,13 +31,14 @@ from soliton_linkage.linkage.chain import Array, Chain, Motion
 from soliton_linkage.solitons.continuum import FlipperTheory, SpinnerTheory
 
 _REACH = 11.0
-"""Half length of the grid, in units of 2 l [1]. l is the penetration depth."""
+"""Half length of the grid, in units of twice the penetration depth l [1]."""
 _QUIET_FROM = 4.0
-"""Distance from the wall at which the penalty on moving tails starts, in units of 2 l [1]. The
-penalty increases with the distance, and is constant beyond 1.5 times this distance."""
+"""Distance from the wall at which the penalty on moving tails starts, in units of twice the
+penetration depth l [1]. The penalty increases with the distance. At 1.5 times this distance, it
+reaches its final value."""
 _QUIETNESS = 0.05
-"""Strength of the penalty on moving tails, in units of I gap^2 [1]. Sensitivity: at 0.01 or 0.2,
-v' changes by 1e-4."""
+"""Strength of the penalty on moving tails [1], in units of I gap^2 with the moment of inertia I
+and the lowest phonon frequency. Sensitivity: at 0.01 or 0.2, v' changes by 1e-4."""
 _POINTS_A_WIDTH = 12
 """Number of grid points per wall width [1]. Sensitivity: at 2x, v' changes by less than 1e-5."""
 _ITERATIONS = 20
@@ -48,8 +49,8 @@ _LONGEST_STEP = 0.3
 _CONVERGED = 1e-8
 """Threshold of convergence [rad]: the search ends if no angle changes by more."""
 _CLOSEST = 0.9
-"""Largest speed of the initial guess, relative to the speed of sound [1]. It limits the guess for
-supersonic walls."""
+"""Largest speed of the initial guess, relative to the speed of sound [1]. The continuum theory has
+no supersonic walls."""
 _FIRST = (0.0, 4 / 5, -1 / 5, 4 / 105, -1 / 280)
 """Weights of the first-derivative stencil of order 8, for the centre and the points ahead [1]. The
 weights of the points behind have the opposite sign."""
@@ -107,7 +108,7 @@ def travelling_wall(chain: Chain, speed: float, charge: int, turn: int = 1) -> T
 
 
 class _Grid:
-    """Grid of angles in a flat array: first those of even rotors, then those of odd rotors."""
+    """Grid of angles in a flat array: first the angles of even rotors, then of odd rotors."""
 
     def __init__(self, ring: Chain) -> None:
         width, depth = (
@@ -184,7 +185,7 @@ class _Grid:
         return np.repeat(sides, [half, self.count - half], axis=1).ravel()
 
     def _stiffness(self, angles: Array) -> csr_array:
-        """Return the stiffness matrix on the grid, the negative derivative of the torques."""
+        """Return the stiffness matrix on the grid: minus the derivatives of the torques."""
         each = [coo_array(stiffness_matrix(self.chain, angles[row])) for row in self._index]
         rows, columns = (
             np.concatenate([row[sites] for row, sites in zip(self._index, found, strict=True)])

@@ -48,8 +48,8 @@ _NORMAL = 1.959964
 """Half width of the interval that contains the central 95 % of a normal distribution [standard
 deviations]."""
 _ASIDE = 0.4
-"""Horizontal offset between the points of different chains [%]. It prevents overlaps of the error
-bars."""
+"""Horizontal offset between the points of different chains, on the axis of the standard deviation
+[%]. It prevents overlaps of the error bars."""
 
 
 @FIGURES.add('disorder_against_passage')

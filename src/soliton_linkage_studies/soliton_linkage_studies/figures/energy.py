@@ -195,7 +195,7 @@ def _energies(chain: Chain, kick: float) -> tuple[float, float, float, float, fl
     positions = wall_positions(chain, recording)
     middle = (chain.number_of_rotors - 1) / 2
     inside = np.flatnonzero(np.abs(positions - middle) < MIDDLE * middle)
-    # # Use only the first passage, because a fast wall is reflected and passes the middle again.
+    # Use only the first passage, because a fast wall is reflected and passes the middle again.
     inside = inside[: np.append(np.diff(inside) > 1, True).argmax() + 1]
     angles, rates = recording.angles[inside], recording.rates[inside]
     stretched = 0.5 * chain.stiffnesses * chain.spring_extensions(angles) ** 2

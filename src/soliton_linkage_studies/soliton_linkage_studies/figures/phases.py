@@ -268,9 +268,9 @@ def _compare(report: FigureReport, chain: Chain, curves: tuple[Array, ...]) -> N
 
 
 def _compare_limits(report: FigureReport, chain: Chain) -> None:
-    """Compare the limit of spinners with theory.
+    """Compare the limit between flippers and spinners with theory.
 
-    The limit is the r/a at which the number of components changes; it is found by bisection.
+    The limit is the ratio r/a at which the number of components changes. It is found by bisection.
     """
     low, high = 0.1, 100.0
     while high - low > 1e-9 * high:

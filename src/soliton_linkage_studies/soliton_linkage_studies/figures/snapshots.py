@@ -53,7 +53,7 @@ _LEGEND = 0.3
 @FIGURES.add('figure_2')
 @FIGURES.add('figure_3')
 def snapshot_figure(section: Section, quick: bool) -> FigureReport:
-    """Draw a chain before the kick, with its wall halfway, and after one round trip."""
+    """Draw a chain before its kick, with its wall halfway, and after a round trip of the wall."""
     section.check_keys('chain', 'kick', 'duration', 'frames')
     chain = chain_from(section.section('chain'))
     kick = section.number('kick', 0.0, 100.0)
@@ -106,7 +106,7 @@ def draw_snapshot(axes: Axes, chain: Chain, angles: Array, lowered: float) -> Ch
 def _turning_points(
     chain: Chain, recording: Recording, track: Track, crossings: tuple[Crossing, ...]
 ) -> list[int]:
-    """Return two frame numbers: wall halfway through its first crossing, and back after it."""
+    """Return two frames: wall halfway through its first crossing, and wall after its return."""
     halfway = (crossings[0].start + crossings[0].end) / 2
     back = recording.times >= crossings[1].end
     back &= recording.times <= 2 * crossings[1].end - crossings[1].start

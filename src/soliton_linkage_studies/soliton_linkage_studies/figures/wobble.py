@@ -132,11 +132,11 @@ def _draw_decays(
     positions: Array,
     from_rest: Array,
 ) -> None:
-    """Draw the decaying oscillation u of theory with two decay lengths.
+    """Draw two fits of a decaying oscillation: exact decay length, and that of the paper.
 
-    u = ub + e^(-x / depth) (A cos(pi x / a) + B sin(pi x / a)), where x is the distance from the
-    wall. A and B are fitted to the dots beyond 1.5 spacings from the wall, with weights e^(x /
-    depth).
+    A fit is u = ub + e^(-x / depth) (A cos(pi x / a) + B sin(pi x / a)), where x is the distance
+    from the wall and ub is the rest value. A and B are fitted to the dots beyond 1.5 spacings from
+    the wall, with weights e^(x / depth).
     """
     fine = np.linspace(1.0, _BESIDE, 400)
     far = positions > _NEAR
@@ -198,10 +198,10 @@ def _compare_tail(report: FigureReport, chain: Chain) -> None:
 
 
 def wavelength(deviation: Array) -> float:
-    """Return the wavelength of a deviation, one value per rotor [rotor spacings].
+    """Return the wavelength of an oscillation along the chain [rotor spacings].
 
-    The wavelength is twice the mean distance between interpolated zeros, or infinity if there are
-    fewer than two zeros.
+    `deviation` has one value per rotor. The wavelength is twice the mean distance between
+    interpolated zeros, or infinity if there are fewer than two zeros.
     """
     before = np.flatnonzero(np.signbit(deviation[:-1]) != np.signbit(deviation[1:]))
     if len(before) < 2:

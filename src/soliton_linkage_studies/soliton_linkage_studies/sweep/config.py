@@ -23,7 +23,7 @@ _FRACTIONS = (*_DEVIATIONS, 'scale')
 _MOST_POINTS = 10_000
 """Largest number of points of an axis [1]. A larger number is rejected as a typing error."""
 _MOST_ROWS = 10_000_000
-"""Largest number of rows of a table [1]. A table of this size has about a gigabyte."""
+"""Largest number of rows of a table [1]. A table of this size needs about a gigabyte."""
 _QUICK_POINTS = 8
 """Largest number of points of an axis in a quick sweep [1]."""
 _QUICK_SEEDS = 2
@@ -123,7 +123,7 @@ class SweepStudy:
 
 
 def trial_of(parameters: Mapping[str, Value], seed: int) -> tuple[Chain, SweepTrial]:
-    """Return a chain with random deviations from the uniform chain, and the trial of its wall.
+    """Return a chain with random deviations from the uniform chain, and its `SweepTrial`.
 
     Parameters are fields of `Chain` and `SweepTrial`. `rotor_length_ratio` (r / a) may replace
     `rotor_length`. `deviations.<field>` is the relative standard deviation of a field of
@@ -257,7 +257,7 @@ def _thinned(axis: Axis) -> Axis:
 
 
 def _seeds(settings: Section) -> tuple[int, ...]:
-    """Read the seeds from a list; a number n of seeds means 0 to n - 1."""
+    """Read the seeds: a list of seeds, or a number n for the seeds 0 to n - 1."""
     content = settings.values.get('seeds', 1)
     if not isinstance(content, list):
         return tuple(range(settings.whole_number('seeds', 1, _MOST_POINTS, 1)))

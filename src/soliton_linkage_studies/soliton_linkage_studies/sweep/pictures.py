@@ -130,7 +130,7 @@ def is_map(axes: Sequence[Axis]) -> bool:
 def curve_axes(axes: Sequence[Axis]) -> tuple[Axis, list[Axis]]:
     """Return the axis along which curves are drawn, and the other axes.
 
-    This is the axis with the most values.
+    Curves are drawn along the axis with the most values.
     """
     along = max(axes, key=lambda axis: len(axis.values))
     return along, [axis for axis in axes if axis is not along]
@@ -249,7 +249,7 @@ def _draw_shares(
 
 
 def _draw_curve(axes: Axes, along: Axis, curve: Array, style: Mapping[str, Any]) -> None:
-    """Draw a curve: the median of the seeds as a line, their range as a band, each as a dot."""
+    """Draw the median of the seeds as a line, their range as a band, and each seed as a dot."""
     positions, colour = _positions(along), style['color']
     seen = np.isfinite(curve).any(axis=-1)
     middle, low, high = (

@@ -114,7 +114,7 @@ class Table:
     def _configure(self, folder: Path) -> None:
         """Raise ValueError unless the configuration equals its copy in the folder.
 
-        If the folder has no copy yet, write it.
+        If the folder does not contain a copy yet, write this copy.
         """
         copy = folder / _CONFIGURATION
         if not copy.exists():
