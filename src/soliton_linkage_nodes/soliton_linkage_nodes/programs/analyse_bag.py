@@ -81,12 +81,13 @@ COLUMNS = (
 
 @dataclass(frozen=True)
 class BagBatch:
-    """Bags with the names of their output folders, and the function that analyses a bag."""
+    """Bags with the names of their output folders, and the function that analyses one bag."""
 
     bags: tuple[tuple[str, Path], ...]
     folder: Path
     analyse: Callable[[Path, Path, NamedChain | None, float | None], int]
-    """Function of bag, output folder, chain and noise [rad] that writes the states of the bag."""
+    """Function that analyses a bag and writes its states. The arguments are the bag, the output
+    folder, the chain and the noise [rad]."""
     chain: Path | None = None
     noise: float | None = None
     name: str = 'bags'
@@ -98,7 +99,7 @@ class BagBatch:
         return len(self.bags)
 
     def described(self) -> dict[str, Any]:
-        """Return the inputs that determine the rows."""
+        """Return the inputs that determine the rows of the table."""
         return {
             'bags': [str(bag) for _, bag in self.bags],
             'chain': str(self.chain) if self.chain else None,
@@ -106,11 +107,11 @@ class BagBatch:
         }
 
     def cells(self, row: int) -> list[str]:
-        """Analyse a bag into its folder, and return the cells of its row."""
+        """Analyse a bag, write the results into its folder, and return the cells of its row."""
         name, bag = self.bags[row]
         given = chain_of_file(self.chain) if self.chain else None
         try:
-            # Parallel processes would overwrite each other's progress lines.
+            # Parallel processes would overwrite each other's progress lines. Hide these lines.
             with redirect_stdout(io.StringIO()), redirect_stderr(io.StringIO()):
                 measured = self._measured(name, bag, given)
             failure = ''
@@ -126,7 +127,7 @@ class BagBatch:
 
 
 def summary(states: Iterable[dict[str, str]]) -> list[str]:
-    """Summarise the rows of a table of states in the cells from `motion` to `mean noise`."""
+    """Return the cells from `motion` to `mean noise`, which summarise a table of states."""
     motions: Counter[str] = Counter()
     stamps: list[int] = []
     tracked = seen = 0
@@ -146,8 +147,9 @@ def summary(states: Iterable[dict[str, str]]) -> list[str]:
 
 
 def named_bags(paths: Sequence[Path]) -> tuple[tuple[str, Path], ...]:
-    """Return a unique name for each bag. Bags of equal name include the names of their folders.
+    """Return a unique name and the path of each bag.
 
+    If several bags have the same name, the unique names contain the names of their folders.
     Raises ValueError if a bag is given twice.
     """
     bags = [path.resolve() for path in paths]
@@ -197,7 +199,7 @@ def _fill(study: BagBatch, table: Table, pool: Pool) -> None:
 
 
 _MOST_DRAWN = 4000
-"""Largest number of frames in a picture [1], more than a picture has pixel columns."""
+"""Largest number of frames in a picture [1]. A picture has fewer pixel columns."""
 
 
 class PictureFrames:
@@ -246,9 +248,10 @@ def analyse(
 ) -> int:
     """Write soliton_state.csv, soliton_events.csv and two pictures; return the number of frames.
 
-    With `html`, also write view.html, a page with the frames and a viewer. With `log_time`, the
-    receive times replace the stamps. Raises ValueError if the bag has no frames, or several frames
-    with the stamp 0, or, without `missing_joints`, no angle of a joint of the given chain.
+    If `html` is true, also write view.html, a page with the frames and a viewer. If `log_time` is
+    true, the receive times replace the stamps. Raises ValueError if the bag has no frames, or if
+    several frames have the stamp 0. Unless `missing_joints` is true, also raises ValueError if a
+    joint of the given chain has no angle in the bag.
     """
     frames = late = unstamped = 0
     analysed = JointStateAnalysis(noise)
@@ -291,7 +294,7 @@ def analyse(
 
 
 def _report_absent(bag: Path, analysed: JointStateAnalysis, fatal: bool) -> None:
-    """Report the joints of the chain without any angle; ValueError if this is `fatal`."""
+    """Report the joints of the chain that have no angle; if `fatal`, raise ValueError instead."""
     absent = analysed.absent
     if not absent:
         return
@@ -308,7 +311,10 @@ def _report_absent(bag: Path, analysed: JointStateAnalysis, fatal: bool) -> None
 def check_override(
     bag: Path, given: NamedChain, override: bool, limits: BagLimits = DEFAULT_LIMITS
 ) -> None:
-    """Report that a chain replaces the chain of the bag; ValueError without `override`."""
+    """Report that the chain `given` replaces a different chain of the bag.
+
+    Raises ValueError if the chains differ and `override` is false.
+    """
     with open_bag(bag, limits) as reader:
         try:
             own = read_chain(reader)

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Analysis of the frames of a bag, by the same methods as in the node soliton_analyser."""
+"""Analysis of the frames of a bag with the same methods as in the node soliton_analyser."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ from soliton_linkage_nodes.runtime import interfaces
 
 _RECORD_CHAIN = 'record the topic chain'
 _MAX_LINES = 3
-"""Largest number of lines about rejected messages of a topic."""
+"""Largest number of printed lines about rejected messages of one topic [1]."""
 
 
 def analyse_frames(
@@ -45,9 +45,9 @@ def analyse_frames(
 ) -> Iterator[tuple[JointStates, Analysis | None]]:
     """Yield each frame of a bag with its analysis, or with None if the frame is late.
 
-    `given` replaces the chain of the bag. With `log_time`, the receive times of the messages
-    replace their stamps. Rejected messages are skipped, and the first few are reported on stderr.
-    Raises ValueError if the bag has no frames or no chain.
+    If `given` is not None, it replaces the chain of the bag. If `log_time` is true, the receive
+    times of the messages replace their stamps. Rejected messages are skipped, and the first few
+    are reported on stderr. Raises ValueError if the bag has no frames or no chain.
     """
     analysis = analysis or JointStateAnalysis()
     joints = find_topic(reader, interfaces.JOINT_STATES.name)
@@ -92,7 +92,7 @@ def analyse_frames(
 
 
 def _beside(reader: Reader, joints: Connection, topic: interfaces.Topic) -> list[Connection]:
-    """Return the connections of a topic in the namespace of the joint states."""
+    """Return the connections of a topic that is in the same namespace as the joint states."""
     name = f'{joints.topic.rpartition("/")[0]}/{topic.name}'
     return [connection for connection in reader.connections if connection.topic == name]
 
@@ -106,7 +106,10 @@ def _decoder(connection: Connection) -> Callable[[bytes], JointStates]:
 
 
 def read_chain(reader: Reader, remedy: str = _RECORD_CHAIN) -> NamedChain:
-    """Return the last chain in a bag; ValueError without one, which ends with `remedy`."""
+    """Return the last chain in a bag.
+
+    Raises ValueError if the bag has no chain. The error message ends with `remedy`.
+    """
     chains = [message for _, message in read_topic(reader, 'chain', remedy)]
     if not chains:
         raise ValueError(f'bag {str(reader.path)!r} has no message on the topic chain; {remedy}')
@@ -114,7 +117,10 @@ def read_chain(reader: Reader, remedy: str = _RECORD_CHAIN) -> NamedChain:
 
 
 def read_recording(reader: Reader) -> tuple[NamedChain, Recording]:
-    """Return the chain of a bag and its joint states; time 0 is the first frame."""
+    """Return the chain of a bag and the recording of its joint states.
+
+    Time 0 of the recording is the time of the first frame.
+    """
     named = read_chain(reader)
     messages = [message for _, message in read_topic(reader, 'joint_states')]
     if not messages:

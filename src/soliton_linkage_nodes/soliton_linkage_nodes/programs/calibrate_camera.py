@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Calibrate a camera with pictures or a film of a chessboard, such as one from print_markers.
 
-Take a dozen pictures of the whole board, with different tilts and positions of the board. The
+Take a dozen pictures of the whole board, and tilt and move the board between the pictures. The
 output file has the format of ROS's camera_calibration, which camera drivers also read.
 """
 
@@ -24,7 +24,8 @@ from soliton_linkage_nodes.runtime.process import interrupt_on_signals
 
 _PICTURES = ('.jpg', '.jpeg', '.png', '.tif', '.tiff', '.bmp')
 _STRIDE = 10
-"""Interval of the used pictures of a film [pictures]; the search for the board takes 0.1 s."""
+"""Interval between the used pictures of a film [pictures]. Most pictures are skipped, because the
+search for the board takes 0.1 s per picture."""
 _CORNERS = Quantity('inner corners', '', 2, 100)
 """Number of inner corners in a row or column of the board [1]."""
 _SQUARE = Quantity('side of a square', 'm', 1e-4, 10.0)
@@ -32,7 +33,7 @@ _SQUARE = Quantity('side of a square', 'm', 1e-4, 10.0)
 
 
 def main(arguments: Sequence[str] | None = None) -> None:
-    """Calibrate."""
+    """Calibrate the camera as the command line specifies."""
     parser = PlainParser(prog='calibrate_camera', description=__doc__)
     parser.add_argument(
         'paths', type=Path, nargs='+', metavar='picture', help='pictures, or one film'

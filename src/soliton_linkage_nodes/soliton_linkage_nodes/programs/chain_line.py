@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Drawing of a chain in one line of the terminal, with the leans of its rotors and solitons."""
+"""Drawing of a chain in one line of the terminal. It shows leaning rotors and solitons."""
 
 from __future__ import annotations
 
@@ -24,20 +24,21 @@ from soliton_linkage_nodes.runtime import interfaces
 
 LEGEND = '/ leans right, \\ leans left, | is upright, ? is missing, O is a soliton'
 _UPRIGHT = 1 / 3
-"""Lean relative to the uniform state below which a rotor is drawn upright [1]."""
+"""Threshold for upright rotors [1]: a rotor is drawn upright if its lean, relative to the lean of
+the uniform state, is smaller."""
 _DEPTH = 10
-"""Depth of the queue of joint_states [1], so that a frame may have up to ten messages."""
+"""Depth of the queue of joint_states [1]. A frame may consist of up to ten messages."""
 _FEWEST = 10
 """Smallest number of marks in the line, even if the remark is long [1]."""
 
 
 class ChainLine:
-    """Drawing of the chain of the topics `chain` and `joint_states`, with rotor 0 on the left."""
+    """Drawing of the chain on the topics `chain` and `joint_states`. Rotor 0 is on the left."""
 
     def __init__(self, node: Node, joint_names: tuple[str, ...] = ()) -> None:
         """Subscribe with a node, also to best-effort publishers.
 
-        By default `joint_names` are the names in the topic `chain`.
+        If `joint_names` is empty, the joint names on the topic `chain` are used.
         """
         self._joint_names = joint_names
         self._node = node
@@ -60,7 +61,7 @@ class ChainLine:
 
     @property
     def missing(self) -> list[str]:
-        """Topics without any message yet."""
+        """Names of the topics on which no message has arrived yet."""
         received = {
             interfaces.CHAIN.name: self._chain,
             interfaces.JOINT_STATES.name: self._serialized,
@@ -73,7 +74,7 @@ class ChainLine:
         return math.nan if self._chain is None else self._chain[0].chain.spacing
 
     def show(self, solitons: Sequence[float], remark: str) -> None:
-        """Draw the chain with solitons and a remark if the drawing interval has elapsed."""
+        """Draw the chain, its solitons and a remark if the drawing interval has elapsed."""
         if not self._line.due:
             return
         if self._chain is None or self._serialized is None:
@@ -88,7 +89,7 @@ class ChainLine:
         self._draw(named.chain, angles, solitons, remark)
 
     def end(self, remark: str = '') -> None:
-        """Replace the line with a final text, and remove the subscriptions."""
+        """Replace the drawing with a final text, and remove the subscriptions."""
         self._line.end(remark)
         for subscription in self._subscriptions:
             self._node.destroy_subscription(subscription)
@@ -112,7 +113,10 @@ class ChainLine:
             self._line.note(f'rejected chain: {error}')
 
     def use(self, named: NamedChain) -> None:
-        """Set the chain to draw; ValueError if it has another number of rotors than of joints."""
+        """Set the chain that is drawn.
+
+        Raises ValueError if its number of rotors differs from the number of joint names.
+        """
         named = with_joints(named, self._joint_names)
         self._chain = (named, FrameReader(named.joint_names, named.encoder_offsets))
         self._frames.set_joints(named.joint_names)
@@ -126,8 +130,8 @@ class ChainLine:
 def drawn(leans: Array, solitons: Sequence[float], room: int) -> str:
     """Return one mark per rotor, or one per group of rotors if the line is too short.
 
-    `leans` are sines of the angles divided by the sine of the rest angle, shape (N,), NaN for
-    missing rotors. `solitons` are site coordinates [rotor spacings].
+    `leans` has shape (N,). It contains the sine of each angle divided by the sine of the rest
+    angle, or NaN for a missing rotor. `solitons` are site coordinates [rotor spacings].
     """
     shares = np.array_split(leans, min(room, len(leans)))
     marks = [_mark(share) for share in shares]

@@ -1,7 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """Report the content of a bag, whether it is complete, and the messages lost during recording.
 
-The first lines have the layout of `ros2 bag info`; their numbers come from the messages.
+The first lines have the layout of `ros2 bag info`. Their numbers are computed from the messages
+themselves.
 """
 
 from __future__ import annotations
@@ -27,13 +28,15 @@ from soliton_linkage_nodes.programs.command_line import (
 from soliton_linkage_nodes.runtime.stamps import SECOND
 
 _DAMAGE = 'damage'
-"""Key of the custom data of a recovered bag that describes the damage of the original."""
+"""Key in the custom data of a recovered bag. The value describes the damage of the original
+bag."""
 _LABEL_WIDTH = 19
-"""Width of the labels [characters], as in `ros2 bag info`."""
+"""Width of the labels [characters], the same as in `ros2 bag info`."""
 _EVENTS = 'soliton_linkage_msgs/msg/SolitonEvent'
 _SERVICE_EVENT, _SERVICE_SUFFIX = '_Event', '/_service_event'
 _TopicRow = tuple[tuple[str, str, str], int, int]
-"""Name, type and encoding of a topic, number of messages, and number of lost messages."""
+"""One topic: its name, type and encoding, its number of messages, and its number of lost
+messages."""
 
 
 def main() -> None:
@@ -65,7 +68,7 @@ def _is_sound(report: BagReport) -> bool:
 
 
 def _lines(report: BagReport) -> Iterator[tuple[str, list[str]]]:
-    """Yield each label with its lines; the first labels are the same as in `ros2 bag info`."""
+    """Yield each label with its lines. The first labels are the same as in `ros2 bag info`."""
     start = report.start or 0
     topics, services = _topics(report)
     yield 'Files:', [file.name for file in report.files]
@@ -118,7 +121,7 @@ def _row(kind: str, count: str, topic: _TopicRow) -> str:
 
 
 def _topics(report: BagReport) -> tuple[list[_TopicRow], list[_TopicRow]]:
-    """Return the topics and the services of a bag; channels of the same topic are merged."""
+    """Return the topics and the services of a bag. Channels of the same topic are merged."""
     counts: Counter[tuple[str, str, str]] = Counter()
     for topic, count in report.counts.items():
         counts[topic.name, topic.type_name, topic.serialization] += count
@@ -135,7 +138,7 @@ def _topics(report: BagReport) -> tuple[list[_TopicRow], list[_TopicRow]]:
 
 
 def _as_json(report: BagReport) -> dict[str, Any]:
-    """Return the report as JSON values; times in nanoseconds, sizes in bytes."""
+    """Return the report as JSON values. Times are in nanoseconds, and sizes are in bytes."""
     topics, services = _topics(report)
     keys = ('name', 'type', 'serialization_format', 'count', 'lost_when_recorded')
     known = 'lost_messages' in report.custom_data
@@ -162,7 +165,7 @@ def _as_json(report: BagReport) -> dict[str, Any]:
 
 
 def _recorded(report: BagReport) -> int:
-    """Return the duration without the times in which the recorder was paused or ended [ns]."""
+    """Return the duration [ns] without times in which the recorder was paused or stopped."""
     start = report.end if report.start is None else report.start
     gaps = gaps_in(report.custom_data)
     return report.end - start - time_in_gaps(gaps, start, report.end)
@@ -189,7 +192,7 @@ def _size(number: float) -> str:
 
 
 def _chains(text: str) -> list[str]:
-    """Describe the chain of each topic, from the custom data."""
+    """Describe the chain of each topic. `text` is the JSON text in the custom data."""
     try:
         chains = load_json(text)
         return [
@@ -218,7 +221,7 @@ def _lost_when_recorded(report: BagReport) -> dict[str, int]:
 
 
 def _counts_in(report: BagReport, key: str) -> dict[str, int]:
-    """Return a number for each topic from the custom data, {} if the data are damaged."""
+    """Return the count of each topic in the custom data, or {} if the data are damaged."""
     try:
         counts = load_json(report.custom_data.get(key, '{}'))
     except ValueError:

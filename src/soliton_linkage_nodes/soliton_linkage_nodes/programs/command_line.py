@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Command line of a program, and its exit with one line after an error."""
+"""Helpers for the command lines of programs, which exit with one line of text after an error."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ _SOURCE_LOCATION = re.compile(r', at /\S+:\d+')
 def parse_own_arguments(
     parser: PlainParser, arguments: Sequence[str] | None = None
 ) -> argparse.Namespace:
-    """Parse the options of the program, without the arguments of ROS."""
+    """Parse the options of the program itself, without the arguments of ROS."""
     given = sys.argv[1:] if arguments is None else arguments
     try:
         check_files(given)
@@ -42,7 +42,7 @@ def parse_own_arguments(
 
 
 def number(described: Quantity, kind: type[float] = float) -> Callable[[str], float]:
-    """Return a parser of a number that rejects values outside the range of the quantity."""
+    """Return a function that parses a number and rejects values outside the quantity's range."""
 
     def read(text: str) -> float:
         try:
@@ -58,7 +58,7 @@ def number(described: Quantity, kind: type[float] = float) -> Callable[[str], fl
 
 
 def reason(error: Exception) -> str:
-    """Return the text of an error; errors of files and of ROS become one line."""
+    """Return the text of an error. The texts of file errors and ROS errors become one line."""
     if isinstance(error, OSError) and error.filename is not None and error.strerror:
         return f'{error.filename}: {error.strerror}'
     return _SOURCE_LOCATION.sub('', str(error))
@@ -74,7 +74,7 @@ def exit_on_failure(program: str) -> Iterator[None]:
     except BrokenPipeError:
         raise
     except (OSError, RuntimeError, ValueError) as error:
-        # A terminal may still show a progress line.
+        # Clear the line of a terminal, because it may still show a progress line.
         line = '\r\x1b[K' if sys.stderr.isatty() else ''
         sys.exit(f'{line}{program}: {reason(error)}')
 
@@ -83,7 +83,7 @@ def exit_on_failure(program: str) -> Iterator[None]:
 def ros_client(program: str) -> Iterator[threading.Event]:
     """Initialise ROS for a client, and yield the event that SIGINT and SIGTERM set.
 
-    Exit with code 1 after a failure and 130 after a signal.
+    The context exits with code 1 after a failure, and with code 130 after a signal.
     """
     stopping = stop_on_signals()
     try:
@@ -97,7 +97,7 @@ def ros_client(program: str) -> Iterator[threading.Event]:
 
 
 def message_progress(title: str) -> tuple[ProgressLine, Callable[[int, int], None]]:
-    """Return a progress line, and a function that shows the processed and expected messages."""
+    """Return a progress line, and a function that shows numbers of done and expected messages."""
     progress, begun = ProgressLine(title, 0), time.monotonic()
 
     def show(done: int, expected: int) -> None:
@@ -121,7 +121,7 @@ def add_bags(parser: argparse.ArgumentParser) -> None:
 
 
 def add_limits(parser: argparse.ArgumentParser) -> None:
-    """Add an option for each limit, with its value as default."""
+    """Add an option for each limit in `BagLimits`, with the default value of the limit."""
     for name, described in described_fields(BagLimits).items():
         parser.add_argument(
             f'--{name.replace("_", "-")}',
@@ -133,6 +133,6 @@ def add_limits(parser: argparse.ArgumentParser) -> None:
 
 
 def limits_of(options: argparse.Namespace) -> BagLimits:
-    """Return the limits of the options."""
+    """Return the limits that the options specify."""
     names = [each.name for each in dataclasses.fields(BagLimits)]
     return BagLimits(**{name: getattr(options, name) for name in names})

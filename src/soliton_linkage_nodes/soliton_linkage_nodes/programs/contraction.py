@@ -2,7 +2,8 @@
 """Measure the Lorentz contraction of walls at a dozen speeds with the analyser.
 
 For each speed, the program starts a simulator with noisy encoders, nudges a wall into its chain
-and records a bag. Then it analyses the bags and compares the speeds and widths with theory.
+and records a bag. Then the program analyses the bags and compares the speeds and widths of the
+walls with theory.
 """
 
 from __future__ import annotations
@@ -42,23 +43,25 @@ from soliton_linkage_studies.program import installed_settings
 from soliton_linkage_studies.settings import load_settings
 
 _RATE = 250.0
-"""Frame rate of a recording [Hz], about 1500 frames for each wall."""
+"""Frame rate of a recording [Hz]. It gives about 1500 frames for each wall."""
 _SECONDS = 6.0
 """Duration of a recording [s]."""
 _WAY = 0.8
-"""Duration relative to that of the study [1], so that the wall does not reach the far edge."""
+"""Duration of a recording relative to the duration in the study [1]. It is below 1, so that the
+wall does not reach the far edge."""
 _POLL_INTERVAL = 0.1
-"""Poll interval while the nudge is sent [s]."""
+"""Poll interval while the program waits for the end of the nudge [s]."""
 _UNLIMITED = 1e6
-"""Limit of kicks [rad/s] and impulses [N m s], high enough for walls of any speed."""
+"""Limit of kicks [rad/s] and of impulses [N m s]. It is high enough for walls of any speed."""
 
 
 def record(
     study: ContractionStudy, walls: int, kick: int, folder: Path, stopping: threading.Event
 ) -> Path:
-    """Record a bag of a wall and return its path; `walls` and `kick` are indices of the study.
+    """Record a bag with one moving wall and return the path of the bag.
 
-    The parameters of the chain are scaled so that the wall has passed the middle after 6 s. Raises
+    `walls` is an index of `study.walls`, and `kick` is an index of the kicks of these walls. The
+    stiffness of the chain is scaled so that the wall has passed the middle after 6 s. Raises
     RuntimeError if a node fails.
     """
     chain, speed = study.walls[walls].chain, study.walls[walls].kicks[kick]
@@ -97,7 +100,7 @@ def record(
 
 
 def measure(bag: Path) -> ContractedWall:
-    """Measure speed and width of the wall in a bag; ValueError if the bag has no wall."""
+    """Measure the speed and width of the wall in a bag; ValueError if the bag has no wall."""
     with open_bag(bag) as reader:
         found = [each for each in analyse_frames(reader) if each[1] is not None]
         chain = read_chain(reader).chain
@@ -109,7 +112,7 @@ def measure(bag: Path) -> ContractedWall:
 
 
 def main(arguments: Sequence[str] | None = None) -> None:
-    """Record, measure and draw; exit with 1 if that fails, 130 on Ctrl-C."""
+    """Record bags, measure and draw; exit with 1 after a failure, 130 after Ctrl-C."""
     parser = PlainParser(prog='contraction', description=__doc__)
     settings = 'settings file (config/studies/accuracy.yaml of the suite)'
     default = installed_settings('accuracy')

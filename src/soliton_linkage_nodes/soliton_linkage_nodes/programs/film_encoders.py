@@ -1,9 +1,10 @@
 # SPDX-License-Identifier: Apache-2.0
 """Measure the angles of a chain in a film, and write them to a bag for analyse_bag.
 
-The bag has the topics chain, joint_states and joint_state_deviations (the standard deviation of
-each angle). The stamps are the times of the pictures in the film, which may have any frame rate.
-With --overlay, the program also writes the film with the detected markers and the walls.
+The bag has the topics chain, joint_states and joint_state_deviations. The last one contains the
+standard deviation of each angle. The stamps are the times of the pictures in the film. The film
+may have any frame rate. With --overlay, the program also writes the film with the detected
+markers and the walls.
 """
 
 from __future__ import annotations
@@ -55,7 +56,7 @@ from soliton_linkage_nodes.runtime.stamps import SECOND, time_to_msg
 from soliton_linkage_nodes.start import INTERRUPTED
 
 _OVERLAY_QUALITY = 23
-"""Constant rate factor of H.264 [1], the default of x264."""
+"""Constant rate factor of the H.264 encoder [1], the default of x264."""
 
 
 class FilmSummary(NamedTuple):
@@ -71,7 +72,8 @@ class FilmSummary(NamedTuple):
     last: str
     """Description of the last picture and of earlier problems."""
     ended_by: str
-    """Reason of a premature end, which is also in the bag, otherwise empty."""
+    """Reason why the measurement ended early, or '' after a complete film. The bag also contains
+    this reason."""
 
 
 def film_to_bag(
@@ -82,9 +84,11 @@ def film_to_bag(
     overlay: Path | None = None,
     stopping: threading.Event | None = None,
 ) -> FilmSummary:
-    """Write the angles in a film to a bag, and optionally an overlay; ValueError without angles.
+    """Write the angles in a film to a bag.
 
-    If the film is damaged or `stopping` is set, the bag contains the angles up to this point.
+    If `overlay` is a path, the film with the detected markers is also written to this path. If
+    the film is damaged or `stopping` is set, the bag contains the angles up to this time. Raises
+    ValueError if no angle was measured.
     """
     bag = _AngleBag(output, named)
     seen: list[tuple[float, float]] = []
@@ -143,7 +147,7 @@ def _drawn(
 
 
 class _AngleBag:
-    """Bag with a chain and its angles; the bag is created with the first angles."""
+    """Bag with a chain and its angles. The bag is created when the first angles are written."""
 
     def __init__(self, output: Path, named: NamedChain) -> None:
         self.path = output
@@ -152,7 +156,7 @@ class _AngleBag:
         self._topics: dict[str, StoredTopic] = {}
 
     def write(self, seen: CameraReading) -> None:
-        """Write the angles of a picture, and before the first angles the chain."""
+        """Write the angles of a picture. The chain is written before the first angles."""
         if self._writer is None:
             self._writer = BagWriter(self.path)
             self.path = self._writer.path
@@ -163,7 +167,7 @@ class _AngleBag:
         self._put(interfaces.JOINT_STATES, seen.stamp, angles_to_msg(self._named, seen))
 
     def close(self, ended_by: str) -> None:
-        """Finish the bag with the reason of a premature end."""
+        """Finish the bag, and store the reason of a premature end."""
         if self._writer is not None:
             self._writer.close({'ended_by': ended_by} if ended_by else {})
 
@@ -178,7 +182,7 @@ class _AngleBag:
 def main(arguments: Sequence[str] | None = None) -> None:
     """Measure the angles of a film; exit with 1 after a failure, 130 after Ctrl-C.
 
-    For a camera, Ctrl-C is the normal end.
+    For a camera, Ctrl-C is the normal end, and the exit code is 0.
     """
     options = _parser().parse(arguments)
     with exit_on_failure('film_encoders'):

@@ -1,8 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Estimate the lengths of a chain, with standard deviations, from bags in which a soliton passes.
+"""Estimate the lengths of a chain and their standard deviations from bags.
 
-Several bags must show the same chain with the same encoders, for example at different tilts. The
-program writes chain.yaml for all nodes, lengths.csv, and a report with the residuals of each bond.
+In each bag a soliton must pass through the chain. Several bags must show the same chain with the
+same encoders, for example at different tilts. The program writes chain.yaml for all nodes,
+lengths.csv, and a report with the residuals of each bond.
 """
 
 from __future__ import annotations
@@ -50,18 +51,20 @@ from soliton_linkage_studies.pictures import save_report
 
 @dataclass(frozen=True)
 class IdentificationOptions:
-    """Information that the angles do not contain."""
+    """Options of the identification: information that the angles do not contain."""
 
     spacing: float | None = None
-    """Mean distance of neighbouring pivots [m]; None for the spacing of the given chain."""
+    """Mean distance between neighbouring pivots [m]. None means the spacing of the given chain."""
     tolerance: float | None = None
-    """Relative standard deviation of the lengths of one kind [1], None to estimate it."""
+    """Relative standard deviation of the lengths of one kind [1]. None means that the
+    identification estimates it."""
     span: tuple[float, float] = (0.0, math.inf)
     """First and last time of the used frames, relative to the first frame of the bag [s]."""
     gravity: float = 0.0
-    """Gravity in the plane of the chain [m/s^2]."""
+    """Gravitational acceleration in the plane of the chain [m/s^2]."""
     tilts: tuple[float, ...] = ()
-    """Tilt of the chain at the start of each bag [rad]; empty for 0."""
+    """Tilt of the chain at the start of each bag [rad]. An empty tuple means a tilt of 0 in every
+    bag."""
 
 
 def identify_bags(
@@ -71,7 +74,11 @@ def identify_bags(
     assumptions: IdentificationOptions = IdentificationOptions(),
     limits: BagLimits = DEFAULT_LIMITS,
 ) -> Identification:
-    """Identify a chain; write chain.yaml, lengths.csv, identification.png and .pdf."""
+    """Identify a chain from bags, and write the results into a folder.
+
+    The results are chain.yaml, lengths.csv, identification.png and identification.pdf. If `given`
+    is not None, it replaces the chain that is recorded in the bags.
+    """
     spacing = assumptions.spacing
     recordings = []
     reference = given
@@ -196,7 +203,7 @@ def _add_assumptions(parser: PlainParser) -> None:
 
 
 def _add_span(parser: PlainParser) -> None:
-    """Add options for the frames to use."""
+    """Add options that select the time span of the used frames."""
     time = Quantity('time', 's', 0.0)
     parser.add_argument(
         '--begin',
@@ -226,10 +233,11 @@ def read_joints(
     span: tuple[float, float],
     most_frames: int = _MOST_FRAMES,
 ) -> JointRecord:
-    """Read angles, standard deviations, impulses and tilts, in the order of the joints of a chain.
+    """Read angles, standard deviations, impulses and tilts from a bag.
 
-    `span` contains the first and last time of the used frames, relative to the first frame [s]. If
-    the recording has more than `most_frames` frames, the most informative frames are used.
+    The joints have the order of the chain `known`, if it is not None. `span` contains the first
+    and last time of the used frames, relative to the first frame [s]. If the recording has more
+    than `most_frames` frames, the most informative frames are used.
     """
     record = JointRecord(known.joint_names if known else (), most_frames)
     adders: dict[str, Callable[[Any, int], None]] = {
@@ -283,11 +291,11 @@ def _name(connection: Connection) -> str:
 
 
 _WORST = 3
-"""Number of bonds in the summary [1]."""
+"""Number of noisiest bonds that the summary lists [1]."""
 
 
 def write_lengths(found: Identification, path: Path) -> None:
-    """Write each length [m] and offset [rad] with its standard deviation."""
+    """Write a table of the lengths [m] and offsets [rad] with their standard deviations."""
     chain = found.chain
     lengths = {
         'rotor_length': chain.rotor_lengths,
@@ -307,7 +315,7 @@ def write_lengths(found: Identification, path: Path) -> None:
 
 
 def summary(found: Identification) -> str:
-    """Return a summary of the results in a few lines."""
+    """Return a text of a few lines that summarises the results."""
     deviations = ', '.join(
         f'{name} {np.median(values):.2%}' for name, values in found.deviations.items()
     )
@@ -335,7 +343,7 @@ def summary(found: Identification) -> str:
 
 
 def _forces(found: Identification) -> Iterator[str]:
-    """Yield the results for springs, drag and masses, and the undetermined quantities."""
+    """Yield texts about springs, drag and masses, and a list of undetermined quantities."""
     chain = found.chain
     springs, masses = ('stiffness' in found.deviations, 'mass' in found.deviations)
     if springs:

@@ -1,8 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Move the soliton to a rotor and show its motion; needs no `ros2 action`.
+"""Move the soliton to a rotor and show its motion. This program replaces `ros2 action`.
 
 The program sends a goal of the action move_soliton to soliton_steering. The program ends when the
-soliton has arrived, or with exit code 1 if it cannot arrive. Ctrl-C brings the soliton to rest.
+soliton has arrived. If the soliton cannot arrive, the program ends with exit code 1. Ctrl-C
+brings the soliton to rest.
 """
 
 from __future__ import annotations
@@ -32,23 +33,25 @@ from soliton_linkage_nodes.runtime.process import WaitingNode
 
 _ROTOR = Quantity('destination, counted from rotor 0', 'rotor spacings')
 _SPEED = Quantity('largest speed of the move', 'rotor spacings/s', minimum=0.0)
-"""Speed limit of the move. With 0, soliton_steering selects the speed."""
+"""Largest speed of the move. If it is 0, soliton_steering selects the speed."""
 _WAIT = Quantity('longest wait for soliton_steering to be ready', 's', 0.0, 3600.0)
-"""Wait for the steering node, at most one hour."""
+"""Longest wait for the steering node. It is at most one hour."""
 _LONGEST_WAIT = 5.0
-"""Default wait for a ready steering node, and longest wait for the answer to the goal [s]."""
+"""Default of the longest wait for a ready steering node [s]. It is also the longest wait for the
+answer to the goal."""
 _LONGEST_SILENCE = 3.0
-"""Time without feedback after which the steering node is assumed to have stopped [s]. It sends ten
-feedback messages per second."""
+"""Threshold for the time without feedback [s]: after a longer time the steering node is assumed to
+have stopped. A steering node sends ten feedback messages per second."""
 _CANCEL_TIME = 0.3
-"""Time to wait for the end of a cancelled move [s], short because the user pressed Ctrl-C."""
+"""Longest wait for the end of a cancelled move [s]. The wait is short, because the user has
+pressed Ctrl-C."""
 
 
 class MoveClient(WaitingNode):
-    """Client that sends one goal, shows the progress, and cancels the goal if interrupted."""
+    """Client that sends one goal, shows the progress, and cancels the goal after Ctrl-C."""
 
     def __init__(self, stopping: threading.Event, **kwargs: Any) -> None:
-        """Connect to the action; setting `stopping` interrupts a move."""
+        """Connect to the action. Setting the event `stopping` interrupts a move."""
         super().__init__('move_soliton', stopping, **kwargs)
         self._client = ActionClient(self, MoveSoliton, interfaces.MOVE_SOLITON, **ACTION_QOS)
         self._line = ChainLine(self)
@@ -69,7 +72,7 @@ class MoveClient(WaitingNode):
             'start soliton_steering first',
             wait,
         )
-        # A steering node that is not ready rejects the goal and states the reason.
+        # Send the goal in any case, because a node that is not ready rejects it with a reason.
         self.wait(self._ready, deadline - time.monotonic())
         if self.stopping.is_set():
             raise KeyboardInterrupt
@@ -99,7 +102,7 @@ class MoveClient(WaitingNode):
         super().destroy_node()
 
     def _loss(self) -> str:
-        """Describe a lost steering node; empty if it is alive."""
+        """Return the reason if the steering node is lost, or '' if the node is running."""
         if not self._client.server_is_ready():
             return 'soliton_steering has stopped'
         silence = time.monotonic() - self._received_at
@@ -134,7 +137,7 @@ class MoveClient(WaitingNode):
 
 
 def progress_of(on_the_way: MoveSoliton.Feedback) -> str:
-    """Return a text with position and speed of the wall, and with the phonon energy if known."""
+    """Return a text with position and speed of the wall, and the phonon energy if it is known."""
     text = f'rotor {on_the_way.rotor:5.1f}  {on_the_way.speed:+6.2f} rotors/s'
     phonons = on_the_way.phonon_energy
     return f'{text}  {phonons:.1e} J in phonons' if math.isfinite(phonons) else text

@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Nudge an edge of the chain and print the result; needs no `ros2 topic pub`.
+"""Nudge an edge of the chain and print the result. This program replaces `ros2 topic pub`.
 
-The program waits for the edge actuator, publishes on the topic nudge, and prints the answer of
-the actuator on last_kick, or the reason of a failure.
+The program waits for the edge actuator, publishes on the topic nudge, and prints the answer that
+the actuator publishes on last_kick. If the nudge fails, the program prints the reason.
 """
 
 from __future__ import annotations
@@ -30,20 +30,21 @@ _SPEED = Quantity('speed of the kick along the zero mode, positive away from the
 _TIMEOUT = Quantity(
     'longest wait for the actuator, and afterwards for its answer', 's', 0.0, 3600.0
 )
-"""Longest wait for the actuator or its answer, at most one hour."""
+"""Longest wait for the actuator, and longest wait for its answer. Each is at most one hour."""
 _SUBSCRIBERS = Quantity('number of subscribers to wait for', minimum=1)
 """Number of subscribers of the topic nudge, including the edge actuator."""
 _LONGEST_WAIT = 5.0
 """Default of the longest wait for the actuator, and for its answer [s]."""
 _DISCOVERY_TIME = 1.0
-"""Time for the discovery of other subscribers and for the latched `last_kick` to arrive [s]."""
+"""Wait after an actuator is found [s]. During this time other subscribers are discovered, and the
+latched message on `last_kick` arrives."""
 
 
 class NudgeClient(WaitingNode):
     """Client that nudges a chain and receives the answer of the actuator."""
 
     def __init__(self, stopping: threading.Event, **kwargs: Any) -> None:
-        """Connect the topics; setting `stopping` interrupts a nudge."""
+        """Create the publisher and subscriptions. Setting `stopping` interrupts a nudge."""
         super().__init__('nudge', stopping, **kwargs)
         self._reports: dict[str, DiagnosticStatus] = {}
         self._kicks: list[LastKick] = []
@@ -55,10 +56,11 @@ class NudgeClient(WaitingNode):
         interfaces.DIAGNOSTICS.subscribe(self, self._on_diagnostics)
 
     def nudge(self, speed: float, subscribers: int, timeout: float) -> LastKick | None:
-        """Nudge with `speed` [rad/s] and return the answer of the actuator, None if interrupted.
+        """Nudge with `speed` [rad/s]; return the answer of the actuator, or None if interrupted.
 
-        Wait at most `timeout` [s] for an actuator that is ready and for the number of subscribers.
-        Raises ValueError without an actuator or an answer.
+        The client first waits at most `timeout` [s] for a ready actuator and for the number of
+        subscribers. Raises ValueError if no actuator is found, or if the actuator rejects the
+        nudge or does not answer.
         """
         deadline = time.monotonic() + timeout
         self.wait(self._actuators, timeout)
@@ -80,13 +82,13 @@ class NudgeClient(WaitingNode):
         return answer
 
     def _actuators(self) -> set[str]:
-        """Return the actuators, which subscribe to `nudge` and publish `last_kick`."""
+        """Return the names of the nodes that receive `nudge` and publish `last_kick`."""
         subscribed = self.get_subscriptions_info_by_topic(self._nudges.topic_name)
         publishing = self.get_publishers_info_by_topic(self._answers.topic_name)
         return _names(subscribed) & _names(publishing)
 
     def _ready(self, subscribers: int) -> bool:
-        """Whether an actuator is ready: it has received the chain and its frames."""
+        """Return whether an actuator is ready: it has received the chain and frames."""
         reports = [self._reports[name] for name in self._actuators() & self._reports.keys()]
         return (
             self._nudges.get_subscription_count() >= subscribers
@@ -116,7 +118,7 @@ class NudgeClient(WaitingNode):
         return None
 
     def _rejection(self, before: dict[str, int]) -> str:
-        """Return the reason if an actuator has rejected a nudge since `before`."""
+        """Return why an actuator rejected a nudge since the counts `before`, otherwise ''."""
         for name in self._actuators() & before.keys():
             report = self._reports[name]
             source, _, reason = _figure(report, 'last rejection').partition(': ')

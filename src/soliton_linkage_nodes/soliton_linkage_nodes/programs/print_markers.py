@@ -19,7 +19,7 @@ from soliton_linkage_nodes.programs.command_line import exit_on_failure
 
 
 def main(arguments: Sequence[str] | None = None) -> None:
-    """Write the pages."""
+    """Write the pages as the command line specifies."""
     parser = PlainParser(prog='print_markers', description=__doc__)
     parser.add_argument('config', type=Path, help='parameter file such as config/flipper.yaml')
     parser.add_argument(

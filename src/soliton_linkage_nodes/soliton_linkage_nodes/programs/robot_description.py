@@ -12,7 +12,7 @@ from soliton_linkage_nodes.programs.command_line import exit_on_failure
 
 
 def main() -> None:
-    """Print the URDF."""
+    """Print the URDF of the chain in the parameter file."""
     parser = PlainParser(prog='robot_description', description=__doc__)
     parser.add_argument('config', type=Path, help='parameter file such as config/flipper.yaml')
     with exit_on_failure('robot_description'):

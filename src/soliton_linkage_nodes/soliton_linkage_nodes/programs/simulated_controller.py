@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
 """Simulate a microcontroller with the encoders and valves of a chain, for serial_encoders.
 
-The program opens a pseudo-terminal and prints its path. Until Ctrl-C it exchanges the frames of
-the serial protocol with serial_encoders. The simulated chain starts at rest, left-leaning. The
-commands to the valves drive it.
+The program opens a pseudo-terminal and prints its path. Until Ctrl-C the program exchanges the
+frames of the serial protocol with serial_encoders. The simulated chain starts at rest and leans
+left. Commands to the valves drive the chain.
 """
 
 from __future__ import annotations
@@ -32,20 +32,21 @@ from soliton_linkage_nodes.programs.command_line import exit_on_failure, number
 from soliton_linkage_nodes.runtime.process import interrupt_on_signals
 
 _RATE = Quantity('frames per second', 'Hz', 1.0, 1000.0)
-"""Frame rate. At the upper limit a chain of 40 rotors needs 1.8 Mbaud."""
+"""Frame rate. At 1000 Hz, a chain of 40 rotors needs a serial port with 1.8 Mbaud."""
 _COUNTS = Quantity('counts of an encoder per turn', '', 2, 65536)
-"""Resolution of an encoder, at most 16 bits."""
+"""Resolution of an encoder. An encoder has at most 16 bits."""
 
 _TOLERANCE = 1e-6
-"""Tolerance of the solver per step [rad], a hundredth of one count of a 16-bit encoder."""
+"""Tolerance of the solver per step [rad]. It is a hundredth of one count of a 16-bit encoder."""
 _REPORTED_DELAY = 1.0
-"""Delay behind the clock above which the program warns that the machine is too slow [s]."""
+"""Threshold of the delay behind the clock [s]: the program warns that the machine is too slow if
+the delay is longer."""
 _MOST_BYTES = 2**16
-"""Largest number of bytes per read [1], more than the system buffers."""
+"""Largest number of bytes per read [1]. The buffer of the operating system is smaller."""
 
 
 class PseudoTerminal:
-    """Pseudo-terminal: a client opens it as a serial port; this program has the other end."""
+    """Pseudo-terminal. A client opens one end as a serial port; this program uses the other."""
 
     def __init__(self, link: Path | None = None) -> None:
         """Open the terminal; `link` is the path of a symbolic link to create."""
@@ -63,14 +64,14 @@ class PseudoTerminal:
         return str(self._link or os.ttyname(self._there))
 
     def read(self) -> bytes:
-        """Return the bytes that have arrived."""
+        """Return the bytes that have arrived since the last call."""
         try:
             return os.read(self._here, _MOST_BYTES)
         except BlockingIOError:
             return b''
 
     def write(self, data: bytes) -> None:
-        """Send bytes; some are lost if nothing reads them."""
+        """Send bytes. If no client reads them, the buffer becomes full and bytes are lost."""
         with contextlib.suppress(BlockingIOError):
             os.write(self._here, data)
 
@@ -92,7 +93,7 @@ class RealTimeChain:
         terminal: PseudoTerminal,
         rate: float,
     ) -> None:
-        """Start with the chain at rest; `rate` is the frame rate [Hz]."""
+        """Start with the chain at rest. `rate` is the frame rate [Hz]."""
         world = World(
             named.chain, named.joint_names, WorldParameters(tolerance=_TOLERANCE), 1 / rate
         )
@@ -106,7 +107,7 @@ class RealTimeChain:
         return self._simulation.time
 
     def play(self) -> None:
-        """Apply the received commands, send the angles, and advance by one frame."""
+        """Apply received commands, send the angles, and advance the simulation by one frame."""
         simulation = self._simulation
         self._controller.receive(simulation.time, self._terminal.read())
         simulation.hold(self._controller.torques(simulation.time))
@@ -137,12 +138,12 @@ def main(arguments: Sequence[str] | None = None) -> None:
 
 
 def encoders_of(named: NamedChain, counts_per_turn: float) -> RotaryEncoders:
-    """Return encoders with the offsets of the chain."""
+    """Return rotary encoders that have the encoder offsets of the chain."""
     return RotaryEncoders((counts_per_turn,), offsets=named.encoder_offsets)
 
 
 def _run_in_real_time(played: RealTimeChain) -> None:
-    """Play in real time, and report once if the machine is too slow."""
+    """Run the simulation in real time, and warn once if the machine is too slow."""
     begun, reported = time.monotonic(), False
     while True:
         early = begun + played.time - time.monotonic()

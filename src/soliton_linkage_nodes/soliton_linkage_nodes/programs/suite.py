@@ -1,10 +1,10 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Run several nodes of the suite in one process, which needs less memory and processor time.
+"""Run several nodes of the suite in one process to reduce memory and processor time.
 
 Each node keeps its name, topics, services, parameters and diagnostics. Ctrl-C stops all nodes and
 closes the bag. With -p port:=/dev/ttyACM0, serial_encoders replaces the simulator. If another
-program publishes joint_states, list only the nodes to run. For several chains, list each node with
-its namespace, for example left/soliton_analyser.
+program publishes joint_states, list only the nodes to run. For several chains, list each node
+with its namespace, for example left/soliton_analyser.
 """
 
 from __future__ import annotations
@@ -34,16 +34,16 @@ NODES = {
     'soliton_steering': 'soliton_steering.node:SolitonSteering',
     'bag_recorder': 'bags.recorder:BagRecorder',
 }
-"""Module and class of each node; only the requested ones are imported."""
+"""Module and class of each node. Only the modules of requested nodes are imported."""
 _SERIAL = 'serial_encoders'
-"""The node that replaces the simulator if a port is given."""
+"""Name of the node that replaces the simulator if a serial port is given."""
 _PARAMETER_OPTIONS = ('-p', '--param')
 _CHAIN_SOURCE = ('-p', f'{_SERIAL}:chain_from:=parameters')
-"""Default of serial_encoders, so that it publishes the chain; later arguments override it."""
+"""Default argument that makes serial_encoders publish the chain. Later arguments override it."""
 _EXPONENT = re.compile(r'[-+]?\d+(\.\d*)?[eE][-+]?\d+')
 _NAMESPACE_RULE = '__ns:='
 _JOINT_PREFIX = 'torque_limits.'
-"""Prefix of parameters whose names depend on the joints."""
+"""Prefix of parameters whose names contain the name of a joint."""
 
 
 def main() -> None:
@@ -58,7 +58,7 @@ def main() -> None:
             'sets the namespace. --help of a node lists its parameters.'
         ),
     )
-    # argparse would print a rejected choice as a list.
+    # Do not use `choices`, because argparse would print a rejected choice as a list.
     parser.add_argument(
         'nodes',
         nargs='*',
@@ -88,12 +88,15 @@ def main() -> None:
         Component(partial(create, parameter_overrides=given[name], **_namespace_of(name)), _failed)
         for name, create in classes.items()
     ]
-    # The simulator starts last and stops first, so that the others receive all its messages.
+    # The simulator starts last and stops first, so that the other nodes receive all messages.
     run_together(components[::-1], rest)
 
 
 def of_one_chain(arguments: Sequence[str]) -> list[str]:
-    """Return all nodes of one chain; serial_encoders replaces the simulator if a port is given."""
+    """Return the names of all nodes of one chain.
+
+    If the arguments specify a serial port, serial_encoders replaces the simulator.
+    """
     port = re.compile(rf'({_SERIAL}:)?port:=.+')
     rules = [rule for each, rule in pairwise(arguments) if each in _PARAMETER_OPTIONS]
     unused = 'simulator' if any(map(port.fullmatch, rules)) else _SERIAL
@@ -103,10 +106,10 @@ def of_one_chain(arguments: Sequence[str]) -> list[str]:
 def addressed(
     arguments: Sequence[str], classes: Mapping[str, type[ManagedNode]]
 ) -> tuple[list[str], dict[str, list[Parameter]]]:
-    """Split the arguments of ROS into general ones and parameters by the names of the nodes.
+    """Split the arguments of ROS into general arguments and the parameters of each node.
 
-    ROS applies a parameter to all nodes, or to one without a namespace. A parameter that
-    no node has stays in the arguments and is rejected later.
+    ROS alone can apply a parameter only to all nodes, or to a node without a namespace. A
+    parameter that no node has remains in the general arguments and is rejected later.
     """
     rest: list[str] = []
     given: dict[str, list[Parameter]] = {name: [] for name in classes}
@@ -128,7 +131,10 @@ def addressed(
 
 
 def _known_to_ros(arguments: Sequence[str]) -> list[str]:
-    """Return the arguments without parameters of nodes in namespaces, which ROS would reject."""
+    """Return the arguments without the parameters of nodes in namespaces.
+
+    ROS would reject these parameters.
+    """
     known: list[str] = []
     for argument in arguments:
         if known and known[-1] in _PARAMETER_OPTIONS and '/' in argument.partition(':=')[0]:
@@ -139,7 +145,7 @@ def _known_to_ros(arguments: Sequence[str]) -> list[str]:
 
 
 def _value(text: str) -> Any:
-    """Return a value as ROS reads it: YAML, in which 1e-3 is also a number."""
+    """Return a YAML value as ROS reads it. For example, 1e-3 is also a number."""
     try:
         read = yaml.safe_load(text)
     except yaml.YAMLError as error:
@@ -166,7 +172,7 @@ def _kind(name: str) -> str:
 
 
 def _namespace_of(name: str) -> dict[str, str]:
-    """Return the namespace in a name, if any."""
+    """Return the namespace in a node name as an argument, or {} if the name has none."""
     namespace = name.rpartition('/')[0].strip('/')
     return {'namespace': f'/{namespace}'} if namespace else {}
 

@@ -27,9 +27,10 @@ from soliton_linkage_nodes.runtime.process import run
 from soliton_linkage_nodes.start import INTERRUPTED
 
 _PERIOD = 0.1
-"""Interval between drawings [s]."""
+"""Time between two drawings [s]."""
 _LONGEST_SILENCE = 1.0
-"""Time without messages after which a topic is reported as stopped [s]."""
+"""Threshold for the time without messages [s]: a topic is reported as stopped after a longer
+time."""
 _STARTED_BY = {
     interfaces.CHAIN.name: 'simulator',
     interfaces.JOINT_STATES.name: 'simulator',

@@ -37,7 +37,8 @@ _REPORT = 'soliton_linkage_nodes.programs.experiment.report'
 _NODES = ('bag_recorder', 'soliton_analyser', 'edge_actuator', 'simulator')
 _PAGE = 'live_view'
 _ALL_FRAMES = ['-p', 'longest_lag:=0.0']
-"""Argument that makes analysers skip no frame, so that their results agree."""
+"""Argument that makes the analysers process every frame, so that live and replayed results
+agree."""
 _UNUSED = (
     interfaces.IDENTIFIED_CHAIN,
     interfaces.JOINT_STATE_DEVIATIONS,
@@ -50,13 +51,13 @@ _UNUSED = (
 )
 _RECORDED_TOPICS = {f'/{topic.name}' for topic in interfaces.SUITE_TOPICS if topic not in _UNUSED}
 _REPORT_LIMIT = 6.2
-"""Time limit for the report of a node that reports once a second [s]."""
+"""Longest wait for the report of a node [s]. Nodes report once per second."""
 _QUIET = 0.5
 """Time without a new state after which no more are expected [s]."""
 
 
 class Experiment:
-    """The steps of the experiment, each with a display of its progress."""
+    """All steps of the experiment. Each step displays its progress."""
 
     def __init__(
         self,
@@ -66,9 +67,9 @@ class Experiment:
         stopping: threading.Event,
         page: bool = False,
     ) -> None:
-        """Prepare the folder for the results; setting `stopping` interrupts the experiment.
+        """Prepare the folder for the results. Setting `stopping` interrupts the experiment.
 
-        With `page`, a read-only page in the browser shows the chain.
+        If `page` is true, a read-only page in the browser shows the chain.
         """
         self._page = page
         self.bag = output / f'{observer.settings.scenario}_0'
@@ -81,7 +82,7 @@ class Experiment:
         self._executor.add_node(observer)
         self._report: Any = None
         self._processes = ChildProcesses(output / 'log')
-        # An experiment that was killed may have left a recording.
+        # Remove the recording that a killed experiment may have left.
         if self.bag.exists():
             shutil.rmtree(self.bag)
 
@@ -109,9 +110,9 @@ class Experiment:
         self._start('soliton_analyser', _ALL_FRAMES)
         self._start('edge_actuator', [])
         self._page = self._page and self._serve_page()
-        # The simulator waits for its subscribers: live analysis and replay use the same frames.
+        # The simulator waits for its subscribers, so that no analysis misses the first frames.
         self._start('simulator', ['-p', f'subscribers:={len(_NODES) - 1 + self._page}'])
-        # The import takes seconds. In a thread it delays neither the nodes nor signals.
+        # The import takes seconds. Use a thread, so that nodes and signals are not delayed.
         importing = threading.Thread(target=import_module, args=(_REPORT,), daemon=True)
         importing.start()
         self._wait_until(
@@ -120,7 +121,10 @@ class Experiment:
         self._report = import_module(_REPORT)
 
     def _serve_page(self) -> bool:
-        """Print the address of the page; without a page the experiment continues."""
+        """Print the address of the page and return True, or return False without a page.
+
+        Without a page the experiment continues.
+        """
         deadline = time.monotonic() + START_LIMIT
         try:
             while not self._processes.wait(_PAGE, _QUIET) and time.monotonic() < deadline:
@@ -144,8 +148,8 @@ class Experiment:
 
     def _ready(self) -> bool:
         received = set(self._observer.figures('bag_recorder').get('topics received', '').split())
-        # Warnings of the simulator and the recorder are acceptable. The summary states missed
-        # deadlines and lost messages, and messages lost at the start are older than the nudge.
+        # Warnings of the simulator and the recorder are acceptable, because the summary states
+        # missed deadlines and lost messages. Losses at the start are older than the nudge.
         return (
             all(self._observer.well(node) for node in ('soliton_analyser', 'edge_actuator'))
             and received >= _RECORDED_TOPICS
@@ -180,7 +184,7 @@ class Experiment:
         self._observer.nudge_publisher.publish(Float64(data=speed))
 
     def _watch(self) -> None:
-        """Show the soliton until it has returned, or until the time limit."""
+        """Show the soliton until it has returned, or until the time limit has passed."""
         settings = self._settings
         timed, start = settings.end == 'time', self._observer.stamp
         line, trip = ChainLine(self._observer), RoundTrip(self._observer)
@@ -267,7 +271,7 @@ class Experiment:
         return dict(self._observer.states)
 
     def _replay_connected(self) -> bool:
-        """Whether the second analyser has its subscribers and has received no frame."""
+        """Return whether the second analyser has its subscribers and has received no frame."""
         figures = self._observer.figures('soliton_analyser')
         wanted = str(2 + self._page)
         return figures.get('subscribers') == wanted and figures.get('frames') == '0'
@@ -312,7 +316,7 @@ class Experiment:
             raise RuntimeError(failure())
 
     def _interrupted(self) -> bool:
-        """Return False, or raise KeyboardInterrupt."""
+        """Return False, or raise KeyboardInterrupt if the experiment is interrupted."""
         if self._stopping.is_set():
             raise KeyboardInterrupt
         return False

@@ -36,34 +36,39 @@ from soliton_linkage_studies.camera.runs import CAMERA
 
 _DEVIATIONS = interfaces.JOINT_STATE_DEVIATIONS.name
 _FROM_EDGES = 4.0
-"""Smallest distance from an edge of positions that are compared [rotor spacings]."""
+"""Smallest distance from an edge [rotor spacings]. Positions closer to an edge are not
+compared."""
 
 
 @dataclass(frozen=True)
 class PositionErrors:
-    """Errors of the angles and of the soliton position in a film, without frames near edges."""
+    """Errors of the angles and of the soliton position in a film, without positions near edges."""
 
     angle_noise: float
-    """Standard deviation of the angle errors, without the mean error of each rotor [rad]."""
+    """Standard deviation of the angle errors [rad] after subtraction of the mean error of each
+    rotor."""
     stated_angle_noise: float
     """Median of the stated standard deviations of the angles [rad]."""
     frames: int
-    """Number of frames that were compared."""
+    """Number of frames whose soliton positions were compared."""
     error: float
-    """Root mean square error of the position [rotor spacings]."""
+    """Root mean square error of the position with the identified chain [rotor spacings]."""
     stated: float
-    """Root mean square of the stated deviation of the position [rotor spacings]."""
+    """Root mean square of the stated standard deviation of the position [rotor spacings]."""
     allowed: float
-    """Cramer-Rao bound for one frame [rotor spacings]: the noise divided by the arc length of the
-    orbit per site, root mean square."""
+    """Cramer-Rao bound of the position error for one frame [rotor spacings], as a root mean square
+    over the frames. The bound is the angle noise divided by the arc length of the orbit per
+    site."""
     with_true_chain: float
-    """Error of an analyser with the true chain [rotor spacings]."""
+    """Root mean square error of the position from an analyser with the true chain [rotor
+    spacings]."""
     hidden: float
-    """Fraction of the angles that were hidden [1]."""
+    """Fraction of the angles that were hidden in the compared frames [1]."""
     by_hidden: float
-    """Error of an analyser with the true chain and the true angles of the visible rotors
-    [rotor spacings]. Because of strained springs the chain is not exactly on its orbit, and the
-    visible rotors alone are nearest to another point of the orbit than all rotors."""
+    """Root mean square error of the position from an analyser with the true chain and the exact
+    angles of the visible rotors [rotor spacings]. This error is caused by hidden rotors. Strained
+    springs move the chain away from its orbit. The point of the orbit that is nearest to the
+    visible rotors then differs from the point that is nearest to all rotors."""
 
 
 @dataclass(frozen=True)
@@ -96,7 +101,7 @@ class FilmedExperiment:
     """Experiment that films a chain, identifies it, and tracks its soliton."""
 
     def __init__(self, configuration: Path, parameters: BenchParameters, output: Path) -> None:
-        """Create the chain of a parameter file; results are written to the folder `output`."""
+        """Create the chain of a parameter file. Results are written to the folder `output`."""
         self._plan = chain_of_file(configuration)
         self._markers = markers_of_file(configuration)
         self._bench = FilmedBench(self._plan.chain, self._markers, parameters)
@@ -151,7 +156,7 @@ class FilmedExperiment:
         return film_to_bag(read_video(film), named, measurement, self._folder / name, overlay)
 
     def _errors(self, bag: Path, identified: NamedChain) -> PositionErrors:
-        """Compare the positions from a bag with the true motion of the filmed chain."""
+        """Compare the positions from a bag with the true positions in the filmed chain."""
         with open_bag(bag) as reader:
             deviations = np.array(
                 [message.position for _, message in read_topic(reader, _DEVIATIONS)]
@@ -208,7 +213,11 @@ def describe_errors(errors: PositionErrors, spread: float) -> str:
 
 
 def _positions(chain: Chain, times: Array, angles: Array) -> Array:
-    """Return position and deviation of the soliton in each frame, shape (T, 2)."""
+    """Return the position and standard deviation of the soliton in each frame.
+
+    The result has shape (T, 2). Positions are in rotor spacings, and standard deviations are in
+    m.
+    """
     analyser = Analyser(chain)
     return np.array(
         [
@@ -219,7 +228,10 @@ def _positions(chain: Chain, times: Array, angles: Array) -> Array:
 
 
 def _position(analysis: Analysis | None) -> tuple[float, float]:
-    """Return position [rotor spacings] and deviation [m] if there is one soliton, else NaN."""
+    """Return the position [rotor spacings] of the only soliton and its standard deviation [m].
+
+    Both are NaN if the frame has no soliton or several solitons.
+    """
     if analysis is None or len(analysis.solitons) != 1:
         return math.nan, math.nan
     (soliton,) = analysis.solitons
@@ -271,7 +283,7 @@ _FIGURES = (
 
 
 def write_film_page(folder: Path, text: str) -> None:
-    """Write index.html into the folder of the films and pictures."""
+    """Write the page index.html into the folder that contains the films and pictures."""
     figures = ''.join(_figure(name, caption) for name, caption in _FIGURES)
     page = _PAGE.format(text=html.escape(text), figures=figures)
     (folder / 'index.html').write_text(page, encoding='utf-8')

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Node of an experiment, which drives the chain and follows its solitons and reports."""
+"""Node of an experiment. It drives the chain and receives soliton states and reports."""
 
 from __future__ import annotations
 
@@ -19,7 +19,8 @@ from soliton_linkage_nodes.runtime.parameters import declare, reject_unknown
 from soliton_linkage_nodes.runtime.stamps import time_from_msg
 
 _NEAR_EDGE = 2.0
-"""Distance from an edge at which the soliton counts as having reached it [rotor spacings]."""
+"""Threshold for reaching an edge [rotor spacings]: the soliton has reached an edge if its distance
+from the edge is at most this value."""
 
 
 @dataclass(frozen=True)
@@ -91,7 +92,7 @@ class Observer(Node):
 
     @property
     def stamp(self) -> int:
-        """Stamp of the last state [ns]."""
+        """Stamp of the last state [ns], or 0 before the first state."""
         return next(reversed(self.states), 0)
 
     @property
@@ -105,7 +106,7 @@ class Observer(Node):
         return {} if report is None else {pair.key: pair.value for pair in report.values}
 
     def well(self, node: str) -> bool:
-        """Whether the latest report of a node has no warning."""
+        """Return whether a node has reported, and its latest report has no warning."""
         return node in self.reports and self.reports[node].level == DiagnosticStatus.OK
 
     def _subscribe(self, topic: interfaces.Topic, callback: Callable[[Any], None]) -> Any:
@@ -135,7 +136,10 @@ class RoundTrip:
         self._away = False
 
     def ended(self) -> bool:
-        """Whether the soliton is back; raises RuntimeError if the actuator rejected the nudge."""
+        """Return whether the soliton has crossed the chain and returned.
+
+        Raises RuntimeError if the actuator rejected the nudge.
+        """
         rejection = self._observer.figures('edge_actuator').get('last rejection')
         if rejection:
             raise RuntimeError(f'edge_actuator rejected {rejection}')
@@ -145,7 +149,7 @@ class RoundTrip:
 
     @property
     def remark(self) -> str:
-        """Position, speed and direction of the soliton; empty without a soliton."""
+        """Text with position, velocity and direction of the soliton, or '' without a soliton."""
         rotor, velocity = self._observer.rotor, self._observer.velocity
         if not math.isfinite(rotor):
             return ''
@@ -153,7 +157,7 @@ class RoundTrip:
         return f'rotor {rotor:5.1f}  {velocity:+6.1f} rotors/s  {leg}'
 
     def missing(self) -> str:
-        """Return the error message for a soliton that is not back in time."""
+        """Return the error message for a soliton that did not return within the time limit."""
         rotor, settings = self._observer.rotor, self._observer.settings
         where = (
             'no soliton is visible now'

@@ -40,7 +40,7 @@ from soliton_linkage_nodes.start import INTERRUPTED
 
 _FILMED = 'filmed_experiment'
 _WRITTEN = '.written'
-"""File that lists the results of an experiment in their folder."""
+"""Name of the file that lists the results of an experiment. It is in the folder of the results."""
 
 
 def main() -> None:
@@ -52,7 +52,7 @@ def main() -> None:
         with _plain_end():
             _run_filmed(options, filmed)
         return
-    # An exception that a signal handler raises can be lost in a callback, for example at a fork.
+    # Signals set an event here. An exception of a signal handler could be lost in a callback.
     stopping = stop_on_signals()
     with private_domain():
         _run(options, stopping)
@@ -62,7 +62,7 @@ def main() -> None:
 def _plain_end(left: Callable[[], str] = lambda: '') -> Iterator[None]:
     """Print one line and exit with 130 after Ctrl-C, or with 1 after a failure.
 
-    After Ctrl-C the line ends with the text of `left`, which names the remaining results.
+    After Ctrl-C the line ends with the result of `left()`, a text about the remaining results.
     """
     try:
         yield
@@ -97,7 +97,7 @@ def _run(options: argparse.Namespace, stopping: threading.Event) -> None:
 
 
 def _run_filmed(options: argparse.Namespace, given: dict[str, Any]) -> None:
-    # Other experiments need neither scipy's fits nor OpenCV.
+    # Import this module here, because other experiments need neither scipy's fits nor OpenCV.
     from soliton_linkage_nodes.programs.experiment import filmed_experiment
 
     configuration = options.configuration
@@ -112,9 +112,11 @@ def _run_filmed(options: argparse.Namespace, given: dict[str, Any]) -> None:
 
 @contextmanager
 def claimed(folder: Path) -> Iterator[Path]:
-    """Yield a folder that no other experiment uses: this one, or the first free of _1, _2, ...
+    """Yield a folder that no other experiment uses.
 
-    Results of an earlier experiment in this folder are removed first.
+    The result is `folder`, or the first free folder with the suffix _1, _2, ... if another
+    experiment uses `folder`. Results of an earlier experiment in the chosen folder are removed
+    first.
     """
     candidates = (folder.with_name(f'{folder.name}_{n}') if n else folder for n in count())
     claims = ((each, _claim(each)) for each in candidates)
@@ -160,7 +162,7 @@ def _claim(folder: Path) -> int | None:
 
 
 def conclusion(summary: dict[str, Any], folder: Path, bag: Path) -> str:
-    """Return a report of a finished experiment with the paths of its results."""
+    """Return a text about a finished experiment with the paths of its results."""
     speed, lost = summary['speed_rotors_per_s'], summary['lost_messages']
     of_chain = f'the chain of {summary["rotors"]} rotors ({summary["motion"]})'
     moved = (
@@ -198,7 +200,7 @@ def _agreement(summary: dict[str, Any]) -> str:
 
 
 def _suggestions(configuration: Path) -> list[str]:
-    """Return suggestions of further commands."""
+    """Return lines that suggest further commands."""
     made = 'MAKELEVEL' in os.environ
     others = [
         f'make demo SCENARIO={path.stem}' if made else f'experiment {path}'
@@ -215,7 +217,7 @@ def _suggestions(configuration: Path) -> list[str]:
 
 
 def other_scenarios(configuration: Path) -> list[Path]:
-    """Return the other parameter files in the folder that are named after their scenario."""
+    """Return the other parameter files in the folder that have the name of their scenario."""
     return [
         path
         for path in sorted(configuration.parent.glob('*.yaml'))
@@ -232,7 +234,7 @@ def _scenario(configuration: Path) -> object:
 
 
 def _named(configuration: Path, node: str) -> dict[str, Any]:
-    """Return the parameters of a node in a parameter file, {} if it has none for this node."""
+    """Return the parameters of a node in a parameter file, or {} without a section for it."""
     sections = read_sections(configuration)
     return next((sections[name] for name in sections if name.split('/')[-1] == node), {})
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Report of a recorded run: track, numbers and pictures."""
+"""Report of a recorded run with the track of the soliton, numbers and pictures."""
 
 from __future__ import annotations
 
@@ -28,25 +28,26 @@ from soliton_linkage_nodes.runtime.stamps import time_from_msg
 from soliton_linkage_studies.pictures import save_run
 
 _BEFORE_NUDGE = 0.5
-"""Time before the nudge in the pictures [s]."""
+"""Duration of the motion before the nudge that the pictures show [s]."""
 
 
 @dataclass(frozen=True)
 class RecordedRun:
-    """A bag of one experiment; times are in seconds since the nudge."""
+    """Data in the bag of one experiment. Times are in seconds since the nudge."""
 
     named: NamedChain
     recording: Recording
     track: Track
     crossings: tuple[Crossing, ...]
     states: Mapping[int, tuple[float, ...]]
-    """Sites of the solitons from the live analyser, by stamp of the frame [ns]."""
+    """Site coordinates of the solitons [rotor spacings] from the live analyser, by the stamp of
+    the frame [ns]."""
     events: tuple[str, ...]
     """Kinds of the events, for example 'reflection'."""
     messages: int
     lost: int
     publish_rate: float
-    """Rate of joint_states, from their arrival times after the nudge [Hz]."""
+    """Rate of joint_states [Hz], computed from the arrival times after the nudge."""
 
 
 def read_run(bag: Path) -> RecordedRun:
@@ -70,7 +71,7 @@ def read_run(bag: Path) -> RecordedRun:
         states={
             stamp: soliton_sites(state)
             for state in states
-            # The recorder may receive states before the first frame.
+            # Skip states before the first frame, which the recorder may have received.
             if (stamp := time_from_msg(state.header.stamp)) >= first
         },
         events=events,
@@ -85,8 +86,8 @@ def largest_difference(
 ) -> float:
     """Return the largest difference between live and replayed sites [rotor spacings].
 
-    It is infinite if a frame has different numbers of solitons. Frames that only one analysis has
-    are ignored.
+    The result is infinite if the two analyses found different numbers of solitons in a frame.
+    Frames that only one analysis contains are ignored.
     """
     largest = 0.0
     for stamp in live.keys() & replayed.keys():
@@ -98,7 +99,7 @@ def largest_difference(
 
 
 def draw(run: RecordedRun, folder: Path) -> None:
-    """Draw kymograph.png and track.png, with their captions, and write view.html."""
+    """Draw kymograph.png and track.png with their captions, and write view.html."""
     chain, recording, track = run.named.chain, run.recording, run.track
     save_run(chain, recording, track, run.crossings, folder)
     nearest = np.searchsorted(track.times, recording.times).clip(max=len(track.times) - 1)
@@ -113,7 +114,7 @@ def draw(run: RecordedRun, folder: Path) -> None:
 
 
 def summarise(run: RecordedRun) -> dict[str, Any]:
-    """Return the numbers from the bag for summary.json."""
+    """Return the numbers about the recorded run that summary.json contains."""
     walls = list(run.states.values()) or [()]
     speeds = [crossing.site_rate for crossing in run.crossings]
     return {
@@ -131,7 +132,7 @@ def summarise(run: RecordedRun) -> dict[str, Any]:
 
 
 def _events(reader: Reader) -> tuple[str, ...]:
-    """Return the kinds of events; older bags have none."""
+    """Return the kinds of the events in a bag. Older bags contain no events."""
     name = interfaces.SOLITON_EVENTS.name
     if not any(each.topic.rpartition('/')[2] == name for each in reader.connections):
         return ()
