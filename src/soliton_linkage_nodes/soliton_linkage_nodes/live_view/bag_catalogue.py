@@ -49,7 +49,7 @@ class CataloguedBag:
     duration: float
     """Time from the first message to the last [s]."""
     recorded: float
-    """Duration without the pauses of the recorder [s]."""
+    """Duration of the recording without the pauses of the recorder [s]."""
     topics: dict[str, int]
     """Number of messages of each topic."""
     lost: int

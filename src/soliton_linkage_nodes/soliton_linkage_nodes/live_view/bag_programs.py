@@ -37,7 +37,7 @@ _RESULTS = {
 
 
 class _BagProgram:
-    """Child process of the page with a service interface."""
+    """Child process of the page: a node that the page controls by services."""
 
     def __init__(self, node: str, finder: ChainFinder, read_only: bool) -> None:
         self.running = False
@@ -93,7 +93,7 @@ class _BagProgram:
 
 
 class BagRecording(_BagProgram):
-    """Recorder of one chain: a child process, or a recorder that another program started."""
+    """Recorder of one chain. It is a child process, or another program has started it."""
 
     def __init__(self, folder: Path | None, finder: ChainFinder, read_only: bool) -> None:
         """Prepare recordings into `folder`. If `folder` is None, recording is disabled."""
@@ -177,7 +177,7 @@ class BagReplay(_BagProgram):
     ) -> None:
         super().__init__(_PLAYER, finder, read_only)
         self.played = 0
-        """Number of times that another bag was selected for the replay."""
+        """Number of times that a different bag was selected for the replay."""
         self.bag: CataloguedBag | None = None
         self.track = BagTrack((), 0.0)
         self.paused = False

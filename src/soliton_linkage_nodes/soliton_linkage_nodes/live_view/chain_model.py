@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Current state of one chain, packed into frames for the page."""
+"""Present state of one chain. The state is packed into frames for the page."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ from soliton_linkage_nodes.messages.frame_reader import FrameReader
 from soliton_linkage_nodes.runtime.stamps import SECOND
 
 MOST_ANGLES = 1500
-"""Largest number of rotors that are drawn individually [1]."""
+"""Largest number of rotors that are drawn one by one [1]."""
 _GROUPS = 1024
 """Number of groups into which the rotors of a longer chain are divided [1], about one group per
 pixel."""
@@ -73,9 +73,10 @@ class ChainModel:
         self.stamp = math.nan
         """Stamp of the latest joint_states [s]."""
         self.angles = np.zeros(0)
-        """Latest angles [rad], shape (N,), NaN for missing joints."""
+        """Latest angles [rad], shape (N,). The angle of a missing joint is NaN."""
         self.rates: Array | None = None
-        """Latest angular velocities [rad/s], shape (N,), None if they are not published."""
+        """Latest angular velocities [rad/s], shape (N,), or None if joint_states contains no
+        velocities."""
         self.numbers: dict[str, float] = {}
         """Quantities of the latest soliton_state."""
         self._minute: deque[Moment] = deque()
@@ -113,7 +114,7 @@ class ChainModel:
             self._reset(FrameReader(named.joint_names))
 
     def update_joints(self, joints: JointStates) -> None:
-        """Use new joint states, or set `error` if they cannot be shown."""
+        """Store new joint states; set `error` instead if they cannot be shown."""
         known = self.named.joint_names if self.named else None
         try:
             if self._reader is None or (known is None and self._reader.joint_names != joints.name):
@@ -217,7 +218,7 @@ class ChainModel:
         self.error = error
 
     def _update_derived(self) -> None:
-        """Compute the quantities that depend on the angles."""
+        """Compute the quantities that depend on the angles, and extend the history."""
         angles, chain = self.angles, self.named.chain if self.named else None
         lean = np.sin(angles) if chain is None else chain.positions(angles)[0]
         self._overview = overview(lean)

@@ -272,7 +272,7 @@ class ChainFinder:
             self._search()
 
     def late_share(self, namespace: str) -> float | None:
-        """Return the fraction of missed deadlines in the last ten seconds, or None if unknown."""
+        """Return the fraction of deadlines missed in the last ten seconds, or None if unknown."""
         counts = self._deadlines.get(namespace)
         while counts and counts[0][0] < time.monotonic() - _LATE_SPAN:
             counts.popleft()

@@ -159,7 +159,7 @@ class ChainCommands:
         return await self._actuate(topic, act)
 
     async def _torque_limit(self, joint: str) -> float:
-        """Return the largest torque of the actuator of a joint [N m]."""
+        """Return the largest torque that the actuator may apply to a joint [N m]."""
         for name in (f'torque_limits.{joint}', 'torque_limit'):
             request = GetParameters.Request(names=[name])
             node = f'{self.namespace}edge_actuator'
@@ -191,7 +191,7 @@ class ChainCommands:
         return await self._call_own('simulator/pause', SetBool.Request(data=paused))
 
     async def step(self, periods: float) -> str:
-        """Advance a paused simulation by a number of periods."""
+        """Advance a paused simulation by a number of publish periods."""
         return await self._call_own('simulator/step', views.step_request(periods))
 
     async def reset(
@@ -275,7 +275,7 @@ class ChainCommands:
             self.move = Move()
 
     def _forget_move(self) -> None:
-        """Discard the outcome of the last move, because the state of the chain was reset."""
+        """Discard the outcome of the last move. It does not apply after a reset or a release."""
         if not self.move.under_way:
             self.move = Move()
 
@@ -324,7 +324,7 @@ class ChainCommands:
         return await self._result_of(lambda: client.call_async(request))
 
     def _report(self, node: str) -> NodeReport | None:
-        """Return the last report of a node of this namespace."""
+        """Return the last report of a node in this namespace, or None without a report."""
         return self._finder.reports.get(f'{self.namespace}{node}', (0.0, None))[1]
 
     def _kicks(self) -> tuple[int, LastKick | None]:
@@ -337,7 +337,7 @@ class ChainCommands:
     async def _actuate(
         self, topic: str, act: Callable[[], Awaitable[None]], lasting: bool = False
     ) -> str:
-        """Publish a command to the edge actuator by calling `act`, and return the answer."""
+        """Call `act`, which sends a command to the edge actuator, and return the answer."""
         # Send one command at a time, so that each answer belongs to its command.
         async with self._edge:
             before, kicks = self._report('edge_actuator'), self._kicks()[0]
@@ -396,7 +396,7 @@ class ChainCommands:
         raise ValueError(f'{node} has no parameter services; it may have ended')
 
     async def _result_of(self, send: Callable[[], Any]) -> Any:
-        """Return the result of the future that `send` creates on the executor's thread."""
+        """Call `send` on the executor's thread, and return the result of the future it creates."""
         loop = asyncio.get_running_loop()
         result: asyncio.Future[Any] = loop.create_future()
 

@@ -33,8 +33,8 @@ _TIMEOUT = 60.0
 """Longest wait in each step of an experiment [s], for example for a passage of the soliton."""
 _NODES = ('simulator', 'edge_actuator', 'soliton_analyser')
 _TURN = 1.0
-"""Threshold for spinning [rad]: the rotor spins if its angle after the return of the soliton
-differs from its initial angle by a larger value."""
+"""Threshold for spinning [rad]: a rotor spins if its angle after the return of the soliton differs
+from its initial angle by more than this value."""
 
 
 class Sample(NamedTuple):
@@ -58,7 +58,7 @@ class Passage:
 
     @property
     def velocity(self) -> float:
-        """Velocity [rotor spacings/s], positive towards the last rotor."""
+        """Velocity of the soliton [rotor spacings/s], positive towards the last rotor."""
         stamps = np.array([each.stamp for each in self.samples])
         rotors = np.array([each.rotor for each in self.samples])
         return float(np.polyfit(stamps - stamps[0], rotors, 1)[0])
@@ -177,7 +177,7 @@ class Laboratory:
         await commands.drive('kick', 'nearest', speed, (0.0, 0.0, 0.0))
 
     async def _passage(self) -> Passage:
-        """Return the next passage through the middle of the chain."""
+        """Wait for the next passage of a soliton through the middle of the chain and return it."""
         model = self._view.chains[self._namespace].model
         low, high = (share * (model.rotors - 1) for share in _MIDDLE)
         samples: list[Sample] = []

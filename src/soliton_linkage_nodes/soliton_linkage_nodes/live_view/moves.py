@@ -19,7 +19,7 @@ _HELD = (MoveSoliton.Result.REACHED, MoveSoliton.Result.CANCELLED)
 
 @dataclass
 class Move:
-    """The last move of the soliton, requested by this page or by another client."""
+    """Last move of the soliton. This page or another client requested the move."""
 
     state: str = ''
     """State of the move: empty before the first move, UNDER_WAY during the move, and afterwards

@@ -205,7 +205,7 @@ class Page:
         self._show_lesson()
 
     def _show_lesson(self) -> None:
-        """Show the tabs of the lesson in large type, or all other tabs."""
+        """Show the tabs of the lesson in large type during a lesson, or all other tabs."""
         lesson = self._in_lesson
         for name, tab in self._tabs.items():
             tab.set_visibility(name in _LESSON_TABS if lesson else name != _LESSON)

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Pull of a rotor by the pointer. The pull is a model of a spring with limited torque."""
+"""Pull of a rotor by the pointer. The pull acts like a spring with limited torque."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ class Pull:
     """Whether the button is still down."""
 
     def point_to(self, x: float, z: float) -> None:
-        """Move the pointer [m]; ValueError if a coordinate is not finite."""
+        """Move the pointer to `x` and `z` [m]; ValueError if a coordinate is not finite."""
         if not (math.isfinite(x) and math.isfinite(z)):
             raise ValueError(f'position ({x}, {z}) m of the pointer must be finite')
         self.x, self.z = float(x), float(z)

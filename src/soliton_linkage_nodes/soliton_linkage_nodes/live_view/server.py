@@ -33,9 +33,9 @@ if TYPE_CHECKING:
 _SCRIPTS = Path(__file__).with_name('browser')
 _PICTURES = Path(__file__).parent / 'docs' / 'pictures'
 _START_TIMEOUT = 30.0
-"""Longest time for the server to start [s]. NiceGUI takes seconds on a busy machine."""
+"""Longest time for the start of the server [s]. On a busy machine, NiceGUI needs seconds."""
 _LONGEST_PERIOD = 0.2
-"""Longest time to which the interval of ticks grows when browsers need much processor time [s]."""
+"""Upper limit of the time between two ticks when browsers need much processor time [s]."""
 _LARGEST_MESSAGE = 65536
 """Largest message of a browser [bytes]."""
 _COOKIE = 'soliton_linkage_live_view'
@@ -202,7 +202,7 @@ class Gate:
         self._token = token
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
-        """Forward a request, or reject it with the reason in one line."""
+        """Forward a request, or reject it and state the reason in one line."""
         answer: ASGIApp = self._application
         if scope['type'] in ('http', 'websocket'):
             connection = HTTPConnection(scope)

@@ -39,7 +39,7 @@ _POLL_INTERVAL = 0.1
 
 
 def main() -> None:
-    """Run the nodes of a configuration file and the page until Ctrl-C."""
+    """Run the nodes and the page until Ctrl-C. A configuration file contains their parameters."""
     arguments = _arguments()
     stopping = stop_on_signals()
     output: Path = arguments.output
@@ -76,7 +76,7 @@ def _start(processes: ChildProcesses, arguments: argparse.Namespace) -> None:
 
 
 def _respawn(processes: ChildProcesses, stopping: threading.Event) -> None:
-    """Until `stopping` is set, restart each node that ends, as the launch files do."""
+    """Restart each node that ends, as the launch files do, until `stopping` is set."""
     restarts = 0
     while not stopping.wait(_POLL_INTERVAL):
         for node, how in processes.ended().items():

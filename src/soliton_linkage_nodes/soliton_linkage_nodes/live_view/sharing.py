@@ -22,7 +22,7 @@ if TYPE_CHECKING:
 
 _BROWSER = Path(__file__).with_name('browser')
 _MODULES = ('drawing.js', 'frames.js', 'chain.js', 'plots.js', 'share.js')
-"""Scripts of the viewer, in the order of their imports."""
+"""Scripts of the viewer. Each script follows the scripts that it imports."""
 _MOST_VALUES = 850_000
 """Largest number of angles and energies in a file [1]. With this number a file stays below 5
 MB."""

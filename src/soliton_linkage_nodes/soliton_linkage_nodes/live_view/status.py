@@ -19,11 +19,11 @@ REPLAY = '/replay/'
 _DROP_AGE = 30.0
 """Largest age of a report that is used [s]. Older reports of silent nodes are ignored."""
 _LONGEST_DELAY = 0.2
-"""Threshold of the delay of soliton_state behind joint_states [s]: the page warns if the delay is
-longer than this value and than `_FRAMES_BEHIND` frames."""
+"""Threshold of the delay of soliton_state behind joint_states [s]: the page warns if the delay
+exceeds both this time and `_FRAMES_BEHIND` frames."""
 _FRAMES_BEHIND = 2
-"""Threshold of the same delay, measured in frames [1]. It is not 1, because the state of one frame
-is always in transit."""
+"""Threshold of the delay of soliton_state behind joint_states [frames]. The threshold is above 1,
+because the state of one frame is always in transit."""
 _LATE = re.compile('deadlines missed in the last second')
 """Text of a warning that the page omits, because the page shows the share of late frames
 instead."""

@@ -1,5 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Stream to a browser, which gets the newest frame when it has drawn the previous frame."""
+"""Stream of frames to a browser.
+
+When the browser has drawn a frame, it receives the newest frame.
+"""
 
 from __future__ import annotations
 
@@ -145,7 +148,7 @@ class BrowserStream:
         await self._socket.send_bytes(chain.camera.packed(index))
 
     async def _send_status(self) -> None:
-        """Send the status and the constants of chains if they have changed."""
+        """Send the status, and the constants of all chains, if they have changed."""
         status, versions = self._source.status, self._source.versions
         if versions != self._sent_status[1]:
             await self._socket.send_text(json.dumps(self._source.descriptions()))

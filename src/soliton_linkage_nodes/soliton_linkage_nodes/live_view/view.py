@@ -27,7 +27,7 @@ _MOST_FAILURES = 3
 
 
 class View:
-    """Present state of all chains, shared by the pages of all browsers."""
+    """Present state of all chains. The pages of all browsers share it."""
 
     def __init__(
         self, node: Node, finder: ChainFinder, folders: Sequence[Path], logs: Path, read_only: bool
@@ -58,7 +58,7 @@ class View:
 
     @property
     def chains(self) -> Mapping[str, ChainTopics]:
-        """Chains by namespace, in the order of their indices."""
+        """Chains by namespace. Their order defines the indices of the chains."""
         return self.finder.chains
 
     def commands(self, namespace: str) -> ChainCommands:

@@ -165,7 +165,7 @@ def named_bags(paths: Sequence[Path]) -> tuple[tuple[str, Path], ...]:
 
 
 def analyse_many(study: BagBatch, workers: int, scheduler: str | None = None) -> int:
-    """Analyse the bags that are not in the table yet; return the number of failures.
+    """Analyse the bags that are not in the table yet, and return the number of failed bags.
 
     If a worker process is killed, new processes analyse the remaining bags.
     """
@@ -203,7 +203,7 @@ _MOST_DRAWN = 4000
 
 
 class PictureFrames:
-    """Evenly spaced selection of frames for the pictures, so that any bag fits into memory."""
+    """Frames for the pictures, selected at equal intervals to limit the memory use."""
 
     def __init__(self, named: NamedChain) -> None:
         self._reader = FrameReader(named.joint_names, named.encoder_offsets)
@@ -228,7 +228,7 @@ class PictureFrames:
         save_run(chain, recording, track, find_crossings(chain, track), folder)
 
     def share(self, title: str, chain: Chain, path: Path) -> None:
-        """Write one HTML file with the frames and a viewer."""
+        """Write one HTML file that contains the selected frames and a viewer."""
         stamps, angles, walls = zip(*self._kept, strict=True)
         times = (np.array(stamps) - stamps[0]) * 1e-9
         solitons = [soliton_numbers(each) for each in walls]

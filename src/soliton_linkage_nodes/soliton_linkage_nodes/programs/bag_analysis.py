@@ -98,7 +98,7 @@ def _beside(reader: Reader, joints: Connection, topic: interfaces.Topic) -> list
 
 
 def _decoder(connection: Connection) -> Callable[[bytes], JointStates]:
-    """Return a decoder of the joint states of a topic, for any version of their definition."""
+    """Return a decoder of joint states that supports older versions of their definition."""
     if not is_older(connection):
         return JointStateDecoder().decode
     decode = decoder(connection)

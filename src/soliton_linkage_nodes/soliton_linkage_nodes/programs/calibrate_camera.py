@@ -27,7 +27,7 @@ _STRIDE = 10
 """Interval between the used pictures of a film [pictures]. Most pictures are skipped, because the
 search for the board takes 0.1 s per picture."""
 _CORNERS = Quantity('inner corners', '', 2, 100)
-"""Number of inner corners in a row or column of the board [1]."""
+"""Number of inner corners in a row or in a column of the chessboard [1]."""
 _SQUARE = Quantity('side of a square', 'm', 1e-4, 10.0)
 """Side of a square of the board [m]."""
 

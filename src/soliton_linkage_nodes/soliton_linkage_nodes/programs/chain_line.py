@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Drawing of a chain in one line of the terminal. It shows leaning rotors and solitons."""
+"""Drawing of a chain in one line of the terminal: the lean of the rotors, and the solitons."""
 
 from __future__ import annotations
 
@@ -24,12 +24,12 @@ from soliton_linkage_nodes.runtime import interfaces
 
 LEGEND = '/ leans right, \\ leans left, | is upright, ? is missing, O is a soliton'
 _UPRIGHT = 1 / 3
-"""Threshold for upright rotors [1]: a rotor is drawn upright if its lean, relative to the lean of
-the uniform state, is smaller."""
+"""Threshold for upright rotors [1]: a rotor is drawn upright if its lean is smaller than this
+fraction of the lean in the uniform state."""
 _DEPTH = 10
 """Depth of the queue of joint_states [1]. A frame may consist of up to ten messages."""
 _FEWEST = 10
-"""Smallest number of marks in the line, even if the remark is long [1]."""
+"""Smallest number of marks in the line [1]. It applies even if the remark is long."""
 
 
 class ChainLine:
@@ -48,7 +48,7 @@ class ChainLine:
         self._frames = SerializedFrames()
         self._serialized: bytes | None = None
         self.received_at = -math.inf
-        """Arrival time of the last joint states, on the monotonic clock [s]."""
+        """Arrival time of the last joint states on the monotonic clock [s]."""
         self._explained = False
         latest = QoSProfile(depth=_DEPTH, reliability=ReliabilityPolicy.BEST_EFFORT)
         chain, joints = interfaces.CHAIN, interfaces.JOINT_STATES
@@ -70,7 +70,7 @@ class ChainLine:
 
     @property
     def spacing(self) -> float:
-        """Spacing of the rotors [m], NaN if the chain is unknown."""
+        """Spacing of the rotors [m], or NaN if the chain is unknown."""
         return math.nan if self._chain is None else self._chain[0].chain.spacing
 
     def show(self, solitons: Sequence[float], remark: str) -> None:
@@ -115,7 +115,7 @@ class ChainLine:
     def use(self, named: NamedChain) -> None:
         """Set the chain that is drawn.
 
-        Raises ValueError if its number of rotors differs from the number of joint names.
+        Raises ValueError if the number of rotors differs from the number of joint names.
         """
         named = with_joints(named, self._joint_names)
         self._chain = (named, FrameReader(named.joint_names, named.encoder_offsets))

@@ -40,7 +40,7 @@ messages."""
 
 
 def main() -> None:
-    """Check a bag; exit with 1 if it is damaged or messages were lost."""
+    """Check a bag; exit with 1 if the bag is damaged or messages were lost."""
     parser = PlainParser(
         prog='check_bag',
         description=f'{__doc__} The exit code is 1 if the bag is damaged or messages were lost.',
@@ -176,14 +176,14 @@ def _seconds(nanoseconds: int) -> str:
 
 
 def _moment(stamp: int) -> str:
-    """Return a stamp [ns] in local time and in seconds."""
+    """Return a stamp [ns] as a text with the local time and the seconds since the epoch."""
     moment = time.localtime(stamp // SECOND)
     date = time.strftime('%b %e %Y %H:%M:%S', moment)
     return f'{date}.{stamp % SECOND:09d} ({_seconds(stamp)})'
 
 
 def _size(number: float) -> str:
-    """Return a size [B] in the units of `ros2 bag info`."""
+    """Return a size [B] as a text in the units of `ros2 bag info`."""
     units = ['B', 'KiB', 'MiB', 'GiB', 'TiB']
     power = 0
     while number >= 1024 and power < len(units) - 1:

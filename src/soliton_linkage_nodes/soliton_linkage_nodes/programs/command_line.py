@@ -1,5 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Helpers for the command lines of programs, which exit with one line of text after an error."""
+"""Helpers for the command lines of programs.
+
+After an error, a program exits with one line of text instead of a traceback.
+"""
 
 from __future__ import annotations
 

@@ -143,7 +143,7 @@ def _measured(
 ) -> list[ContractedWall]:
     """Record and measure all walls.
 
-    A failed recording is repeated once, because it can fail on a busy machine.
+    If a recording fails, it is repeated once, because a busy machine can cause a failure.
     """
 
     def measured(walls: int, kick: int) -> ContractedWall:

@@ -66,11 +66,11 @@ class FilmSummary(NamedTuple):
     pictures: int
     """Number of pictures with visible rotors."""
     shares: float
-    """Mean fraction of the rotors that are visible in these pictures [1]."""
+    """Mean fraction of visible rotors in these pictures [1]."""
     deviation: float
-    """Median of the standard deviations of the angles [rad]."""
+    """Median of the stated standard deviations of the angles [rad]."""
     last: str
-    """Description of the last picture and of earlier problems."""
+    """Description of the last picture and of the problems so far."""
     ended_by: str
     """Reason why the measurement ended early, or '' after a complete film. The bag also contains
     this reason."""
@@ -133,7 +133,7 @@ def film_to_bag(
 def _drawn(
     measured: Iterable[tuple[TimedPicture, CameraReading]], named: NamedChain
 ) -> Iterator[TimedPicture]:
-    """Yield pictures with the detected markers and the estimated walls drawn into them."""
+    """Yield the pictures with drawings of the detected markers and the estimated walls."""
     analyser = Analyser(named.chain)
     for taken, seen in measured:
         walls = []

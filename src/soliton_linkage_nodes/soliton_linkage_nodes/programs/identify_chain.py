@@ -59,7 +59,7 @@ class IdentificationOptions:
     """Relative standard deviation of the lengths of one kind [1]. None means that the
     identification estimates it."""
     span: tuple[float, float] = (0.0, math.inf)
-    """First and last time of the used frames, relative to the first frame of the bag [s]."""
+    """Times of the first and last used frame, relative to the first frame of the bag [s]."""
     gravity: float = 0.0
     """Gravitational acceleration in the plane of the chain [m/s^2]."""
     tilts: tuple[float, ...] = ()
@@ -112,7 +112,7 @@ def identify_bags(
 
 
 def main(arguments: Sequence[str] | None = None) -> None:
-    """Identify the chain of bags; exit with 1 after a failure, 130 after Ctrl-C."""
+    """Identify the chain in the bags; exit with 1 after a failure, 130 after Ctrl-C."""
     options = _parser().parse(arguments)
     with exit_on_failure('identify_chain'):
         interrupt_on_signals()
@@ -169,7 +169,7 @@ def _parser() -> PlainParser:
 
 
 def _add_assumptions(parser: PlainParser) -> None:
-    """Add options for information that the angles do not contain."""
+    """Add options that provide information that the angles do not contain."""
     parser.add_argument(
         '--spacing',
         type=number(described_fields(Chain)['spacing']),
@@ -222,7 +222,8 @@ def _add_span(parser: PlainParser) -> None:
 
 
 _FEWEST_FRAMES = 50
-"""Smallest number of frames [1]. In so many frames a wall passes one or two rotors."""
+"""Smallest number of frames for an identification [1]. During this number of frames, a wall passes
+one or two rotors."""
 _MOST_FRAMES = 8000
 """Largest number of frames in a fit [1]. A fit of 40 rotors with rigid bars takes about 10 s."""
 

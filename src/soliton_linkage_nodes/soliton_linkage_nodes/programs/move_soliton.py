@@ -60,10 +60,11 @@ class MoveClient(WaitingNode):
         interfaces.DIAGNOSTICS.subscribe(self, self._on_diagnostics)
 
     def move(self, rotor: float, speed: float, wait: float = _LONGEST_WAIT) -> MoveSoliton.Result:
-        """Move the soliton and return the result; wait at most `wait` [s] for the steering node.
+        """Move the soliton to `rotor` [rotor spacings] and return the result.
 
-        Raises ValueError if the action server is missing or disappears, and KeyboardInterrupt if
-        the move is interrupted and does not end soon.
+        The client waits at most `wait` [s] for the steering node. `speed` is the largest speed
+        [rotor spacings/s]. Raises ValueError if the action server is missing or disappears.
+        Raises KeyboardInterrupt if Ctrl-C interrupts the move and the move does not end soon.
         """
         deadline = time.monotonic() + wait
         self._until(
@@ -144,7 +145,7 @@ def progress_of(on_the_way: MoveSoliton.Feedback) -> str:
 
 
 def main() -> None:
-    """Move the soliton as the command line specifies."""
+    """Move the soliton as the command line specifies; exit with 1 if it does not arrive."""
     options = parse_own_arguments(_parser())
     with ros_client('move_soliton') as stopping:
         result = MoveClient(stopping).move(options.rotor, options.speed, options.wait)

@@ -32,9 +32,9 @@ _TIMEOUT = Quantity(
 )
 """Longest wait for the actuator, and longest wait for its answer. Each is at most one hour."""
 _SUBSCRIBERS = Quantity('number of subscribers to wait for', minimum=1)
-"""Number of subscribers of the topic nudge, including the edge actuator."""
+"""Number of subscribers of the topic nudge. The edge actuator is one of them."""
 _LONGEST_WAIT = 5.0
-"""Default of the longest wait for the actuator, and for its answer [s]."""
+"""Default of the longest wait for the actuator and of the longest wait for its answer [s]."""
 _DISCOVERY_TIME = 1.0
 """Wait after an actuator is found [s]. During this time other subscribers are discovered, and the
 latched message on `last_kick` arrives."""

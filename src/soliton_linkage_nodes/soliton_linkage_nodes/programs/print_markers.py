@@ -1,8 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
 """Write pages of markers for a chain, to scale: dots for pivots and masses, and frame markers.
 
-Print without scaling, measure the ruler, cut the markers out, and stick each one at its printed
-position. The last sheet is a chessboard for calibrate_camera.
+Print the pages without scaling, and measure the printed ruler as a check. Cut the markers out,
+and stick each marker at the position that is printed below it. The last sheet is a chessboard for
+calibrate_camera.
 """
 
 from __future__ import annotations

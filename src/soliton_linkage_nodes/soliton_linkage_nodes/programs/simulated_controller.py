@@ -49,7 +49,7 @@ class PseudoTerminal:
     """Pseudo-terminal. A client opens one end as a serial port; this program uses the other."""
 
     def __init__(self, link: Path | None = None) -> None:
-        """Open the terminal; `link` is the path of a symbolic link to create."""
+        """Open the terminal. `link` is the path of a symbolic link that is created."""
         self._here, self._there = pty.openpty()
         tty.setraw(self._there)
         os.set_blocking(self._here, False)

@@ -47,7 +47,7 @@ _JOINT_PREFIX = 'torque_limits.'
 
 
 def main() -> None:
-    """Run the nodes until a signal, or until one of them fails."""
+    """Run the nodes until a signal arrives or one of the nodes fails."""
     parser = PlainParser(
         prog='suite',
         usage='%(prog)s [NODE ...] [--ros-args ...]',

@@ -68,7 +68,7 @@ class RecordControls:
         return await recording.request(self._view.commands(recording.namespace), name)
 
     def refresh(self) -> None:
-        """Disable unusable controls and show the state of the recording."""
+        """Disable the controls that cannot be used, and show the state of the recording."""
         recording = self._view.recording
         if not recording.running and self._page.namespace in self._view.chains:
             recording.namespace = self._page.namespace

@@ -20,7 +20,7 @@ _KINDS = {'kick': 'kick [rad/s]', 'pulse': 'pulse [N m]', 'pressure': 'pressure 
 _DEFAULT_VALUES = {'kick': 10.0, 'pulse': 0.002, 'pressure': 20_000.0}
 """Default value of each kind of edge command [rad/s, N m, Pa]. Each value starts a soliton."""
 _DEFAULT_NUDGE = 10.0
-"""Default speed of a nudge [rad/s], as in the experiments."""
+"""Default angular speed of a nudge [rad/s], the same as in the guided experiments."""
 _FASTEST_NUDGE = 50.0
 """Largest angular speed of a nudge on the slider [rad/s]."""
 _LARGEST_TILT = 0.5
@@ -248,7 +248,7 @@ class DriveControls(ChainControls):
         return group
 
     def refresh(self, why: Mapping[str, str]) -> None:
-        """Disable the groups that have a reason, and show the tilt."""
+        """Disable each group that has a reason, and show the present tilt."""
         super().refresh(why)
         commands = self._view.commands(self._page.namespace)
         usable = not why['move']

@@ -64,7 +64,7 @@ class IdentifyControls(ChainControls):
         hint(_HINT)
 
     def refresh(self, why: Mapping[str, str]) -> None:
-        """Disable unusable controls and show the result."""
+        """Disable the controls that cannot be used, and show the result."""
         super().refresh(why)
         name = f'{self._page.namespace}chain_identifier'
         reports = reports_of(self._view.finder, self._page.namespace)
@@ -120,7 +120,7 @@ class ParameterControls:
         self._fields = ui.element('div').classes('live-parameters')
 
     def refresh(self) -> None:
-        """Update the list of nodes in the namespace of the chain."""
+        """Update the list of nodes that are in the namespace of the chain."""
         namespace = self._page.namespace
         nodes = sorted(
             node for node in self._view.finder.nodes if node.rpartition('/')[0] + '/' == namespace
@@ -180,6 +180,6 @@ class ParameterControls:
 
 
 def description(parameter: AdjustableParameter) -> str:
-    """Return the description of a parameter with its range."""
+    """Return the description of a parameter with its allowed range."""
     allowed = '' if parameter.range.choices else describe_range(parameter.range)
     return '; '.join(filter(None, (parameter.description, allowed)))

@@ -31,9 +31,10 @@ _LARGEST_COUPLING = 1e-3
 
 
 class WaveControls(ChainControls):
-    """Shape, amplitude and frequency of a waveform, and the non-reciprocity of the motors.
+    """Controls of the shape, amplitude and frequency of a waveform, and of the motors.
 
-    The slider of the frequency shows the phonon band of the chain.
+    The slider of the frequency shows the phonon band of the chain. The motors are controlled by
+    their non-reciprocity.
     """
 
     def __init__(self, view: View, page: Shown) -> None:

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Steps of the experiment: nudge, watch the soliton cross and return, record and replay."""
+"""Steps of the experiment: nudge the chain, watch the soliton, record and replay."""
 
 from __future__ import annotations
 
@@ -204,7 +204,7 @@ class Experiment:
         )
 
     def _finish(self) -> dict[str, str]:
-        """Receive the last report of the simulator, then stop the nodes."""
+        """Receive one more report of the simulator, stop the nodes, and return the report."""
         self._observer.reports.pop('simulator', None)
         self._wait_until(
             lambda: 'simulator' in self._observer.reports,
@@ -246,7 +246,7 @@ class Experiment:
         return recorded
 
     def _replay(self) -> dict[int, tuple[float, ...]]:
-        """Play the bag into the second analyser and return its soliton positions."""
+        """Play the bag into the second analyser, and return the soliton sites of each stamp."""
         service = service_type('Resume')
         resuming = self._observer.create_client(
             service, 'bag_player/resume', qos_profile=SERVICE_QOS

@@ -81,7 +81,8 @@ class FilmedExperimentParameters(BenchParameters):
 def run(configuration: Path, given: Mapping[str, Any], folder: Path) -> str:
     """Run the experiment of a configuration file, and return its result as text.
 
-    Raises ValueError for unknown parameters and for values out of range.
+    `given` contains the parameters of the experiment. Raises ValueError if a parameter is unknown
+    or out of range.
     """
     known = described_fields(FilmedExperimentParameters)
     for name, value in given.items():
@@ -108,7 +109,7 @@ class FilmedExperiment:
         self._folder = output
 
     def run(self) -> PositionErrors:
-        """Run all steps, and write the page and summary.json."""
+        """Run all steps, write the page and summary.json, and return the errors."""
         film, lens = self._folder / 'film.mp4', self._folder / 'camera.yaml'
         self._film(film)
         write_camera(lens, CAMERA)

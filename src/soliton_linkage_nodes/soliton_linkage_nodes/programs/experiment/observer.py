@@ -49,7 +49,7 @@ class ExperimentParameters:
 
 
 class Observer(Node):
-    """Node that receives soliton states and diagnostics, and can nudge the chain."""
+    """Node that receives soliton states and diagnostics, and can drive the chain."""
 
     def __init__(self, **kwargs: Any) -> None:
         super().__init__('experiment', **kwargs)
@@ -74,7 +74,7 @@ class Observer(Node):
         self._subscribe(interfaces.DIAGNOSTICS, self._on_diagnostics)
 
     def send_burst(self) -> None:
-        """Publish the burst of torque on rotor 0 that the parameters specify."""
+        """Publish a burst of torque on rotor 0. The parameters specify the burst."""
         command = EdgeCommand(
             edge=EdgeCommand.FIRST,
             kind=EdgeCommand.WAVEFORM,
@@ -97,7 +97,7 @@ class Observer(Node):
 
     @property
     def informed(self) -> bool:
-        """Whether the chain and a soliton state have been received."""
+        """Whether both the chain and a soliton state have been received."""
         return self.rotors > 0 and bool(self.states)
 
     def figures(self, node: str) -> dict[str, str]:
@@ -171,5 +171,5 @@ class RoundTrip:
 
 
 def soliton_sites(state: SolitonState) -> tuple[float, ...]:
-    """Return the site coordinates of the solitons of a state [rotor spacings]."""
+    """Return the site coordinate of each soliton in a state [rotor spacings]."""
     return tuple(soliton.rotor for soliton in state.solitons)

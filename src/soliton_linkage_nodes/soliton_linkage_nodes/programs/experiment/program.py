@@ -1,11 +1,11 @@
 # SPDX-License-Identifier: Apache-2.0
 """Run an experiment: drive the chain, watch its solitons, record and replay.
 
-The program starts simulator, actuator, analyser and recorder in a private domain of this
-machine. It writes a bag, two pictures, a page and a summary. If the parameter file has a section
-filmed_experiment, the program instead renders a film of a chain with unknown lengths, identifies
-the chain from the film and tracks its soliton. It writes a page with the film, the detected
-markers, the identified chain and the track.
+The program starts simulator, actuator, analyser and recorder in a private domain of this machine,
+and writes a bag, two pictures, a page and a summary. The program runs a filmed experiment instead
+if the parameter file has a section filmed_experiment. A filmed experiment renders a film of a
+chain with unknown lengths, identifies the chain from the film and tracks its soliton. The page
+then contains the film, the detected markers, the identified chain and the track.
 """
 
 from __future__ import annotations
@@ -150,7 +150,10 @@ def _remove_written(folder: Path) -> None:
 
 
 def _claim(folder: Path) -> int | None:
-    """Create, open and lock a folder; return None if another experiment has locked it."""
+    """Create, open and lock a folder, and return its descriptor.
+
+    Return None if another experiment has locked the folder.
+    """
     folder.mkdir(parents=True, exist_ok=True)
     claim = os.open(folder, os.O_RDONLY)
     try:
