@@ -94,7 +94,7 @@ class Processes:
         """Start single-threaded processes."""
         context = multiprocessing.get_context('spawn')
         # Start the resource tracker here. Otherwise it would start together with the first
-        # process, and Ctrl-C would then end the tracker.
+        # process. Its start unblocks SIGINT, so that the processes would receive Ctrl-C.
         resource_tracker.ensure_running()
         with defer_interrupts(), _environment(_ONE_THREAD):
             for _ in range(count):
@@ -279,7 +279,7 @@ def measure_chunk(table: Rows, rows: list[int]) -> Chunk:
 def defer_interrupts() -> Iterator[None]:
     """Defer SIGINT and SIGTERM to the end of a `with` block.
 
-    Processes that start in the block ignore SIGINT for their whole life.
+    In processes that start in the block, SIGINT stays blocked permanently.
     """
     received: list[int] = []
     # To block the signals in this thread is not sufficient, because another thread can receive

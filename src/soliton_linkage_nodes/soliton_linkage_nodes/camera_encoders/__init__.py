@@ -1,2 +1,2 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Node that measures the angles of a chain in camera pictures, in place of encoders."""
+"""Node that replaces encoders: it measures the angles of the rotors in camera pictures."""

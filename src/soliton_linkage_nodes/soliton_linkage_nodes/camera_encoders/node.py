@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Node that measures the angles of the rotors in camera pictures, in place of encoders."""
+"""Node that replaces encoders: it measures the angles of the rotors in camera pictures."""
 
 from __future__ import annotations
 
@@ -52,16 +52,16 @@ from soliton_linkage_nodes.runtime.stamps import SECOND, time_from_msg
 from soliton_linkage_nodes.runtime.subscriptions import StreamSubscription
 
 _MOST_CAMERAS = 63
-"""Largest device number of a Linux camera [1]."""
+"""Largest device number of a camera on Linux [1]."""
 _LONGEST_STATE_AGE = 1.0
-"""Largest age of a `soliton_state` that is drawn into pictures [s]."""
+"""Threshold of the age of a `soliton_state` [s]: it is drawn into pictures if it is younger."""
 _STOP_LIMIT = 5.0
-"""Longest wait for the camera thread, which may be waiting for a picture [s]."""
+"""Longest wait for the end of the camera thread [s]. The thread may be waiting for a picture."""
 
 
 @dataclass(frozen=True)
 class CameraEncodersParameters:
-    """Source of the pictures."""
+    """Parameters of the source of the pictures and of the overlay."""
 
     pictures_from: str = quantity(
         'image',
@@ -83,14 +83,18 @@ class CameraEncodersParameters:
 
 
 class CameraEncoders(ManagedNode):
-    """Node that publishes the angles of the rotors measured in camera pictures.
+    """Node that measures the angles of the rotors in camera pictures and publishes them.
 
-    Subscribes to `image` or `image/compressed` (unless it reads a camera of this machine), to
-    `camera_info` (unless a calibration file is set), to `soliton_state` for the overlay, and to
-    `chain` unless parameters describe the chain. Publishes `joint_states` [rad] with the stamp of
-    the exposure and NaN for hidden rotors, `joint_state_deviations` (the standard deviations [rad]
-    as positions), `camera_overlay` (pictures with the detected markers) while it has a subscriber,
-    `/diagnostics` and, if parameters describe the chain, `chain` (latched).
+    The node reads a camera of this machine, or subscribes to `image` or `image/compressed`. It
+    subscribes to `camera_info` unless a calibration file is set, and to `soliton_state` for the
+    overlay. If parameters describe the chain, the node publishes `chain` (latched). Otherwise it
+    subscribes to `chain`.
+
+    The node publishes `joint_states` [rad], `joint_state_deviations` and `/diagnostics`. The stamp
+    of `joint_states` is the time of the exposure, and angles of hidden rotors are NaN. The
+    position field of `joint_state_deviations` contains the standard deviations of the angles
+    [rad]. While `camera_overlay` has a subscriber, the node publishes on it pictures with the
+    detected markers.
     """
 
     PARAMETERS: ClassVar[dict[type, str]] = {
@@ -103,7 +107,7 @@ class CameraEncoders(ManagedNode):
     }
 
     def __init__(self, **kwargs: Any) -> None:
-        """Create the node."""
+        """Create the node. Configure and activate it, unless a lifecycle manager does that."""
         super().__init__('camera_encoders', **kwargs)
 
     @property
@@ -158,16 +162,17 @@ class CameraEncoders(ManagedNode):
         self._reset_measurement()
 
     def measure(self, stamp: int, picture: Picture) -> None:
-        """Publish the angles in a picture whose exposure began at a stamp [ns].
+        """Measure the angles in a picture and publish them.
 
-        Raises ValueError for a rejected picture.
+        `stamp` is the time at which the exposure began [ns]. Raises ValueError if the picture is
+        rejected.
         """
         if self._measurement is None or self._named is None:
             return
         begin = time.perf_counter()
         reading = self._reading = self._measurement.measure(stamp, picture)
         if reading.frame.seen:
-            # Subscribers need the deviations when the angles arrive.
+            # Subscribers need the standard deviations when the angles arrive.
             self._deviations.publish(deviations_to_msg(self._named, reading))
             self._angles.publish(angles_to_msg(self._named, reading))
         self._publish_overlay(self._named, picture, reading)
@@ -177,7 +182,7 @@ class CameraEncoders(ManagedNode):
     def _publish_overlay(
         self, named: NamedChain, picture: Picture, reading: CameraReading
     ) -> None:
-        """Publish an overlay if there is a subscriber and the overlay period has elapsed."""
+        """Publish an overlay if it has a subscriber and the overlay period has elapsed."""
         period = round(SECOND / self.settings.overlay_rate)
         if not self._overlay.get_subscription_count():
             return
@@ -206,7 +211,7 @@ class CameraEncoders(ManagedNode):
             self.diagnostics.fail(str(error))
 
     def _subscribe_to_pictures(self) -> str:
-        """Subscribe and return a description of the source."""
+        """Subscribe to the pictures, and return a description of their source."""
         if self.settings.pictures_from == 'camera':
             return f'pictures of camera {self.settings.camera}'
         guarded = self.diagnostics.guarded

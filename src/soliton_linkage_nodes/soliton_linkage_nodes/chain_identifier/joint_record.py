@@ -27,11 +27,14 @@ from soliton_linkage_nodes.messages.frame_reader import FrameReader
 from soliton_linkage_nodes.runtime.stamps import SECOND, time_from_msg
 
 _MOST_IMPULSES = 10_000
-"""Largest number of stored impulses, and of stored tilts [1]."""
+"""Largest number of impulses that are stored, and largest number of tilts [1]."""
 _MOST_UNMATCHED = 100
-"""Largest number of stored messages with standard deviations whose angles are missing [1]."""
+"""Largest number of stored messages with standard deviations of angles that are not stored [1]."""
 _Impulses = deque[tuple[int, Array | None]]
-"""Stamps [ns] and angular impulses [N m s], shape (N,), None if only the time is known."""
+"""Pairs of a stamp [ns] and angular impulses [N m s], shape (N,).
+
+None in place of the impulses means that only their time is known.
+"""
 
 
 def _no_impulses() -> _Impulses:
@@ -39,20 +42,22 @@ def _no_impulses() -> _Impulses:
 
 
 class JointRecord:
-    """Record of a limited number of frames, with the impulses and tilts during this time.
+    """Record of a limited number of frames, with the impulses and tilts between them.
 
-    Delivered impulses replace commanded impulses, because they have the stamps of frames.
-    Commands have stamps of another clock if the simulator does not publish `/clock`.
+    If delivered impulses were received, the commanded impulses are ignored. Delivered impulses
+    have the stamps of frames. The stamps of commands may come from another clock, because not
+    every simulator publishes `/clock`.
     """
 
     def __init__(self, joint_names: Sequence[str], most: int) -> None:
-        """Store at most `most` frames of these joints, rotor 0 first.
+        """Create a record of at most `most` frames.
 
-        If `joint_names` is empty, use the names in the first message.
+        `joint_names` contains the names of the joints in the order of the rotors. If it is empty,
+        the names and the order of the first message are used.
         """
         self.joint_names = tuple(joint_names)
         self.frames = 0
-        """Number of frames received."""
+        """Number of received frames."""
         self._assembler = FrameAssembler(joint_names)
         self._reader = FrameReader(joint_names) if joint_names else None
         self._most = most
@@ -68,12 +73,15 @@ class JointRecord:
         return len(self._angles)
 
     def add(self, joints: JointStates) -> None:
-        """Store complete frames that are later than the previous one; ValueError if invalid."""
+        """Store the frames that a message completes. Raises ValueError for an invalid frame.
+
+        Frames that are not later than the latest stored frame are dropped.
+        """
         for frame in self._assembler.add(joints):
             self._keep(frame)
 
     def finish(self) -> None:
-        """Store an incomplete last frame; raise ValueError if it is invalid."""
+        """Store the last frame although it is incomplete. Raises ValueError if it is invalid."""
         for frame in self._assembler.flush():
             self._keep(frame)
 
@@ -88,7 +96,10 @@ class JointRecord:
         self.frames += 1
 
     def add_deviations(self, joints: JointStates) -> None:
-        """Store the standard deviations of the angles of a frame; raise ValueError if invalid."""
+        """Store the standard deviations of the angles in a frame.
+
+        Raises ValueError if the message is invalid.
+        """
         named = self._reader is not None
         self._deviations[joints.stamp] = self._read(joints)
         if not named:
@@ -97,10 +108,10 @@ class JointRecord:
             self._drop_unmatched_deviations()
 
     def add_command(self, message: RotorImpulses | JointState, received: int) -> None:
-        """Store nonzero commanded impulses or torques.
+        """Store commanded impulses or torques, unless all of them are 0.
 
-        `received` [ns] replaces a missing stamp. Torques that arrive before the joints are known
-        are dropped.
+        If the message has no stamp, `received` [ns] is used instead. Torques are dropped if the
+        joint names are not known yet.
         """
         stamp = time_from_msg(message.header.stamp) or received
         if isinstance(message, RotorImpulses):
@@ -109,12 +120,12 @@ class JointRecord:
             self._commanded_torques.append((stamp, None))
 
     def add_delivered_impulses(self, message: RotorImpulses) -> None:
-        """Store the impulses of a `delivered_impulses` message."""
+        """Store the impulses in a message of `delivered_impulses`."""
         stamp = time_from_msg(message.header.stamp)
         self._add_impulses(self._delivered_impulses, stamp, message)
 
     def add_delivery(self, message: Delivery) -> None:
-        """Store the angular impulse of all torques since the previous `delivery` message."""
+        """Store the angular impulse of the torques since the previous message of `delivery`."""
         before, now = self._delivered, delivery_from_msg(message)
         self._delivered = now
         if before is not None and len(now.impulse_of_torques) == len(self.joint_names):
@@ -127,9 +138,9 @@ class JointRecord:
         self._tilts.append((received, tilt))
 
     def readings(self, gravity: Gravity = NO_GRAVITY) -> Readings:
-        """Return the record with times since the first frame.
+        """Return the record for an identification. Times are counted from the first frame [s].
 
-        `gravity` applies until the first recorded tilt.
+        `gravity` is the gravity until the first recorded tilt.
         """
         begin = next(iter(self._angles), 0)
         unknown = np.full(len(self.joint_names), np.nan)
@@ -158,7 +169,7 @@ class JointRecord:
 
     @property
     def _impulses(self) -> list[tuple[int, Array | None]]:
-        """Return the delivered impulses if any were reported, otherwise the commanded impulses."""
+        """Delivered impulses if any were received, otherwise commanded impulses."""
         torques = self._commanded_torques
         if self._delivered is not None:
             torques = self._delivered_torques
@@ -176,7 +187,7 @@ class JointRecord:
         self._drop_unmatched_deviations()
 
     def _drop_unmatched_deviations(self) -> None:
-        """Drop standard deviations without angles, except the latest ones."""
+        """Drop standard deviations of frames that are not stored, except the latest ones."""
         recent = set(list(self._deviations)[-_MOST_UNMATCHED:])
         self._deviations = {
             stamp: values

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Node that identifies the lengths of a chain after a soliton has passed through it."""
+"""Node that estimates the lengths of a chain after a soliton has passed through the chain."""
 
 from __future__ import annotations
 
@@ -85,11 +85,14 @@ class ChainIdentifierParameters:
 class ChainIdentifier(ManagedNode):
     """Node that estimates every length of a chain from the angles of its joints.
 
-    Subscribes to `joint_states` [rad] and their `joint_state_deviations` [rad], and to the inputs
-    of the chain: `delivered_impulses`, `delivery` and `tilt`, or `rotor_impulses` and
-    `rotor_torques` if no delivered impulses are published. Publishes `identified_chain` and
-    `/diagnostics`. Serves `~/identify` (identify now), `~/save` (write the last result with its
-    standard deviations to the file `output`) and `~/forget` (drop all frames).
+    The node subscribes to `joint_states` [rad] and to `joint_state_deviations` [rad], the standard
+    deviations of the angles. It also subscribes to the inputs of the chain: `delivered_impulses`,
+    `delivery`, `tilt`, `rotor_impulses` and `rotor_torques`. The last two are used only if no node
+    publishes delivered impulses. The node publishes `identified_chain` and `/diagnostics`.
+
+    The service `~/identify` starts an identification. The service `~/save` writes the last result
+    with its standard deviations to the file of the parameter `output`. The service `~/forget`
+    drops all frames.
     """
 
     PARAMETERS: ClassVar[dict[type, str]] = {
@@ -98,15 +101,15 @@ class ChainIdentifier(ManagedNode):
     }
 
     def __init__(self, **kwargs: Any) -> None:
-        """Create the node."""
+        """Create the node. Configure and activate it, unless a lifecycle manager does that."""
         super().__init__('chain_identifier', **kwargs)
 
     def configure(self) -> None:
-        """Create subscriptions, services and timers."""
+        """Create the publisher, the subscriptions, the services and the timers."""
         settings = self.settings = current(self, ChainIdentifierParameters)
         check_names('parameter joint_names', settings.joint_names)
         self.found: Identification | None = None
-        """Last result."""
+        """Result of the last successful identification, or None."""
         self._failure = ''
         self._record = self._new_record()
         self._identified_frames = 0
@@ -147,7 +150,7 @@ class ChainIdentifier(ManagedNode):
 
     @property
     def frames(self) -> int:
-        """Number of frames received since the start or the last `~/forget`."""
+        """Number of frames received since the start, or since the last call of `~/forget`."""
         return self._record.frames
 
     def _new_record(self) -> JointRecord:
@@ -169,7 +172,10 @@ class ChainIdentifier(ManagedNode):
             self._record.add_tilt(message.data, self.get_clock().now().nanoseconds)
 
     def _start_identification(self) -> None:
-        """Start a thread if there are new frames and no identification is running."""
+        """Start an identification in a thread.
+
+        Do nothing if an identification is running or no frames were received since the last one.
+        """
         record = self._record
         idle = self.active and not self._working and record.frames
         if not idle or record.frames == self._identified_frames:

@@ -25,7 +25,7 @@ _STATUS = {
 
 
 def main(arguments: list[str]) -> int:
-    """Run one of the verbs; return its exit code."""
+    """Run the verb that the arguments specify, and return its exit code."""
     verbs = Verbs('action', __doc__)
     listing = verbs.add('list', _list, 'print the names of all actions')
     listing.add_argument('-t', '--show-types', action='store_true', help='also print the types')
@@ -91,9 +91,10 @@ def _send_goal(visitor: Visitor, options: argparse.Namespace) -> int:
 
 
 def _note_interrupt() -> threading.Event:
-    """Return an event that the next Ctrl-C sets; a second one interrupts the command.
+    """Return an event that the next Ctrl-C sets. A second Ctrl-C interrupts the command.
 
-    A KeyboardInterrupt inside the executor of rclpy can block the callbacks of the node for good.
+    The first Ctrl-C raises no KeyboardInterrupt, because this exception inside the executor of
+    rclpy can block the callbacks of the node permanently.
     """
     interrupted = threading.Event()
 

@@ -20,7 +20,7 @@ from soliton_linkage_nodes.commands.visitor import Verbs, Visitor, full_name
 
 
 def main(arguments: list[str]) -> int:
-    """Run one of the verbs; return its exit code."""
+    """Run the verb that the arguments specify, and return its exit code."""
     verbs = Verbs('param', __doc__)
     for name, verb, summary in (
         ('list', _list, 'print the names of the parameters of a node'),
@@ -87,7 +87,8 @@ def _describe(visitor: Visitor, options: argparse.Namespace) -> None:
 
 
 def _dump(visitor: Visitor, options: argparse.Namespace) -> None:
-    # Request one at a time: rclpy returns no value at all if one parameter is not set.
+    # Request the parameters one at a time, because rclpy returns no values at all if one of the
+    # requested parameters is not set.
     found = {
         name: value
         for name in _names(visitor, options.node)

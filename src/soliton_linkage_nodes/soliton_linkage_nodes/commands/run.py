@@ -10,11 +10,11 @@ from soliton_linkage.command_line import PlainParser, complete
 from soliton_linkage_nodes import start
 
 PROGRAMS = sorted(name for name, value in vars(start).items() if isinstance(value, partial))
-"""Names of the executables for `ros2 run soliton_linkage_nodes`."""
+"""Names of the programs that `ros2 run soliton_linkage_nodes` can run."""
 
 
 def main(arguments: list[str]) -> int:
-    """Run the program in the first argument with the remaining arguments."""
+    """Run the program that the first argument names, with the remaining arguments."""
     parser = PlainParser(
         prog='soliton-linkage run',
         usage='%(prog)s PROGRAM ...',

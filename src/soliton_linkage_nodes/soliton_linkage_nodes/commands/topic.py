@@ -17,13 +17,13 @@ from soliton_linkage_nodes.runtime.interfaces import Topic
 from soliton_linkage_nodes.runtime.subscriptions import AdaptiveSubscription
 
 _QOS = QoSProfile(depth=1000)
-"""Requested quality of service; best effort is used if a publisher offers no more."""
+"""Requested quality of service. If a publisher offers only best effort, best effort is used."""
 _LINGER = 0.1
-"""Wait after the last message [s], so that it is sent before the publisher closes."""
+"""Time from the last message to the end of the publisher [s]. The message is sent in this time."""
 
 
 def main(arguments: list[str]) -> int:
-    """Run one of the verbs; return its exit code."""
+    """Run the verb that the arguments specify, and return its exit code."""
     verbs = Verbs('topic', __doc__)
     listing = verbs.add('list', _list, 'print the names of all topics that are not hidden')
     listing.add_argument('-t', '--show-types', action='store_true', help='also print the types')

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Temporary node for one command."""
+"""Temporary node that one command of `soliton-linkage` creates."""
 
 from __future__ import annotations
 
@@ -18,28 +18,30 @@ from soliton_linkage.command_line import PlainParser, complete
 from soliton_linkage_nodes.runtime.guarded import SERVICE_QOS
 
 _FOUND_WITHIN = 10.0
-"""Default limit of the wait for the discovery of a name [s]. Discovery usually takes less than
-1 s, sometimes 3 s, and longer on a busy machine."""
+"""Default value of the longest time in which a name must be discovered [s].
+
+Discovery usually takes less than 1 s and sometimes 3 s. On a busy machine it takes longer.
+"""
 _ALL_ANNOUNCED = 3.2
-"""Minimum wait for a complete list [s], because each process announces itself every 3 s."""
+"""Shortest wait for a complete list of names [s]. Each process announces itself every 3 s."""
 _SETTLED = 1.0
-"""Time without a change after which a list is complete [s]."""
+"""Time without a change after which a list of names counts as complete [s]."""
 ANSWER_LIMIT = 10.0
-"""Maximum wait for the response of a service [s]."""
+"""Longest wait for the response of a service [s]."""
 _SPIN = 0.05
-"""Poll interval of conditions without incoming messages [s]."""
+"""Interval at which a condition is checked while no messages arrive [s]."""
 
 Found = TypeVar('Found')
 NamesAndTypes = Sequence[tuple[str, list[str]]]
 
 
 class Visitor:
-    """Temporary node in the ROS graph with its executor."""
+    """Temporary node in the ROS graph, and the executor of this node."""
 
     def __init__(
         self, limit: float = _FOUND_WITHIN, clock: Callable[[], float] = time.monotonic
     ) -> None:
-        """Create the node; `limit` is the longest wait for a name in the graph [s]."""
+        """Create the node. `limit` is the longest wait for a name in the graph [s]."""
         self.limit = limit
         self._clock = clock
         self.node = rclpy.create_node(
@@ -56,11 +58,15 @@ class Visitor:
         self.node.destroy_node()
 
     def spin(self, seconds: float = _SPIN) -> None:
-        """Execute the next callback that is ready within `seconds`."""
+        """Execute one callback, if one becomes ready within `seconds` [s]."""
         self._executor.spin_once(timeout_sec=seconds)
 
     def until(self, condition: Callable[[], Any], seconds: float | None = None) -> bool:
-        """Spin until a condition holds; return False after `seconds`, by default the limit."""
+        """Execute callbacks until a condition is true, and return True.
+
+        If the condition is not true within `seconds` [s], return False. The default of `seconds`
+        is the limit of this node.
+        """
         deadline = self._clock() + (self.limit if seconds is None else seconds)
         while not condition():
             if self._clock() > deadline:
@@ -69,13 +75,13 @@ class Visitor:
         return True
 
     def rest(self, seconds: float) -> None:
-        """Execute callbacks for a duration [s]."""
+        """Execute callbacks for the duration `seconds` [s]."""
         end = time.monotonic() + seconds
         while (left := end - time.monotonic()) > 0:
             self.spin(min(left, _SPIN))
 
     def settled(self, there: Callable[[], Found]) -> Found:
-        """Return the list from `there` when it is complete and no longer changes."""
+        """Call `there` repeatedly, and return its list when this list no longer changes."""
         begun = since = self._clock()
         found = there()
         while self._clock() < min(
@@ -88,7 +94,7 @@ class Visitor:
         return found
 
     def type_name(self, kind: str, name: str, there: Callable[[], NamesAndTypes]) -> str:
-        """Return the type of a topic or service; RuntimeError if the name does not exist."""
+        """Return the type of a topic or service. Raises RuntimeError for an unknown name."""
         full = self.node.resolve_topic_name(name)
         found: dict[str, list[str]] = {}
 
@@ -103,7 +109,10 @@ class Visitor:
         return found[full][0]
 
     def call(self, service_type: Any, name: str, request: Any) -> Any:
-        """Call a service; RuntimeError if it does not exist or does not respond."""
+        """Call a service and return its response.
+
+        Raises RuntimeError if the service does not exist or does not respond.
+        """
         client = self.node.create_client(service_type, name, qos_profile=SERVICE_QOS)
         if not self.until(client.service_is_ready):
             name = service_type.__name__
@@ -114,7 +123,10 @@ class Visitor:
         return future.result()
 
     def call_node(self, node: str, service_type: Any, **request: Any) -> Any:
-        """Call a standard service of a node, such as GetState; RuntimeError if there is none."""
+        """Call a standard service of a node, such as GetState, and return its response.
+
+        Raises RuntimeError if the node has no such service or the service does not respond.
+        """
         words = ''.join(
             f'_{each.lower()}' if each.isupper() else each for each in service_type.__name__
         )
@@ -129,7 +141,7 @@ class Visitor:
 
 
 def full_name(node: str) -> str:
-    """Return the name of a node with its namespace, by default the root."""
+    """Return the name of a node with its namespace. The default namespace is the root, `/`."""
     return node if node.startswith('/') else f'/{node}'
 
 
@@ -137,7 +149,7 @@ def full_name(node: str) -> str:
 def visiting(
     limit: float = _FOUND_WITHIN, clock: Callable[[], float] = time.monotonic
 ) -> Iterator[Visitor]:
-    """Create a visitor for the duration of the block."""
+    """Create a visitor for the duration of a `with` block."""
     rclpy.init(args=[], signal_handler_options=SignalHandlerOptions.NO)
     try:
         visitor = Visitor(limit, clock)
@@ -153,14 +165,14 @@ Verb = Callable[[Visitor, argparse.Namespace], int | None]
 
 
 class Verbs:
-    """Verbs of a command, each with its own arguments."""
+    """Verbs of a command. Each verb has its own arguments."""
 
     def __init__(self, command: str, description: str | None) -> None:
         self._parser = PlainParser(prog=f'soliton-linkage {command}', description=description)
         self._verbs = self._parser.add_subparsers(metavar='VERB', required=True)
 
     def add(self, name: str, verb: Verb, summary: str) -> argparse.ArgumentParser:
-        """Add a verb and return its parser for further arguments."""
+        """Add a verb and return its parser, to which further arguments can be added."""
         parser: argparse.ArgumentParser = self._verbs.add_parser(
             name, help=summary, description=f'{summary[0].upper()}{summary[1:]}.'
         )
@@ -175,7 +187,7 @@ class Verbs:
         return parser
 
     def run(self, arguments: list[str]) -> int:
-        """Parse the arguments, run the verb in the graph and return the exit code."""
+        """Parse the arguments, run the verb with a temporary node and return the exit code."""
         complete(self._parser)
         options = self._parser.parse_args(arguments)
         with visiting(options.timeout) as visitor:

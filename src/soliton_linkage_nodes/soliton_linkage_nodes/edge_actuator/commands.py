@@ -32,13 +32,15 @@ from soliton_linkage_nodes.messages.conversions import NamedChain
 from soliton_linkage_nodes.runtime.stamps import time_from_msg
 
 _MOST_KICKS_WAITING = 50
-"""Largest number of kicks that wait for the simulator [1]. It is half the depth of the queue of
-`rotor_impulses`, so that no accepted kick is lost."""
+"""Largest number of kicks that wait for the simulator [1].
+
+It is half the queue depth of the topic `rotor_impulses`, so that no accepted kick is lost.
+"""
 
 
 @dataclass(frozen=True)
 class ActuatedChain:
-    """Chain with the actuators of its joints and their driver."""
+    """Chain with the actuators of its joints, and the driver of these actuators."""
 
     named: NamedChain
     joints: JointActuators
@@ -46,7 +48,7 @@ class ActuatedChain:
 
 
 class Commands:
-    """Commands to a chain. Each method raises ValueError to reject a command."""
+    """Commands to a chain. Each method rejects an invalid command with a ValueError."""
 
     def __init__(
         self,
@@ -55,7 +57,7 @@ class Commands:
         frames: LatestFrames,
         publishers: ActuatorPublishers,
     ) -> None:
-        """Start without a chain."""
+        """Create the object without a chain. Commands are rejected until `chain` is set."""
         self.settings = settings
         self.chain: ActuatedChain | None = None
         self._actuator = actuator
@@ -64,7 +66,10 @@ class Commands:
         self._publishers = publishers
 
     def nudge(self, source: str, message: Float64) -> None:
-        """Apply a kick with the edge and the form that the parameters specify."""
+        """Apply a kick, or a pressure with the same impulse, at the edge of the parameters.
+
+        The parameter `nudge_as` selects a kick or a pressure, and `nudge_edge` selects the edge.
+        """
         kick = EdgeCommand(Edge(self.settings.nudge_edge), CommandKind.KICK, message.data)
         if self.settings.nudge_as == CommandKind.KICK.value:
             self._command(source, kick)
@@ -75,7 +80,7 @@ class Commands:
         self._command(source, kick.as_pressure(chain, self._actuator, duration))
 
     def edge_command(self, source: str, message: msg.EdgeCommand) -> None:
-        """Command an actuator at an edge."""
+        """Execute a command to the actuator at an edge."""
         command = edge_command_from_msg(message)
         self._check_made(message.header.stamp)
         self._rule.check_length(source, command.length)
@@ -85,7 +90,7 @@ class Commands:
             self._play(source, command, command.waveform)
 
     def joint_commands(self, source: str, message: JointState) -> None:
-        """Hold torques of named joints."""
+        """Apply constant torques to the joints that the message names."""
         chain = self._ready()
         rotors, torques = efforts_from_msg(chain.joints, source, message)
         self._check_made(message.header.stamp)
@@ -93,17 +98,17 @@ class Commands:
         chain.driver.hold(source, rotors, torques)
 
     def efforts(self, source: str, message: Float64MultiArray) -> None:
-        """Hold torques of all joints that carry an actuator."""
+        """Apply constant torques to all joints with an actuator."""
         chain = self._ready()
         rotors, torques = efforts_from_array(chain.joints, source, message)
         self._frames.check_fresh()
         chain.driver.hold(source, rotors, torques)
 
     def trajectory(self, source: str, message: JointTrajectory) -> None:
-        """Apply a torque trajectory, linear between its points.
+        """Apply torques that are interpolated linearly between the points of a trajectory.
 
-        A trajectory without points ends the torques of its joints. A trajectory without points and
-        joint names ends the torques of all joints.
+        A trajectory without points ends the torques of the joints that it names. If it names no
+        joints either, it ends the torques of all joints.
         """
         chain = self._ready()
         if not message.points:
@@ -164,7 +169,7 @@ class Commands:
         chain.driver.play(source, replace(command, edge=side), int(rotor), limit)
 
     def _ready(self, at_once: bool = False) -> ActuatedChain:
-        """Return the chain; raise ValueError if it or a subscriber is missing."""
+        """Return the chain. Raises ValueError if the chain or a subscriber is missing."""
         self._publishers.check_connected(at_once)
         if self.chain is None:
             raise ValueError('the chain is unknown; publish chain or set chain_from to parameters')

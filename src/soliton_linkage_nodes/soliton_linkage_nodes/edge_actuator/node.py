@@ -37,37 +37,42 @@ from soliton_linkage_nodes.runtime.process import run
 from soliton_linkage_nodes.runtime.subscriptions import CountedSubscription, StreamSubscription
 
 _POLL_INTERVAL = 0.02
-"""Poll interval for frames of an idle chain [s]. It is shorter than `state_timeout` and keeps the
-code path of a kick in the caches of the processor."""
+"""Poll interval for the frames of an idle chain [s].
+
+It is shorter than `state_timeout`. Regular polling also keeps the code path of a kick in the
+caches of the processor.
+"""
 _IDLE_AFTER = 1.0
-"""Time without commands after which the chain is idle [s]."""
+"""Time without commands after which the chain counts as idle [s]."""
 
 
 class EdgeActuator(ManagedNode):
     """Node that converts commands to impulses and torques, and reports their effect.
 
-    Subscribes to `nudge` [rad/s], `edge_command`, `joint_commands`, `~/commands` and
-    `~/joint_trajectory` [N m], `joint_states`, `delivery` and, unless parameters specify the
-    chain, to `chain`. Publishes `rotor_impulses` [N m s], `rotor_torques` [N m], `last_kick`
-    (latched) and `/diagnostics`. Each joint in `joints` has a parameter `torque_limits.<joint>`
-    [N m]. The parameter `actuator` selects the kind of actuator, which has its own parameters.
+    The node subscribes to the commands `nudge` [rad/s], `edge_command`, `joint_commands` [N m],
+    `~/commands` [N m] and `~/joint_trajectory` [N m]. It also subscribes to `joint_states` and
+    `delivery`, and to `chain` unless parameters specify the chain. The node publishes
+    `rotor_impulses` [N m s], `rotor_torques` [N m], `last_kick` (latched) and `/diagnostics`.
+
+    Each joint that the parameter `joints` names has a parameter `torque_limits.<joint>` [N m]. The
+    parameter `actuator` selects the type of actuator. Each type has its own parameters.
     """
 
     PARAMETERS = PARAMETERS
 
     def __init__(self, **kwargs: Any) -> None:
-        """Configure and activate the node, unless a manager does that."""
+        """Create the node. Configure and activate it, unless a lifecycle manager does that."""
         super().__init__('edge_actuator', **kwargs)
 
     def declare_parameters_of_node(self) -> None:
-        """Declare common parameters, torque limits of joints, and parameters of the actuator."""
+        """Declare the common parameters, the torque limits and the parameters of the actuator."""
         settings = declare(self, EdgeActuatorParameters)
         self._torque_limits = declare_torque_limits(self, settings)
         self.actuator = declare(self, actuator_type(settings.actuator))
         declare_chain_source(self)
 
     def configure(self) -> None:
-        """Connect the topics."""
+        """Create the publishers and the subscriptions."""
         settings = current(self, EdgeActuatorParameters)
         self._assembler = SerializedFrames()
         encoders = EncoderMonitor(self.get_logger().warning)
@@ -85,7 +90,7 @@ class EdgeActuator(ManagedNode):
         )
 
     def deactivate(self) -> None:
-        """End all torques and drop waiting commands."""
+        """End all torques and drop all commands that are not finished."""
         chain = self.commands.chain
         if chain is not None:
             if chain.driver.busy:
@@ -94,7 +99,7 @@ class EdgeActuator(ManagedNode):
         self.output.flush()
 
     def follow_parameters(self) -> None:
-        """Apply changed parameters of nudges."""
+        """Apply the parameters that can change while the node runs: those of nudges."""
         self.commands.settings = current(self, EdgeActuatorParameters)
 
     def _create_subscriptions(self) -> None:
@@ -189,21 +194,24 @@ class EdgeActuator(ManagedNode):
             raise
 
     def _dispatch_while_busy(self) -> None:
-        """Take each arriving frame while the chain is driven and shortly afterwards."""
+        """Receive each frame at once while the chain is driven and until it is idle again."""
         now, chain = time.monotonic(), self.commands.chain
         if chain is not None and chain.driver.busy:
             self._busy_until = now
         self._joint_states.dispatch(now - self._busy_until < _IDLE_AFTER)
 
     def _catch_up(self) -> None:
-        """Take the frames that arrived while the chain was idle."""
+        """Receive the frames that have arrived since the last poll of an idle chain."""
         if not self._joint_states.dispatched:
             for serialized in self._joint_states.take_waiting():
                 if self.active:
                     self.frames.take(serialized)
 
     def _poll(self) -> None:
-        """Warm the code path of a kick, because a cold path takes twice as long."""
+        """Receive waiting frames and execute the code path of a kick without a kick.
+
+        Otherwise this code would leave the processor caches, and a kick would take twice as long.
+        """
         self._dispatch_while_busy()
         self._catch_up()
         chain = self.commands.chain

@@ -19,7 +19,7 @@ from soliton_linkage_nodes.runtime.parameters import declare
 
 @dataclass(frozen=True)
 class EdgeActuatorParameters:
-    """Parameters of the node, without the parameters of the edge actuators."""
+    """Parameters of the node, without those of its chain and of its actuators."""
 
     actuator: str = quantity('pneumatic', 'kind of the actuators at the edges')
     nudge_edge: str = quantity(
@@ -73,13 +73,14 @@ PARAMETERS: dict[type, str] = {
     ChainSourceParameters: '',
     **CHAIN_PARAMETERS,
 }
-"""Prefix of the parameters of the node, by dataclass."""
+"""Dataclasses that describe the parameters of the node, with the prefix of their names."""
 
 
 def declare_torque_limits(node: Node, settings: EdgeActuatorParameters) -> Mapping[str, float]:
-    """Declare `torque_limits.<joint>` for each joint in `joints`; return limits [N m] by joint.
+    """Declare a parameter `torque_limits.<joint>` for each joint in `joints`.
 
-    Raises ValueError for an invalid or duplicate name.
+    Returns the torque limits [N m] by joint name. Raises ValueError for an invalid or duplicate
+    name.
     """
     own = settings.torque_limit
     fields = [

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Received joint states of an edge actuator, and its publishers."""
+"""Joint states that an edge actuator has received, and the publishers of the actuator."""
 
 from __future__ import annotations
 
@@ -23,16 +23,17 @@ from soliton_linkage_nodes.runtime.stamps import SECOND, Freshness
 
 
 class LatestFrames:
-    """Last two frames of joint states, decoded when they are read."""
+    """Last two messages of joint states. A message is decoded only when it is read."""
 
     def __init__(self, longest: float, watch: Callable[[int, Array], None]) -> None:
-        """Reject joint states that are older than `longest` [s].
+        """Create an object without frames.
 
-        When a frame is read, `watch` is called once with its stamp [ns] and angles [rad].
+        Reading fails if the latest joint states arrived more than `longest` [s] ago. The function
+        `watch` is called once for each frame that is read, with the stamp [ns] and angles [rad].
         """
         self.freshness = Freshness(longest)
         self.taken = 0
-        """Number of frames received."""
+        """Number of received frames."""
         self._longest = longest
         self._watch = watch
         self._watched = 0
@@ -41,13 +42,13 @@ class LatestFrames:
         self._latest: bytes | None = None
 
     def take(self, serialized: bytes) -> None:
-        """Store joint states, given as CDR bytes."""
+        """Store a message of joint states that is serialized as CDR bytes."""
         self._previous, self._latest = self._latest, serialized
         self.taken += 1
         self.freshness.renew()
 
     def check_fresh(self) -> bytes:
-        """Return the latest joint states; raise ValueError if they are too old."""
+        """Return the latest joint states as CDR bytes. Raises ValueError if they are too old."""
         if self._latest is None or self.freshness.stale:
             raise ValueError(
                 f'no fresh joint_states: {self.freshness}, the limit is {self._longest:g} s; '
@@ -56,7 +57,7 @@ class LatestFrames:
         return self._latest
 
     def read(self, named: NamedChain) -> tuple[Frame, int]:
-        """Return the latest frame and its stamp [ns]; raise ValueError if it is too old."""
+        """Return the latest frame and its stamp [ns]. Raises ValueError if it is too old."""
         joints = self._decoder.decode(self.check_fresh())
         frame = frame_from_msg(named, joints)
         if self._watched != self.taken:
@@ -66,20 +67,26 @@ class LatestFrames:
 
     @property
     def stamp_before(self) -> int | None:
-        """Stamp of the frame before the latest [ns], or None."""
+        """Stamp of the frame before the latest frame [ns], or None without such a frame."""
         return None if self._previous is None else self._decoder.stamp(self._previous)
 
     def period(self, stamp: int) -> float | None:
-        """Return the time [s] from the previous frame to `stamp` [ns]; None if unknown."""
+        """Return the time from the previous frame to `stamp` [ns], in [s].
+
+        Returns None if no earlier frame was received.
+        """
         before = self.stamp_before
         return None if before is None or stamp <= before else (stamp - before) / SECOND
 
 
 class ActuatorPublishers:
-    """Publishers of `rotor_impulses`, `rotor_torques` and `last_kick`, stamped by the node."""
+    """Publishers of `rotor_impulses`, `rotor_torques` and `last_kick`.
+
+    Impulses and torques are stamped with the clock time of the node.
+    """
 
     def __init__(self, node: Node) -> None:
-        """Publish as a node."""
+        """Create the publishers of a node."""
         self._node = node
         self._impulses = interfaces.ROTOR_IMPULSES.publisher(node)
         self._torques = interfaces.ROTOR_TORQUES.publisher(node)
@@ -88,28 +95,28 @@ class ActuatorPublishers:
 
     @property
     def now(self) -> int:
-        """Time of the node's clock [ns]."""
+        """Current time of the node's clock [ns]."""
         return int(self._node.get_clock().now().nanoseconds)
 
     @property
     def subscribers(self) -> int:
-        """Number of subscribers of the impulses."""
+        """Number of subscribers of `rotor_impulses`."""
         return int(self._impulses.get_subscription_count())
 
     @property
     def connected(self) -> bool:
-        """Whether the impulses or the torques have a subscriber."""
+        """Whether `rotor_impulses` or `rotor_torques` has a subscriber."""
         return bool(self.subscribers or self._torques.get_subscription_count())
 
     @property
     def measured(self) -> bool:
-        """Whether a node publishes `delivery`."""
+        """Whether any node publishes `delivery`, the measured effect of commands."""
         return bool(self._node.count_publishers(interfaces.DELIVERY.name))
 
     def check_connected(self, at_once: bool) -> None:
-        """Raise ValueError if there is no subscriber.
+        """Raise ValueError if no node subscribes to the topic that a command needs.
 
-        With `at_once`, the topic of the impulses is checked, otherwise the topic of the torques.
+        This is `rotor_impulses` if `at_once` is true, and `rotor_torques` otherwise.
         """
         publisher = self._impulses if at_once else self._torques
         if not publisher.get_subscription_count():
@@ -117,13 +124,13 @@ class ActuatorPublishers:
             raise ValueError(f'nothing subscribes to {name}; start the simulator first')
 
     def kick(self, named: NamedChain, impulses: Array) -> None:
-        """Publish impulses of all rotors [N m s]."""
+        """Publish the angular impulses on all rotors [N m s], shape (N,)."""
         buffer, _ = self._buffers_of(named)
         publish_buffer(self._impulses, buffer.fill(self.now, impulses))
         yield_core()
 
     def drive(self, named: NamedChain, torques: Array) -> None:
-        """Publish torques of all rotors [N m]."""
+        """Publish the torques on all rotors [N m], shape (N,)."""
         _, buffer = self._buffers_of(named)
         publish_buffer(self._torques, buffer.fill(self.now, torques))
 
@@ -132,7 +139,7 @@ class ActuatorPublishers:
         self._last_kick.publish(last_kick_to_msg(named, kick))
 
     def flush(self) -> None:
-        """Wait briefly until the torques are acknowledged."""
+        """Wait briefly until the subscribers have acknowledged the last torques."""
         interfaces.wait_for_acknowledgements(self._torques)
 
     def _buffers_of(self, named: NamedChain) -> tuple[ImpulseBuffer, TorqueBuffer]:

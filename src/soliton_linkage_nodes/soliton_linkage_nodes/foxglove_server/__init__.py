@@ -1,2 +1,2 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Node that serves a ROS graph to Foxglove and Lichtblick without foxglove_bridge."""
+"""Node that serves the ROS graph to Foxglove and Lichtblick, in place of foxglove_bridge."""

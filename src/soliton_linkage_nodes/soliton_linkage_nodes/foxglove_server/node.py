@@ -20,7 +20,7 @@ from soliton_linkage_nodes.runtime.process import run
 _PERIOD = 0.02
 """Poll interval for requests of clients [s]."""
 _SEARCH_PERIOD = 0.5
-"""Poll interval for topics of the graph [s]."""
+"""Poll interval for new topics and services of the graph [s]."""
 _LOOPBACK = ('127.0.0.1', '::1', 'localhost')
 
 
@@ -37,16 +37,16 @@ class FoxgloveServerParameters:
 
 
 class FoxgloveServer(GuardedNode):
-    """Node that serves the graph to Foxglove and Lichtblick, as foxglove_bridge does.
+    """Node that serves the ROS graph to Foxglove and Lichtblick, as foxglove_bridge does.
 
-    Subscribes to the topics that its clients select, and publishes their messages and
-    `/diagnostics`.
+    The node subscribes to the topics that its clients select. It publishes the messages that
+    clients send, and `/diagnostics`.
     """
 
     PARAMETERS: ClassVar[dict[type, str]] = {FoxgloveServerParameters: ''}
 
     def __init__(self, **kwargs: Any) -> None:
-        """Start the server."""
+        """Create the node and start the server."""
         super().__init__('foxglove_server', **kwargs)
         self.settings = settings = declare(self, FoxgloveServerParameters)
         reject_unknown(self)
@@ -79,7 +79,7 @@ class FoxgloveServer(GuardedNode):
 
     @property
     def address(self) -> str:
-        """Address for a client."""
+        """Address to which clients connect."""
         return f'ws://{self.settings.host}:{self.serving.port}'
 
     def destroy_node(self) -> None:

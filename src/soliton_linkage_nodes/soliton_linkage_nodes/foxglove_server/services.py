@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Services of the graph, offered to clients."""
+"""Services of the ROS graph that the server offers to its clients."""
 
 from __future__ import annotations
 
@@ -26,20 +26,24 @@ from soliton_linkage_nodes.runtime.guarded import SERVICE_QOS
 from soliton_linkage_nodes.runtime.serialization import serialize
 
 Queue = Callable[[Callable[[], None]], None]
-"""Function that queues work for the executor."""
+"""Function that queues a callback for the executor of the node."""
 Reject = Callable[[str, str], None]
-"""Function that reports a name and the reason of a rejection."""
+"""Function that reports a rejection. Its arguments are a name and the reason."""
 
 
 class OfferedService:
     """A service of the graph that clients may call."""
 
     def __init__(self, node: Node, name: str, type_: str, queue: Queue, reject: Reject) -> None:
-        """Describe the service to clients; raise ValueError if its type is not installed."""
+        """Create the description of the service for clients.
+
+        Raises ValueError if the type of the service is not installed.
+        """
         self.name, self.type = name, type_
         self.answer_timeout = 10.0
         """Longest time for a response of the service [s]."""
-        # The name comes from an untrusted source. Therefore only ROS packages are imported.
+        # The name of the type comes from an untrusted source. Therefore only ROS packages are
+        # imported.
         request, response = (
             MessageSchema(
                 encoding='cdr',
@@ -70,7 +74,7 @@ class OfferedService:
             self._waiting = [each for each in self._waiting if not each[1].done()]
 
     def close(self) -> None:
-        """Destroy the client; waiting requests fail with an error."""
+        """Destroy the ROS client of the service. Waiting requests fail with an error."""
         for _, answer in self._waiting:
             _set_result(answer, ValueError(f'{self.name} ended'))
         self._waiting.clear()
@@ -78,7 +82,7 @@ class OfferedService:
             self._node.destroy_client(self._client)
 
     def _respond(self, request: ServiceRequest) -> bytes:
-        """Return the response of the service; runs on a thread of the server."""
+        """Return the response of the service. A thread of the server calls this method."""
         answer: Future[bytes] = Future()
         self._queue(lambda: self._waiting.append((request, answer)))
         try:
@@ -90,10 +94,10 @@ class OfferedService:
     def _call(self, client: Client, request: ServiceRequest, answer: Future[bytes]) -> None:
         kind = self._service_type.Request
         try:
-            # A request without fields is sent as one byte or none.
+            # Clients send a request without fields as one byte or as no byte at all.
             empty = not kind.get_fields_and_field_types()
             message = kind() if empty else deserialize_message(request.payload, kind)
-        except Exception:  # the type of rclpy has no public name
+        except Exception:  # the type of this error in rclpy has no public name
             reason = f'{len(request.payload)} bytes are not a request of type {self.type}'
             self._reject(self.name, reason)
             _set_result(answer, ValueError(reason))
@@ -104,18 +108,21 @@ class OfferedService:
 
 
 class OfferedServices:
-    """All services of the graph except the services of this node and of actions."""
+    """All services of the ROS graph, except those of this node and of actions."""
 
     def __init__(self, node: Node, server: WebSocketServer, queue: Queue, reject: Reject) -> None:
-        """Offer services on a server; call `reject` with name and reason of each rejected one."""
+        """Offer services to the clients of a server.
+
+        `reject` is called with the name of a rejected service and with the reason.
+        """
         self.services: dict[str, OfferedService] = {}
         self._node, self._server, self._queue, self._reject = node, server, queue, reject
         self._rejected: dict[str, Sequence[str]] = {}
 
     def search(self) -> None:
-        """Offer new services and withdraw services that ended."""
+        """Offer new services, and withdraw services that no longer exist."""
         listed: list[tuple[str, list[str]]] = self._node.get_service_names_and_types()
-        # The graph also lists services that have only clients.
+        # The graph also lists services that have clients but no server.
         found = {name: types for name, types in listed if self._node.count_services(name)}
         for name, service in list(self.services.items()):
             if service.type not in found.get(name, ()):

@@ -1,7 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Websocket server of the Foxglove SDK, and the requests of its clients.
+"""Websocket server of the Foxglove SDK, and the processing of its clients' requests.
 
-The SDK calls back on its own threads, which only queue work for the node's executor.
+The SDK calls callbacks on its own threads. These callbacks only queue work for the executor of
+the node.
 """
 
 from __future__ import annotations
@@ -28,17 +29,20 @@ from soliton_linkage_nodes.runtime.interfaces import Topic, command_qos
 from soliton_linkage_nodes.runtime.subscriptions import AdaptiveSubscription
 
 _DEPTH = 1000
-"""Depth of the queue: one second at 1000 Hz."""
+"""Queue depth of a subscription [messages]: the messages of 1 s at 1000 Hz."""
 
 
 class OutgoingTopic:
-    """Channel with the serialized messages of a topic and the definition of their type."""
+    """Channel that sends the serialized messages of a topic to clients.
+
+    The channel also contains the definition of the message type.
+    """
 
     def __init__(self, node: Node, name: str, type_: str, context: Context) -> None:
-        """Offer the topic; raise ValueError if its type is not installed."""
+        """Offer the topic to clients. Raises ValueError if its type is not installed."""
         self.name, self.type = name, type_
         self.sent = 0
-        """Number of messages sent."""
+        """Number of messages sent to clients."""
         self._topic = Topic(name, message_class(type_), QoSProfile(depth=_DEPTH))
         definition, _ = type_definition(type_)
         schema = Schema(name=type_, encoding='ros2msg', data=definition.encode())
@@ -52,10 +56,10 @@ class OutgoingTopic:
         return self._subscription is not None
 
     def poll(self, new_client: bool, adapt: bool) -> None:
-        """Subscribe to the topic if a client does, otherwise end the subscription.
+        """Subscribe to the topic if a client subscribes to it, otherwise end the subscription.
 
-        `new_client` requests latched messages again. `adapt` adapts the quality of service to the
-        offers of the publishers.
+        If `new_client` is true, latched messages are requested again. If `adapt` is true, the
+        quality of service is adapted to that of the publishers.
         """
         if not self._channel.has_sinks():
             self._unsubscribe()
@@ -85,10 +89,13 @@ class OutgoingTopic:
 
 
 class OutgoingTopics:
-    """Channels of all topics of the graph."""
+    """Channels of all topics of the ROS graph."""
 
     def __init__(self, node: Node, context: Context, reject: Callable[[str, str], None]) -> None:
-        """Offer topics in a context; call `reject` with name and reason of each rejected topic."""
+        """Offer topics in a context of the SDK.
+
+        `reject` is called with the name of a rejected topic and with the reason.
+        """
         self.topics: dict[str, OutgoingTopic] = {}
         self._sent_by_withdrawn = 0
         self._node, self._context, self._reject = node, context, reject
@@ -96,11 +103,11 @@ class OutgoingTopics:
 
     @property
     def sent(self) -> int:
-        """Number of messages sent."""
+        """Number of messages of all topics sent to clients."""
         return self._sent_by_withdrawn + sum(topic.sent for topic in self.topics.values())
 
     def search(self) -> None:
-        """Offer new topics and withdraw topics without publishers and subscribers."""
+        """Offer new topics, and withdraw topics that have neither publishers nor subscribers."""
         found: dict[str, list[str]] = dict(self._node.get_topic_names_and_types())
         for name, topic in list(self.topics.items()):
             if topic.type not in found.get(name, ()) or self._is_deserted(name):
@@ -125,23 +132,23 @@ class OutgoingTopics:
         self.topics.clear()
 
     def _is_deserted(self, name: str) -> bool:
-        """Return whether no other node publishes or subscribes to a topic."""
+        """Return whether no other node publishes on a topic or subscribes to it."""
         own = name in self.topics and self.topics[name].subscribed
         others: Any = self._node.count_subscribers(name) - own
         return not (others or self._node.count_publishers(name))
 
 
 _ENCODINGS = ('cdr', 'json')
-"""Encodings of messages that clients publish."""
+"""Encodings in which clients may publish messages."""
 Key = tuple[int, int]
-"""Numbers of a client and of its channel."""
+"""Number of a client and number of one of its channels."""
 
 
 class IncomingTopic:
     """A topic on which a client publishes."""
 
     def __init__(self, node: Node, topic: str, type_name: str, encoding: str) -> None:
-        """Create the publisher; raise ValueError if that is not possible."""
+        """Create the publisher. Raises ValueError if that is not possible."""
         if encoding not in _ENCODINGS:
             raise ValueError(f'encoding {encoding!r} must be one of {", ".join(_ENCODINGS)}')
         self.name = topic
@@ -155,13 +162,13 @@ class IncomingTopic:
             raise ValueError(f'{type_name} cannot be published: {reason}') from error
 
     def publish(self, data: bytes) -> None:
-        """Publish the data of a client; raise ValueError if it is not a message of the type."""
+        """Publish the data of a client. Raises ValueError if it is no message of the type."""
         if self._encoding == 'json':
             message: Any = built(self._type, load_json(data.decode(errors='replace')))
         else:
             try:
                 message = deserialize_message(data, self._type)
-            except Exception as error:  # the type of rclpy has no public name
+            except Exception as error:  # the type of this error in rclpy has no public name
                 raise ValueError(f'{len(data)} bytes are not a message of its type') from error
         self._publisher.publish(message)
 
@@ -181,7 +188,10 @@ class Serving:
         queue: Queue,
         reject: Reject,
     ) -> None:
-        """Serve at a host and port; raise OSError if that is not possible."""
+        """Start the server at an address of host and port.
+
+        Raises OSError if that is not possible.
+        """
         self.published = 0
         """Number of messages published by clients."""
         self._node, self._reject = node, reject
@@ -200,7 +210,7 @@ class Serving:
                 server_listener=_Listener(self, queue),
                 context=context,
             )
-        except Exception as error:  # the type of the SDK has no public name
+        except Exception as error:  # the type of this error in the SDK has no public name
             raise OSError(
                 f'cannot serve at {host}:{port}: {error}; set another host or port'
             ) from error
@@ -208,7 +218,10 @@ class Serving:
         self.services = None if read_only else OfferedServices(node, self._server, queue, reject)
 
     def poll(self, searching: bool) -> None:
-        """Process subscriptions and calls of clients; with `searching` also read the graph."""
+        """Process the subscriptions and the service calls of clients.
+
+        If `searching` is true, also search the ROS graph for new topics and services.
+        """
         if searching:
             self.outgoing.search()
         if self.services is not None:
@@ -227,23 +240,23 @@ class Serving:
         self.outgoing.close()
 
     def note_subscription(self, topic: str) -> None:
-        """Record that another client subscribed to a topic."""
+        """Record that a further client has subscribed to a topic."""
         self._new_clients.add(topic)
 
     def advertise(self, key: Key, topic: str, type_name: str, encoding: str) -> None:
-        """Create the publisher of a client's topic, or reject the topic."""
+        """Create the publisher for a topic on which a client wants to publish, or reject it."""
         try:
             self._incoming[key] = IncomingTopic(self._node, topic, type_name, encoding)
         except ValueError as error:
             self._reject(topic, str(error))
 
     def unadvertise(self, key: Key) -> None:
-        """End a client's topic."""
+        """Destroy the publisher for a topic of a client."""
         if key in self._incoming:
             self._incoming.pop(key).close()
 
     def publish(self, key: Key, data: bytes) -> None:
-        """Publish or reject a client's message."""
+        """Publish a message of a client, or reject it."""
         topic = self._incoming.get(key)
         if topic is None:
             return
@@ -255,7 +268,7 @@ class Serving:
 
 
 class _Listener(ServerListener):
-    """Callbacks of the SDK, queued for the executor."""
+    """Callbacks of the SDK. They queue their work for the executor of the node."""
 
     def __init__(self, serving: Serving, queue: Queue) -> None:
         self._serving, self._queue = serving, queue

@@ -42,18 +42,27 @@ from soliton_linkage_nodes.serial_encoders.port import ReopenedPort, describe_po
 from soliton_linkage_nodes.serial_encoders.valves import ValveParameters, Valves
 
 _CLOCK_READINGS = 3
-"""Largest number of readings of two clocks, repeated if the thread was interrupted [1]."""
+"""Largest number of attempts to read two clocks at the same time [1].
+
+An attempt is repeated if the thread was interrupted between the two readings.
+"""
 _CLOCK_READING_LIMIT = 20_000
-"""Duration of an uninterrupted reading of two clocks [ns]: ten times the usual one."""
+"""Threshold of the duration of an attempt to read two clocks [ns].
+
+The attempt counts as not interrupted if it takes less time. This is ten times the usual duration.
+"""
 _WARNING_PERIOD = 1.0
 """Shortest time between warnings about restarts of the controller [s]."""
 _LONGEST_DELAY = 0.5
-"""Delay of a frame above which the node warns [s]: the analyser skips such frames."""
+"""Threshold of the delay of a frame [s].
+
+The node warns if the delay is longer, because the analyser skips such frames.
+"""
 
 
 @dataclass(frozen=True)
 class SerialEncodersParameters:
-    """Serial port of the controller."""
+    """Parameters of the serial port to which the controller is connected."""
 
     port: str = quantity(
         '', 'serial port of the controller, such as /dev/ttyACM0 or a path in /dev/serial/by-id'
@@ -77,7 +86,7 @@ class SerialEncodersParameters:
 
 
 class _LineCounts(NamedTuple):
-    """Counts of bytes, frames and errors on the serial line."""
+    """Numbers of bytes, frames and errors on the serial line."""
 
     bytes: int = 0
     frames: int = 0
@@ -90,10 +99,13 @@ class _LineCounts(NamedTuple):
 class SerialEncoders(ManagedNode):
     """Node that publishes the angles of a microcontroller and sends torques to its valves.
 
-    Publishes `joint_states` [rad] with the stamp of the measurement and NaN for missing rotors,
-    `/diagnostics` and, if parameters describe the chain, `chain` (latched). Before each message of
-    `joint_states` it publishes the impulses of the valves as `delivered_impulses` [N m s].
-    Subscribes to `rotor_torques` [N m] and, if no parameters describe the chain, to `chain`.
+    The node publishes `joint_states` [rad] and `/diagnostics`. The stamp of `joint_states` is the
+    time of the measurement, and angles of missing rotors are NaN. Before a message of
+    `joint_states`, the node publishes the impulses of the valves since the previous message on
+    `delivered_impulses` [N m s], unless all of them are 0.
+
+    The node subscribes to `rotor_torques` [N m]. If parameters describe the chain, the node
+    publishes `chain` (latched). Otherwise it subscribes to `chain`.
     """
 
     PARAMETERS: ClassVar[dict[type, str]] = {
@@ -106,7 +118,7 @@ class SerialEncoders(ManagedNode):
     }
 
     def __init__(self, **kwargs: Any) -> None:
-        """Create the node."""
+        """Create the node. Configure and activate it, unless a lifecycle manager does that."""
         super().__init__('serial_encoders', **kwargs)
 
     def configure(self) -> None:
@@ -179,7 +191,10 @@ class SerialEncoders(ManagedNode):
         self._named, self.stream, self.valves = named, AngleStream(reader), valves
 
     def _on_port(self, reason: str) -> None:
-        """Log that the port was lost, with a reason, or reopened; runs on the port's thread."""
+        """Log that the port was lost for a reason, or that it is open again if `reason` is ''.
+
+        The thread of the port calls this method.
+        """
         if reason:
             self.get_logger().warning(
                 f'{self.settings.port} was lost: {reason}; plug the controller in'
@@ -191,7 +206,10 @@ class SerialEncoders(ManagedNode):
             self.get_logger().info(f'{self.settings.port} is open again')
 
     def _read(self, chunk: bytes, arrival: int) -> None:
-        """Publish the frames of a chunk; runs on the port's thread."""
+        """Publish the frames in a chunk of bytes that arrived at a monotonic time [ns].
+
+        The thread of the port calls this method.
+        """
         self._bytes += len(chunk)
         for frame in self.decoder.feed(chunk):
             self._take(frame, arrival)
@@ -219,7 +237,7 @@ class SerialEncoders(ManagedNode):
         self._angles.publish(JointState(header=header, name=names, position=read.angles.tolist()))
 
     def _clock_offset(self) -> int:
-        """Return the node's time minus the monotonic time [ns]."""
+        """Return the time of the node's clock minus the time of the monotonic clock [ns]."""
         clock, readings = self.get_clock(), []
         for _ in range(_CLOCK_READINGS):
             before = time.monotonic_ns()

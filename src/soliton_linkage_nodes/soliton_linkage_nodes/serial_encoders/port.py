@@ -20,17 +20,20 @@ from typing import Any
 from soliton_linkage_nodes.runtime.pacing import raise_priority
 
 _READ_TIMEOUT = 0.1
-"""Time without input after which the thread checks whether it has to end [s]."""
+"""Longest time for which the thread waits for input [s].
+
+After this time the thread checks whether the port is to be closed.
+"""
 _WRITE_TIMEOUT = 0.05
-"""Timeout of a command [s]: half of the default hold time of the controller."""
+"""Longest time for writing a command [s]. It is half of the controller's default hold time."""
 _REOPEN_INTERVAL = 0.2
-"""Interval between attempts to open a lost port [s]."""
+"""Interval between two attempts to reopen a lost port [s]."""
 _READ_SIZE = 2**16
-"""Largest read [bytes]: more than the system buffers."""
+"""Largest number of bytes that are read at once. It exceeds the buffer of the system."""
 
 
 def pyserial() -> ModuleType:
-    """Return the module of pyserial; raise ValueError if it is not installed."""
+    """Return the module of pyserial. Raises ValueError if pyserial is not installed."""
     try:
         return import_module('serial')
     except ImportError as error:
@@ -44,7 +47,7 @@ def describe_ports() -> str:
     """Return a sentence that lists the serial ports of this machine."""
     pyserial()
     found = [
-        # pyserial describes a port without a description as n/a.
+        # For a port without a description, pyserial returns the description n/a.
         each.device if each.description == 'n/a' else f'{each.device} ({each.description})'
         for each in sorted(import_module('serial.tools.list_ports').comports())
     ]
@@ -52,7 +55,7 @@ def describe_ports() -> str:
 
 
 class ReopenedPort:
-    """Serial port that a thread reads and reopens after it was lost."""
+    """Serial port that is read by a thread and reopened after a loss of the connection."""
 
     def __init__(
         self,
@@ -64,11 +67,17 @@ class ReopenedPort:
         hang_up: bool = True,
         real_time: bool = False,
     ) -> None:
-        """Open the port; the thread passes each chunk and its arrival [ns, monotonic] to `take`.
+        """Open the port and start the thread. Raises ValueError if the port cannot be opened.
 
-        The thread calls `changed` with the reason if the port is lost, and with an empty string
-        when it is open again. With `hang_up`, closing the port releases DTR. Raises ValueError if
-        the port cannot be opened.
+        Args:
+            path: Path of the port, for example /dev/ttyACM0.
+            baud_rate: Baud rate of a UART.
+            take: Function that the thread calls with each chunk of bytes and with the monotonic
+                time at which the chunk arrived [ns].
+            changed: Function that the thread calls with the reason if the port is lost, and with
+                an empty text when the port is open again.
+            hang_up: Whether the line DTR is released when the port is closed.
+            real_time: Whether the thread has a real-time priority.
         """
         self._serial = pyserial()
         self._path, self._baud_rate = path, baud_rate
@@ -91,14 +100,14 @@ class ReopenedPort:
         return self._port is not None
 
     def write(self, data: bytes) -> None:
-        """Send bytes if the port is open; raise OSError if they cannot be sent."""
+        """Send bytes if the port is open. Raises OSError if they cannot be sent."""
         port = self._port
         if port is None:
             return
         try:
             port.write(data)
         except TypeError as error:
-            # If the thread has closed the port, pyserial writes to a file that is None.
+            # pyserial raises TypeError if the thread has closed the port in the meantime.
             raise OSError('the port was closed') from error
 
     def close(self) -> None:
@@ -135,7 +144,8 @@ class ReopenedPort:
                         self._changed('')
 
     def _read(self) -> None:
-        # pyserial's read makes four system calls for a chunk that has arrived; this makes two.
+        # This makes two system calls for each chunk, whereas the method read of pyserial makes
+        # four.
         file = self._port.fileno()
         ready, _, _ = select.select([file], [], [], _READ_TIMEOUT)
         if ready:
@@ -152,7 +162,7 @@ class ReopenedPort:
 
 
 def _remedy(error: Exception, path: str) -> str:
-    """Return the remedy if the user may not open the port, an empty string otherwise."""
+    """Return the remedy if the user lacks the permission to open the port, otherwise ''."""
     errors = [getattr(each, 'errno', None) for each in (error.__context__, error)]
     if errno.EACCES not in errors:
         return ''
@@ -164,7 +174,10 @@ def _remedy(error: Exception, path: str) -> str:
 
 
 def _reason(error: Exception) -> str:
-    """Return, in one line, the error of the system that an error of pyserial contains."""
+    """Return the text of an error of pyserial in one line.
+
+    If the error contains an error of the operating system, its text is returned instead.
+    """
     for each in (error.__context__, error):
         if isinstance(each, OSError) and each.strerror:
             return str(each.strerror)

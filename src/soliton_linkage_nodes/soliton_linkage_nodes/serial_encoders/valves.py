@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Commands to the valves of a microcontroller, and the impulses that they deliver."""
+"""Commands to the valves of a microcontroller, and the impulses that the valves deliver."""
 
 from __future__ import annotations
 
@@ -14,12 +14,15 @@ from soliton_linkage.linkage.quantities import quantity
 from soliton_linkage.microcontroller.frames import SEQUENCES, FrameKind, SerialFrame
 
 _MOST_COMMANDS = 1000
-"""Largest number of commands kept until their impulses are read [1]: 10 s at 100 Hz."""
+"""Largest number of commands whose impulses are not read yet [1].
+
+At a command rate of 100 Hz these are the commands of 10 s.
+"""
 
 
 @dataclass(frozen=True)
 class ValveParameters:
-    """Conversion of rotor_torques to commands for the valves."""
+    """Parameters that define how messages of rotor_torques become commands to the valves."""
 
     torque_per_pressure: tuple[float, ...] = quantity(
         (),
@@ -74,23 +77,26 @@ class ValveParameters:
 
 
 class Valves:
-    """Torques that are sent as commands until they time out."""
+    """Torques for the valves. They are sent in repeated commands until they time out."""
 
     def __init__(self, parameters: ValveParameters, rotors: int) -> None:
-        """Raise ValueError if the parameters do not fit the number of rotors."""
+        """Start with closed valves. Raises ValueError if the parameters do not fit the rotors."""
         parameters.check_fit(rotors)
         self.commands = 0
-        """Number of commands."""
+        """Number of commands so far."""
         self.closed = True
-        """Whether the last command had no torque."""
+        """Whether all torques of the last command were 0."""
         self._parameters = parameters
         self._torques = np.zeros(rotors)
         self._until = 0.0
         self._acting: deque[tuple[float, float, Array]] = deque(maxlen=_MOST_COMMANDS)
-        """Begin [s], end without another command [s] and torques [N m] of each command."""
+        """Start time [s], end time [s] and torques [N m] of each command.
+
+        A command ends earlier if another command replaces it.
+        """
 
     def hold(self, torques: Array, now: float) -> None:
-        """Hold torques [N m], shape (N,), from a time [s] until `command_timeout` is over."""
+        """Set torques [N m], shape (N,), that end `command_timeout` after the time `now` [s]."""
         self._torques, self._until = torques, now + self._parameters.command_timeout
 
     def release(self) -> None:
@@ -98,7 +104,7 @@ class Valves:
         self._torques = np.zeros_like(self._torques)
 
     def command(self, now: float) -> SerialFrame:
-        """Return the command at a time [s]."""
+        """Return the next command to the controller, for the time `now` [s]."""
         if now >= self._until:
             self.release()
         self.closed = not self._torques.any()
@@ -112,14 +118,15 @@ class Valves:
         return frame
 
     def record_sent(self, now: float) -> None:
-        """Record that the last command was sent at a time [s]."""
+        """Record that the last command was sent at the time `now` [s]."""
         torques = np.zeros_like(self._torques) if self.closed else self._torques
         self._acting.append((now, now + self._parameters.hold, torques))
 
     def delivered(self, until: float) -> Array:
-        """Return the angular impulses [N m s], shape (N,), from the previous call to a time [s].
+        """Return the angular impulses [N m s], shape (N,), that the valves have delivered.
 
-        A command acts until the next command, but no longer than its hold time.
+        They are the torques integrated over time, from the time of the previous call to the time
+        `until` [s]. A command acts until the next command, but no longer than its hold time.
         """
         impulses = np.zeros_like(self._torques)
         while self._acting and self._acting[0][0] < until:

@@ -1,2 +1,2 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Node that replaces a real chain and publishes its joint states."""
+"""Node that simulates a chain instead of a real one, and publishes the joint states."""

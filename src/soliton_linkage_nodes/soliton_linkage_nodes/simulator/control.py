@@ -1,5 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Control of a simulation by several threads: one thread advances it, others send commands."""
+"""Control of a simulation by several threads.
+
+One thread advances the simulation, and other threads send commands to it.
+"""
 
 from __future__ import annotations
 
@@ -17,9 +20,12 @@ from soliton_linkage.linkage.gravity import Gravity
 from soliton_linkage_nodes.runtime.guarded import describe_error
 
 _LEAST_PROGRESS = 1e-3
-"""Smallest part of a frame that a trial must compute within its limit [1]."""
+"""Smallest fraction of a frame that must be computed within the time limit of a trial [1]."""
 _MOST_KICKS = 10_000
-"""Largest number of kicks that wait for a frame [1], 1 s of the fastest topic."""
+"""Largest number of kicks that wait for the next frame [1].
+
+This is the number of messages that the fastest topic can carry in 1 s.
+"""
 
 
 @dataclass(frozen=True)
@@ -32,11 +38,14 @@ class SimulationStatus:
     """Number of commands that wait for the next frame."""
     paused: bool
     failure: str | None
-    """Reason why the simulation needs a reset to continue, or None."""
+    """Error that stopped the simulation until a reset, or None without an error."""
     energy: float
     """Energy of the current frame [J]."""
     energy_drift: float
-    """Energy gained or lost by the solver, relative to the largest energy so far [1]."""
+    """Error of the energy balance, divided by the largest energy so far [1].
+
+    The integration error of the solver causes it.
+    """
     dissipated: float
     """Energy dissipated by the damping since the last reset [J]."""
 
@@ -51,13 +60,13 @@ class _Pending:
 
 
 class SimulationControl:
-    """Loop that publishes the frames of a simulation and applies commands between them.
+    """Simulation that publishes its frames one by one and applies commands between them.
 
-    All waiting kicks, the latest torques and the latest gravity act at the instant of the next
-    published frame. This frame has the rates immediately after the kicks. Torques end after
-    `command_timeout` [s] of simulated time, or never if it is 0. If the next frame cannot be
-    computed, the simulation is paused until a reset. A frame may take seconds to compute, and
-    only `step` waits for it.
+    All waiting kicks, the latest torques and the latest gravity are applied at the time of the
+    next published frame. The rates in this frame are those immediately after the kicks. Torques
+    end after `command_timeout` [s] of simulated time. A timeout of 0 means that they never end. If
+    the next frame cannot be computed, the simulation is paused until a reset. The computation of a
+    frame may take seconds. Of the methods that other threads call, only `step` waits for it.
     """
 
     def __init__(
@@ -70,11 +79,18 @@ class SimulationControl:
         announce: Callable[[int, Array], None] = lambda frame, impulses: None,
         longest_trial: float = 1.0,
     ) -> None:
-        """Start in a state; call `publish` with the number of each frame and the simulation.
+        """Create a simulation that starts in a state.
 
-        If impulses act at a frame, `announce` is called first with the frame number and the sum of
-        the impulses [N m s]. A reset is rejected if its first frame cannot be computed in
-        `longest_trial` [s] of processor time, extrapolated from a part of the frame.
+        Args:
+            begin: Function that creates a simulation from a state and the gravity.
+            state: Initial state.
+            gravity: Initial gravity.
+            command_timeout: Simulated time after which torques end [s], or 0 for never.
+            publish: Function that is called with the number of each frame and the simulation.
+            announce: Function that is called before `publish` if impulses act at a frame, with the
+                frame number and the sum of the impulses [N m s].
+            longest_trial: Processor time for a trial of the first frame after a reset [s]. A reset
+                is rejected if less than a thousandth of the frame is computed in this time.
         """
         self._begin = begin
         self._gravity = gravity
@@ -111,17 +127,20 @@ class SimulationControl:
 
     @property
     def simulation(self) -> Simulation:
-        """Simulation since the last reset; read it only while it is paused."""
+        """Simulation that runs since the last reset. Read it only while it is paused."""
         return self._simulation
 
     @property
     def state(self) -> State:
-        """State at the next frame."""
+        """State of the chain at the next published frame."""
         with self._lock:
             return State(self._simulation.angles, self._simulation.rates)
 
     def tick(self) -> bool:
-        """Apply commands, publish the current frame and advance; return False if paused."""
+        """Apply the waiting commands, publish the current frame and compute the next frame.
+
+        Returns False, and does nothing, if the simulation is paused or stopped.
+        """
         with self._frame_in_work:
             if self._abandoned is self._simulation:
                 self._finish_frame(self._simulation)
@@ -133,7 +152,10 @@ class SimulationControl:
             return True
 
     def kick(self, impulses: Array) -> str | None:
-        """Apply angular impulses [N m s], shape (N,); return the reason of a rejection."""
+        """Apply angular impulses [N m s], shape (N,), at the next frame.
+
+        Returns the reason if the command is rejected, and None otherwise.
+        """
         with self._lock:
             if len(self._commands.kicks) >= _MOST_KICKS:
                 return f'{_MOST_KICKS} kicks already wait for the next frame; wait for a frame'
@@ -142,23 +164,26 @@ class SimulationControl:
             return None
 
     def hold(self, torques: Array) -> None:
-        """Apply torques [N m], shape (N,), until new torques or `command_timeout`."""
+        """Apply torques [N m], shape (N,), until other torques replace them or they time out."""
         with self._lock:
             self._commands.torques = torques
             self._commands.count += 1
 
     def set_gravity(self, gravity: Gravity) -> None:
-        """Set the gravity; a reset does not change it."""
+        """Set the gravity from the next frame on. It is kept after a reset."""
         with self._lock:
             self._gravity = gravity
 
     def set_non_reciprocity(self, value: float) -> None:
-        """Set the non-reciprocity [N m/rad]; a reset does not change it."""
+        """Set the non-reciprocity [N m/rad] from the next frame on. It is kept after a reset."""
         with self._lock:
             self._non_reciprocity = value
 
     def pause(self, paused: bool) -> str | None:
-        """Pause immediately or continue; return the reason of a rejection."""
+        """Pause the simulation immediately, or let it continue.
+
+        Returns the reason if the command is rejected, and None otherwise.
+        """
         with self._lock:
             if not paused and self._failure is not None:
                 return self._failure
@@ -166,7 +191,10 @@ class SimulationControl:
             return None
 
     def step(self, periods: int) -> str | None:
-        """Publish a number of frames while paused; return the reason of a rejection."""
+        """Publish a number of frames of the paused simulation.
+
+        Returns the reason if the command is rejected or the simulation fails, and None otherwise.
+        """
         if self._stopping:
             return 'the simulation is stopped; activate the simulator first'
         if not self._paused:
@@ -181,10 +209,10 @@ class SimulationControl:
             return self._failure
 
     def reset(self, state: State) -> None:
-        """Drop all commands and put the chain into a state; the time is not reset.
+        """Drop all waiting commands and put the chain into a state. The time is not reset.
 
-        Raises ValueError and changes nothing if the mechanics do not allow the state or no frame
-        can be computed from it.
+        Raises ValueError if the mechanics do not allow the state, or if no frame can be computed
+        from the state. In this case nothing changes.
         """
         simulation = self._begin(state, self._gravity)
         simulation.set_non_reciprocity(self._non_reciprocity)
@@ -197,11 +225,11 @@ class SimulationControl:
                 self._failure, self._paused = None, False
 
     def stop(self) -> None:
-        """Abandon the frame that is being computed; publish no frame before `resume`."""
+        """Interrupt the computation of a frame, and publish no frame before `resume` is called."""
         self._stopping = True
 
     def resume(self) -> None:
-        """Continue after a stop with the abandoned frame."""
+        """Continue after `stop`, with the frame whose computation was interrupted."""
         self._stopping = False
 
     def _begin_frame(self) -> Simulation:
@@ -214,7 +242,7 @@ class SimulationControl:
         return self._simulation
 
     def _finish_frame(self, simulation: Simulation) -> None:
-        """Advance to the next frame; the lock is released during the computation."""
+        """Advance to the next frame. Other threads can use the lock during the computation."""
         failure: Exception | None = None
         self._abandoned = simulation
         try:
@@ -259,7 +287,10 @@ class SimulationControl:
 
 
 def _try(simulation: Simulation, limit: float) -> None:
-    """Compute a part of the first frame for `limit` [s]; ValueError if the part is too small."""
+    """Compute the first frame of a simulation for at most `limit` [s] of processor time.
+
+    Raises ValueError if less than a thousandth of the frame is computed in this time.
+    """
     deadline = time.thread_time() + limit
     try:
         while not simulation.ready and time.thread_time() < deadline:

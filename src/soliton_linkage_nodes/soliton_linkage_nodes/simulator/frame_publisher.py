@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Publishers of a simulator: frames, chain, and the effects of commands."""
+"""Publishers of a simulator for frames, for the chain and for the effects of commands."""
 
 from __future__ import annotations
 
@@ -24,16 +24,19 @@ from soliton_linkage_nodes.simulator.parameters import SimulatorParameters
 
 
 class SensedJoints:
-    """Serialized joint states with simulated encoders.
+    """Serialized joint states, as simulated encoders measure them.
 
-    Angles include the known offsets and the errors of the encoders. Rates include the errors.
-    Torques are exact. Every message omits the missing joints.
+    Angles contain the known offsets and the errors of the encoders. Rates contain the errors of
+    the encoders. Torques are exact. The messages do not contain the missing joints.
     """
 
     def __init__(
         self, named: NamedChain, period: float, errors: EncoderErrors, missing: Collection[int]
     ) -> None:
-        """Create the message; `period` [s] is the frame period, `missing` holds joint numbers."""
+        """Create the message.
+
+        `period` is the frame period [s]. `missing` contains the numbers of the missing joints.
+        """
         shown = [rotor for rotor in range(named.rotors) if rotor not in missing]
         names = tuple(named.joint_names[rotor] for rotor in shown)
         self._shown = np.array(shown, dtype=np.intp) if missing else None
@@ -55,10 +58,11 @@ class SensedJoints:
         self._encoders.errors = errors
 
     def fill(self, stamp: int, frame: int, simulation: Simulation) -> bytearray:
-        """Return the message of a frame with its stamp [ns] and number.
+        """Return the message of the simulation's current frame.
 
-        The next call overwrites the message. A new simulation, for example after a reset, restarts
-        the estimates of the rates.
+        `stamp` [ns] and `frame` are the stamp and the number of this frame. The next call
+        overwrites the message. If the simulation is new, for example after a reset, the encoders
+        restart their estimates of the rates.
         """
         angles, rates = simulation.angles, simulation.rates
         if not self._encoders.errors.none:
@@ -73,14 +77,15 @@ class SensedJoints:
 
 
 class DeliveryPublisher:
-    """Publisher of `delivery` for each frame in which impulses or torques acted.
+    """Publisher of `delivery`, the total impulses and work that have acted on the chain.
 
-    Torques are constant over a frame, so that torque times angle is their exact work. A reset does
-    not reset the sums.
+    It publishes at each frame before which impulses or torques acted. Torques are constant over a
+    frame period, so that torque times angle is their exact work. A reset of the simulation does
+    not reset the totals.
     """
 
     def __init__(self, node: Node, number_of_rotors: int, stamp: int) -> None:
-        """Publish sums of zero with `stamp` [ns]."""
+        """Publish totals of zero with `stamp` [ns]."""
         self._publisher = interfaces.DELIVERY.publisher(node)
         self._delivered = DeliveryTotals(stamp, 0, 0.0, False, 0.0, np.zeros(number_of_rotors))
         self._simulation: Simulation | None = None
@@ -90,9 +95,9 @@ class DeliveryPublisher:
         self._publisher.publish(delivery_to_msg(self._delivered))
 
     def add(self, stamp: int, simulation: Simulation) -> None:
-        """Add the period that ends with the frame at `stamp` [ns].
+        """Add the effects in the frame period that ends at `stamp` [ns].
 
-        Impulses at the instant of this frame are added with the next frame.
+        Impulses that act at `stamp` itself are added at the next frame.
         """
         if simulation is not self._simulation:
             self._simulation = simulation
@@ -123,9 +128,9 @@ class FramePublisher:
     def __init__(
         self, node: Node, named: NamedChain, joints: SensedJoints, settings: SimulatorParameters
     ) -> None:
-        """Publish as a node."""
+        """Create the publishers of a node."""
         self.epoch: int | None = None
-        """Stamp of the first frame [ns], None before the first frame."""
+        """Stamp of the first frame [ns]. None before the first frame."""
         self.stamp = 0
         """Stamp of the last frame [ns]."""
         self._node = node
@@ -150,7 +155,10 @@ class FramePublisher:
         return int(self._joint_states.qos_profile.depth)
 
     def begin(self) -> None:
-        """Publish the chain; set the stamp of the first frame to the current time."""
+        """Publish the chain, and set the stamp of the first frame to the current time.
+
+        Further calls have no effect.
+        """
         if self.epoch is not None:
             return
         self.epoch = Clock(clock_type=ClockType.SYSTEM_TIME).now().nanoseconds
@@ -158,23 +166,23 @@ class FramePublisher:
         self._delivery = DeliveryPublisher(self._node, self._named.rotors, self.epoch)
 
     def publish_chain(self, named: NamedChain) -> None:
-        """Publish the chain with the parameters that apply from the next frame on."""
+        """Publish a chain whose parameters apply from the next frame on."""
         self._named = named
         if self.epoch is not None:
             stamp = max(self.epoch, self.stamp)
             self._chain.publish(chain_to_msg(named, time_to_msg(stamp)))
 
     def flush(self) -> None:
-        """Wait briefly until the last frames are acknowledged."""
+        """Wait briefly until the subscribers have acknowledged the last frames."""
         interfaces.wait_for_acknowledgements(self._joint_states)
 
     def announce(self, frame: int, impulses: Array) -> None:
-        """Publish the impulses [N m s] of a frame before the frame is published."""
+        """Publish the impulses [N m s] that act at a frame, before the frame itself."""
         buffer = self._impulse_buffer.fill(self._stamp_of(frame), impulses)
         publish_buffer(self._impulses, buffer)
 
     def publish(self, frame: int, simulation: Simulation) -> None:
-        """Publish the current frame of a simulation with its number."""
+        """Publish the current frame of a simulation. `frame` is its number."""
         stamp = self.stamp = self._stamp_of(frame)
         if self._clock is not None:
             self._clock.publish(interfaces.CLOCK.type(clock=time_to_msg(stamp)))

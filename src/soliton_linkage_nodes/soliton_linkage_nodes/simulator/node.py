@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Simulator node, which replaces a real chain."""
+"""Simulator node, which simulates a chain instead of a real one."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ from soliton_linkage_nodes.simulator.parameters import PARAMETERS, SimulatorPara
 from soliton_linkage_nodes.simulator.services import SimulationServices, serve_standard
 
 _SLOWEST = 1e-6
-"""Smallest real-time factor [1], one frame per hour at 300 Hz."""
+"""Smallest real-time factor [1]. At a frame rate of 300 Hz it is one frame per hour."""
 _NON_RECIPROCITY = 'chain.non_reciprocity'
 _POLL_INTERVAL = 0.02
 """Poll interval while waiting for subscribers [s]."""
@@ -45,22 +45,24 @@ _POLL_INTERVAL = 0.02
 class Simulator(ManagedNode):
     """Node that publishes the angles of a simulated chain at a fixed rate.
 
-    Publishes `joint_states` [rad, rad/s, N m], `chain` and `delivery` (latched), `/diagnostics`
-    and, with `publish_clock`, `/clock`. Before a frame at which impulses act, it publishes them on
-    `delivered_impulses` [N m s]. Subscribes to `rotor_impulses` [N m s], `rotor_torques` [N m] and
-    `tilt` [rad], which sets the parameter `gravity.tilt`. Serves `~/pause`, `~/step`, `~/reset`,
-    and the services of simulation_interfaces if that package is installed. A changed parameter
-    takes effect at the instant of a frame.
+    The node publishes `joint_states` [rad, rad/s, N m], `chain` (latched), `delivery` (latched)
+    and `/diagnostics`. If `publish_clock` is true, it also publishes `/clock`. If impulses act at
+    a frame, the node publishes them on `delivered_impulses` [N m s] before the frame.
+
+    The node subscribes to `rotor_impulses` [N m s], `rotor_torques` [N m] and `tilt` [rad]. A
+    message on `tilt` sets the parameter `gravity.tilt`. The node serves `~/pause`, `~/step` and
+    `~/reset`. If the package simulation_interfaces is installed, it also serves the services of
+    this package. A changed parameter takes effect at the next frame.
     """
 
     PARAMETERS = PARAMETERS
 
     def __init__(self, **kwargs: Any) -> None:
-        """Configure and activate the node, unless a manager does that."""
+        """Create the node. Configure and activate it, unless a lifecycle manager does that."""
         super().__init__('simulator', **kwargs)
 
     def configure(self) -> None:
-        """Create the chain, its mechanics and its topics."""
+        """Create the chain, the simulation, the topics and the services."""
         settings = self.settings = current(self, SimulatorParameters)
         self.named = declare_chain(self)
         make_adjustable(self, _NON_RECIPROCITY)
@@ -102,13 +104,16 @@ class Simulator(ManagedNode):
         self._start_timer.cancel()
 
     def activate(self) -> None:
-        """Publish the chain and start or continue the simulation loop."""
+        """Publish the chain, and start or continue the simulation loop.
+
+        The loop starts when the required number of nodes subscribes to the frames.
+        """
         self.control.resume()
         self._start_timer.reset()
         self._begin()
 
     def deactivate(self) -> None:
-        """Stop the simulation loop and drop all torques."""
+        """Stop the simulation loop and set all torques to 0."""
         self._start_timer.cancel()
         self.control.stop()
         self.loop.stop()
@@ -117,12 +122,12 @@ class Simulator(ManagedNode):
 
     @property
     def frame_rate(self) -> float:
-        """Rate at which frames are due [Hz], infinite without a limit."""
+        """Rate at which frames are due [Hz]. It is infinite if no pace is specified."""
         return self.loop.rate if self.configured else math.inf
 
     @property
     def failure(self) -> Exception | None:
-        """Error that has ended the simulation loop."""
+        """Error that has ended the simulation loop, or None without an error."""
         return self.loop.failure if self.configured else None
 
     def _begin(self) -> None:
@@ -157,7 +162,10 @@ class Simulator(ManagedNode):
         self.control.hold(torques)
 
     def _check_stamp(self, source: str, stamp: int) -> None:
-        """Raise ValueError if a stamp [ns] is far from the clock and from the last frame."""
+        """Raise ValueError if a stamp [ns] is far from the clock time and from the last frame.
+
+        A stamp near either of the two is accepted.
+        """
         limit = self.settings.stamp_tolerance
         if not (stamp and limit):
             return
@@ -182,7 +190,10 @@ class Simulator(ManagedNode):
             )
 
     def follow_parameters(self) -> None:
-        """Apply the parameters of gravity, motors, encoders and pace."""
+        """Apply the parameters that can change while the node runs.
+
+        They belong to the gravity, the motors, the encoders and the real-time factor.
+        """
         motors = self.get_parameter(_NON_RECIPROCITY).value
         if motors != self.named.chain.non_reciprocity:
             self.named = replace(
@@ -195,7 +206,10 @@ class Simulator(ManagedNode):
         self.loop.rate = self._pace(self.get_parameter('real_time_factor').value)
 
     def _pace(self, real_time_factor: float) -> float:
-        """Return the frame rate in clock time [Hz], infinite for a real-time factor of 0."""
+        """Return the number of frames per second of clock time [Hz].
+
+        It is infinite for a real-time factor of 0.
+        """
         if real_time_factor == 0:
             return math.inf
         return max(real_time_factor, _SLOWEST) * self.settings.publish_rate
@@ -230,12 +244,15 @@ def main() -> None:
 
 
 _FRAMES_OVERDUE = 3
-"""Largest number of missing frames per report without a warning [1]: one at each end of the
-second, and one late frame."""
+"""Threshold of the number of frames that are due between two reports [1].
+
+If more frames are due and none was published, the report warns. One frame at each end of the time
+between the reports and one late frame are normal.
+"""
 
 
 class SimulationReport:
-    """Report of a simulation, with the rates since the previous report."""
+    """Report of a simulation. Its rates refer to the time since the previous report."""
 
     def __init__(
         self,
@@ -244,7 +261,7 @@ class SimulationReport:
         settings: SimulatorParameters,
         complain: Callable[[str], object],
     ) -> None:
-        """Call `complain` once for each fault of the simulation."""
+        """Create the report. It calls `complain` once for each fault of the simulation."""
         self._control = control
         self._loop = loop
         self._publish_rate = settings.publish_rate
@@ -254,7 +271,7 @@ class SimulationReport:
         self._before = (time.monotonic(), 0, 0)
 
     def __call__(self, world: Mapping[str, Any]) -> Report:
-        """Return the current report; `world` holds further values."""
+        """Return the current report. The values of `world` are added to it."""
         status, punctuality = self._control.status, self._loop.punctuality
         now = time.monotonic()
         before, frames_before, missed_before = self._before
@@ -285,7 +302,10 @@ class SimulationReport:
         )
 
     def _message(self, status: SimulationStatus, late: int, slow: bool) -> tuple[str, str]:
-        """Return the state of the simulation, and the fault to log (empty: none)."""
+        """Return the message of the report and the fault to log.
+
+        An empty fault means that the simulation has no fault.
+        """
         if status.failure:
             return (f'paused, {status.failure}',) * 2
         if slow:
@@ -309,7 +329,7 @@ class SimulationReport:
 
 
 def describe_simulation(chain: Chain, settings: SimulatorParameters) -> str:
-    """Return a description of the chain, the mechanics and the frame rate."""
+    """Return a log message that describes the chain, the mechanics and the frame rate."""
     elastic = settings.mechanics == 'elastic'
     how = f'elastic, integrator {settings.integrator}' if elastic else settings.mechanics
     return f'simulating {describe_chain(chain)}, {how}, at {settings.publish_rate:g} Hz'

@@ -15,7 +15,7 @@ from soliton_linkage_nodes.runtime.managed import ManagedParameters
 
 @dataclass(frozen=True)
 class SimulatorParameters(WorldParameters):
-    """Parameters of the simulator except chain, gravity and sensors."""
+    """Parameters of the simulator, without those of the chain, the gravity and the sensors."""
 
     publish_rate: float = quantity(
         500.0, 'rate of joint_states in simulated time', 'Hz', 1.0, 10_000.0
@@ -69,4 +69,4 @@ PARAMETERS: dict[type, str] = {
     EncoderErrors: 'sensors.',
     **CHAIN_PARAMETERS,
 }
-"""Prefix of the parameters of the node, by dataclass."""
+"""Dataclasses that describe the parameters of the node, with the prefix of their names."""

@@ -1,5 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Services that pause, step and reset a simulation, and services of simulation_interfaces."""
+"""Services that pause, step and reset a simulation.
+
+This includes the services of the package simulation_interfaces.
+"""
 
 from __future__ import annotations
 
@@ -29,7 +32,8 @@ _STANDARD_FEATURES = (
 class SimulationServices:
     """Services `~/pause`, `~/step` and `~/reset` of a simulation.
 
-    Each method returns None, or the reason of a rejection. A rejected request has no effect.
+    `step` and `reset` return the reason if the request is rejected, and None otherwise. A rejected
+    request has no effect.
     """
 
     def __init__(
@@ -41,7 +45,10 @@ class SimulationServices:
         period: float,
         most_periods: int,
     ) -> None:
-        """Create the services for frames of `period` [s]; a step has at most `most_periods`."""
+        """Create the services.
+
+        `period` is the frame period [s]. `most_periods` is the largest number of frames in a step.
+        """
         self.control = control
         self._named = named
         self._world = world
@@ -52,7 +59,7 @@ class SimulationServices:
         node.create_service(Reset, '~/reset', self._on_reset)
 
     def step(self, periods: int) -> str | None:
-        """Publish a number of frames of a paused simulation."""
+        """Publish a number of frames of the paused simulation."""
         if not 1 <= periods <= self._most_periods:
             return (
                 f'periods = {periods} must lie in the range 1 to {self._most_periods}, '
@@ -61,7 +68,7 @@ class SimulationServices:
         return self.control.step(periods)
 
     def reset(self, request: Any) -> str | None:
-        """Put the chain into the state of a `Reset.Request`."""
+        """Put the chain into the state that a `Reset.Request` specifies."""
         try:
             self.control.reset(self._state(request))
         except ValueError as error:
@@ -109,7 +116,10 @@ def _answer(response: Any, complaint: str | None, message: str) -> Any:
 
 
 def serve_standard(node: Node, services: SimulationServices) -> StandardServices | None:
-    """Create the services of the package simulation_interfaces; None if it is not installed."""
+    """Create the services of the package simulation_interfaces and return them.
+
+    Returns None if this package is not installed.
+    """
     try:
         messages = importlib.import_module('simulation_interfaces.msg')
         types = importlib.import_module('simulation_interfaces.srv')
@@ -128,14 +138,14 @@ def serve_standard(node: Node, services: SimulationServices) -> StandardServices
 
 
 class StandardServices:
-    """Services of simulation_interfaces, implemented with pause, step and reset.
+    """Services of simulation_interfaces, which pause, step and reset the simulation.
 
-    The state of the simulation is "stopped" after a request to stop, which pauses and resets it,
-    until it continues.
+    A request to stop pauses the simulation and resets it. From then on its state is "stopped",
+    until the simulation publishes the next frame.
     """
 
     def __init__(self, services: SimulationServices, messages: Any, types: Any) -> None:
-        """Use the modules `messages` and `types` of simulation_interfaces."""
+        """Use the modules of simulation_interfaces with its message types and service types."""
         self._services = services
         self._control = services.control
         self._messages = messages
@@ -143,7 +153,7 @@ class StandardServices:
         self._stopped_at: int | None = None
 
     def get_simulator_features(self, _request: Any, response: Any) -> Any:
-        """Return the supported features of the standard."""
+        """Return the features of the standard that this node supports."""
         known = self._messages.SimulatorFeatures
         response.features.features = [getattr(known, name) for name in _STANDARD_FEATURES]
         return response
@@ -154,7 +164,7 @@ class StandardServices:
         return self._answered(response, None)
 
     def set_simulation_state(self, request: Any, response: Any) -> Any:
-        """Play, pause, or stop (pause and reset)."""
+        """Continue, pause or stop the simulation. To stop means to pause and reset it."""
         known, wanted = self._messages.SimulationState, request.state.state
         if wanted not in (known.STATE_PLAYING, known.STATE_PAUSED, known.STATE_STOPPED):
             return self._unsupported(
@@ -174,11 +184,11 @@ class StandardServices:
         return self._answered(response, complaint)
 
     def step_simulation(self, request: Any, response: Any) -> Any:
-        """Publish a number of frames of a paused simulation."""
+        """Publish a number of frames of the paused simulation."""
         return self._answered(response, self._services.step(request.steps))
 
     def reset_simulation(self, request: Any, response: Any) -> Any:
-        """Put the chain into its initial state; a request to reset the time is rejected."""
+        """Put the chain into its initial state. A request to reset the time is rejected."""
         scopes = self._types.ResetSimulation.Request
         if request.scope not in (scopes.SCOPE_STATE, scopes.SCOPE_STATE | scopes.SCOPE_SPAWNED):
             return self._unsupported(

@@ -1,2 +1,2 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Node that estimates the position of the soliton from joint states."""
+"""Node that estimates the positions of the solitons from joint states."""

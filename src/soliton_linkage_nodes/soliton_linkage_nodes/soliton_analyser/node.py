@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Soliton analyser, which estimates walls, topology, energies and orbit phase of each frame."""
+"""Soliton analyser, which estimates the solitons, topology, energies and orbit phase of frames."""
 
 from __future__ import annotations
 
@@ -42,9 +42,12 @@ from soliton_linkage_nodes.runtime.subscriptions import (
 )
 
 _LONGEST_ASSEMBLY = 1.0
-"""Longest wait of an incomplete frame for its other joints [s]. The next frame ends the wait."""
+"""Longest time for which an incomplete frame waits for its missing joints [s].
+
+The wait also ends when the next frame begins.
+"""
 _FRAMES_BEFORE_REPORT = 100
-"""Number of frames after which joints without any angle are reported [1]."""
+"""Number of frames after which the node warns of joints that have not had any angle [1]."""
 
 
 @dataclass(frozen=True)
@@ -81,12 +84,13 @@ class AnalyserParameters:
 
 
 class SolitonAnalyser(ManagedNode):
-    """Node that estimates solitons, topology, energies and the phase of the orbit for each frame.
+    """Node that estimates solitons, topology, energies and the orbit phase for each frame.
 
-    Subscribes to `joint_states` [rad, rad/s] and, unless parameters specify the chain, to `chain`.
-    Standard deviations on `joint_state_deviations` [rad] weight the angles. Impulses on
-    `delivered_impulses` [N m s] change the velocity of a wall. Publishes `soliton_state`,
-    `soliton_events` (births, reflections and collisions of walls) and `/diagnostics`.
+    The node subscribes to `joint_states` [rad, rad/s] and, unless parameters specify the chain, to
+    `chain`. It also subscribes to `joint_state_deviations` [rad], which contain the standard
+    deviations of the angles, and to `delivered_impulses` [N m s], which change the velocity of a
+    wall. The node publishes `soliton_state`, `soliton_events` and `/diagnostics`. Events are
+    births, reflections and collisions of walls.
     """
 
     PARAMETERS: ClassVar[dict[type, str]] = {
@@ -97,11 +101,11 @@ class SolitonAnalyser(ManagedNode):
     }
 
     def __init__(self, **kwargs: Any) -> None:
-        """Configure and activate the node, unless a manager does that."""
+        """Create the node. Configure and activate it, unless a lifecycle manager does that."""
         super().__init__('soliton_analyser', **kwargs)
 
     def configure(self) -> None:
-        """Read the parameters and open the topics."""
+        """Read the parameters, and create the publishers and the subscriptions."""
         self.waiting: deque[tuple[Callable[[bytes], None], bytes]] = deque()
         self._decoder = JointStateDecoder()
         self._stamps = ClockMonitor()
@@ -157,7 +161,7 @@ class SolitonAnalyser(ManagedNode):
         self.waiting.clear()
 
     def _on_chain(self, named: NamedChain) -> None:
-        """Set the chain and process the messages that waited for it."""
+        """Set the chain, and process the messages that were stored until the chain was known."""
         self._analysis.set_chain(named)
         while self.waiting:
             act, serialized = self.waiting.popleft()
@@ -165,7 +169,8 @@ class SolitonAnalyser(ManagedNode):
 
     def take(self, serialized: bytes) -> None:
         """Analyse joint states and publish the result, or store them until the chain is known."""
-        # Impulses must be processed before their frame, but topics arrive in any order.
+        # Impulses and standard deviations must be processed before the frame to which they belong.
+        # Messages of different topics arrive in any order, so that waiting ones are taken first.
         if self.settings.stamps == 'arrival':
             serialized = stamped(serialized, self._frames_of.received_at)
         self._impulses.take_waiting()
@@ -173,7 +178,10 @@ class SolitonAnalyser(ManagedNode):
         self._act_or_wait(self._analyse, serialized)
 
     def _act_or_wait(self, act: Callable[[bytes], None], serialized: bytes) -> None:
-        """Process a message, or store it until the chain is known; the order is kept."""
+        """Process a message, or store it until the chain is known.
+
+        Stored messages are processed in the order of their arrival.
+        """
         chain_may_come = self._source.parameters.chain_from != 'nowhere'
         if self._analysis.analyser is None and chain_may_come:
             self.waiting.append((act, serialized))
@@ -202,7 +210,7 @@ class SolitonAnalyser(ManagedNode):
         self._busy += time.perf_counter() - begin
 
     def _publish(self, joints: JointStates) -> None:
-        """Analyse a frame and publish the result; ValueError if it is invalid."""
+        """Analyse a frame and publish the result. Raises ValueError if the frame is invalid."""
         analysis = self._analysis.analyse(joints)
         if self._analysis.frame is not None:
             self._encoders.check(joints.stamp, self._analysis.frame.angles)
@@ -215,7 +223,10 @@ class SolitonAnalyser(ManagedNode):
         self._frames += 1
 
     def _end_assembly(self) -> None:
-        """Analyse a frame that has waited for its other joints, and report absent joints once."""
+        """Analyse an incomplete frame that has waited for its missing joints long enough.
+
+        Also warn once of joints that have not had any angle so far.
+        """
         if not self.active:
             return
         assembler, before = self._analysis.assembler, self._waiting_since
@@ -267,15 +278,19 @@ def main() -> None:
 
 
 _MISFIT_OVER_NOISE = 3.0
-"""Largest misfit without a warning, relative to the noise of the angles [1]."""
+"""Threshold of misfit / noise of the angles [1]: a smaller misfit causes no warning."""
 _CONTRADICTION_CONFIDENCE = 0.999
-"""Confidence in another class of motion above which the node warns [1]."""
+"""Threshold of the confidence in the motion class that the angles show [1].
+
+The node warns if this class differs from that of the parameters and its confidence is larger.
+"""
 
 
 def describe(analysis: JointStateAnalysis, misfit_limit: float) -> tuple[str, bool]:
-    """Return a description of the status of the analysis, and whether it is a warning.
+    """Return a description of the state of the analysis, and whether it is a warning.
 
-    A misfit of the angles above `misfit_limit` [rad] is a warning.
+    The description warns of a misfit of the angles if it exceeds `misfit_limit` [rad] and cannot
+    be explained by noise or phonons.
     """
     analyser, latest = analysis.analyser, analysis.latest
     if analyser is None or latest is None:
@@ -308,9 +323,10 @@ def describe(analysis: JointStateAnalysis, misfit_limit: float) -> tuple[str, bo
 
 
 def _likely_error(analyser: FrameAnalyser) -> str:
-    """Return the parameter whose error is the likeliest cause of a misfit.
+    """Return a text with the parameter whose error is the likeliest cause of a misfit.
 
-    Rotors far from the wall show the rest angle; the others only change the shape of the wall.
+    Rotors far from the wall have the rest angle, so that they reveal an error of this parameter.
+    Errors of the other parameters change only the shape of the wall.
     """
     error = analyser.rest_angle_error
     if error:
@@ -319,7 +335,10 @@ def _likely_error(analyser: FrameAnalyser) -> str:
 
 
 def _disagreement(latest: Analysis) -> str:
-    """Return a warning if angles and parameters give different classes of motion, else ''."""
+    """Return a warning if the motion class of the angles differs from that of the parameters.
+
+    Otherwise return ''.
+    """
     specified, measured = latest.motion, latest.measured_motion
     certain = measured.confidence > _CONTRADICTION_CONFIDENCE
     shown = measured.motion
@@ -335,8 +354,8 @@ def _disagreement(latest: Analysis) -> str:
 def _swing(analysis: JointStateAnalysis) -> float:
     """Return the largest RMS angle of phonons [rad] that is consistent with the rates.
 
-    It is w / omega_0 with the RMS rate w, because phonons have at least the frequency omega_0 of
-    the band gap.
+    It is w / omega_0. Here w is the RMS of the rates [rad/s], and omega_0 is the angular frequency
+    of the band gap, which is the lowest angular frequency of phonons.
     """
     frame, analyser = analysis.frame, analysis.analyser
     if frame is None or frame.rates is None or not isinstance(analyser, Analyser):
@@ -349,7 +368,7 @@ def _swing(analysis: JointStateAnalysis) -> float:
 
 
 def figures(analysis: JointStateAnalysis) -> dict[str, Any]:
-    """Return the figures of the analysis for /diagnostics."""
+    """Return the values of the analysis for `/diagnostics`, by name."""
     analyser, latest = analysis.analyser, analysis.latest
     if analyser is None or latest is None:
         return {}

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Server of the action move_soliton, with one active goal at a time."""
+"""Server of the action move_soliton. At most one goal is active at a time."""
 
 from __future__ import annotations
 
@@ -17,11 +17,11 @@ from soliton_linkage_nodes.runtime import interfaces
 from soliton_linkage_nodes.runtime.guarded import ACTION_QOS, GuardedNode
 
 _FEEDBACK_PERIOD = 0.1
-"""Shortest time between feedback messages [s], enough for a display."""
+"""Shortest time between two feedback messages [s]. A display needs no more of them."""
 
 
 class MoveServer(ActionServer):
-    """Action server. A goal ends when `conclude` is called, not when a callback returns."""
+    """Action server whose goals end when `conclude` is called, not when a callback returns."""
 
     def __init__(
         self,
@@ -29,7 +29,10 @@ class MoveServer(ActionServer):
         take: Callable[[ServerGoalHandle], None],
         cancel: Callable[[ServerGoalHandle], CancelResponse],
     ) -> None:
-        """Call `take` with each goal, and `cancel` with each goal that a client cancels."""
+        """Create the server.
+
+        It calls `take` with each accepted goal, and `cancel` with each goal that a client cancels.
+        """
         super().__init__(
             node,
             MoveSoliton,
@@ -41,18 +44,18 @@ class MoveServer(ActionServer):
         )
         self._on_goal = take
         self.goal: ServerGoalHandle | None = None
-        """Active goal, or None."""
+        """Active goal. None means that no goal is active."""
         self.begun = 0
         """Number of started goals."""
         self.start = math.nan
         """Position of the soliton at the start of the last goal [rotor spacings]."""
         self.ended: MoveResult | None = None
-        """Result of the last finished goal, or None."""
+        """Result of the last goal that was active and has ended, or None before such a goal."""
         self._node_of_server = node
         self._feedback_time = -math.inf
 
     def notify_execute(self, goal_handle: ServerGoalHandle, execute_callback: Any) -> None:
-        """Do nothing, because the callbacks of the node execute the goal."""
+        """Do nothing, because other callbacks of the node execute the goal."""
 
     def _take(self, handle: ServerGoalHandle) -> None:
         try:
@@ -64,12 +67,12 @@ class MoveServer(ActionServer):
             self.end(handle, MoveResult(Outcome.NOT_HELD, failure, math.nan))
 
     def begin(self, handle: ServerGoalHandle, position: float) -> None:
-        """Set the active goal; `position` is that of the soliton [rotor spacings]."""
+        """Set the active goal. `position` is the position of the soliton [rotor spacings]."""
         self.goal, self.start = handle, position
         self.begun += 1
 
     def publish_feedback(self, wall: WallState | None, phonon_energy: float) -> None:
-        """Publish feedback on the active goal, at most every 0.1 s."""
+        """Publish feedback on the active goal, unless the last feedback is younger than 0.1 s."""
         now = time.monotonic()
         if (
             self.goal is not None
@@ -80,7 +83,7 @@ class MoveServer(ActionServer):
             self.goal.publish_feedback(move_feedback_to_msg(wall, phonon_energy))
 
     def conclude(self, ended: MoveResult) -> None:
-        """End the active goal, if there is one."""
+        """End the active goal with a result. Without an active goal nothing happens."""
         handle, self.goal = self.goal, None
         if handle is not None:
             self.ended = ended
@@ -113,5 +116,5 @@ def move_result_to_msg(ended: MoveResult) -> MoveSoliton.Result:
 
 
 def move_feedback_to_msg(wall: WallState, phonon_energy: float) -> MoveSoliton.Feedback:
-    """Return the feedback message of a move, with the energy of the phonons [J]."""
+    """Return the feedback message of a move. `phonon_energy` is in [J]."""
     return MoveSoliton.Feedback(rotor=wall.site, speed=wall.speed, phonon_energy=phonon_energy)

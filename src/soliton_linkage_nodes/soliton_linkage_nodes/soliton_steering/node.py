@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Steering node: moves the soliton to a requested position and holds it there."""
+"""Steering node, which moves the soliton to a requested position and holds it there."""
 
 from __future__ import annotations
 
@@ -79,18 +79,18 @@ PARAMETERS: dict[type, str] = {
     ChainSourceParameters: '',
     **CHAIN_PARAMETERS,
 }
-"""Prefix of the parameters of the node, by dataclass."""
+"""Dataclasses that describe the parameters of the node, with the prefix of their names."""
 
 
 class SteeredChain:
-    """Steering of a named chain, with an estimate of the phonons."""
+    """Steering of the soliton of a chain, with an estimate of the phonon energy."""
 
     def __init__(self, named: NamedChain, settings: SolitonSteeringParameters) -> None:
-        """Steer with the given actuators; ValueError if the chain does not allow it."""
+        """Create the steering. Raises ValueError if the chain cannot be steered."""
         self.named = named
         rotors = _rotors(named, settings.actuated_joints)
         self.limitation = ''
-        """Reason why the deviations of the chain are ignored, empty if they are used."""
+        """Reason why the deviations from the uniform chain are ignored, or '' if they are used."""
         try:
             orbit = orbit_of(named.chain)
         except (ValueError, ArithmeticError) as error:
@@ -103,26 +103,30 @@ class SteeredChain:
 
     @property
     def wall(self) -> WallState | None:
-        """The soliton, None without one."""
+        """State of the soliton. None means that no soliton is detected."""
         return self.steering.wall
 
     @property
     def site(self) -> float:
-        """Position of the soliton [rotor spacings], NaN without one."""
+        """Position of the soliton [rotor spacings]. NaN means that no soliton is detected."""
         return math.nan if self.wall is None else self.wall.site
 
     @property
     def phonon_energy(self) -> float:
-        """Energy of the phonons [J]."""
+        """Estimated energy of the phonons [J]."""
         return self._phonons.energy
 
     def reset(self) -> None:
-        """Discard all frames; call this only while no wall is held."""
+        """Discard all frames. Call this method only while no wall is held."""
         self.steering.reset()
         self._phonons = PhononEnergyEstimator(self.steering.orbit)
 
     def observe(self, stamp: int, frame: Frame) -> tuple[Array | None, MoveResult | None]:
-        """Return the torques for a frame with a stamp [ns], and the result if a move ended."""
+        """Process a frame with a stamp [ns]. Return the torques and the result of a move.
+
+        The torques [N m], shape (N,), are None if no soliton is moved or held. The result is None
+        if no move has ended at this frame.
+        """
         if self._epoch is None:
             self._epoch = stamp
         instant = (stamp - self._epoch) / SECOND
@@ -135,7 +139,7 @@ class SteeredChain:
 
 
 def _rotors(named: NamedChain, joints: tuple[str, ...]) -> tuple[int, ...]:
-    """Return the rotor numbers of joints."""
+    """Return the rotor numbers of joints. Raises ValueError for an unknown joint name."""
     for joint in joints:
         if joint not in named.numbers:
             raise ValueError(
@@ -146,29 +150,39 @@ def _rotors(named: NamedChain, joints: tuple[str, ...]) -> tuple[int, ...]:
 
 
 _POLL_INTERVAL = 0.02
-"""Poll interval for the age of the joint states [s], short compared with state_timeout."""
+"""Interval at which the age of the joint states is checked [s].
+
+It is short compared with `state_timeout`.
+"""
 _OBSERVER_FRAMES = 200
-"""Number of frames before a move that initialise the observer [1], its memory at 1000 Hz."""
+"""Number of frames before a move from which the observer is initialised [1].
+
+At 1000 Hz they cover the time that the observer remembers.
+"""
 _REPORT_FRAMES = 8
-"""Number of frames for a report on a free wall [1]. The position needs one, phonons need four."""
+"""Number of frames from which the report on a free wall is computed [1].
+
+The position of the wall needs one frame, the phonon energy needs four frames.
+"""
 
 
 class SolitonSteering(ManagedNode):
     """Node that moves the soliton along the chain with torques along the instantaneous zero mode.
 
-    Serves the action `move_soliton` and `~/release`. Subscribes to `joint_states` and, unless
-    parameters specify the chain, to `chain`. Publishes `rotor_torques` [N m] while it moves or
-    holds a soliton, and `/diagnostics`. It uses the stamps of the joint states as its time.
+    The node serves the action `move_soliton` and the service `~/release`. It subscribes to
+    `joint_states` and, unless parameters specify the chain, to `chain`. While it moves or holds a
+    soliton, it publishes `rotor_torques` [N m]. It always publishes `/diagnostics`. All times in
+    the control loop are stamps of the joint states.
     """
 
     PARAMETERS = PARAMETERS
 
     def __init__(self, **kwargs: Any) -> None:
-        """Configure and activate the node, unless a manager does that."""
+        """Create the node. Configure and activate it, unless a lifecycle manager does that."""
         super().__init__('soliton_steering', **kwargs)
 
     def configure(self) -> None:
-        """Open the topics and the action."""
+        """Create the topics, the action and the service."""
         self.settings = current(self, SolitonSteeringParameters)
         self.chain: SteeredChain | None = None
         self.freshness = Freshness(self.settings.state_timeout)
@@ -210,20 +224,20 @@ class SolitonSteering(ManagedNode):
 
     @property
     def site(self) -> float:
-        """Position of the soliton [rotor spacings], NaN without one."""
+        """Position of the soliton [rotor spacings]. NaN means that no soliton is detected."""
         return math.nan if self.chain is None else self.chain.site
 
     def deactivate(self) -> None:
-        """Release the soliton and end the goal."""
+        """Release the soliton and end the active goal."""
         self._release('the steering is stopped')
         interfaces.wait_for_acknowledgements(self.torques)
 
     def cleanup(self) -> None:
-        """Close the action."""
+        """Destroy the server of the action."""
         self.server.destroy()
 
     def _on_chain(self, named: NamedChain) -> None:
-        """Set the chain; a replaced chain ends its move."""
+        """Set the chain. If the chain has changed, release the soliton and end its move."""
         if self.chain is None or named != self.chain.named:
             self._release('the chain has changed')
             self._recent.clear()
@@ -234,7 +248,7 @@ class SolitonSteering(ManagedNode):
 
     @property
     def holding(self) -> bool:
-        """Whether the node moves or holds a soliton and therefore needs each frame immediately."""
+        """Whether the node moves or holds a soliton. It then needs each frame immediately."""
         return self.chain is not None and self.chain.steering.holding
 
     def _on_joint_states(self, serialized: bytes) -> None:
@@ -256,12 +270,18 @@ class SolitonSteering(ManagedNode):
         self._joint_states.dispatch(self.holding)
 
     def _read(self, chain: SteeredChain, serialized: bytes) -> tuple[int, Frame]:
-        """Return stamp [ns] and frame of joint states; ValueError if they do not fit the chain."""
+        """Return the stamp [ns] and the frame in a serialized message of joint states.
+
+        Raises ValueError if the joint states do not fit the chain.
+        """
         joints = self._decoder.decode(serialized)
         return joints.stamp, frame_from_msg(chain.named, joints)
 
     def _keep(self, frames: list[bytes]) -> None:
-        """Store frames for a later move while no soliton is held, and check the newest frame."""
+        """Store frames for the start of a later move, and check the newest frame.
+
+        The node calls this method while no soliton is held.
+        """
         if not (frames and self.active):
             return
         self._recent.extend(frames)
@@ -271,7 +291,7 @@ class SolitonSteering(ManagedNode):
             self.freshness.renew()
 
     def _observe_recent(self, frames: int) -> None:
-        """Estimate position and velocity of a free wall from the last `frames` frames."""
+        """Estimate the position and the velocity of a free wall from the last `frames` frames."""
         if self.chain is None or self.holding:
             return
         self._keep_frames(self._joint_states.take_waiting())
@@ -283,7 +303,7 @@ class SolitonSteering(ManagedNode):
         chain.observe(*self._read(chain, serialized))
 
     def _on_goal(self, handle: ServerGoalHandle) -> None:
-        """Start a move, which replaces an active move."""
+        """Start the move of a goal. It replaces the active move."""
         handle.execute()
         self._observe_recent(_OBSERVER_FRAMES)
         rejection = self._start_move(handle.request)
@@ -303,7 +323,7 @@ class SolitonSteering(ManagedNode):
         self.diagnostics.publish()
 
     def _start_move(self, request: MoveSoliton.Goal) -> MoveResult | None:
-        """Start the move of a request, or return the reason of a rejection."""
+        """Start the move of a request. Return None, or a result if the request is rejected."""
         if not self.active:
             return MoveResult(
                 Outcome.OUT_OF_REACH, 'the steering is not active; activate it first', math.nan
@@ -337,7 +357,11 @@ class SolitonSteering(ManagedNode):
         return response
 
     def _on_watch(self) -> None:
-        """Store frames if no soliton is held; otherwise release it if frames have stopped."""
+        """Process the waiting frames.
+
+        Store them if no soliton is held. If a soliton is held and the joint states have stopped,
+        release it.
+        """
         waiting = self._joint_states.take_waiting()
         if not self.holding:
             self._keep_frames(waiting)
@@ -347,7 +371,7 @@ class SolitonSteering(ManagedNode):
             self._release(f'joint_states have stopped: {self.freshness}')
 
     def _release(self, reason: str, outcome: Outcome = Outcome.SOLITON_LOST) -> bool:
-        """Release the moved or held soliton and end its move; return False if there is none."""
+        """Release the soliton and end its move. Return False if no soliton is moved or held."""
         if self.chain is None or not self.chain.steering.holding:
             return False
         site = self.site
@@ -377,7 +401,10 @@ def main() -> None:
 
 
 def report(chain: SteeredChain | None, silent: bool, server: MoveServer) -> Report:
-    """Return the report of a chain and its moves; `silent` states that frames have stopped."""
+    """Return the report on a chain and its moves.
+
+    `silent` is true if the joint states have stopped.
+    """
     goal, ended = server.goal, server.ended
     wall = None if chain is None or silent else chain.wall
     message = (

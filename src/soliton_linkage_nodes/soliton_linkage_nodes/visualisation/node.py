@@ -32,16 +32,22 @@ from soliton_linkage_nodes.visualisation.publishers import (
 )
 
 _MOST_BUSY = 0.5
-"""Largest share of the time for drawing [1]. Very long chains are drawn less often."""
+"""Largest fraction of the time that the node spends on drawing [1].
+
+Therefore very long chains are drawn less often.
+"""
 _LONGEST_REST = 1.0
-"""Longest pause after a slow picture [s]. The first picture is slow because of matplotlib."""
+"""Longest pause after a slow picture [s].
+
+The first picture is always slow, because matplotlib is imported for it.
+"""
 _SEARCH_PERIOD = 0.5
 """Poll interval for new publishers [s]."""
 
 
 @dataclass(frozen=True)
 class VisualisationParameters:
-    """Parameters of the node."""
+    """Parameters of the visualisation."""
 
     marker_rate: float = quantity(30.0, 'highest rate of markers and poses', 'Hz', 0.1, 30.0)
     kymograph_rate: float = quantity(10.0, 'highest rate of pictures', 'Hz', 0.1, 30.0)
@@ -56,11 +62,12 @@ class VisualisationParameters:
 
 
 class Visualisation(GuardedNode):
-    """Node that draws a chain for RViz, Foxglove and other viewers, if there are subscribers.
+    """Node that draws a chain for RViz, Foxglove and other viewers.
 
-    Subscribes to `joint_states`, `soliton_state`, `last_kick`, `/diagnostics` and, unless
-    parameters specify the chain, to `chain`. Publishes `robot_description` (URDF, latched),
-    `markers`, `soliton_pose` of the first soliton, `kymograph` and `/diagnostics`.
+    The node subscribes to `joint_states`, `soliton_state`, `last_kick`, `/diagnostics` and, unless
+    parameters specify the chain, to `chain`. It publishes `robot_description` (URDF, latched) and
+    `/diagnostics`. It also publishes `markers`, `soliton_pose` (the pose of the first soliton) and
+    `kymograph`, each only while the topic has a subscriber.
     """
 
     PARAMETERS: ClassVar[dict[type, str]] = {
@@ -71,7 +78,7 @@ class Visualisation(GuardedNode):
     }
 
     def __init__(self, **kwargs: Any) -> None:
-        """Subscribe to the topics of a chain."""
+        """Create the node with its publishers and subscriptions."""
         super().__init__('visualisation', **kwargs)
         self.settings = settings = declare(self, VisualisationParameters)
         self._limits = declare(self, JointLimits, 'limits.')
@@ -113,7 +120,7 @@ class Visualisation(GuardedNode):
             drawing.set_chain(named)
 
     def _draw(self) -> None:
-        """Draw the newest messages, except in the pause after a slow picture."""
+        """Draw the newest messages. Do nothing in the pause after a slow picture."""
         begin = time.monotonic()
         if begin < self._rest_until:
             return
@@ -149,7 +156,7 @@ class Visualisation(GuardedNode):
         return Report('drawing', values)
 
     def destroy_node(self) -> None:
-        """Destroy the node and the node of its subscriptions."""
+        """Destroy this node and the second node, which has the subscriptions."""
         self._inbox.destroy_node()
         super().destroy_node()
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Newest messages about a chain."""
+"""Newest messages that describe a chain."""
 
 from __future__ import annotations
 
@@ -31,11 +31,17 @@ from soliton_linkage_nodes.runtime.stamps import SECOND, time_from_msg, time_to_
 from soliton_linkage_nodes.runtime.subscriptions import AdaptiveSubscription, subscribe_newest
 
 _FRESH = 1.0
-"""Largest difference between the stamps of displayed solitons and angles [s]."""
+"""Threshold of the difference between the stamps of the solitons and of the angles [s].
+
+Solitons are displayed if the difference is smaller.
+"""
 _SILENT = 3.0
-"""Age after which the report of a node is dropped [s]. Nodes report once per second."""
+"""Age at which the report of a node is no longer displayed [s]. Nodes report once per second."""
 _MOST_REPORTS = 100
-"""Largest number of diagnostics messages read at once [1], enough for 1 s of many nodes."""
+"""Largest number of messages of `/diagnostics` that are read at once [1].
+
+Even many nodes publish fewer messages in 1 s.
+"""
 _LEVELS = ('OK', 'WARN', 'ERROR', 'STALE')
 
 
@@ -43,14 +49,20 @@ class ObservedChain:
     """Newest angles, solitons, last kick and node reports of a chain."""
 
     def __init__(self, inbox: Node, owner: Node) -> None:
-        """Subscribe with the node `inbox`, which no executor spins; `owner` resolves the names."""
+        """Subscribe with the node `inbox`, which must not be spun by any executor.
+
+        The topic names are resolved in the node `owner`.
+        """
         self.named: NamedChain | None = None
         self.angles: Array = np.zeros(0)
-        """Angles [rad], shape (N,), NaN for missing joints; empty before the first frame."""
+        """Angles [rad], shape (N,). Angles of missing joints are NaN.
+
+        The array is empty before the first frame.
+        """
         self.stamp = Time()
         """Stamp of the angles."""
         self.frame = FRAME
-        """Coordinate frame of the angles."""
+        """Name of the coordinate frame in the message with the angles."""
         self.frames = 0
         """Number of received frames."""
         self.states = 0
@@ -84,19 +96,26 @@ class ObservedChain:
 
     @property
     def walls(self) -> list[Wall]:
-        """Solitons; empty if their stamp differs from the stamp of the angles by over 1 s."""
+        """Solitons of the latest soliton state.
+
+        The list is empty if the stamp of this state differs from that of the angles by 1 s or
+        more.
+        """
         apart = self.seconds - time_from_msg(self.state_stamp) / SECOND
         return self._walls if abs(apart) < _FRESH else []
 
     def set_chain(self, named: NamedChain) -> None:
-        """Observe this chain from now on."""
+        """Set the chain to which later messages belong."""
         self.named = named
         self._reader = FrameReader(named.joint_names, named.encoder_offsets)
         self._joints.set_joints(named.joint_names)
         self.angles = np.zeros(0)
 
     def take(self) -> None:
-        """Take the waiting messages; raise ValueError for joint states of another chain."""
+        """Read the messages that have arrived since the last call.
+
+        Raises ValueError if the joint states belong to another chain.
+        """
         state = self._states.newest()
         if state is not None:
             self._walls, self.state_stamp = walls_from_msg(state), state.header.stamp
@@ -117,7 +136,10 @@ class ObservedChain:
             self.frames += 1
 
     def describe(self) -> str:
-        """Return lines with the orbit phase, the energies and the reports of nodes, if known."""
+        """Return a text with the orbit phase, the energies and the reports of the nodes.
+
+        Quantities that are not known are omitted.
+        """
         numbers, lines = self.numbers, []
         if math.isfinite(numbers.get('phase', math.nan)):
             lines.append(
@@ -140,9 +162,10 @@ class ObservedChain:
         return '\n'.join(lines)
 
     def kick(self, shown: float) -> Array | None:
-        """Return the impulses of the last kick [N m s], shape (N,), or None.
+        """Return the impulses of the last kick [N m s], shape (N,), or None without such a kick.
 
-        The impulses are returned for `shown` [s] after the end of the kick; 0 is unlimited.
+        Returns None also if the kick ended more than `shown` [s] ago. If `shown` is 0, the
+        impulses are returned until the next kick.
         """
         if self._kick is None or self.named is None:
             return None
@@ -153,6 +176,6 @@ class ObservedChain:
         return kick_from_msg(self.named, self._kick)
 
     def adapt(self) -> None:
-        """Adapt the quality of service to new publishers."""
+        """Adapt the quality of service of the subscriptions to new publishers."""
         for topic in (self._joints, self._states, self._kicks):
             topic.adapt()

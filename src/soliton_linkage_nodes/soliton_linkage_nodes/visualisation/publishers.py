@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Publishers of markers, pose and kymograph, which draw only for subscribers."""
+"""Publishers of markers, pose and kymograph. They draw only while a node subscribes."""
 
 from __future__ import annotations
 
@@ -31,31 +31,42 @@ from soliton_linkage_nodes.visualisation.scene import ChainScene
 Pixels = NDArray[np.uint8]
 
 _COLUMN_RATE = 30.0
-"""Rate of columns [Hz], equal to a usual refresh rate."""
+"""Number of picture columns per second [Hz]. It equals the usual refresh rate of viewers."""
 _HEIGHT = 400
-"""Smallest number of rows [1], so that viewers do not blur the picture of a short chain."""
+"""Smallest number of rows of a picture [1].
+
+Viewers would enlarge and blur a picture with fewer rows, for example that of a short chain.
+"""
 _MOST_ROWS = 1000
-"""Largest number of displayed rotors [1], the usual height of a screen. In longer chains, only
-some rotors are displayed."""
+"""Largest number of rotors in a picture [1], about the number of pixel rows of a screen.
+
+In longer chains only every second rotor is displayed, or every third one, and so on.
+"""
 _LEVELS = 2048
 """Number of colours [1]. It is large because the colour varies strongly near the rest state."""
 _BLANK, _TRACK, _BORDER = 217, 0, 255
-"""Grey levels of missing data, the track of a wall and its border [1], unlike any lean."""
+"""Grey levels of missing data, of the track of a wall and of the border of this track [1].
+
+They differ from all colours of displacements.
+"""
 _HALF_BORDER, _HALF_TRACK = 2, 1
 """Half widths of the border and of the track [rows]."""
 _JUMP = 0.25
-"""Longest step of a wall that is drawn as motion [chain lengths]. Longer steps are resets."""
+"""Threshold of the step of a wall between two columns [chain lengths].
+
+A shorter step is drawn as a motion. A longer step counts as a reset and is not connected.
+"""
 
 
 class Kymograph:
-    """Buffer of recent leans, which is drawn on request.
+    """Buffer of recent displacements, and picture of these displacements over time.
 
-    The horizontal axis is time. The vertical axis is the rotor number, with rotor 0 at the bottom.
-    Purple is right-leaning, orange is left-leaning.
+    The horizontal axis of the picture is time. The vertical axis is the rotor number, with rotor 0
+    at the bottom. Rotors that lean right are purple, rotors that lean left are orange.
     """
 
     def __init__(self, chain: Chain, length: float) -> None:
-        """Keep the last `length` [s] of this chain."""
+        """Create an empty buffer for the last `length` [s] of a chain."""
         self.chain = chain
         self.columns = max(2, round(length * _COLUMN_RATE))
         self._every = -(-chain.number_of_rotors // _MOST_ROWS)
@@ -65,7 +76,10 @@ class Kymograph:
         self._table: Pixels | None = None
 
     def add(self, stamp: float, angles: Array, walls: Sequence[float]) -> None:
-        """Add the angles [rad] at a time [s] and the positions of walls [rotor spacings]."""
+        """Add angles [rad], shape (N,), and wall positions [rotor spacings] with a stamp [s].
+
+        If the stamp is earlier than the previous one, the buffer is emptied first.
+        """
         if self._stamps and stamp < self._stamps[-1]:
             for kept in (self._stamps, self._leans, self._walls):
                 kept.clear()
@@ -77,9 +91,9 @@ class Kymograph:
         self._walls.append(tuple(walls))
 
     def picture(self) -> Pixels:
-        """Return the picture in RGB, shape (rows, columns, 3)."""
+        """Return the picture as RGB values, shape (rows, columns, 3)."""
         if self._table is None:
-            # Import matplotlib only for subscribers, because this takes 0.5 s and 25 MB.
+            # Import matplotlib only if a picture is needed, because it takes 0.5 s and 25 MB.
             from soliton_linkage_studies.palette import lean_colour_table
 
             self._table = lean_colour_table(self.chain, _LEVELS)
@@ -102,7 +116,10 @@ class Kymograph:
         return picture
 
     def _draw_track(self, picture: Pixels, shown: NDArray[np.intp], rows: float) -> None:
-        """Draw the walls; connect them to the next column if it has the same number of walls."""
+        """Draw the walls of each column.
+
+        The walls of two successive columns are connected if both have the same number of walls.
+        """
         xs, ys = [np.zeros(0, dtype=np.intp)], [np.zeros(0)]
         columns = [
             (x, self._walls[column]) for x, column in enumerate(shown.tolist()) if column >= 0
@@ -124,29 +141,33 @@ class Kymograph:
 
 _WALLS = 'solitons'
 _OPACITY = 0.4
-"""Opacity of the box of a soliton [1], so that its rotors are visible."""
+"""Opacity of the box around a soliton [1]. The rotors in the box remain visible."""
 
 
 class DrawingPublisher:
-    """Publisher of drawings of a chain."""
+    """Base class of publishers that publish drawings of a chain."""
 
     name: str
 
     def __init__(self, publisher: Publisher) -> None:
-        """Draw for this publisher."""
+        """Create an object that publishes its drawings with a publisher."""
         self.publisher = publisher
         self._published = self._counted = 0
         self._subscribers = 0
         self._drawn = -1
 
     def count_since(self) -> int:
-        """Return the number of messages published since the last call."""
+        """Return the number of messages published since the previous call of this method."""
         fresh = self._published - self._counted
         self._counted = self._published
         return fresh
 
     def _wanted(self, number: int) -> bool:
-        """Return whether a subscriber exists and drawing `number` is not published yet."""
+        """Return whether a drawing with this number must be published.
+
+        It must if the topic has a subscriber, and the drawing was not published yet or a new node
+        has subscribed.
+        """
         subscribers = self.publisher.get_subscription_count()
         more, self._subscribers = subscribers > self._subscribers, subscribers
         if not subscribers or (number == self._drawn and not more):
@@ -165,7 +186,7 @@ class MarkerPublisher(DrawingPublisher):
     name = 'markers'
 
     def __init__(self, publisher: Publisher, kick_shown: float) -> None:
-        """Show a kick for `kick_shown` [s] after its end."""
+        """Create the publisher. A kick is shown for `kick_shown` [s] after its end."""
         super().__init__(publisher)
         self._kick_shown = kick_shown
         self._scene: ChainScene | None = None
@@ -173,13 +194,13 @@ class MarkerPublisher(DrawingPublisher):
         self._clear = False
 
     def set_chain(self, named: NamedChain) -> None:
-        """Draw this chain from now on."""
+        """Set the chain that is drawn, and clear the markers of the previous chain."""
         self._clear = self._scene is not None
         self._scene = ChainScene(named.chain)
         self._walls = 0
 
     def draw(self, chain: ObservedChain) -> None:
-        """Publish markers of the present chain."""
+        """Publish markers for the newest messages that describe the chain."""
         scene = self._scene
         if scene is None or not len(chain.angles) or not self._wanted(chain.frames):
             return
@@ -229,7 +250,7 @@ class PosePublisher(DrawingPublisher):
         """Do nothing, because the pose does not depend on the chain."""
 
     def draw(self, chain: ObservedChain) -> None:
-        """Publish the pose, if there is a soliton with a position."""
+        """Publish the pose of the first soliton, if its position is known."""
         if not chain.walls or not self._wanted(chain.states):
             return
         position, deviation, *_ = chain.walls[0]
@@ -239,23 +260,23 @@ class PosePublisher(DrawingPublisher):
 
 
 class KymographPublisher(DrawingPublisher):
-    """Publisher of the last seconds as a picture."""
+    """Publisher of a picture that shows the displacements of the last seconds."""
 
     name = 'kymograph'
 
     def __init__(self, publisher: Publisher, length: float, rate: float) -> None:
-        """Draw a time span [s] at most at a rate [Hz]."""
+        """Create the publisher. Pictures show the last `length` [s], at most at `rate` [Hz]."""
         super().__init__(publisher)
         self._length, self._period = length, 1 / rate
         self._kymograph: Kymograph | None = None
         self._next = 0.0
 
     def set_chain(self, named: NamedChain) -> None:
-        """Draw this chain from now on."""
+        """Set the chain that is drawn, and start with an empty picture."""
         self._kymograph = Kymograph(named.chain, self._length)
 
     def draw(self, chain: ObservedChain) -> None:
-        """Keep the new frame, and publish the picture when it is due."""
+        """Add the newest frame to the picture, and publish the picture when it is due."""
         if self._kymograph is None or not len(chain.angles):
             return
         self._kymograph.add(chain.seconds, chain.angles, [wall.rotor for wall in chain.walls])

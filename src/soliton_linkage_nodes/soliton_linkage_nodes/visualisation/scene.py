@@ -14,24 +14,39 @@ from soliton_linkage.linear.rigidity import Edge, resolved_edge_mode
 from soliton_linkage.linkage.chain import Array, Chain
 
 _LONGEST = 1.2
-"""Length of an arrow of size 1, relative to the larger of rotor length and spacing [1]."""
+"""Length of the longest arrow, divided by the larger of rotor length and spacing [1]."""
 _SHORTEST_ARROW = 0.02
-"""Smallest length of an arrow, relative to the longest one [1]; shorter arrows are omitted."""
+"""Threshold of the length of an arrow, divided by the length of the longest arrow [1].
+
+Shorter arrows are not drawn.
+"""
 _HEAD = (0.3, 0.15)
-"""Length and half width of an arrow head, relative to the length of the arrow [1]."""
+"""Length and half width of an arrow head, divided by the length of the arrow [1]."""
 _WALL_HEIGHT = 2.5
-"""Height of the box that marks a wall, relative to the length of the longest rotor [1]. Above 2,
-the box extends beyond the rotors."""
+"""Height of the box around a wall, divided by the length of the longest rotor [1].
+
+At values above 2 the box extends beyond the rotors.
+"""
 _LETTERS = 40
-"""Length of a chain, relative to the height of letters [1]; a text line takes half the length."""
+"""Length of a chain, divided by the height of letters [1]. A line of text is half as long as the
+chain."""
 _AT_REST = 1e-4
-"""Relative extension of a spring at the lower limit of the colour scale [1]."""
+"""Smallest upper limit of the colour scale, as relative extension of a spring [1].
+
+Smaller extensions are therefore almost grey.
+"""
 _DECAY = 0.98
-"""Decay factor of the colour scale of extensions for each picture [1]: about 1 s at 30 Hz."""
+"""Factor by which the upper limit of the colour scale decreases from picture to picture [1].
+
+At 30 Hz the time constant is about 1 s. The limit is never smaller than the present extensions.
+"""
 
 
 class Shape(NamedTuple):
-    """Lines from point 0 to 1, 2 to 3, and so on, or spheres at the points."""
+    """Set of lines or set of spheres.
+
+    Lines join point 0 with point 1, point 2 with point 3, and so on. Spheres are at the points.
+    """
 
     name: str
     points: Array
@@ -44,24 +59,27 @@ class Shape(NamedTuple):
 
 
 class WallBox(NamedTuple):
-    """Box around a wall, plus and minus two standard deviations."""
+    """Box that shows a wall and the standard deviation of its position."""
 
     position: float
-    """Position along the chain [m]."""
+    """Position of the wall along the chain [m]."""
     length: float
-    """Size along the chain [m]: four standard deviations, with a visible minimum."""
+    """Size of the box along the chain [m].
+
+    It is four standard deviations of the wall position, but at least the width of a rod.
+    """
     height: float
-    """Size across the chain [m]."""
+    """Size of the box in the vertical direction [m]."""
 
 
 class ChainScene:
-    """Drawing of the configurations of a chain."""
+    """Drawing of a chain in any configuration."""
 
     def __init__(self, chain: Chain) -> None:
-        """Draw this chain."""
+        """Create the drawing of a chain."""
         self.chain = chain
         self.width = min(chain.spacing, chain.rotor_length) / 12
-        """Width of the rods [m]."""
+        """Width of the lines that represent rotors [m]."""
         middle, length = float(chain.pivots[-1]) / 2, float(chain.pivots[-1]) + chain.spacing
         self.lettering = length / _LETTERS
         """Height of letters [m]."""
@@ -80,7 +98,10 @@ class ChainScene:
         return np.array([self.chain.pivots + horizontal, np.zeros_like(vertical), vertical]).T
 
     def shapes(self, angles: Array) -> list[Shape]:
-        """Return the chain at these angles [rad], without parts whose angle is NaN."""
+        """Return the shapes of the chain at angles [rad], shape (N,).
+
+        Rotors, masses and springs are omitted if they depend on an angle that is NaN.
+        """
         masses = self.masses(angles)
         known = np.isfinite(angles)
         return [
@@ -91,11 +112,15 @@ class ChainScene:
         ]
 
     def kick(self, angles: Array, impulses: Array) -> Shape:
-        """Return the impulses of the rotors [N m s], shape (N,), as arrows at their masses."""
+        """Return arrows at the masses that show the impulses on the rotors [N m s], shape (N,)."""
         return self._arrows('last_kick', self.masses(angles), angles, impulses, PURPLE)
 
     def boxes(self, walls: Sequence[tuple[float, float]]) -> list[WallBox]:
-        """Return boxes of walls, given by position and standard deviation [m]."""
+        """Return the box of each wall.
+
+        A wall is a pair of its position and the standard deviation of this position [m]. Walls
+        with NaN are omitted.
+        """
         height = _WALL_HEIGHT * float(self.chain.rotor_lengths.max())
         return [
             WallBox(position, max(4 * deviation, self.width), height)
@@ -112,7 +137,10 @@ class ChainScene:
         return Shape('rotors', ends, np.repeat(colours[known], 2, axis=0), self.width)
 
     def _springs(self, masses: Array, angles: Array) -> Shape:
-        """Return the springs: red if extended, blue if compressed, grey at rest length."""
+        """Return the springs as lines.
+
+        Extended springs are red, compressed springs are blue, springs at rest length are grey.
+        """
         extensions = self.chain.spring_extensions(angles)
         known = np.isfinite(extensions)
         largest = float(np.abs(extensions[known]).max(initial=0.0))
@@ -133,7 +161,10 @@ class ChainScene:
         return self._arrows('zero_mode', masses, angles, mode, GREEN)
 
     def _arrows(self, name: str, masses: Array, angles: Array, sizes: Array, colour: str) -> Shape:
-        """Return arrows along the motion of the masses; the longest has a fixed length."""
+        """Return arrows that point in the direction in which the masses move.
+
+        Their lengths are proportional to `sizes`, shape (N,). The longest one has a fixed length.
+        """
         largest = float(np.abs(sizes).max(initial=0.0))
         shown = np.isfinite(angles) & (np.abs(sizes) > _SHORTEST_ARROW * largest)
         ahead = np.array([np.cos(angles), np.zeros_like(angles), -np.sin(angles)]).T[shown]
