@@ -27,9 +27,9 @@ class FrameAssembler:
     """Assembler of joint states with equal stamps and disjoint joints into frames.
 
     A frame is complete when it has all joints of the chain, or all joints that earlier assembled
-    frames had. Any other frame is returned incomplete when a message with another stamp arrives.
-    If the incomplete frame consists of one message, each later message is returned as a frame,
-    until two messages have the same stamp.
+    frames had. Any other frame ends when a message with another stamp arrives. If this frame
+    consists of one message, each later message is returned as a frame, until two messages have the
+    same stamp.
     """
 
     def __init__(self, joint_names: Sequence[str] = ()) -> None:

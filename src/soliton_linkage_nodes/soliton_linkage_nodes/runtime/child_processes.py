@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Child processes that run nodes and end with their parent process, and private ROS domains."""
+"""Child processes that run nodes and end when the parent process ends, and private ROS domains."""
 
 from __future__ import annotations
 
@@ -23,20 +23,25 @@ from ament_index_python.packages import (
 
 _PACKAGE = 'soliton_linkage_nodes'
 START_LIMIT = 60.0
-"""Longest time until nodes have discovered each other, on a busy machine [s]."""
+"""Longest time that nodes need to start and discover each other on a busy machine [s]."""
 _PARENT_DEATH_SIGNAL = 1
-"""PR_SET_PDEATHSIG of prctl(2), which stops a node when its parent process is killed."""
+"""Option PR_SET_PDEATHSIG of prctl(2). With this option, the system sends a signal to a node when
+the parent process is killed."""
 _STOP_LIMIT = 10.0
-"""Time for a node to end before it is killed [s]. A recorder may wait for its disk."""
+"""Time after SIGTERM after which a node that is still running is killed [s]. A recorder may need
+this time to write to a slow disk."""
 _LOG_TAIL = 5
-"""Number of log lines in the error about an ended node [1]."""
+"""Number of log lines in the error message about a node that has ended [1]."""
 _DOMAINS = 100
 """Largest domain number of private domains [1]."""
 _C_LIBRARY = ctypes.CDLL(None)
 
 
 class ChildProcesses:
-    """Processes that run nodes of the suite, each with a log file of its output."""
+    """Processes that run nodes of the suite.
+
+    Each process writes its output to its own log file.
+    """
 
     def __init__(self, log_folder: Path) -> None:
         self._log_folder = log_folder
@@ -69,10 +74,10 @@ class ChildProcesses:
             )
 
     def ended(self) -> dict[str, str]:
-        """Return a description of the end of each ended process, for use with `restart`.
+        """Return the name of each ended process, with a text about its exit code.
 
-        Raises RuntimeError with the last output if a process failed within a minute of its start,
-        because it would fail again.
+        The caller can pass the names to `restart`. Raises RuntimeError with the last log lines if
+        a process failed within a minute after its start, because it would fail again.
         """
         found = {}
         for node, process in self._running.items():
@@ -90,7 +95,7 @@ class ChildProcesses:
         self._start(node, command, environment)
 
     def check(self) -> None:
-        """Raise RuntimeError with the last output if a process has ended."""
+        """Raise RuntimeError with the last log lines if a process has ended."""
         for node, process in self._running.items():
             if process.poll() is not None:
                 raise RuntimeError(self._ended(node, process.returncode))
@@ -98,7 +103,7 @@ class ChildProcesses:
     def wait(self, node: str, seconds: float) -> bool:
         """Wait up to `seconds` for a process to end; return whether it has ended.
 
-        Raises RuntimeError with the last output if it failed.
+        Raises RuntimeError with the last log lines if the process failed.
         """
         try:
             code = self._running[node].wait(seconds)
@@ -112,7 +117,7 @@ class ChildProcesses:
     def stop(self, nodes: Sequence[str] | None = None) -> dict[str, int]:
         """Terminate the named processes, by default all; return their exit codes.
 
-        A process that runs for 10 s longer is killed.
+        A process that is still running after 10 s is killed.
         """
         named = nodes or tuple(self._running)
         chosen = {node: self._running.pop(node) for node in named if node in self._running}
@@ -134,7 +139,10 @@ class ChildProcesses:
 
 
 def page_address(output: str) -> str | None:
-    """Return the address of the page from the output of live_view, or None if it has none yet."""
+    """Return the address of the page of live_view from the output of live_view.
+
+    Returns None if the output does not contain the address yet.
+    """
     found = re.search(r'open (http://\S+)', output)
     return found[1] if found else None
 
@@ -148,8 +156,9 @@ def has_display() -> bool:
 def private_domain() -> Iterator[None]:
     """Put this process and its children into a free ROS domain of this machine.
 
-    The domain is drawn at random, because nodes may still be ending on the domain of an earlier
-    run. The block must not raise OSError, because the coordinator would then try another domain.
+    The domain is drawn at random, because nodes of an earlier run may still be running in the
+    domain of that run. The block must not raise OSError, because the coordinator would then try
+    another domain.
     """
     with domain_coordinator.domain_id(lambda: random.randint(1, _DOMAINS)) as domain:
         os.environ['ROS_DOMAIN_ID'] = str(domain)
@@ -163,8 +172,8 @@ def restrict_to_loopback() -> None:
     """Make this process and its children unreachable from other machines.
 
     The discovery range LOCALHOST does not suffice, because Fast DDS then still opens its sockets
-    on all network interfaces. It also uses shared memory. If a process is killed while it starts,
-    it leaves a memory segment that blocks all other processes.
+    on all network interfaces. With this range, Fast DDS also uses shared memory. If a process is
+    killed while it starts, its shared memory segment remains and blocks all other processes.
     """
     os.environ['ROS_AUTOMATIC_DISCOVERY_RANGE'] = 'LOCALHOST'
     try:

@@ -25,27 +25,28 @@ from soliton_linkage_nodes.runtime.parameters import (
 )
 
 NodeClass = Callable[[], Node]
-"""Class of a node, whose constructor needs no arguments."""
+"""Class of a node. Its constructor needs no arguments."""
 USAGE = 2
 """Exit code of a program with wrong arguments, as in argparse."""
 _WIDTH = 96
-"""Columns of the help [1]."""
+"""Largest length of a line of the help text [characters]."""
 _ROS_OPTIONS = ('--params-file', '-p', '--param', '-r', '--remap', '--log-level')
 _EXAMPLES = ('-p NAME:=VALUE', '--params-file FILE', '-r NAME:=OTHER_NAME')
 _PATHS = ('bag', 'output')
-"""Parameters that are proposed for an argument without a name."""
+"""Parameters that the error message proposes if an argument has no parameter name."""
 
 
 def check_arguments(node: NodeClass, arguments: Sequence[str]) -> None:
     """Print the help of a node and exit, or reject unknown arguments with exit code 2.
 
-    Arguments after `--ros-args` are left to ROS.
+    ROS checks the arguments after `--ros-args`.
     """
     if {'-h', '--help'} & set(arguments):
         try:
             print(help_text(node), flush=True)
         except BrokenPipeError:
-            # A pager has closed the pipe. Without this, Python reports an error at its exit.
+            # A pager has closed the pipe. Without this redirection, Python reports an error when
+            # it exits.
             os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         sys.exit(0)
     try:
@@ -63,7 +64,7 @@ def check_arguments(node: NodeClass, arguments: Sequence[str]) -> None:
 
 
 def executable_name(node: NodeClass) -> str:
-    """Return the name of the executable of a node, which is the default name of the node."""
+    """Return the name of a node's executable. The default name of the node is the same."""
     return re.sub(r'(?<!^)(?=[A-Z])', '_', node.__name__).lower()
 
 
@@ -77,7 +78,7 @@ def parameter_names(node: NodeClass) -> set[str]:
 
 
 def help_text(node: NodeClass) -> str:
-    """Return the help of a node from its docstring and its parameters."""
+    """Return the help text of a node, which consists of its docstring and its parameters."""
     parameters = [
         line for group, prefix in _groups(node).items() for line in _describe(group, prefix)
     ]
@@ -92,7 +93,7 @@ def help_text(node: NodeClass) -> str:
 
 
 def _groups(node: NodeClass) -> dict[type, str]:
-    """Return the prefix of the parameters of each dataclass of a node."""
+    """Return the parameter dataclasses of a node, each with the prefix of its parameters."""
     groups: dict[type, str] = getattr(node, 'PARAMETERS', {})
     return groups
 
@@ -125,7 +126,7 @@ def _command(node: NodeClass) -> str:
 
 
 def _proposal(node: NodeClass, unknown: Sequence[str]) -> str | None:
-    """Return the arguments that the user probably meant, or None if there is no proposal."""
+    """Return the arguments that the user probably meant, or None if they cannot be guessed."""
     first, rest = unknown[0], unknown[1:]
     known = parameter_names(node)
     option, _, value = first.partition('=')

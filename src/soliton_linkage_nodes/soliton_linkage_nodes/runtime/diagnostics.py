@@ -20,18 +20,19 @@ from soliton_linkage_nodes.runtime.interfaces import DIAGNOSTICS
 _PERIOD = 1.0
 """Period of the reports [s], as in diagnostic_updater."""
 MOST_LINES = 100
-"""Largest number of log lines of a throttle in one period [1]."""
+"""Largest number of lines that a `LogThrottle` logs in one period [1]."""
 _NUMBERS = re.compile(r'[-+]?(?:\d+\.?\d*(?:e[-+]?\d+)?|\binf\b|\bnan\b)')
 
 
 class LogThrottle:
-    """Filter that logs each kind of message once per period, with the number of dropped messages.
+    """Filter that logs each kind of message at most once per period.
 
-    Messages that differ only in their digits are of the same kind.
+    The next logged line of the same kind reports how many messages were dropped. Messages that
+    differ only in their numbers are of the same kind.
     """
 
     def __init__(self, log: Callable[[str], object], period: float) -> None:
-        """Pass lines to `log`; `period` is in [s]."""
+        """Pass the lines to `log`. `period` is in [s]."""
         self._log = log
         self._period = period
         self._start = -period
@@ -43,7 +44,7 @@ class LogThrottle:
         return len(self._suppressed)
 
     def log(self, message: str) -> None:
-        """Log a message unless a message of the same kind was logged within the period."""
+        """Log a message unless a message of the same kind was logged in the current period."""
         now = time.monotonic()
         if now - self._start >= self._period:
             self._start = now
@@ -68,7 +69,7 @@ class LogThrottle:
 
 @dataclass(frozen=True)
 class Report:
-    """State of a node as one sentence, with further values by name."""
+    """State of a node: one sentence, further values by name, and whether it is a warning."""
 
     message: str
     values: Mapping[str, Any] = field(default_factory=dict)
@@ -76,14 +77,14 @@ class Report:
 
 
 class Diagnostics:
-    """Publisher of a node's report once a second, and counter of rejected input and failures.
+    """Publisher of a node's report, and counter of rejected inputs and of failures.
 
-    Each function in `monitors` returns a warning (empty: none) and values by name. Both are added
-    to the report.
+    The report is published once a second. Each function in `monitors` returns a warning text and
+    values by name, which are added to the report. An empty text means no warning.
     """
 
     def __init__(self, node: Node, task: str, report: Callable[[], Report]) -> None:
-        """Start publishing reports with the name '<node>: <task>'."""
+        """Start to publish reports with the name '<node>: <task>'."""
         self.rejected = 0
         self.failed = 0
         self.monitors: list[Callable[[], tuple[str, Mapping[str, Any]]]] = []
@@ -92,7 +93,8 @@ class Diagnostics:
         self._report = report
         self._rejected_before = self._failed_before = 0
         self._last_rejection = self._last_failure = ''
-        # The throttle of rclpy takes 0.7 ms per message, because it determines the calling line.
+        # The log throttle of rclpy takes 0.7 ms per message, because it determines the line of
+        # code that called it.
         self._rejections = LogThrottle(lambda line: node.get_logger().warning(line), _PERIOD)
         self._failures = LogThrottle(lambda line: node.get_logger().error(line), _PERIOD)
         self._publisher = DIAGNOSTICS.publisher(node)
@@ -113,7 +115,11 @@ class Diagnostics:
         self._failures.log(failure)
 
     def guarded(self, source: str, take: Callable[..., Any]) -> Callable[..., Any]:
-        """Return a callback that rejects a message if `take` raises an error about its content."""
+        """Return a callback that calls `take` and rejects the message if `take` raises an error.
+
+        ValueError and ArithmeticError count as rejected input. Other errors count as failures of
+        the node. MemoryError is not caught.
+        """
 
         @wraps(take)
         def take_or_reject(*args: Any) -> None:

@@ -17,13 +17,14 @@ from rclpy.qos import QoSProfile, ReliabilityPolicy
 from rclpy.subscription import Subscription
 
 SERVICE_QOS = QoSProfile(depth=1000, reliability=ReliabilityPolicy.RELIABLE)
-"""Quality of service of services and clients. A client receives the responses to all clients of
-its service. The default queue of ROS has ten entries and loses responses of busy services."""
+"""Quality of service of services and clients. Each client receives the responses to all clients of
+the same service. The default queue of ROS has ten entries, so that a client of a busy service
+loses responses."""
 ACTION_QOS = {f'{call}_service_qos_profile': SERVICE_QOS for call in ('goal', 'result', 'cancel')}
 
 
 def describe_error(error: BaseException) -> str:
-    """Return an unexpected error and its source line as one line."""
+    """Describe an unexpected error and the line of code that raised it, in one line of text."""
     frames = traceback.extract_tb(error.__traceback__)
     where = f' ({Path(frames[-1].filename).name}:{frames[-1].lineno})' if frames else ''
     return f'{type(error).__name__}: {" ".join(str(error).split())}{where}'
@@ -39,7 +40,7 @@ def unknown_parameter(node: Node, name: str, known: Iterable[str]) -> str:
 class GuardedNode(Node):
     """Node that continues if a callback raises an exception other than MemoryError.
 
-    It logs the exception and drops the message.
+    The node logs the exception and drops the message that caused it.
     """
 
     _undispatched: frozenset[Subscription] = frozenset()
@@ -47,13 +48,14 @@ class GuardedNode(Node):
 
     @property
     def subscriptions(self) -> Iterator[Subscription]:
-        """Subscriptions whose callbacks an executor calls."""
+        """Subscriptions for which an executor calls the callback."""
         return (each for each in super().subscriptions if each not in self._undispatched)
 
     def dispatch(self, subscription: Subscription, dispatched: bool) -> None:
-        """Let executors take the messages of a subscription if `dispatched`, else leave them.
+        """Set whether executors take the messages of a subscription.
 
-        At 1000 messages per second, waking the executor takes longer than reading the messages.
+        If `dispatched` is False, the messages wait until the node itself takes them. At 1000
+        messages per second, an executor needs more time to wake up than to read the messages.
         """
         this = frozenset([subscription])
         self._undispatched = self._undispatched - this if dispatched else self._undispatched | this
@@ -61,7 +63,7 @@ class GuardedNode(Node):
             self.executor.wake()
 
     def destroy_subscription(self, subscription: Subscription) -> bool:
-        """Destroy a subscription, even if executors do not take its messages."""
+        """Destroy a subscription, whether or not executors take its messages."""
         self._undispatched -= {subscription}
         if subscription in self._finalisers:
             self._finalisers[subscription]()
@@ -69,25 +71,25 @@ class GuardedNode(Node):
         return bool(super().destroy_subscription(subscription))
 
     def before_destroying(self, subscription: Subscription, finalise: Callable[[], None]) -> None:
-        """Call `finalise` before a subscription is destroyed."""
+        """Register `finalise`, which is called before a subscription is destroyed."""
         self._finalisers = {**self._finalisers, subscription: finalise}
 
     def create_subscription(
         self, msg_type: Any, topic: str, callback: Callable[..., Any], *args: Any, **kwargs: Any
     ) -> Any:
-        """Create a subscription with a guarded callback."""
+        """Create a subscription. An exception of the callback is logged."""
         guarded = self.guarded(f'process a message of {topic}', callback)
         return super().create_subscription(msg_type, topic, guarded, *args, **kwargs)
 
     def create_timer(
         self, timer_period_sec: float, callback: Callable[[], Any], *args: Any, **kwargs: Any
     ) -> Any:
-        """Create a timer with a guarded callback."""
+        """Create a timer. An exception of the callback is logged."""
         guarded = self.guarded('run a timer', callback)
         timer: Any = None
 
         def act() -> None:
-            # If the timer was due when it was destroyed, an executor still calls this.
+            # If the timer was due when it was destroyed, an executor still calls this function.
             if timer is None or timer in self.timers:
                 guarded()
 
@@ -97,7 +99,10 @@ class GuardedNode(Node):
     def create_service(
         self, srv_type: Any, srv_name: str, callback: Callable[[Any, Any], Any], **kwargs: Any
     ) -> Any:
-        """Create a service with a guarded callback and a queue of 1000 calls."""
+        """Create a service with a queue of 1000 calls.
+
+        An exception of the callback is logged, and the response rejects the request.
+        """
 
         def answer(request: Any, response: Any) -> Any:
             try:
@@ -112,7 +117,7 @@ class GuardedNode(Node):
         )
 
     def set_parameters_atomically(self, parameter_list: list[Parameter]) -> SetParametersResult:
-        """Set all parameters or none; reject those that are not declared."""
+        """Set all parameters, or none if one is rejected. Undeclared parameters are rejected."""
         for parameter in parameter_list:
             if not self.has_parameter(parameter.name):
                 known = self.get_parameters_by_prefix('')
@@ -121,7 +126,7 @@ class GuardedNode(Node):
         return super().set_parameters_atomically(parameter_list)
 
     def guarded(self, action: str, call: Callable[..., Any]) -> Callable[..., Any]:
-        """Return a callback whose exceptions are logged as 'could not <action>: <error>'."""
+        """Return a callback that logs an exception of `call` as 'could not <action>: <error>'."""
 
         @wraps(call)
         def call_or_fail(*args: Any) -> None:
@@ -135,7 +140,7 @@ class GuardedNode(Node):
         return call_or_fail
 
     def fail(self, action: str, error: Exception) -> str:
-        """Count a failure; log it in one line and return this line."""
+        """Count a failure, log it in one line, and return this line."""
         failure = f'could not {action}: {describe_error(error)}'
         diagnostics = getattr(self, 'diagnostics', None)
         (self.get_logger().error if diagnostics is None else diagnostics.fail)(failure)
@@ -143,7 +148,7 @@ class GuardedNode(Node):
 
 
 def _reject(request: Any, response: Any, reason: str) -> Any:
-    """Return a response that rejects a request, if its type has fields for that."""
+    """Write a rejection and its reason into those fields of a response that its type has."""
     if hasattr(response, 'success'):
         response.success = False
     for text in ('message', 'reason'):

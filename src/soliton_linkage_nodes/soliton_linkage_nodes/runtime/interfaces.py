@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The topics of the suite: name, type and quality of service."""
+"""Topics of the suite, with their names, types and quality of service."""
 
 from __future__ import annotations
 
@@ -32,17 +32,19 @@ from soliton_linkage_msgs.msg import (
 )
 
 _DEEPEST_QUEUE = 1000
-"""Largest queue depth of a stream [messages], one second at 1000 Hz."""
+"""Largest queue depth of a stream [messages]. At 1000 Hz it lasts for one second."""
 _QUEUE_BYTES = 64 * 2**20
-"""Largest memory of the queue of a stream in the publisher, and in each subscriber [B]."""
+"""Memory limit for the queue of a stream [B]. It applies to the publisher and to each
+subscriber."""
 _LONGEST_RECORD = 100_000
-"""Queue depth for a whole record [messages], 100 s at 1000 Hz. Unused slots take no memory."""
+"""Queue depth for a whole recording [messages]. At 1000 Hz it lasts for 100 s. Unused entries take
+no memory."""
 ACKNOWLEDGEMENT_LIMIT = 0.5
-"""Longest wait for acknowledgements when a node ends [s], enough on a busy machine."""
+"""Longest wait for acknowledgements when a node ends [s]. It suffices on a busy machine."""
 _POLL_INTERVAL = 0.02
 """Poll interval while waiting for subscribers [s]."""
 _DISCOVERY_TIME = 1.0
-"""Time without a new subscriber after which discovery is assumed complete [s]."""
+"""Threshold for the time without a new subscriber [s]: after it, discovery counts as complete."""
 
 
 def reliable_qos(depth: int) -> QoSProfile:
@@ -53,7 +55,8 @@ def reliable_qos(depth: int) -> QoSProfile:
 def stream_qos(message_size: int = 0) -> QoSProfile:
     """Return a reliable quality of service for messages of `message_size` [B].
 
-    The depth is 10 to 1000, so that a full queue takes at most 64 MiB if possible.
+    The queue depth is at most 1000. It is reduced to at least 10 for large messages, so that a
+    full queue takes at most 64 MiB if possible.
     """
     affordable = _QUEUE_BYTES // max(message_size, 1)
     return reliable_qos(int(min(_DEEPEST_QUEUE, max(10, affordable))))
@@ -62,23 +65,26 @@ def stream_qos(message_size: int = 0) -> QoSProfile:
 def lossless_stream_qos() -> QoSProfile:
     """Return a reliable quality of service whose queue holds a whole recording.
 
-    Publisher and subscriber both need it.
+    No message is lost only if publisher and subscriber both use it.
     """
     return reliable_qos(_LONGEST_RECORD)
 
 
 def command_qos() -> QoSProfile:
-    """Return a volatile quality of service, so that a late subscriber receives no old kick."""
+    """Return a volatile quality of service. A late subscriber does not receive old commands."""
     return reliable_qos(100)
 
 
 def image_qos() -> QoSProfile:
-    """Return a quality of service with a short queue; a display needs only new pictures."""
+    """Return a quality of service with a short queue. A display needs only new pictures."""
     return reliable_qos(5)
 
 
 def latched_qos(depth: int = 1) -> QoSProfile:
-    """Return a transient-local quality of service; late subscribers receive `depth` messages."""
+    """Return a transient-local quality of service.
+
+    A late subscriber receives the last `depth` messages.
+    """
     return QoSProfile(
         depth=depth,
         reliability=ReliabilityPolicy.RELIABLE,
@@ -88,7 +94,7 @@ def latched_qos(depth: int = 1) -> QoSProfile:
 
 @dataclass(frozen=True)
 class Topic:
-    """Topic of the suite; its name is relative unless it begins with a slash."""
+    """Topic of the suite. Its name is relative unless it begins with a slash."""
 
     name: str
     type: Any
@@ -136,7 +142,7 @@ COMPRESSED_IMAGE = Topic('image/compressed', CompressedImage, image_qos())
 CAMERA_INFO = Topic('camera_info', CameraInfo, image_qos())
 CAMERA_OVERLAY = Topic('camera_overlay', CompressedImage, image_qos())
 MOVE_SOLITON = 'move_soliton'
-"""Name of the action."""
+"""Name of the action that moves a soliton."""
 
 SUITE_TOPICS = (
     *(CHAIN, IDENTIFIED_CHAIN, JOINT_STATES, JOINT_STATE_DEVIATIONS, NUDGE, EDGE_COMMAND),
@@ -144,11 +150,11 @@ SUITE_TOPICS = (
     *(DELIVERED_IMPULSES, ROTOR_IMPULSES, ROTOR_TORQUES, TILT, SOLITON_STATE, SOLITON_EVENTS),
     DIAGNOSTICS,
 )
-"""Topics of the nodes, which bags contain."""
+"""Topics of the nodes. A recorder stores them by default."""
 DISPLAY_TOPICS = (ROBOT_DESCRIPTION, MARKERS, SOLITON_POSE, KYMOGRAPH)
-"""Topics for viewers, which are computed from `SUITE_TOPICS`."""
+"""Topics for viewers. Their messages are computed from messages of `SUITE_TOPICS`."""
 CAMERA_TOPICS = (IMAGE, COMPRESSED_IMAGE, CAMERA_INFO, CAMERA_OVERLAY)
-"""Topics of cameras that replace encoders."""
+"""Topics of a camera that measures the joint states in place of encoders."""
 
 
 def wait_for_acknowledgements(publisher: Publisher) -> None:
@@ -162,9 +168,11 @@ def wait_for_subscriber(
     stopping: threading.Event | None = None,
     fewest: int = 1,
 ) -> bool:
-    """Wait until a topic has `fewest` subscribers and their number is constant for a second.
+    """Wait until a topic has at least `fewest` subscribers, then until discovery is complete.
 
-    Returns False after `seconds`, or if `stopping` is set.
+    Discovery counts as complete if the number of subscribers is constant for a second. Returns
+    False if fewer subscribers are found within `seconds`, or if `stopping` is set. Otherwise
+    returns True.
     """
     stopped = stopping or threading.Event()
     deadline = time.monotonic() + seconds

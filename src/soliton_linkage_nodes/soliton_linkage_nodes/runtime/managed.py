@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Lifecycle nodes, which activate themselves or are activated by a lifecycle manager."""
+"""Lifecycle nodes, which activate themselves or which a lifecycle manager activates."""
 
 from __future__ import annotations
 
@@ -34,18 +34,18 @@ class ManagedParameters:
 class ManagedNode(GuardedNode, LifecycleNode):
     """Node with the lifecycle of ROS: unconfigured, inactive, active.
 
-    A subclass lists the parameters to declare in `PARAMETERS` and overrides four methods.
-    `configure` creates the topics and performs slow preparations. `activate` starts the work.
-    `deactivate` stops it immediately. `cleanup` closes other resources, such as files. After
-    `cleanup`, the topics, timers and services of `configure` are destroyed. If `configure` or
-    `activate` raises, the node logs the error and keeps its state. With `autostart`, the
-    constructor raises the error.
+    A subclass lists its parameters in `PARAMETERS` and overrides four methods. `configure` creates
+    the topics and performs slow preparations. `activate` starts the work. `deactivate` stops the
+    work immediately. `cleanup` closes files and other resources. After `cleanup`, this class
+    destroys the topics, timers and services that `configure` created. If `configure` or `activate`
+    raises an error, the node logs the error and its state stays the same. During an autostart, the
+    constructor raises the error instead.
     """
 
     PARAMETERS: ClassVar[dict[type, str]] = {}
 
     def __init__(self, name: str, **kwargs: Any) -> None:
-        """Declare the parameters; with `autostart`, also configure and activate the node."""
+        """Declare the parameters. If the parameter `autostart` is set, also activate the node."""
         super().__init__(name, **kwargs)
         self.active = False
         self.configured = False
@@ -55,7 +55,7 @@ class ManagedNode(GuardedNode, LifecycleNode):
         managed = declare(self, ManagedParameters)
         self.real_time = managed.real_time
         self.starting = managed.autostart
-        """Whether the node is configuring and activating itself."""
+        """Whether the node is currently configuring or activating itself."""
         self.declare_parameters_of_node()
         reject_unknown(self)
 
@@ -69,7 +69,7 @@ class ManagedNode(GuardedNode, LifecycleNode):
             self._start()
 
     def declare_parameters_of_node(self) -> None:
-        """Declare all of `PARAMETERS`; ValueError if a value is not allowed."""
+        """Declare all of `PARAMETERS`. Raises ValueError if a value is not allowed."""
         for group, prefix in self.PARAMETERS.items():
             declare(self, group, prefix)
 
@@ -80,10 +80,10 @@ class ManagedNode(GuardedNode, LifecycleNode):
         """Start the work of the node."""
 
     def deactivate(self) -> None:
-        """Stop the work immediately; `active` is already False."""
+        """Stop the work immediately. When this method is called, `active` is already False."""
 
     def cleanup(self) -> None:
-        """Close the resources of `configure`, except topics, timers and services."""
+        """Close the resources that `configure` opened, except topics, timers and services."""
 
     def follow_parameters(self) -> None:
         """Apply changed parameters."""
@@ -103,11 +103,11 @@ class ManagedNode(GuardedNode, LifecycleNode):
             raise ValueError(f'{self.get_name()} is not active; activate it first')
 
     def reporting(self, report: Callable[[], Report]) -> Callable[[], Report]:
-        """Return `report`, extended to the inactive state of the node."""
+        """Return a function that calls `report`, or reports 'not active' for an inactive node."""
         return lambda: report() if self.active else Report('not active')
 
     def on_configure(self, state: LifecycleState) -> TransitionCallbackReturn:
-        """Configure; if that fails, destroy everything that was created."""
+        """Configure. If `configure` raises an error, destroy everything that it created."""
         self._permanent = {each for kind in _DESTROYERS for each in getattr(self, kind)}
         self.configured = self._run(self.configure)
         if not self.configured:
@@ -141,7 +141,7 @@ class ManagedNode(GuardedNode, LifecycleNode):
         return TransitionCallbackReturn.SUCCESS
 
     def destroy_node(self) -> None:
-        """Deactivate, clean up and destroy; raises the exceptions of `cleanup`."""
+        """Deactivate, clean up and destroy the node. Raises the exceptions of `cleanup`."""
         self._leaving = True
         try:
             if self.active:
@@ -184,9 +184,10 @@ class ManagedNode(GuardedNode, LifecycleNode):
     def _reject_impossible_transitions(self) -> None:
         """Reject a transition that is impossible in the current state.
 
-        Without this, rclpy raises RCLError in the executor, which ends the process. In Jazzy, one
-        call of `change_state` with the id 250 suffices. The handler of rclpy is private and cannot
-        be overridden. Therefore the callback of the service is replaced.
+        Without this check, rclpy raises RCLError in the executor, and the process ends. In Jazzy,
+        one call of the service `change_state` with the id 250 suffices for this. The handler of
+        rclpy is private and cannot be overridden. Therefore the callback of the service is
+        replaced.
         """
         service = self._service_change_state
         change = service.callback
@@ -214,4 +215,4 @@ _DESTROYERS: dict[str, Callable[[Any, Any], Any]] = {
     'clients': Node.destroy_client,
     'publishers': Node.destroy_publisher,
 }
-"""Destructors of the entities of a node, those with callbacks first."""
+"""Destructors for each kind of entity of a node. Entities with callbacks are destroyed first."""

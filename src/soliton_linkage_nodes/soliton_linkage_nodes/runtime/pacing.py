@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Loops at a fixed rate on absolute deadlines, and the real-time priority of threads."""
+"""Loops that call a function at a fixed rate, and the real-time priority of threads."""
 
 from __future__ import annotations
 
@@ -15,20 +15,20 @@ from typing import NamedTuple
 from soliton_linkage_nodes.runtime.stamps import SECOND
 
 _LOWEST_PRIORITY = 1
-"""Priority in SCHED_FIFO [1]: above ordinary threads, below all other real-time threads."""
+"""Lowest priority of SCHED_FIFO [1]. It is above the priority of all ordinary threads."""
 _INTERVAL = 0.05
-"""Interval between two measurements of the processor share [s]. It must be short, because the
-kernel stops real-time threads that run for 0.95 s."""
+"""Shortest interval between two measurements of the processor share [s]. It must be short, because
+the kernel stops real-time threads after 0.95 s without sleep."""
 _LARGEST_SHARE = 0.8
-"""Largest processor share of a process that keeps its priority [cores]."""
+"""Threshold for the processor share of a process [cores]: below it, the process has priority."""
 
 
 def raise_priority(raised: bool, threads: Sequence[int] = (0,)) -> None:
-    """Give threads real-time priority if `raised`, otherwise remove it.
+    """Give real-time priority to threads if `raised`, otherwise remove their priority.
 
-    `threads` holds system thread numbers, 0 for the calling thread. Threads that they start later
-    inherit the priority, which is the lowest of SCHED_FIFO. Without permission (limit rtprio),
-    nothing changes.
+    `threads` holds system thread numbers. The number 0 stands for the calling thread. The priority
+    is the lowest of SCHED_FIFO. New threads inherit the priority of the thread that starts them.
+    If the limit rtprio of the system does not permit the priority, nothing changes.
     """
     priority = _LOWEST_PRIORITY if raised else 0
     policy = os.SCHED_FIFO if raised else os.SCHED_OTHER
@@ -38,10 +38,10 @@ def raise_priority(raised: bool, threads: Sequence[int] = (0,)) -> None:
 
 
 def yield_core() -> None:
-    """Yield the core to other real-time threads; this has no effect in an ordinary thread.
+    """Yield the core to other real-time threads. In an ordinary thread, this does nothing.
 
-    If the other cores are busy, a SCHED_FIFO thread would otherwise delay the threads that it has
-    woken until it sleeps.
+    If all other cores are busy, threads that a SCHED_FIFO thread has woken would otherwise wait
+    until the SCHED_FIFO thread sleeps.
     """
     if os.sched_getscheduler(0) == os.SCHED_FIFO:
         os.sched_yield()
@@ -51,11 +51,11 @@ class IdlePriority:
     """Real-time priority of a process while it is mostly idle.
 
     An overloaded process loses the priority, so that it does not delay other processes. By
-    default, the calling thread and the threads of the middleware have the priority.
+    default, the calling thread and the threads of the middleware get the priority.
     """
 
     def __init__(self, real_time: bool, threads: Sequence[int] | None = None) -> None:
-        """Give the threads priority if `real_time` is set, otherwise do nothing."""
+        """Give priority to the threads. If `real_time` is False, this object does nothing."""
         self._real_time = real_time
         self._raised = True
         self._since = (time.monotonic(), time.process_time())
@@ -76,20 +76,22 @@ class IdlePriority:
 
 
 def _middleware_threads() -> list[int]:
-    """Return the system numbers of the threads that Python did not start."""
+    """Return the system thread numbers of all threads that Python did not start."""
     ours = {thread.native_id for thread in threading.enumerate()}
     numbers = (int(path.name) for path in Path('/proc/self/task').iterdir())
     return [number for number in numbers if number not in ours]
 
 
 _LONGEST_LAG = 10**8
-"""Lateness above which all later deadlines are postponed [ns]."""
+"""Threshold for the lateness of a call [ns]: above it, all later deadlines are postponed."""
 _LONGEST_SLEEP = 0.1
-"""Longest time between two checks for a stop or a changed rate [s]."""
+"""Longest sleep [s]. After each sleep, the loop checks whether it must stop or its rate has
+changed."""
 _IDLE = 0.005
-"""Sleep of a loop with infinite rate after a call without work [s]."""
+"""Duration of the sleep after a call without work at an infinite rate [s]."""
 _PRIORITY_LIMIT = 10**7
-"""Lateness above which a loop has no priority [ns], ten periods at 1000 Hz."""
+"""Threshold for the lateness of a call [ns]: above it, the loop has no priority. At 1000 Hz it
+equals ten periods."""
 
 
 class Punctuality(NamedTuple):
@@ -98,27 +100,26 @@ class Punctuality(NamedTuple):
     ticks: int
     """Number of calls."""
     missed: int
-    """Number of calls more than a period late."""
+    """Number of calls that were more than one period late."""
     largest_lateness: float
     """Largest lateness of a call [s]."""
     lag: float
-    """Time by which the deadlines were postponed [s]."""
+    """Total time by which deadlines were postponed [s]."""
 
 
 class PacedLoop:
     """Thread that calls a function at the times t0 + k / rate, with k = 0, 1, ...
 
-    A late call is made immediately and does not change the next deadlines. If a call is more than
-    0.1 s late, all later deadlines are postponed by this lateness to prevent a burst of calls. A
-    change of the rate sets t0 to the time of the change. At an infinite rate the function is
-    called without pauses. If it returns False, which means no work, the thread sleeps for 5 ms.
-
-    With `real_time` the thread has priority while it is less than 10 ms late. A loop can be
-    started again after a stop.
+    After a late call, the next deadlines stay the same. However, if a call is more than 0.1 s
+    late, all later deadlines are postponed by this lateness. Otherwise the thread would make up
+    for the missed calls in a burst. When the rate changes, t0 becomes the time of the change. At
+    an infinite rate, the function is called without pauses. If the function then returns False, it
+    had no work, and the thread sleeps for 5 ms. With `real_time`, the thread has real-time
+    priority while it is less than 10 ms late. A stopped loop can be started again.
     """
 
     def __init__(self, rate: float, act: Callable[[], object], real_time: bool = False) -> None:
-        """Prepare to call `act` at a rate [Hz]."""
+        """Prepare a loop that calls `act` at a rate [Hz]."""
         self.rate = rate
         self.punctuality = Punctuality(0, 0, 0.0, 0.0)
         self.failure: Exception | None = None
@@ -129,14 +130,14 @@ class PacedLoop:
         self._raised: bool | None = None
 
     def start(self) -> None:
-        """Start the thread; it makes the first call immediately."""
+        """Start the thread. The first call follows immediately."""
         self._stopping.clear()
         self._raised = None
         self._thread = threading.Thread(target=self._run, name='pacing', daemon=True)
         self._thread.start()
 
     def stop(self) -> None:
-        """Stop after the current call."""
+        """Stop the thread after the current call, and wait until it has ended."""
         self._stopping.set()
         if self._thread is not None:
             self._thread.join()
@@ -176,7 +177,7 @@ class PacedLoop:
             self._count(late, late > period, postponed)
 
     def _sleep_until(self, due: int, rate: float) -> bool:
-        """Sleep until an instant [ns]; return False if the loop stops or its rate changes."""
+        """Sleep until the time `due` [ns]. Return False if the loop stops or its rate changes."""
         while not self._stopping.is_set() and self.rate == rate:
             early = (due - time.monotonic_ns()) / SECOND
             if early <= 0:

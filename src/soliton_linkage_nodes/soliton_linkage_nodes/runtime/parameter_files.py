@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Parameter files, and notices about the parameter files of a node."""
+"""Reading of parameter files, and notices about overridden or unused parameters."""
 
 from __future__ import annotations
 
@@ -19,16 +19,17 @@ _WILDCARDS = {'**': r'(/\w+)*', '*': r'/\w+'}
 
 
 class Notice(NamedTuple):
-    """Line to log."""
+    """Text to log, and whether it is a warning."""
 
     text: str
     warning: bool
 
 
 def resolve_path(argument: str, value: str, known: Mapping[str, Path]) -> Path:
-    """Return the path of a launch argument, whose value is a known name or a path.
+    """Return the path that a launch argument specifies.
 
-    Raises ValueError if the path does not exist.
+    The value of the argument is a path or a name in `known`. Raises ValueError if the path does
+    not exist.
     """
     path = known.get(value, Path(value))
     if not path.exists():
@@ -40,7 +41,7 @@ def resolve_path(argument: str, value: str, known: Mapping[str, Path]) -> Path:
 
 
 def check_files(arguments: Sequence[str]) -> None:
-    """Raise ValueError if a parameter file of a command line does not exist."""
+    """Raise ValueError if a command line names a parameter file that does not exist."""
     for path in map(Path, _values_of(arguments, '--params-file')):
         if not path.is_file():
             raise ValueError(
@@ -49,9 +50,11 @@ def check_files(arguments: Sequence[str]) -> None:
 
 
 def read_sections(path: Path) -> dict[str, dict[str, Any]]:
-    """Return the parameters of a file: a mapping from names to values for each node pattern.
+    """Return the sections of a parameter file.
 
-    Raises OSError if the file cannot be read, and ValueError if it is no parameter file.
+    The keys are the node patterns of the sections. The values are mappings from parameter names to
+    parameter values. Raises OSError if the file cannot be read, and ValueError if it is no
+    parameter file.
     """
     try:
         sections = dict(_sections(yaml.safe_load(path.read_text(encoding='utf-8')), ''))
@@ -64,7 +67,7 @@ def read_sections(path: Path) -> dict[str, dict[str, Any]]:
 
 
 def matches(pattern: str, node: str) -> bool:
-    """Return whether the node pattern of a section matches the full name of a node."""
+    """Return whether the node pattern of a section matches the full name `node`."""
     tokens = pattern.strip('/').split('/')
     expression = ''.join(_WILDCARDS.get(token, '/' + re.escape(token)) for token in tokens)
     return re.fullmatch(expression, node) is not None
@@ -73,8 +76,9 @@ def matches(pattern: str, node: str) -> bool:
 def notices(node: Node, arguments: Sequence[str], others: Sequence[Node] = ()) -> Iterator[Notice]:
     """Yield notices about the parameter files and the `-p` arguments of a node.
 
-    `others` are nodes that were started with the same arguments. A file without parameters of
-    `node` gives no notice if it has parameters of these nodes.
+    `others` are the nodes that were started with the same arguments. If a parameter file has
+    parameters for none of these nodes, a notice reports this. If a file and a `-p` argument set a
+    parameter of `node` to different values, a notice reports which value is used.
     """
     name = node.get_fully_qualified_name()
     started = [name, *(other.get_fully_qualified_name() for other in others)]
@@ -95,7 +99,10 @@ def notices(node: Node, arguments: Sequence[str], others: Sequence[Node] = ()) -
 
 
 def _conflict(node: Node, name: str, filed: Any, rule: str, path: Path) -> Iterator[Notice]:
-    """Yield a notice about the value that a node uses if a file and `-p` differ."""
+    """Yield a notice if the value in a file and the value of a `-p` argument differ.
+
+    The notice states which of the two values the node uses.
+    """
     if name not in overrides(node):
         return
     used, typed = overrides(node)[name].value, rule.partition(':=')[2]
@@ -128,7 +135,7 @@ def _flattened(values: Mapping[str, Any], above: str) -> Iterator[tuple[str, Any
 
 
 def _rules(arguments: Sequence[str], node: str) -> Iterator[tuple[str, str]]:
-    """Yield parameter name and text of each `-p` argument for this node or for all nodes."""
+    """Yield the parameter name and the text of each `-p` argument that applies to `node`."""
     for rule in [*_values_of(arguments, '-p'), *_values_of(arguments, '--param')]:
         target, _, name = rule.partition(':=')[0].rpartition(':')
         if target in ('', node):
@@ -140,7 +147,10 @@ def _values_of(arguments: Sequence[str], option: str) -> list[str]:
 
 
 def _number(value: Any) -> Any:
-    """Return a value for comparison; texts such as 1e-3, which YAML 1.1 keeps, become numbers."""
+    """Convert a value to a number if possible, so that it can be compared.
+
+    YAML 1.1 reads 1e-3 as a text. This function converts such texts too.
+    """
     try:
         read = yaml.safe_load(value) if isinstance(value, str) else value
         return float(read) if isinstance(read, (str, int, float)) else read

@@ -1,5 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
-"""ROS parameters from fields of dataclasses, with description, unit, range and read-only flag."""
+"""Declaration of ROS parameters from the fields of dataclasses.
+
+Each parameter has a description, a unit, a range and a read-only flag.
+"""
 
 from __future__ import annotations
 
@@ -43,16 +46,17 @@ _EXAMPLES = {
 }
 _SHARED = 'chain.'
 _CONVERTING: WeakSet[Node] = WeakSet()
-"""Nodes with a callback that converts changes at run time."""
+"""Nodes that have a callback to convert the types of parameters that are changed at run time."""
 _LARGEST_INTEGER = 2**63 - 1
-"""Largest value of an int64, the type of an integer parameter."""
+"""Largest value of an integer parameter, which ROS stores as int64."""
 
 
 def declare(node: Node, parameters: type[Parameters], prefix: str = '') -> Parameters:
-    """Declare the described fields of a dataclass as parameters; return an instance with values.
+    """Declare parameters for the fields of a dataclass; return an instance with their values.
 
-    Fields without a description keep their defaults. Parameters that are already declared keep
-    their values. Raises ValueError if a value is not allowed.
+    Only fields with a description become parameters. The other fields keep their defaults.
+    Parameters that are already declared keep their values. Raises ValueError if a value is not
+    allowed.
     """
     quantities = described_fields(parameters)
     if quantities and all(node.has_parameter(prefix + name) for name in quantities):
@@ -84,7 +88,7 @@ def current(node: Node, parameters: type[Parameters], prefix: str = '') -> Param
 
 
 def make_adjustable(node: Node, name: str) -> None:
-    """Allow changes of a declared parameter at run time."""
+    """Allow a declared parameter to be changed at run time."""
     descriptor = node.describe_parameter(name)
     descriptor.read_only = False
     node.set_descriptor(name, descriptor)
@@ -93,7 +97,8 @@ def make_adjustable(node: Node, name: str) -> None:
 def reject_unknown(node: Node) -> None:
     """Raise ValueError if the user has set a parameter that a node has not declared.
 
-    The parameters `chain.*` are accepted by every node, even if it does not use them.
+    A node that declares no parameter `chain.*` accepts all parameters `chain.*`, because several
+    nodes often share one parameter file.
     """
     declared = set(node.get_parameters_by_prefix(''))
     knows_chain = any(name.startswith(_SHARED) for name in declared)
@@ -103,23 +108,26 @@ def reject_unknown(node: Node) -> None:
 
 
 def overrides(node: Node) -> Mapping[str, Parameter]:
-    """Return the parameters that the user has set for a node, from a private field of rclpy."""
+    """Return the parameters that the user has set for a node.
+
+    They are in a private field of rclpy.
+    """
     given: dict[str, Parameter] = node._parameter_overrides
     return given
 
 
 def type_name(kind: Any) -> str:
-    """Return the name of the parameter type of a field."""
+    """Return the name of the ROS parameter type for a field with the Python type `kind`."""
     return _TYPES[kind].name.lower()
 
 
 def description_with_unit(described: Quantity) -> str:
-    """Return a description with its unit in brackets."""
+    """Return the description of a quantity, followed by its unit in brackets."""
     return described.description + (f' [{described.unit}]' if described.unit else '')
 
 
 def describe_range(described: Quantity) -> str:
-    """Return a description of the allowed values of a parameter, empty if all are allowed."""
+    """Describe the allowed values of a parameter. The text is empty if all values are allowed."""
     low, high = described.minimum, described.maximum
     if described.choices:
         return f'one of {", ".join(described.choices)}'
@@ -131,7 +139,7 @@ def describe_range(described: Quantity) -> str:
 def _check(
     adjustable: Mapping[str, Quantity], changes: Sequence[Parameter]
 ) -> SetParametersResult:
-    """Reject invalid changes at run time that rclpy does not check, such as unknown choices."""
+    """Check changes at run time, because rclpy does not reject unknown choices, for example."""
     for change in changes:
         complaint = change.name in adjustable and adjustable[change.name].complaint(change.value)
         if complaint:
@@ -141,11 +149,12 @@ def _check(
 
 
 def _convert_changes(node: Node) -> None:
-    """Add a callback to a node, once, that converts the types of changes at run time.
+    """Add a callback that converts values that are set at run time to the declared types.
 
-    The conversion is the same as for values in files.
+    The conversion is the same as for values in parameter files. A node gets the callback only
+    once.
     """
-    # rclpy concatenates the results of several such callbacks.
+    # rclpy concatenates the results of several such callbacks, so one callback must suffice.
     if node not in _CONVERTING:
         _CONVERTING.add(node)
         node.add_pre_set_parameters_callback(
@@ -164,8 +173,8 @@ def _convert_change(node: Node, change: Parameter) -> Parameter:
 def _convert(kind: Parameter.Type, value: Any) -> Any:
     """Convert a value to the declared type of a parameter.
 
-    Whole numbers become floats. An empty list becomes an empty list of the declared type, because
-    ROS gives it no type or a wrong type.
+    An integer becomes a float if the parameter is a float. An empty list becomes an empty list of
+    the declared type, because ROS assigns no type or a wrong type to an empty list.
     """
     if kind in _LISTS and isinstance(value, (NoneType, list, tuple, array)):
         elements = list(value or ())
@@ -185,7 +194,7 @@ def _declare_one(node: Node, name: str, kind: Any, default: Any, described: Quan
         raise ValueError(f'parameter {name} of {node.get_name()} = {value!r} {complaint}')
     descriptor = _descriptor(type_, described)
     if type_ in _LISTS:
-        # rclpy infers the type of a list from its elements, which fails for an empty list.
+        # rclpy infers the type of a list from the elements. For an empty list, this fails.
         node.declare_parameter(name, type_, ignore_override=True)
         node.set_parameters([Parameter(name, type_, list(value))])
         node.set_descriptor(name, descriptor)

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Processes of nodes: start, spinning, stop on a signal, and errors in one line."""
+"""Processes that run nodes: start, spinning, stop on a signal, and errors in one line."""
 
 from __future__ import annotations
 
@@ -29,15 +29,16 @@ from soliton_linkage_nodes.runtime.parameter_files import check_files, notices
 from soliton_linkage_nodes.runtime.parameters import reject_unknown
 
 _SPIN = 0.02
-"""Poll interval of a condition without incoming messages [s]."""
+"""Longest time between two checks of a condition while no message arrives [s]."""
 _SHARE_OF_PERIOD = 0.1
-"""Switch interval of the interpreter, in frame periods [1]. With the default of 5 ms a frame of
-1000 Hz is five periods late. Sensitivity: at 0.5x, waiting threads wake twice as often; at 2x,
-frames are late by another tenth of a period."""
+"""Switch interval of the Python interpreter divided by the frame period [1]. At 1000 Hz, the
+default switch interval of 5 ms delays frames by five periods. Sensitivity: at 0.5x, waiting
+threads wake twice as often; at 2x, frames are late by another tenth of a period."""
 _SHORTEST_INTERVAL = 1e-4
-"""Shortest switch interval [s]. A switch takes a few microseconds."""
+"""Shortest switch interval of the Python interpreter [s]. One switch between threads takes a few
+microseconds."""
 _MIXED = 'Sequence should be of same type'
-"""Error of rcl for a list such as [1, 0.5]."""
+"""Text in the error of rcl for a list of mixed types, such as [1, 0.5]."""
 _LONGEST_WAIT = 0.1
 """Longest time between two checks for a signal [s]."""
 
@@ -48,7 +49,10 @@ def spin_until(
     seconds: float,
     give_up: Callable[[], bool] = lambda: False,
 ) -> bool:
-    """Spin until a condition holds; return False after `seconds` or if `give_up` returns True."""
+    """Spin until `condition` returns True.
+
+    Returns False if the condition does not hold after `seconds`, or if `give_up` returns True.
+    """
     deadline = time.monotonic() + seconds
     while not condition():
         if give_up() or time.monotonic() > deadline:
@@ -58,10 +62,13 @@ def spin_until(
 
 
 class WaitingNode(Node):
-    """Node of a program, which spins only while the program waits; it has no parameters."""
+    """Node of a program that spins only while the program waits.
+
+    The node has no parameters.
+    """
 
     def __init__(self, name: str, stopping: threading.Event, **kwargs: Any) -> None:
-        """Create the node; if `stopping` is set, `wait` returns."""
+        """Create the node. `wait` returns when `stopping` is set."""
         super().__init__(name, **kwargs)
         self.stopping = stopping
         reject_unknown(self)
@@ -69,23 +76,30 @@ class WaitingNode(Node):
         self._waiting.add_node(self)
 
     def wait(self, condition: Callable[[], Any], seconds: float) -> bool:
-        """Spin until a condition holds; return False after `seconds` or if `stopping` is set."""
+        """Spin until `condition` returns True.
+
+        Returns False if the condition does not hold after `seconds`, or if `stopping` is set.
+        """
         return spin_until(self._waiting, condition, seconds, self.stopping.is_set)
 
     def wait_uninterrupted(self, condition: Callable[[], Any], seconds: float) -> bool:
-        """Spin until a condition holds, even if `stopping` is set; False after `seconds`."""
+        """Spin until `condition` returns True, even if `stopping` is set.
+
+        Returns False if the condition does not hold after `seconds`.
+        """
         return spin_until(self._waiting, condition, seconds)
 
     def destroy_node(self) -> None:
-        """Destroy the node and its executor, which would otherwise keep it in the graph."""
+        """Destroy the node and its executor, because the executor keeps the node in the graph."""
         self._waiting.shutdown()
         super().destroy_node()
 
 
 def stop_on_signals() -> threading.Event:
-    """Return an event that SIGINT and SIGTERM set.
+    """Return an event that is set when the process receives SIGINT or SIGTERM.
 
-    The handlers of rclpy shut the context down immediately, which loses queued messages.
+    The signal handlers of rclpy are not used, because they shut the context down immediately, so
+    that queued messages are lost.
     """
     stopping = threading.Event()
     for number in (signal.SIGINT, signal.SIGTERM):
@@ -94,16 +108,16 @@ def stop_on_signals() -> threading.Event:
 
 
 def interrupt_on_signals() -> None:
-    """Let SIGINT and SIGTERM raise KeyboardInterrupt, for programs with long computations."""
+    """Make SIGINT and SIGTERM raise KeyboardInterrupt, for programs with long computations."""
     signal.signal(signal.SIGINT, signal.default_int_handler)
     signal.signal(signal.SIGTERM, signal.default_int_handler)
 
 
 @contextmanager
 def interruptible(stopping: threading.Event) -> Iterator[None]:
-    """Let SIGINT and SIGTERM raise KeyboardInterrupt in a block.
+    """Make SIGINT and SIGTERM raise KeyboardInterrupt in a block.
 
-    If `stopping` is already set, it is raised immediately.
+    If `stopping` is already set, KeyboardInterrupt is raised immediately.
     """
     handlers = {number: signal.getsignal(number) for number in (signal.SIGINT, signal.SIGTERM)}
     interrupt_on_signals()
@@ -117,7 +131,10 @@ def interruptible(stopping: threading.Event) -> Iterator[None]:
 
 
 def initialise(arguments: list[str] | None = None) -> None:
-    """Initialise ROS from arguments, by default the command line; ValueError if they are wrong."""
+    """Initialise ROS from arguments, by default from the command line.
+
+    Raises ValueError if an argument is wrong.
+    """
     check_files(sys.argv if arguments is None else arguments)
     try:
         rclpy.init(args=arguments, signal_handler_options=SignalHandlerOptions.NO)
@@ -128,33 +145,37 @@ def initialise(arguments: list[str] | None = None) -> None:
 
 
 def run(create_node: Callable[[], Node], finished: Callable[[Any], bool] | None = None) -> None:
-    """Create a node, spin it until SIGINT, SIGTERM or its end, and end the process.
+    """Create a node, spin it until it finishes or a signal stops it, and end the process.
 
-    `finished` returns whether the node has finished, or raises the error that stopped the node. An
-    error must not be raised in a callback, because executors then print a traceback. The exit code
-    is 0 after a normal end, 1 if the node could not start or continue, and 2 if an argument is
-    unknown. An error is printed in one line.
+    The signals are SIGINT and SIGTERM. `finished` returns whether the node has finished, or raises
+    the error that stopped the node. The node must not raise this error in a callback, because
+    executors then print a traceback. The exit code is 0 after a normal end, 1 if the node could
+    not start or continue, and 2 if an argument is unknown. An error is printed in one line.
     """
     check_arguments(create_node, sys.argv[1:])
     run_together([Component(create_node, finished)], sys.argv)
 
 
 class Component(NamedTuple):
-    """Constructor of a node, and function that returns whether this node has finished."""
+    """Constructor of a node, and function that returns whether the node has finished."""
 
     create: Callable[[], Node]
     finished: Callable[[Any], bool] | None = None
 
 
 def run_together(components: Sequence[Component], arguments: list[str]) -> None:
-    """Spin several nodes in one process, as `run` does with one, and destroy them together."""
+    """Spin several nodes in one process, as `run` does with one node.
+
+    When one node finishes or a signal arrives, all nodes are destroyed.
+    """
     stopping = stop_on_signals()
     code = 0
     try:
         initialise(arguments)
         warnings.showwarning = _log_warning
         gc.collect()
-        # This executor is twice as fast as the others. Its spin() hangs in Jazzy, slices do not.
+        # EventsExecutor is twice as fast as the other executors. In Jazzy its spin() can hang, but
+        # spinning in slices of 0.1 s does not.
         executor = EventsExecutor()
         with ExitStack() as stack:
             nodes = []
@@ -169,7 +190,8 @@ def run_together(components: Sequence[Component], arguments: list[str]) -> None:
             if rates:
                 interval = max(_SHARE_OF_PERIOD / max(rates), _SHORTEST_INTERVAL)
                 sys.setswitchinterval(min(interval, sys.getswitchinterval()))
-            # A garbage collection that includes these permanent objects takes 40 ms.
+            # Exclude the permanent objects from garbage collection, which would take 40 ms with
+            # them.
             gc.freeze()
             _spin(executor, list(zip(components, nodes, strict=True)), stopping)
     except (ValueError, OSError) as error:
@@ -186,7 +208,8 @@ def run_together(components: Sequence[Component], arguments: list[str]) -> None:
 def end_process(code: int) -> None:
     """Exit immediately, even if a thread with a long computation is running.
 
-    The exit handlers of Python and of libraries can wait forever for a lock of such a thread.
+    Otherwise the exit handlers of Python and of libraries could wait forever for a lock that such
+    a thread holds.
     """
     if any(thread.daemon for thread in threading.enumerate() if thread.is_alive()):
         sys.stdout.flush()
@@ -227,8 +250,9 @@ def _spin(
 class SpinSlices:
     """Thread that ends each slice of spinning after 0.1 s.
 
-    A slice for each callback would add ten lines of Python to the callback. The time limit of the
-    executor does not suffice, because it is checked only while no message waits.
+    One slice for each callback would be slower, because each slice executes ten lines of Python.
+    The time limit of the executor does not suffice, because the executor checks it only while no
+    message is waiting.
     """
 
     def __init__(self) -> None:
@@ -245,7 +269,7 @@ class SpinSlices:
         self._thread.join()
 
     def begin(self) -> Future:
-        """Return a future that is done at the end of the slice."""
+        """Begin a slice and return a future that is done when the slice ends."""
         self._slice = Future()
         return self._slice
 

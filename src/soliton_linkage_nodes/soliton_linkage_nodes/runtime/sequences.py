@@ -1,5 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Detection of lost messages, several publishers and lag, by sequence numbers and source times."""
+"""Detection of lost messages, several publishers and lag.
+
+It uses the sequence numbers and the source times of the messages.
+"""
 
 from __future__ import annotations
 
@@ -11,28 +14,33 @@ from dataclasses import dataclass
 from soliton_linkage_nodes.runtime.stamps import SECOND
 
 _SILENCE = 0.5
-"""Time without messages after which another publisher replaces the selected one [s]. The graph
-cannot be used, because it lists a killed publisher for 20 s longer."""
+"""Time without messages after which another publisher replaces the selected publisher [s]. The ROS
+graph cannot be used for this, because it lists a killed publisher for another 20 s."""
 _SILENT_PERIODS = 5
-"""Number of message periods after which a slow publisher is replaced [1]."""
+"""Number of its message periods after which a silent slow publisher is replaced [1]."""
 _MEMORY = 20
-"""Messages over which the period of a publisher is averaged [1]."""
+"""Number of messages over which the period of a publisher is averaged [1]."""
 _GAP_RATIO = 3.0
-"""Largest ratio between the length of a gap and the expected time of its messages [1]."""
+"""Threshold for the ratio between the time since the last message of a publisher and the time that
+its period predicts [1]. If this ratio or its inverse is larger, a message counts as unlikely to
+come from this publisher."""
 _NANOSECOND = 1e-9
 """One nanosecond [s]."""
 _OFFSET_WINDOW = 10.0
-"""Time over which the offset of two clocks is estimated [s], limited by their drift."""
+"""Time over which the offset between two clocks is estimated [s]. During a longer time, the clocks
+would drift."""
 
 
 class SequenceGaps:
     """Counter of the messages of a topic that were published and never received.
 
     Each publisher numbers its messages 1, 2, 3, ... A message does not identify its publisher.
-    Message n is assigned to the publisher whose last number is n - 1. If there is none, it is
-    assigned to the publisher with the largest number below n. A new publisher replaces the
-    publisher that has been silent for longest. Messages before the first received message of a
-    publisher are not counted.
+    Message n is assigned to the publisher whose last message had the number n - 1. If no publisher
+    fits and not all publishers are known, the message comes from a new publisher. If all
+    publishers are known, the message is assigned to the publisher whose last message had the
+    largest number below n. If the last numbers of all known publishers are n or larger, a new
+    publisher replaces the publisher that has been silent for longest. Messages before the first
+    received message of a publisher are not counted.
     """
 
     def __init__(self) -> None:
@@ -40,10 +48,10 @@ class SequenceGaps:
         self._last: list[int] = []
 
     def take(self, number: int, publishers: int) -> bool:
-        """Process the next message; count the messages that are missing before it.
+        """Process the next message, and count the messages that are missing before it.
 
-        `number` is the sequence number of the message, `publishers` the number of publishers.
-        Returns whether this is the first message of a publisher.
+        `number` is the sequence number of the message. `publishers` is the number of publishers of
+        the topic. Returns whether this is the first message of a publisher.
         """
         if self._last == [number - 1]:
             self._last[0] = number
@@ -65,8 +73,9 @@ class SequenceGaps:
 class _Newcomer:
     """First received message of a publisher.
 
-    `sent` is its source time [ns]. `elapsed` is the time [ns] from the start of the subscription
-    to this message. `period` is the estimated period of the publisher [ns].
+    `number` is the sequence number of this message and `sent` its source time [ns]. `elapsed` is
+    the time from the start of the subscription to this message [ns]. `period` is the estimated
+    message period of the publisher [ns].
     """
 
     number: int
@@ -78,9 +87,9 @@ class _Newcomer:
 class MissedStarts:
     """Counter of messages that publishers sent before they were matched with a subscription.
 
-    If n is the sequence number of the first received message, n - 1 messages were missed. They are
-    counted only if the publisher began after the subscription. The start of the publisher is
-    estimated from its period.
+    If n is the sequence number of the first received message, n - 1 messages were missed. The
+    missed messages are counted only if the publisher started after the subscription. The start
+    time of the publisher is estimated from n and from the period of the publisher.
     """
 
     def __init__(self) -> None:
@@ -98,14 +107,14 @@ class MissedStarts:
     def add(self, number: int, sent: int, elapsed: int) -> None:
         """Add the first received message of a publisher.
 
-        `number` is its sequence number, `sent` its source time [ns], and `elapsed` the time [ns]
-        since the start of the subscription.
+        `number` is the sequence number of the message and `sent` its source time [ns]. `elapsed`
+        is the time from the start of the subscription to the message [ns].
         """
         if number > 1:
             self._newcomers.append(_Newcomer(number, sent, elapsed))
 
     def take(self, number: int, sent: int) -> None:
-        """Use the number and source time [ns] of another message to estimate periods."""
+        """Use the sequence number and source time [ns] of a later message to estimate periods."""
         for each in self._newcomers:
             if each.number < number <= each.number + _MEMORY:
                 each.period = (sent - each.sent) / (number - each.number)
@@ -113,7 +122,11 @@ class MissedStarts:
 
 @dataclass
 class _Publisher:
-    """Last message of a publisher: number and source time [ns], with the mean period [ns]."""
+    """Last message of a publisher, and its message period.
+
+    `number` is the sequence number of the message and `sent` its source time [ns]. `period` is the
+    mean period [ns], NaN before the second message.
+    """
 
     number: int
     sent: int
@@ -121,7 +134,7 @@ class _Publisher:
 
     @property
     def silence(self) -> float:
-        """Time without messages after which the publisher counts as silent [s]."""
+        """Longest time without messages before the publisher counts as silent [s]."""
         if math.isnan(self.period):
             return _SILENCE
         return max(_SILENCE, _SILENT_PERIODS * self.period * _NANOSECOND)
@@ -137,9 +150,11 @@ class _Publisher:
         return missing
 
     def time_mismatch(self, number: int, sent: int) -> float:
-        """Return the absolute log ratio of elapsed to expected time since the last message.
+        """Return how badly a message fits the period of this publisher [1].
 
-        The value is 0 for the next message of a publisher if it is on time.
+        The result is the magnitude of the logarithm of a ratio: the time since the last message,
+        divided by the time that the period predicts. The result is 0 if the message is on time,
+        and infinite if the number is not larger than the last number.
         """
         count, took = number - self.number, sent - self.sent
         if count <= 0:
@@ -151,12 +166,14 @@ class _Publisher:
 
 
 class PublisherArbitration:
-    """Filter that keeps only the messages of the publisher that was received first.
+    """Filter that keeps only the messages of one selected publisher of a topic.
 
-    Each publisher numbers its messages 1, 2, 3, ... A message does not identify its publisher.
-    Message n is assigned to the publisher whose last number is n - 1. After a gap, it is assigned
-    to the publisher whose period matches the length of the gap. A single publisher may pause until
-    it counts as silent. Missing messages of the selected publisher are counted.
+    The first received message selects its publisher. If this publisher becomes silent, another
+    publisher replaces it. Each publisher numbers its messages 1, 2, 3, ... A message does not
+    identify its publisher. Message n is assigned to the publisher whose last message had the
+    number n - 1. If no publisher fits, messages are missing. Then message n is assigned to the
+    publisher whose period best predicts the time of the message. Missing messages of the selected
+    publisher are counted.
     """
 
     def __init__(self) -> None:
@@ -165,7 +182,7 @@ class PublisherArbitration:
         self.foreign = 0
         """Number of messages of other publishers."""
         self.successions = 0
-        """Number of times that another publisher replaced a silent one."""
+        """Number of times that another publisher replaced a silent selected publisher."""
         self._selected: _Publisher | None = None
         self._others: list[_Publisher] = []
         self._others_since: float | None = None
@@ -173,8 +190,8 @@ class PublisherArbitration:
     def take(self, number: int, sent: int, publishers: Callable[[], int]) -> bool:
         """Return whether to keep a message with sequence `number` and source time `sent` [ns].
 
-        Other messages are counted. `publishers` returns the number of publishers and is called
-        only if necessary.
+        Messages that are not kept are counted. `publishers` returns the number of publishers. It
+        is called only if necessary.
         """
         selected = self._selected
         if selected is None:
@@ -212,7 +229,10 @@ class PublisherArbitration:
     def _owner(
         self, selected: _Publisher, number: int, sent: int, publishers: int
     ) -> _Publisher | None:
-        """Return the publisher that a message fits best, or None for a new publisher."""
+        """Return the known publisher that a message fits best.
+
+        Returns None if the message comes from a new publisher.
+        """
         alone = publishers < 2 and not self._others
         if (
             alone
@@ -231,7 +251,10 @@ class PublisherArbitration:
 
 @dataclass
 class _Share:
-    """Publishers of the same parts of a stream, with the time of their last message [s]."""
+    """Publishers that publish the same joints or other parts of a stream.
+
+    `taken_at` is the time of their last message that was kept [s].
+    """
 
     arbitration: PublisherArbitration
     parts: set[str]
@@ -239,18 +262,19 @@ class _Share:
 
 
 _ABSENCE = 5.0
-"""Time without messages after which the publisher of a part is removed [s]."""
+"""Time without messages after which the publishers of a part of a stream are removed [s]."""
 
 
 class StreamArbitration:
     """Arbitration of publishers that may each publish a part of a stream, such as some joints.
 
-    Messages with a common part share one `PublisherArbitration`, which keeps one publisher.
-    Messages without a common part do not affect each other.
+    If messages have a part in common, only messages of one of their publishers are kept. One
+    `PublisherArbitration` selects this publisher. Messages without a common part do not affect
+    each other.
     """
 
     def __init__(self, lost: int = 0, foreign: int = 0) -> None:
-        """Start the counters at `lost` and `foreign` messages."""
+        """Start with counts of `lost` messages and of `foreign` messages from other publishers."""
         self._counts = [lost, foreign, 0]
         self._shares = [_Share(PublisherArbitration(), set(), 0.0)]
         self._latest: Callable[[], Collection[str]] = tuple
@@ -262,12 +286,12 @@ class StreamArbitration:
 
     @property
     def foreign(self) -> int:
-        """Number of messages of other publishers with a common part."""
+        """Number of messages that came from publishers that were not selected."""
         return self._counts[1] + sum(each.arbitration.foreign for each in self._shares)
 
     @property
     def successions(self) -> int:
-        """Number of times that another publisher replaced a silent one."""
+        """Number of times that another publisher replaced a silent selected publisher."""
         return self._counts[2] + sum(each.arbitration.successions for each in self._shares)
 
     def take(
@@ -279,8 +303,8 @@ class StreamArbitration:
     ) -> bool:
         """Return whether to keep a message with sequence `number` and source time `sent` [ns].
 
-        Other messages are counted. `publishers` returns the number of publishers. `parts` returns
-        the parts of the message.
+        Messages that are not kept are counted. `publishers` returns the number of publishers.
+        `parts` returns the parts of the stream in the message, such as joint names.
         """
         first = self._shares[0]
         if parts is None:
@@ -302,7 +326,10 @@ class StreamArbitration:
         return kept
 
     def _share_of(self, parts: Collection[str], count: int, now: float) -> _Share:
-        """Return the entry of publishers with any of these parts; create one if necessary."""
+        """Return the group of publishers that publish any of these parts.
+
+        If no group does so, a new group is created, unless there are as many groups as publishers.
+        """
         for share in self._shares:
             if not share.parts or not share.parts.isdisjoint(parts):
                 return share
@@ -318,21 +345,24 @@ class StreamArbitration:
 
 
 class Lag:
-    """Monitor of the time that a node lags behind its messages.
+    """Monitor of the time by which a node lags behind the messages that it receives.
 
-    The message with the shortest delay in the last 10 s gives the offset between the clocks of
-    publisher and subscriber.
+    The offset between the clocks of publisher and subscriber is unknown. Therefore the smallest
+    delay of a message in the last 10 to 20 s counts as zero lag.
     """
 
     def __init__(self, longest: float) -> None:
-        """Report a lag that exceeds `longest` [s] for longer than `longest`; 0: never."""
+        """Set the limit `longest` [s] for the lag. If it is 0, the lag has no limit."""
         self._longest = longest or math.inf
         self._least: list[int] = []
         self._since = 0.0
         self._behind_since: float | None = None
 
     def too_long(self, sent: int) -> bool:
-        """Return whether the lag is too long after a message with source time `sent` [ns]."""
+        """Add a message with source time `sent` [ns]; return whether the lag is too long.
+
+        The lag is too long if it has exceeded `longest` for a time of more than `longest`.
+        """
         now = time.monotonic()
         apart = time.time_ns() - sent
         if not self._least or now - self._since > _OFFSET_WINDOW:

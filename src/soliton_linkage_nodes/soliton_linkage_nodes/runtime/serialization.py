@@ -1,8 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
-"""CDR bytes of messages without the stray bytes of rclpy.
+"""Serialization of messages to CDR without the extra bytes that rclpy appends.
 
-`rclpy.serialization.serialize_message` returns the buffer of the middleware, which reserves up to
-eight bytes for each empty array. Strict readers such as rosbags reject bytes after a message.
+`rclpy.serialization.serialize_message` returns the whole buffer of the middleware. This buffer has
+up to eight unused bytes for each empty array. Strict readers such as rosbags reject messages with
+bytes after their end.
 """
 
 from __future__ import annotations
@@ -36,7 +37,11 @@ def serialize(message: Any) -> bytes:
 
 
 def _end(message: Any, begin: int) -> int:
-    """Return the offset of the end of a message after the encapsulation header [B]."""
+    """Return the offset at which a message ends [B].
+
+    Offsets are counted from the end of the encapsulation header. The message starts at the offset
+    `begin`.
+    """
     for name, kind in message.get_fields_and_field_types().items():
         begin = _end_of_field(getattr(message, name), kind, begin)
     return begin

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Conversion of times, age of messages, and offset between clocks."""
+"""Conversion of times, age of the last message, and offset between clocks."""
 
 from __future__ import annotations
 
@@ -14,18 +14,21 @@ SECOND = 10**9
 
 
 def time_to_msg(nanoseconds: int) -> Time:
-    """Return a time since the epoch [ns] as a message."""
+    """Return the message for a time since the epoch [ns]."""
     seconds, rest = divmod(nanoseconds, SECOND)
     return Time(sec=seconds, nanosec=rest)
 
 
 def time_from_msg(stamp: Time) -> int:
-    """Return the time since the epoch [ns] of a message."""
+    """Return the time since the epoch [ns] from a message."""
     return int(stamp.sec) * SECOND + int(stamp.nanosec)
 
 
 def nanoseconds_of(clock: Clock) -> int:
-    """Return the time of a clock [ns]; this is faster than `Clock.now`, which creates objects."""
+    """Return the time of a clock [ns].
+
+    This is faster than `Clock.now`, because it creates no objects.
+    """
     handle = clock.handle
     with handle:
         return int(handle.get_now().nanoseconds)
@@ -35,7 +38,7 @@ class Freshness:
     """Age of the last message, with a limit."""
 
     def __init__(self, longest: float) -> None:
-        """Set the age limit `longest` [s]; the state is also stale before the first message."""
+        """Set the largest age `longest` of the last message [s]."""
         self._longest = longest
         self._arrival = -math.inf
 
@@ -45,12 +48,12 @@ class Freshness:
 
     @property
     def age(self) -> float:
-        """Age of the last message [s], infinite without one."""
+        """Age of the last message [s]. It is infinite if no message has arrived."""
         return time.monotonic() - self._arrival
 
     @property
     def stale(self) -> bool:
-        """Whether the last message is too old or there is none."""
+        """Whether the last message is too old. Also True if no message has arrived."""
         return self.age > self._longest
 
     def __str__(self) -> str:
@@ -59,15 +62,16 @@ class Freshness:
 
 
 _DRIFT_TIME = 10.0
-"""Shortest time for an estimate of the drift [s]. Because transport times vary by 1 ms, the error
-of the drift is then 100 ppm, the typical drift of a cheap quartz."""
+"""Shortest time after which the drift between two clocks is estimated [s]. Transport times vary by
+1 ms. Over this time, they therefore cause an error of 100 ppm in the drift, as large as the
+typical drift of a cheap quartz."""
 
 
 class ClockMonitor:
     """Monitor of the offset between message stamps and the clock, for diagnostics only.
 
-    The message with the shortest transport time gives the offset. The offset is also nonzero after
-    a pause of the simulation, and for stamps from a bag.
+    The offset is the smallest difference between the arrival time and the stamp of a message. It
+    is also nonzero after a pause of the simulation, or if the stamps come from a bag.
     """
 
     def __init__(self) -> None:
@@ -82,7 +86,10 @@ class ClockMonitor:
             self._least, self._latest = behind, now
 
     def figures(self) -> dict[str, float]:
-        """Return offset and drift from the messages since the last call; empty without any."""
+        """Return the offset and the drift from the messages since the last call.
+
+        Without such messages, the result is empty.
+        """
         if self._least is None:
             return {}
         least, at, self._least = self._least, self._latest, None

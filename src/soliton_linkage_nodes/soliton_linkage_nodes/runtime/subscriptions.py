@@ -21,18 +21,18 @@ from soliton_linkage_nodes.runtime.interfaces import Topic
 from soliton_linkage_nodes.runtime.sequences import Lag, SequenceGaps, StreamArbitration
 
 LONGEST_LAG = 0.5
-"""Default lag above which a node skips waiting messages [s]."""
+"""Default threshold for the lag of a node [s]: above it, the node skips waiting messages."""
 _POLL_PERIOD = 0.5
 """Time between two checks for new publishers [s]."""
 _NAMELESS = '_NODE_NAME_UNKNOWN_'
-"""Node name in the graph before the process has announced its nodes."""
+"""Node name that the ROS graph lists until a process has announced its nodes."""
 _PUBLISHERS_CHANGE = (
     QoSSubscriptionEventType.RCL_SUBSCRIPTION_MATCHED,
     QoSSubscriptionEventType.RCL_SUBSCRIPTION_REQUESTED_INCOMPATIBLE_QOS,
 )
 
 Info = Mapping[str, Any]
-"""Message information of the middleware, by name."""
+"""Information about a message from the middleware, such as its source time."""
 
 
 def _ignore(_message: Any) -> None:
@@ -40,9 +40,10 @@ def _ignore(_message: Any) -> None:
 
 
 def _with_info(take: Callable[[Any, Info], None]) -> Callable[..., None]:
-    """Return a callback for a message with its information.
+    """Return a callback that passes a message and the information about it to `take`.
 
-    Most executors pass two arguments. The EventsExecutor passes one pair.
+    Most executors call the callback with two arguments. The EventsExecutor passes them as one
+    pair.
     """
 
     @wraps(take)
@@ -53,10 +54,11 @@ def _with_info(take: Callable[[Any, Info], None]) -> Callable[..., None]:
 
 
 class AdaptiveSubscription:
-    """Subscription whose quality of service lets it receive from every publisher of a topic.
+    """Subscription whose quality of service is compatible with every publisher of a topic.
 
-    `adapt` subscribes again with a changed quality of service if the offers of the publishers have
-    changed. Messages that are waiting in the old subscription are lost unless `before` takes them.
+    If publishers with another quality of service have appeared, `adapt` replaces the subscription.
+    Messages that are waiting in the old subscription are lost unless the argument `before` of
+    `adapt` takes them.
     """
 
     def __init__(
@@ -68,8 +70,8 @@ class AdaptiveSubscription:
     ) -> None:
         """Subscribe to a topic; pass each message, or its CDR bytes if `raw`, to `take`.
 
-        Without `take`, messages wait until `waiting` or `newest` takes them, and no executor may
-        spin the node.
+        Without `take`, messages wait until `waiting` or `newest` is called. In this case, no
+        executor may spin the node.
         """
         self.topic = topic
         self.sequence: int | None = None
@@ -77,13 +79,13 @@ class AdaptiveSubscription:
         self._node, self._take, self._raw = node, take, raw
         self._type_name = '/'.join([*topic.type.__module__.split('.')[:2], topic.type.__name__])
         self.publishers = self._query_publishers()
-        """Publishers with the type of this topic at the last query of the graph."""
+        """Publishers of this topic with the right type, from the last query of the graph."""
         self.qos = self._qos_for_all()
         self.subscription: Subscription = self._subscribe()
 
     @property
     def connected(self) -> int:
-        """Number of publishers that this subscription receives from."""
+        """Number of publishers that are matched with this subscription."""
         return int(self.subscription.get_publisher_count())
 
     @property
@@ -93,9 +95,10 @@ class AdaptiveSubscription:
 
     @property
     def changed(self) -> bool:
-        """Whether publishers appeared or disappeared since the last call; GuardedNode only.
+        """Whether publishers appeared or disappeared since the last call.
 
-        This is at least 100 times faster than a query of the graph.
+        This is at least 100 times faster than a query of the graph. If the node is no GuardedNode,
+        the value is always False.
         """
         changed = False
         for event in self._events:
@@ -107,17 +110,17 @@ class AdaptiveSubscription:
         return changed
 
     def waiting(self) -> Iterator[tuple[Any, Info]]:
-        """Yield each waiting message with its message information, the oldest first."""
+        """Yield each waiting message and the information about it, the oldest message first."""
         handle = self.subscription.handle
         with handle:
             while (taken := handle.take_message(self.topic.type, self._raw)) is not None:
                 yield taken
 
     def newest(self) -> Any:
-        """Return the next waiting message, or None.
+        """Return the next waiting message, or None if no message is waiting.
 
-        In a queue of one message this is the newest message. A display that needs only 60 of 1000
-        messages per second saves 90 % of the time of callbacks.
+        If the queue depth is 1, this is the newest message. A display that needs only 60 of 1000
+        messages per second takes 90 % less processor time with this method than with callbacks.
         """
         message, info = next(self.waiting(), (None, None))
         if info is not None:
@@ -125,7 +128,10 @@ class AdaptiveSubscription:
         return message
 
     def adapt(self, before: Callable[[], object] = lambda: None) -> bool:
-        """Call `before` and subscribe again if publishers require it; return whether they do."""
+        """Subscribe again if publishers require another quality of service.
+
+        `before` is called first. Returns whether the subscription was replaced.
+        """
         self.publishers = self._query_publishers()
         qos = self._qos_for_all() if self.publishers else self.qos
         if _same_offer(qos, self.qos):
@@ -136,7 +142,7 @@ class AdaptiveSubscription:
         return True
 
     def resubscribe(self) -> None:
-        """Subscribe again, so that latched messages are received again."""
+        """Subscribe again to receive latched messages again."""
         self.close()
         self.subscription = self._subscribe()
 
@@ -161,7 +167,8 @@ class AdaptiveSubscription:
             self._take,
             self.qos,
             raw=self._raw,
-            # The default callbacks of rclpy warn of incompatible offers, which `adapt` handles.
+            # The default callbacks of rclpy would warn of an incompatible quality of service.
+            # `adapt` handles this case.
             event_callbacks=SubscriptionEventCallbacks(use_default_callbacks=False),
         )
         self._events: list[Any] = []
@@ -171,7 +178,7 @@ class AdaptiveSubscription:
                 self._events = [
                     rclpy_implementation.EventHandle(handle, kind) for kind in _PUBLISHERS_CHANGE
                 ]
-            # Event handles would keep the subscription alive.
+            # Destroy the event handles first, because they would keep the subscription alive.
             self._node.before_destroying(subscription, self._end_events)
         return subscription
 
@@ -182,7 +189,7 @@ class AdaptiveSubscription:
 
 
 def qos_for_all(profiles: Sequence[QoSProfile], depth: int) -> QoSProfile:
-    """Return a quality of service of this depth that is compatible with all offered profiles."""
+    """Return a quality of service with this depth that is compatible with all offered profiles."""
     reliable = all(p.reliability == ReliabilityPolicy.RELIABLE for p in profiles)
     latched = all(p.durability == DurabilityPolicy.TRANSIENT_LOCAL for p in profiles)
     return QoSProfile(
@@ -199,7 +206,7 @@ def _same_offer(one: QoSProfile, other: QoSProfile) -> bool:
 def subscribe_newest(
     node: Node, topic: Topic, name: str, raw: bool = False, depth: int = 1
 ) -> AdaptiveSubscription:
-    """Subscribe to the newest messages of the topic with full name `name`, for a display."""
+    """Subscribe to the newest messages of the topic with the full name `name`, for a display."""
     qos = QoSProfile(
         depth=depth, reliability=topic.qos.reliability, durability=topic.qos.durability
     )
@@ -207,12 +214,13 @@ def subscribe_newest(
 
 
 class StreamSubscription:
-    """Subscription of a node to one stream of messages, from one publisher at a time.
+    """Subscription of a node to a stream of messages from one publisher at a time.
 
-    If several nodes publish, only messages of the first publisher are used, until this publisher
-    is silent or has ended. If the messages of publishers have no common part, such as a joint, all
-    are used. Logs and diagnostics report several publishers and lost messages. If the node lags
-    for longer than `longest_lag` [s], it skips all waiting messages except the newest.
+    If several nodes publish the same joints or other parts of the stream, only messages of the
+    publisher that was received first are used. When this publisher becomes silent or ends, another
+    publisher replaces it. Messages of publishers that publish different parts are all used. Logs
+    and diagnostics report several publishers and lost messages. If the node lags by more than
+    `longest_lag` [s] for longer than this time, it skips all waiting messages except the newest.
     """
 
     def __init__(
@@ -231,15 +239,16 @@ class StreamSubscription:
     ) -> None:
         """Pass each message of a topic, or its CDR bytes if `raw`, to `take`.
 
-        With `latest` only the newest waiting message is passed. Older messages are not reported as
-        skipped. `on_takeover` is called when another publisher replaces the selected one. If each
-        publisher may publish a part of the stream, `parts` returns the parts in a message, such as
-        joint names. `assemble` receives each message and returns complete messages for `take`.
+        With `latest`, only the newest waiting message is passed, and no warning reports the older
+        messages as skipped. `on_takeover` is called when another publisher replaces the selected
+        one. If a publisher may publish only a part of the stream, `parts` returns the parts in a
+        message, such as joint names. `assemble` is called with each received message. It returns a
+        list of the assembled messages to pass to `take`, for example frames with all joints.
         """
         self.skipped = 0
-        """Number of messages that were skipped."""
+        """Number of received messages that were not passed to `take`."""
         self.dispatched = True
-        """Whether the executor calls back for each arriving message."""
+        """Whether the executor takes each message when it arrives."""
         self.received_at = 0
         """Time at which the last message was received [ns]."""
         self._node = node
@@ -261,19 +270,22 @@ class StreamSubscription:
         diagnostics.monitors.append(self._watch)
 
     def resubscribe(self) -> None:
-        """Subscribe again, so that latched messages are received again."""
+        """Subscribe again to receive latched messages again."""
         self._arbitration = StreamArbitration(self._arbitration.lost, self._arbitration.foreign)
         self._adaptive.resubscribe()
         self._restore_dispatch()
 
     def dispatch(self, dispatched: bool) -> None:
-        """Let the executor take each arriving message, or let messages wait for `take_waiting`."""
+        """Set whether the executor takes each arriving message.
+
+        Otherwise the messages wait until `take_waiting` is called.
+        """
         if dispatched is not self.dispatched:
             self.dispatched = dispatched
             self._node.dispatch(self._adaptive.subscription, dispatched)
 
     def take_waiting(self) -> list[Any]:
-        """Take and return the waiting messages, the oldest first."""
+        """Take the waiting messages and return them, the oldest message first."""
         kept = [each for each, info in self._adaptive.waiting() if self._keeps(each, info)]
         return [whole for each in kept for whole in self._assemble(each)]
 
@@ -303,7 +315,7 @@ class StreamSubscription:
         return True
 
     def _poll(self) -> None:
-        """Adapt the subscription if publishers changed or some are not matched."""
+        """Adapt the subscription if publishers have changed or if some are not matched."""
         if not (self._adaptive.changed or self._unsettled):
             return
         if self._adaptive.adapt():
@@ -327,7 +339,7 @@ class StreamSubscription:
 
     @property
     def _several(self) -> bool:
-        """Whether several publishers publish the same parts of the stream."""
+        """Whether several publishers publish the same part of the stream."""
         shared = self._parts is not None and not self._arbitration.foreign
         return len(self._publishers) > 1 and not shared
 
@@ -351,7 +363,7 @@ class StreamSubscription:
         concerns = []
         if self._several:
             concerns.append(self._warning())
-        # With a queue of one message, or with `latest`, other messages are dropped on purpose.
+        # If the queue depth is 1 or `latest` is set, older messages are dropped on purpose.
         lost = lost if self._topic.qos.depth > 1 else 0
         skipped = 0 if self._latest else skipped
         if lost or skipped:
@@ -372,7 +384,10 @@ class StreamSubscription:
 
 
 class CountedSubscription:
-    """Subscription to commands that accepts any number of publishers and reports lost messages."""
+    """Subscription to commands from any number of publishers.
+
+    Diagnostics report lost messages.
+    """
 
     def __init__(
         self,
@@ -393,7 +408,7 @@ class CountedSubscription:
         diagnostics.monitors.append(self._watch)
 
     def take_waiting(self) -> None:
-        """Take the waiting messages."""
+        """Take the waiting messages and pass them to `take`."""
         handle = self._subscription.handle
         with handle:
             while (taken := handle.take_message(self._topic.type, self._raw)) is not None:
