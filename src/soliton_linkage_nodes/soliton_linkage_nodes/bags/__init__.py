@@ -1,2 +1,2 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Record, play, read and recover bags of any topics, independently of the linkage."""
+"""Recording, playback, reading and recovery of bags with any topics."""

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Reader of all files of a bag as one sequence of messages, sorted by receive time."""
+"""Reader that merges all files of a bag into one sequence of messages, sorted by receive time."""
 
 from __future__ import annotations
 
@@ -41,15 +41,16 @@ _READERS: dict[str, type[IndexedMcap | StoredSqlite]] = {
 }
 _MODES = ('', 'none', 'file', 'message', 'storage')
 _MOST_FILES = 10_000
-"""Largest number of files of a bag [1]. One day in files of ten seconds has 8640."""
+"""Largest number of files of a bag [1]. If each file holds ten seconds, one day has 8640 files."""
 
 
 class BagFiles(LimitedReader):
-    """Reader of a bag directory, or of one of its files, in the order of the receive times.
+    """Reader of a bag directory or of one file of a bag.
 
-    The files define the topics. Channels with the same topic name, type and encoding are merged.
-    metadata.yaml supplies the fields that older files lack. Methods raise ValueError if the bag is
-    damaged or exceeds the limits.
+    Messages are sorted by receive time. The topics are read from the files, not from
+    metadata.yaml. Channels with the same topic name, type and encoding count as one topic. If
+    older files lack some fields of a topic, these fields are taken from metadata.yaml. Methods
+    raise ValueError if the bag is damaged or exceeds the limits.
     """
 
     def __init__(self, path: Path) -> None:
@@ -101,11 +102,15 @@ class BagFiles(LimitedReader):
         start: int | None = None,
         stop: int | None = None,
     ) -> Generator[tuple[Connection, int, bytes], None, None]:
-        """Yield topic, stamp [ns] and bytes for stamps in [start, stop)."""
+        """Yield the topic, the receive time [ns] and the bytes of each message of some topics.
+
+        Only messages with receive times in the interval [start, stop) are yielded.
+        """
         wanted = {topic_key(each): each for each in connections}
         together: list[ReaderProtocol] = []
         end = 0
-        # Files that overlap in time are merged. All other files are read in sequence.
+        # Messages of files that overlap in time are merged. All other files are read one after
+        # another.
         for reader in sorted(self._readers, key=lambda each: each.metadata.start_time):
             if together and reader.metadata.start_time >= end:
                 yield from self._merged(together, wanted, start, stop)
@@ -121,7 +126,7 @@ class BagFiles(LimitedReader):
         start: int | None,
         stop: int | None,
     ) -> Iterator[tuple[Connection, int, bytes]]:
-        """Yield messages of files that overlap in time."""
+        """Yield the messages of files that overlap in time, sorted by receive time."""
         sources = []
         for reader in readers:
             in_file = [each for each in reader.connections if topic_key(each) in wanted]
@@ -143,7 +148,7 @@ class BagFiles(LimitedReader):
             yield plain
 
     def _merge_topics(self, listed: Mapping[tuple[str, str], Mapping[str, Any]]) -> None:
-        """Add each topic to `connections` once, even if several files contain it."""
+        """Add each topic to `connections` once, even if several files contain the topic."""
         found: dict[tuple[str, str, str], Connection] = {}
         for each in (each for reader in self._readers for each in reader.connections):
             key = topic_key(each)
@@ -160,7 +165,7 @@ class BagFiles(LimitedReader):
 
 
 def topic_key(connection: Connection) -> tuple[str, str, str]:
-    """Return name, type and encoding of a topic."""
+    """Return the name, the type and the encoding of a topic."""
     return connection.topic, connection.msgtype, encoding_of(connection)
 
 
@@ -180,7 +185,7 @@ def _file_in(folder: Path, name: str) -> Path:
 def _completed(
     owner: ReaderProtocol, number: int, each: Connection, listed: Mapping[str, Any]
 ) -> Connection:
-    """Return a topic of a file; metadata.yaml supplies fields that the file does not have."""
+    """Return a topic of a file. Fields that the file lacks are taken from metadata.yaml."""
     profiles = listed.get('offered_qos_profiles', [])
     listed_profiles = parse_profiles(profiles if isinstance(profiles, (str, list)) else [])
     own_profiles = getattr(each.ext, 'offered_qos_profiles', [])
@@ -190,7 +195,10 @@ def _completed(
 
 
 def _checked_metadata(path: Path) -> tuple[Mapping[str, Any], list[str], str]:
-    """Return metadata.yaml with its file names and compression mode; else ValueError."""
+    """Return the content of metadata.yaml, the names of the files and the compression mode.
+
+    Raises ValueError if the content is invalid or not supported.
+    """
     try:
         information = load_metadata(path)
     except ValueError as error:

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Limits for reading files, compressed data and texts from untrusted sources."""
+"""Limits that protect against too large files, compressed data and texts from other sources."""
 
 from __future__ import annotations
 
@@ -20,14 +20,18 @@ from backports import zstd
 from soliton_linkage.linkage.quantities import quantity
 
 _MEBIBYTE = 2**20
-"""Bytes in 1 MiB."""
+"""Size of 1 MiB [B]."""
 _LARGEST_RATIO = 25
-"""Largest decompression ratio of a large file [1]. Joint states at rest have a ratio of 10."""
+"""Largest ratio of decompressed to compressed size for a large file [1]. For joint states of a
+chain at rest, the ratio is 10."""
 
 
 @dataclass(frozen=True)
 class BagLimits:
-    """Limits for reading a bag. Recovery omits data beyond a limit; readers reject the bag."""
+    """Limits for the size of the data in a bag.
+
+    If data exceed a limit, readers reject the bag, but recovery only omits these data.
+    """
 
     max_unpacked: int = quantity(
         64 * _MEBIBYTE,
@@ -45,7 +49,7 @@ class BagLimits:
     )
 
     def for_file(self, size: int) -> int:
-        """Return the largest total decompressed size [B] of a file of `size` [B]."""
+        """Return the largest decompressed size [B] that a file with `size` bytes may have."""
         return max(self.max_unpacked_file, _LARGEST_RATIO * size)
 
 
@@ -54,7 +58,10 @@ PACKED = '.zstd'
 
 
 def decompress_file(packed: BinaryIO, plain: Path, limits: BagLimits) -> str | None:
-    """Decompress a zstd file as far as possible; return a description of damage, or None."""
+    """Decompress a zstd file up to the first damage or limit.
+
+    Returns a description of the damage, or None if the file is intact.
+    """
     size = packed.seek(0, 2)
     most = limits.for_file(size)
     if not size:
@@ -76,9 +83,10 @@ def decompress_file(packed: BinaryIO, plain: Path, limits: BagLimits) -> str | N
 
 ZSTD_MAGIC = b'\x28\xb5\x2f\xfd'
 _BLOCK_IN = 4096
-"""Input of one call of a decompressor [B]. Damage loses at most the output of one call."""
+"""Size of the input of one call of a decompressor [B]. If the data are damaged, at most the output
+of one call before the damage is lost."""
 _BLOCK_OUT = 2**20
-"""Largest output of one call [B]."""
+"""Largest output of one call of a decompressor [B]."""
 
 
 def decompressed_blocks(
@@ -86,8 +94,7 @@ def decompressed_blocks(
 ) -> Iterator[bytes]:
     """Yield the content of zstd or lz4 data in blocks, so that the caller can stop at a limit.
 
-    Raises ValueError if the data is damaged. With `whole`, also raises it if the last frame of
-    the data is incomplete.
+    Raises ValueError if the data is damaged or, with `whole`, truncated.
     """
     packed = memoryview(packed)
     begin, decompressor, at_end = 0, _decompressor(codec), False
@@ -101,7 +108,7 @@ def decompressed_blocks(
                 given = b''
             at_end = decompressor.eof
             if at_end:
-                # Another frame may follow.
+                # Another compressed frame may follow.
                 begin -= len(decompressor.unused_data or b'')
                 decompressor = _decompressor(codec)
         except (zstd.ZstdError, RuntimeError, EOFError) as error:
@@ -111,7 +118,7 @@ def decompressed_blocks(
 
 
 def decompress_prefix(packed: bytes | bytearray | memoryview, codec: str, most: int) -> bytearray:
-    """Return the content up to the first damage or the end, at most `most` + 1 bytes."""
+    """Decompress data up to the first damage. Return at most `most` + 1 bytes."""
     out = bytearray()
     try:
         for block in decompressed_blocks(packed, codec):
@@ -125,9 +132,10 @@ def decompress_prefix(packed: bytes | bytearray | memoryview, codec: str, most: 
 
 
 def decompressed_message(data: bytes, most: int) -> bytes:
-    """Return a message, decompressed if necessary.
+    """Return a message; decompress it if it is compressed.
 
-    Raises ValueError if it is damaged or larger than `most` [B].
+    Raises ValueError if the compressed data is damaged or if the decompressed message is larger
+    than `most` [B].
     """
     if not data.startswith(ZSTD_MAGIC):
         return data
@@ -144,10 +152,10 @@ def _decompressor(codec: str) -> Any:
 
 
 def regular_file(path: Path, folder: Path | None = None) -> Path:
-    """Return the resolved path of a regular file.
+    """Return the path of a regular file after all links are resolved.
 
-    Raises ValueError if it is not a regular file or lies outside `folder`, and OSError if it is
-    missing.
+    Raises ValueError if the path is not a regular file or lies outside `folder`. Raises OSError if
+    the file is missing.
     """
     resolved = path.resolve(strict=True)
     if folder is not None and not resolved.is_relative_to(folder.resolve()):
@@ -163,9 +171,10 @@ def regular_file(path: Path, folder: Path | None = None) -> Path:
 
 
 def open_file(path: Path, folder: Path | None = None) -> BinaryIO:
-    """Open a regular file for reading; raises the errors of `regular_file`."""
+    """Open a regular file for reading. Raises the same errors as `regular_file`."""
     resolved = regular_file(path, folder)
-    # The file may have been replaced since: do not block on a pipe, do not follow a link.
+    # The file may have been replaced after the check. These flags prevent blocking on a pipe and
+    # following a link.
     flags = os.O_RDONLY | os.O_CLOEXEC | os.O_NONBLOCK | os.O_NOFOLLOW
     file = os.fdopen(os.open(resolved, flags), 'rb')
     if not stat.S_ISREG(os.fstat(file.fileno()).st_mode):
@@ -175,7 +184,10 @@ def open_file(path: Path, folder: Path | None = None) -> BinaryIO:
 
 
 def read_file(path: Path, folder: Path | None, most: int) -> bytes:
-    """Return the content of a regular file; ValueError if it is larger than `most` [B]."""
+    """Return the content of a regular file.
+
+    Raises ValueError if the file is larger than `most` [B].
+    """
     with open_file(path, folder) as file:
         content = file.read(most + 1)
     if len(content) > most:
@@ -184,7 +196,7 @@ def read_file(path: Path, folder: Path | None, most: int) -> bytes:
 
 
 def map_file(path: Path) -> memoryview:
-    """Map a regular file into memory; the system reads its pages on access."""
+    """Map a regular file into memory. The system reads a page of the file when it is accessed."""
     with open_file(path) as file:
         if not file.seek(0, 2):
             return memoryview(b'')
@@ -192,30 +204,34 @@ def map_file(path: Path) -> memoryview:
 
 
 def release_pages(data: memoryview | mmap.mmap) -> None:
-    """Release the memory of a mapped file; the system reads its pages again on access."""
+    """Release the memory of a mapped file.
+
+    The system reads a page of the file again when it is accessed.
+    """
     whole = data.obj if isinstance(data, memoryview) else data
     if isinstance(whole, mmap.mmap):
         whole.madvise(mmap.MADV_DONTNEED)
 
 
 MAX_TEXT_SIZE = 4 * 2**20
-"""Largest text [characters]. The metadata.yaml of a thousand topics has 1 MiB. A parser uses 100
-times the size of its text."""
+"""Length of the longest text that is parsed [characters]. A metadata.yaml with a thousand topics
+has 1 MiB. A parser needs 100 times as much memory as the text."""
 _DEEPEST = 30
-"""Largest nesting depth of lists and mappings [1]; rosbag2 writes 6 levels."""
+"""Largest nesting depth of lists and mappings [1]. Files of rosbag2 have 6 levels."""
 _LOADER = getattr(yaml, 'CSafeLoader', yaml.SafeLoader)
 _OPENING = (yaml.SequenceStartEvent, yaml.MappingStartEvent)
 _CLOSING = (yaml.SequenceEndEvent, yaml.MappingEndEvent)
 _LONG_NUMBER = re.compile(r'[-+]?\d[\d_:.]{99,}')
-"""Pattern of a number with at least 100 characters, which takes too long to convert."""
+"""Pattern of a number with at least 100 characters. The conversion of such a number may take too
+long."""
 _JSON_TOKEN = re.compile(r'"(?:[^"\\]|\\.)*"|[\[{]|[\]}]', re.DOTALL)
 
 
 def load_yaml(text: str) -> Any:
-    """Return the value of a YAML text; ValueError if it is invalid, too large or too deep.
+    """Return the value that a YAML text describes.
 
-    Aliases are rejected because a few lines of them can expand to gigabytes. Python tags are
-    rejected too.
+    Raises ValueError if the text is invalid, too long or nested too deeply. Aliases are rejected,
+    because a few lines with aliases can expand to gigabytes. Python tags are rejected too.
     """
     _check_size(text)
     try:
@@ -234,7 +250,10 @@ def load_yaml(text: str) -> Any:
 
 
 def load_json(text: str) -> Any:
-    """Return the value of a JSON text; ValueError if it is invalid, too large or too deep."""
+    """Return the value that a JSON text describes.
+
+    Raises ValueError if the text is invalid, too long or nested too deeply.
+    """
     _check_size(text)
     depth = 0
     for token in _JSON_TOKEN.finditer(text):
@@ -244,7 +263,10 @@ def load_json(text: str) -> Any:
 
 
 def parse_count(value: object) -> int:
-    """Return a count of at most 63 bits from a text or number; 0 if it is not a count."""
+    """Return a count from a text or number, 0 if the value is negative or no integer.
+
+    A count of 2^63 or more also gives 0.
+    """
     number = int(value) if isinstance(value, str) and re.fullmatch(r'\d{1,18}', value) else value
     valid = isinstance(number, int) and not isinstance(number, bool) and 0 <= number < 2**63
     return number if valid and isinstance(number, int) else 0

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Reader and writer of metadata.yaml, version 9, as in the rosbag2 of ROS 2 Jazzy."""
+"""Reading and writing of metadata.yaml, version 9, as in the rosbag2 of ROS 2 Jazzy."""
 
 from __future__ import annotations
 
@@ -26,20 +26,21 @@ from soliton_linkage_nodes.bags.stored_topic import StoredTopic, profiles_in
 
 MCAP: Final = 'mcap'
 SUFFIXES: Final = {MCAP: '.mcap', 'sqlite3': '.db3'}
-"""File suffixes by rosbag2's storage names."""
+"""Suffix of the files of each storage. The keys are the storage names of rosbag2."""
 METADATA_VERSION: Final = 9
-"""Version of metadata.yaml that Jazzy's rosbag2 writes [1]. Older versions have fewer fields."""
+"""Version of metadata.yaml that the rosbag2 of Jazzy writes. Older versions have fewer fields."""
 METADATA_FILE: Final = 'metadata.yaml'
 _KEY: Final = 'rosbag2_bagfile_information'
 _TOPICS: Final = 'topics_with_message_count'
 GAPS: Final = 'gaps'
-"""Key of the custom data for the times without recording: pairs of start and end [ns]."""
+"""Key of the custom data for the intervals without recording. The value is a list with the start
+and the end of each interval [ns]."""
 _DUMPER: Any = getattr(yaml, 'CSafeDumper', yaml.SafeDumper)
 
 
 @dataclass(frozen=True)
 class StoredFile:
-    """File of a bag with its number of messages and its first and last receive time [ns]."""
+    """File of a bag, with its number of messages and its first and last receive time [ns]."""
 
     name: str
     messages: int
@@ -48,13 +49,16 @@ class StoredFile:
 
 
 def storage_of(path: Path) -> str | None:
-    """Return the storage name of a file, which may be compressed; None if unknown."""
+    """Return the storage name of a file, which may be compressed.
+
+    Returns None if the suffix of the file is unknown.
+    """
     plain = Path(path.stem) if path.suffix == PACKED else path
     return next((name for name, suffix in SUFFIXES.items() if suffix == plain.suffix), None)
 
 
 def explain_no_bag(path: Path) -> str:
-    """Return an error message if a path cannot be a bag, otherwise an empty text."""
+    """Return an error message if there is no bag at a path. Otherwise return an empty text."""
     bag = f'bag {str(path)!r}'
     if not path.exists():
         return f'{bag} does not exist; give the path of a bag directory'
@@ -83,12 +87,15 @@ def bag_information(
     files: Sequence[StoredFile],
     custom_data: Mapping[str, str],
 ) -> dict[str, Any]:
-    """Return the metadata of an MCAP bag with the message count of each topic."""
+    """Return the metadata of an MCAP bag.
+
+    `topics` holds the number of messages of each topic.
+    """
     filled = [file for file in files if file.messages] or list(files)
     start = min(file.start for file in filled)
     listed: dict[tuple[str, str, str], tuple[StoredTopic, int]] = {}
     for topic, count in topics.items():
-        # Channels with the same topic name and type are merged, as in rosbag2.
+        # Channels with the same topic name, type and encoding are listed once, as in rosbag2.
         key = (topic.name, topic.type_name, topic.serialization)
         first, counted = listed.get(key, (topic, 0))
         listed[key] = (first, counted + count)
@@ -117,12 +124,12 @@ def bag_information(
 
 
 def as_text(information: Mapping[str, Any]) -> str:
-    """Return the metadata as the YAML text that is also stored in each file of a bag."""
+    """Return the metadata as a YAML text. Each file of a bag contains this text too."""
     return ''.join(_pieces(information, ''))
 
 
 def write_metadata(folder: Path, information: Mapping[str, Any]) -> None:
-    """Write metadata.yaml atomically."""
+    """Write metadata.yaml atomically, so that a reader never finds an incomplete file."""
     text = ''.join([f'{_KEY}:\n', *_pieces(information, '  ')])
     unfinished = folder / f'{METADATA_FILE}.unfinished'
     unfinished.write_text(text, encoding='utf-8')
@@ -130,7 +137,10 @@ def write_metadata(folder: Path, information: Mapping[str, Any]) -> None:
 
 
 def load_metadata(folder: Path) -> dict[str, Any]:
-    """Return the content of metadata.yaml; ValueError or OSError if it cannot be read."""
+    """Return the content of metadata.yaml.
+
+    Raises ValueError if the content is invalid, and OSError if the file cannot be read.
+    """
     content = read_file(folder / METADATA_FILE, folder, MAX_TEXT_SIZE)
     loaded = load_yaml(content.decode())
     information = loaded.get(_KEY) if isinstance(loaded, dict) else None
@@ -148,7 +158,7 @@ def read_metadata(folder: Path) -> dict[str, Any] | None:
 
 
 def custom_data_of(metadata: str) -> dict[str, str]:
-    """Return the custom texts in a metadata text; empty if it cannot be read."""
+    """Return the custom data in a metadata text. Invalid metadata have no custom data."""
     try:
         return custom_data_in(load_yaml(metadata))
     except ValueError:
@@ -156,14 +166,17 @@ def custom_data_of(metadata: str) -> dict[str, str]:
 
 
 def custom_data_in(information: object) -> dict[str, str]:
-    """Return the custom texts and numbers in metadata; omit values of other types."""
+    """Return the custom texts and numbers in metadata. Values of other types are omitted."""
     custom = information.get('custom_data') if isinstance(information, dict) else None
     items = custom.items() if isinstance(custom, dict) else ()
     return {str(key): str(value) for key, value in items if isinstance(value, (str, int, float))}
 
 
 def gaps_in(custom_data: Mapping[str, str]) -> list[tuple[int, int]]:
-    """Return start and end of the times without recording [ns]; empty if they are invalid."""
+    """Return the start and the end of each interval without recording [ns].
+
+    If the custom data are invalid, the list is empty.
+    """
     try:
         gaps = load_json(custom_data.get(GAPS, '[]'))
         return [(parse_count(start), parse_count(end)) for start, end in gaps]
@@ -172,7 +185,7 @@ def gaps_in(custom_data: Mapping[str, str]) -> list[tuple[int, int]]:
 
 
 def time_in_gaps(gaps: Sequence[tuple[int, int]], start: int, end: int) -> int:
-    """Return the time without recording between two stamps [ns]."""
+    """Return the total time without recording between the times `start` and `end` [ns]."""
     found = sum(max(0, min(end, last) - max(start, first)) for first, last in gaps)
     return max(0, min(found, end - start))
 
@@ -180,7 +193,7 @@ def time_in_gaps(gaps: Sequence[tuple[int, int]], start: int, end: int) -> int:
 def _pieces(information: Mapping[str, Any], margin: str) -> Iterator[str]:
     """Yield metadata in YAML block style.
 
-    Topics are formatted without the YAML library, which is slow for many topics.
+    Topics are formatted without the YAML library, because it is slow for many topics.
     """
     for key, value in information.items():
         if key == _TOPICS:

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The bag player, which publishes the messages of a bag at the recorded pace."""
+"""Bag player, which publishes the messages of a bag at the recorded intervals."""
 
 from __future__ import annotations
 
@@ -73,22 +73,22 @@ class BagPlayerParameters:
 
 
 class BagPlayer(ManagedNode):
-    """Node that publishes the messages of a bag, paced by their receive times.
+    """Node that publishes the messages of a bag at the intervals of their receive times.
 
     First, the node publishes the last latched messages from before the start. Then it waits, for
     at most `subscriber_timeout`, until the topics in `wait_for` have subscribers. In lockstep, the
     node does not play recorded soliton states, because it waits for new states from an analyser.
-    Without lockstep, it omits recorded states while an analyser runs, unless `topics` names them.
-
-    The node ends at the end of the bag, unless it is paused there or `stay` is set. After `~/stop`
-    it waits for `~/play`, which plays the whole bag or a part. In a pause, `~/burst` plays several
-    messages without waiting. Times in which the recorder was paused are skipped.
+    Without lockstep, the node omits recorded states while an analyser runs, unless the parameter
+    `topics` contains them. The node ends at the end of the bag, unless it is paused or `stay` is
+    set. After `~/stop`, the node waits for a call of `~/play`, which plays the whole bag or a
+    part. During a pause, `~/burst` plays several messages without delays. The node skips times in
+    which the recorder was paused.
 
     Publishes the topics of the bag, `/diagnostics` and, if `publish_clock` is set, `/clock`.
     Serves `~/pause`, `~/resume`, `~/toggle_paused`, `~/is_paused`, `~/play_next`, `~/burst`,
-    `~/seek`, `~/play`, `~/stop`, `~/set_rate` and `~/get_rate`. Their types are in
-    rosbag2_interfaces. If that package is not installed, they are in soliton_linkage_msgs or
-    std_srvs.
+    `~/seek`, `~/play`, `~/stop`, `~/set_rate` and `~/get_rate`. The types of these services are in
+    rosbag2_interfaces. If that package is not installed, types in soliton_linkage_msgs or std_srvs
+    are used.
     """
 
     PARAMETERS: ClassVar[dict[type, str]] = {
@@ -98,7 +98,7 @@ class BagPlayer(ManagedNode):
     }
 
     def __init__(self, **kwargs: Any) -> None:
-        """Configure and activate the node, unless a lifecycle manager does that."""
+        """Create the node. Without a lifecycle manager, also configure and activate it."""
         super().__init__('bag_player', **kwargs)
 
     def configure(self) -> None:
@@ -165,12 +165,12 @@ class BagPlayer(ManagedNode):
 
     @property
     def finished(self) -> bool:
-        """Whether the bag was played to its end and the node does not stay."""
+        """Whether the bag was played to its end and the parameter `stay` is not set."""
         return self.configured and self._playing.finished and not self._settings.stay
 
     @property
     def failure(self) -> Exception | None:
-        """Error that ended the playback, or None."""
+        """Error that ended the playback. None if no error occurred."""
         return self._playing.failure if self.configured else None
 
     def _topics_to_wait_for(self, reader: Reader) -> list[str]:
@@ -181,7 +181,10 @@ class BagPlayer(ManagedNode):
         return [frames] if frames else []
 
     def _without_clock(self, connections: list[Connection]) -> list[Connection]:
-        """Return the topics without /clock if the player publishes its own clock."""
+        """Return the topics to play.
+
+        If the player publishes its own clock, the recorded /clock is removed.
+        """
         others = [each for each in connections if each.topic != interfaces.CLOCK.name]
         if not self._settings.publish_clock or len(others) == len(connections):
             return connections
@@ -206,8 +209,8 @@ class BagPlayer(ManagedNode):
     def _prepare(self, latched_topics: bool) -> None:
         """Wait for subscribers.
 
-        Wait for the subscribers of latched topics if `latched_topics` is set. Otherwise wait for
-        the subscribers of the other topics and for the analyser.
+        If `latched_topics` is set, wait for the subscribers of latched topics. Otherwise wait for
+        the subscribers of all other topics, and in lockstep for the analyser.
         """
         awaited = [each for each in self._awaited if (each in self._latched) is latched_topics]
         limit = self._settings.subscriber_timeout

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Reading of bags with rosbags, on machines with and without rosbag2."""
+"""Reading of bags with the library rosbags, on machines with and without rosbag2."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ if TYPE_CHECKING:
 
 
 class _AnyBag(Reader):
-    """A bag directory or one file of a bag, read within limits."""
+    """A bag directory or one file of a bag, which is read within limits."""
 
     STORAGE_PLUGINS: Mapping[str, type[ReaderProtocol]] = dict.fromkeys(
         ('dir', PACKED, *SUFFIXES.values()), BagFiles
@@ -40,7 +40,7 @@ class _AnyBag(Reader):
 
 @contextmanager
 def open_bag(path: Path, limits: BagLimits = DEFAULT_LIMITS) -> Iterator[Reader]:
-    """Open a bag for reading; raises ValueError if it is missing or cannot be read."""
+    """Open a bag for reading. Raises ValueError if the bag is missing or cannot be read."""
     if complaint := explain_no_bag(path):
         raise ValueError(complaint)
     if path.is_dir() and not (path / METADATA_FILE).exists():
@@ -70,11 +70,12 @@ def read_messages(
     start: int | None = None,
     stop: int | None = None,
 ) -> Iterator[tuple[Connection, int, bytes]]:
-    """Yield topic, receive time [ns] and serialized message, for receive times in [start, stop).
+    """Yield the topic, the receive time [ns] and the bytes of each message of some topics.
 
-    Raises ValueError if the bag is damaged.
+    Only messages with receive times in the interval [start, stop) are yielded. Raises ValueError
+    if the bag is damaged.
     """
-    # rosbags would read all topics if the list is empty.
+    # If the list is empty, rosbags would read all topics.
     if not connections:
         return
     try:
@@ -88,7 +89,7 @@ def read_messages(
 
 
 def gaps_of(reader: Reader) -> list[tuple[int, int]]:
-    """Return start and end of the times without recording in a bag [ns], such as pauses."""
+    """Return the start and the end of each interval without recording [ns], such as a pause."""
     return gaps_in(cast('BagFiles', reader.storage).metadata.custom or {})
 
 
@@ -102,10 +103,12 @@ _RECORD = 'record it with bag_recorder'
 
 
 def find_topic(reader: Reader, name: str, remedy: str = _RECORD) -> Connection:
-    """Return the topic with the full name `name`, or else the topic whose last part is `name`.
+    """Return the topic with the full name `name`.
 
-    Raises ValueError if no topic or several topics match, if the topic has several types, or if
-    its encoding is not CDR. The error ends with `remedy`, which states what to do.
+    If no topic has this full name, return the topic whose name in any namespace is the last part
+    of `name`. Raises ValueError if no topic or several topics match, if the topic has several
+    types, or if the encoding of the messages is not CDR. The error ends with `remedy`, an
+    instruction for the user.
     """
     found = types_of_topic(reader, name, remedy)
     bag = f'bag {str(reader.path)!r}'
@@ -121,7 +124,10 @@ def find_topic(reader: Reader, name: str, remedy: str = _RECORD) -> Connection:
 
 
 def types_of_topic(reader: Reader, name: str, remedy: str = _RECORD) -> list[Connection]:
-    """Return one entry per type and encoding of a topic, which is found as in `find_topic`."""
+    """Return one entry for each type and encoding of a topic.
+
+    The topic is found as in `find_topic`.
+    """
     wanted = name.rpartition('/')[2]
     found = [c for c in reader.connections if c.topic == name] or [
         c for c in reader.connections if c.topic.rpartition('/')[2] == wanted
@@ -141,7 +147,10 @@ def types_of_topic(reader: Reader, name: str, remedy: str = _RECORD) -> list[Con
 
 
 def read_topic(reader: Reader, name: str, remedy: str = _RECORD) -> Iterator[tuple[int, Any]]:
-    """Yield receive time [ns] and message of a topic, which is found as in `find_topic`."""
+    """Yield the receive time [ns] and the content of each message of a topic.
+
+    The topic is found as in `find_topic`.
+    """
     connection = find_topic(reader, name, remedy)
     decode = decoder(connection)
     for _, stamp, serialized in read_messages(reader, [connection]):
@@ -151,9 +160,9 @@ def read_topic(reader: Reader, name: str, remedy: str = _RECORD) -> Iterator[tup
 def decoder(connection: Connection) -> Callable[[bytes], Any]:
     """Return a function that deserializes messages of a topic to the installed type.
 
-    If a message was recorded with another definition of the type, its fields are copied by name.
-    Raises ValueError if the type is not installed or the encoding is not CDR. The returned
-    function raises ValueError for damaged messages.
+    If the recorded definition of the type differs from the installed definition, the function
+    copies the fields with equal names. Raises ValueError if the type is not installed or the
+    encoding is not CDR. The returned function raises ValueError if a message is damaged.
     """
     message_type = class_of(connection)
     if is_older(connection):
@@ -171,7 +180,10 @@ def decoder(connection: Connection) -> Callable[[bytes], Any]:
 
 
 def class_of(connection: Connection) -> Any:
-    """Return the class of the messages of a topic; ValueError if they cannot be decoded."""
+    """Return the class of the messages of a topic.
+
+    Raises ValueError if the messages cannot be decoded.
+    """
     if encoding_of(connection) != CDR:
         raise ValueError(_other_encoding(connection))
     return message_class(connection.msgtype)
@@ -182,13 +194,15 @@ def _other_encoding(connection: Connection) -> str:
 
 
 _KINDS = ('msg', 'srv', 'action')
-"""Second parts of type names: `srv` for service events, `action` for goals, results, feedback."""
+"""Second parts of type names. `srv` stands for events of services, and `action` for goals, results
+and feedback of actions."""
 
 
 def message_class(type_name: str) -> Any:
-    """Return the class of a type such as 'sensor_msgs/msg/JointState'; ValueError if not found.
+    """Return the class of a type such as 'sensor_msgs/msg/JointState'.
 
-    The events of a service have the type 'std_srvs/srv/Trigger_Event'.
+    The events of a service have a type such as 'std_srvs/srv/Trigger_Event'. Raises ValueError if
+    the class is not found.
     """
     try:
         package, kind, name = type_name.split('/')
@@ -210,9 +224,9 @@ def message_class(type_name: str) -> Any:
 
 
 def _has_types(package: str, kind: str) -> bool:
-    """Return whether a package has types.
+    """Return whether a package defines interface types of a kind such as 'msg'.
 
-    The package is not imported, because a bag may name any package.
+    The package is not imported, because a bag may contain the name of any Python package.
     """
     if f'{package}.{kind}' in sys.modules:
         return True
@@ -222,12 +236,12 @@ def _has_types(package: str, kind: str) -> bool:
 
 
 def type_name(message_type: Any) -> str:
-    """Return the name of a message class, such as 'sensor_msgs/msg/JointState'."""
+    """Return the type name of a message class, such as 'sensor_msgs/msg/JointState'."""
     return f'{message_type.__module__.partition(".")[0]}/msg/{message_type.__name__}'
 
 
 _UNKNOWN_DEPTH = 10
-"""Depth of a latched topic whose depth was not recorded [messages]."""
+"""Assumed queue depth of a latched topic if the depth was not recorded [messages]."""
 
 
 def latched(connection: Connection) -> bool:
@@ -236,10 +250,10 @@ def latched(connection: Connection) -> bool:
 
 
 def latched_depth(connection: Connection) -> int:
-    """Return how many messages the recorded publisher kept for late subscribers [1].
+    """Return how many messages the recorded publisher kept for late subscribers.
 
-    A recorded depth of 0 means that the middleware did not report it. Then the function returns
-    10, the value that rosbag2 uses.
+    Returns 0 if the topic is not latched. If the recorded depth is 0, the middleware did not
+    report the depth. In this case the function returns 10, as rosbag2 does.
     """
     profiles = getattr(connection.ext, 'offered_qos_profiles', [])
     kept = [p.depth for p in profiles if p.durability is QosDurability.TRANSIENT_LOCAL]
@@ -251,10 +265,12 @@ def _one_line(error: Exception) -> str:
 
 
 _LONGER, _MARGIN = 4, 4096
-"""Factor [1] and margin [characters] of the largest recorded definition. The factor multiplies the
-length of the installed definition. Parsing 40,000 characters takes a second."""
+"""Factor [1] and margin [characters] for the length of a recorded definition. The longest accepted
+length is the factor times the length of the installed definition, plus the margin. A limit is
+necessary because parsing 40,000 characters takes a second."""
 _LONGEST_REASON = 200
-"""Largest quoted part of a parser's error [characters]; the error may repeat the whole input."""
+"""Length at which the quoted error of a parser is cut [characters]. Such an error may contain the
+whole input."""
 
 
 def is_older(connection: Connection) -> bool:
@@ -268,7 +284,10 @@ def is_older(connection: Connection) -> bool:
 
 
 def _older_decoder(connection: Connection, message_type: Any) -> Callable[[bytes], Any]:
-    """Return a decoder for the definition in the bag; missing fields keep their defaults."""
+    """Return a decoder that uses the definition in the bag.
+
+    Fields that the recorded definition lacks keep their defaults.
+    """
     name, text = connection.msgtype, connection.msgdef.data
     store = get_typestore(Stores.EMPTY)
     try:

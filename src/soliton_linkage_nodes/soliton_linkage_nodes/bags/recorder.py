@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The bag recorder, which stores every message of the suite in a bag."""
+"""Bag recorder, which stores all messages of the suite in a bag."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ from soliton_linkage_nodes.runtime.parameters import current
 from soliton_linkage_nodes.runtime.process import run
 
 _LAST_STAMP = 2.0**31
-"""End of the range of ROS stamps [s]."""
+"""Upper limit of ROS stamps [s]."""
 
 
 @dataclass(frozen=True)
@@ -66,20 +66,21 @@ class BagRecorder(ManagedNode):
     """Node that records serialized messages with their receive times.
 
     Subscribes to the recorded topics. Publishes `/diagnostics`. Serves `~/pause`, `~/resume`,
-    `~/is_paused`, `~/split_bagfile` and `~/snapshot` with the types of rosbag2_interfaces, or with
-    std_srvs/Trigger if that package is not installed.
+    `~/is_paused`, `~/split_bagfile` and `~/snapshot`. The types of these services are in
+    rosbag2_interfaces. If that package is not installed, the type is std_srvs/Trigger.
 
-    One thread takes the messages from a hidden node. A second thread reads and writes the bag.
+    One thread takes the messages from the subscriptions of a hidden node. A second thread writes
+    the bag.
     """
 
     PARAMETERS: ClassVar[dict[type, str]] = {BagRecorderParameters: '', ManagedParameters: ''}
 
     def __init__(self, **kwargs: Any) -> None:
-        """Configure and activate the node, unless a lifecycle manager does that."""
+        """Create the node. Without a lifecycle manager, also configure and activate it."""
         super().__init__('bag_recorder', **kwargs)
 
     def configure(self) -> None:
-        """Create the bag and subscribe; a managed node does not record before it is activated."""
+        """Create the bag and subscribe. Recording begins when the node is activated."""
         self._settings = settings = current(self, BagRecorderParameters)
         self._paused = settings.start_paused
         self._inbox = GuardedNode(
@@ -101,19 +102,19 @@ class BagRecorder(ManagedNode):
             self.get_logger().info(f'waiting for a publisher of {name}')
 
     def activate(self) -> None:
-        """Record, unless the recorder is paused."""
+        """Start recording, unless the recorder is paused."""
         if self._buffer.paused and not self._paused:
             self._receiving.resume()
 
     def deactivate(self) -> None:
-        """Stop recording and flush the messages received so far."""
+        """Stop recording and write the messages received so far."""
         self._receiving.settle()
         self._receiving.pause()
         self._bag.flush()
 
     @property
     def lost(self) -> int:
-        """Number of messages that were published outside pauses and are not in the bag."""
+        """Number of messages that were published outside of pauses but are not in the bag."""
         return sum(self._receiving.losses.values())
 
     @property
@@ -128,13 +129,17 @@ class BagRecorder(ManagedNode):
 
     @property
     def failure(self) -> Exception | None:
-        """Error that ended the recording, or None."""
+        """Error that ended the recording. None if no error occurred."""
         if not self.configured:
             return None
         return self._receiving.failure or self._bag.failure
 
     def cleanup(self) -> None:
-        """Write the remaining messages and finish the bag; raises OSError if that fails."""
+        """Write the remaining messages and finish the bag.
+
+        Raises the error that ended the recording, for example OSError if the bag cannot be
+        written.
+        """
         self._bag.close(self._receiving.stop())
         self._inbox.destroy_node()
         path = self._bag.writer.path
@@ -166,7 +171,7 @@ class BagRecorder(ManagedNode):
             raise
 
     def _announce(self, missing: Sequence[str]) -> None:
-        """Log that the recording has begun and that no later message is missed."""
+        """Log that the recording has begun. From then on, the recorder misses no messages."""
         writer = self._bag.writer
         without = f', but a publisher of {", ".join(missing)} did not respond' if missing else ''
         self.get_logger().info(f'recording to {writer.path}{writer.gap_description}{without}')

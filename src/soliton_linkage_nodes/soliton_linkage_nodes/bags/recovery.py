@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Check of bags, and recovery of all intact messages of unfinished or damaged bags."""
+"""Check of bags, and recovery of all intact messages from unfinished or damaged bags."""
 
 from __future__ import annotations
 
@@ -39,14 +39,18 @@ from soliton_linkage_nodes.bags.storages.storage import RecoveredFile
 from soliton_linkage_nodes.bags.stored_topic import StoredTopic, completed
 
 _SHOW_EVERY = 1000
-"""Number of messages between two calls of `show` [1]."""
+"""Number of messages from one call of `show` to the next [1]."""
 
 Show = Callable[[int, int], None]
-"""Function that shows the current and the expected number of messages (0: unknown)."""
+"""Function that shows the number of messages so far and the expected number of messages. The
+expected number is 0 if it is unknown."""
 
 
 def recovered_file(path: Path, storage: str, doubtful: bool, limits: BagLimits) -> RecoveredFile:
-    """Open a file for recovery; `doubtful` also recovers messages with wrong checksums."""
+    """Open a file for recovery.
+
+    With `doubtful`, messages with wrong checksums are also recovered.
+    """
     kind = RecoveredMcap if storage == MCAP else RecoveredSqlite
     return kind(path, doubtful, limits)
 
@@ -56,9 +60,9 @@ class BagReport:
     """Content and damage of a bag.
 
     `counts` holds the number of messages of each topic. `start` and `end` are the first and the
-    last stamp [ns]. `damage` has one line for each damaged part, `notes` one line for each
-    irregularity that is no damage. `lost` counts messages that cannot be read. `unverified` counts
-    messages that were read without a checksum.
+    last receive time [ns]. `damage` has one line for each damaged part of the bag. `notes` has one
+    line for each irregularity that is no damage. `lost` is the number of messages that cannot be
+    read. `unverified` is the number of messages that were read without a checksum.
     """
 
     path: Path
@@ -83,7 +87,10 @@ class BagReport:
 def check_bag(
     path: Path, show: Show = lambda done, expected: None, limits: BagLimits = DEFAULT_LIMITS
 ) -> BagReport:
-    """Read a bag completely and report its content and damage; ValueError if it is not a bag."""
+    """Read a whole bag and return a report about its content and damage.
+
+    Raises ValueError if the path is not a bag.
+    """
     return _BagScan(path, None, False, show, limits).report
 
 
@@ -96,8 +103,9 @@ def recover_bag(
 ) -> tuple[BagReport, Path]:
     """Write the intact messages of a bag into a new bag; return a report and the new path.
 
-    `doubtful` also recovers messages with wrong checksums. Data beyond the limits is omitted.
-    Raises ValueError if nothing can be recovered, OSError if the new bag cannot be written.
+    With `doubtful`, messages with wrong checksums are also recovered. Data that exceeds the limits
+    is omitted. Raises ValueError if nothing can be recovered, and OSError if the new bag cannot be
+    written.
     """
     scan = _BagScan(path, output, doubtful, show, limits)
     report, writer = scan.report, scan.writer
@@ -120,7 +128,8 @@ def recover_bag(
 class _BagScan:
     """Scan of a whole bag, which optionally writes the messages into a new bag.
 
-    The new bag is created with the first topic. If the scanned bag is empty, none is created.
+    The new bag is created when the first topic or record is found. If the scanned bag has neither,
+    no new bag is created.
     """
 
     def __init__(
@@ -159,7 +168,10 @@ class _BagScan:
         return self.writer
 
     def _known(self, topic: StoredTopic) -> StoredTopic | None:
-        """Return the topic with its number in the new bag; None if its type is unknown."""
+        """Return a topic with its number in the new bag.
+
+        Returns None if the type of the topic is unknown.
+        """
         key = replace(topic, number=0)
         if not topic.type_is_lost and key not in self._topics:
             self._topics[key] = replace(topic, number=len(self._topics) + 1)
@@ -201,7 +213,10 @@ class _BagScan:
 
 
 def _metadata_of(path: Path) -> tuple[Mapping[str, Any] | None, list[str]]:
-    """Return the content of metadata.yaml, and the damage if it cannot be read."""
+    """Return the content of metadata.yaml and a list of its damage.
+
+    If the file is missing or cannot be read, the content is None.
+    """
     if path.is_file():
         return None, []
     if not (path / METADATA_FILE).exists():
@@ -213,7 +228,7 @@ def _metadata_of(path: Path) -> tuple[Mapping[str, Any] | None, list[str]]:
 
 
 def _compare(report: BagReport, information: Mapping[str, Any] | None) -> None:
-    """Report messages and files that metadata.yaml lists but that were not found."""
+    """Report the messages and files that are listed in metadata.yaml but were not found."""
     if information is None:
         return
     report.custom_data.update(custom_data_in(information))
@@ -233,9 +248,11 @@ def _compare(report: BagReport, information: Mapping[str, Any] | None) -> None:
 
 
 def _deleted_older(report: BagReport, information: Mapping[str, Any]) -> bool:
-    """Return whether the first files are missing and metadata.yaml lists all remaining files.
+    """Return whether the recorder deleted the oldest files of a bag.
 
-    Circular recording of rosbag2 deletes the oldest files but still counts their messages.
+    With circular recording, rosbag2 deletes the oldest files, but the total number of messages in
+    metadata.yaml still includes the messages of these files. The list of files there has only the
+    remaining files.
     """
     entries = information.get('files')
     described = [each for each in entries if isinstance(each, dict)] if entries else []
@@ -245,7 +262,7 @@ def _deleted_older(report: BagReport, information: Mapping[str, Any]) -> bool:
 
 
 def _typed(topic: StoredTopic, types: Mapping[str, str]) -> StoredTopic:
-    """Return a topic; an unknown type is replaced with the type in metadata.yaml."""
+    """Return a topic. If its type is unknown, use the type in metadata.yaml."""
     if not topic.type_is_lost or topic.name not in types:
         return topic
     return completed(replace(topic, type_name=types[topic.name], definition=''))
@@ -261,7 +278,7 @@ def _types_in(information: Mapping[str, Any] | None) -> dict[str, str]:
 
 
 def _files_of(path: Path) -> tuple[list[Path], list[str]]:
-    """Return the files of a bag in recording order, and a reason for each rejected file."""
+    """Return the files of a bag in recording order, and the reason for each rejected file."""
     if complaint := explain_no_bag(path):
         raise ValueError(complaint)
     folder = path if path.is_dir() else None
@@ -300,7 +317,10 @@ def _opened(file: Path, doubtful: bool, limits: BagLimits) -> Iterator[Recovered
 
 
 def unfinished_bag(name: Path) -> Path | None:
-    """Return the last of the bags `<name>_0`, `<name>_1`, ... if it is unfinished, else None."""
+    """Return the last of the bags `<name>_0`, `<name>_1`, ... if this bag is unfinished.
+
+    Returns None if the last bag is finished or if no such bag exists.
+    """
     number = 0
     while (name.parent / f'{name.name}_{number}').exists():
         number += 1
@@ -312,8 +332,8 @@ def unfinished_bag(name: Path) -> Path | None:
 def take_over(bag: Path) -> UnfinishedBag | None:
     """Move the intact messages of a bag into its first file, so that a writer can continue it.
 
-    Return None if the bag has no intact messages or is not an MCAP bag. Raises OSError if the file
-    cannot be written. In that case the bag is unchanged.
+    Returns None if the bag has no intact messages or is not an MCAP bag. Raises OSError if the
+    file cannot be written. In this case the bag stays unchanged.
     """
     try:
         with TemporaryDirectory(prefix=f'.{bag.name}_', dir=bag.parent) as folder:

@@ -1,5 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Services of rosbag2's recorder and player, with rosbag2's types if these are installed."""
+"""Services as in the recorder and the player of rosbag2.
+
+If the service types of rosbag2 are installed, these types are used.
+"""
 
 from __future__ import annotations
 
@@ -19,17 +22,18 @@ _OURS = {'Seek': Seek, 'SetRate': SetRate, 'GetRate': GetRate}
 
 @dataclass(frozen=True)
 class Reply:
-    """Result of a service: one line of text, and values of optional fields of its response."""
+    """Result of a service: one line of text, and values for optional fields of the response."""
 
     line: str
     figures: Mapping[str, Any] = field(default_factory=dict)
 
 
 def serve(node: Node, name: str, type_name: str, act: Callable[[Any], Reply]) -> None:
-    """Offer `~/<name>`, which calls `act` with the request and logs the result.
+    """Offer the service `~/<name>`, which calls `act` with the request and logs the result.
 
-    The request is rejected if `act` raises ValueError or if a managed node is not active. The
-    response reports the outcome in the fields that its type has, such as `success` and `message`.
+    The request is rejected if `act` raises ValueError, or if the node is a managed node that is
+    not active. The response reports the outcome in fields such as `success` and `message`, if its
+    type has them.
     """
 
     def respond(request: Any, response: Any) -> Any:
@@ -49,7 +53,10 @@ def serve(node: Node, name: str, type_name: str, act: Callable[[Any], Reply]) ->
 def serve_value(
     node: Node, name: str, type_name: str, field: str, value: Callable[[], Any]
 ) -> None:
-    """Offer `~/<name>`, which returns `value()` in `field`, or in `success` of a Trigger."""
+    """Offer the service `~/<name>`, which returns `value()` in the field `field`.
+
+    If the response has no such field, the value is returned in `success`.
+    """
 
     def respond(_request: Any, response: Any) -> Any:
         setattr(response, field if hasattr(response, field) else 'success', value())
@@ -59,9 +66,10 @@ def serve_value(
 
 
 def service_type(name: str) -> Any:
-    """Return rosbag2's service type.
+    """Return the service type of rosbag2 with this name.
 
-    Without rosbag2, return the suite's type with the same fields, or Trigger if there is none.
+    If rosbag2 is not installed, return a type of the suite with the same fields. If the suite has
+    no such type, return Trigger.
     """
     try:
         return getattr(importlib.import_module('rosbag2_interfaces.srv'), name)

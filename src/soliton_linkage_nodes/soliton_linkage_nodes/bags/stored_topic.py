@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Description of a topic in a bag, in rosbag2's notation."""
+"""Description of a topic in a bag, in the notation of rosbag2."""
 
 from __future__ import annotations
 
@@ -27,21 +27,23 @@ from soliton_linkage_nodes.bags.guards import load_yaml
 CDR = 'cdr'
 """Encoding of ROS 2 messages. Messages in other encodings are copied but not decoded."""
 _LONGEST_NAME = 255
-"""Longest name [characters] that ROS and file systems accept."""
+"""Length of the longest name that ROS and file systems accept [characters]."""
 _UNLIMITED = {'sec': 2147483647, 'nsec': 4294967295}
-"""Infinite duration in rosbag2's notation, the largest 32-bit numbers."""
+"""Infinite duration in the notation of rosbag2, which uses the largest 32-bit numbers."""
 _TYPE_NAME = re.compile(r'\w+/\w+/\w+')
 _SERVICE_SEPARATOR = re.compile(r'^---[ \t]*$', re.MULTILINE)
 
 
 @dataclass(frozen=True)
 class StoredTopic:
-    """Topic of a bag with its number, which counts the added topics from 1.
+    """Topic of a bag.
 
-    `definition` is the definition of the type in a format such as 'ros2msg', `digest` its RIHS01
-    hash, and `profiles` the offered QoS profiles in rosbag2's YAML. An unknown value is an empty
-    text. In a binary definition, bytes that are not UTF-8 are stored as surrogates. `about` holds
-    other metadata of an MCAP channel. A topic without a schema has no `definition_format`.
+    `number` counts the topics of the bag from 1. `definition` is the definition of the message
+    type in the format `definition_format`, such as 'ros2msg'. `digest` is the RIHS01 hash of the
+    definition. `profiles` holds the offered QoS profiles in the YAML notation of rosbag2. `about`
+    holds other metadata of an MCAP channel. An unknown value is an empty text. If an MCAP channel
+    has no schema, `definition_format` is empty. If a definition has bytes that are not UTF-8, they
+    are stored as surrogates.
     """
 
     number: int
@@ -56,14 +58,14 @@ class StoredTopic:
 
     @property
     def type_is_lost(self) -> bool:
-        """Whether the topic has a type of unknown name."""
+        """Whether the topic has a message type whose name is unknown."""
         return not self.type_name and bool(self.definition_format)
 
 
 def type_definition(name: str) -> tuple[str, str]:
-    """Return the definition of a message type with all nested types, and its hash.
+    """Return the definition of a message type with all nested types, and the hash of the type.
 
-    Raises ValueError if its package is not installed.
+    Raises ValueError if the package of the type is not installed.
     """
     definition, digest, complaint = _installed(name)
     if complaint:
@@ -73,9 +75,10 @@ def type_definition(name: str) -> tuple[str, str]:
 
 @lru_cache(maxsize=1024)
 def service_definitions(name: str) -> tuple[str, str]:
-    """Return the definitions of request and response of a service type, with nested types.
+    """Return the definitions of the request and the response of a service type.
 
-    Raises ValueError if its package is not installed.
+    The definitions include all nested types. Raises ValueError if the package of the type is not
+    installed.
     """
     try:
         package, kind, short = _name_parts(name)
@@ -100,9 +103,10 @@ def _definition_of(name: str, text: str) -> str:
 
 @lru_cache(maxsize=1024)
 def _installed(name: str) -> tuple[str, str, str]:
-    """Return definition, hash and error of a type.
+    """Return the definition of a type, its hash, and an error text.
 
-    Errors are cached too, because many topics of a bag may have the same type.
+    The error text is empty if the type is installed. Errors are cached too, because many topics of
+    a bag may have the same type.
     """
     store = _typestore()
     try:
@@ -130,7 +134,7 @@ def _not_installed(kind: str, name: str, error: Exception) -> str:
 
 
 def completed(topic: StoredTopic) -> StoredTopic:
-    """Return a topic; add the installed definition to a CDR topic without a definition."""
+    """Return a topic. If it is a CDR topic without a definition, add the installed definition."""
     if topic.serialization != CDR or (topic.definition and topic.digest):
         return topic
     known, digest, _ = _installed(topic.type_name)
@@ -143,7 +147,7 @@ def completed(topic: StoredTopic) -> StoredTopic:
 
 
 def profiles_text(profiles: Sequence[QoSProfile]) -> str:
-    """Return QoS profiles as rosbag2's YAML."""
+    """Return QoS profiles in the YAML notation of rosbag2."""
     if not profiles:
         return ''
     return str(yaml.safe_dump([_profile(p) for p in profiles], sort_keys=False)).strip()
@@ -151,7 +155,10 @@ def profiles_text(profiles: Sequence[QoSProfile]) -> str:
 
 @lru_cache(maxsize=1024)
 def profiles_in(text: str) -> list[dict[str, Any]]:
-    """Return the QoS profiles in rosbag2's YAML; empty if the text has another form."""
+    """Return the QoS profiles in a text with the YAML notation of rosbag2.
+
+    If the text has another form, the list is empty.
+    """
     try:
         loaded = load_yaml(text)
     except ValueError:
@@ -168,7 +175,7 @@ def _typestore() -> Typestore:
 
 
 def _register_installed(store: Typestore, name: str) -> None:
-    """Register an installed type and its nested types."""
+    """Add an installed type and its nested types to a type store."""
     package, kind, short = name.split('/')
     path = Path(get_package_share_directory(package), kind, f'{short}.msg')
     _register(store, name, path.read_text(encoding='utf-8'))
@@ -185,7 +192,10 @@ def _register(store: Typestore, name: str, text: str) -> None:
 
 
 def _nested_types(field: Any) -> list[str]:
-    """Return the message types in a field description, which is nested for arrays."""
+    """Return the message types in the description of a field.
+
+    The description of an array or a sequence contains the description of its elements.
+    """
     kind, inner = field
     if kind.name == 'NAME':
         return [inner]

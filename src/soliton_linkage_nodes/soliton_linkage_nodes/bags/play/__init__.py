@@ -1,2 +1,2 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Parts of the player: playback clock and thread, publishers, services and keys."""
+"""Components of the player: clock, thread, publishers, services and keys."""

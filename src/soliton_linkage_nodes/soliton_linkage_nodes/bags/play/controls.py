@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Services of the player, and keys of its terminal."""
+"""Services of the player, and the keys that control it."""
 
 from __future__ import annotations
 
@@ -19,25 +19,27 @@ from soliton_linkage_nodes.runtime.managed import ManagedNode
 from soliton_linkage_nodes.runtime.stamps import SECOND, time_from_msg
 
 _POLL_INTERVAL = 0.1
-"""Poll interval of the stop request [s]."""
+"""Longest wait for a key before the thread checks whether it must stop [s]."""
 _MOST_READ = 64
-"""Largest number of bytes per read [1]. A user types fewer in one poll interval."""
+"""Largest number of bytes per read of the terminal [B]. A user types fewer bytes in one poll
+interval."""
 SPACE = ' '
 UP, DOWN, RIGHT = '\x1b[A', '\x1b[B', '\x1b[C'
 
 
 class Keyboard:
-    """Thread that calls the action of each pressed key; inactive without a terminal."""
+    """Thread that calls the action of each pressed key. Without a terminal, it does not run."""
 
     def __init__(self, actions: Mapping[str, Callable[[], object]]) -> None:
-        """Start reading keys, if there is a terminal."""
+        """Start to read keys, if the process has a terminal."""
         self._actions = actions
         self._stopping = threading.Event()
         self._thread: threading.Thread | None = None
         if not (sys.stdin and sys.stdin.isatty()):
             return
         self._terminal = sys.stdin.fileno()
-        # The system stops a background process that changes the terminal settings.
+        # A background process must not change the terminal settings. Otherwise the system would
+        # stop this process.
         if os.tcgetpgrp(self._terminal) != os.getpgrp():
             return
         self._before = termios.tcgetattr(self._terminal)
@@ -47,7 +49,7 @@ class Keyboard:
 
     @property
     def taken(self) -> bool:
-        """Whether keys are read."""
+        """Whether the thread reads keys."""
         return self._thread is not None
 
     def close(self) -> None:
@@ -69,7 +71,7 @@ class Keyboard:
 
 
 def _keys(pressed: str) -> list[str]:
-    """Split input into keys; an arrow key has three characters."""
+    """Split input into keys. An arrow key consists of three characters."""
     keys = []
     while pressed:
         size = 3 if pressed.startswith('\x1b[') else 1
@@ -79,12 +81,12 @@ def _keys(pressed: str) -> list[str]:
 
 
 _FASTER = 1.1
-"""Factor of the playback rate for one press of a key [1]."""
+"""Factor by which one press of a key changes the playback rate [1]."""
 _KEYS = 'space: pause; right: next message; up, down: faster, slower'
 
 
 class PlayerControls:
-    """Services and keys of a player."""
+    """Services and keys that control a player."""
 
     def __init__(
         self,
@@ -93,7 +95,7 @@ class PlayerControls:
         playing: PlaybackThread,
         part: PlaybackRange,
     ) -> None:
-        """Offer the services; a request of ~/play without a range plays `part`."""
+        """Offer the services. A request of ~/play without a range plays the range `part`."""
         self._clock = clock
         self._playing = playing
         self._range = part
@@ -111,7 +113,7 @@ class PlayerControls:
             node.get_logger().info(_KEYS)
 
     def close(self) -> None:
-        """Restore the terminal."""
+        """Restore the settings of the terminal."""
         self._keyboard.close()
 
     def _key(self, act: Callable[[], object]) -> Callable[[], object]:
@@ -158,7 +160,11 @@ class PlayerControls:
         return 'the playback is not paused; call ~/pause first'
 
     def _seek(self, stamp: int) -> Reply:
-        """Continue at a stamp [ns]; a stamp before the bag is a time since its start."""
+        """Continue at the time `stamp` [ns].
+
+        If this time is before the start of the bag, it is taken as a time since the start of the
+        bag.
+        """
         first, last = self._range.origin, self._range.end
         if not self._playing.playing:
             raise ValueError('nothing is playing; call ~/play')

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Thread that publishes the messages of a bag when they are due."""
+"""Thread that publishes each message of a bag when it is due."""
 
 from __future__ import annotations
 
@@ -31,7 +31,11 @@ from soliton_linkage_nodes.runtime.stamps import SECOND
 
 @dataclass(frozen=True)
 class PlaybackRange:
-    """Start and end [ns] of the played range and of the whole bag."""
+    """Time range of a bag that is played [ns].
+
+    `start` and `end` are the limits of the range. `origin` and `last` are the start and the end of
+    the whole bag.
+    """
 
     start: int
     end: int
@@ -44,10 +48,11 @@ class PlaybackRange:
         return (self.last - self.origin) / SECOND
 
     def part(self, offset: int, duration: int, until: int) -> PlaybackRange:
-        """Return the range that begins at `offset` and ends after `duration` or at `until` [ns].
+        """Return the range from `offset` after the start of the bag to the end of the playback.
 
-        As in rosbag2, the later of the two ends is used, the end is included, and values <= 0 are
-        ignored. Raises ValueError if the range is empty.
+        The playback ends after `duration` [ns] or at the time `until` [ns], whichever is later.
+        Values of 0 or less are ignored. A message at the end is included. rosbag2 has the same
+        rules. Raises ValueError if the range is empty.
         """
         start = self.origin + max(offset, 0)
         ends = [start + duration + 1] if duration > 0 else []
@@ -62,9 +67,10 @@ class PlaybackRange:
 
 
 def playback_range(reader: Reader, start_offset: float, playback_until: float) -> PlaybackRange:
-    """Return the range between two times since the start of the bag [s].
+    """Return the range between two times, which are counted from the start of the bag [s].
 
-    `playback_until` = 0 means the end of the bag. Raises ValueError if the range is empty.
+    If `playback_until` is 0, the range ends at the end of the bag. Raises ValueError if the range
+    is empty.
     """
     empty = not reader.message_count
     origin, last = (0, 0) if empty else (reader.start_time, reader.end_time)
@@ -79,7 +85,10 @@ def playback_range(reader: Reader, start_offset: float, playback_until: float) -
 
 
 def find_topics(reader: Reader, names: Sequence[str]) -> list[Connection]:
-    """Return the named topics, by default all of the bag; ValueError if one is missing."""
+    """Return the named topics, by default all topics of the bag.
+
+    Raises ValueError if a named topic is missing.
+    """
     if not names:
         return list(reader.connections)
     found = (each for name in names for each in types_of_topic(reader, name))
@@ -87,18 +96,22 @@ def find_topics(reader: Reader, names: Sequence[str]) -> list[Connection]:
 
 
 def full_name(reader: Reader, name: str) -> str:
-    """Return the full name of a topic in any namespace, '' if the bag does not have it."""
+    """Return the full name of the topic `name`, which may be in any namespace.
+
+    Returns an empty text if the bag does not have the topic.
+    """
     ends = (c.topic.rpartition('/')[2] for c in reader.connections)
     return types_of_topic(reader, name)[0].topic if name in ends else ''
 
 
 class PlaybackThread:
-    """Thread that publishes messages when they are due.
+    """Thread that publishes each message of a bag when it is due.
 
-    The thread calls `prepare(True)`, publishes the last latched messages before the start, and
-    calls `prepare(False)`. For each message it calls `publish_clock` with the receive time [ns].
-    `finished` is set at the end of the bag, but not after a stop. `rounds` counts the starts from
-    the beginning. `jumps` counts the seeks.
+    The thread first calls `prepare(True)`. Then it publishes the last latched messages from before
+    the start of the range, and calls `prepare(False)`. Before each message, it calls
+    `publish_clock` with the receive time [ns]. `finished` is set at the end of the bag, but not
+    after a stop. `rounds` counts how often the playback started at the start of the range. `jumps`
+    counts the seeks.
     """
 
     def __init__(
@@ -112,7 +125,11 @@ class PlaybackThread:
         longest_gap: float = 0.0,
         limits: BagLimits = DEFAULT_LIMITS,
     ) -> None:
-        """Prepare the playback; gaps longer than `longest_gap` [s] are skipped (0: none)."""
+        """Prepare the playback.
+
+        Gaps between messages that are longer than `longest_gap` [s] are skipped. If `longest_gap`
+        is 0, no such gap is skipped.
+        """
         self.failure: Exception | None = None
         self.finished = False
         self.playing = False
@@ -129,7 +146,10 @@ class PlaybackThread:
         self._thread: threading.Thread | None = None
 
     def play(self, part: PlaybackRange) -> None:
-        """Start playing a part of the bag; ValueError if it is playing already."""
+        """Start to play a range of the bag.
+
+        Raises ValueError if the bag is already being played.
+        """
         if self.playing:
             raise ValueError('the bag is already playing; call ~/stop first, or ~/seek')
         self.stop()
@@ -144,13 +164,13 @@ class PlaybackThread:
         self._thread.start()
 
     def stop(self) -> None:
-        """Stop playing and wait for the end of the thread."""
+        """Stop playing and wait until the thread has ended."""
         self._clock.stop()
         if self._thread is not None:
             self._thread.join()
 
     def summary(self, of: str = '') -> str:
-        """Return a description of the played messages, rounds and jumps; `of` names the bag."""
+        """Describe the numbers of played messages, rounds and jumps. `of` names the bag."""
         played, total = self._publishers.published, self._publishers.total
         again = [f'{self.rounds} rounds'] if self.rounds > 1 else []
         again += [f'{self.jumps} jump{"s" if self.jumps > 1 else ""}'] if self.jumps else []
@@ -189,7 +209,11 @@ class PlaybackThread:
         self._progress.end(f'played {self.summary(f" of {self._path}")}')
 
     def _play_from(self, reader: Reader, start: int, ahead: dict[str, int]) -> NextAction:
-        """Play from `start` [ns] on, except messages in `ahead` (receive time [ns] by topic)."""
+        """Play the messages from the time `start` [ns] on.
+
+        `ahead` holds the receive time [ns] of one message for each of some topics. These messages
+        are omitted, because they were published ahead of time.
+        """
         self._clock.start(start)
         connections = self._publishers.of(reader.connections)
         messages = read_messages(reader, connections, start, self._range.end)
@@ -211,7 +235,7 @@ class PlaybackThread:
         return self._clock.wait_at_end()
 
     def _skip_gap(self, before: int, stamp: int) -> None:
-        """Skip the time without recording before a message, or a gap that is too long."""
+        """Skip the time without recording between two messages, or a gap that is too long."""
         skipped = time_in_gaps(self._gaps, before, stamp)
         limit = round(self._longest_gap * SECOND)
         if limit and stamp - before - skipped > limit:
@@ -221,10 +245,11 @@ class PlaybackThread:
             self._clock.start(before + skipped)
 
     def _publish_latched(self, reader: Reader, start: int) -> dict[str, int]:
-        """Publish the last latched messages before `start` [ns].
+        """Publish the last messages of latched topics from before the time `start` [ns].
 
-        If a latched topic has none, publish its first message after `start`. Return the receive
-        times [ns] of these later messages by topic.
+        If a latched topic has no earlier message, its first message after `start` is published
+        ahead of time. Returns the receive times [ns] of the messages that were published ahead of
+        time, by topic.
         """
         ahead = {}
         for connection in filter(latched, self._publishers.of(reader.connections)):

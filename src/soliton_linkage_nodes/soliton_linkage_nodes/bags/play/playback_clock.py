@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Clock of the playback, which other threads may pause, step, seek and stop."""
+"""Clock of the playback. Other threads can pause, step, seek and stop it."""
 
 from __future__ import annotations
 
@@ -12,11 +12,11 @@ from enum import Enum, auto
 RATES = (1e-3, 1e3)
 """Lowest and highest playback rate relative to the recording [1]."""
 _LONGEST_WAIT = 0.1
-"""Longest interval between two updates of the progress line [s]."""
+"""Longest time between two updates of the progress line [s]."""
 
 
 class NextAction(Enum):
-    """Action after waiting for a message."""
+    """Action of the player after it has waited for the time of a message."""
 
     PLAY = auto()
     SEEK = auto()
@@ -24,11 +24,11 @@ class NextAction(Enum):
 
 
 class PlaybackClock:
-    """Clock of the playback [ns] with a rate; other threads may pause, seek, step and stop it.
+    """Clock of the playback. Other threads can pause, seek, step and stop it.
 
-    The playback time is `p = p0 + rate (t - t0)`. Each change of the rate, pause or seek sets new
-    values of t0 and p0. Without `paced`, every message is due immediately unless the playback is
-    paused. `stopping` is set after a stop.
+    The playback time [ns] is `p = p0 + rate (t - t0)`, where t is the current time. Each pause,
+    each seek and each change of the rate sets new values of t0 and p0. If `paced` is False, every
+    message is due immediately, unless the playback is paused. `stopping` is set after a stop.
     """
 
     def __init__(
@@ -41,11 +41,11 @@ class PlaybackClock:
         longest_burst: float = 2.0,
         changed: threading.Condition | None = None,
     ) -> None:
-        """Create a clock that does not advance until `start` is called.
+        """Create a clock. `start` sets its first playback time.
 
-        `play_next` waits at most `longest_step` [s] and `burst` at most `longest_burst` [s]. These
-        waits are limited because they block all other services of the node. All waits use the
-        condition `changed`.
+        `play_next` waits at most `longest_step` [s] for its message, and `burst` at most
+        `longest_burst` [s] for its messages. These waits are limited because they block all other
+        services of the node. All waits use the condition `changed`.
         """
         self.stopping = threading.Event()
         self._longest_step = longest_step
@@ -69,7 +69,7 @@ class PlaybackClock:
 
     @property
     def paced(self) -> bool:
-        """Whether messages are published at their recorded intervals, scaled by the rate."""
+        """Whether messages are published at the recorded intervals divided by the rate."""
         return self._paced
 
     @property
@@ -83,7 +83,7 @@ class PlaybackClock:
         return bool(self._steps)
 
     def start(self, stamp: int) -> None:
-        """Continue from an instant [ns]."""
+        """Continue from the playback time `stamp` [ns]."""
         with self._changed:
             self._position = float(stamp)
             self._since = self._clock()
@@ -118,27 +118,34 @@ class PlaybackClock:
             self._changed.notify_all()
 
     def play_next(self) -> bool:
-        """Play one message of a paused playback; return False if none was played in time."""
+        """Play one message of a paused playback.
+
+        Returns False if no message was played within the time limit.
+        """
         with self._changed:
             return bool(self._step(1, self._longest_step))
 
     def burst(self, number: int) -> int:
-        """Play `number` messages (0: all) without waiting during a pause.
+        """Play `number` messages of a paused playback without delays.
 
-        Return the number of messages that were played within the time limit. If that is at least
-        one, the player continues with the remaining messages.
+        If `number` is 0, all messages are played. Returns the number of messages that were played
+        within the time limit. If at least one message was played, the player then continues with
+        the remaining messages.
         """
         with self._changed:
             return self._step(number or sys.maxsize, self._longest_burst)
 
     def seek(self, stamp: int) -> None:
-        """Continue from another instant [ns] as soon as the player waits for a message."""
+        """Continue from the playback time `stamp` [ns].
+
+        The seek takes effect when the player next waits for a message.
+        """
         with self._changed:
             self._sought = stamp
             self._changed.notify_all()
 
     def reopen(self) -> None:
-        """Allow playing again after a stop. The clock remains paused if it was paused."""
+        """Allow another playback after a stop. If the clock was paused, it stays paused."""
         with self._changed:
             self.stopping.clear()
             self._sought = None
@@ -151,7 +158,10 @@ class PlaybackClock:
             self._changed.notify_all()
 
     def take_sought(self) -> int:
-        """Return the requested instant of a seek [ns]; ValueError if no seek was requested."""
+        """Return the playback time of a requested seek [ns], and discard the request.
+
+        Raises ValueError if no seek was requested.
+        """
         with self._changed:
             sought, self._sought = self._sought, None
         if sought is None:
@@ -159,7 +169,10 @@ class PlaybackClock:
         return sought
 
     def wait_for(self, stamp: int, meanwhile: Callable[[], None] = lambda: None) -> NextAction:
-        """Wait until a message with `stamp` [ns] is due; call `meanwhile` ten times a second."""
+        """Wait until a message with the receive time `stamp` [ns] is due.
+
+        During the wait, `meanwhile` is called ten times a second.
+        """
         while True:
             with self._changed:
                 early = self._early(stamp)
@@ -175,7 +188,7 @@ class PlaybackClock:
             meanwhile()
 
     def wait_at_end(self) -> NextAction:
-        """Wait at the end of the bag until a seek, a stop or the end of a pause."""
+        """If the playback is paused at the end of the bag, wait for a seek, a stop or a resume."""
         with self._changed:
             self._at_end, self._steps = True, 0
             self._changed.notify_all()
@@ -200,7 +213,7 @@ class PlaybackClock:
         return passed
 
     def _early(self, stamp: int) -> float:
-        """Return the time until a message is due [s]."""
+        """Return the time until a message with the receive time `stamp` [ns] is due [s]."""
         if self._paused:
             return 0.0 if self._steps else _LONGEST_WAIT
         if not self._paced:

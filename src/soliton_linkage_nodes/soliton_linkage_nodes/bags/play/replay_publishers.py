@@ -1,5 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Publishers of a replay, recorded states beside a live analyser, and lockstep with it."""
+"""Publishers of a replay, which can run in lockstep with an analyser.
+
+While an analyser publishes soliton states, recorded soliton states are omitted.
+"""
 
 from __future__ import annotations
 
@@ -26,21 +29,23 @@ from soliton_linkage_nodes.runtime.interfaces import wait_for_subscriber
 from soliton_linkage_nodes.runtime.serialization import serialize
 
 _ANSWER_POLL_INTERVAL = 0.05
-"""Poll interval of the stop request while waiting for an answer [s]."""
+"""Poll interval of the stop request during a wait for an answer [s]."""
 
 
 class Lockstep:
-    """Flow control of a replay: new frames wait for the analyser's `soliton_state` messages.
+    """Flow control of a replay: frames wait until the analyser has answered earlier frames.
 
-    Messages with the same stamp are one frame. A state with the stamp of a frame answers this
-    frame and all earlier frames, because the analyser does not answer rejected frames.
+    Messages with the same stamp count as one frame. A `soliton_state` message with the stamp of a
+    frame is the answer to this frame. It also counts as the answer to all earlier frames, because
+    the analyser does not answer frames that it rejects.
     """
 
     def __init__(self, node: Node, frames: str, window: int, limit: float) -> None:
-        """Subscribe to the states in the namespace of the topic `frames`.
+        """Subscribe to `soliton_state` in the namespace of the topic `frames`.
 
-        At most `window` frames are unanswered. After `limit` [s] without an answer, no answers to
-        the frames sent so far are expected; `given_up` counts these frames.
+        At most `window` frames are unanswered at any time. If no answer arrives for a time of
+        `limit` [s], the player no longer waits for answers to the frames sent so far. `given_up`
+        counts these frames.
         """
         self.given_up = 0
         self.frames = frames
@@ -59,7 +64,10 @@ class Lockstep:
         )
 
     def wait_for_the_analyser(self, limit: float, stopping: threading.Event) -> None:
-        """Wait for a publisher of states; ValueError if there is none after `limit` [s]."""
+        """Wait for a publisher of `soliton_state`.
+
+        Raises ValueError if no publisher appears within `limit` [s].
+        """
         deadline = time.monotonic() + limit
         while not self._subscription.get_publisher_count():
             if stopping.wait(_ANSWER_POLL_INTERVAL):
@@ -118,29 +126,30 @@ class Lockstep:
 
 
 def _stamp(message: bytes) -> bytes:
-    """Return the header stamp of a serialized message in little-endian byte order."""
+    """Return the eight bytes of the header stamp of a serialized message, little-endian."""
     order = '<' if message[1] & 1 else '>'
     return struct.pack('<iI', *struct.unpack_from(f'{order}iI', message, 4))
 
 
 _POLL_INTERVAL = Duration(seconds=0.02)
-"""Poll interval of the stop request while waiting for acknowledgements."""
+"""Poll interval of the stop request during a wait for acknowledgements."""
 _MOST_REASONS = 3
-"""Largest number of reasons in one error about topics that cannot be played [1]."""
+"""Largest number of topics that the error about topics that cannot be played describes [1]."""
 _MOST_TOPICS = 1000
-"""Largest number of topics that are played [1]. A publisher needs 100 kB of memory, and 1 ms to
-be created."""
+"""Largest number of topics that are played [1]. Each publisher needs 100 kB of memory, and its
+creation takes 1 ms."""
 _LONGEST_DELIVERY = 10.0
 """Longest wait for a subscriber to acknowledge the last messages [s]."""
 _REJECTED = (ValueError, NameValidationException, rclpy_implementation.RCLError)
-"""Errors for a topic whose type is not installed, or whose name or type ROS does not accept."""
+"""Errors that occur if a type is not installed, or if ROS does not accept a name or a type."""
 
 
 class ReplayPublishers:
     """Publishers of the messages of a bag.
 
-    Messages are published as recorded, or converted if their definition has changed. If a topic
-    was recorded with several types, the first installed type is published. Waits for subscribers
+    Messages are published as recorded. If the definition of a type has changed since the
+    recording, its messages are converted to the installed definition. If a topic was recorded with
+    several types, only messages of the first installed type are published. Waits for subscribers
     end when `stopping` is set.
     """
 
@@ -149,7 +158,7 @@ class ReplayPublishers:
     ) -> None:
         """Create a publisher for each topic; log the topics that cannot be published.
 
-        Raises ValueError if all topics fail.
+        Raises ValueError if no topic can be published.
         """
         if len(connections) > _MOST_TOPICS:
             raise ValueError(
@@ -182,11 +191,11 @@ class ReplayPublishers:
 
     @property
     def total(self) -> int:
-        """Number of messages in the bag on the published topics."""
+        """Number of messages in the bag that belong to the published topics."""
         return sum(each.msgcount for each in self.of(self._connections))
 
     def set_lockstep(self, lockstep: Lockstep) -> None:
-        """Publish frames in lockstep with the analyser; do not publish recorded states."""
+        """Publish frames in lockstep with the analyser, and do not publish recorded states."""
         self._publishers.pop(lockstep.states, None)
         self._lockstep = lockstep
 
@@ -195,7 +204,7 @@ class ReplayPublishers:
         self._states[states.topic] = states
 
     def report_gap(self, stamp: int, gap: float) -> None:
-        """Log that `gap` [s] without messages before the message at `stamp` [ns] were skipped."""
+        """Log that a gap of `gap` [s] before the message at the time `stamp` [ns] was skipped."""
         self._node.get_logger().info(
             f'skipped {gap:.0f} s without a message before {stamp} ns: the recorder was paused, '
             'or the gap exceeds parameter longest_gap'
@@ -209,19 +218,22 @@ class ReplayPublishers:
             self._lockstep.forget()
 
     def of(self, connections: Iterable[Connection]) -> list[Connection]:
-        """Return the given topics that are published."""
+        """Return those of the given topics that are published."""
         played = {(topic, self._types[topic], CDR) for topic in self._publishers}
         return [each for each in connections if topic_key(each) in played]
 
     def leaves_out(self, connection: Connection) -> bool:
-        """Return whether a message is a recorded state that is suppressed; count it."""
+        """Return whether a message is a recorded state that must be omitted.
+
+        Omitted messages are counted.
+        """
         states = self._states.get(connection.topic)
         left_out = states is not None and states.suppressed()
         self.left_out += left_out
         return left_out
 
     def publish(self, connection: Connection, serialized: bytes) -> None:
-        """Publish a message; in lockstep, wait first until it may be published."""
+        """Publish a message. In lockstep, first wait until it may be published."""
         topic = connection.topic
         if topic in self._decoders:
             serialized = serialize(self._decoders[topic](serialized))
@@ -249,12 +261,18 @@ class ReplayPublishers:
                 )
 
     def wait_for_the_analyser(self, limit: float) -> None:
-        """In lockstep, wait for the analyser; ValueError if there is none after `limit` [s]."""
+        """In lockstep, wait for the analyser.
+
+        Raises ValueError if no analyser appears within `limit` [s].
+        """
         if self._lockstep is not None:
             self._lockstep.wait_for_the_analyser(limit, self._stopping)
 
     def deliver(self) -> None:
-        """Wait until every subscriber has all messages and the last frame is answered."""
+        """Wait until all subscribers have received all messages.
+
+        In lockstep, also wait until the last frame is answered.
+        """
         self._wait_for_acknowledgements(*self._publishers)
         if self._lockstep is not None:
             self._lockstep.settle(self._stopping.is_set)
@@ -277,7 +295,7 @@ class ReplayPublishers:
     def _wait_for_acknowledgements(self, *topics: str) -> None:
         """Wait until the subscribers have acknowledged all messages on some topics.
 
-        The wait is necessary because a full queue drops its oldest message.
+        Without this wait, a full queue would drop its oldest message.
         """
         deadline = time.monotonic() + _LONGEST_DELIVERY
         for topic in topics:
@@ -302,17 +320,22 @@ class ReplayPublishers:
 
 
 _QUERY_INTERVAL = 0.25
-"""Period of graph queries for an analyser [s]. One query takes a millisecond."""
+"""Time between two searches for an analyser in the ROS graph [s]. One search takes a
+millisecond."""
 
 
 class RecordedStates:
-    """Suppression of recorded soliton states or events while an analyser publishes them.
+    """Suppression of a recorded topic with soliton states or events while an analyser runs.
 
-    An analyser is another node that subscribes to `joint_states` and publishes the same topic.
+    A node counts as an analyser if it subscribes to `joint_states` and publishes the same topic as
+    the recorded one.
     """
 
     def __init__(self, node: Node, topic: str, chosen: bool) -> None:
-        """Monitor the publishers of a topic; with `chosen`, always play the recorded topic."""
+        """Search for an analyser that publishes `topic`.
+
+        If `chosen` is set, the recorded topic is always played.
+        """
         self.topic = topic
         self._node = node
         self._states = node.resolve_topic_name(topic)
@@ -323,7 +346,7 @@ class RecordedStates:
         self._queried_at = -_QUERY_INTERVAL
 
     def suppressed(self) -> bool:
-        """Return whether the next message is omitted; log changes."""
+        """Return whether the next message must be omitted. Changes of this state are logged."""
         now = time.monotonic()
         if now - self._queried_at >= _QUERY_INTERVAL:
             self._queried_at = now

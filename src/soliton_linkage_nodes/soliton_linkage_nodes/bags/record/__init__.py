@@ -1,2 +1,2 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Parts of the recorder: subscriptions, the receiving and writing threads, the bag writer."""
+"""Components of the recorder: subscriptions, receiving thread, writing thread, bag writer."""

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Writer of bags in rosbag2's layout that stay readable if the writer is killed."""
+"""Writer of bags in the layout of rosbag2. The bags stay readable if the writer is killed."""
 
 from __future__ import annotations
 
@@ -32,15 +32,17 @@ from soliton_linkage_nodes.runtime.stamps import SECOND
 
 COMPRESSIONS = ('none', 'zstd')
 _CUSTOM_DATA_INTERVAL = 1.0
-"""Period at which changed custom data is written [s]; the file keeps every version."""
+"""Shortest time between two writes of changed custom data [s]. Each write appends a new version to
+the file."""
 _RESERVE = 'space_for_the_index'
 _RESERVE_BYTES = 2**20
-"""Space for the index of one day [B], about 100 bytes per chunk."""
+"""Size of a reserved file [B]. It suffices for the index of one day, with about 100 bytes for each
+chunk."""
 
 
 @dataclass(frozen=True)
 class UnfinishedBag:
-    """Content of a bag that another process began and did not close.
+    """Content of a bag that another process began and did not finish.
 
     `counts` holds the number of messages of each topic.
     """
@@ -55,12 +57,13 @@ class BagWriter:
     """Writer of a bag in a directory named `<name>_<first free number>`.
 
     The files are named `<directory>_0`, `<directory>_1`, ... Every `flush_interval` [s], the
-    writer passes pending messages to the system, so that they survive if the process is killed.
-    Every `sync_interval` [s] (0: never) it synchronises the file to disk. A power failure loses at
-    most the messages since the last synchronisation. If the disk is full, the writer deletes a
-    reserved file of 1 MiB to make space for the index.
+    writer passes pending messages to the operating system, so that they survive if the process is
+    killed. Every `sync_interval` [s], the writer synchronises the file to disk. After a power
+    failure, at most the messages since the last synchronisation are lost. If `sync_interval` is 0,
+    the file is never synchronised. If the disk is full, the writer deletes a reserved file of 1
+    MiB to make space for the index.
 
-    Not thread-safe. Methods raise OSError if the bag cannot be written.
+    The writer is not thread-safe. Methods raise OSError if the bag cannot be written.
     """
 
     def __init__(
@@ -75,7 +78,8 @@ class BagWriter:
     ) -> None:
         """Create the directory, or continue the unfinished bag `begun` in a new file.
 
-        A new file begins after `largest_file` [B] or `longest_file` [s]; 0 disables a limit.
+        If a file reaches the size `largest_file` [B] or the duration `longest_file` [s], the
+        writer begins a new file. A value of 0 means no limit.
         """
         if compression not in COMPRESSIONS:
             known = ' or '.join(COMPRESSIONS)
@@ -86,7 +90,7 @@ class BagWriter:
         self.finished = False
         self._is_continued = begun is not None
         self.gap_description = ''
-        """Log text about the missing time in a continued bag; empty for a new bag."""
+        """Log text about the missing time in a continued bag. It is empty for a new bag."""
         self._is_open = False
         self._begun: int | None = None
         self._codec = '' if compression == 'none' else compression
@@ -115,7 +119,8 @@ class BagWriter:
     @property
     def messages(self) -> int:
         """Number of messages stored so far."""
-        # Copy the values in one step, because another thread may add a topic meanwhile.
+        # list() copies the values in one step, because another thread may add a topic at the same
+        # time.
         return sum(list(self._counts.values())) + sum(list(self._file.counts.values()))
 
     @property
@@ -126,7 +131,7 @@ class BagWriter:
     def add_topic(self, topic: str, type_name: str, *profiles: QoSProfile) -> StoredTopic:
         """Add a topic with the QoS profiles that its publishers offer.
 
-        Raises ValueError if the definition of its type is not installed.
+        Raises ValueError if the definition of the message type is not installed.
         """
         known = self._known.get((topic, type_name))
         if known is not None:
@@ -139,7 +144,7 @@ class BagWriter:
         return added
 
     def add_stored_topic(self, topic: StoredTopic) -> StoredTopic:
-        """Add a complete topic; return it with its number in this bag."""
+        """Add a topic that has all fields; return the topic with its number in this bag."""
         stored = replace(topic, number=len(self.topics) + 1)
         self._remember(stored)
         with self._naming_the_bag():
@@ -154,7 +159,11 @@ class BagWriter:
         published: int | None = None,
         sequence: int = 0,
     ) -> None:
-        """Store a serialized message with receive and publish time [ns] and sequence number."""
+        """Store a serialized message.
+
+        `stamp` is the receive time [ns], `published` the publish time [ns], and `sequence` the
+        sequence number.
+        """
         with self._naming_the_bag():
             self._split_if_full(stamp)
             self._file.write(topic.number, stamp, serialized, published, sequence)
@@ -169,12 +178,12 @@ class BagWriter:
         self.flush_if_due()
 
     def copy_record(self, opcode: int, body: Bytes) -> None:
-        """Write an MCAP record of another file unchanged, such as an attachment."""
+        """Copy an MCAP record from another file unchanged, for example an attachment."""
         with self._naming_the_bag():
             self._file.copy_record(opcode, body)
 
     def flush_if_due(self) -> None:
-        """Flush, synchronise, or write custom data, each if its interval has elapsed."""
+        """Flush, synchronise or write custom data, each only if its interval has elapsed."""
         now = time.monotonic()
         with self._naming_the_bag():
             if now - self._flushed_at >= self._flush_interval:
@@ -186,12 +195,15 @@ class BagWriter:
                 self._write_custom_data()
 
     def flush(self) -> None:
-        """Pass all pending messages to the system."""
+        """Pass all pending messages to the operating system."""
         with self._naming_the_bag():
             self._file.flush()
 
     def checkpoint(self) -> None:
-        """Flush messages and custom data, and synchronise the file unless that is disabled."""
+        """Flush messages and custom data.
+
+        The file is also synchronised to disk, unless `sync_interval` is 0.
+        """
         with self._naming_the_bag():
             self._file.flush()
             self._write_custom_data()
@@ -199,11 +211,18 @@ class BagWriter:
                 self._sync_file()
 
     def set_custom_data(self, custom_data: Mapping[str, str]) -> None:
-        """Set texts for the bag's metadata; they are also stored if the bag is never closed."""
+        """Set texts for the metadata of the bag.
+
+        They are also written to the file at most once a second, so that they survive if the bag is
+        never closed.
+        """
         self._custom_data.update(custom_data)
 
     def add_gap(self, start: int, end: int) -> None:
-        """Add a time without recording [ns], such as a pause, to the custom data."""
+        """Add an interval without recording, such as a pause, to the custom data.
+
+        `start` and `end` are the limits of the interval [ns].
+        """
         gaps = [*gaps_in(self._custom_data), (start, end)]
         self._custom_data[GAPS] = json.dumps(gaps)
 
@@ -213,7 +232,7 @@ class BagWriter:
             self._split()
 
     def close(self, custom_data: Mapping[str, str] | None = None) -> None:
-        """Finish the bag, with custom data for its metadata."""
+        """Finish the bag, and add custom data to its metadata."""
         self.set_custom_data(custom_data or {})
         with self._naming_the_bag():
             self._close_file()
@@ -221,7 +240,7 @@ class BagWriter:
             (self.path / _RESERVE).unlink()
 
     def finish_after_error(self) -> None:
-        """Finish a bag after a failed write; the messages before that write remain."""
+        """Finish a bag after a failed write. The bag keeps the messages before that write."""
         try:
             (self.path / _RESERVE).unlink(missing_ok=True)
             if self._is_open:
@@ -233,7 +252,7 @@ class BagWriter:
                 self._file.abandon()
 
     def remove_if_empty(self) -> None:
-        """Remove the bag if it has no message and was not continued."""
+        """Remove the bag if it has no messages, unless it continues an unfinished bag."""
         if self._is_continued or (self._is_open and self.messages):
             return
         ours = (f'{self.path.name}_', METADATA_FILE, _RESERVE)
@@ -248,7 +267,7 @@ class BagWriter:
         self._known[topic.name, topic.type_name] = topic
 
     def _continue(self, begun: UnfinishedBag) -> None:
-        """Adopt the content of an unfinished bag, and add the gap [ns] to its custom data."""
+        """Adopt the content of an unfinished bag, and add the time since its end as a gap."""
         for topic in sorted(begun.counts, key=lambda topic: topic.number):
             self._remember(topic)
         self._counts.update({topic.number: n for topic, n in begun.counts.items()})
@@ -289,7 +308,7 @@ class BagWriter:
         _sync(self.path / self._file_name())
 
     def _sync_folder(self) -> None:
-        """Synchronise the directory entries of the files."""
+        """Synchronise the directory entries of the files to disk."""
         for folder in (self.path, self.path.parent) if self._sync_interval else ():
             _sync(folder)
 

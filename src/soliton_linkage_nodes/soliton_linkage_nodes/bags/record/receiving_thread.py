@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Thread that takes messages from the middleware and passes them on to the bag."""
+"""Thread that takes messages from the middleware and passes them to the writing thread."""
 
 from __future__ import annotations
 
@@ -28,24 +28,28 @@ from soliton_linkage_nodes.runtime import interfaces
 from soliton_linkage_nodes.runtime.pacing import IdlePriority
 
 _LONGEST_TEXT = 1000
-"""Longest value in the custom data [characters]. Longer lists of rotor values are omitted."""
+"""Length of the longest value in the custom data [characters]. Longer lists of rotor values are
+omitted."""
 _CHAIN_TYPE = type_name(interfaces.CHAIN.type)
 
 
 class RecordingMetadata:
-    """Custom data of the bag: lost messages, chains, version and command line."""
+    """Custom data of the bag: numbers of lost messages, chains, version and command line."""
 
     def __init__(self) -> None:
         self._chains: dict[str, dict[str, Any]] = {}
 
     def take(self, messages: Iterable[ReceivedMessage]) -> None:
-        """Keep the parameters of each chain that a received message describes."""
+        """Store the parameters of each chain that a received message describes."""
         for source, _, serialized in messages:
             if source.type_name == _CHAIN_TYPE:
                 self._chains[source.name] = _parameters_of(serialized)
 
     def texts(self, losses: Mapping[str, int], missed: Mapping[str, int]) -> dict[str, str]:
-        """Return the custom data; `losses` and `missed` hold numbers of messages by topic."""
+        """Return the custom data.
+
+        `losses` and `missed` hold the numbers of lost and missed messages of each topic.
+        """
         return {
             'lost_messages': json.dumps(losses),
             'missed_messages': json.dumps(missed),
@@ -56,7 +60,7 @@ class RecordingMetadata:
 
 
 def _parameters_of(serialized: bytes) -> dict[str, Any]:
-    """Return the parameters of a chain without long lists."""
+    """Return the parameters of a chain from a message, except long lists."""
     message = deserialize_message(serialized, interfaces.CHAIN.type)
     parameters: dict[str, Any] = {'number_of_rotors': len(message.joint_names)}
     for name in message.get_fields_and_field_types():
@@ -70,38 +74,41 @@ def _parameters_of(serialized: bytes) -> dict[str, Any]:
 
 @dataclass(frozen=True)
 class DiscoveryTimes:
-    """Times that determine when all publishers have been discovered [s].
+    """Times that determine when the discovery of publishers counts as complete [s].
 
     Each process announces itself every 3 s. On an idle machine most publishers are discovered
     immediately. On a busy machine one publisher in three takes longer than a second.
     """
 
     announcement: float = 3.2
-    """Time after which every process has announced itself [s]."""
+    """Shortest duration of the discovery [s]. In this time, every process announces itself at
+    least once."""
     quiet: float = 1.0
-    """Time without a new publisher after which all publishers are assumed to be known [s]."""
+    """Threshold for the time without a change of the publishers [s]: after it, all publishers
+    count as known."""
     longest: float = 10.0
-    """Longest wait for a publisher that does not match, for example because it has died [s]."""
+    """Longest wait for a publisher that is not matched [s]. Such a publisher may have been
+    killed."""
 
 
 class DiscoveryWait:
-    """Wait until all publishers of the recorded topics are discovered and matched."""
+    """Monitor of whether all publishers of the recorded topics are discovered and matched."""
 
     def __init__(
         self,
         times: DiscoveryTimes = DiscoveryTimes(),
         clock: Callable[[], float] = time.monotonic,
     ) -> None:
-        """Start the wait. The topics must be subscribed to before."""
+        """Start the time measurement. The recorder must have subscribed to the topics before."""
         self.missing: list[str] = []
-        """Names of topics with publishers that were not matched in time."""
+        """Names of topics with publishers that were not matched yet at the last call of `done`."""
         self._times = times
         self._clock = clock
         self._begun = self._since = clock()
         self._known: list[tuple[str, int, int]] = []
 
     def done(self, subscriptions: Sequence[RecordedSubscription]) -> bool:
-        """Return whether the discovery has ended with all publishers matched or has timed out."""
+        """Return whether all publishers are matched, or the longest wait is over."""
         now = self._clock()
         known = [(each.source.name, each.publishers, each.connected) for each in subscriptions]
         if known != self._known:
@@ -113,22 +120,24 @@ class DiscoveryWait:
 
 
 _POLL_INTERVAL = 0.05
-"""Period at which messages are taken from the middleware [s]."""
+"""Time between two rounds in which messages are taken from the middleware [s]."""
 _DISCOVERY_INTERVAL = 0.01
-"""Period of queries for awaited topics [s], because messages before the subscription are missed
-and rclpy reports no graph events. A query takes at most 0.1 ms."""
+"""Time between two queries for awaited topics [s]. It is short because messages before the
+subscription are missed. Queries are necessary because rclpy reports no graph events. A query takes
+at most 0.1 ms."""
 _LONGEST_ROUND = 5.0
-"""Longest wait until the thread has taken all waiting messages [s]; typical: 0.01 s."""
+"""Longest wait until the thread has taken all waiting messages [s]. Usually the wait takes 0.01
+s."""
 _SEARCH_INTERVAL = 0.25
-"""Period of graph queries for new publishers of subscribed topics [s]."""
+"""Time between two searches for new publishers of subscribed topics in the ROS graph [s]."""
 
 
 class ReceivingThread:
     """Thread that takes waiting messages and queues them for writing, in receive order.
 
-    The subscriptions belong to a node without an executor. The callback of an executor cannot
-    receive both the raw message and its sequence number. An executor also takes ten times as much
-    processor time.
+    The subscriptions belong to a node without an executor, because the callback of an executor
+    cannot receive both the raw message and its sequence number. An executor would also take ten
+    times as much processor time.
     """
 
     def __init__(
@@ -140,10 +149,10 @@ class ReceivingThread:
         real_time: bool = False,
         discovery: DiscoveryTimes = DiscoveryTimes(),
     ) -> None:
-        """Start the thread; `real_time` gives it priority over ordinary threads.
+        """Start the thread. With `real_time`, it has priority over ordinary threads.
 
         The thread calls `announce` when the discovery has ended and the bag is synchronised to
-        disk. The argument lists the topics with publishers that were not matched.
+        disk. The argument of `announce` lists the topics with publishers that were not matched.
         """
         self.failure: Exception | None = None
         self._finder = finder
@@ -165,19 +174,22 @@ class ReceivingThread:
 
     @property
     def connected_topics(self) -> list[str]:
-        """Topics with a matched publisher."""
+        """Names of the topics with a matched publisher."""
         return [each.source.name for each in self._subscriptions if each.connected]
 
     @property
     def losses(self) -> dict[str, int]:
-        """Number of published messages of each topic that are not in the bag."""
+        """For each topic, number of messages that were published but are not in the bag."""
         dropped = self._bag.dropped
         lost = {each.source.name: each.gaps.lost for each in self._subscriptions}
         return {name: count + dropped[name] for name, count in lost.items()}
 
     @property
     def missed(self) -> dict[str, int]:
-        """Number of messages sent before their publisher was matched, for topics with any."""
+        """For each topic, number of messages that were sent before their publisher was matched.
+
+        Topics without such messages are omitted.
+        """
         missed = {each.source.name: each.starts.missed for each in self._subscriptions}
         return {name: number for name, number in missed.items() if number}
 
@@ -195,17 +207,20 @@ class ReceivingThread:
             self._rounds_changed.wait_for(lambda: self._rounds >= after, _LONGEST_ROUND)
 
     def resume(self) -> int:
-        """End a pause; record its last latched messages first and return their number."""
+        """End a pause.
+
+        The last latched messages of the pause are recorded first. Returns their number.
+        """
         if self._buffer.paused:
             self._bag.add_gap(self._paused_at, time.time_ns())
         return self._record(self._buffer.resume)
 
     def snapshot(self) -> int:
-        """Record the messages of the snapshot; return their number."""
+        """Record the messages of the snapshot; return the number of these messages."""
         return self._record(self._buffer.snapshot)
 
     def stop(self) -> dict[str, str]:
-        """Take the remaining messages; return the custom data of the bag."""
+        """Take the remaining messages and end the thread; return the custom data of the bag."""
         self._stopping.set()
         self._thread.join()
         return self._metadata.texts(self.losses, self.missed)
@@ -242,7 +257,10 @@ class ReceivingThread:
             self._end_round(sys.maxsize)
 
     def _wait(self) -> bool:
-        """Wait for the next round or a new topic; return whether the thread must stop."""
+        """Wait until the next round is due or a new topic appears.
+
+        Returns whether the thread must stop.
+        """
         round_at = time.monotonic() + _POLL_INTERVAL
         while not self._stopping.wait(_DISCOVERY_INTERVAL):
             if time.monotonic() >= round_at or self._finder.appeared:

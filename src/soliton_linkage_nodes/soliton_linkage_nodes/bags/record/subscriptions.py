@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Subscriptions of the recorder to raw messages, and the buffer for pauses and snapshots."""
+"""Subscriptions of the recorder, and the buffer for pauses and snapshots."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ from soliton_linkage_nodes.runtime.stamps import SECOND
 from soliton_linkage_nodes.runtime.subscriptions import AdaptiveSubscription, Info, qos_for_all
 
 _DEPTH = 5000
-"""Queue depth of a subscription [messages], enough for five seconds of a topic at 1000 Hz."""
+"""Queue depth of a subscription [messages]. At 1000 Hz, it lasts for five seconds."""
 
 
 class RecordedSubscription:
@@ -32,8 +32,8 @@ class RecordedSubscription:
     ) -> None:
         """Subscribe with a QoS profile that is compatible with all offered profiles.
 
-        Messages of publishers that began after `wanted_since` [ns] are missed if they are sent
-        before the publisher is matched.
+        `wanted_since` is the start of the recording [ns]. If a publisher starts later, its
+        messages before the match with this subscription count as missed.
         """
         self.source = source
         self.gaps = SequenceGaps()
@@ -45,12 +45,13 @@ class RecordedSubscription:
         self.publishers = 0
         """Number of publishers at the last query of the graph."""
         self.connected = 0
-        """Number of matched publishers at the last poll."""
+        """Number of matched publishers at the last check."""
 
     def drain(self) -> list[ReceivedMessage]:
-        """Take all waiting messages.
+        """Take and return all waiting messages.
 
-        Only the last of the latched messages from before the subscription is returned.
+        If latched messages were published before the subscription, only the last of them is
+        returned.
         """
         taken: list[ReceivedMessage] = []
         is_history = False
@@ -79,10 +80,10 @@ class RecordedSubscription:
         return self._subscription.changed
 
     def adapt(self, query: bool) -> list[ReceivedMessage]:
-        """Subscribe again if publishers offer a lower QoS; return the waiting messages.
+        """Subscribe again if publishers offer a lower QoS; return the messages that were waiting.
 
-        Query the graph if publishers appeared or disappeared, if a publisher is not matched or
-        offers a lower QoS, or if `query` is set.
+        The ROS graph is queried only if publishers appeared or disappeared, if a publisher is not
+        matched or offers a lower QoS, or if `query` is set.
         """
         unsettled = not self._subscription.as_requested or self.connected != self.publishers
         if not (self._subscription.changed or unsettled or query):
@@ -96,12 +97,13 @@ class RecordedSubscription:
 
 
 class TopicFinder:
-    """Subscribes to every topic that is to be recorded, as soon as its type is known."""
+    """Finder of the topics to record. It subscribes to each topic as soon as its type is known."""
 
     def __init__(self, node: GuardedNode, names: Sequence[str], regex: str, exclude: str) -> None:
         """Select the topics in `names`, by default all topics of the suite.
 
-        `regex` adds topics whose full names contain a match. `exclude` removes those with a match.
+        `regex` adds the topics whose full names contain a match of `regex`. `exclude` removes the
+        topics whose full names contain a match of `exclude`.
         """
         self._node = node
         self._regex = _compiled('regex', regex)
@@ -117,7 +119,10 @@ class TopicFinder:
         self._searched: set[str] = set()
 
     def of_suite(self) -> list[RecordedSubscription]:
-        """Subscribe to the suite's topics, whose types are known without publishers."""
+        """Subscribe to the selected topics of the suite.
+
+        The types of these topics are known even if nothing publishes them.
+        """
         named = {self._node.resolve_topic_name(topic.name): topic for topic in self._suite}
         chosen = {name: topic for name, topic in named.items() if self._wanted(name)}
         self._open.update(chosen)
@@ -131,7 +136,7 @@ class TopicFinder:
 
     @property
     def appeared(self) -> bool:
-        """Whether an awaited topic has a publisher, or topics have appeared since `find`."""
+        """Whether an awaited topic has a publisher, or topics have changed since `find`."""
         new = self._regex is not None and self._names() != self._searched
         return new or any(map(self._node.count_publishers, self.awaited))
 
@@ -195,20 +200,24 @@ def _compiled(parameter: str, pattern: str) -> re.Pattern[str] | None:
 
 
 _MOST_KEPT = 512 * 2**20
-"""Memory for the messages of a snapshot [B]."""
+"""Largest total size of the messages of a snapshot [B]."""
 
 
 class RecordingBuffer:
     """Buffer of messages for snapshots and pauses.
 
-    Without either, it returns all messages for immediate recording. The last message of a latched
-    topic is never discarded, because later messages refer to it.
+    If snapshots are disabled and the recorder is not paused, `take` returns all messages for
+    immediate recording. The last message of a latched topic is never discarded, because it is
+    still valid for later messages of other topics.
     """
 
     def __init__(
         self, snapshot: float = 0.0, paused: bool = False, most_kept: int = _MOST_KEPT
     ) -> None:
-        """Create a buffer for snapshots of `snapshot` [s]; 0 disables snapshots."""
+        """Create a buffer for snapshots with the duration `snapshot` [s].
+
+        If `snapshot` is 0, snapshots are disabled.
+        """
         self.paused = paused
         self._most_kept = most_kept
         self._window = round(snapshot * SECOND)
@@ -240,17 +249,17 @@ class RecordingBuffer:
         return []
 
     def resume(self) -> list[ReceivedMessage]:
-        """End a pause; return the last latched messages, which must be recorded."""
+        """End a pause. Return its last latched messages, which must be recorded now."""
         self.paused = False
         return [] if self._window else self._take_latched()
 
     def snapshot(self) -> list[ReceivedMessage]:
-        """Remove and return the messages of the snapshot, in this order.
+        """Remove and return the messages of the snapshot.
 
-        First the last latched messages from before the snapshot duration, then the messages of
-        this duration.
+        The list begins with the last latched messages from before the snapshot. The messages from
+        the duration of the snapshot follow.
         """
-        # On a busy machine, topics may be drained out of order.
+        # On a busy machine, messages of different topics may arrive here out of order.
         recent = [message for message in self._kept if not self._is_old(message)]
         self._keep_latched(filter(self._is_old, self._kept))
         self._kept.clear()

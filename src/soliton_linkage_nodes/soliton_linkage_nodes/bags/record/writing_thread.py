@@ -16,16 +16,18 @@ from soliton_linkage_nodes.bags.stored_topic import StoredTopic
 from soliton_linkage_nodes.runtime.pacing import IdlePriority
 
 _FLUSH_INTERVAL = 0.1
-"""Period of flushes while no messages arrive [s]."""
+"""Time between two flushes while no messages arrive [s]."""
 _LONGEST_FLUSH = 5.0
-"""Longest wait of `flush` for the disk [s]. The thread continues to write afterwards."""
+"""Longest time that `flush` waits for the disk [s]. After this time, the thread continues to
+write."""
 _MOST_WAITING = 512 * 2**20
-"""Memory for waiting messages [B], enough for ten seconds of a thousand rotors at 1000 Hz."""
+"""Largest total size of the messages that wait to be written [B]. It suffices for ten seconds of
+frames of a thousand rotors at 1000 Hz."""
 
 
 @dataclass(frozen=True, eq=False)
 class RecordedTopic:
-    """A recorded topic with its type and the QoS profiles that its publishers offer."""
+    """Recorded topic, with its type and the QoS profiles that its publishers offer."""
 
     name: str
     type_name: str
@@ -34,7 +36,7 @@ class RecordedTopic:
 
 
 class ReceivedMessage(NamedTuple):
-    """A serialized message with its topic and receive time [ns]."""
+    """Serialized message, with its topic and receive time [ns]."""
 
     source: RecordedTopic
     stamp: int
@@ -55,9 +57,10 @@ class WritingThread:
         most_waiting: int = _MOST_WAITING,
         real_time: bool = False,
     ) -> None:
-        """Create the bag; `real_time` gives the thread priority over ordinary threads.
+        """Create the bag and start the thread.
 
-        Raises the errors of the writer.
+        With `real_time`, the thread has priority over ordinary threads. Raises the errors of
+        `create_writer`.
         """
         self.dropped: Counter[str] = Counter()
         self.failure: Exception | None = None
@@ -82,12 +85,12 @@ class WritingThread:
 
     @property
     def writer(self) -> BagWriter:
-        """The bag writer; its properties may be read from any thread."""
+        """The bag writer. Any thread may read its properties."""
         return self._writer
 
     @property
     def waiting(self) -> int:
-        """Size of the messages that wait to be written [B]."""
+        """Total size of the messages that wait to be written [B]."""
         return self._bytes
 
     def put(self, messages: Sequence[ReceivedMessage]) -> None:
@@ -104,7 +107,7 @@ class WritingThread:
             self._changed.notify()
 
     def add_topic(self, topic: RecordedTopic) -> None:
-        """Add a topic to the bag, even if it never gets a message."""
+        """Add a topic to the bag, even if no message of the topic ever arrives."""
         self._post(lambda: self._stored(topic))
 
     def set_custom_data(self, texts: Mapping[str, str]) -> None:
@@ -112,7 +115,10 @@ class WritingThread:
         self._post(lambda: self._writer.set_custom_data(texts))
 
     def add_gap(self, start: int, end: int) -> None:
-        """Add a time without recording [ns] to the custom data of the bag."""
+        """Add an interval without recording to the custom data of the bag.
+
+        `start` and `end` are the limits of the interval [ns].
+        """
         self._post(lambda: self._writer.add_gap(start, end))
 
     def split(self) -> None:
@@ -120,7 +126,7 @@ class WritingThread:
         self._post(self._writer.split)
 
     def flush(self) -> None:
-        """Wait, for a limited time, until all queued messages are passed to the system."""
+        """Wait up to 5 s until all queued messages are passed to the operating system."""
         written = threading.Event()
 
         def write() -> None:
@@ -132,7 +138,7 @@ class WritingThread:
             written.wait(_LONGEST_FLUSH)
 
     def after_checkpoint(self, act: Callable[[], object]) -> None:
-        """Call `act` when all messages that are queued now are synchronised to disk."""
+        """Call `act` when all messages in the present queue are synchronised to disk."""
 
         def keep() -> None:
             self._writer.checkpoint()
@@ -141,7 +147,10 @@ class WritingThread:
         self._post(keep)
 
     def close(self, custom_data: Mapping[str, str]) -> None:
-        """Write all queued messages and finish the bag; store an error in `failure`."""
+        """Write all queued messages and finish the bag.
+
+        If this fails, `failure` holds the error.
+        """
         with self._changed:
             self._final = custom_data
             self._ending = True
@@ -149,7 +158,7 @@ class WritingThread:
         self._thread.join()
 
     def abandon(self) -> None:
-        """Close the bag, and remove it if it has no message."""
+        """Close the bag, and remove it if it has no messages."""
         self.close({})
         self._writer.remove_if_empty()
 
@@ -176,7 +185,7 @@ class WritingThread:
             self._fail(error)
 
     def _next(self) -> Callable[[], object] | None:
-        """Return the next action; None at the end."""
+        """Return the next action. Return None if the thread must end."""
         with self._changed:
             if not self._waiting and not self._ending:
                 self._changed.wait(_FLUSH_INTERVAL)

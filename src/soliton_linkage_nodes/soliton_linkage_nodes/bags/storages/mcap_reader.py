@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Reader of finished MCAP files, which uses their index and decompresses one chunk at a time."""
+"""Reader of finished MCAP files. It uses the index of a file and decompresses single chunks."""
 
 from __future__ import annotations
 
@@ -30,21 +30,26 @@ from soliton_linkage_nodes.bags.storages.storage import (
 )
 
 _FOOTER_SIZE = 20
-"""Size of the footer's fields [B]: two offsets and a checksum."""
+"""Size of the fields of the footer, which are two offsets and a checksum [B]."""
 _TAIL = mcap.RECORD_HEADER.size + _FOOTER_SIZE + len(mcap.MAGIC)
-"""Size of the end of a finished file [B]: footer and magic."""
+"""Size of the footer record and the final magic bytes of a finished file [B]."""
 _MESSAGE_COST = 250
-"""Approximate memory of a waiting message in addition to its data [B]."""
+"""Approximate memory that a waiting message needs in addition to its data [B]."""
 _MOST_WAITING = 4
-"""Memory for messages of chunks that overlap in time, in multiples of `max_unpacked` [1]."""
+"""Memory limit for messages of chunks that overlap in time, divided by `max_unpacked` [1]."""
 _LONGEST_RUN = 2**20
-"""Largest size of a run of messages outside chunks [B]. A run is read like a chunk."""
+"""Size at which a new run of messages outside chunks begins [B]. The messages of a run are read
+together, like those of a chunk."""
 _CHUNK_INDEX = struct.Struct('<QQQQ')
 _stamp = attrgetter('stamp')
 
 
 class _Stretch(NamedTuple):
-    """First and last receive time [ns], offset and size [B] of a chunk or run of messages."""
+    """A chunk, or a run of consecutive messages outside chunks.
+
+    `start` and `end` are the first and the last receive time [ns]. `offset` is the position of the
+    first byte in the file [B], and `size` the number of bytes [B].
+    """
 
     start: int
     end: int
@@ -55,7 +60,7 @@ class _Stretch(NamedTuple):
 class IndexedMcap(LimitedReader):
     """Reader of the messages of an MCAP file in the order of their receive times.
 
-    If the index lacks statistics or definitions, `open` scans the whole file. Messages outside
+    If the index lacks statistics or definitions, `open` scans the whole file. Messages outside of
     chunks are also read. Methods raise ValueError if the file is damaged or exceeds the limits.
     """
 
@@ -114,7 +119,10 @@ class IndexedMcap(LimitedReader):
         start: int | None = None,
         stop: int | None = None,
     ) -> Generator[tuple[Connection, int, bytes], None, None]:
-        """Yield topic, stamp [ns] and bytes for stamps in [start, stop)."""
+        """Yield the topic, the receive time [ns] and the bytes of each message of some topics.
+
+        Only messages with receive times in the interval [start, stop) are yielded.
+        """
         wanted = {each.id: each for each in connections}
         first = 0 if start is None else start
         last = LAST_STAMP if stop is None else stop - 1
@@ -123,7 +131,7 @@ class IndexedMcap(LimitedReader):
                 yield wanted[message.topic], message.stamp, message.data
 
     def _is_defined(self, counts: Collection[int]) -> bool:
-        """Return whether all counted channels and their schemas are known."""
+        """Return whether all channels in `counts` and the schemas of all channels are known."""
         schemas = {channel.schema for channel in self._channels.values()} - {0}
         return set(counts) <= self._channels.keys() and schemas <= self._schemas.keys()
 
@@ -149,9 +157,9 @@ class IndexedMcap(LimitedReader):
             self._span = span if any(self._counts.values()) else None
 
     def _scan(self) -> Counter[int]:
-        """Add messages and definitions that the index does not list.
+        """Read the messages and definitions that the index does not list.
 
-        Return the number of messages of each channel.
+        Returns the number of these messages in each channel.
         """
         counts: Counter[int] = Counter()
         budget = self.limits.for_file(len(self._data))
@@ -184,14 +192,14 @@ class IndexedMcap(LimitedReader):
                 part = _Stretch(min(stamps), max(stamps), offset, end - offset)
                 self._add_part(part, opcode == Opcode.MESSAGE)
             offset = end
-        # If the index lists the chunks, their own checksums protect them.
+        # If the index lists the chunks, the checksum of each chunk suffices.
         at_end = self._data[offset : offset + 1] == bytes([Opcode.DATA_END])
         if not self._after and not (at_end and mcap.data_is_intact(self._data, offset)):
             raise ValueError(f'its data ends at byte {offset}, or has a wrong checksum')
         return counts
 
     def _add_part(self, part: _Stretch, in_run: bool) -> None:
-        """Add a chunk or message; consecutive messages outside chunks form one run."""
+        """Add a chunk or a message. Consecutive messages outside of chunks form one run."""
         last = self._parts[-1] if self._parts and in_run else part
         follows = last.offset not in self._after and last.offset + last.size == part.offset
         if follows and self._data[last.offset] == Opcode.MESSAGE and last.size < _LONGEST_RUN:
@@ -201,7 +209,7 @@ class IndexedMcap(LimitedReader):
             self._parts.append(part)
 
     def _in_order(self, first: int, last: int) -> Iterator[Message]:
-        """Yield the messages, sorted by stamp, of all parts that overlap [first, last] in time."""
+        """Yield the messages from `first` to `last` [ns], sorted by receive time."""
         waiting: list[tuple[int, int, Message]] = []
         number = cost = 0
         most = _MOST_WAITING * self.limits.max_unpacked

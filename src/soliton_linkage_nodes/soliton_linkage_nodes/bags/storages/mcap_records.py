@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Parsers and serializers of MCAP records (https://mcap.dev/spec)."""
+"""Parsers and serializers of MCAP records. Source of the format: https://mcap.dev/spec."""
 
 from __future__ import annotations
 
@@ -27,11 +27,11 @@ PROFILE: Final = 'ros2'
 _PROFILES: Final = 'offered_qos_profiles'
 _DIGEST: Final = 'topic_type_hash'
 CUSTOM_DATA: Final = 'soliton_linkage'
-"""Name of the metadata records with the custom data of an unfinished bag."""
+"""Name of the MCAP metadata records that hold the custom data of an unfinished bag."""
 
 
 class Opcode(IntEnum):
-    """Types of records."""
+    """Types of MCAP records."""
 
     HEADER = 0x01
     FOOTER = 0x02
@@ -52,7 +52,7 @@ class Opcode(IntEnum):
 
 @dataclass(frozen=True)
 class Schema:
-    """Definition of a message type."""
+    """MCAP schema: the definition of a message type."""
 
     id: int
     name: str
@@ -72,18 +72,18 @@ class Channel:
 
 
 def record(opcode: Opcode, *parts: bytes) -> bytes:
-    """Return a record with the given parts as body."""
+    """Return a record whose body consists of the given parts."""
     body = b''.join(parts)
     return RECORD_HEADER.pack(opcode, len(body)) + body
 
 
 def sized(data: bytes) -> bytes:
-    """Return bytes with their length as a prefix."""
+    """Return the length of some bytes, followed by the bytes."""
     return struct.pack('<I', len(data)) + data
 
 
 def text(value: str) -> bytes:
-    """Return a text in UTF-8 with its length as a prefix."""
+    """Return the length of a text in UTF-8, followed by the text."""
     return sized(value.encode())
 
 
@@ -101,7 +101,10 @@ def channel_record(channel: Channel) -> bytes:
 
 
 def topic_of(channel: Channel, schemas: Mapping[int, Schema]) -> StoredTopic:
-    """Return the topic of a channel; without the schema of the channel, its type is unknown."""
+    """Return the topic of a channel.
+
+    If the schema of the channel is missing, the type of the topic is unknown.
+    """
     schema = schemas.get(channel.schema) or Schema(0, '', 'ros2msg' if channel.schema else '', b'')
     texts = dict(channel.metadata)
     digest, profiles = texts.pop(_DIGEST, ''), texts.pop(_PROFILES, '')
@@ -119,9 +122,10 @@ def topic_of(channel: Channel, schemas: Mapping[int, Schema]) -> StoredTopic:
 
 
 def channel_of(topic: StoredTopic, schema: int) -> Channel:
-    """Return the channel of a topic.
+    """Return the channel of a topic with the schema number `schema`.
 
-    A CDR topic has QoS profiles and a type hash in its metadata, because rosbag2 requires them.
+    The metadata of a channel with CDR messages always contain QoS profiles and a type hash,
+    because rosbag2 requires these entries.
     """
     own = {_PROFILES: topic.profiles, _DIGEST: topic.digest}
     if topic.serialization != CDR:
@@ -131,7 +135,7 @@ def channel_of(topic: StoredTopic, schema: int) -> Channel:
 
 
 def metadata_record(name: str, texts: Mapping[str, str]) -> bytes:
-    """Return a metadata record of named texts."""
+    """Return a metadata record that holds named texts."""
     return record(Opcode.METADATA, text(name), _text_map(texts))
 
 
@@ -142,9 +146,10 @@ def _text_map(texts: Mapping[str, str]) -> bytes:
 def message_head(
     channel: int, stamp: int, size: int, published: int | None = None, sequence: int = 0
 ) -> bytes:
-    """Return the head of a message record, which precedes a message of `size` bytes.
+    """Return the head of a message record, to which a message of `size` bytes is appended.
 
-    If the publish time is unknown, the receive time `stamp` [ns] is stored as publish time.
+    `stamp` is the receive time [ns] and `published` the publish time [ns]. If the publish time is
+    unknown, the receive time replaces it.
     """
     length = MESSAGE_HEADER.size + size
     published = stamp if published is None else published
@@ -154,9 +159,10 @@ def message_head(
 def chunk_record(
     records: bytes | memoryview, start: int, end: int, codec: str
 ) -> tuple[bytes, bytes | memoryview]:
-    """Return head and content of a chunk, compressed if `codec` is not empty.
+    """Return the head and the content of a chunk record.
 
-    `start` and `end` are the first and the last receive time [ns].
+    The content is compressed if `codec` is 'zstd'. `start` and `end` are the first and the last
+    receive time [ns].
     """
     packed = zstd.compress(records) if codec == 'zstd' else records
     fields = CHUNK_HEADER.pack(start, end, len(records), crc32(records))
@@ -165,13 +171,21 @@ def chunk_record(
 
 
 def message_index_record(channel: int, entries: Sequence[int]) -> bytes:
-    """Return the index of a channel in a chunk from stamps [ns] and offsets [B] in turn."""
+    """Return the message index record of one channel in a chunk.
+
+    `entries` holds the receive time [ns] of the first message, its offset in the chunk [B], the
+    receive time of the second message, and so on.
+    """
     packed = struct.pack(f'<{len(entries)}Q', *entries)
     return record(Opcode.MESSAGE_INDEX, struct.pack('<H', channel), sized(packed))
 
 
 def attachment_index_record(body: Bytes, offset: int, length: int) -> bytes:
-    """Return the index of an attachment record with this content, offset and length [B]."""
+    """Return the index record of an attachment.
+
+    `body` is the content of the attachment record. `offset` is the position of the record in the
+    file [B], and `length` its size [B].
+    """
     fields = Fields(body)
     times, name, media_type = bytes(fields.take(16)), fields.sized(), fields.sized()
     size = struct.pack('<Q', fields.number(8))
@@ -183,7 +197,8 @@ def attachment_index_record(body: Bytes, offset: int, length: int) -> bytes:
 def data_is_intact(data: Bytes, end: int) -> bool:
     """Return whether the checksum of the data section is correct or missing.
 
-    `end` is the offset of the record `DATA_END`, which holds the checksum of all earlier bytes.
+    `end` is the offset of the record `DATA_END` [B]. This record holds the checksum of all earlier
+    bytes.
     """
     begin = end + RECORD_HEADER.size
     checksum = int.from_bytes(data[begin : begin + 4], 'little')
@@ -198,7 +213,10 @@ def attachment_is_intact(body: Bytes) -> bool:
 
 
 class Fields:
-    """Sequential parser of the fields of a record; ValueError if a field exceeds the record."""
+    """Parser that reads the fields of a record one after another.
+
+    Methods raise ValueError if a field extends beyond the end of the record.
+    """
 
     def __init__(self, body: Bytes) -> None:
         self._body = body
@@ -210,7 +228,7 @@ class Fields:
         return len(self._body) - self._offset
 
     def take(self, size: int) -> Bytes:
-        """Return the next bytes."""
+        """Return the next `size` bytes."""
         end = self._offset + size
         if end > len(self._body):
             raise ValueError(f'a field of {size} bytes exceeds its record of {len(self._body)}')
@@ -223,7 +241,7 @@ class Fields:
         return int.from_bytes(self.take(size), 'little')
 
     def sized(self) -> Bytes:
-        """Return the next byte string, which has its length as a prefix."""
+        """Return the next byte string. In the record, its length precedes it."""
         return self.take(self.number(4))
 
     def text(self) -> str:
@@ -231,7 +249,7 @@ class Fields:
         return bytes(self.sized()).decode()
 
     def text_map(self) -> dict[str, str]:
-        """Return the next map of texts."""
+        """Return the next map from texts to texts."""
         inner = Fields(self.sized())
         texts = {}
         while inner.rest:
@@ -241,13 +259,13 @@ class Fields:
 
 
 def parse_schema(body: Bytes) -> Schema:
-    """Return the schema in a record; ValueError if the record is invalid."""
+    """Return the schema in a record. Raises ValueError if the record is invalid."""
     fields = Fields(body)
     return Schema(fields.number(2), fields.text(), fields.text(), bytes(fields.sized()))
 
 
 def parse_channel(body: Bytes) -> Channel:
-    """Return the channel in a record; ValueError if the record is invalid."""
+    """Return the channel in a record. Raises ValueError if the record is invalid."""
     fields = Fields(body)
     return Channel(
         fields.number(2), fields.number(2), fields.text(), fields.text(), fields.text_map()
@@ -255,7 +273,7 @@ def parse_channel(body: Bytes) -> Channel:
 
 
 def parse_message(body: Bytes) -> Message:
-    """Return the message in a record."""
+    """Return the message in a record. Raises ValueError if the record is too short."""
     if len(body) < MESSAGE_HEADER.size:
         raise ValueError(f'a message of {len(body)} bytes is shorter than its header')
     channel, sequence, stamp, published = MESSAGE_HEADER.unpack_from(body)
@@ -263,7 +281,10 @@ def parse_message(body: Bytes) -> Message:
 
 
 def parse_metadata(body: Bytes) -> tuple[str, dict[str, str]]:
-    """Return name and texts in a metadata record; ValueError if the record is invalid."""
+    """Return the name and the texts in a metadata record.
+
+    Raises ValueError if the record is invalid.
+    """
     fields = Fields(body)
     return fields.text(), fields.text_map()
 
@@ -284,18 +305,19 @@ _LAYOUTS: dict[int, tuple[int, tuple[int, ...], int]] = {
     Opcode.SUMMARY_OFFSET: (17, (), 0),
     Opcode.DATA_END: (4, (), 0),
 }
-"""Layout of a record by opcode: size of its leading numbers, sizes of the length fields of its
-texts, and size of its trailing numbers [B].
+"""Layout of the records of each opcode except chunks and messages.
 
-Chunks and messages are missing. A chunk index has further fields after the listed ones.
+A record begins with numbers, whose total size is the first entry [B]. Texts or data follow, each
+after a length field. The second entry has the sizes of these length fields [B]. The record ends
+with numbers, whose total size is the third entry [B]. A chunk index has further fields after them.
 """
 
 
 def extra_bytes(opcode: int, body: Bytes) -> int:
     """Return the number of bytes after the known fields of a record.
 
-    Readers ignore these bytes, because a later version of the format may define them. Raises
-    ValueError if a known field is missing.
+    Readers ignore these bytes, because a later version of the format may define more fields.
+    Raises ValueError if a known field is missing.
     """
     head, lengths, tail = _LAYOUTS[opcode]
     fields = Fields(body)
@@ -311,7 +333,11 @@ def extra_bytes(opcode: int, body: Bytes) -> int:
 
 @dataclass(frozen=True)
 class ChunkHead:
-    """Fields of a chunk, and the offset of its packed records in the body [B]."""
+    """Fields of a chunk record before the packed records.
+
+    `uncompressed` and `packed` are the sizes of the records before and after the compression [B].
+    `begin` is the offset of the packed records in the body of the chunk record [B].
+    """
 
     uncompressed: int
     crc: int
@@ -321,12 +347,12 @@ class ChunkHead:
 
     @property
     def size(self) -> int:
-        """Size of the record's body [B]."""
+        """Size of the body of the chunk record [B]."""
         return self.begin + self.packed
 
 
 def parse_chunk_head(body: Bytes) -> ChunkHead:
-    """Return the head of a chunk."""
+    """Return the head of a chunk. Raises ValueError if the head is invalid."""
     fields = Fields(body)
     _, _, uncompressed, crc = CHUNK_HEADER.unpack(fields.take(CHUNK_HEADER.size))
     codec = bytes(fields.sized())
@@ -340,7 +366,7 @@ def parse_chunk_head(body: Bytes) -> ChunkHead:
 def unpack(head: ChunkHead, packed: Bytes, most: int) -> tuple[Bytes, bool]:
     """Return the records of a chunk up to the first damage, and whether the chunk is intact.
 
-    If the stated decompressed size of the chunk exceeds `most` [B], no records are returned.
+    If the decompressed size according to `head` exceeds `most` [B], no records are returned.
     """
     if head.uncompressed > most:
         return b'', False
@@ -352,7 +378,10 @@ def unpack(head: ChunkHead, packed: Bytes, most: int) -> tuple[Bytes, bool]:
 
 
 def records_in(data: Bytes) -> Iterator[tuple[int, int, Bytes]]:
-    """Yield offset, opcode and body of each record; stop at a truncated or invalid one."""
+    """Yield the offset, the opcode and the body of each record.
+
+    The iteration stops at the first truncated or invalid record.
+    """
     data, offset = memoryview(data), 0
     while offset + RECORD_HEADER.size <= len(data):
         opcode, size = RECORD_HEADER.unpack_from(data, offset)
@@ -366,7 +395,7 @@ def records_in(data: Bytes) -> Iterator[tuple[int, int, Bytes]]:
 def messages_in(records: Bytes, strict: bool = True) -> Iterator[Message]:
     """Yield the messages in a sequence of records.
 
-    With `strict`, an invalid message raises ValueError. Otherwise it is skipped.
+    With `strict`, an invalid message causes a ValueError. Otherwise invalid messages are skipped.
     """
     for _, opcode, body in records_in(records):
         if opcode == Opcode.MESSAGE and (strict or len(body) >= MESSAGE_HEADER.size):

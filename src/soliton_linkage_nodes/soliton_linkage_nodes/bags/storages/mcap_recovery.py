@@ -27,7 +27,12 @@ from soliton_linkage_nodes.bags.stored_topic import completed
 
 
 class _Chunk(NamedTuple):
-    """A chunk at an offset, the offset of its body [B] and the reason why it is not read."""
+    """Chunk in the file.
+
+    `offset` is the position of the chunk record in the file [B], and `begin` that of its body [B].
+    `cut` is set if the file ends within the chunk. `rejected` is the reason why the chunk is not
+    read, empty if it is read.
+    """
 
     offset: int
     begin: int
@@ -37,7 +42,10 @@ class _Chunk(NamedTuple):
 
 
 class _Run(NamedTuple):
-    """Offsets [B] of consecutive messages outside chunks, which are doubtful after damage."""
+    """Consecutive messages outside of chunks, from the offset `begin` to the offset `end` [B].
+
+    `doubtful` is set if the messages follow directly after damage.
+    """
 
     begin: int
     end: int
@@ -48,10 +56,11 @@ class RecoveredMcap(RecoveredFile):
     """Recovery of the intact messages and the topics of an MCAP file.
 
     After a damaged record, the file is searched for the next plausible record head. The messages
-    of a chunk are recovered if its checksum is correct. If the file is truncated within a chunk,
-    the complete messages of this chunk are recovered. Messages are doubtful if their chunk has a
-    wrong checksum. In a file with chunks, messages directly after damage are also doubtful,
-    because they may be a part of a chunk. Doubtful messages are recovered only with `doubtful`.
+    of a chunk are recovered if the checksum of the chunk is correct. If the file is truncated
+    within a chunk, the complete messages of this chunk are recovered. Messages count as doubtful
+    if their chunk has a wrong checksum. In a file with chunks, messages directly after damage also
+    count as doubtful, because they may belong to a damaged chunk. Doubtful messages are recovered
+    only if `doubtful` is set.
     """
 
     def _scan(self, path: Path) -> None:
@@ -133,7 +142,10 @@ class RecoveredMcap(RecoveredFile):
             self.report_damage('it does not end like an MCAP file')
 
     def _take(self, offset: int) -> int | None:
-        """Process the record at an offset; return the offset after it, or None if invalid."""
+        """Process the record at an offset.
+
+        Returns the offset of the next record [B], or None if the record is invalid.
+        """
         if len(self._data) - offset < mcap.RECORD_HEADER.size:
             return None
         opcode, size = mcap.RECORD_HEADER.unpack_from(self._data, offset)
@@ -152,7 +164,7 @@ class RecoveredMcap(RecoveredFile):
             self.records.append((opcode, body))
             return end
         try:
-            # A wrong length would skip the records after this one.
+            # If the length of this record is wrong, the records after it would be skipped.
             if mcap.extra_bytes(opcode, body) and not _may_follow(self._data, end):
                 return None
             self._define(opcode, body, self._unverified_schemas, self._unverified_channels)
@@ -172,7 +184,8 @@ class RecoveredMcap(RecoveredFile):
             chunk = _Chunk(offset, begin, head, cut=True)
             self._add_chunk(chunk, self._unpack(chunk)[0])
             return len(self._data)
-        # If the two stated lengths differ, the checksum decides which one is right.
+        # The head and the record state the length of the chunk. If the lengths differ, the
+        # checksum decides which length is right.
         lengths = {head.packed, size - head.begin}
         for packed in lengths:
             chunk = _Chunk(offset, begin, replace(head, packed=packed))
@@ -190,7 +203,7 @@ class RecoveredMcap(RecoveredFile):
         return int(begin + size)
 
     def _rejection(self, head: ChunkHead) -> str:
-        """Return why a chunk exceeds the limits, else an empty text."""
+        """Describe the limit that a chunk exceeds. The text is empty if there is no such limit."""
         limits = self._limits
         if head.uncompressed > limits.max_unpacked:
             return f'exceeds max_unpacked = {limits.max_unpacked} bytes decompressed: left out'
@@ -200,7 +213,10 @@ class RecoveredMcap(RecoveredFile):
         return ''
 
     def _unpack(self, chunk: _Chunk) -> tuple[Bytes, bool]:
-        """Decompress a chunk within the budget for the whole file."""
+        """Decompress a chunk, unless the decompressed size of all chunks has reached the limit.
+
+        Returns the records, and whether the chunk is intact.
+        """
         if self._budget <= 0:
             return b'', False
         records, whole = mcap.unpack(chunk.head, self._packed(chunk), self._limits.max_unpacked)
@@ -208,7 +224,7 @@ class RecoveredMcap(RecoveredFile):
         return records, whole
 
     def _add_chunk(self, chunk: _Chunk, records: Bytes) -> None:
-        """Keep a chunk and its definitions."""
+        """Store a chunk and the definitions of schemas and channels in it."""
         self._found.append(chunk)
         self._after_damage = False
         for _, opcode, body in mcap.records_in(records):
@@ -225,7 +241,8 @@ class RecoveredMcap(RecoveredFile):
         end = begin + size
         channel = struct.unpack_from('<H', self._data, begin)[0]
         known = channel in self._unverified_channels or channel in self._channels
-        # The length is right if a record follows, or if earlier messages had the same length.
+        # The length counts as right if a record follows, or if the last message of this channel
+        # had the same length.
         following = self._data[end : end + 1]
         expected = self._sizes.get(channel) == size or not following or following[0] in KINDS
         fits = expected or _may_follow(self._data, end)
@@ -240,7 +257,7 @@ class RecoveredMcap(RecoveredFile):
         return end
 
     def _is_changed(self, opcode: int, body: Bytes) -> bool:
-        """Return whether a record of unknown type is a chunk or message with a flipped bit."""
+        """Return whether an unknown record is a chunk or message with a wrong bit in its opcode."""
         flipped = [opcode ^ 1 << bit for bit in range(8)]
         with suppress(ValueError):
             if Opcode.CHUNK in flipped:
@@ -285,7 +302,7 @@ class RecoveredMcap(RecoveredFile):
             fields = mcap.Fields(body)
             start, _, checksum = fields.number(8), fields.number(8), fields.number(4)
             self._footer = True
-            # Without a summary, the checksum covers the footer alone.
+            # If the file has no summary, the checksum covers only the footer.
             covered = self._data[start or offset : offset + mcap.RECORD_HEADER.size + 16]
             if checksum and crc32(covered) != checksum:
                 self.stated = 0
@@ -293,20 +310,25 @@ class RecoveredMcap(RecoveredFile):
 
 
 KINDS: Final = range(Opcode.HEADER, Opcode.DATA_END + 1)
-"""Opcodes that the format defines [1]; readers skip records with others."""
+"""Opcodes that the format defines. Readers skip records with other opcodes."""
 _IN_CHUNKS: Final = (Opcode.SCHEMA, Opcode.CHANNEL, Opcode.MESSAGE)
 LARGEST_CHUNK_HEAD: Final = 64
-"""Largest size of the head of a chunk [B]: 40 bytes of numbers and the name of the codec."""
+"""Largest size of the head of a chunk [B]. The head consists of 40 bytes of numbers and of the
+name of the codec."""
 _HEAD = re.compile(rb'[\x01-\x0f](?=.{5}\x00\x00\x00)', re.DOTALL)
-"""Pattern of the head of a record: an opcode and a length below 2^40 [B]."""
+"""Pattern of the head of a record, which is an opcode followed by a length below 2^40 bytes."""
 _SHORTEST, _LONGEST = 4, 2**40
-"""Size of the shortest and the longest plausible content of a record [B]."""
+"""Smallest and largest plausible size of the content of a record [B]."""
 _WINDOW = 2**26
-"""Size of a part of the file that is searched before its memory is released [B]."""
+"""Number of bytes of the file that are searched before their memory is released [B]."""
 
 
 def _may_follow(data: Bytes, offset: int) -> bool:
-    """Return whether a record, the final magic or the end of the file is at an offset."""
+    """Return whether a record may begin at an offset, or the file ends there.
+
+    A record may begin there if its opcode and length are plausible. The magic bytes at the end of
+    a file also count as a record.
+    """
     rest = data[offset : offset + mcap.RECORD_HEADER.size]
     if len(rest) < mcap.RECORD_HEADER.size:
         return not rest or bool(rest[0])
@@ -316,7 +338,10 @@ def _may_follow(data: Bytes, offset: int) -> bool:
 
 
 def next_record(data: memoryview, begin: int) -> int:
-    """Return the offset of the next plausible record, or the end of the file."""
+    """Return the offset of the next plausible record.
+
+    If no plausible record follows, return the size of the file.
+    """
     for start in range(begin, len(data), _WINDOW):
         end = min(start + _WINDOW, len(data))
         window = data[start : end + mcap.RECORD_HEADER.size]
@@ -330,7 +355,10 @@ def next_record(data: memoryview, begin: int) -> int:
 
 
 def _is_record(data: Bytes, offset: int) -> bool:
-    """Return whether a valid record begins at an offset, with another one after it."""
+    """Return whether a valid record begins at an offset.
+
+    Unless this record is a chunk, another record or the end of the file must follow it.
+    """
     opcode, size = mcap.RECORD_HEADER.unpack_from(data, offset)
     begin = offset + mcap.RECORD_HEADER.size
     end = begin + size

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Writer of MCAP files in whole chunks, which stay readable if the writer is killed."""
+"""Writer of MCAP files. A file stays readable if the writer is killed."""
 
 from __future__ import annotations
 
@@ -18,25 +18,31 @@ from soliton_linkage_nodes.bags.storages.mcap_records import Channel, Opcode, Sc
 from soliton_linkage_nodes.bags.stored_topic import StoredTopic
 
 _LARGEST_CHUNK = 2**20
-"""Size at which a chunk is written [B]. A damaged byte destroys its whole chunk. Smaller chunks
-have more overhead. The official MCAP writers use 768 KiB to 4 MiB."""
+"""Size at which a chunk is written to the file [B]. In larger chunks, one damaged byte destroys
+more messages. Smaller chunks have more overhead. The official MCAP writers use 768 KiB to 4
+MiB."""
 
 
 class McapWriter:
-    """Writer of chunks with checksums.
+    """Writer of an MCAP file that consists of chunks with checksums.
 
-    The definitions are repeated every ten seconds, so that messages stay readable if other parts
-    of the file are lost. Every chunk contains a message, because MCAP C++ before 2.0.1 ignores the
-    index if the first chunk is empty. Therefore a definition is written in the chunk of the next
-    message. The definition of a topic without messages is also written outside the chunks. If a
-    write fails, the file is truncated to its last complete chunk.
+    The definitions of topics and types are repeated every ten seconds, so that messages stay
+    readable if other parts of the file are lost. Every chunk contains at least one message,
+    because MCAP C++ before 2.0.1 ignores the index if the first chunk has no message. Therefore a
+    new definition is written in the chunk of the next message. If no message follows before a
+    flush, the definition is written outside of the chunks too. If a write fails, the file is
+    truncated to its last complete chunk.
 
-    `counts` holds the number of messages by topic number, `span` the first and last stamp [ns].
-    Methods raise OSError if a write fails.
+    `counts` holds the number of messages for each topic number. `span` holds the first and the
+    last receive time [ns]. Methods raise OSError if a write fails.
     """
 
     def __init__(self, path: Path, codec: str = '', definitions_interval: float = 10.0) -> None:
-        """Create the file; `codec` is '' or 'zstd', `definitions_interval` is in [s]."""
+        """Create the file.
+
+        `codec` is 'zstd', or empty for chunks without compression. `definitions_interval` is the
+        time after which the definitions are repeated [s].
+        """
         self.counts: Counter[int] = Counter()
         self.span: tuple[int, int] | None = None
         self._end = 0
@@ -45,7 +51,8 @@ class McapWriter:
         self._file = path.open('xb', buffering=0)
         self._schemas: dict[tuple[str, str, str], Schema] = {}
         self._channels: dict[int, Channel] = {}
-        # The buffer is reused and never shrunk, because allocating takes longer than writing.
+        # The buffer is reused and never shrunk, because allocating memory takes longer than
+        # writing into it.
         self._chunk = BytesIO()
         self._pending_definitions = bytearray()
         self._entries: defaultdict[int, list[int]] = defaultdict(list)
@@ -59,7 +66,7 @@ class McapWriter:
 
     @property
     def size(self) -> int:
-        """Size of the file [B]; it includes the pending chunk unless chunks are compressed."""
+        """Size of the file [B]. Unless chunks are compressed, the pending chunk is included."""
         return self._end if self._codec else self._end + self._chunk.tell()
 
     def add_topic(self, topic: StoredTopic) -> None:
@@ -83,7 +90,11 @@ class McapWriter:
         published: int | None = None,
         sequence: int = 0,
     ) -> None:
-        """Add a message of a topic with receive and publish time [ns] and sequence number."""
+        """Add a message of the topic with this number.
+
+        `stamp` is the receive time [ns], `published` the publish time [ns], and `sequence` the
+        sequence number.
+        """
         self._entries[number] += (stamp, self._chunk.tell())
         self._chunk.write(mcap.message_head(number, stamp, len(serialized), published, sequence))
         self._chunk.write(serialized)
@@ -92,7 +103,10 @@ class McapWriter:
             self.flush()
 
     def flush(self) -> None:
-        """Pass all pending messages to the system, so that they survive the end of the process."""
+        """Pass all pending messages to the operating system.
+
+        The messages then survive if the process is killed.
+        """
         if not self._entries:
             if self._pending_definitions:
                 self._append(self._pending_definitions)
@@ -136,11 +150,11 @@ class McapWriter:
         self._begin_chunk()
 
     def write_custom_data(self, texts: Mapping[str, str]) -> None:
-        """Write custom data as a record, which survives if the file is never closed."""
+        """Write custom data as a record. The record survives if the file is never closed."""
         self._add_metadata(mcap.CUSTOM_DATA, texts)
 
     def copy_record(self, opcode: int, body: mcap.Bytes) -> None:
-        """Write a record of another file unchanged, such as an attachment."""
+        """Copy a record from another file unchanged, for example an attachment."""
         begin, head = self._end, mcap.RECORD_HEADER.pack(opcode, len(body))
         self._append(head, body)
         length = self._end - begin
@@ -150,7 +164,7 @@ class McapWriter:
             self._attachments.append(mcap.attachment_index_record(body, begin, length))
 
     def close(self, metadata: str) -> None:
-        """Write pending messages, the bag's metadata and the index, and close the file."""
+        """Write the pending messages, the bag's metadata and the index, and close the file."""
         self.flush()
         self._add_metadata('rosbag2', {'serialized_metadata': metadata})
         self._append(mcap.record(Opcode.DATA_END, bytes(4)) + self._summary())

@@ -1,5 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Reader of rosbag2's sqlite3 files, and recovery of damaged ones, by full table scans."""
+"""Reader of the sqlite3 files of rosbag2, and recovery of damaged sqlite3 files.
+
+Both read whole tables row by row.
+"""
 
 from __future__ import annotations
 
@@ -26,24 +29,29 @@ from soliton_linkage_nodes.bags.storages.storage import (
 from soliton_linkage_nodes.bags.stored_topic import StoredTopic, completed
 
 _LEAST_ROW = 4
-"""Size of the shortest row [B]. A file of n bytes has at most n / 4 rows."""
+"""Size of the shortest row of a table [B]. A file of n bytes therefore has at most n / 4 rows."""
 _PATIENCE = 4.0
-"""Time limit for finding a row [s]; the time for reading the whole file is added."""
+"""Part of the time limit for finding a row [s]. The time for reading the whole file is added."""
 _SLOWEST_DISK = 20e6
-"""Assumed lowest read rate of a disk [B/s]."""
+"""Assumed read rate of the slowest disk [B/s]."""
 _CHECK_EVERY = 20_000
-"""Steps of SQLite's virtual machine between two checks of the time limit [1], less than 1 ms."""
+"""Number of steps of the virtual machine of SQLite between two checks of the time limit [1]. These
+steps take less than 1 ms."""
 _LONGEST_SQL = 20_000
-"""Longest table definition [characters]; bags have 200."""
+"""Length of the longest accepted definition of a table [characters]. The definitions in bags have
+200 characters."""
 
 
 class Tables:
-    """Tables of a read-only sqlite3 file; methods raise sqlite3.Error if the file is damaged."""
+    """Tables of a sqlite3 file, which is only read.
+
+    Methods raise sqlite3.Error if the file is damaged.
+    """
 
     def __init__(self, path: Path, largest_value: int, damaged: bool = False) -> None:
-        """Open a file; values larger than `largest_value` [B] are returned as None.
+        """Open a file. Values larger than `largest_value` [B] are returned as None.
 
-        A `damaged` file may have fewer pages than its header states.
+        If `damaged` is set, the file may have fewer pages than its header states.
         """
         path = regular_file(path)
         self._largest = largest_value
@@ -76,7 +84,10 @@ class Tables:
         return self._database.execute(f'PRAGMA {text}').fetchall()
 
     def columns(self, table: str) -> list[str]:
-        """Return the columns of a table; empty if `table` is not an ordinary table."""
+        """Return the names of the columns of a table.
+
+        If `table` is not an ordinary table, the list is empty.
+        """
         self._restart_time_limit()
         query = 'SELECT type, rootpage FROM sqlite_master WHERE name = ? LIMIT 2'
         found = self._database.execute(query, (table,)).fetchall()
@@ -89,8 +100,9 @@ class Tables:
     def rows(
         self, table: str, columns: Sequence[str], rest: str = '', values: Sequence[object] = ()
     ) -> Iterator[tuple[Any, ...]]:
-        """Yield columns of the rows of a table; `rest` is the end of the SELECT statement.
+        """Yield the values in some columns of each row of a table.
 
+        `rest` is appended to the SELECT statement. `values` are the values of its placeholders.
         Raises sqlite3.Error if `table` is not an ordinary table or has more rows than the file can
         hold.
         """
@@ -109,13 +121,16 @@ class Tables:
             self._restart_time_limit()
 
     def counts(self, table: str, column: str) -> dict[Any, int]:
-        """Return the number of rows for each value of a column."""
+        """Return the number of rows for each value in a column."""
         self._check(table, [column])
         query = f'SELECT {column}, count(*) FROM {table} GROUP BY {column}'
         return dict(self._database.execute(query))
 
     def extremes(self, table: str, column: str) -> tuple[Any, Any]:
-        """Return the smallest and the largest value of a column, None without rows."""
+        """Return the smallest and the largest value in a column.
+
+        If the table has no rows, both are None.
+        """
         self._check(table, [column])
         found = [
             self._database.execute(f'SELECT {which}({column}) FROM {table}').fetchone()[0]
@@ -126,8 +141,9 @@ class Tables:
     def topics(self) -> Iterator[tuple[Any, ...]]:
         """Yield the fields of each topic.
 
-        The fields are number, name, type, serialization, QoS profiles, hash, and the encoding and
-        text of the definition. If the file lacks a field, its value is an empty text.
+        The fields are the number, name, type, serialization, QoS profiles and type hash of the
+        topic, and the encoding and the text of its type definition. If the file lacks a field, the
+        value is an empty text.
         """
         definitions: dict[Any, tuple[Any, Any]] = {}
         if self.columns('message_definitions'):
@@ -140,7 +156,10 @@ class Tables:
             yield *(*row, '', '')[:6], *definitions.get(row[2], ('', ''))
 
     def _check(self, table: str, columns: Sequence[str]) -> None:
-        """Raise an error unless it is a table with these columns; restart the time limit."""
+        """Raise sqlite3.Error unless `table` is an ordinary table with these columns.
+
+        The time limit is restarted.
+        """
         held = self.columns(table)
         if missing := [name for name in columns if name not in held]:
             raise sqlite3.DatabaseError(f'{table} is not a table with {", ".join(missing)}')
@@ -151,7 +170,8 @@ class Tables:
 
 
 _MOST_SELECTED = 500
-"""Largest number of topics in an SQL condition [1]. For more topics, all rows are read."""
+"""Largest number of topics in an SQL condition [1]. If more topics are wanted, all rows are
+read."""
 _TOPIC = ('id', 'name', 'type', 'serialization_format')
 _MESSAGE = ('topic_id', 'timestamp', 'data')
 
@@ -190,7 +210,10 @@ class StoredSqlite(LimitedReader):
         start: int | None = None,
         stop: int | None = None,
     ) -> Generator[tuple[Connection, int, bytes], None, None]:
-        """Yield topic, stamp [ns] and bytes for stamps in [start, stop)."""
+        """Yield the topic, the receive time [ns] and the bytes of each message of some topics.
+
+        Only messages with receive times in the interval [start, stop) are yielded.
+        """
         if self._tables is None:
             raise sqlite3.ProgrammingError('the file is not open')
         wanted = {each.id: each for each in connections}
@@ -233,9 +256,9 @@ class StoredSqlite(LimitedReader):
 class RecoveredSqlite(RecoveredFile):
     """Recovery of the messages of a sqlite3 file, row by row until SQLite reports an error.
 
-    If a transaction was interrupted, a copy is opened, because SQLite modifies the file to
-    complete the transaction. Every message is unverified, because rosbag2 stores no checksums in
-    these files.
+    If the file has an interrupted transaction, a copy of the file is opened, because SQLite
+    modifies a file to complete the transaction. Every message counts as unverified, because
+    rosbag2 stores no checksums in these files.
     """
 
     def _scan(self, path: Path) -> None:
@@ -277,10 +300,13 @@ class RecoveredSqlite(RecoveredFile):
             self.report_damage(line)
 
     def _readable(self, path: Path) -> Path:
-        """Return the file, or a copy of its whole pages with its journal applied."""
+        """Return the file, or a copy of the file if it has a journal or an incomplete last page.
+
+        In the copy, the journal is applied and the incomplete page is removed.
+        """
         excess = _bytes_after_last_page(path)
         if excess:
-            # SQLite would read the rest of a truncated page as zeros.
+            # SQLite would read the missing bytes of a truncated page as zeros.
             self.report_damage(f'the last {excess} bytes are not a whole page')
         return _with_journal(path, Path(self._folder.name), excess)
 
@@ -308,10 +334,11 @@ class RecoveredSqlite(RecoveredFile):
 
 
 def _with_journal(path: Path, folder: Path, excess: int = 0) -> Path:
-    """Return a file, or its copy in a folder without `excess` bytes at the end [B].
+    """Return a file, or a copy of the file in a folder if SQLite would modify the file.
 
-    A file with a journal is copied, because SQLite modifies it to complete an interrupted
-    transaction or to add the messages of its write-ahead log.
+    SQLite modifies a file with a journal, to complete an interrupted transaction or to add the
+    messages of the write-ahead log. If `excess` is not 0, a copy without the last `excess` bytes
+    is returned.
     """
     journals = [Path(f'{path}{end}') for end in ('-journal', '-wal')]
     present = [each for each in journals if each.is_file() and each.stat().st_size]
@@ -322,7 +349,8 @@ def _with_journal(path: Path, folder: Path, excess: int = 0) -> Path:
         with open_file(source, path.parent) as held, (folder / source.name).open('wb') as out:
             shutil.copyfileobj(held, out)
             if source.name.endswith('-journal'):
-                # Clear the end of the journal. If it names another file, SQLite deletes that file.
+                # Clear the end of the journal. If the end contained the name of another file,
+                # SQLite would delete that file.
                 out.write(bytes(8))
             elif source == path and excess:
                 out.truncate(out.tell() - excess)
@@ -342,11 +370,11 @@ def _bytes_after_last_page(path: Path) -> int:
 
 
 def _find_error(path: Path) -> str | None:
-    """Return the first error that SQLite finds in a file of a bag, or None."""
+    """Return the first error that SQLite finds in a file of a bag. Return None for no error."""
     size = path.stat().st_size
     try:
         with closing(Tables(path, size)) as tables:
-            # SQLite would fill up a truncated last page with zeros.
+            # Check the size first, because SQLite would fill up a truncated last page with zeros.
             ((page,),) = tables.pragma('page_size')
             ((pages,),) = tables.pragma('page_count')
             if size != page * pages:

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Common parts of the readers of bag files, and the interface for recovery of damaged files."""
+"""Base classes for readers of bag files and for recovery of damaged files."""
 
 from __future__ import annotations
 
@@ -29,11 +29,15 @@ _FORMATS = {
     'omgidl': MessageDefinitionFormat.IDL,
 }
 LAST_STAMP = 2**63 - 1
-"""Largest 64-bit stamp of ROS [ns since 1970], in the year 2262."""
+"""Largest stamp in a signed 64-bit integer, counted from 1970 [ns]. It is in the year 2262."""
 
 
 class Message(NamedTuple):
-    """Message with topic number, sequence number, receive time [ns] and publish time [ns]."""
+    """Message of a bag.
+
+    `topic` is the number of the topic, `sequence` the sequence number, `stamp` the receive time
+    [ns], and `published` the publish time [ns].
+    """
 
     topic: int
     sequence: int
@@ -43,7 +47,10 @@ class Message(NamedTuple):
 
 
 class LimitedReader:
-    """Reader in the form of rosbags; its limits must be set before it is opened."""
+    """Base class of readers with the interface of rosbags.
+
+    `limits` must be set before the reader is opened.
+    """
 
     def __init__(self) -> None:
         self.limits = DEFAULT_LIMITS
@@ -56,7 +63,7 @@ def connection(
     topic: StoredTopic,
     count: int,
 ) -> Connection:
-    """Return a topic of a file with its number of messages as a `Connection` of rosbags."""
+    """Return a `Connection` of rosbags for a topic with `count` messages."""
     kind = _FORMATS.get(topic.definition_format, MessageDefinitionFormat.NONE)
     known = kind is not MessageDefinitionFormat.NONE
     definition = MessageDefinition(kind, topic.definition if known else '')
@@ -74,7 +81,10 @@ def connection(
 
 
 def parse_profiles(profiles: str | Sequence[Any]) -> list[Qos]:
-    """Return QoS profiles from a YAML text or a parsed list; empty if they are invalid."""
+    """Return QoS profiles from a YAML text or a parsed list.
+
+    If the profiles are invalid, the list is empty.
+    """
     try:
         values: Any = profiles_in(profiles) if isinstance(profiles, str) else list(profiles)
         return parse_qos(values)
@@ -89,7 +99,10 @@ def summary_of(
     distribution: str | None = None,
     custom: dict[str, str] | None = None,
 ) -> ReaderMetadata:
-    """Return the metadata of a bag from its topics and its first and last stamp [ns]."""
+    """Return the metadata of a bag.
+
+    `span` holds the first and the last receive time [ns], None for a bag without messages.
+    """
     start, end = span or (LAST_STAMP, LAST_STAMP)
     count = sum(each.msgcount for each in connections)
     return ReaderMetadata(
@@ -106,19 +119,22 @@ def summary_of(
 class RecoveredFile(ABC):
     """Recovery of all intact messages of a bag file, which may be damaged.
 
-    `topics` are keyed by their number in the file. `damage` has one line for each damaged part.
-    `lost` counts messages in the file that cannot be read. `unverified` counts messages that were
-    read without a checksum. These results are complete after the last message.
+    The keys of `topics` are the numbers of the topics in the file. `damage` has one line for each
+    damaged part of the file. `lost` is the number of messages in the file that cannot be read.
+    `unverified` is the number of messages that were read without a checksum. These results are
+    complete when `messages` has yielded the last message.
+
     `stated` is the number of messages according to the statistics of the file, 0 if unknown.
-    `records` holds opcodes and contents of MCAP records that are copied unchanged.
+    `records` holds the opcodes and contents of MCAP records that must be copied unchanged.
     """
 
     def __init__(
         self, path: Path, doubtful: bool = False, limits: BagLimits = DEFAULT_LIMITS
     ) -> None:
-        """Scan the file; `doubtful` also recovers messages with wrong checksums.
+        """Scan the file.
 
-        Data beyond the limits is omitted and reported as damage.
+        With `doubtful`, messages with wrong checksums are also recovered. Data that exceeds the
+        limits is omitted and reported as damage.
         """
         self.topics: dict[int, StoredTopic] = {}
         self.custom_data: dict[str, str] = {}
@@ -133,7 +149,7 @@ class RecoveredFile(ABC):
         self._scan(path)
 
     def messages(self) -> Iterator[tuple[StoredTopic, Message]]:
-        """Yield topic and content of each intact message."""
+        """Yield the topic and the content of each intact message."""
         nameless = timeless = 0
         for message in self._messages():
             topic = self.topics.get(message.topic)
@@ -154,13 +170,13 @@ class RecoveredFile(ABC):
         self._conclude()
 
     def report_damage(self, damage: str, lost: int = 0) -> None:
-        """Add a description of a damaged part; `lost` is its number of lost messages."""
+        """Add the description of a damaged part of the file, in which `lost` messages are lost."""
         self.damage.append(damage)
         self.lost += lost
 
     @abstractmethod
     def _scan(self, path: Path) -> None:
-        """Fill `topics` and `custom_data`."""
+        """Read the file, and fill `topics` and `custom_data`."""
 
     @abstractmethod
     def _messages(self) -> Iterator[Message]:
@@ -168,4 +184,4 @@ class RecoveredFile(ABC):
 
     @abstractmethod
     def _conclude(self) -> None:
-        """Report damage that is detected only after all messages are read."""
+        """Report the damage that can be detected only after all messages are read."""
