@@ -58,7 +58,10 @@ def storage_of(path: Path) -> str | None:
 
 
 def explain_no_bag(path: Path) -> str:
-    """Return an error message if there is no bag at a path. Otherwise return an empty text."""
+    """Return the reason why a path is no bag, as an error message.
+
+    If the path may be a bag, the text is empty.
+    """
     bag = f'bag {str(path)!r}'
     if not path.exists():
         return f'{bag} does not exist; give the path of a bag directory'
@@ -193,7 +196,7 @@ def time_in_gaps(gaps: Sequence[tuple[int, int]], start: int, end: int) -> int:
 def _pieces(information: Mapping[str, Any], margin: str) -> Iterator[str]:
     """Yield metadata in YAML block style.
 
-    Topics are formatted without the YAML library, because it is slow for many topics.
+    Topics are formatted without the YAML library, because the library is slow for many topics.
     """
     for key, value in information.items():
         if key == _TOPICS:

@@ -80,7 +80,7 @@ def declare_chain(node: Node) -> NamedChain:
 def chain_of(read: Callable[[Any], Any]) -> NamedChain:
     """Return the chain with its deviations from the uniform chain and its encoder offsets.
 
-    `read` returns an instance of the dataclass that it receives.
+    The function `read` receives a dataclass and returns an instance of this dataclass.
     """
     chain: Chain = read(Chain)
     given: Deviations = read(Deviations)

@@ -263,7 +263,7 @@ class StampRule:
 
     A command with the stamp 0 starts now.
 
-    oldest: largest age of a command [s]. If it is 0, `longest` is used.
+    oldest: largest age of a command [s]. If `oldest` is 0, the limit is `longest`.
     longest: largest time from now to the end of a command [s].
     """
 

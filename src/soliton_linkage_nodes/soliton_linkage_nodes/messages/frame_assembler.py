@@ -41,8 +41,8 @@ class FrameAssembler:
         self._short = 0
         self._last: tuple[int, frozenset[str]] | None = None
         self.whole: tuple[str, ...] | None = None
-        """Joint names in the last message that had all joints of the chain. None before such a
-        message."""
+        """Joint names in the last message that had all joints of the chain. None if no message had
+        all joints."""
 
     @property
     def waiting_since(self) -> int | None:
@@ -145,7 +145,7 @@ class SerializedFrames:
         self._assembler, self._all_alike = FrameAssembler(joint_names), False
 
     def parts(self, serialized: bytes) -> tuple[str, ...]:
-        """Return the joint names in a message. A damaged message has none."""
+        """Return the joint names in a message. The tuple is empty if the message is damaged."""
         with suppress(ValueError):
             return self._decoder.decode(serialized).name
         return ()

@@ -15,8 +15,8 @@ from soliton_linkage_nodes.runtime import interfaces
 from soliton_linkage_nodes.runtime.subscriptions import subscribe_newest
 
 _DEPTH = 200
-"""Depth of the queue if a frame arrives in several messages [messages]. It holds 0.1 s of two
-messages for each frame at 1000 Hz."""
+"""Depth of the queue if each frame arrives in several messages [messages]. With two messages for
+each frame at 1000 Hz, the queue holds 0.1 s."""
 _LONGEST_ASSEMBLY = 0.3
 """Time without messages after which an incomplete frame is returned [s]. If the next frame arrives
 earlier, the incomplete frame is returned immediately."""
@@ -33,7 +33,7 @@ class NewestFrame:
     def __init__(self, node: Node, name: str) -> None:
         """Subscribe to the joint states on the topic with the full name `name`."""
         self.number: int | None = None
-        """Number of the newest frame. It increases by 1 with each published frame. None if the
+        """Number of the newest frame, which increases by 1 with each published frame. None if the
         number is unknown."""
         self._node, self._name = node, name
         self._decoder = JointStateDecoder()

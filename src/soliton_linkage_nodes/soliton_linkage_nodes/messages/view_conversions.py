@@ -146,7 +146,7 @@ def reports_from_msg(message: DiagnosticArray) -> list[NodeReport]:
 
 
 def figure(figures: Mapping[str, str], name: str) -> float:
-    """Return a reported value as a number. Returns NaN if it is missing or not finite."""
+    """Return a reported value as a number. If the value is missing or not finite, return NaN."""
     try:
         value = float(figures.get(name, 'nan'))
     except ValueError:

@@ -32,19 +32,22 @@ from soliton_linkage_msgs.msg import (
 )
 
 _DEEPEST_QUEUE = 1000
-"""Largest queue depth of a stream [messages]. At 1000 Hz it lasts for one second."""
+"""Largest queue depth of a stream [messages]. At 1000 Hz, a queue of this depth holds one
+second."""
 _QUEUE_BYTES = 64 * 2**20
 """Memory limit for the queue of a stream [B]. It applies to the publisher and to each
 subscriber."""
 _LONGEST_RECORD = 100_000
-"""Queue depth for a whole recording [messages]. At 1000 Hz it lasts for 100 s. Unused entries take
-no memory."""
+"""Queue depth for a whole recording [messages]. At 1000 Hz, a queue of this depth holds 100 s.
+Unused entries take no memory."""
 ACKNOWLEDGEMENT_LIMIT = 0.5
-"""Longest wait for acknowledgements when a node ends [s]. It suffices on a busy machine."""
+"""Longest wait for acknowledgements when a node ends [s]. This time suffices even on a busy
+machine."""
 _POLL_INTERVAL = 0.02
 """Poll interval while waiting for subscribers [s]."""
 _DISCOVERY_TIME = 1.0
-"""Threshold for the time without a new subscriber [s]: after it, discovery counts as complete."""
+"""Threshold for the time without a new subscriber [s]. After a longer time, discovery counts as
+complete."""
 
 
 def reliable_qos(depth: int) -> QoSProfile:
@@ -55,8 +58,8 @@ def reliable_qos(depth: int) -> QoSProfile:
 def stream_qos(message_size: int = 0) -> QoSProfile:
     """Return a reliable quality of service for messages of `message_size` [B].
 
-    The queue depth is at most 1000. It is reduced to at least 10 for large messages, so that a
-    full queue takes at most 64 MiB if possible.
+    The queue depth is 1000 for small messages. For large messages it is smaller, but at least 10,
+    so that a full queue takes at most 64 MiB if possible.
     """
     affordable = _QUEUE_BYTES // max(message_size, 1)
     return reliable_qos(int(min(_DEEPEST_QUEUE, max(10, affordable))))
@@ -65,7 +68,7 @@ def stream_qos(message_size: int = 0) -> QoSProfile:
 def lossless_stream_qos() -> QoSProfile:
     """Return a reliable quality of service whose queue holds a whole recording.
 
-    No message is lost only if publisher and subscriber both use it.
+    To prevent losses, publisher and subscriber must both use this quality of service.
     """
     return reliable_qos(_LONGEST_RECORD)
 

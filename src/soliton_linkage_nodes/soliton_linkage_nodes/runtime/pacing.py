@@ -20,7 +20,8 @@ _INTERVAL = 0.05
 """Shortest interval between two measurements of the processor share [s]. It must be short, because
 the kernel stops real-time threads after 0.95 s without sleep."""
 _LARGEST_SHARE = 0.8
-"""Threshold for the processor share of a process [cores]: below it, the process has priority."""
+"""Threshold for the processor share of a process [cores]. If the share is smaller, the process has
+priority."""
 
 
 def raise_priority(raised: bool, threads: Sequence[int] = (0,)) -> None:
@@ -48,7 +49,7 @@ def yield_core() -> None:
 
 
 class IdlePriority:
-    """Real-time priority of a process while it is mostly idle.
+    """Real-time priority for the threads of a process while the process is mostly idle.
 
     An overloaded process loses the priority, so that it does not delay other processes. By
     default, the calling thread and the threads of the middleware get the priority.
@@ -83,15 +84,16 @@ def _middleware_threads() -> list[int]:
 
 
 _LONGEST_LAG = 10**8
-"""Threshold for the lateness of a call [ns]: above it, all later deadlines are postponed."""
+"""Threshold for the lateness of a call [ns]. If a call is later, all later deadlines are
+postponed."""
 _LONGEST_SLEEP = 0.1
 """Longest sleep [s]. After each sleep, the loop checks whether it must stop or its rate has
 changed."""
 _IDLE = 0.005
 """Duration of the sleep after a call without work at an infinite rate [s]."""
 _PRIORITY_LIMIT = 10**7
-"""Threshold for the lateness of a call [ns]: above it, the loop has no priority. At 1000 Hz it
-equals ten periods."""
+"""Threshold for the lateness of a call [ns]. If a call is later, the loop loses its priority. At
+1000 Hz, the threshold is ten periods."""
 
 
 class Punctuality(NamedTuple):

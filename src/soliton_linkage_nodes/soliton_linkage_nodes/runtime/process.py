@@ -145,7 +145,7 @@ def initialise(arguments: list[str] | None = None) -> None:
 
 
 def run(create_node: Callable[[], Node], finished: Callable[[Any], bool] | None = None) -> None:
-    """Create a node, spin it until it finishes or a signal stops it, and end the process.
+    """Create a node, spin it until it finishes or a signal arrives, and end the process.
 
     The signals are SIGINT and SIGTERM. `finished` returns whether the node has finished, or raises
     the error that stopped the node. The node must not raise this error in a callback, because

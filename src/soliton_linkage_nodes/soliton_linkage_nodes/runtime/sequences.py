@@ -17,13 +17,13 @@ _SILENCE = 0.5
 """Time without messages after which another publisher replaces the selected publisher [s]. The ROS
 graph cannot be used for this, because it lists a killed publisher for another 20 s."""
 _SILENT_PERIODS = 5
-"""Number of its message periods after which a silent slow publisher is replaced [1]."""
+"""Number of message periods without a message after which a slow publisher is replaced [1]."""
 _MEMORY = 20
 """Number of messages over which the period of a publisher is averaged [1]."""
 _GAP_RATIO = 3.0
-"""Threshold for the ratio between the time since the last message of a publisher and the time that
-its period predicts [1]. If this ratio or its inverse is larger, a message counts as unlikely to
-come from this publisher."""
+"""Threshold for a ratio [1]: the time since the last message of a publisher, divided by the time
+that its period predicts. If this ratio or its inverse exceeds the threshold, the new message
+probably comes from another publisher."""
 _NANOSECOND = 1e-9
 """One nanosecond [s]."""
 _OFFSET_WINDOW = 10.0
@@ -352,7 +352,7 @@ class Lag:
     """
 
     def __init__(self, longest: float) -> None:
-        """Set the limit `longest` [s] for the lag. If it is 0, the lag has no limit."""
+        """Set the limit `longest` [s] for the lag. If `longest` is 0, the lag has no limit."""
         self._longest = longest or math.inf
         self._least: list[int] = []
         self._since = 0.0
@@ -361,7 +361,7 @@ class Lag:
     def too_long(self, sent: int) -> bool:
         """Add a message with source time `sent` [ns]; return whether the lag is too long.
 
-        The lag is too long if it has exceeded `longest` for a time of more than `longest`.
+        The lag is too long if it has been larger than `longest` for at least the time `longest`.
         """
         now = time.monotonic()
         apart = time.time_ns() - sent

@@ -70,8 +70,8 @@ typical drift of a cheap quartz."""
 class ClockMonitor:
     """Monitor of the offset between message stamps and the clock, for diagnostics only.
 
-    The offset is the smallest difference between the arrival time and the stamp of a message. It
-    is also nonzero after a pause of the simulation, or if the stamps come from a bag.
+    The offset is the smallest difference between the arrival time and the stamp of a message. The
+    offset is also nonzero after a pause of the simulation, or if the stamps come from a bag.
     """
 
     def __init__(self) -> None:

@@ -21,7 +21,8 @@ from soliton_linkage_nodes.runtime.interfaces import Topic
 from soliton_linkage_nodes.runtime.sequences import Lag, SequenceGaps, StreamArbitration
 
 LONGEST_LAG = 0.5
-"""Default threshold for the lag of a node [s]: above it, the node skips waiting messages."""
+"""Default threshold for the lag of a node [s]. If the lag is larger, the node skips waiting
+messages."""
 _POLL_PERIOD = 0.5
 """Time between two checks for new publishers [s]."""
 _NAMELESS = '_NODE_NAME_UNKNOWN_'

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Services of the player, and the keys that control it."""
+"""Services and keys that control the player."""
 
 from __future__ import annotations
 
@@ -162,8 +162,7 @@ class PlayerControls:
     def _seek(self, stamp: int) -> Reply:
         """Continue at the time `stamp` [ns].
 
-        If this time is before the start of the bag, it is taken as a time since the start of the
-        bag.
+        If `stamp` is less than the start time of the bag, it counts from the start of the bag.
         """
         first, last = self._range.origin, self._range.end
         if not self._playing.playing:

@@ -16,7 +16,7 @@ _LONGEST_WAIT = 0.1
 
 
 class NextAction(Enum):
-    """Action of the player after it has waited for the time of a message."""
+    """Next action of the player when the wait for a message ends."""
 
     PLAY = auto()
     SEEK = auto()

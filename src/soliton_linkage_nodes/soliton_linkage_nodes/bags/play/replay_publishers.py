@@ -327,8 +327,8 @@ millisecond."""
 class RecordedStates:
     """Suppression of a recorded topic with soliton states or events while an analyser runs.
 
-    A node counts as an analyser if it subscribes to `joint_states` and publishes the same topic as
-    the recorded one.
+    Another node counts as an analyser if it subscribes to `joint_states` and publishes the topic
+    that was recorded.
     """
 
     def __init__(self, node: Node, topic: str, chosen: bool) -> None:

@@ -36,8 +36,8 @@ _CUSTOM_DATA_INTERVAL = 1.0
 the file."""
 _RESERVE = 'space_for_the_index'
 _RESERVE_BYTES = 2**20
-"""Size of a reserved file [B]. It suffices for the index of one day, with about 100 bytes for each
-chunk."""
+"""Size of the file that reserves disk space for the index [B]. The index of one day fits into this
+space, because each chunk needs about 100 bytes."""
 
 
 @dataclass(frozen=True)

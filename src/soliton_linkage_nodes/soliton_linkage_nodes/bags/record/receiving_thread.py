@@ -84,8 +84,8 @@ class DiscoveryTimes:
     """Shortest duration of the discovery [s]. In this time, every process announces itself at
     least once."""
     quiet: float = 1.0
-    """Threshold for the time without a change of the publishers [s]: after it, all publishers
-    count as known."""
+    """Threshold for the time without a change of the publishers [s]. After a longer time, all
+    publishers count as known."""
     longest: float = 10.0
     """Longest wait for a publisher that is not matched [s]. Such a publisher may have been
     killed."""
@@ -122,9 +122,9 @@ class DiscoveryWait:
 _POLL_INTERVAL = 0.05
 """Time between two rounds in which messages are taken from the middleware [s]."""
 _DISCOVERY_INTERVAL = 0.01
-"""Time between two queries for awaited topics [s]. It is short because messages before the
-subscription are missed. Queries are necessary because rclpy reports no graph events. A query takes
-at most 0.1 ms."""
+"""Time between two queries for awaited topics [s]. This time is short because the recorder misses
+messages that are published before it subscribes. Queries are necessary because rclpy does not
+report new topics. A query takes at most 0.1 ms."""
 _LONGEST_ROUND = 5.0
 """Longest wait until the thread has taken all waiting messages [s]. Usually the wait takes 0.01
 s."""

@@ -21,7 +21,7 @@ from soliton_linkage_nodes.runtime.stamps import SECOND
 from soliton_linkage_nodes.runtime.subscriptions import AdaptiveSubscription, Info, qos_for_all
 
 _DEPTH = 5000
-"""Queue depth of a subscription [messages]. At 1000 Hz, it lasts for five seconds."""
+"""Queue depth of a subscription [messages]. At 1000 Hz, the queue holds five seconds."""
 
 
 class RecordedSubscription:
@@ -207,8 +207,8 @@ class RecordingBuffer:
     """Buffer of messages for snapshots and pauses.
 
     If snapshots are disabled and the recorder is not paused, `take` returns all messages for
-    immediate recording. The last message of a latched topic is never discarded, because it is
-    still valid for later messages of other topics.
+    immediate recording. The last message of each latched topic is never discarded, because it is
+    still valid when later messages are recorded.
     """
 
     def __init__(

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Reader of finished MCAP files. It uses the index of a file and decompresses single chunks."""
+"""Reader of finished MCAP files. The index of a file shows which chunks are needed."""
 
 from __future__ import annotations
 

@@ -149,7 +149,7 @@ def message_head(
     """Return the head of a message record, to which a message of `size` bytes is appended.
 
     `stamp` is the receive time [ns] and `published` the publish time [ns]. If the publish time is
-    unknown, the receive time replaces it.
+    None, the receive time is stored in its field.
     """
     length = MESSAGE_HEADER.size + size
     published = stamp if published is None else published
@@ -241,7 +241,7 @@ class Fields:
         return int.from_bytes(self.take(size), 'little')
 
     def sized(self) -> Bytes:
-        """Return the next byte string. In the record, its length precedes it."""
+        """Return the next byte string, which the record stores after its length."""
         return self.take(self.number(4))
 
     def text(self) -> str:

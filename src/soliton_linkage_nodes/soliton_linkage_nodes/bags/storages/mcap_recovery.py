@@ -257,7 +257,7 @@ class RecoveredMcap(RecoveredFile):
         return end
 
     def _is_changed(self, opcode: int, body: Bytes) -> bool:
-        """Return whether an unknown record is a chunk or message with a wrong bit in its opcode."""
+        """Return whether a record is a chunk or message whose opcode has a wrong bit."""
         flipped = [opcode ^ 1 << bit for bit in range(8)]
         with suppress(ValueError):
             if Opcode.CHUNK in flipped:

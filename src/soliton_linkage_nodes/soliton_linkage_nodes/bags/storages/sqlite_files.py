@@ -300,9 +300,10 @@ class RecoveredSqlite(RecoveredFile):
             self.report_damage(line)
 
     def _readable(self, path: Path) -> Path:
-        """Return the file, or a copy of the file if it has a journal or an incomplete last page.
+        """Return a file that SQLite can read without modifying the original file.
 
-        In the copy, the journal is applied and the incomplete page is removed.
+        If the file has a journal or an incomplete last page, this is a copy. In the copy, the
+        journal is applied and the incomplete page is removed.
         """
         excess = _bytes_after_last_page(path)
         if excess:
@@ -370,7 +371,7 @@ def _bytes_after_last_page(path: Path) -> int:
 
 
 def _find_error(path: Path) -> str | None:
-    """Return the first error that SQLite finds in a file of a bag. Return None for no error."""
+    """Return the first error that SQLite finds in a file of a bag, or None if it finds none."""
     size = path.stat().st_size
     try:
         with closing(Tables(path, size)) as tables:

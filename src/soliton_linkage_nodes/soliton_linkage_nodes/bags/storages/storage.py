@@ -29,7 +29,8 @@ _FORMATS = {
     'omgidl': MessageDefinitionFormat.IDL,
 }
 LAST_STAMP = 2**63 - 1
-"""Largest stamp in a signed 64-bit integer, counted from 1970 [ns]. It is in the year 2262."""
+"""Largest stamp that fits into a signed 64-bit integer [ns since 1970]. This is a time in the year
+2262."""
 
 
 class Message(NamedTuple):
