@@ -101,7 +101,7 @@ class BagCatalogue:
 
 
 def track_of(bag: CataloguedBag) -> BagTrack:
-    """Read the track of the soliton from a bag; raise ValueError if it cannot be read."""
+    """Read the track of the soliton from a bag; ValueError if the bag cannot be read."""
     with open_bag(bag.path) as reader:
         connections = {c.topic.rpartition('/')[2]: c for c in reader.connections}
         delay = 0.0

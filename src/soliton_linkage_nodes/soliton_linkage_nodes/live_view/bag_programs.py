@@ -37,7 +37,7 @@ _RESULTS = {
 
 
 class _BagProgram:
-    """Child process of the page: a node that the page controls by services."""
+    """Node that runs as a child process of the page. The page controls it by services."""
 
     def __init__(self, node: str, finder: ChainFinder, read_only: bool) -> None:
         self.running = False
@@ -93,7 +93,7 @@ class _BagProgram:
 
 
 class BagRecording(_BagProgram):
-    """Recorder of one chain. It is a child process, or another program has started it."""
+    """Recorder of one chain. The page or another program has started the recorder process."""
 
     def __init__(self, folder: Path | None, finder: ChainFinder, read_only: bool) -> None:
         """Prepare recordings into `folder`. If `folder` is None, recording is disabled."""
@@ -229,7 +229,7 @@ class BagReplay(_BagProgram):
         return f'playing {name}'
 
     async def pause(self, commands: ChainCommands, paused: bool) -> str:
-        """Pause or resume the replay. If the bag has ended, resuming plays it from its start."""
+        """Pause or resume the replay. After the end of the bag, resuming restarts the bag."""
         if self.bag is not None and not self.running and not paused:
             return await self.play(self.bag.name)
         answer = await self._request(commands, REPLAY, 'pause' if paused else 'resume')
@@ -257,7 +257,7 @@ class BagReplay(_BagProgram):
         return f'playing at {rate:g} × the recorded speed'
 
     async def set_loop(self, loop: bool) -> str:
-        """Set whether the replay repeats the bag. A running player is restarted for this."""
+        """Set whether the replay repeats the bag. This restarts a player that is running."""
         self._check_writable()
         async with self._changing:
             self.loop = loop

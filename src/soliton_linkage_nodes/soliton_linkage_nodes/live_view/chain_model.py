@@ -30,9 +30,9 @@ is older."""
 _HISTORY_PERIOD = 1 / 30
 """Time between two columns of the history [s]."""
 _HISTORY_COLUMNS = 600
-"""Largest number of columns in the history [1], equal to 20 s."""
+"""Largest number of columns in the history [1]. This number of columns spans 20 s."""
 _MINUTE_COLUMNS = 1800
-"""Largest number of frames in a shared file [1], equal to one minute."""
+"""Largest number of frames in a shared file [1]. This number of frames spans one minute."""
 _MINUTE_NUMBERS = 1_800_000
 """Largest number of angles in a shared file [1]. They need 7 MB of memory."""
 _HISTORY_NUMBERS = 400_000
@@ -132,7 +132,11 @@ class ChainModel:
         self._update_derived()
 
     def update_state(self, numbers: dict[str, float], solitons: list[float]) -> None:
-        """Store a new state: its quantities by name, and the numbers of its solitons."""
+        """Store a new state of the analyser.
+
+        `numbers` contains its quantities by name. `solitons` contains position [rotor spacings],
+        standard deviation [m] and charge of each soliton.
+        """
         self.numbers, self._solitons = numbers, solitons
         self._state_received_at = self._clock()
 
@@ -176,7 +180,10 @@ class ChainModel:
         return pack(numbers, arrays)
 
     def description(self) -> dict[str, Any]:
-        """Return the constants of the chain as JSON values. An unknown chain has no spacing."""
+        """Return the constants of the chain as JSON values.
+
+        If the chain is unknown, `spacing` is None.
+        """
         if self.named is None:
             return {'error': self.error, 'spacing': None}
         return {'error': self.error, **chain_constants(self.named.chain)}

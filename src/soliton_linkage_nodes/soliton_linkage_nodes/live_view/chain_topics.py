@@ -58,7 +58,7 @@ pixels has this size."""
 
 
 class CameraTopic:
-    """Topic `camera_overlay` of a namespace. It is received only while a page shows it."""
+    """Topic `camera_overlay` of a namespace. It is subscribed only while a page shows it."""
 
     def __init__(self, node: Node, namespace: str) -> None:
         self.pictures = 0
@@ -114,7 +114,10 @@ class CameraTopic:
             self._error = ''
 
     def packed(self, index: int) -> bytes:
-        """Return a message with the newest picture for the chain of this index in the status."""
+        """Return the newest picture as a message.
+
+        `index` is the index of the chain in the status.
+        """
         age = time.monotonic() - self._received_at
         return pack_camera(index, self._stamp, age, self._jpeg)
 
@@ -213,7 +216,7 @@ class ChainTopics:
                 del kept[stamp]
 
     def adapt(self) -> None:
-        """Adapt to new publishers."""
+        """Adapt the subscriptions to new publishers."""
         for topic in (self._joints, self._states, self._kicks, self.camera):
             topic.adapt()
         self.publishers = self._joints.publishers
@@ -234,7 +237,7 @@ class ChainFinder:
     """All chains that are published in the ROS graph, and the latest report of each node.
 
     No executor may spin `node`, because this class takes the messages itself. The chain in the
-    namespace `expected` is always the first chain, even if no node publishes it.
+    namespace `expected` is listed first, even if no node publishes this chain.
     """
 
     def __init__(self, node: Node, expected: str) -> None:

@@ -77,7 +77,7 @@ class ChainCommands:
         self.read_only = read_only
         self.move = Move()
         self.holding = False
-        """Whether the steering moves or holds a soliton."""
+        """Whether soliton_steering moves or holds a soliton."""
         self._finder = finder
         self._edge = asyncio.Lock()
         self._tilt = math.nan
@@ -204,7 +204,7 @@ class ChainCommands:
         """Reset the chain to a state.
 
         `position` [rotor spacings] and `velocity` [m/s] apply to the state `soliton`. `joints`
-        contains the angle [rad] of each joint name.
+        contains the angles [rad] by joint name.
         """
         request = views.reset_request(state, position, velocity, joints)
         answer = await self._call_own('simulator/reset', request)
@@ -222,7 +222,7 @@ class ChainCommands:
         return await self._call_own(f'chain_identifier/{name}', Trigger.Request())
 
     async def move_to(self, rotor: float, speed: float, position: float) -> str:
-        """Move the soliton to `rotor` [rotor spacings]; with speed 0, the steering selects it."""
+        """Move the soliton to `rotor` [rotor spacings]; `speed` 0 means an automatic speed."""
         self.check_writable()
         goal = views.move_goal(rotor, speed)
         if self._mover is None or not self._mover.server_is_ready():

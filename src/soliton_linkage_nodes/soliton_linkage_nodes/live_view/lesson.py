@@ -119,7 +119,7 @@ class Laboratory:
         )
 
     async def disorder(self) -> str:
-        """Compare the soliton speed in this chain with the speed in a chain of random lengths."""
+        """Compare the soliton speed with the speed in a chain whose lengths deviate at random."""
         named = self._view.chains[self._namespace].model.named
         if named is None:
             raise ValueError('the chain is unknown: no node publishes the topic chain')

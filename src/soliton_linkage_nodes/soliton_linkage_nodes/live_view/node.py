@@ -54,11 +54,11 @@ class LiveView(GuardedNode):
     """Node that serves a web page. The page shows chains and sends commands to them.
 
     In every namespace with `joint_states`, the node subscribes to `joint_states`, `soliton_state`
-    and `chain`. It also subscribes to `camera_overlay` while a browser shows the camera. In the
-    same namespace the node publishes `nudge`, `edge_command` and `tilt`, calls services of the
-    suite's nodes, and uses the action `move_soliton`. The node subscribes to `/diagnostics` and
-    publishes its own report there. It starts a `bag_recorder`, and a `bag_player` in the
-    namespace `/replay`.
+    and `chain`. The node also subscribes to `camera_overlay` while a browser shows the camera. In
+    the same namespace the node publishes `nudge`, `edge_command` and `tilt`, calls services of
+    the suite's nodes, and uses the action `move_soliton`. The node subscribes to `/diagnostics`
+    and publishes its own report there. The node starts a `bag_recorder`, and a `bag_player` in
+    the namespace `/replay`.
     """
 
     PARAMETERS: ClassVar[dict[type, str]] = {LiveViewParameters: ''}

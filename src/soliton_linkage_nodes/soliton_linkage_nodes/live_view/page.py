@@ -123,7 +123,7 @@ class Page:
         self._dark = ui.dark_mode(None)
 
     async def build(self, plots: str) -> None:
-        """Build the page in steps, so that other browsers receive frames in the meantime."""
+        """Build the page in steps, so that other browsers continue to receive frames."""
         ui.add_head_html(
             '<link rel="stylesheet" href="/live/live.css">'
             '<script type="module" src="/live/live.js"></script>'
@@ -205,7 +205,7 @@ class Page:
         self._show_lesson()
 
     def _show_lesson(self) -> None:
-        """Show the tabs of the lesson in large type during a lesson, or all other tabs."""
+        """Show the tabs of the lesson in large type if a lesson is active, or all other tabs."""
         lesson = self._in_lesson
         for name, tab in self._tabs.items():
             tab.set_visibility(name in _LESSON_TABS if lesson else name != _LESSON)

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Web server of the page. It runs on its own thread and controls the access to the page."""
+"""Web server of the page. The server has its own thread and controls access to the page."""
 
 from __future__ import annotations
 
@@ -33,7 +33,8 @@ if TYPE_CHECKING:
 _SCRIPTS = Path(__file__).with_name('browser')
 _PICTURES = Path(__file__).parent / 'docs' / 'pictures'
 _START_TIMEOUT = 30.0
-"""Longest time for the start of the server [s]. On a busy machine, NiceGUI needs seconds."""
+"""Longest time for the start of the server [s]. NiceGUI needs several seconds to start on a busy
+machine."""
 _LONGEST_PERIOD = 0.2
 """Upper limit of the time between two ticks when browsers need much processor time [s]."""
 _LARGEST_MESSAGE = 65536
@@ -194,7 +195,7 @@ class Gate:
     Without this check, another web page in the same browser could send commands to the chain, for
     example with a host name that resolves to 127.0.0.1. If no token is configured, the middleware
     accepts only host names of this machine. If a token is configured, each request must contain
-    it in the address or in the cookie that the first response sets.
+    the token, either in the address or in the cookie that the first response sets.
     """
 
     def __init__(self, guarded: ASGIApp, token: str = '') -> None:

@@ -39,7 +39,7 @@ _POLL_INTERVAL = 0.1
 
 
 def main() -> None:
-    """Run the nodes and the page until Ctrl-C. A configuration file contains their parameters."""
+    """Run the nodes and the page of a configuration file until Ctrl-C."""
     arguments = _arguments()
     stopping = stop_on_signals()
     output: Path = arguments.output

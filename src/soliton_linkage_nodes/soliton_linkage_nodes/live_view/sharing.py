@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Export of a recorded run to one HTML file, which contains a viewer and needs no server."""
+"""Export of a recorded run to one HTML file. The file contains a viewer and needs no server."""
 
 from __future__ import annotations
 
@@ -22,12 +22,12 @@ if TYPE_CHECKING:
 
 _BROWSER = Path(__file__).with_name('browser')
 _MODULES = ('drawing.js', 'frames.js', 'chain.js', 'plots.js', 'share.js')
-"""Scripts of the viewer. Each script follows the scripts that it imports."""
+"""Scripts of the viewer. A script is listed after all scripts that it imports."""
 _MOST_VALUES = 850_000
 """Largest number of angles and energies in a file [1]. With this number a file stays below 5
 MB."""
 _MOST_FRAMES = 6000
-"""Largest number of frames in a file [1], equal to 100 s at 60 frames per second."""
+"""Largest number of frames in a file [1]. At 60 frames per second they span 100 s."""
 _IMPORT = re.compile(r'^import .*?;\n', re.MULTILINE | re.DOTALL)
 
 
@@ -65,10 +65,10 @@ def shared_page(
 ) -> str:
     """Return an HTML page that shows T frames of N rotors.
 
-    `times` [s] has shape (T,) and `angles` [rad] has shape (T, N). `energies` contains for each
-    name the energy [J] of each frame, shape (T,); if it is None, the elastic energy is computed.
-    `solitons` contains the `soliton_numbers` of each frame. If the recording is long, only every
-    n-th frame is written. Raises ValueError if there are no frames.
+    `times` [s] has shape (T,) and `angles` [rad] has shape (T, N). `energies` maps each name to
+    the energy [J] of each frame, shape (T,). If `energies` is None, the elastic energy is
+    computed. `solitons` contains the `soliton_numbers` of each frame. If the recording is long,
+    only every n-th frame is written. Raises ValueError if there are no frames.
     """
     if not len(times):
         raise ValueError('no frame is recorded yet; wait until joint_states are received')

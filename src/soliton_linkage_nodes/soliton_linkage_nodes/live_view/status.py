@@ -25,8 +25,7 @@ _FRAMES_BEHIND = 2
 """Threshold of the delay of soliton_state behind joint_states [frames]. The threshold is above 1,
 because the state of one frame is always in transit."""
 _LATE = re.compile('deadlines missed in the last second')
-"""Text of a warning that the page omits, because the page shows the share of late frames
-instead."""
+"""Text of a warning that the page omits. The page shows the share of late frames instead."""
 _ACTUATOR = 'start edge_actuator'
 _SIMULATOR = 'only a simulator can do this; no simulator of this chain is running'
 _STEERING = 'no node serves {}; start soliton_steering'

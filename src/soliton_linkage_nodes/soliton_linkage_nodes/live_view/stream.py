@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Stream of frames to a browser.
 
-When the browser has drawn a frame, it receives the newest frame.
+When the browser has drawn a frame, the node sends the newest frame.
 """
 
 from __future__ import annotations
@@ -37,7 +37,7 @@ _HEARTBEAT = 0.2
 """Time after which the same frame is sent again if no new frame has arrived [s]. The repeated
 frame contains its present age."""
 _MOST_TILE_ANGLES = 200
-"""Largest number of rotors of a chain that is drawn rotor by rotor if several chains are shown
+"""Largest number of rotors for which a chain is drawn rotor by rotor if several chains are shown
 side by side [1]."""
 
 

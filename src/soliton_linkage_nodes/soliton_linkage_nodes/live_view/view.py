@@ -34,8 +34,8 @@ class View:
     ) -> None:
         """Create the view of the chains that `finder` finds.
 
-        `node` sends the commands, `folders` contain the listed bags, and `logs` is the folder for
-        the logs of started nodes.
+        `node` sends the commands. The page lists the bags in `folders`. The logs of started nodes
+        are written to the folder `logs`.
         """
         self.finder = finder
         self.read_only = read_only

@@ -92,7 +92,7 @@ def analyse_frames(
 
 
 def _beside(reader: Reader, joints: Connection, topic: interfaces.Topic) -> list[Connection]:
-    """Return the connections of a topic that is in the same namespace as the joint states."""
+    """Return the connections of the topic that is in the namespace of the joint states."""
     name = f'{joints.topic.rpartition("/")[0]}/{topic.name}'
     return [connection for connection in reader.connections if connection.topic == name]
 

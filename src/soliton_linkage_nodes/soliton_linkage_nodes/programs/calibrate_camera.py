@@ -2,7 +2,7 @@
 """Calibrate a camera with pictures or a film of a chessboard, such as one from print_markers.
 
 Take a dozen pictures of the whole board, and tilt and move the board between the pictures. The
-output file has the format of ROS's camera_calibration, which camera drivers also read.
+output file has the format of ROS's camera_calibration. Camera drivers can also read this file.
 """
 
 from __future__ import annotations

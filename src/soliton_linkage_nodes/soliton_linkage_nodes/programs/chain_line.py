@@ -29,7 +29,7 @@ fraction of the lean in the uniform state."""
 _DEPTH = 10
 """Depth of the queue of joint_states [1]. A frame may consist of up to ten messages."""
 _FEWEST = 10
-"""Smallest number of marks in the line [1]. It applies even if the remark is long."""
+"""Smallest number of marks in the line [1]. It also applies if the remark is long."""
 
 
 class ChainLine:
@@ -128,9 +128,9 @@ class ChainLine:
 
 
 def drawn(leans: Array, solitons: Sequence[float], room: int) -> str:
-    """Return one mark per rotor, or one per group of rotors if the line is too short.
+    """Return one mark per rotor, or one mark per group of rotors if the line is too short.
 
-    `leans` has shape (N,). It contains the sine of each angle divided by the sine of the rest
+    `leans` has shape (N,). Each lean is the sine of the angle divided by the sine of the rest
     angle, or NaN for a missing rotor. `solitons` are site coordinates [rotor spacings].
     """
     shares = np.array_split(leans, min(room, len(leans)))

@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """Report the content of a bag, whether it is complete, and the messages lost during recording.
 
-The first lines have the layout of `ros2 bag info`. Their numbers are computed from the messages
-themselves.
+The first lines have the layout of `ros2 bag info`. The numbers in these lines are computed from
+the messages themselves.
 """
 
 from __future__ import annotations

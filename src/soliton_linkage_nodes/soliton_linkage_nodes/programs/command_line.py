@@ -69,7 +69,7 @@ def reason(error: Exception) -> str:
 
 @contextmanager
 def exit_on_failure(program: str) -> Iterator[None]:
-    """Exit with code 1 and one line after an error, and with code 130 after Ctrl-C."""
+    """Exit with code 1 and one line of text after an error, or with code 130 after Ctrl-C."""
     try:
         yield
     except KeyboardInterrupt:
@@ -100,7 +100,10 @@ def ros_client(program: str) -> Iterator[threading.Event]:
 
 
 def message_progress(title: str) -> tuple[ProgressLine, Callable[[int, int], None]]:
-    """Return a progress line, and a function that shows numbers of done and expected messages."""
+    """Return a progress line, and a function that updates the line.
+
+    The function receives the number of processed messages and the number of expected messages.
+    """
     progress, begun = ProgressLine(title, 0), time.monotonic()
 
     def show(done: int, expected: int) -> None:

@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
 """Measure the Lorentz contraction of walls at a dozen speeds with the analyser.
 
-For each speed, the program starts a simulator with noisy encoders, nudges a wall into its chain
-and records a bag. Then the program analyses the bags and compares the speeds and widths of the
-walls with theory.
+For each speed, the program starts a simulator with noisy encoders, nudges a wall into the
+simulated chain and records a bag. Then the program analyses the bags and compares the speeds and
+widths of the walls with theory.
 """
 
 from __future__ import annotations

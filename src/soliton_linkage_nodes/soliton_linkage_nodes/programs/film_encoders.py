@@ -1,10 +1,10 @@
 # SPDX-License-Identifier: Apache-2.0
 """Measure the angles of a chain in a film, and write them to a bag for analyse_bag.
 
-The bag has the topics chain, joint_states and joint_state_deviations. The last one contains the
-standard deviation of each angle. The stamps are the times of the pictures in the film. The film
-may have any frame rate. With --overlay, the program also writes the film with the detected
-markers and the walls.
+The bag has the topics chain, joint_states and joint_state_deviations. The topic
+joint_state_deviations contains the standard deviation of each angle. The stamps are the times of
+the pictures in the film. The film may have any frame rate. With --overlay, the program also
+writes the film with the detected markers and the walls.
 """
 
 from __future__ import annotations
@@ -133,7 +133,7 @@ def film_to_bag(
 def _drawn(
     measured: Iterable[tuple[TimedPicture, CameraReading]], named: NamedChain
 ) -> Iterator[TimedPicture]:
-    """Yield the pictures with drawings of the detected markers and the estimated walls."""
+    """Yield the pictures, in which the detected markers and the estimated walls are drawn."""
     analyser = Analyser(named.chain)
     for taken, seen in measured:
         walls = []

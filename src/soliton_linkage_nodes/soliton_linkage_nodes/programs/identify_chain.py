@@ -236,9 +236,9 @@ def read_joints(
 ) -> JointRecord:
     """Read angles, standard deviations, impulses and tilts from a bag.
 
-    The joints have the order of the chain `known`, if it is not None. `span` contains the first
-    and last time of the used frames, relative to the first frame [s]. If the recording has more
-    than `most_frames` frames, the most informative frames are used.
+    If the chain `known` is not None, the joints have the order of this chain. `span` contains the
+    first and last time of the used frames, relative to the first frame [s]. If the recording has
+    more than `most_frames` frames, the most informative frames are used.
     """
     record = JointRecord(known.joint_names if known else (), most_frames)
     adders: dict[str, Callable[[Any, int], None]] = {

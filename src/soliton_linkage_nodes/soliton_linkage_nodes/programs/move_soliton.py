@@ -33,7 +33,7 @@ from soliton_linkage_nodes.runtime.process import WaitingNode
 
 _ROTOR = Quantity('destination, counted from rotor 0', 'rotor spacings')
 _SPEED = Quantity('largest speed of the move', 'rotor spacings/s', minimum=0.0)
-"""Largest speed of the move. If it is 0, soliton_steering selects the speed."""
+"""Largest speed of the move. If the speed is 0, soliton_steering selects it."""
 _WAIT = Quantity('longest wait for soliton_steering to be ready', 's', 0.0, 3600.0)
 """Longest wait for the steering node. It is at most one hour."""
 _LONGEST_WAIT = 5.0
@@ -145,7 +145,7 @@ def progress_of(on_the_way: MoveSoliton.Feedback) -> str:
 
 
 def main() -> None:
-    """Move the soliton as the command line specifies; exit with 1 if it does not arrive."""
+    """Move the soliton as the command line specifies; exit with 1 if the move fails."""
     options = parse_own_arguments(_parser())
     with ros_client('move_soliton') as stopping:
         result = MoveClient(stopping).move(options.rotor, options.speed, options.wait)

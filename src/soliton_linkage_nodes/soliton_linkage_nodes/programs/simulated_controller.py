@@ -42,7 +42,7 @@ _REPORTED_DELAY = 1.0
 """Threshold of the delay behind the clock [s]: the program warns that the machine is too slow if
 the delay is longer."""
 _MOST_BYTES = 2**16
-"""Largest number of bytes per read [1]. The buffer of the operating system is smaller."""
+"""Largest number of bytes per read [1]. It exceeds the size of the system's buffer."""
 
 
 class PseudoTerminal:
@@ -71,7 +71,7 @@ class PseudoTerminal:
             return b''
 
     def write(self, data: bytes) -> None:
-        """Send bytes. If no client reads them, the buffer becomes full and bytes are lost."""
+        """Send bytes. Bytes are lost if no client reads them and the buffer is full."""
         with contextlib.suppress(BlockingIOError):
             os.write(self._here, data)
 

@@ -108,7 +108,7 @@ def addressed(
 ) -> tuple[list[str], dict[str, list[Parameter]]]:
     """Split the arguments of ROS into general arguments and the parameters of each node.
 
-    ROS alone can apply a parameter only to all nodes, or to a node without a namespace. A
+    ROS itself can apply a parameter to all nodes, or to one node if the node has no namespace. A
     parameter that no node has remains in the general arguments and is rejected later.
     """
     rest: list[str] = []

@@ -33,7 +33,7 @@ _REQUESTS = (
 
 
 class RecordControls:
-    """Buttons that record the chain on the page, or pause, split or stop the recording."""
+    """Buttons that start, pause, split and stop a recording, and that write a snapshot."""
 
     def __init__(self, view: View, page: Shown) -> None:
         self._view, self._page = view, page

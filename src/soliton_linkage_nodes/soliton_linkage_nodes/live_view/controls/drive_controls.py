@@ -26,7 +26,7 @@ _FASTEST_NUDGE = 50.0
 _LARGEST_TILT = 0.5
 """Largest tilt on the slider [rad]."""
 _FACTORS = (0.01, 0.05, 0.1, 0.25, 0.5, 1.0, 2.0, 5.0, 10.0, 0.0)
-"""Selectable real-time factors [1]. The factor 0 means as fast as possible."""
+"""Selectable real-time factors [1]. With the factor 0, the simulation runs as fast as possible."""
 _EXAMPLE = 'write joint and angle, for example rotor_0: 1.2'
 
 _numbers = itertools.count()
@@ -111,9 +111,10 @@ def value_of(entry: ui.number) -> float:
 
 
 class ControlGroup:
-    """Group of controls under one heading. They are disabled together, and a reason is shown.
+    """Group of controls under one heading.
 
-    `reason_of` is the key of this reason in the result of `status.reasons`.
+    All controls of the group are disabled together, and the group shows the reason. `reason_of`
+    is the key of this reason in the result of `status.reasons`.
     """
 
     def __init__(self, title: str, reason_of: str) -> None:

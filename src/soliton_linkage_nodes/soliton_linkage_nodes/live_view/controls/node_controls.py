@@ -37,7 +37,10 @@ _HINT = (
 
 
 class IdentifyControls(ChainControls):
-    """Buttons that identify the chain, save the result or forget all frames, and the result."""
+    """Buttons that identify the chain, save the result or forget all frames.
+
+    A text below the buttons shows the result of the identification.
+    """
 
     def __init__(self, view: View, page: Shown) -> None:
         super().__init__(view, page)

@@ -33,7 +33,7 @@ _LARGEST_COUPLING = 1e-3
 class WaveControls(ChainControls):
     """Controls of the shape, amplitude and frequency of a waveform, and of the motors.
 
-    The slider of the frequency shows the phonon band of the chain. The motors are controlled by
+    The slider of the frequency shows the phonon band of the chain. The slider of the motors sets
     their non-reciprocity.
     """
 

@@ -53,7 +53,7 @@ _RECORDED_TOPICS = {f'/{topic.name}' for topic in interfaces.SUITE_TOPICS if top
 _REPORT_LIMIT = 6.2
 """Longest wait for the report of a node [s]. Nodes report once per second."""
 _QUIET = 0.5
-"""Time without a new state after which no more are expected [s]."""
+"""Time without a new state after which no more states are expected [s]."""
 
 
 class Experiment:
@@ -121,7 +121,7 @@ class Experiment:
         self._report = import_module(_REPORT)
 
     def _serve_page(self) -> bool:
-        """Print the address of the page and return True, or return False without a page.
+        """Print the address of the page, and return whether the page is available.
 
         Without a page the experiment continues.
         """
@@ -271,7 +271,7 @@ class Experiment:
         return dict(self._observer.states)
 
     def _replay_connected(self) -> bool:
-        """Return whether the second analyser has its subscribers and has received no frame."""
+        """Return whether the second analyser has its subscribers but no frame yet."""
         figures = self._observer.figures('soliton_analyser')
         wanted = str(2 + self._page)
         return figures.get('subscribers') == wanted and figures.get('frames') == '0'

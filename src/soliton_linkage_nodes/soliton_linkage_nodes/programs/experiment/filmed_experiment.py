@@ -56,9 +56,9 @@ class PositionErrors:
     stated: float
     """Root mean square of the stated standard deviation of the position [rotor spacings]."""
     allowed: float
-    """Cramer-Rao bound of the position error for one frame [rotor spacings], as a root mean square
-    over the frames. The bound is the angle noise divided by the arc length of the orbit per
-    site."""
+    """Cramer-Rao bound of the position error [rotor spacings]. The bound for one frame is the
+    angle noise divided by the arc length of the orbit per site. This value is the root mean square
+    of the bound over the frames."""
     with_true_chain: float
     """Root mean square error of the position from an analyser with the true chain [rotor
     spacings]."""
@@ -280,7 +280,7 @@ _FIGURES = (
     ('identification.png', 'The identified chain: its lengths, and the residuals of its bonds.'),
     ('track.png', 'Position and velocity of the soliton on the identified chain.'),
 )
-"""Files of the page and their captions."""
+"""Files that the page shows, and their captions."""
 
 
 def write_film_page(folder: Path, text: str) -> None:

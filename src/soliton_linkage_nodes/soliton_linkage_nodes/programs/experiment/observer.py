@@ -106,7 +106,7 @@ class Observer(Node):
         return {} if report is None else {pair.key: pair.value for pair in report.values}
 
     def well(self, node: str) -> bool:
-        """Return whether a node has reported, and its latest report has no warning."""
+        """Return whether a node has reported and its latest report has no warning."""
         return node in self.reports and self.reports[node].level == DiagnosticStatus.OK
 
     def _subscribe(self, topic: interfaces.Topic, callback: Callable[[Any], None]) -> Any:

@@ -40,7 +40,7 @@ from soliton_linkage_nodes.start import INTERRUPTED
 
 _FILMED = 'filmed_experiment'
 _WRITTEN = '.written'
-"""Name of the file that lists the results of an experiment. It is in the folder of the results."""
+"""Name of the file that lists the results of an experiment. The file is next to the results."""
 
 
 def main() -> None:

@@ -40,8 +40,8 @@ class RecordedRun:
     track: Track
     crossings: tuple[Crossing, ...]
     states: Mapping[int, tuple[float, ...]]
-    """Site coordinates of the solitons [rotor spacings] from the live analyser, by the stamp of
-    the frame [ns]."""
+    """Site coordinates [rotor spacings] of the solitons that the live analyser found, by the stamp
+    of the frame [ns]."""
     events: tuple[str, ...]
     """Kinds of the events, for example 'reflection'."""
     messages: int
