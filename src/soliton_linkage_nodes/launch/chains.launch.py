@@ -117,12 +117,12 @@ def generate_launch_description():
             DeclareLaunchArgument(
                 'bags',
                 default_value='each',
-                description='each: one bag for each chain, named after it; one: one for all',
+                description='each: a bag for each chain, with the chain in its name; one: a bag for all',
             ),
             DeclareLaunchArgument(
                 'processes',
                 default_value=str(len(os.sched_getaffinity(0))),
-                description='number of processes; values above the number of cores are slower',
+                description='number of processes; more processes than cores are slower',
             ),
             OpaqueFunction(function=processes),
         ]

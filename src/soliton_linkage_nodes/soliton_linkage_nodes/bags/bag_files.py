@@ -109,8 +109,7 @@ class BagFiles(LimitedReader):
         wanted = {topic_key(each): each for each in connections}
         together: list[ReaderProtocol] = []
         end = 0
-        # Messages of files that overlap in time are merged. All other files are read one after
-        # another.
+        # Files that overlap in time are read together, all other files one after another.
         for reader in sorted(self._readers, key=lambda each: each.metadata.start_time):
             if together and reader.metadata.start_time >= end:
                 yield from self._merged(together, wanted, start, stop)

@@ -263,9 +263,9 @@ def load_json(text: str) -> Any:
 
 
 def parse_count(value: object) -> int:
-    """Return a count from a text or number, 0 if the value is negative or no integer.
+    """Return a count from a text or number.
 
-    A count of 2^63 or more also gives 0.
+    Returns 0 if the value is negative, no integer, or 2^63 or more.
     """
     number = int(value) if isinstance(value, str) and re.fullmatch(r'\d{1,18}', value) else value
     valid = isinstance(number, int) and not isinstance(number, bool) and 0 <= number < 2**63

@@ -161,7 +161,10 @@ def read_metadata(folder: Path) -> dict[str, Any] | None:
 
 
 def custom_data_of(metadata: str) -> dict[str, str]:
-    """Return the custom data in a metadata text. Invalid metadata have no custom data."""
+    """Return the custom data in a metadata text.
+
+    If the text is invalid, the result is empty.
+    """
     try:
         return custom_data_in(load_yaml(metadata))
     except ValueError:

@@ -154,7 +154,7 @@ class BagPlayer(ManagedNode):
             self._playback.resume()
 
     def deactivate(self) -> None:
-        """Pause."""
+        """Pause the playback."""
         self._paused = self._playback.paused
         self._playback.pause()
 

@@ -171,7 +171,7 @@ def decoder(connection: Connection) -> Callable[[bytes], Any]:
     def decode(serialized: bytes) -> Any:
         try:
             return deserialize_message(serialized, message_type)
-        except Exception as error:  # rclpy raises a private type
+        except Exception as error:  # a private error type of rclpy
             raise ValueError(
                 f'a message on {connection.topic} is damaged: {_one_line(error)}'
             ) from error
@@ -295,7 +295,7 @@ def _older_decoder(connection: Connection, message_type: Any) -> Callable[[bytes
         if len(text) > longest:
             raise ValueError(f'it has {len(text)} characters; the limit is {longest}')
         store.register(get_types_from_msg(text, name))
-    except Exception as error:  # the parser raises many types
+    except Exception as error:  # the parser raises many types of errors
         raise ValueError(
             f'the recorded definition of {connection.topic} is not a valid {name!r}: '
             f'{_one_line(error)[:_LONGEST_REASON]}'
@@ -304,7 +304,7 @@ def _older_decoder(connection: Connection, message_type: Any) -> Callable[[bytes
     def decode(serialized: bytes) -> Any:
         try:
             return _converted(message_type, store.deserialize_cdr(serialized, name))
-        except Exception as error:  # the decoder raises many types
+        except Exception as error:  # the decoder raises many types of errors
             raise ValueError(
                 f'a message of type {name!r} does not fit its recorded definition: '
                 f'{_one_line(error)[:_LONGEST_REASON]}'

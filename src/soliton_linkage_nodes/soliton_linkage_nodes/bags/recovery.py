@@ -251,8 +251,8 @@ def _deleted_older(report: BagReport, information: Mapping[str, Any]) -> bool:
     """Return whether the recorder deleted the oldest files of a bag.
 
     With circular recording, rosbag2 deletes the oldest files, but the total number of messages in
-    metadata.yaml still includes the messages of these files. The list of files there has only the
-    remaining files.
+    metadata.yaml still includes the messages of these files. The list of files in metadata.yaml
+    contains only the remaining files.
     """
     entries = information.get('files')
     described = [each for each in entries if isinstance(each, dict)] if entries else []

@@ -57,7 +57,7 @@ class Layout:
     """
 
     def __init__(self, frame_id: str, name: tuple[str, ...]) -> None:
-        """Compute the bytes between the stamp and the arrays, and a mask without padding bytes."""
+        """Compute the bytes between the stamp and the arrays, and a mask that excludes padding."""
         self.frame_id, self.name = frame_id, name
         texts = [text.encode() + b'\x00' for text in (frame_id, *name)]
         head = [_COUNT.pack(len(text)) + text + bytes(-len(text) % 4) for text in texts]
@@ -124,7 +124,7 @@ class JointStateDecoder:
                 stamp, arrays = layout.stamp(serialized), layout.arrays(serialized, 2)
                 return JointStates(*stamp, layout.frame_id, layout.name, *arrays)
             message = deserialize_message(serialized, JointState)
-        except Exception as error:  # the type of rclpy has no public name
+        except Exception as error:  # a private error type of rclpy
             raise _damaged('joint_states', serialized, 'sensor_msgs/JointState', error) from error
         joints = joint_states_from_msg(message)
         self._layout = Layout(joints.frame_id, joints.name)
@@ -193,7 +193,7 @@ class _RotorDecoder:
                     values[self._order] = given
                     return values
             message = deserialize_message(serialized, self._type)
-        except Exception as error:  # the type of rclpy has no public name
+        except Exception as error:  # a private error type of rclpy
             raise _damaged(self._topic, serialized, self._type.__name__, error) from error
         values = self._from_msg(self._rotors, message, self._largest)
         self._layout = Layout(message.header.frame_id, tuple(message.name))

@@ -103,7 +103,10 @@ def describe_chain(chain: Chain) -> str:
 
 
 def declare_chain_source(node: Node) -> None:
-    """Declare the parameters of a `ChainSource`. Raises ValueError if they describe no chain."""
+    """Declare the parameters of a `ChainSource`.
+
+    Raises ValueError if the parameters describe no chain.
+    """
     check_names('parameter joint_names', declare(node, ChainSourceParameters).joint_names)
     declare_chain(node)
 

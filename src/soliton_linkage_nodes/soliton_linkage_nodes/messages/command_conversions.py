@@ -306,7 +306,7 @@ class StampRule:
     def check_length(self, source: str, ends: float) -> None:
         """Raise ValueError if the time from now to the end of a command exceeds `longest`.
 
-        `ends` is this time [s].
+        `ends` is the time from now to the end of the command [s].
         """
         if ends > self.longest:
             raise ValueError(

@@ -94,8 +94,8 @@ class JointStateAnalysis:
     def add_deviations(self, deviations: JointStates) -> None:
         """Add standard deviations of the angles in the frame with the same stamp.
 
-        They must arrive before that frame. They are ignored if the chain is unknown. Raises
-        ValueError if a standard deviation is invalid.
+        The standard deviations must arrive before that frame. They are ignored if the chain is
+        unknown. Raises ValueError if a standard deviation is invalid.
         """
         if self._deviation_reader is None:
             return

@@ -39,9 +39,9 @@ _MODELS = {'plumb_bob': 5, 'rational_polynomial': 8}
 def picture_from_msg(message: Image) -> Picture:
     """Return the pixels of an image message.
 
-    The shape is (height, width, 3) in the order blue, green, red, or (height, width) for a grey
-    picture. Raises ValueError if the encoding is not supported or if the message has too few bytes
-    for its height and width.
+    A colour picture has the shape (height, width, 3) with the order blue, green, red. A grey
+    picture has the shape (height, width). Raises ValueError if the encoding is not supported or if
+    the message has too few bytes for its height and width.
     """
     if message.encoding not in _CHANNELS:
         raise ValueError(

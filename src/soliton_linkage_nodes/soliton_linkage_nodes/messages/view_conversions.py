@@ -120,7 +120,7 @@ def state_numbers(message: msg.SolitonState) -> Numbers:
 
 
 def soliton_values(message: msg.SolitonState) -> list[float]:
-    """Return three numbers for each soliton, in one list.
+    """Return a list with three numbers for each soliton.
 
     These are its site coordinate [rotor spacings], the standard deviation of its position [m], and
     its charge [1].

@@ -33,7 +33,7 @@ this time to write to a slow disk."""
 _LOG_TAIL = 5
 """Number of log lines in the error message about a node that has ended [1]."""
 _DOMAINS = 100
-"""Largest domain number of private domains [1]."""
+"""Largest number of a private ROS domain [1]."""
 _C_LIBRARY = ctypes.CDLL(None)
 
 

@@ -107,7 +107,7 @@ class ManagedNode(GuardedNode, LifecycleNode):
         return lambda: report() if self.active else Report('not active')
 
     def on_configure(self, state: LifecycleState) -> TransitionCallbackReturn:
-        """Configure. If `configure` raises an error, destroy everything that it created."""
+        """Configure the node. If `configure` raises an error, destroy all that it has created."""
         self._permanent = {each for kind in _DESTROYERS for each in getattr(self, kind)}
         self.configured = self._run(self.configure)
         if not self.configured:
@@ -115,18 +115,18 @@ class ManagedNode(GuardedNode, LifecycleNode):
         return self._answer(self.configured, 'configured')
 
     def on_activate(self, state: LifecycleState) -> TransitionCallbackReturn:
-        """Activate."""
+        """Activate the node."""
         self.active = self._run(self.activate)
         return self._answer(self.active, 'activated')
 
     def on_deactivate(self, state: LifecycleState) -> TransitionCallbackReturn:
-        """Deactivate, even if `deactivate` raises."""
+        """Deactivate the node, even if `deactivate` raises an error."""
         self.active = False
         self._run(self.deactivate)
         return self._answer(True, 'deactivated')
 
     def on_cleanup(self, state: LifecycleState) -> TransitionCallbackReturn:
-        """Clean up, even if `cleanup` raises."""
+        """Clean up, even if `cleanup` raises an error."""
         self.configured = False
         self._run(self.cleanup)
         self._destroy_entities()

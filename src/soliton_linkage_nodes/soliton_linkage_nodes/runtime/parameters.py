@@ -154,7 +154,7 @@ def _convert_changes(node: Node) -> None:
     The conversion is the same as for values in parameter files. A node gets the callback only
     once.
     """
-    # rclpy concatenates the results of several such callbacks, so one callback must suffice.
+    # Only one such callback is possible, because rclpy concatenates the results of several.
     if node not in _CONVERTING:
         _CONVERTING.add(node)
         node.add_pre_set_parameters_callback(

@@ -36,9 +36,9 @@ class SequenceGaps:
 
     Each publisher numbers its messages 1, 2, 3, ... A message does not identify its publisher.
     Message n is assigned to the publisher whose last message had the number n - 1. If no publisher
-    fits and not all publishers are known, the message comes from a new publisher. If all
-    publishers are known, the message is assigned to the publisher whose last message had the
-    largest number below n. If the last numbers of all known publishers are n or larger, a new
+    has this number and not all publishers are known, the message is assigned to a new publisher.
+    If all publishers are known, the message is assigned to the publisher whose last message had
+    the largest number below n. If the last numbers of all known publishers are n or larger, a new
     publisher replaces the publisher that has been silent for longest. Messages before the first
     received message of a publisher are not counted.
     """
@@ -171,9 +171,9 @@ class PublisherArbitration:
     The first received message selects its publisher. If this publisher becomes silent, another
     publisher replaces it. Each publisher numbers its messages 1, 2, 3, ... A message does not
     identify its publisher. Message n is assigned to the publisher whose last message had the
-    number n - 1. If no publisher fits, messages are missing. Then message n is assigned to the
-    publisher whose period best predicts the time of the message. Missing messages of the selected
-    publisher are counted.
+    number n - 1. If no publisher has this number, some messages were lost. In this case, message n
+    is assigned to the publisher whose period best predicts the time of the message. Lost messages
+    of the selected publisher are counted.
     """
 
     def __init__(self) -> None:

@@ -131,7 +131,7 @@ class AdaptiveSubscription:
     def adapt(self, before: Callable[[], object] = lambda: None) -> bool:
         """Subscribe again if publishers require another quality of service.
 
-        `before` is called first. Returns whether the subscription was replaced.
+        Before the subscription is replaced, `before` is called. Returns whether it was replaced.
         """
         self.publishers = self._query_publishers()
         qos = self._qos_for_all() if self.publishers else self.qos

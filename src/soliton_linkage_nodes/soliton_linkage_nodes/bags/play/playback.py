@@ -127,8 +127,8 @@ class PlaybackThread:
     ) -> None:
         """Prepare the playback.
 
-        Gaps between messages that are longer than `longest_gap` [s] are skipped. If `longest_gap`
-        is 0, no such gap is skipped.
+        A gap between messages that is longer than `longest_gap` [s] is skipped. If `longest_gap`
+        is 0, no gap is skipped because of its length.
         """
         self.failure: Exception | None = None
         self.finished = False

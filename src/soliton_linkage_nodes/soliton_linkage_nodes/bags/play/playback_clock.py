@@ -16,7 +16,7 @@ _LONGEST_WAIT = 0.1
 
 
 class NextAction(Enum):
-    """Next action of the player when the wait for a message ends."""
+    """Action of the player when it no longer waits for a message."""
 
     PLAY = auto()
     SEEK = auto()

@@ -32,8 +32,8 @@ class RecordedSubscription:
     ) -> None:
         """Subscribe with a QoS profile that is compatible with all offered profiles.
 
-        `wanted_since` is the start of the recording [ns]. If a publisher starts later, its
-        messages before the match with this subscription count as missed.
+        `wanted_since` is the start of the recording [ns]. If a publisher starts later, the
+        messages that it sends before it is matched with this subscription count as missed.
         """
         self.source = source
         self.gaps = SequenceGaps()

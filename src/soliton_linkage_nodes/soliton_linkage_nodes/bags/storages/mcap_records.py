@@ -308,7 +308,7 @@ _LAYOUTS: dict[int, tuple[int, tuple[int, ...], int]] = {
 """Layout of the records of each opcode except chunks and messages.
 
 A record begins with numbers, whose total size is the first entry [B]. Texts or data follow, each
-after a length field. The second entry has the sizes of these length fields [B]. The record ends
+after a length field. The second entry holds the sizes of these length fields [B]. The record ends
 with numbers, whose total size is the third entry [B]. A chunk index has further fields after them.
 """
 

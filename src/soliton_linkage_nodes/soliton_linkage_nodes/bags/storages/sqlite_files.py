@@ -79,7 +79,7 @@ class Tables:
         self._database.close()
 
     def pragma(self, text: str) -> list[tuple[Any, ...]]:
-        """Return the result of a pragma."""
+        """Return the result of a PRAGMA statement of SQLite."""
         self._restart_time_limit()
         return self._database.execute(f'PRAGMA {text}').fetchall()
 
