@@ -117,7 +117,7 @@ def generate_launch_description():
             DeclareLaunchArgument(
                 'bags',
                 default_value='each',
-                description='each: a bag for each chain, with the chain in its name; one: a bag for all',
+                description='each: one bag for each chain; one: one bag for all chains',
             ),
             DeclareLaunchArgument(
                 'processes',

@@ -28,8 +28,8 @@ _PARENT_DEATH_SIGNAL = 1
 """Option PR_SET_PDEATHSIG of prctl(2). With this option, the system sends a signal to a node when
 the parent process is killed."""
 _STOP_LIMIT = 10.0
-"""Time after SIGTERM after which a node that is still running is killed [s]. A recorder may need
-this time to write to a slow disk."""
+"""Longest time from SIGTERM to the end of a node [s]. A node that runs longer is killed. A
+recorder may need this time to write to a slow disk."""
 _LOG_TAIL = 5
 """Number of log lines in the error message about a node that has ended [1]."""
 _DOMAINS = 100

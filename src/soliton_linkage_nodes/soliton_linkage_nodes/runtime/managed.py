@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Lifecycle nodes, which activate themselves or which a lifecycle manager activates."""
+"""Lifecycle nodes. A node activates itself, or a lifecycle manager activates it."""
 
 from __future__ import annotations
 

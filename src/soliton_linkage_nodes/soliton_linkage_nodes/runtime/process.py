@@ -33,7 +33,7 @@ _SPIN = 0.02
 _SHARE_OF_PERIOD = 0.1
 """Switch interval of the Python interpreter divided by the frame period [1]. At 1000 Hz, the
 default switch interval of 5 ms delays frames by five periods. Sensitivity: at 0.5x, waiting
-threads wake twice as often; at 2x, frames are late by another tenth of a period."""
+threads wake twice as often. At 2x, frames are delayed by another tenth of a period."""
 _SHORTEST_INTERVAL = 1e-4
 """Shortest switch interval of the Python interpreter [s]. One switch between threads takes a few
 microseconds."""

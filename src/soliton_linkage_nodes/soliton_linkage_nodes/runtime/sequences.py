@@ -17,7 +17,7 @@ _SILENCE = 0.5
 """Time without messages after which another publisher replaces the selected publisher [s]. The ROS
 graph cannot be used for this, because it lists a killed publisher for another 20 s."""
 _SILENT_PERIODS = 5
-"""Number of message periods without a message after which a slow publisher is replaced [1]."""
+"""Number of message periods after which a slow publisher without new messages is replaced [1]."""
 _MEMORY = 20
 """Number of messages over which the period of a publisher is averaged [1]."""
 _GAP_RATIO = 3.0

@@ -173,8 +173,8 @@ def chunk_record(
 def message_index_record(channel: int, entries: Sequence[int]) -> bytes:
     """Return the message index record of one channel in a chunk.
 
-    `entries` holds the receive time [ns] of the first message, its offset in the chunk [B], the
-    receive time of the second message, and so on.
+    `entries` holds two numbers for each message: its receive time [ns] and its offset in the chunk
+    [B].
     """
     packed = struct.pack(f'<{len(entries)}Q', *entries)
     return record(Opcode.MESSAGE_INDEX, struct.pack('<H', channel), sized(packed))
