@@ -1,2 +1,2 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Angles from a microcontroller: frames of its serial line, its clock, and its encoders."""
+"""Rotor angles from a microcontroller: frames on the serial line, clock, and encoders."""

@@ -6,11 +6,12 @@ shows x + y with
 
     y = a + b x + d,    d >= 0.
 
-Here a is the offset between the clocks plus the smallest delay, b the drift, and d the waiting
-time. The estimate of a + b x is the line below all points (x, y) with the least mean distance from
-these points. It contains the edge of the lower convex hull at the mean of x (S. Moon, P. Skelly
-and D. Towsley, INFOCOM 1999, doi:10.1109/INFCOM.1999.749287). The points are the messages with the
-smallest delay in successive intervals.
+Here a is the offset between the clocks plus the smallest delay of a message, b is the drift, and d
+is the additional delay due to waiting. The estimate of a + b x is a line below all points (x, y):
+of all such lines, the one with the least mean distance from the points. This line contains that
+edge of the lower convex hull which is at the mean of x (S. Moon, P. Skelly and D. Towsley, INFOCOM
+1999, doi:10.1109/INFCOM.1999.749287). Time is divided into intervals. The points are the messages
+with the smallest delay in each interval.
 """
 
 from __future__ import annotations
@@ -24,54 +25,60 @@ from soliton_linkage.linkage.chain import Array
 from soliton_linkage.microcontroller.frames import CLOCK_RANGE
 
 _MICROSECOND = 1000
-"""In nanoseconds."""
+"""Duration of a microsecond [ns]."""
 _SECOND = 10**9
-"""In nanoseconds."""
+"""Duration of a second [ns]."""
 _INTERVALS = 64
-"""Number of intervals in the fit [1]. Sensitivity: at 0.5x, the error of the line is twice as
-large; at 2x, a fit takes four times as long."""
+"""Number of intervals in the fit of the line [1]. Sensitivity: at 0.5x, the error of the line is
+twice as large; at 2x, a fit takes four times as long."""
 _FIRST_INTERVAL = 1 / 16
-"""Duration of the first intervals [s]; after two intervals the drift is known."""
+"""Duration of the first intervals [s]. The drift is known after two intervals."""
 _LONGEST_INTERVAL = 2.0
-"""Duration of the later intervals [s]; together they cover two minutes. Sensitivity: at 0.5x, the
-line follows the drift of a warming clock faster; at 2x, a steady clock is known more precisely."""
+"""Duration of the later intervals [s]. All intervals in the fit together cover two minutes.
+Sensitivity: at 0.5x, the line follows the drift of a warming clock faster; at 2x, the line of a
+steady clock is more precise."""
 LARGEST_DRIFT = 0.01
-"""Largest drift of a clock [1]: twice the drift of the ceramic resonator of an Arduino Uno."""
+"""Largest accepted drift of a clock [1]. It is twice the drift of the ceramic resonator of an
+Arduino Uno."""
 _FROM_THE_FUTURE = 0.25
-"""Largest apparent time of a measurement in the future [s], the effect of a drift of 1 % in 25 s
-without a frame. A larger value means that the clock has restarted."""
+"""Largest time by which a measurement may seem to be later than its arrival [s]. A drift of 1 %
+causes this value after 25 s without a frame. A larger value means that the clock has restarted."""
 _FROM_THE_PAST = 10.0
-"""Largest delay [s]; the system's buffer holds four seconds of a line at 9600 baud. A larger delay
-means that the clock has stopped or does not count microseconds."""
+"""Largest accepted delay from measurement to arrival [s]. The buffer of the system holds four
+seconds of a line at 9600 baud. A larger delay means that the clock has stopped or does not count
+microseconds."""
 _SMALLEST_JUMP = 1e-3
 """Smallest jump of a clock that is detected [s]. Sensitivity: at 0.5x, an unusually early message
-may look like a jump; at 2x, smaller jumps bias the drift."""
+may look like a jump; at 2x, undetected jumps bias the drift more."""
 _EARLY, _LATE = 3.0, 10.0
-"""Smallest implausible deviations below and above the line, in medians of the delay [1]. One delay
-in a thousand exceeds ten medians of an exponential distribution; three successive delays never
-do."""
+"""Thresholds of the distance of a message below the line and above the line, in medians of the
+delay [1]: the time of the message is implausible if the distance is larger. If delays have an
+exponential distribution, one delay in a thousand exceeds ten medians, but never do three
+successive delays."""
 _UNUSUAL = 8.0
-"""Deviation of an unusual sampling interval, in median deviations [1]."""
+"""Threshold of the difference between a sampling interval and the median interval, in medians of
+this difference [1]: the interval is unusual if its difference is larger."""
 _CLOCK_RESOLUTION = 1e-4
-"""Smallest deviation of an unusual sampling interval [s]: 25 ticks of an Arduino's micros()."""
+"""Smallest value of this threshold [s]. It is 25 ticks of micros() of an Arduino."""
 _CONFIRMATIONS = 3
-"""Number of consistent implausible times that prove a jump or a restart [1]."""
+"""Number of implausible, but mutually consistent times that prove a jump or a restart [1]."""
 
 
 class DelayEnvelope:
-    """Line below the delays of all messages."""
+    """Line below the delays of all messages, as a function of the sending time x."""
 
     def __init__(self) -> None:
         self.drift = 0.0
         """Slope of the line [1]."""
         self.offset = math.inf
-        """Delay of the line at 0 [s]."""
+        """Delay on the line at x = 0 [s]."""
         self.scatter = math.nan
-        """Mean height of the earliest messages above the line [s], NaN if unknown.
+        """Mean height of the points above the line [s]; NaN before there are three points.
 
-        It is computed as median / ln 2, the mean of an exponential distribution, because an
-        overloaded computer causes a few very large delays. For exponential delays, the error of
-        the line is this value divided by the number of intervals.
+        The mean is computed as the median over ln 2, which is correct for an exponential
+        distribution. The median is used because an overloaded computer causes a few very large
+        delays. If delays have an exponential distribution, the error of the line is this mean
+        divided by the number of intervals.
         """
         self._points: list[tuple[float, float]] = []
         self._interval = _FIRST_INTERVAL
@@ -79,7 +86,7 @@ class DelayEnvelope:
         self._best = (0.0, math.inf)
 
     def add(self, x: float, y: float) -> None:
-        """Add the next message, with sending time x and delay y [s]."""
+        """Add the next message, with its sending time x [s] and its delay y [s]."""
         if x >= self._end:
             if self._points or math.isfinite(self._best[1]):
                 self._fit()
@@ -89,11 +96,11 @@ class DelayEnvelope:
         self.offset = min(self.offset, y - self.drift * x)
 
     def at(self, x: float) -> float:
-        """Return the delay of the line [s]."""
+        """Return the delay on the line at the sending time x [s]."""
         return self.offset + self.drift * x
 
     def _fit(self) -> None:
-        """Close an interval and fit the line again."""
+        """End the present interval, add its point, and fit the line again."""
         self._points.append(self._best)
         oldest = self._points[-1][0] - _INTERVALS * _LONGEST_INTERVAL
         self._points = [point for point in self._points if point[0] >= oldest]
@@ -127,34 +134,37 @@ def _slope_under(xs: Array, ys: Array) -> float:
 class DeviceClock:
     """Conversion of times of the controller's clock to time stamps of the host's clock.
 
-    Offset and drift are estimated from the arrival times, because no message arrives before it was
-    sent. The offset includes the smallest delay, which the receiver cannot measure. Stamps
-    increase from measurement to measurement.
+    Offset and drift are estimated from the arrival times. The principle is that no message arrives
+    before it is sent. The offset includes the smallest delay, which the receiver cannot measure.
+    Stamps increase from measurement to measurement.
 
     A measurement with an implausible time is rejected. Three successive implausible times that are
-    consistent with each other show that the clock has jumped or restarted; then the estimate
-    restarts.
+    consistent with each other show that the clock has jumped or restarted. The estimate of offset
+    and drift then restarts.
     """
 
     def __init__(self) -> None:
         self.restarts = 0
         """Number of restarts of the controller's clock."""
         self.jumps = 0
-        """Number of jumps of the controller's clock, each by less than 0.25 s."""
+        """Number of jumps of the controller's clock by less than 0.25 s."""
         self.delay = 0.0
-        """Delay of the last measurement minus the smallest delay [s]."""
+        """Difference between the delay of the last measurement and the smallest delay [s]."""
         self._last: int | None = None
         self._stamp = -1
         self.reset()
 
     @property
     def drift(self) -> float:
-        """Drift of the clock of the controller [1]: its second takes 1 + drift host seconds."""
+        """Drift of the controller's clock [1].
+
+        While this clock advances by one second, the clock of the host advances by 1 + drift.
+        """
         return self._envelope.drift
 
     @property
     def scatter(self) -> float:
-        """Uncertainty of stamps, except for the smallest delay [s], NaN if unknown."""
+        """Uncertainty of stamps apart from the smallest delay [s]; NaN if it is unknown."""
         return self._envelope.scatter
 
     def reset(self) -> None:
@@ -172,9 +182,11 @@ class DeviceClock:
         self._suspects: deque[tuple[int, int]] = deque(maxlen=_CONFIRMATIONS)
 
     def stamp(self, time: int, arrival: int) -> int:
-        """Return the stamp [ns] of a measurement, given controller time [us] and arrival [ns].
+        """Return the stamp of a measurement [ns].
 
-        Raises ValueError if the time is implausible or equal to the previous time.
+        `time` is the time of the controller's clock at the measurement [us]. `arrival` is the time
+        of the host's clock at the arrival of the message [ns]. Raises ValueError if `time` is
+        implausible or equal to the time of the previous measurement.
         """
         if self._last is not None:
             self._advance(time, arrival)
@@ -190,12 +202,19 @@ class DeviceClock:
         return self._stamp
 
     def stamp_of_arrival(self, arrival: int) -> int:
-        """Return the stamp [ns] of a measurement without a time, from its arrival."""
+        """Return the stamp [ns] of a measurement that contains no time.
+
+        It is the arrival time [ns], increased if necessary so that stamps increase.
+        """
         self._stamp = max(arrival, self._stamp + 1)
         return self._stamp
 
     def _advance(self, time: int, arrival: int) -> None:
-        """Advance to a time; raise ValueError if it is implausible and not confirmed."""
+        """Advance to the time of a measurement, or restart the estimate.
+
+        Raises ValueError if the time is implausible and not yet confirmed by other implausible
+        times.
+        """
         assert self._last is not None
         passed = (time - self._last) % CLOCK_RANGE
         if not passed:
@@ -211,7 +230,7 @@ class DeviceClock:
             self._elapsed = elapsed
             self._suspects.clear()
             return
-        # The time may have decreased.
+        # After a restart or a jump, the time may be smaller than before.
         signed = (passed + CLOCK_RANGE // 2) % CLOCK_RANGE - CLOCK_RANGE // 2
         late = self._late(self._elapsed + signed, arrival)
         self._suspects.append((time, arrival))
@@ -227,15 +246,21 @@ class DeviceClock:
             self.reset()
 
     def _late(self, elapsed: int, arrival: int) -> float:
-        """Return the delay above the line [s], given the time since the first measurement [us]."""
+        """Return the delay of a message minus the delay on the line [s].
+
+        `elapsed` is the controller's time since the first measurement [us], and `arrival` the
+        arrival time [ns].
+        """
         x = elapsed * _MICROSECOND / _SECOND
         return (arrival - self._begun) / _SECOND - x - self._envelope.at(x)
 
     def _plausible(self, elapsed: int, arrival: int) -> bool:
-        """Return whether a time since the first measurement [us] agrees with its arrival [ns].
+        """Return whether the time of a measurement agrees with the arrival of its message.
 
-        A message cannot arrive early. A late message is plausible unless its sampling interval is
-        unusual too, because waiting does not change the sampling interval.
+        `elapsed` is the controller's time since the first measurement [us], and `arrival` the
+        arrival time [ns]. A message cannot arrive before it is sent. A late message is plausible
+        unless the interval since the previous measurement is unusual too. This interval shows
+        whether the clock has jumped, because waiting of the message does not change it.
         """
         if math.isnan(self.scatter):
             return True
@@ -249,7 +274,7 @@ class DeviceClock:
         return late <= tolerance or unusual <= max(_UNUSUAL * spread, _CLOCK_RESOLUTION)
 
     def _tolerance(self, gap: int) -> float:
-        """Return the largest plausible deviation of a time [s] after a gap [ns]."""
+        """Return the largest plausible error of a time [s] after a gap between messages [ns]."""
         usual = float(np.median(self._delays)) if self._delays else 0.0
         return max(_LATE * usual, _SMALLEST_JUMP) + LARGEST_DRIFT * abs(gap) / _SECOND
 

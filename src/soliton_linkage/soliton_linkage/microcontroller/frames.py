@@ -1,9 +1,10 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Text and binary frames of a serial line to a microcontroller (docs/serial.md).
+"""Text and binary frames on a serial line to a microcontroller (docs/serial.md).
 
-A binary frame is a header, the values and the CRC-32 of zlib (CRC-32/ISO-HDLC). Consistent
-overhead byte stuffing removes the zeros from the frame, so that a zero can mark its end: S.
-Cheshire and M. Baker, IEEE/ACM Transactions on Networking 7, 159 (1999), doi:10.1109/90.769765.
+A binary frame consists of a header, the values, and a checksum: the CRC-32 of zlib
+(CRC-32/ISO-HDLC). Consistent overhead byte stuffing removes all zero bytes from the frame, so that
+a zero byte can mark the end of the frame: S. Cheshire and M. Baker, IEEE/ACM Transactions on
+Networking 7, 159 (1999), doi:10.1109/90.769765.
 """
 
 from __future__ import annotations
@@ -21,28 +22,31 @@ import numpy as np
 from soliton_linkage.linkage.chain import Array
 
 SEQUENCES = 2**16
-"""Period of frame numbers, which are uint16_t [1]."""
+"""Number of different frame numbers [1]. Frame numbers are uint16_t and start again at 0."""
 CLOCK_RANGE = 2**32
-"""Period of a controller's clock [us], 71.6 minutes: micros() of Arduino."""
+"""Period of a controller's clock [us], after which it starts again at 0. The period is 71.6
+minutes, as for micros() of an Arduino."""
 VERSION = 1
 """Version of the binary layout [1]; other versions are rejected."""
 LONGEST_FRAME = 2**16
-"""Longest frame [bytes], 2500 rotors in text; longer input without an end is noise."""
+"""Longest accepted frame [bytes]. It suffices for 2500 rotors in text. Longer input without an end
+of a frame is noise."""
 _LINE_END, _FRAME_END = b'\n', b'\0'
 _HEADER = struct.Struct('<cBHI')
-"""Letter of the kind, version, frame number, time [us]; the values that follow are aligned."""
+"""Binary header: letter of the kind, version, frame number, time [us]. Its length of 8 bytes
+aligns the values after the header."""
 _CHECKSUM = struct.Struct('<I')
 _LONGEST_BLOCK = 254
-"""Longest block without a zero in byte stuffing [bytes]."""
+"""Longest block of data without a zero byte in byte stuffing [bytes]."""
 _TEXT_CHECKSUM = re.compile(rb'\*([0-9A-Fa-f]{8})')
-"""CRC-32 of all characters before it."""
+"""Checksum at the end of a line: CRC-32 of all characters before the asterisk."""
 _REAL = re.compile(r'[-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d{1,3})?')
 _WHOLE = re.compile(r'[-+]?\d{1,15}')
-"""Integer that a double represents exactly."""
+"""Integer that a floating-point number of 64 bits represents exactly."""
 _COUNTER = re.compile(r'\d{1,20}')
-"""Number of at most 64 bits."""
+"""Frame number or time of at most 64 bits."""
 _MISSING = '-'
-"""Missing value; the libraries of controllers print `nan` instead."""
+"""Text of a missing value. `nan` is also accepted, because libraries of controllers print it."""
 
 
 class FrameKind(Enum):
@@ -53,17 +57,17 @@ class FrameKind(Enum):
     RADIANS = 'radians'
     """Angles [rad]."""
     HELLO = 'hello'
-    """No values; the controller has restarted."""
+    """No values. The frame reports that the controller has started or restarted."""
     TORQUES = 'torques'
-    """Commands to the valves [N m]."""
+    """Torques that the valves shall apply to the rotors [N m]."""
     PRESSURES = 'pressures'
-    """Commands to the valves [Pa]."""
+    """Pressures that the valves shall set [Pa]."""
 
 
 READINGS = frozenset({FrameKind.COUNTS, FrameKind.RADIANS})
-"""Kinds that a controller sends."""
+"""Kinds of frames with readings, which a controller sends."""
 COMMANDS = frozenset({FrameKind.TORQUES, FrameKind.PRESSURES})
-"""Kinds that a controller receives."""
+"""Kinds of frames with commands, which a controller receives."""
 _KINDS = {kind.value: kind for kind in FrameKind}
 _LAYOUTS: dict[bytes, tuple[FrameKind, np.dtype[Any]]] = {
     b'c': (FrameKind.COUNTS, np.dtype('<i2')),
@@ -73,7 +77,7 @@ _LAYOUTS: dict[bytes, tuple[FrameKind, np.dtype[Any]]] = {
     b't': (FrameKind.TORQUES, np.dtype('<f4')),
     b'p': (FrameKind.PRESSURES, np.dtype('<f4')),
 }
-"""Kind and type of the values by the letter in a binary header."""
+"""Kind of a frame and type of its values, for each letter in a binary header."""
 
 
 class Protocol(Enum):
@@ -89,21 +93,22 @@ class SerialFrame:
 
     kind: FrameKind
     sequence: int | None = None
-    """Frame number modulo `SEQUENCES`, None if it is not sent."""
+    """Frame number modulo `SEQUENCES`; None if the frame contains no number."""
     time: int | None = None
-    """For a reading: time of measurement by the controller's clock modulo `CLOCK_RANGE` [us], None
-    if it is not sent. For a command: duration for which the command is valid [us]."""
+    """In a frame with readings: time of the measurement by the controller's clock, modulo
+    `CLOCK_RANGE` [us]; None if the frame contains no time. In a frame with commands: duration for
+    which the commands are valid [us]."""
     values: Array = field(default_factory=lambda: np.zeros(0))
-    """One value per rotor, NaN for a missing value."""
+    """One value per rotor; a missing value is NaN."""
 
 
 def encode(frame: SerialFrame, protocol: Protocol) -> bytes:
-    """Return the bytes of a frame, including its end."""
+    """Return the bytes of a frame, including the byte that marks the end."""
     return encode_binary(frame) if protocol is Protocol.BINARY else encode_text(frame)
 
 
 def encode_text(frame: SerialFrame) -> bytes:
-    """Return the line of a frame with its checksum."""
+    """Return a frame as a line of text with a checksum."""
     format_ = '.0f' if frame.kind is FrameKind.COUNTS else '.9g'
     words = [frame.kind.value]
     words += [_MISSING if each is None else str(each) for each in (frame.sequence, frame.time)]
@@ -116,7 +121,10 @@ def encode_text(frame: SerialFrame) -> bytes:
 
 
 def decode_text(line: bytes) -> tuple[SerialFrame, bool]:
-    """Return the frame of a line and whether it has a checksum; raise ValueError if invalid."""
+    """Return the frame that a line contains, and whether the line has a checksum.
+
+    Raises ValueError if the line is invalid.
+    """
     content = line = line.removesuffix(b'\r')
     checksum = _TEXT_CHECKSUM.fullmatch(line, len(line) - 9) if len(line) > 9 else None
     if checksum:
@@ -154,7 +162,7 @@ def _value(word: str, kind: FrameKind) -> float:
 
 
 def encode_binary(frame: SerialFrame) -> bytes:
-    """Return a frame as bytes, with counts in the shortest sufficient integer type."""
+    """Return a frame as bytes; counts have the shortest integer type that can hold them."""
     for letter, (kind, type_) in _LAYOUTS.items():
         packed = _packed(frame.values, type_) if kind is frame.kind else None
         if packed is not None:
@@ -167,7 +175,7 @@ def encode_binary(frame: SerialFrame) -> bytes:
 
 
 def _packed(values: Array, type_: np.dtype[Any]) -> bytes | None:
-    """Return values as bytes; None if an integer type cannot hold them."""
+    """Return values as bytes of a type, or None if this integer type cannot hold the values."""
     if type_.kind == 'i':
         limits, missing = np.iinfo(type_), np.isnan(values)
         known = values[~missing]
@@ -178,7 +186,10 @@ def _packed(values: Array, type_: np.dtype[Any]) -> bytes | None:
 
 
 def decode_binary(piece: bytes) -> SerialFrame:
-    """Return the frame of the bytes before an end; raise ValueError if they are invalid."""
+    """Return the frame that the bytes before an end of a frame encode.
+
+    Raises ValueError if the bytes are invalid.
+    """
     whole = unstuff(piece)
     if len(whole) < _HEADER.size + _CHECKSUM.size:
         least = _HEADER.size + _CHECKSUM.size
@@ -206,7 +217,7 @@ def decode_binary(piece: bytes) -> SerialFrame:
 
 
 def stuff(data: bytes) -> bytes:
-    """Return bytes without a zero that encode `data`."""
+    """Return bytes that encode `data` and contain no zero byte."""
     stuffed = bytearray()
     for block in data.split(b'\0'):
         while len(block) >= _LONGEST_BLOCK:
@@ -219,7 +230,7 @@ def stuff(data: bytes) -> bytes:
 
 
 def unstuff(stuffed: bytes) -> bytes:
-    """Return the decoded bytes of a stuffed frame; raise ValueError if they are invalid."""
+    """Return the bytes that a stuffed frame encodes; raise ValueError if it is invalid."""
     data = bytearray()
     at, size = 0, len(stuffed)
     while at < size:
@@ -244,23 +255,23 @@ class FrameDecoder:
 
     def __init__(self) -> None:
         self.protocol: Protocol | None = None
-        """Protocol of the last frame, None before the first one."""
+        """Protocol of the last valid frame; None before the first valid frame."""
         self.frames = 0
         """Number of valid frames."""
         self.corrupted = 0
-        """Number of invalid frames in this protocol."""
+        """Number of invalid frames in the protocol of the last valid frame."""
         self.complaint = ''
-        """Error of the last invalid frame."""
+        """Error message about the last invalid frame."""
         self.reset()
 
     def reset(self) -> None:
-        """Prepare for another controller; the counts are not reset."""
+        """Prepare for another controller. The numbers of frames are not reset."""
         self.protocol = None
         self._checked = False
         self._lines, self._pieces = _Splitter(_LINE_END), _Splitter(_FRAME_END)
 
     def feed(self, chunk: bytes) -> list[SerialFrame]:
-        """Return the frames that end in a chunk of bytes, in their order."""
+        """Return the frames whose ends are in a chunk of bytes, in the order of the ends."""
         ended = [(end, Protocol.TEXT, line) for end, line in self._lines.feed(chunk)]
         ended += [(end, Protocol.BINARY, piece) for end, piece in self._pieces.feed(chunk)]
         ended.sort(key=lambda each: each[0])
@@ -299,7 +310,7 @@ class FrameDecoder:
 
 
 class _Splitter:
-    """Splitter of a stream at the ends of frames."""
+    """Splitter of a stream of bytes into pieces, at the bytes that mark ends of frames."""
 
     def __init__(self, end: bytes) -> None:
         self._end = end
@@ -308,9 +319,9 @@ class _Splitter:
         self._too_long = False
 
     def feed(self, chunk: bytes) -> list[tuple[int, bytes | None]]:
-        """Return the pieces that end in a chunk, with the offsets of their ends.
+        """Return the pieces that end in a chunk, each with the offset of its end in the stream.
 
-        A piece that becomes too long is returned as None, only once.
+        For a piece that becomes too long, None is returned once.
         """
         found: list[tuple[int, bytes | None]] = []
         *whole, rest = (self._rest + chunk).split(self._end)

@@ -1,5 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Rotor angles from the frames of a controller: encoder mounting, turns, stamps, lost frames."""
+"""Conversion of the frames of a controller to rotor angles with time stamps.
+
+The conversion accounts for the mounting of the encoders and for whole turns, and counts lost
+frames.
+"""
 
 from __future__ import annotations
 
@@ -16,14 +20,14 @@ from soliton_linkage.microcontroller.device_clock import DeviceClock
 from soliton_linkage.microcontroller.frames import READINGS, SEQUENCES, FrameKind, SerialFrame
 
 _COMPARED_NUMBERS = 4
-"""Number of earlier frame numbers with which a frame number is compared [1]."""
+"""Number of previous frame numbers with which a new frame number is compared [1]."""
 
 
 @dataclass(frozen=True)
 class RotaryEncoders:
-    """Mounting of encoders on rotors. Raises ValueError for values out of their range.
+    """Mounting of encoders on rotors. Raises ValueError for values out of range.
 
-    For a reading q in turns, the angle is
+    The angle of a rotor follows from the reading q of its encoder in turns:
 
         phi = 2 pi sign q - offset.
     """
@@ -33,10 +37,11 @@ class RotaryEncoders:
     )
     signs: tuple[float, ...] = quantity(
         (),
-        '1 if readings increase from +z towards +x, else -1, one per rotor; empty for 1 [1]',
+        '1 if readings increase from +z towards +x, else -1; one per rotor; an empty list means 1 '
+        'for every rotor [1]',
     )
     offsets: tuple[float, ...] = quantity(
-        (), 'reading minus angle, one per rotor; empty for 0 [rad]'
+        (), 'reading minus angle [rad], one per rotor; an empty list means 0 for every rotor'
     )
     wrapped: bool = quantity(
         True,
@@ -44,7 +49,7 @@ class RotaryEncoders:
     )
 
     def __post_init__(self) -> None:
-        """Reject values out of their range."""
+        """Reject values out of range."""
         check_quantities(self)
         for counts in self.counts_per_turn:
             if not (math.isfinite(counts) and counts >= 1):
@@ -60,7 +65,7 @@ class RotaryEncoders:
                 )
 
     def check_fit(self, rotors: int) -> None:
-        """Raise ValueError unless there is one value for each rotor, or one for all."""
+        """Raise ValueError if the number of values does not match the number of rotors."""
         for name, least in (('counts_per_turn', 1), ('signs', 0), ('offsets', 0)):
             given = len(getattr(self, name))
             if given not in (least, rotors):
@@ -75,10 +80,13 @@ class RotaryEncoders:
 
 
 class AngleReader:
-    """Conversion of readings to unwrapped angles."""
+    """Conversion of encoder readings to unwrapped rotor angles."""
 
     def __init__(self, encoders: RotaryEncoders, rotors: int) -> None:
-        """Prepare for a number of rotors; raise ValueError if the encoders do not match it."""
+        """Prepare for a number of rotors.
+
+        Raises ValueError if the encoders do not match the number of rotors.
+        """
         encoders.check_fit(rotors)
         self.rotors = rotors
         self._wrapped = encoders.wrapped
@@ -90,10 +98,11 @@ class AngleReader:
         self._last = np.zeros(rotors)
 
     def read(self, frame: SerialFrame) -> Array:
-        """Return the angle of each rotor [rad], shape (N,), NaN if it is missing.
+        """Return the angle of each rotor [rad], shape (N,); a missing angle is NaN.
 
-        Wrapped readings are assumed to change by less than half a turn since the last valid
-        reading of the rotor. Raises ValueError unless there is a reading for each rotor.
+        If readings are wrapped, each rotor is assumed to have turned by less than half a turn
+        since its last valid reading. Raises ValueError unless the frame has a reading for each
+        rotor.
         """
         self.check(frame)
         angles = frame.values * self._radians[frame.kind] - self._offsets
@@ -103,7 +112,7 @@ class AngleReader:
         return np.asarray(angles)
 
     def check(self, frame: SerialFrame) -> None:
-        """Raise ValueError unless there is a reading for each rotor."""
+        """Raise ValueError unless the frame has a reading for each rotor."""
         if len(frame.values) != self.rotors:
             raise ValueError(
                 f'it has {len(frame.values)} readings for a chain of {self.rotors} rotors; send '
@@ -112,22 +121,22 @@ class AngleReader:
 
 
 class StampedAngles(NamedTuple):
-    """Angles of a frame."""
+    """Angles of a frame with their time."""
 
     stamp: int
     """Time of the measurement by the clock of the host [ns]."""
     angles: Array
-    """Rotor angles [rad], shape (N,), NaN for a missing angle."""
+    """Rotor angles [rad], shape (N,); a missing angle is NaN."""
 
 
 class AngleStream:
-    """Angles of successive frames, with the number of lost frames."""
+    """Conversion of successive frames to angles, and count of the lost frames."""
 
     def __init__(self, reader: AngleReader) -> None:
         self.clock = DeviceClock()
         """Clock of the controller."""
         self.lost = 0
-        """Number of lost frames, from gaps in the frame numbers."""
+        """Number of lost frames, computed from gaps in the frame numbers."""
         self._reader = reader
         self._arrived = 0
         self._numbers: deque[tuple[int, int, int]] = deque(maxlen=_COMPARED_NUMBERS)
@@ -140,16 +149,18 @@ class AngleStream:
     def reconnect(self) -> None:
         """Prepare for a controller that may have restarted while the line was interrupted.
 
-        If the clock is known, the next times show whether it has restarted.
+        Nothing is reset if the clock is already known, because the next times then show whether
+        the controller has restarted.
         """
         if math.isnan(self.clock.scatter):
             self.reset()
 
     def take(self, frame: SerialFrame, arrival: int) -> StampedAngles | None:
-        """Return the angles of a frame with its arrival time [ns]; None for a `hello` frame.
+        """Return the angles of a frame; return None for a `hello` frame.
 
-        Raises ValueError for a frame that contains no readings, does not match the chain, repeats
-        an earlier frame, or has an implausible time.
+        `arrival` is the arrival time of the frame [ns]. Raises ValueError for a frame that
+        contains no readings, does not match the chain, repeats the last frame, or has an
+        implausible time.
         """
         if frame.kind is FrameKind.HELLO:
             self.reset()
@@ -174,11 +185,12 @@ class AngleStream:
         return StampedAngles(stamp, self._reader.read(frame))
 
     def _count_lost(self, number: int) -> None:
-        """Count the frames that are missing before a frame number.
+        """Count the frames that were lost before a frame with the given number.
 
-        The count is the smallest difference from any of the last few frame numbers, so that a
-        wrong frame number has no effect after the next frame. A smaller frame number means that a
-        controller without a clock has restarted.
+        The number is compared with each of the last few frame numbers, and the smallest count of
+        lost frames is used. A single wrong frame number therefore has no effect after the next
+        frame. If the number is smaller than all previous ones, a controller without a clock has
+        restarted, and no frames are counted as lost.
         """
         totals = [
             lost + missing

@@ -25,7 +25,7 @@ from soliton_linkage.microcontroller.rotary_encoders import RotaryEncoders
 
 @dataclass(frozen=True)
 class ControllerSettings:
-    """Properties of a controller; raises ValueError for values out of their range."""
+    """Properties of a simulated controller. Raises ValueError for values out of range."""
 
     protocol: str = quantity(
         'binary', 'encoding of its frames', choices=tuple(each.value for each in Protocol)
@@ -42,12 +42,15 @@ class ControllerSettings:
     )
 
     def __post_init__(self) -> None:
-        """Reject values out of their range."""
+        """Reject values out of range."""
         check_quantities(self)
 
 
 class SimulatedController:
-    """Simulated controller of a chain; a valve command is valid for its duration."""
+    """Simulated controller of a chain.
+
+    A valve command is valid for the duration that it contains. Afterwards all torques are 0.
+    """
 
     def __init__(
         self,
@@ -55,7 +58,10 @@ class SimulatedController:
         encoders: RotaryEncoders | None = None,
         settings: ControllerSettings | None = None,
     ) -> None:
-        """Prepare a number of rotors; raise ValueError if the encoders do not match it."""
+        """Prepare a controller for a number of rotors.
+
+        Raises ValueError if the encoders do not match the number of rotors.
+        """
         self._encoders = encoders or RotaryEncoders()
         self._encoders.check_fit(rotors)
         self._settings = settings or ControllerSettings()
@@ -67,13 +73,13 @@ class SimulatedController:
         self.start(0.0)
 
     def start(self, now: float) -> bytes:
-        """Start or restart at a time [s]; return the bytes that are sent."""
+        """Start or restart at the time `now` [s]; return the bytes that the controller sends."""
         self._begun, self._sequence = now, 0
         self._torques, self._hold_until = np.zeros(self._rotors), now
         return encode(SerialFrame(FrameKind.HELLO), self._protocol)
 
     def measure(self, now: float, angles: Array) -> bytes:
-        """Return the bytes that are sent for angles [rad], shape (N,), at a time [s]."""
+        """Return the bytes that the controller sends for angles [rad], (N,), at `now` [s]."""
         readings = (angles + (self._encoders.offsets or 0.0)) * self._encoders.per_radian()
         if self._encoders.wrapped:
             readings %= self._encoders.counts_per_turn
@@ -83,7 +89,10 @@ class SimulatedController:
         return encode(frame, self._protocol)
 
     def receive(self, now: float, chunk: bytes) -> None:
-        """Receive bytes at a time [s]; ignore frames that do not fit its rotors."""
+        """Receive bytes at the time `now` [s].
+
+        Frames that are no commands or do not have one value per rotor are ignored.
+        """
         for frame in self._decoder.feed(chunk):
             if frame.kind in COMMANDS and len(frame.values) == self._rotors:
                 pressures = frame.kind is FrameKind.PRESSURES
@@ -93,5 +102,5 @@ class SimulatedController:
                 self.commands += 1
 
     def torques(self, now: float) -> Array:
-        """Return the torque on each rotor at a time [s] [N m], shape (N,)."""
+        """Return the torque on each rotor [N m], shape (N,), at the time `now` [s]."""
         return self._torques if now < self._hold_until else np.zeros(self._rotors)

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Angles from pictures: camera model, markers, dot fits, rotor identities and their errors.
+"""Measurement of rotor angles in pictures: camera model, markers, dot fits, and errors.
 
-OpenCV and PyAV are optional, so modules import them on first use.
+OpenCV and PyAV are optional. The modules therefore import OpenCV and PyAV on first use.
 """

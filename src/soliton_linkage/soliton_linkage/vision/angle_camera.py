@@ -2,10 +2,11 @@
 """Measurement of angles in pictures of a chain with markers.
 
 The angle of a rotor is the direction from its pivot to the dot on its mass. The position of the
-pivot is a mean over all pictures. The fitted centre of a moving dot is the mean of its positions
-during the exposure time T of its row. The time t of the frame is the middle of the exposure of the
-mean row of the pivots. With the rate omega and the acceleration alpha from the last measurements,
-the angle at t is
+pivot is a mean over all pictures. The fitted centre of a moving dot is the mean of the positions
+of the dot during the exposure, which lasts for the time T in each row of the picture. Let t_row be
+the middle of the exposure of the row of the dot, and t the middle of the exposure of the mean row
+of the pivots. All angles of a picture are stated for the time t. With the rate omega and the
+acceleration alpha from the last measurements, the angle at t is
 
     phi(t) = phi_measured - alpha T^2 / 24 + omega (t - t_row) + alpha (t - t_row)^2 / 2.
 """
@@ -29,30 +30,32 @@ from soliton_linkage.vision.plane import ChainPlane
 from soliton_linkage.vision.rotor_tracks import Pivots, RotorTracks
 
 _DOT_DEVIATION = 0.7
-"""Standard deviation of the distances of dots in the assignment [pixels]."""
+"""Standard deviation of the position of a dot that the assignment of dots assumes [pixels]."""
 _MIN_RADIUS = 1.5
-"""Smallest radius of a dot that can be fitted [pixels]."""
+"""Smallest radius of dots that can be fitted [pixels]."""
 
 
 @dataclass(frozen=True)
 class AngleFrame:
-    """Measurement of N rotors in a picture, NaN for hidden rotors."""
+    """Measurement of N rotors in a picture; values of hidden rotors are NaN."""
 
     delay: float
-    """Time from the start of the picture to the angles [s]."""
+    """Time from the start of the exposure to the time of the angles [s]."""
     angles: Array
-    """Angles phi, unwrapped [rad], shape (N,)."""
+    """Unwrapped angles phi [rad], shape (N,)."""
     deviations: Array
-    """Standard deviations of the angles [rad], shape (N,), from noise and marker positions."""
+    """Standard deviations of the angles due to noise and marker positions [rad], shape (N,)."""
     masses: Array
-    """Dots of the masses [pixels], shape (N, 2)."""
+    """Centres of the dots on the masses [pixels], shape (N, 2)."""
     pivots: Array
-    """Pivots [pixels], NaN if unknown, shape (N, 2)."""
+    """Positions of the pivots [pixels], shape (N, 2); NaN for unknown pivots."""
     frame_dots: Array
-    """Dots of the frame markers [pixels], shape (K, 2)."""
+    """Centres of the dots of the frame markers [pixels], shape (K, 2)."""
     status: str
-    """Error of the printed marker sizes, and reason why rotors are hidden; empty if there is
-    none."""
+    """Text that reports wrong sizes of the printed markers and why rotors are hidden.
+
+    An empty text means that the sizes are correct and all rotors are visible.
+    """
 
     @property
     def seen(self) -> int:
@@ -61,14 +64,14 @@ class AngleFrame:
 
 
 def hidden_frame(rotors: int, delay: float, status: str) -> AngleFrame:
-    """Return a frame in which all rotors are hidden, with the reason."""
+    """Return a frame in which all rotors are hidden; `status` is the reason."""
     none = np.full(rotors, np.nan)
     nowhere = np.full((rotors, 2), np.nan)
     return AngleFrame(delay, none, none.copy(), nowhere, nowhere.copy(), np.zeros((0, 2)), status)
 
 
 def check_picture(camera: Camera, picture: Picture) -> None:
-    """Raise ValueError unless a picture has the size of the camera."""
+    """Raise ValueError unless a picture has the size that the camera parameters state."""
     size = (camera.height, camera.width)
     if picture.dtype != np.uint8 or picture.shape not in (size, (*size, 3)):
         raise ValueError(
@@ -78,7 +81,7 @@ def check_picture(camera: Camera, picture: Picture) -> None:
 
 
 class AngleCamera:
-    """Measurement of the angles of a chain with the markers of a layout."""
+    """Measurement of the angles of a chain that carries the markers of a layout."""
 
     def __init__(self, layout: MarkerLayout, camera: Camera) -> None:
         self.frame_markers = FrameMarkers(layout, camera)
@@ -95,8 +98,8 @@ class AngleCamera:
     def measure(self, time: float, picture: Picture) -> AngleFrame:
         """Return the angles in a picture whose exposure starts at a time [s].
 
-        The times must increase. Raises ValueError if the picture does not have the size of the
-        camera.
+        The times must increase from call to call. Raises ValueError if the picture does not have
+        the size that the camera parameters state.
         """
         check_picture(self._camera, picture)
         cv2 = opencv()
@@ -183,7 +186,11 @@ class AngleCamera:
         noise: Array,
         arms: Array,
     ) -> tuple[Array, Array]:
-        """Return errors of lengths [m] and angles [rad] of visible rotors due to pixel noise."""
+        """Return the standard deviations due to pixel noise for K visible rotors.
+
+        The first result is for their measured lengths [m], (K,), the second for angles [rad],
+        (K,).
+        """
         steps = plane.metres_per_pixel(pixels, self._layout.heights[seen])
         noise = noise + self.frame_markers.deviation**2 * np.eye(2)
         covariances = steps @ noise @ np.swapaxes(steps, 1, 2)
@@ -197,7 +204,7 @@ class AngleCamera:
         return radial, tangential / lengths
 
     def _find_dots(self, time: float, grey: Picture, picture: Picture, plane: ChainPlane) -> Dots:
-        """Return the dots; each fit uses the motion smear of the nearest predicted dot."""
+        """Return the dots; fit each with the motion smear predicted for the nearest dot."""
         angles, _ = self.tracks.predict_angles(np.full(self._rotors, time + self._delay))
         rates, _, _ = self.tracks.motion()
 
@@ -215,7 +222,7 @@ class AngleCamera:
         return replace(dots, centres=plane.circle_centres(dots.centres, self._layout.dot_radius))
 
     def _adopt(self, plane: ChainPlane) -> float:
-        """Update everything that depends on the plane; return the radius of dots [pixels]."""
+        """Update all quantities that depend on the plane; return the radius of dots [pixels]."""
         if plane is not self._known:
             self._known = plane
             self._pivot_pixels = plane.pixels(self.pivots.positions, self._layout.heights)
@@ -235,7 +242,7 @@ class AngleCamera:
         return self._radius
 
     def _times(self, time: float, pixels: Array) -> Array:
-        """Return the middle of the exposure of each of N pixels [s]."""
+        """Return the time in the middle of the exposure of each of N pixels [s], shape (N,)."""
         camera = self._camera
         return np.asarray(time + camera.exposure / 2 + camera.row_time * pixels[:, 1])
 

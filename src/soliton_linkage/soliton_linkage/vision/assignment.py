@@ -1,11 +1,13 @@
 # SPDX-License-Identifier: Apache-2.0
 """Assignment of dots to rotors by maximum likelihood over the whole chain.
 
-The likelihood of a dot for a rotor depends on its distance from the rotor's circle, on the
-predicted angle, on its colour, and on whether it lies on a pivot. The likelihood of two dots for
-neighbours depends on their distance, compared with the length of the bond. The states of this
-hidden Markov model are the candidate dots and "hidden"; Viterbi's algorithm finds the most
-likely sequence. Costs are minus twice a log likelihood.
+The mass of a rotor moves on a circle around its pivot. The likelihood that a dot marks this mass
+depends on four properties of the dot: its distance from the circle, the difference between its
+direction and the predicted angle, its colour, and whether it lies on a pivot. The likelihood of
+two dots for neighbouring rotors depends on the distance between the dots, compared with the length
+of the bond. This is a hidden Markov model. The states of each rotor are its candidate dots and
+"hidden". Viterbi's algorithm finds the most likely sequence of states. A cost is minus twice the
+logarithm of a likelihood.
 """
 
 from __future__ import annotations
@@ -22,16 +24,20 @@ HIDDEN = -1
 _CANDIDATES = 6
 """Largest number of candidate dots of a rotor [1]."""
 _HIDDEN_COST = 14.0
-"""Cost of a hidden rotor [1], between the costs of deviations of 3 and 4 sigma."""
+"""Cost of the state "hidden" [1]. It lies between the costs of errors of 3 and 4 standard
+deviations."""
 _MAX_ANGLE_COST = 30.0
-"""Largest cost of an unexpected angle [1], because rotors may be kicked."""
+"""Limit of the cost of an unexpected angle [1]. The cost is limited because kicks are not
+predicted."""
 _MAX_BOND_COST = 12.0
-"""Largest cost of a bond length [1]. It is smaller than `_HIDDEN_COST`, so that one wrong
-neighbour does not hide a rotor."""
+"""Limit of the cost of an unexpected bond length [1]. It is smaller than `_HIDDEN_COST`, so that a
+wrong dot of a neighbour does not hide a rotor."""
 _PIVOT_COST = 8.0
-"""Cost of a dot at a pivot [1], if one such dot in fifty is a mass in front of the pivot."""
+"""Additional cost of a dot at a pivot [1]. It assumes that one such dot in fifty is a mass in
+front of the pivot."""
 _MAX_LENGTH_ERROR = 4.0
-"""Largest error of a rotor length in standard deviations [1]."""
+"""Threshold of the error of the rotor length, in standard deviations [1]: a dot is no candidate if
+the error is larger."""
 
 
 @dataclass(frozen=True)
@@ -39,18 +45,21 @@ class Prediction:
     """Predicted state of N rotors in a picture, with standard deviations."""
 
     pivots: Array
-    """Pivots [m], shape (N, 2)."""
+    """Positions of the pivots [m], shape (N, 2)."""
     lengths: Array
     """Lengths of the rotors [m], shape (N,)."""
     length_deviations: Array
+    """Standard deviations of the lengths [m], shape (N,)."""
     angles: Array
     """Angles [rad], shape (N,)."""
     angle_deviations: Array
+    """Standard deviations of the angles [rad], shape (N,)."""
     bonds: Array
-    """Distances of the masses of neighbours [m], shape (N - 1,)."""
+    """Distances between the masses of neighbouring rotors [m], shape (N - 1,)."""
     bond_deviations: Array
+    """Standard deviations of these distances [m], shape (N - 1,)."""
     colours: NDArray[np.intp]
-    """Colours of the dots of the rotors, shape (N,)."""
+    """Index in `COLOURS` of the dot of each mass, shape (N,)."""
 
 
 def assign_dots(
@@ -58,8 +67,9 @@ def assign_dots(
 ) -> NDArray[np.intp]:
     """Return the dot number of each rotor, or `HIDDEN`, shape (N,).
 
-    `points` are the dots at the heights of even and odd rotors [m], shape (2, K, 2). They have
-    standard deviations [m], (K,), and a cost for each colour, (K, C).
+    `points` are the positions of K dots [m], computed for the heights of even rotors and of odd
+    rotors, shape (2, K, 2). `point_deviations` are their standard deviations [m], (K,).
+    `colour_costs` is the cost of each of C colours for each dot, (K, C).
     """
     rotors = len(predicted.pivots)
     if not points.shape[1]:
@@ -85,7 +95,7 @@ def assign_dots(
 def _own_costs(
     points: Array, point_deviations: Array, colour_costs: Array, predicted: Prediction
 ) -> Array:
-    """Return the cost of each dot for each rotor, without the costs of bonds, (N, K)."""
+    """Return the cost of each dot for each rotor, shape (N, K). Costs of bonds are excluded."""
     arms = points[np.arange(len(predicted.pivots)) % 2] - predicted.pivots[:, None]
     lengths = np.hypot(arms[..., 0], arms[..., 1])
     angles = np.arctan2(arms[..., 0], arms[..., 1])
@@ -103,7 +113,10 @@ def _own_costs(
 
 
 def _bond_costs(points: Array, predicted: Prediction) -> Array:
-    """Return the cost of each pair of candidates of neighbours, shape (N - 1, width, width)."""
+    """Return the bond costs of neighbouring rotors for each pair of their candidate dots.
+
+    The shape is (N - 1, width, width).
+    """
     apart = points[1:, None, :, :] - points[:-1, :, None, :]
     lengths = np.hypot(apart[..., 0], apart[..., 1])
     errors = (lengths - predicted.bonds[:, None, None]) / predicted.bond_deviations[:, None, None]
@@ -111,7 +124,7 @@ def _bond_costs(points: Array, predicted: Prediction) -> Array:
 
 
 def _viterbi(costs: Array, bond_costs: Array) -> NDArray[np.intp]:
-    """Return the most likely candidate of each rotor, `width` if it is hidden, shape (N,)."""
+    """Return the most likely candidate number of each rotor, shape (N,); `width` means hidden."""
     rotors, width = costs.shape
     own = np.column_stack([costs, np.full(rotors, _HIDDEN_COST)])
     steps = np.zeros((rotors - 1, width + 1, width + 1))

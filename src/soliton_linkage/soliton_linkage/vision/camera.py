@@ -1,13 +1,14 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Camera model, its exposure times, and calibration with a chessboard.
+"""Camera model with exposure times, and calibration of a camera with a chessboard.
 
-The lens maps a ray (x, y, 1) in the camera's frame (x right, y down, z ahead) to
+In the coordinates of the camera (x right, y down, z ahead), the lens maps a ray (x, y, 1) to
 
     x' = x R(q) + 2 p1 x y + p2 (q + 2 x^2),   y' = y R(q) + p1 (q + 2 y^2) + 2 p2 x y,
     q = x^2 + y^2,   R = (1 + k1 q + k2 q^2 + k3 q^3) / (1 + k4 q + k5 q^2 + k6 q^3),
 
-and the pixel is (fx x' + cx, fy y' + cy). The centre of the first pixel is (0, 0). These are the
-models `plumb_bob` and `rational_polynomial` of sensor_msgs/CameraInfo, computed by OpenCV.
+and the pixel is (fx x' + cx, fy y' + cy). The centre of the first pixel is (0, 0). The equations
+are the models `plumb_bob` and `rational_polynomial` of sensor_msgs/CameraInfo. OpenCV computes
+them.
 """
 
 from __future__ import annotations
@@ -22,19 +23,19 @@ from soliton_linkage.linkage.chain import Array
 from soliton_linkage.vision.opencv import Picture, opencv
 
 _MAX_PIXELS = 32_768
-"""Largest side of a picture [pixels], more than any sensor has."""
+"""Largest width and height of a picture [pixels], more than any sensor has."""
 _COEFFICIENTS = 8
 """Number of distortion coefficients of the model rational_polynomial [1]."""
 _MAX_ITERATIONS, _TOLERANCE = 50, 1e-6
-"""Limits of the iteration that inverts the lens equation [1], [pixels]. The 5 iterations that are
-the default of OpenCV leave an error of 0.01 pixels for the lens of a phone and 0.8 pixels for a
-wide-angle lens."""
+"""Largest number of iterations that invert the lens equations [1], and step below which the
+iteration ends [pixels]. With 5 iterations, the default of OpenCV, the error is 0.01 pixels for the
+lens of a phone and 0.8 pixels for a wide-angle lens."""
 _MIN_PICTURES, _MAX_PICTURES = 3, 60
-"""Numbers of calibration pictures [1]: fewer do not separate focal lengths from distortion, and
-more increase the computing time but not the accuracy."""
+"""Smallest and largest number of calibration pictures [1]. Fewer pictures do not separate focal
+lengths from distortion. More pictures increase the computing time but not the accuracy."""
 _MIN_MOVE = 0.02
-"""Smallest mean displacement of the corners between two used pictures relative to the width
-[1]."""
+"""Threshold of the mean displacement of the corners since the last used picture, relative to the
+width of the picture [1]: a picture with a smaller displacement is not used."""
 
 
 @dataclass(frozen=True)
@@ -46,15 +47,16 @@ class Camera:
     height: int
     """Height of the picture [pixels]."""
     focal: tuple[float, float]
-    """fx and fy [pixels]."""
+    """Focal lengths fx and fy [pixels]."""
     centre: tuple[float, float]
-    """cx and cy [pixels]."""
+    """Principal point cx and cy [pixels]."""
     distortion: tuple[float, ...] = ()
-    """First coefficients of k1, k2, p1, p2, k3, k4, k5, k6 [1]; the others are 0."""
+    """Distortion coefficients k1, k2, p1, p2, k3, k4, k5, k6 [1]. Coefficients omitted at the end
+    are 0."""
     row_time: float = 0.0
     """Delay between the exposures of successive rows [s]; 0 for a global shutter."""
     exposure: float = 0.0
-    """Exposure time of a row [s]; 0 if it is unknown."""
+    """Exposure time of each row [s]; 0 if the exposure time is unknown."""
 
     def __post_init__(self) -> None:
         """Reject impossible values."""
@@ -78,7 +80,7 @@ class Camera:
             raise ValueError('row_time and exposure of a camera must be 0 s or more')
 
     def rays(self, pixels: Array) -> Array:
-        """Return the rays (x, y) of pixels, shape (..., 2)."""
+        """Return the rays (x, y) that the lens maps to given pixels, shape (..., 2)."""
         if not any(self.distortion) or not np.size(pixels):
             return np.asarray((pixels - np.array(self.centre)) / self.focal)
         cv2 = opencv()
@@ -90,7 +92,7 @@ class Camera:
         return np.asarray(rays).reshape(np.shape(pixels))
 
     def pixels(self, rays: Array) -> Array:
-        """Return the pixels of rays (x, y), shape (..., 2)."""
+        """Return the pixels to which the lens maps rays (x, y), shape (..., 2)."""
         if not any(self.distortion) or not np.size(rays):
             return np.asarray(rays * np.array(self.focal) + self.centre)
         points = np.insert(np.reshape(rays, (-1, 1, 2)), 2, 1.0, axis=2)
@@ -106,7 +108,7 @@ class Camera:
 
 
 def uncalibrated_camera(width: int, height: int) -> Camera:
-    """Return a camera without distortion for pictures of a size [pixels]."""
+    """Return a camera without distortion, given the width and height of pictures [pixels]."""
     focal = float(max(width, height))
     return Camera(width, height, (focal, focal), ((width - 1) / 2, (height - 1) / 2))
 
@@ -119,14 +121,15 @@ class Calibration:
     misfit: float
     """Root mean square reprojection error of the corners [pixels]."""
     pictures: int
-    """Number of used pictures."""
+    """Number of pictures that were used."""
 
 
 def calibrate(pictures: Iterable[Picture], columns: int, rows: int, square: float) -> Calibration:
-    """Calibrate a camera with pictures of a chessboard; `square` is the side of a square [m].
+    """Calibrate a camera with pictures of a chessboard.
 
-    The board has `columns` x `rows` inner corners. Raises ValueError if fewer than 3 pictures
-    show the board, or if the sizes of the pictures differ.
+    The chessboard has `columns` x `rows` inner corners, and each of its squares has the side
+    `square` [m]. Raises ValueError if fewer than 3 pictures show the whole chessboard, or if the
+    sizes of the pictures differ.
     """
     found: list[Array] = []
     size: tuple[int, int] | None = None
@@ -168,7 +171,10 @@ def calibrate(pictures: Iterable[Picture], columns: int, rows: int, square: floa
 
 
 def _chessboard_corners(picture: Picture, columns: int, rows: int) -> Array | None:
-    """Return the inner corners of a chessboard [pixels], (columns rows, 2), or None."""
+    """Return the inner corners of a chessboard [pixels], (columns rows, 2).
+
+    Return None if the picture does not show the whole chessboard.
+    """
     cv2 = opencv()
     grey = picture if picture.ndim == 2 else cv2.cvtColor(picture, cv2.COLOR_BGR2GRAY)
     found, corners = cv2.findChessboardCornersSB(grey, (columns, rows), cv2.CALIB_CB_EXHAUSTIVE)

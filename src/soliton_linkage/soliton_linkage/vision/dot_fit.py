@@ -1,16 +1,20 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Least-squares fit of dots to pixels, with the covariance of the centres.
+"""Least-squares fit of dots to pixels, with the covariances of the centres.
 
-A dot with the centre p and the radius R is fitted to the pixels of its label:
+A model of a dark dot on a white label is fitted to the grey levels I of the pixels x. The dot has
+the centre p and the radius R:
 
     I(x) = (1 + g (x - p)) (w - c T(x - p)),
     T(y) = mean_k erfc((|S (y - s_k)| - R) / (b sqrt 2)) / 2,
 
-with the white level w, contrast c, gradient of the light g, blur b, and the offsets s_k along the
-motion during the exposure. R and b are fitted too. The matrix S, of determinant 1, maps the
-ellipse in the image to a circle. If all pixels have the same noise, the fit reaches the Cramer-Rao
-bound, and the covariance of the centre follows from the normal matrix. Pixels at the edge of the
-label are excluded, because uneven surroundings would bias the centre.
+Here w is the grey level of the label, c the contrast of the dot, g the relative gradient of the
+light, and b the blur. The offsets s_k divide the path of the dot during the exposure. The matrix S
+has the determinant 1 and maps the ellipse of the dot in the image to a circle. The fitted
+parameters are w, c, g, p, R and b.
+
+If all pixels have the same noise, the fit reaches the Cramer-Rao bound, and the covariance of the
+centre follows from the matrix of the normal equations. Pixels at the edge of the label are
+excluded, because uneven surroundings would bias the centre.
 """
 
 from __future__ import annotations
@@ -33,43 +37,49 @@ from soliton_linkage.compiling import (
 from soliton_linkage.linkage.chain import Array
 
 _BLUR = 0.6
-"""Initial blur of an edge [pixels], typical of lenses and pixels."""
+"""Initial value of the blur of an edge [pixels], typical of lenses and pixels."""
 _BLURS = (0.35, 1.5)
-"""Smallest and largest blur [pixels]: of a pixel alone, and of bad lenses."""
+"""Smallest and largest blur [pixels]. Pixels with a perfect lens have the smallest blur, and bad
+lenses have the largest."""
 _RADII = (0.7, 1.4)
-"""Smallest and largest radius of a dot, relative to the expected one [1]."""
+"""Smallest and largest radius of a dot, relative to the expected radius [1]."""
 _PARAMETERS = 8
-"""Number of parameters [1]: w, c, g (2), p (2), R and b."""
+"""Number of fitted parameters [1]: w, c, g (2), p (2), R and b."""
 _LABEL_MARGIN = 1.4
-"""Margin of a label whose pixels are excluded [pixels], more than twice the blur."""
+"""Width of the margin of a label in which pixels are excluded [pixels]. It is more than twice the
+blur."""
 _MAX_DISTANCE = 4.0
-"""Distance from the edge of a dot beyond which pixels are excluded [pixels]."""
+"""Largest distance of a fitted pixel from the edge of the dot [pixels]."""
 _MAX_ITERATIONS = 6
-"""Limit of Gauss-Newton iterations [1]; the first centres are within a pixel."""
+"""Largest number of Gauss-Newton iterations [1]. They suffice because initial centres have errors
+of less than a pixel."""
 _TOLERANCE = 3e-4
-"""Step below which a fit has converged [pixels]; the remaining error is a hundredth of the
-noise."""
+"""Threshold of the step of the centre [pixels]: the fit has converged if the step is shorter. The
+remaining error is a hundredth of the noise."""
 _MAX_STEP = 0.7
-"""Longest step of an iteration [pixels], within which the model is linear."""
+"""Longest step of the centre in an iteration [pixels]. For longer steps the model is not
+linear."""
 _OFFSETS = 5
-"""Number of averaged offsets along the motion during the exposure [1]."""
+"""Number of offsets s_k along the path of a moving dot [1]."""
 _HALF_WIDTH = 4.0
-"""Half width of an edge in units of the blur [1]; the remainder is 3e-5 of the contrast."""
+"""Half width of a blurred edge in the tables, in units of the blur [1]. Farther from the edge, the
+error is 3e-5 of the contrast."""
 _STEPS = 64
-"""Points of the edge tables per unit of the blur [1]; interpolation errors are below 1e-5."""
+"""Number of points of the tables per unit of the blur [1]. Interpolation errors are below 1e-5."""
 _DISTANCES = np.arange(2 * int(_HALF_WIDTH) * _STEPS + 1) / _STEPS - _HALF_WIDTH
-"""Distances from an edge in the tables, in units of the blur [1]."""
+"""Distances from an edge at the points of the tables, in units of the blur [1]."""
 _COVERS: Array = erfc(_DISTANCES / math.sqrt(2)) / 2
-"""Coverage of a pixel at these distances from a blurred edge [1]."""
+"""Table of the coverage: fraction of a pixel at these distances that a blurred dot covers [1]."""
 _EDGES: Array = np.exp(-(_DISTANCES**2) / 2) / math.sqrt(2 * math.pi)
-"""Negative slopes of this coverage [1]."""
+"""Table of the negative derivative of the coverage by the distance [1]."""
 _MIN_SMEAR = 0.3
-"""Motion during the exposure below which a dot is treated as at rest [pixels]."""
+"""Threshold of the displacement during the exposure [pixels]: a dot is treated as resting if it
+moves less."""
 
 
 @compiled(const_u1_2d, f8_1d, f8_1d)
 def begin_loop(grey: NDArray[np.uint8], dot: Array, state: Array) -> None:
-    """Set the initial state of a fit from the lightest and the darkest pixels near the dot."""
+    """Set the initial parameters `state` from the lightest and darkest pixels near the dot."""
     start, reach = dot, dot[3]
     height, width = grey.shape
     low, high = 255.0, 0.0
@@ -87,7 +97,10 @@ def begin_loop(grey: NDArray[np.uint8], dot: Array, state: Array) -> None:
 def _cover(
     x: float, y: float, offsets: int, dot: Array, radius: float, blur: float
 ) -> tuple[float, float, float, float, float]:
-    """Return the coverage T of a pixel at (x, y), and its derivatives by p, R and b."""
+    """Return the coverage T of a pixel, and its derivatives by x, y, R and b.
+
+    (x, y) is the position of the pixel relative to the centre of the dot.
+    """
     sxx, sxy, syx, syy, smear_x, smear_y = dot[4:]
     cover = by_x = by_y = by_radius = by_blur = 0.0
     for k in range(offsets):
@@ -146,9 +159,10 @@ def normal_loop(
     squared: Array,
     last: bool,
 ) -> tuple[float, float]:
-    """Fill the normal equations; return the sums of squared residuals and of weights.
+    """Compute the normal equations; return the sums of squared residuals and of weights.
 
-    With `last`, also fill `squared`, the matrix with squared weights.
+    The matrix is stored in `normal` and the right side in `right`. With `last`, the matrix with
+    squared weights is stored in `squared`.
     """
     height, width = grey.shape
     white, contrast, by_column, by_row, x0, y0, radius, blur = state
@@ -208,9 +222,11 @@ def solve_loop(matrix: Array, right: Array) -> None:
 
 @compiled(const_u1_2d, f8_2d, f8_2d)
 def fit_loop(grey: NDArray[np.uint8], dots: Array, found: Array) -> None:
-    """Fit dots, given rows of initial centre (2), radius, reach, S (4) and smear (2).
+    """Fit dots and store the results in `found`; both have one row per dot.
 
-    Rows of `found` are centre (2), white, contrast, covariance (xx, xy, yy) and residual.
+    A row of `dots` contains the initial centre (2), radius, reach, S (4) and smear (2). The reach
+    is the radius of the circle of fitted pixels. A row of `found` contains the centre (2), the
+    grey level of the label, the contrast, the covariance (xx, xy, yy) and the residual.
     """
     state, right = np.empty(_PARAMETERS), np.empty(_PARAMETERS)
     normal = np.empty((_PARAMETERS, _PARAMETERS))
@@ -263,7 +279,7 @@ class FittedDots:
     covariances: Array
     """Covariances of the centres [pixels^2], shape (K, 2, 2)."""
     contrasts: Array
-    """Grey levels of labels minus dots, shape (K,)."""
+    """Differences between the grey levels of labels and of dots, shape (K,)."""
     whites: Array
     """Grey levels of the labels, shape (K,)."""
     residuals: Array
@@ -273,10 +289,11 @@ class FittedDots:
 def fit_dots(
     grey: NDArray[np.uint8], starts: Array, outlines: Array, dot_share: float, smears: Array
 ) -> FittedDots:
-    """Fit dots near starts [pixels] with motion smears during the exposure [pixels], (K, 2) each.
+    """Fit K dots near the positions `starts` [pixels], shape (K, 2).
 
-    `outlines`, (K, 2, 2), map the outline of each dot around its centre to the unit circle
-    [1/pixel]. `dot_share` is the ratio of the radius of a dot to the radius of its label [1].
+    `smears` are the displacements of the dots during the exposure [pixels], (K, 2). Each matrix
+    of `outlines` maps the outline of a dot, relative to its centre, to the unit circle [1/pixel],
+    (K, 2, 2). `dot_share` is the radius of a dot divided by the radius of its label [1].
     """
     radii = 1 / np.sqrt(np.abs(np.linalg.det(outlines)))
     shapes = (radii[:, None, None] * outlines).reshape(-1, 4)

@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
 """Plane of the chain from the markers on its frame, and detection of camera motions.
 
-ArUco markers are detected in the first picture and after each motion of the camera. Their dots
-are fitted in every picture; while the camera is at rest, the plane is fitted to the means of
-their centres.
+ArUco markers are detected in the first picture and after each motion of the camera. Each marker
+has four dots, which are fitted in every picture. While the camera is at rest, the centre of each
+dot is averaged over the pictures, and the plane is fitted to these averages.
 """
 
 from __future__ import annotations
@@ -32,19 +32,25 @@ class PlacingErrors:
         u_x = p0 + p1 x + p2 z + p6 x^2 + p7 x z,
         u_z = p3 + p4 x + p5 z + p6 x z + p7 z^2.
 
-    A rotor's angle changes by the difference of the field between both ends of the rotor.
+    The difference of the field between both ends of a rotor changes the measured angle of the
+    rotor.
     """
 
     def __init__(self, dots: Array, markers: NDArray[np.intp]) -> None:
-        """Prepare for visible dots [m], shape (K, 2), and the marker of each, shape (K,)."""
+        """Prepare for K visible dots.
+
+        `dots` are their positions [m], shape (K, 2). `markers` are the numbers of the markers to
+        which they belong, shape (K,).
+        """
         self._centre, self._scale = dots.mean(axis=0), float(np.ptp(dots, axis=0).max())
         moved = np.kron(markers[:, None] == np.unique(markers), np.eye(2))
         fields = self._fields(dots).reshape(-1, 8)
         self._parameters = np.linalg.lstsq(fields, moved, rcond=None)[0]
 
     def deviations(self, pivots: Array, arms: Array) -> Array:
-        """Return the deviation of each angle per deviation of the marker positions [rad/m], (N,).
+        """Return the standard deviation of each angle, relative to that of markers [rad/m], (N,).
 
+        The positions of the markers have independent errors with equal standard deviations [m].
         Pivots and arms of the rotors [m] have the shape (N, 2).
         """
         change = self._fields(pivots + arms) - self._fields(pivots)
@@ -53,7 +59,7 @@ class PlacingErrors:
         return np.asarray(np.sqrt(np.sum(turns**2, axis=1)))
 
     def _fields(self, points: Array) -> Array:
-        """Return the derivative of the field by each parameter at points [m], shape (K, 2, 8)."""
+        """Return the derivatives of the field by its parameters at points [m], (K, 2, 8)."""
         x, z = ((points - self._centre) / self._scale).T
         one, none = np.ones_like(x), np.zeros_like(x)
         along = [one, x, z, none, none, none, x * x, x * z]
@@ -62,47 +68,52 @@ class PlacingErrors:
 
 
 _MAX_PICTURES = 1000
-"""Largest number of pictures in a mean [1]; the mean then follows slow motions of the frame."""
+"""Largest number of pictures in a mean [1]. The number is limited so that the mean follows slow
+motions of the frame."""
 _FIT_PERIOD = 30
-"""Number of first pictures with a fit each, and period of later fits [1]; means change slowly."""
+"""Period of the fits of the plane [pictures]. In the first pictures, up to this number, the plane
+is fitted in every picture. Later the means change slowly."""
 FEWEST_DOTS = 6
 """Smallest number of dots that defines a plane and its residual [1]."""
 _MOTION_THRESHOLD = 6.0
-"""Mean shift of the dots above which the camera has moved, in standard deviations [1]. At 60
-pictures per second, noise never reaches it."""
+"""Threshold of the mean shift of the dots, in its standard deviations [1]: the camera has moved if
+the shift is larger. At 60 pictures per second, noise never reaches this threshold."""
 _MIN_MOTION = 0.1
-"""Smallest detected motion of the camera [pixels]; flickering lamps shift dots by less."""
+"""Smallest motion of the camera that is detected [pixels]. Flickering lamps shift dots by less."""
 _MIN_OUTLIER = 0.5
-"""Deviation from the common shift above which a dot is treated as hidden [pixels]."""
+"""Threshold of the difference between the shift of a dot and the common shift of all dots
+[pixels]: the dot is treated as hidden if the difference is larger."""
 _MAX_RESIDUAL = 0.12
-"""Largest residual of a dot, relative to its contrast [1]; partly hidden dots have larger
+"""Largest accepted residual of a dot, relative to its contrast [1]. Partly hidden dots have larger
 residuals."""
 _MAX_SCALE_ERROR = 0.02
-"""Largest relative difference between the scales of sizes and of distances of frame markers [1].
-Position errors cause smaller differences, a print scaled to the paper larger ones."""
+"""Threshold of the relative difference between two scales, of the sizes of frame markers and of
+the distances between them [1]: a larger difference is reported. Errors of the positions cause
+smaller differences, and a print that was scaled to the paper causes larger ones."""
 _SEARCH_PERIOD = 60
-"""Period of the search for missing markers [pictures]; a search takes one picture period."""
+"""Period of the search for missing markers [pictures]. A search takes as long as one picture
+period."""
 
 
 class FrameMarkers:
-    """Markers on the frame of a chain in the pictures so far."""
+    """Markers on the frame of a chain, observed in all pictures so far."""
 
     def __init__(self, layout: MarkerLayout, camera: Camera) -> None:
         self.plane: ChainPlane | None = None
-        """Plane of the chain, None before enough markers were visible."""
+        """Plane of the chain, None until enough markers have been visible."""
         self.deviation = 0.0
-        """Standard deviation of a common shift of the plane [pixels]."""
+        """Standard deviation of the position of the plane in the picture [pixels]."""
         self.placing: PlacingErrors | None = None
-        """Errors due to the positions of the frame markers, None before the plane is known."""
+        """Errors due to the positions of the frame markers, None until the plane is known."""
         self.print_scale = 1.0
-        """Ratio of the scale of marker sizes to the scale of their distances, relative to the
-        layout [1]."""
+        """Ratio of the size of the printed markers to the size in the layout [1], if the distances
+        between the markers are those of the layout."""
         self.seen = 0
         """Number of visible dots in the latest picture."""
         self.moves = 0
-        """Number of motions of the camera."""
+        """Number of motions of the camera so far."""
         self.shift = 0.0
-        """Distance of the last motion [pixels]."""
+        """Distance by which the last motion of the camera shifted the dots [pixels]."""
         self._layout, self._camera = layout, camera
         self._points = layout.frame_dots.reshape(-1, 2)
         self._known = np.zeros(len(self._points), dtype=bool)
@@ -113,7 +124,7 @@ class FrameMarkers:
 
     @property
     def complaint(self) -> str:
-        """Error of the printed sizes and its remedy, empty if the sizes match the distances."""
+        """Error message if the printed sizes do not match the distances, otherwise empty."""
         if abs(self.print_scale - 1) < _MAX_SCALE_ERROR:
             return ''
         return (
@@ -123,11 +134,11 @@ class FrameMarkers:
 
     @property
     def centres(self) -> Array:
-        """Mean centres of the known dots [pixels], shape (K, 2)."""
+        """Centres of the K known dots, averaged over the pictures [pixels], shape (K, 2)."""
         return self._centres[self._known]
 
     def update(self, grey: Picture) -> bool:
-        """Add a picture, and return whether the plane is known."""
+        """Add a picture; return whether the plane of the chain is known."""
         if self.plane is None:
             return self._find(grey)
         if not self._known.all():
@@ -152,7 +163,7 @@ class FrameMarkers:
         return True
 
     def _find(self, grey: Picture) -> bool:
-        """Detect all markers, and return whether there are enough."""
+        """Detect all markers and fit the plane; return whether enough markers are visible."""
         found = self._detect(grey)
         self.seen = 0
         if len(found) * 4 < FEWEST_DOTS:
@@ -171,7 +182,10 @@ class FrameMarkers:
         return True
 
     def _relocate(self, grey: Picture) -> bool:
-        """Detect the markers again, because the camera has moved or markers are hidden."""
+        """Detect the markers again, because the camera has moved or markers are hidden.
+
+        Always return True, because the previous plane is kept if the detection fails.
+        """
         kept = self.plane, self._centres, self._known, self._pictures
         found, distance = self._find(grey), np.nan
         both = kept[2] & self._known
@@ -185,7 +199,7 @@ class FrameMarkers:
         return True
 
     def _find_more(self, grey: Picture) -> bool:
-        """Add markers that were not visible before, and return whether there are any."""
+        """Search markers that were hidden before; return whether more dots are visible now."""
         kept = self.plane, self._centres, self._known, self._pictures
         if self._find(grey) and self.seen > int(kept[2].sum()):
             return True
@@ -195,7 +209,10 @@ class FrameMarkers:
     def _fit_centres(
         self, grey: Picture, plane: ChainPlane, starts: Array
     ) -> tuple[Array, NDArray[np.bool_]]:
-        """Return the centres of dots near starts [pixels], and which dots are visible."""
+        """Return the fitted centres of dots near the positions `starts` [pixels], (K, 2).
+
+        The second result states which of the K dots are visible.
+        """
         radius = self._layout.dot_radius
         outlines = plane.metres_per_pixel(starts) / radius
         fitted = fit_dots(grey, starts, outlines, DOT_SHARE, np.zeros_like(starts))
@@ -218,7 +235,10 @@ class FrameMarkers:
             self.print_scale = float(size / distance)
 
     def _detect(self, grey: Picture) -> dict[int, Array]:
-        """Return the corners of the detected markers of the layout by number, (4, 2) each."""
+        """Return the corners of each detected marker [pixels], shape (4, 2).
+
+        The keys are the numbers of the markers. Markers that are not in the layout are ignored.
+        """
         corners, numbers = self._detector(grey)
         if numbers is None:
             return {}
@@ -230,14 +250,17 @@ class FrameMarkers:
 
 
 def _spreads(dots: Array) -> tuple[float, float]:
-    """Return the extent of the dots within markers and the extent of the markers [m]."""
+    """Return two extents [m]: of the dots of a marker, and of the centres of all markers."""
     centres = dots.mean(axis=1)
     within = np.linalg.norm(dots - centres[:, None]) / np.sqrt(len(dots))
     return float(within), float(np.linalg.norm(centres - centres.mean(axis=0)))
 
 
 def marker_detector(cv2: Any) -> Any:
-    """Return a function that detects corners and numbers of markers, for OpenCV 4.6 or later."""
+    """Return a function that detects the corners and numbers of markers in a grey picture.
+
+    It works with OpenCV 4.6 or later.
+    """
     aruco = cv2.aruco
     dictionary = aruco.getPredefinedDictionary(getattr(aruco, DICTIONARY))
     if hasattr(aruco, 'ArucoDetector'):

@@ -1,9 +1,10 @@
 # SPDX-License-Identifier: Apache-2.0
 """Positions, sizes and colours of the markers of a chain.
 
-Each pivot has a black dot on a white label. Each mass has a coloured dot: red, green and blue in
-turn. The frame has ArUco markers above and below the chain, with a black dot beyond each corner.
-The ArUco markers identify these dots, and the dots define the plane.
+Each pivot has a black dot on a white label. Each mass has a coloured dot on a white label; the
+colours of successive masses are red, green and blue in turn. The frame has ArUco markers above and
+below the chain. Each ArUco marker has a black dot beyond each of its corners. The markers identify
+these dots, and the positions of the dots define the plane of the chain.
 """
 
 from __future__ import annotations
@@ -20,29 +21,32 @@ from soliton_linkage.linkage.quantities import check_quantities, document_fields
 from soliton_linkage.vision.opencv import opencv
 
 DICTIONARY = 'DICT_4X4_50'
-"""ArUco dictionary with the fewest cells, which is detected from the largest distance."""
+"""ArUco dictionary. Its markers have the fewest cells and are thus detected from the largest
+distance."""
 MODULES = 6
-"""Cells along the side of a frame marker, including its black border [1]."""
+"""Number of cells along the side of a frame marker, including the black border [1]."""
 DOT_SHARE = 0.48
-"""Diameter of a dot, relative to the diameter of its label [1]; the white margin allows for
-blur."""
+"""Diameter of a dot, relative to the diameter of its label [1]. The white ring around the dot is
+needed because of blur."""
 COLOURS = ((0, 0, 0), (200, 30, 40), (0, 120, 60), (30, 60, 190))
-"""Red, green and blue [0 to 255] of the dots of pivots (first) and of masses. They are much darker
-than white and have different hues."""
+"""Colours of dots as red, green and blue [0 to 255]. The first is for pivots, the others are for
+masses. All are much darker than white, and those of masses have different hues."""
 _LABEL_OF_SPACING, _LABEL_OF_ROTOR = 0.45, 0.9
-"""Largest diameter of a label, relative to the smaller of spacing and rotor length [1]."""
+"""Largest diameter of a label, relative to the spacing and relative to the rotor length [1]. The
+smaller of the two diameters is used."""
 _MARKER_OF_SPACING = 0.9
 """Side of a frame marker, relative to the spacing [1]."""
 _MIN_DISTANCE = 1.05
-"""Smallest distance of frame markers, relative to the side of their paper [1]."""
+"""Smallest distance between the centres of frame markers, relative to the side of their paper
+[1]."""
 _LABEL_GAP = 0.25
-"""Gap between the paper of frame markers and the nearest labels, relative to the spacing [1]."""
+"""Gap between the paper of a frame marker and the nearest label, relative to the spacing [1]."""
 
 
 @document_fields
 @dataclass(frozen=True)
 class MarkerSettings:
-    """Sizes and positions of markers; raises ValueError for values out of range."""
+    """Sizes and positions of markers. Raises ValueError for values out of range."""
 
     label_diameter: float = quantity(
         0.0, 'diameter of the white labels; 0 derives it from the chain', 'm', 0.0, 1.0
@@ -77,7 +81,10 @@ class MarkerSettings:
 
 @dataclass(frozen=True)
 class MarkerLayout:
-    """Markers of a chain in its plane, x along the chain from rotor 0 and z upwards [m]."""
+    """Markers of a chain, with their positions (x, z) in the plane of the chain.
+
+    x points along the chain from rotor 0, and z points upwards.
+    """
 
     chain: Chain
     settings: MarkerSettings = MarkerSettings()
@@ -101,7 +108,7 @@ class MarkerLayout:
 
     @cached_property
     def heights(self) -> Array:
-        """Heights of the dots of each rotor, towards the camera [m], shape (N,)."""
+        """Heights of the dots of each rotor above the plane, towards the camera [m], (N,)."""
         odd = np.arange(self.chain.number_of_rotors) % 2
         return np.where(odd, self.settings.odd_height, self.settings.even_height)
 
@@ -122,7 +129,7 @@ class MarkerLayout:
         distance = _MIN_DISTANCE * self.paper_size
         half = max((length + size) / 2, distance / 2)
         columns = min(self.settings.frame_columns, 1 + int(2 * half / distance))
-        # Whole millimetres can be set with a ruler.
+        # Positions are whole millimetres, so that a ruler suffices to place the markers.
         first = math.floor(round(1e3 * (length / 2 - half), 6))
         step = math.ceil(round(2e3 * half / max(columns - 1, 1), 6))
         row = math.ceil(round(1e3 * away, 6))
@@ -135,22 +142,25 @@ class MarkerLayout:
 
     @cached_property
     def frame_corners(self) -> Array:
-        """Corners of the frame markers [m], clockwise from the upper left, shape (M, 4, 2)."""
+        """Corners of the frame markers, clockwise from the upper left [m], shape (M, 4, 2)."""
         return self._squares(self.frame_marker_size / 2)
 
     @cached_property
     def frame_dots(self) -> Array:
-        """Dots of the frame markers [m], in the same order, shape (M, 4, 2)."""
+        """Centres of the dots beyond these corners, in the same order [m], shape (M, 4, 2)."""
         return self._squares(self.frame_marker_size / 2 + self.label_radius)
 
     @cached_property
     def paper_size(self) -> float:
-        """Side of the white square with a frame marker and its dots [m]."""
+        """Side of the white square on which a frame marker and its dots are printed [m]."""
         return self.frame_marker_size + 4 * self.label_radius
 
     @cached_property
     def as_printed(self) -> MarkerSettings:
-        """Settings with all sizes and positions, so that another chain can use the same prints."""
+        """Settings that contain all sizes and positions of this layout.
+
+        With these settings, another chain can use the same printed markers.
+        """
         return replace(
             self.settings,
             label_diameter=2 * self.label_radius,

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 Picture = NDArray[np.uint8]
-"""Blue, green and red, shape (height, width, 3), or grey, shape (height, width)."""
+"""Pixels of a picture: blue, green and red, (height, width, 3), or grey, (height, width)."""
 
 
 def opencv() -> ModuleType:

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Annotated pictures: markers, names of the rotors, and walls."""
+"""Pictures on which markers, names of rotors, and walls are drawn."""
 
 from __future__ import annotations
 
@@ -15,31 +15,34 @@ from soliton_linkage.vision.angle_camera import AngleFrame
 from soliton_linkage.vision.opencv import Picture, opencv
 
 _FONT_SIZE = 1 / 1800
-"""Font size, relative to the width of the picture [1/pixel], readable at 1280 pixels."""
+"""Font size divided by the width of the picture [1/pixel]. Text is readable in pictures of 1280
+pixels."""
 _SHADOW = (20, 20, 20)
-"""Blue, green and red of the shadow of letters, for contrast on any background."""
+"""Colour of the shadow of letters (blue, green, red). The shadow gives contrast on any
+background."""
 _WALL_LENGTH = 1.35
-"""Half length of the line at a wall across the chain, relative to the rotor length [1]."""
+"""Half length of the line across the chain that marks a wall, relative to the rotor length [1]."""
 _NAME_DISTANCE = 0.95
-"""Distance of the name of a rotor from its pivot, relative to the spacing [1], outside the label
-and nearer to its own pivot than to most others."""
+"""Distance of the name of a rotor from its pivot, relative to the spacing [1]. At this distance,
+the name is outside the label, and is nearer to the pivot of its rotor than to most other
+pivots."""
 _WALL_DEVIATIONS = 2.0
-"""Half width of the band that marks a wall, in standard deviations of the position [1]."""
+"""Half width of the band around a wall, in standard deviations of the position of the wall [1]."""
 _OPACITY = 0.35
-"""Opacity of the band that marks a wall [1]."""
+"""Opacity of the band around a wall [1]."""
 _SHIFT = 4
-"""Fractional bits of coordinates in OpenCV [1]."""
+"""Number of fractional bits of coordinates in OpenCV [1]."""
 
 
 class WallMark(NamedTuple):
-    """A wall to draw."""
+    """A wall that is drawn."""
 
     rotor: float
-    """Position [rotor spacings from rotor 0]."""
+    """Position, measured from rotor 0 [rotor spacings]."""
     deviation: float
-    """Standard deviation of the position [rotor spacings], NaN if it is unknown."""
+    """Standard deviation of the position [rotor spacings]; NaN if it is unknown."""
     charge: int
-    """+1 for a kink, -1 for an anti-kink."""
+    """Topological charge: +1 for a kink, -1 for an anti-kink."""
 
 
 def draw_overlay(
@@ -48,10 +51,10 @@ def draw_overlay(
     names: Sequence[str],
     walls: Sequence[WallMark] = (),
 ) -> Picture:
-    """Return a copy of a picture with its measurement drawn on it.
+    """Return a copy of a picture on which the measurement of the picture is drawn.
 
-    Rings mark dots, lines connect pivots and masses, and hidden rotors are orange. Names that do
-    not fit are replaced by numbers.
+    Rings mark dots, lines connect pivots and masses, and hidden rotors are orange. If the names of
+    the rotors are too long, the numbers of the rotors are drawn instead.
     """
     cv2 = opencv()
     drawn = cv2.cvtColor(picture, cv2.COLOR_GRAY2BGR) if picture.ndim == 2 else picture.copy()
@@ -72,7 +75,7 @@ def draw_overlay(
 
 
 class _Pen:
-    """Drawing functions with subpixel coordinates and colours of `soliton_linkage.colours`."""
+    """Drawing functions for fractional pixels and for colours of `soliton_linkage.colours`."""
 
     def __init__(self, cv2: Any, picture: Picture) -> None:
         self._cv2, self.picture = cv2, picture
@@ -99,7 +102,7 @@ class _Pen:
             part[:] = self._cv2.addWeighted(filled, _OPACITY, part, 1 - _OPACITY, 0.0)
 
     def write(self, text: str, corner: Array, colour: str) -> None:
-        """Write text with a shadow from its lower left corner [pixels]."""
+        """Write text with a shadow; `corner` is its lower left corner [pixels]."""
         x, y = (round(float(each)) for each in corner)
         font, style = self._cv2.FONT_HERSHEY_SIMPLEX, (self.thickness, self._cv2.LINE_AA)
         for shift, paint in ((1, _SHADOW), (0, _bgr(colour))):
@@ -122,7 +125,7 @@ def _subpixels(point: Array) -> tuple[int, int]:
 
 
 def _draw_rotors(pen: _Pen, frame: AngleFrame, names: Sequence[str], distance: float) -> None:
-    """Draw rotors, with names at a distance from their pivots [pixels]."""
+    """Draw the rotors, and write each name at a distance [pixels] from the pivot."""
     for pivot, mass, name in zip(frame.pivots, frame.masses, names, strict=True):
         if not np.isfinite(pivot).all():
             continue

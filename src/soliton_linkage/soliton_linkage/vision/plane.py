@@ -1,10 +1,13 @@
 # SPDX-License-Identifier: Apache-2.0
 """Plane of a chain in front of a camera.
 
-The ray from the camera to a point (x, z) of the plane is g1 x + g2 z + g3. The columns g1 and g2
-are the axes of the plane in the frame of the camera; they are unit vectors if the lens is
-calibrated. A point at a height h above the plane, towards the camera, has the ray g1 x + g2 z + g3
-+ h (g1 x g2).
+The ray from the camera to the point (x, z) of the plane is
+
+    g1 x + g2 z + g3.
+
+The vectors g1 and g2 are the axes of the plane in the coordinates of the camera. They are unit
+vectors if the lens is calibrated. If a point is at the height h above the plane, towards the
+camera, h times the cross product of g1 and g2 is added to its ray.
 """
 
 from __future__ import annotations
@@ -29,19 +32,25 @@ class ChainPlane:
 
     camera: Camera
     columns: Array
-    """g1, g2, g3, shape (3, 3)."""
+    """Matrix with the columns g1, g2 and g3, shape (3, 3)."""
 
     @cached_property
     def _unit(self) -> float:
         return float(np.sqrt(np.linalg.norm(np.cross(self.columns[:, 0], self.columns[:, 1]))))
 
     def pixels(self, points: Array, heights: ArrayLike = 0.0) -> Array:
-        """Return the pixels of points [m] at heights [m], shapes (..., 2) and (...)."""
+        """Return the pixels that show given points of the plane, shape (..., 2).
+
+        The points (x, z) [m] have the shape (..., 2), and their heights [m] the shape (...).
+        """
         rays = points @ self.columns[:, :2].T + self._origins(points, heights)
         return self.camera.pixels(rays[..., :2] / rays[..., 2:])
 
     def points(self, pixels: Array, heights: ArrayLike = 0.0) -> Array:
-        """Return the points [m] at heights [m] that pixels show, shapes (..., 2) and (...)."""
+        """Return the points (x, z) [m] that given pixels show, shape (..., 2).
+
+        The pixels have the shape (..., 2), and the heights of the points [m] the shape (...).
+        """
         rays = self.camera.rays(pixels)
         origins = self._origins(rays, heights)
         g1, g2 = self.columns[:, 0], self.columns[:, 1]
@@ -53,7 +62,7 @@ class ChainPlane:
         return np.asarray(solved / (a * d - b * c)[..., None])
 
     def pixels_per_metre(self, points: Array, heights: ArrayLike = 0.0) -> Array:
-        """Return the mean scale of the picture at points [pixels/m], shape (...)."""
+        """Return the scale of the picture at each point, a mean over directions [pixels/m]."""
         step = 1e-4 * abs(self.columns[2, 2]) / self._unit
         ends = np.stack([points + side * axis for axis in step * np.eye(2) for side in (1, -1)])
         right, left, top, bottom = self.pixels(ends, heights)
@@ -62,16 +71,16 @@ class ChainPlane:
         return np.asarray(np.sqrt(area) / (2 * step))
 
     def metres_per_pixel(self, pixels: Array, heights: ArrayLike = 0.0) -> Array:
-        """Return the derivative of a point by its pixel [m/pixel], shape (..., 2, 2)."""
+        """Return the derivative of the shown point by each pixel [m/pixel], (..., 2, 2)."""
         ends = np.stack([pixels + side * axis for axis in 0.5 * np.eye(2) for side in (1, -1)])
         points = self.points(ends, heights)
         return np.stack([points[0] - points[1], points[2] - points[3]], axis=-1)
 
     def circle_centres(self, image_centres: Array, radius: float) -> Array:
-        """Return the pixels of circle centres, given the centres of the images, shape (K, 2).
+        """Return the pixels that show the centres of K circles, shape (K, 2).
 
-        The image of a circle is an ellipse whose centre is not the image of the centre of the
-        circle.
+        The image of a circle is an ellipse. The centres of the ellipses [pixels] are given. They
+        differ from the images of the centres of the circles. The circles have the radius [m].
         """
         turns = np.arange(16) * (np.pi / 8)
         circle = radius * np.column_stack([np.cos(turns), np.sin(turns)])
@@ -92,7 +101,7 @@ class ChainPlane:
 def fit_plane(camera: Camera, points: Array, pixels: Array) -> tuple[ChainPlane, float]:
     """Return the plane that maps points [m] to pixels, (K, 2) each, and the residual [pixels].
 
-    The residual is the root mean square of each coordinate, corrected for the 8 fitted
+    The residual is the root mean square error of a coordinate, corrected for the 8 fitted
     parameters. Raises ValueError if the points do not define a plane.
     """
     if len(points) < _MIN_POINTS:
@@ -100,7 +109,7 @@ def fit_plane(camera: Camera, points: Array, pixels: Array) -> tuple[ChainPlane,
             f'{len(points)} dots of frame markers are visible, and {_MIN_POINTS} are needed to '
             'define the plane; show two markers or more'
         )
-    # OpenCV needs coordinates of about 1.
+    # OpenCV needs coordinates of the order of 1.
     scale = float(np.ptp(points, axis=0).max()) or 1.0
     found, _ = opencv().findHomography(points / scale, camera.rays(pixels), 0)
     if found is None or not np.isfinite(found).all():

@@ -1,5 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Tracks of rotors and pivots through the pictures: predictions, turns and measured lengths."""
+"""Tracking of rotors and pivots from picture to picture.
+
+The tracks predict angles, count turns, and average measured lengths and pivot positions.
+"""
 
 from __future__ import annotations
 
@@ -11,49 +14,60 @@ from soliton_linkage.vision.assignment import Prediction
 from soliton_linkage.vision.layout import MarkerLayout
 
 _MEMORY = 3
-"""Number of measurements that define the rate and acceleration of a rotor [1]."""
+"""Number of measurements from which the rate and acceleration of a rotor are computed [1]."""
 _MAX_GAP = 0.25
-"""Longest time between measurements that define a rate [s]."""
+"""Longest time between measurements from which a rate is computed [s]."""
 _ACCELERATION = 300.0
-"""Typical acceleration after a kick of a rotor at rest [rad/s^2]. In any chain, the acceleration
-of a turning rotor is about the square of its rate."""
+"""Typical acceleration of a resting rotor by a kick [rad/s^2]. In any chain, the acceleration of a
+turning rotor is about the square of its rate."""
 _INITIAL_RATE = 10.0
-"""Standard deviation of the rate of a rotor before its second measurement [rad/s]."""
+"""Standard deviation of the rate of a rotor before the second measurement of the rotor [rad/s]."""
 _MIN_DEVIATION = 0.03
-"""Standard deviation of a prediction at the time of the last measurement [rad]."""
+"""Standard deviation of a predicted angle at the time of the last measurement [rad]."""
 _MAX_DEVIATION = 1.5
-"""Largest standard deviation of a prediction from which the turns of a rotor follow [rad]."""
+"""Threshold of the standard deviation of a predicted angle [rad]: the prediction determines the
+turns of the rotor if the standard deviation is smaller."""
 _UNMEASURED = 0.07
 """Relative standard deviation of configured lengths [1], typical for handmade parts."""
 _MEASURED_ROTOR, _MEASURED_BOND = 0.02, 0.03
-"""Relative standard deviations of measured lengths [1]; bonds may be springs."""
+"""Relative standard deviations of measured rotor lengths and of measured bond lengths [1]. Bonds
+may be springs."""
 _MAX_LENGTH_ERROR = 0.2
-"""Largest relative deviation of a length from its configured value [1]."""
+"""Largest accepted relative difference of a measured length from the configured length [1]."""
 _MIN_MEASUREMENTS, _MAX_MEASUREMENTS = 5, 300
-"""Smallest number of pictures in the mean of a length, and largest one [1]."""
+"""Smallest and largest number of pictures in the mean of a length [1]."""
 _PIVOT_TOLERANCE = 0.25
-"""Largest distance of a pivot from its configured line, relative to the spacing [1]."""
+"""Largest accepted distance of a pivot from its expected position or from the line of the
+pivots, relative to the spacing [1]."""
 _SPACING_TOLERANCE = 0.4
-"""Largest deviation of a pivot distance from a multiple of the spacing, relative to the spacing
-[1]."""
+"""Largest accepted difference between the distance of two pivots and a multiple of the spacing,
+relative to the spacing [1]."""
 _MIN_VISIBLE = 0.8
-"""Fraction of the pivots that must be visible before they are numbered [1]."""
+"""Fraction of the pivots that must have been visible before the pivots are numbered [1]."""
 _MAX_PIVOT_PICTURES = 1000
-"""Largest number of pictures in the mean of a pivot [1]; the mean then follows slow motions."""
+"""Largest number of pictures in the mean position of a pivot [1]. The number is limited so that
+the mean follows slow motions."""
 _MAX_BLACK_COST = 4.0
-"""Largest colour cost of a black dot [1], two standard deviations."""
+"""Largest accepted colour cost of a black dot [1]. It corresponds to an error of two standard
+deviations."""
 
 
 class RotorTracks:
-    """Angles, rates and lengths of the rotors, tracked through the pictures."""
+    """Angles, rates and lengths of the rotors, tracked from picture to picture."""
 
     def __init__(self, layout: MarkerLayout) -> None:
         chain = layout.chain
         rotors = chain.number_of_rotors
         self.lengths = chain.rotor_lengths.copy()
-        """Lengths of the rotors [m], shape (N,): measured means, initially configured values."""
+        """Mean measured length of each rotor [m], shape (N,).
+
+        Before the first measurement it is the configured length.
+        """
         self.bonds = chain.rest_lengths[: rotors - 1].copy()
-        """Distances of the masses of neighbours [m], shape (N - 1,), measured in the same way."""
+        """Mean measured distance of the masses of neighbouring rotors [m], shape (N - 1,).
+
+        Before the first measurement it is the configured distance.
+        """
         self._colours = layout.colours
         self._length_counts, self._bond_counts = np.zeros(rotors), np.zeros(rotors - 1)
         self._times = np.full((_MEMORY, rotors), -np.inf)
@@ -63,7 +77,11 @@ class RotorTracks:
         self._configured = self.lengths.copy(), self.bonds.copy()
 
     def predict(self, times: Array, pivots: Array, dot_deviation: float) -> Prediction:
-        """Return the prediction at times [s], (N,), for a standard deviation of dots [m]."""
+        """Return the predicted state of each rotor at its time [s].
+
+        `times` have the shape (N,). `pivots` are the pivot positions [m], (N, 2). `dot_deviation`
+        is the standard deviation of the position of a dot [m].
+        """
 
         def deviations(lengths: Array, counts: Array, measured: float) -> Array:
             relative = np.where(counts < _MIN_MEASUREMENTS, _UNMEASURED, measured)
@@ -82,17 +100,20 @@ class RotorTracks:
         )
 
     def length_errors(self, lengths: Array) -> Array:
-        """Return the deviations of lengths [m] from their means, shape (N,) each.
+        """Return the differences of measured lengths from their means [m], shape (N,).
 
-        The division by sqrt(1 + 1 / n) accounts for the error of the mean of n lengths. The
-        result is NaN for rotors with few measurements.
+        The difference of a length from the mean of n lengths is divided by sqrt(1 + 1 / n),
+        because the mean has an error too. The result is NaN for rotors with few measurements.
         """
         counts = np.maximum(self._length_counts, 1.0)
         errors = (lengths - self.lengths) / np.sqrt(1 + 1 / counts)
         return np.where(self._length_counts < _MIN_MEASUREMENTS, np.nan, errors)
 
     def predict_angles(self, times: Array) -> tuple[Array, Array]:
-        """Return predicted angles at times [s] and their standard deviations [rad], (N,) each."""
+        """Return predicted angles and their standard deviations [rad], shape (N,) each.
+
+        `times` are the times for which the angles are predicted [s], (N,).
+        """
         since = np.minimum(times - self._times[0], 1e3)
         rates, _, _ = self.motion()
         rates = np.where(since < _MAX_GAP, rates, 0.0)
@@ -103,7 +124,11 @@ class RotorTracks:
         return angles, np.where(measured, np.minimum(deviations, np.pi), np.pi)
 
     def motion(self) -> tuple[Array, Array, Array]:
-        """Return rates [rad/s], accelerations [rad/s^2] and errors of rates [rad/s], (N,) each."""
+        """Return the motion of each rotor, from the last measurements.
+
+        The results are rates [rad/s], accelerations [rad/s^2] and standard deviations of rates
+        [rad/s], shape (N,) each.
+        """
         (t0, t1, t2), (a0, a1, a2) = self._times, self._angles
         with np.errstate(invalid='ignore', divide='ignore'):
             slope = (a0 - a1) / (t0 - t1)
@@ -119,11 +144,11 @@ class RotorTracks:
         return rates, acceleration, np.where(two, errors, max(_INITIAL_RATE, fastest))
 
     def unwrap(self, times: Array, angles: Array) -> Array:
-        """Return angles [rad] with whole turns, shape (N,).
+        """Return angles to which the whole turns have been added [rad], shape (N,).
 
-        A rotor of a spinner that was hidden for a long time gets the turns of its neighbours,
-        because a passing wall turns all rotors in the same sense. Rotors of flippers do not turn
-        over.
+        In a spinner chain, a rotor that was hidden for a long time receives the turns of its
+        neighbours, because a passing wall turns all rotors in the same sense. In a flipper chain,
+        rotors make no whole turns.
         """
         expected, deviations = self.predict_angles(times)
         known = np.isfinite(angles) & (deviations < _MAX_DEVIATION)
@@ -134,7 +159,7 @@ class RotorTracks:
         return turned
 
     def add_angles(self, times: Array, angles: Array) -> None:
-        """Add angles [rad] at times [s], NaN for hidden rotors, shape (N,) each."""
+        """Add the angles [rad] measured at times [s], shape (N,) each; NaN for hidden rotors."""
         seen = np.isfinite(angles)
         for older in range(_MEMORY - 1, 0, -1):
             self._times[older, seen] = self._times[older - 1, seen]
@@ -142,14 +167,17 @@ class RotorTracks:
         self._times[0, seen], self._angles[0, seen] = times[seen], angles[seen]
 
     def add_lengths(self, pivots: Array, masses: Array) -> None:
-        """Update the mean lengths with pivots and masses [m], NaN if hidden, shape (N, 2)."""
+        """Update the mean lengths, given the positions of pivots and masses [m], (N, 2) each.
+
+        Positions of hidden masses are NaN.
+        """
         lengths, bonds = self._configured
         _update_means(self.lengths, self._length_counts, lengths, np.hypot(*(masses - pivots).T))
         distances = np.hypot(*np.diff(masses, axis=0).T)
         _update_means(self.bonds, self._bond_counts, bonds, distances)
 
     def _reference_angle(self, turned: Array, rotor: int) -> float:
-        """Return an angle within half a turn of the angle of a rotor [rad]."""
+        """Return an angle that differs from the angle of a rotor by half a turn at most [rad]."""
         known = np.flatnonzero(np.isfinite(turned))
         if not (self._spins and len(known)):
             measured = np.isfinite(self._times[0, rotor])
@@ -165,22 +193,36 @@ def _update_means(means: Array, counts: Array, configured: Array, values: Array)
 
 
 class Pivots:
-    """Mean positions of the pivots, which are numbered when most of them have been visible."""
+    """Mean positions of the pivots.
+
+    The pivots are numbered as soon as most of them have been visible.
+    """
 
     def __init__(self, layout: MarkerLayout) -> None:
         chain = layout.chain
         self.known = np.zeros(chain.number_of_rotors, dtype=bool)
-        """Whether each pivot is known, shape (N,); none is known until most have been visible."""
+        """Whether the position of each pivot is known, shape (N,).
+
+        No position is known before most pivots have been visible.
+        """
         self.positions = np.column_stack([chain.pivots, np.zeros(chain.number_of_rotors)])
-        """Positions [m], shape (N, 2): measured, interpolated, or initially configured."""
+        """Positions of the pivots [m], shape (N, 2).
+
+        They are configured positions until the pivots are numbered. Then they are measured
+        positions, or positions interpolated between measured ones.
+        """
         self.candidates = 0
-        """Number of dots that may be pivots."""
+        """Number of dots that are possibly pivots."""
         self._layout = layout
         self._spots = np.zeros((0, 2))
         self._counts = np.zeros(0)
 
     def update(self, points: Array, colour_costs: Array) -> None:
-        """Add the dots of a picture at both heights [m], (2, K, 2), with their colour costs."""
+        """Add the K dots of a picture.
+
+        `points` are the positions of the dots [m], computed for the heights of even and of odd
+        rotors, (2, K, 2). `colour_costs` have the shape (K, C).
+        """
         black = colour_costs[:, 0] <= _MAX_BLACK_COST
         if self.known.any():
             self._average(points[:, black])
@@ -201,7 +243,7 @@ class Pivots:
         self.known |= seen
 
     def _collect(self, points: Array) -> None:
-        """Add dots near the line of the pivots, and number the pivots if most are visible."""
+        """Add dots near the line of the pivots; number the pivots if most have been visible."""
         spacing = self._layout.chain.spacing
         ends = self.positions[0, 0] - spacing / 2, 2 * self.positions[-1, 0] - self.positions[0, 0]
         near = np.abs(points[:, 1]) < _PIVOT_TOLERANCE * spacing

@@ -1,7 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """Pictures with times, from video files and from cameras of this computer.
 
-The times are read from the file, so that they are correct for a variable frame rate.
+The times of the pictures of a video are read from the file. They are therefore correct even if the
+frame rate varies.
 """
 
 from __future__ import annotations
@@ -21,17 +22,21 @@ from soliton_linkage.vision.opencv import Picture, opencv, pyav
 _TICKS = 90_000
 """Time base of written videos [Hz], as in MPEG."""
 _SILENT = 0
-"""Log level of OpenCV for no output [1]."""
+"""Log level with which OpenCV writes no messages [1]."""
 _GAP = 1.6
-"""Interval above which pictures are missing, relative to the typical interval [1]."""
+"""Threshold of the interval between two pictures, relative to the typical interval [1]: pictures
+are missing if the interval is longer."""
 _MEMORY = 31
-"""Number of intervals that define the typical interval [1]."""
+"""Number of recent intervals from which the typical interval is computed [1]."""
 _PERCENTILE = 75
-"""Percentile of these intervals that is the typical interval [%]; the rates of phones vary."""
+"""Percentile of these intervals that is called the typical interval [%]. A high percentile is used
+because the frame rates of phones vary."""
 _CUT = 3.0
-"""Missing time at the end above which a film is incomplete, in intervals of pictures [1]."""
+"""Threshold of the difference between the stated length of a film and the time of its last
+picture, relative to the longest interval between pictures [1]: the film is incomplete if it is
+larger."""
 _SOUND = 1.0
-"""Largest time by which the sound may be longer than the film [s]."""
+"""Largest time by which the sound may be longer than the pictures of a film [s]."""
 _SYNC, _PACKET = b'G', 188
 """First byte and length [bytes] of each packet of an MPEG transport stream."""
 
@@ -40,17 +45,17 @@ class TimedPicture(NamedTuple):
     """A picture and its time."""
 
     time: float
-    """Time since the first picture [s]."""
+    """Time of the picture since the first picture [s]."""
     picture: Picture
 
 
 class Video(NamedTuple):
-    """A video file or the pictures of a camera."""
+    """Pictures of a video file or of a camera."""
 
     start: float
-    """Time of the first picture since the epoch [s]."""
+    """Time of the first picture since the Unix epoch [s]."""
     frames: int
-    """Approximate number of pictures, 0 if it is unknown."""
+    """Approximate number of pictures; 0 means that the number is unknown."""
     pictures: Iterator[TimedPicture]
 
 
@@ -59,12 +64,15 @@ class GapCounter:
 
     def __init__(self) -> None:
         self.missing = 0
-        """Number of missing pictures."""
+        """Number of missing pictures so far."""
         self._last: float | None = None
         self._periods: list[float] = []
 
     def add(self, taken: float) -> int:
-        """Return the number of pictures that are missing before a picture at a time [s]."""
+        """Add a picture; return how many pictures are missing before it.
+
+        `taken` is the time of the picture [s].
+        """
         period = 0.0 if self._last is None else taken - self._last
         self._last = taken
         if period <= 0:
@@ -112,14 +120,17 @@ def read_video(path: Path) -> Video:
     created = container.metadata.get('creation_time', '')
     length = float(container.duration or 0) / av.time_base
     own = float(stream.duration * stream.time_base) if stream.duration else math.nan
-    # The stated duration may refer to the sound.
+    # Without a duration of its own, the stated duration of a film may be that of the sound.
     slack = _SOUND if math.isnan(own) and container.streams.audio else 0.0
     film = _checked(path, pictures(), length if math.isnan(own) else own, slack)
     return Video(_start(path, created, length), int(stream.frames), film)
 
 
 def capture_camera(number: int) -> Iterator[TimedPicture]:
-    """Yield the pictures of a camera of this computer; raise ValueError when they end."""
+    """Yield the pictures of a camera of this computer.
+
+    Raises ValueError as soon as the camera delivers no picture.
+    """
     source, start = _opened_camera(number), None
     try:
         while True:
@@ -139,10 +150,10 @@ def capture_camera(number: int) -> Iterator[TimedPicture]:
 def write_video(
     path: Path, pictures: Iterable[TimedPicture], quality: int = 18, alone: bool = False
 ) -> int:
-    """Write pictures with their times as H.264, and return their number.
+    """Write pictures with their times as an H.264 video; return the number of pictures.
 
-    A lower `quality` number (CRF) gives better pictures. With `alone`, each picture is a key
-    frame; the file is larger but contains all small motions.
+    `quality` is the constant rate factor (CRF); a lower number gives better pictures. With
+    `alone`, each picture is a key frame. The file is then larger but contains all small motions.
     """
     av: Any = pyav()
     count = 0
@@ -167,7 +178,10 @@ def write_video(
 def _checked(
     path: Path, pictures: Iterator[TimedPicture], length: float, slack: float
 ) -> Iterator[TimedPicture]:
-    """Yield the pictures of a film; raise ValueError if it ends before its stated length [s]."""
+    """Yield the pictures of a film; raise ValueError if the film is shorter than stated.
+
+    `length` is the stated length [s]. The film may be shorter by `slack` [s].
+    """
     last, interval = 0.0, 0.0
     for taken in pictures:
         last, interval = taken.time, max(interval, taken.time - last)
@@ -187,7 +201,7 @@ def _checked(
 
 
 def _opened_camera(number: int) -> Any:
-    """Return an OpenCV capture; suppress its log output if there is no camera."""
+    """Return an OpenCV capture; suppress the messages of OpenCV if the camera does not exist."""
     cv2 = opencv()
     log = cv2 if hasattr(cv2, 'setLogLevel') else cv2.utils.logging
     level = log.getLogLevel()
@@ -199,7 +213,11 @@ def _opened_camera(number: int) -> Any:
 
 
 def _start(path: Path, created: str, length: float) -> float:
-    """Return the start of a video [s] from its metadata, or else from its file time."""
+    """Return the time at which a video starts, since the Unix epoch [s].
+
+    It is the creation time in the metadata `created`. Without this creation time, it is the time
+    of the last change of the file minus the length of the video [s].
+    """
     try:
         return datetime.datetime.fromisoformat(created.replace('Z', '+00:00')).timestamp()
     except ValueError:
